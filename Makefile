@@ -1,0 +1,42 @@
+# `make demo` and `make test` set up what they need; `make setup` makes the environment alone.
+PYTHON ?= python3
+# cpu, auto (the build for this machine's driver) or a name such as cu128: see README, "GPU".
+TORCH_BACKEND ?= cpu
+
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+# A machine that keeps wheels in a folder (PIP_FIND_LINKS) is asked there for torch; else uv picks the build.
+ifdef PIP_FIND_LINKS
+TORCH_SOURCE := --find-links $(PIP_FIND_LINKS)
+else
+TORCH_SOURCE := --torch-backend $(TORCH_BACKEND)
+endif
+
+export MLFLOW_DISABLE_TELEMETRY := true
+export RAY_USAGE_STATS_ENABLED := 0
+
+.PHONY: setup demo test lint clean
+
+setup: $(STAMP)
+
+$(STAMP): pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt uv
+	$(BIN)/uv pip install --quiet --python $(BIN)/python --constraint constraints.txt \
+		$(TORCH_SOURCE) --editable ".[sumo,dev]"
+	touch $(STAMP)
+
+demo: setup
+	$(BIN)/python -m sweeps.run examples/grid.yaml
+
+test: setup
+	$(BIN)/python -m pytest
+
+lint: setup
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+clean:
+	rm -rf $(VENV) runs

@@ -1,0 +1,86 @@
+"""The box log: which objects were around the vehicle in every frame.
+
+Two tables in the ego frame, metres and radians. `boxes` has one row a box; `frames` lists every
+frame, so that frames without a box count too.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+CLASSES = ("Car", "Cyclist", "Pedestrian")
+"""Object classes. Cyclist is the paper's *Van and Cyclist*: bicycles, motorcycles, box trucks."""
+
+GEOMETRY = ("x", "y", "z", "length", "width", "height", "yaw")
+"""A box: centre, size, and yaw about z from the ego x axis."""
+
+BOX_COLUMNS = ("scene", "frame", "timestamp_s", "object_id", "class", *GEOMETRY)
+FRAME_COLUMNS = ("scene", "frame", "timestamp_s", "route", "split")
+
+
+def check_boxes(boxes: pd.DataFrame, source: str = "box log") -> None:
+    """Raise ValueError that names the column or row, unless `boxes` can be used.
+
+    Needs `frame`, `class` and the columns of `GEOMETRY`, with finite values and sizes >= 0.
+    """
+    missing = [name for name in ("frame", "class", *GEOMETRY) if name not in boxes.columns]
+    if missing:
+        raise ValueError(f"{source}: no column {', '.join(missing)}; found {list(boxes.columns)}")
+    geometry = boxes[list(GEOMETRY)].to_numpy(np.float64)
+    row, column = _first(~np.isfinite(geometry))
+    if row >= 0:
+        raise ValueError(
+            f"{source}: row {row}: {GEOMETRY[column]} must be a finite number, "
+            f"found {geometry[row, column]}"
+        )
+    row, column = _first(geometry[:, 3:6] < 0)
+    if row >= 0:
+        raise ValueError(
+            f"{source}: row {row}: {GEOMETRY[3 + column]} must be at least 0, "
+            f"found {geometry[row, 3 + column]}"
+        )
+
+
+def _first(bad: np.ndarray) -> tuple[int, int]:
+    """Row and column of the first True, or (-1, -1)."""
+    if not bad.any():
+        return -1, -1
+    row, column = np.unravel_index(int(np.argmax(bad)), bad.shape)
+    return int(row), int(column)
+
+
+def frame_ids(table: pd.DataFrame) -> np.ndarray:
+    """One integer a row, equal where `scene` (if there is one) and `frame` are equal.
+
+    Shape (rows,), int64, numbered from 0 in sorted order.
+    """
+    keys = ["scene", "frame"] if "scene" in table.columns else ["frame"]
+    return table.groupby(keys, sort=True, observed=True).ngroup().to_numpy(np.int64)
+
+
+def write_box_log(folder: Path, boxes: pd.DataFrame, frames: pd.DataFrame) -> None:
+    """Write `boxes.parquet` and `frames.parquet` into `folder`, each renamed into place."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, table, columns in (
+        ("boxes", boxes, BOX_COLUMNS),
+        ("frames", frames, FRAME_COLUMNS),
+    ):
+        target = folder / f"{name}.parquet"
+        partial = target.with_suffix(f".{os.getpid()}.part")
+        table[list(columns)].to_parquet(partial, index=False)
+        partial.replace(target)
+
+
+def read_box_log(folder: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Read what `write_box_log` wrote. Raises ValueError if a column is missing or a box is bad."""
+    boxes = pd.read_parquet(folder / "boxes.parquet")
+    frames = pd.read_parquet(folder / "frames.parquet")
+    check_boxes(boxes, str(folder / "boxes.parquet"))
+    missing = [name for name in FRAME_COLUMNS if name not in frames.columns]
+    if missing:
+        raise ValueError(f"{folder / 'frames.parquet'}: no column {', '.join(missing)}")
+    return boxes, frames

@@ -1,0 +1,129 @@
+"""Where the LiDARs sit: mounts, placements and the paper's eight."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarplace.pose import from_carla, rotation
+from lidarplace.sensor import Lidar
+
+
+@dataclass(frozen=True)
+class Mount:
+    """Pose of one LiDAR in the ego frame: metres and radians, `R = Rz(yaw) Ry(pitch) Rx(roll)`."""
+
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    roll: float = 0.0
+    pitch: float = 0.0
+    yaw: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not all(math.isfinite(value) for value in astuple(self)):
+            raise ValueError(f"a mount needs finite coordinates and angles, found {self}")
+
+    @property
+    def position(self) -> NDArray[np.float64]:
+        """Position in the ego frame, shape (3,), metres."""
+        return np.array([self.x, self.y, self.z])
+
+    @property
+    def rotation(self) -> NDArray[np.float64]:
+        """Sensor-to-ego rotation, shape (3, 3)."""
+        return rotation(self.roll, self.pitch, self.yaw)
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A named rig: one LiDAR model on one or more mounts.
+
+    Raises:
+        ValueError: there is no mount, or two LiDARs sit in one place.
+    """
+
+    name: str
+    mounts: tuple[Mount, ...]
+    lidar: Lidar
+
+    def __init__(self, name: str, mounts: Sequence[Mount], lidar: Lidar) -> None:
+        object.__setattr__(self, "name", name)
+        object.__setattr__(self, "mounts", tuple(mounts))
+        object.__setattr__(self, "lidar", lidar)
+        if not self.mounts:
+            raise ValueError(f"placement {name!r} has no LiDAR")
+        for i, a in enumerate(self.mounts):
+            for j, b in enumerate(self.mounts[:i]):
+                if (a.x, a.y, a.z) == (b.x, b.y, b.z):
+                    raise ValueError(
+                        f"placement {name!r}: LiDARs {j} and {i} are both at "
+                        f"({a.x}, {a.y}, {a.z}); two LiDARs cannot sit in one place"
+                    )
+
+    def with_lidar(self, lidar: Lidar) -> Placement:
+        """The same mounts with another LiDAR model."""
+        return replace(self, lidar=lidar)
+
+
+# The paper's table of coordinates, in CARLA's convention: (x, y, z, roll, pitch).
+_PAPER_TABLE: dict[str, tuple[tuple[float, float, float, float, float], ...]] = {
+    "line": (
+        (0.0, -0.6, 2.2, 0.0, 0.0),
+        (0.0, -0.4, 2.2, 0.0, 0.0),
+        (0.0, 0.4, 2.2, 0.0, 0.0),
+        (0.0, 0.6, 2.2, 0.0, 0.0),
+    ),
+    "center": (
+        (0.0, 0.0, 2.4, 0.0, 0.0),
+        (0.0, 0.0, 2.6, 0.0, 0.0),
+        (0.0, 0.0, 2.8, 0.0, 0.0),
+        (0.0, 0.0, 3.0, 0.0, 0.0),
+    ),
+    "trapezoid": (
+        (-0.4, 0.2, 2.2, 0.0, 0.0),
+        (-0.4, -0.2, 2.2, 0.0, 0.0),
+        (0.2, 0.5, 2.2, 0.0, 0.0),
+        (0.2, -0.5, 2.2, 0.0, 0.0),
+    ),
+    "square": (
+        (-0.5, 0.5, 2.2, 0.0, 0.0),
+        (-0.5, -0.5, 2.2, 0.0, 0.0),
+        (0.5, 0.5, 2.2, 0.0, 0.0),
+        (0.5, -0.5, 2.2, 0.0, 0.0),
+    ),
+    "line_roll": (
+        (0.0, -0.6, 2.2, -0.28, 0.0),
+        (0.0, -0.4, 2.2, 0.0, 0.0),
+        (0.0, 0.4, 2.2, 0.0, 0.0),
+        (0.0, 0.6, 2.2, 0.28, 0.0),
+    ),
+    "pyramid": (
+        (-0.2, -0.6, 2.2, 0.0, 0.0),
+        (0.4, 0.0, 2.4, 0.0, 0.0),
+        (-0.2, 0.0, 2.6, 0.0, 0.0),
+        (-0.2, 0.6, 2.2, 0.0, 0.0),
+    ),
+    "pyramid_roll": (
+        (-0.2, -0.6, 2.2, -0.28, 0.0),
+        (0.4, 0.0, 2.4, 0.0, 0.0),
+        (-0.2, 0.0, 2.6, 0.0, 0.0),
+        (-0.2, 0.6, 2.2, 0.28, 0.0),
+    ),
+    "pyramid_pitch": (
+        (-0.2, -0.6, 2.2, 0.0, 0.0),
+        (0.4, 0.0, 2.4, 0.0, -0.09),
+        (-0.2, 0.0, 2.6, 0.0, 0.0),
+        (-0.2, 0.6, 2.2, 0.0, 0.0),
+    ),
+}
+
+PAPER_PLACEMENTS: dict[str, Placement] = {
+    name: Placement(name, [Mount(*from_carla(*row)) for row in rows], lidar=Lidar.paper())
+    for name, rows in _PAPER_TABLE.items()
+}
+"""The paper's eight placements in our right-handed ego frame, with its LiDAR."""

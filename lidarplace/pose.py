@@ -1,0 +1,36 @@
+"""Rotations between the sensor's and the ego frame, and CARLA's convention."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def rotation(roll: float, pitch: float, yaw: float) -> NDArray[np.float64]:
+    """Sensor-to-ego rotation `R = Rz(yaw) Ry(pitch) Rx(roll)`, shape (3, 3), angles in radians.
+
+    Right-handed frames: pitch > 0 tips the nose down, roll > 0 lifts the left side.
+    """
+    cr, sr = np.cos(roll), np.sin(roll)
+    cp, sp = np.cos(pitch), np.sin(pitch)
+    cy, sy = np.cos(yaw), np.sin(yaw)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def from_carla(
+    x: float, y: float, z: float, roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0
+) -> tuple[float, float, float, float, float, float]:
+    """Convert a pose from CARLA's convention to ours (metres and radians in and out).
+
+    CARLA is left-handed, y to the right, pitch > 0 lifts the nose. Mirroring y turns the sense
+    of pitch and yaw; roll keeps its sign. The map is its own inverse.
+
+    Returns `(x, y, z, roll, pitch, yaw)` in the right-handed ego frame.
+    """
+    return x, -y, z, roll, -pitch, -yaw
