@@ -1,7 +1,7 @@
 """The box log: which objects were around the vehicle in every frame.
 
 Two tables in the ego frame, metres and radians. `boxes` has one row a box; `frames` lists every
-frame, so that frames without a box count too.
+frame, so that frames without a box count too. `frame` is unique within a log.
 """
 
 from __future__ import annotations

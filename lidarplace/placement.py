@@ -48,13 +48,11 @@ class Placement:
     """
 
     name: str
-    mounts: tuple[Mount, ...]
+    mounts: Sequence[Mount]
     lidar: Lidar
 
-    def __init__(self, name: str, mounts: Sequence[Mount], lidar: Lidar) -> None:
-        object.__setattr__(self, "name", name)
-        object.__setattr__(self, "mounts", tuple(mounts))
-        object.__setattr__(self, "lidar", lidar)
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mounts", tuple(self.mounts))
         if not self.mounts:
             raise ValueError(f"placement {name!r} has no LiDAR")
         for i, a in enumerate(self.mounts):

@@ -33,4 +33,5 @@ def from_carla(
 
     Returns `(x, y, z, roll, pitch, yaw)` in the right-handed ego frame.
     """
-    return x, -y, z, roll, -pitch, -yaw
+    # 0 - v, not -v: a zero stays +0, so that equal poses print and hash alike.
+    return x, 0 - y, z, roll, 0 - pitch, 0 - yaw
