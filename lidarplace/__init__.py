@@ -1,0 +1,19 @@
+"""Where do the LiDARs go on a vehicle? Box logs, occupancy, coverage and surrogates."""
+
+from lidarplace.occupancy import OccupancyGrid
+from lidarplace.placement import PAPER_PLACEMENTS, Mount, Placement
+from lidarplace.roi import Roi
+from lidarplace.sensor import Lidar
+from lidarplace.surrogate import Surrogates, evaluate, evaluate_classes
+
+__all__ = [
+    "PAPER_PLACEMENTS",
+    "Lidar",
+    "Mount",
+    "OccupancyGrid",
+    "Placement",
+    "Roi",
+    "Surrogates",
+    "evaluate",
+    "evaluate_classes",
+]

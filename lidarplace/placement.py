@@ -54,12 +54,12 @@ class Placement:
     def __post_init__(self) -> None:
         object.__setattr__(self, "mounts", tuple(self.mounts))
         if not self.mounts:
-            raise ValueError(f"placement {name!r} has no LiDAR")
+            raise ValueError(f"placement {self.name!r} has no LiDAR")
         for i, a in enumerate(self.mounts):
             for j, b in enumerate(self.mounts[:i]):
                 if (a.x, a.y, a.z) == (b.x, b.y, b.z):
                     raise ValueError(
-                        f"placement {name!r}: LiDARs {j} and {i} are both at "
+                        f"placement {self.name!r}: LiDARs {j} and {i} are both at "
                         f"({a.x}, {a.y}, {a.z}); two LiDARs cannot sit in one place"
                     )
 

@@ -1,0 +1,49 @@
+import pandas as pd
+import pytest
+
+from lidarplace.boxes import BOX_COLUMNS, check_boxes, frame_ids, read_box_log, write_box_log
+
+BOXES = pd.DataFrame(
+    [
+        ("town", 3, 0.0, 7, "Car", 10.0, 1.0, 0.8, 4.5, 1.8, 1.6, 0.1),
+        ("town", 5, 0.1, 7, "Car", 11.0, 1.0, 0.8, 4.5, 1.8, 1.6, 0.1),
+        ("town", 3, 0.0, 8, "Pedestrian", 5.0, -2.0, 0.9, 0.5, 0.5, 1.8, 0.0),
+    ],
+    columns=BOX_COLUMNS,
+)
+FRAMES = pd.DataFrame(
+    {"scene": "town", "frame": [3, 4, 5], "timestamp_s": 0.0, "route": 0, "split": "train"}
+)
+
+
+def test_round_trip(tmp_path):
+    write_box_log(tmp_path, BOXES, FRAMES)
+    boxes, frames = read_box_log(tmp_path)
+    pd.testing.assert_frame_equal(boxes, BOXES, check_dtype=False)
+    pd.testing.assert_frame_equal(frames[list(FRAMES)], FRAMES, check_dtype=False)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["boxes.parquet", "frames.parquet"]
+
+
+def test_frames_are_numbered_by_scene_and_frame():
+    assert list(frame_ids(BOXES)) == [0, 1, 0]
+    two_scenes = BOXES.assign(scene=["a", "b", "b"], frame=0)
+    assert list(frame_ids(two_scenes)) == [0, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "message"),
+    [
+        ("x", float("nan"), "row 1: x must be a finite number, found nan"),
+        ("height", -1.0, "row 1: height must be at least 0, found -1.0"),
+    ],
+)
+def test_bad_values_name_row_and_column(column, value, message):
+    boxes = BOXES.copy()
+    boxes.loc[1, column] = value
+    with pytest.raises(ValueError, match=message):
+        check_boxes(boxes)
+
+
+def test_missing_column():
+    with pytest.raises(ValueError, match="no column yaw"):
+        check_boxes(BOXES.drop(columns="yaw"))

@@ -1,0 +1,53 @@
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement
+from lidarplace.pose import from_carla
+
+TABLE = pd.read_csv(Path(__file__).parents[1] / "data/paper_placements.csv")
+
+
+def test_paper_placements_are_the_papers_table():
+    assert list(PAPER_PLACEMENTS) == list(TABLE["placement"].unique())
+    for name, rows in TABLE.groupby("placement"):
+        expected = {
+            Mount(*from_carla(r.x_m, r.y_m, r.z_m, r.roll_rad, r.pitch_rad))
+            for r in rows.itertuples()
+        }
+        assert set(PAPER_PLACEMENTS[name].mounts) == expected
+
+
+def test_side_lidars_look_out_and_the_front_one_down():
+    left = PAPER_PLACEMENTS["line_roll"].mounts[0]
+    assert left.y > 0
+    assert (left.rotation @ [0, 1, 0])[2] < 0, "the left LiDAR's left side is down"
+    front = PAPER_PLACEMENTS["pyramid_pitch"].mounts[1]
+    assert (front.rotation @ [1, 0, 0])[2] < 0
+
+
+def test_paper_lidar():
+    lidar = Lidar.paper()
+    assert lidar.beams * lidar.azimuth_steps == 90_000
+    np.testing.assert_allclose(np.degrees(lidar.elevations), np.linspace(-25, 5, 16))
+    np.testing.assert_allclose(np.linalg.norm(lidar.directions(), axis=1), 1.0)
+
+
+def test_two_lidars_in_one_place():
+    with pytest.raises(ValueError, match="LiDARs 0 and 1 are both at"):
+        Placement("twins", [Mount(z=2.0), Mount(z=2.0, roll=0.1)], lidar=Lidar.paper())
+
+
+def test_bad_sensors():
+    with pytest.raises(ValueError, match="no LiDAR"):
+        Placement("none", [], lidar=Lidar.paper())
+    with pytest.raises(ValueError, match="finite"):
+        Mount(x=float("nan"))
+    with pytest.raises(ValueError, match="pi/2"):
+        Lidar((2.0,), azimuth_steps=10)
+    with pytest.raises(ValueError, match="azimuth_steps"):
+        Lidar((0.0,), azimuth_steps=0)
+    with pytest.raises(ValueError, match="drop_off"):
+        Lidar((0.0,), azimuth_steps=1, drop_off=1.0)

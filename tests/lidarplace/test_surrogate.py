@@ -1,0 +1,182 @@
+import json
+import math
+from pathlib import Path
+
+import mpmath
+import numpy as np
+import pandas as pd
+import pytest
+
+from lidarplace import (
+    PAPER_PLACEMENTS,
+    Lidar,
+    Mount,
+    OccupancyGrid,
+    Placement,
+    Roi,
+    evaluate,
+    evaluate_classes,
+)
+from lidarplace.coverage.dda import dda_voxels
+from lidarplace.coverage.rays import log_miss, ray_counts
+from lidarplace.surrogate import information
+
+DATA = Path(__file__).parents[1] / "data/smig"
+GOLDEN = json.loads((DATA / "golden.json").read_text())
+ROI = Roi(x=(0.0, 3.0), y=(-1.5, 1.5), z=(0.0, 2.0), resolution=0.25)
+LIDAR = Lidar(tuple(np.radians([-40.0, -20.0, -3.0, 5.0])), azimuth_steps=90)
+PLACEMENT = PAPER_PLACEMENTS["line_roll"].with_lidar(LIDAR)
+
+
+@pytest.fixture(scope="module")
+def golden_grids():
+    boxes = pd.read_csv(DATA / "boxes.csv")
+    roi = Roi(x=(0, 40), y=(-20, 20), z=(0, 4), resolution=GOLDEN["resolution"])
+    return {
+        name: OccupancyGrid.from_boxes(boxes, roi, name, GOLDEN["frames"])
+        for name in GOLDEN["classes"]
+    }
+
+
+def test_pog_agrees_with_reference(golden_grids):
+    for name, expected in GOLDEN["classes"].items():
+        grid = golden_grids[name]
+        assert grid.entropy_sum() == pytest.approx(expected["h_pog"], rel=1e-12)
+        assert np.count_nonzero(grid.counts) == expected["nonzero"]
+        assert int(grid.counts.sum()) == expected["count_sum"]
+
+
+@pytest.mark.parametrize("placement", GOLDEN["placements"])
+def test_s_mig_agrees_with_reference(golden_grids, placement):
+    mounts = [Mount(*row) for row in GOLDEN["placements"][placement]]
+    results = evaluate_classes(golden_grids, Placement(placement, mounts, lidar=Lidar.paper()))
+    for name, result in results.items():
+        expected = GOLDEN["classes"][name]["placements"][placement]
+        assert result.s_mig == pytest.approx(expected["s_mig"], rel=1e-12)
+        assert result.covered_nonzero == expected["covered_nonzero"]
+        assert result.ig == pytest.approx(result.h_pog + result.s_mig, rel=1e-15)
+        assert result.residual_entropy == pytest.approx(result.h_pog - result.covered_entropy)
+        assert result.m_sog == pytest.approx(result.s_mig / result.covered_voxels)
+
+
+@pytest.fixture(scope="module")
+def grid():
+    counts = np.random.default_rng(1).integers(0, 51, ROI.shape).astype(np.int32)
+    counts[counts > 30] = 0
+    return OccupancyGrid(ROI, "Car", counts, 50)
+
+
+def test_ray_surrogates_against_their_definitions(grid):
+    rays = ray_counts(PLACEMENT, ROI, "dda")
+    p = grid.probability
+    result = evaluate(
+        grid,
+        PLACEMENT,
+        method="dda",
+        surrogates=["expected_points", "expected_ig"],
+        detection_probability=0.2,
+    )
+    assert result.expected_points == pytest.approx(math.fsum((rays * p).ravel()), rel=1e-14)
+
+    def h(x):
+        return -x * math.log(x) - (1 - x) * math.log(1 - x) if 0 < x < 1 else 0.0
+
+    gain = 0.0
+    for p_v, m in zip(p.ravel().tolist(), rays.ravel().tolist(), strict=True):
+        d = 1 - 0.8**m
+        gain += h(p_v) - (1 - p_v * d) * h(p_v * (1 - d) / (1 - p_v * d))
+    assert result.expected_ig == pytest.approx(gain, rel=1e-12)
+    assert result.expected_ig < result.covered_entropy
+
+
+def test_occlusion_against_a_plain_loop_over_rays(grid):
+    q, lost = 0.3, np.ones(ROI.shape)
+    single = Lidar(LIDAR.elevations[:2], azimuth_steps=24)
+    placement = PAPER_PLACEMENTS["pyramid_pitch"].with_lidar(single)
+    for mount in placement.mounts:
+        for direction in single.directions() @ mount.rotation.T:
+            voxels, _ = dda_voxels(
+                mount.position, direction[None], 100.0, ROI.minimum, ROI.resolution, *ROI.shape
+            )
+            reach = 1.0
+            for v in voxels:
+                lost.reshape(-1)[v] *= 1 - q * reach
+                reach *= 1 - grid.probability.reshape(-1)[v]
+    found = np.exp(log_miss(placement, ROI, "dda", grid.probability, q))
+    np.testing.assert_allclose(found, lost, rtol=1e-12)
+    with_occlusion = evaluate(
+        grid, placement, surrogates=["expected_ig"], detection_probability=q, occlusion=True
+    )
+    without = evaluate(grid, placement, surrogates=["expected_ig"], detection_probability=q)
+    assert 0 < with_occlusion.expected_ig < without.expected_ig
+
+
+@pytest.mark.parametrize("log_miss_value", [-1e-15, -1e-7, -1e-3, -0.1, -5.0, -800.0, -math.inf])
+@pytest.mark.parametrize("count", [1, 2, 5 * 10**6, 10**7 - 1, 10**7])
+def test_information_against_mpmath(count, log_miss_value):
+    frames = 10**7
+    found = information(
+        np.array([count / frames]),
+        np.array([(frames - count) / frames]),
+        np.array([log_miss_value]),
+    )[0]
+    with mpmath.workdps(60):
+
+        def h(x):
+            return 0 if x in (0, 1) else -x * mpmath.log(x) - (1 - x) * mpmath.log(1 - x)
+
+        p = mpmath.mpf(count) / frames
+        d = 1 - mpmath.exp(log_miss_value)
+        rest = p * (1 - d) / (1 - p * d) if p * d != 1 else 0
+        expected = float(h(p) - (1 - p * d) * h(rest))
+    assert found == pytest.approx(expected, rel=1e-8, abs=1e-16)
+
+
+def test_limits_of_expected_ig(grid):
+    """A sensor that never misses learns the whole entropy of what its rays pass."""
+    result = evaluate(
+        grid, PLACEMENT, method="dda", surrogates=["expected_ig"], detection_probability=1.0
+    )
+    assert result.expected_ig == pytest.approx(result.covered_entropy, rel=1e-12)
+
+
+def test_more_lidars_never_cover_less(grid):
+    gains, entropies = [], []
+    for n in range(1, 5):
+        part = Placement("part", PLACEMENT.mounts[:n], lidar=LIDAR)
+        result = evaluate(grid, part, surrogates=["expected_ig"])
+        gains.append(result.expected_ig)
+        entropies.append(result.covered_entropy)
+    assert gains == sorted(gains)
+    assert entropies == sorted(entropies)
+
+
+def test_azimuth_steps_override_the_lidars_own(grid):
+    few = evaluate(grid, PLACEMENT, method="dda", azimuth_steps=8)
+    many = evaluate(grid, PLACEMENT, method="dda", azimuth_steps=800)
+    assert few.covered_voxels < many.covered_voxels
+    assert evaluate(grid, PLACEMENT, azimuth_steps=8).s_mig == evaluate(grid, PLACEMENT).s_mig
+
+
+def test_nothing_is_computed_that_was_not_asked_for(grid):
+    result = evaluate(grid, PLACEMENT)
+    assert result.expected_points is None
+    assert result.expected_ig is None
+
+
+def test_a_placement_that_sees_nothing(grid):
+    up = Placement("up", [Mount(z=3.0)], lidar=Lidar((0.5,), 90))
+    result = evaluate(grid, up, surrogates=["expected_points", "expected_ig"])
+    assert result.s_mig == 0.0
+    assert math.isnan(result.m_sog)
+    assert result.expected_points == result.expected_ig == 0.0
+
+
+def test_bad_arguments(grid):
+    with pytest.raises(ValueError, match="found 's_mig'"):
+        evaluate(grid, PLACEMENT, surrogates=["s_mig"])
+    with pytest.raises(ValueError, match=r"within \(0, 1\]"):
+        evaluate(grid, PLACEMENT, detection_probability=0.0)
+    other = OccupancyGrid(Roi((0, 1), (0, 1), (0, 1), 0.5), "Car", grid.counts, 50)
+    with pytest.raises(ValueError, match="share one ROI"):
+        evaluate_classes({"Car": grid, "Other": other}, PLACEMENT)
