@@ -118,25 +118,22 @@ def evaluate_classes(
     start = time.perf_counter()
     covered = coverage(placement, roi, method)
     ray_method: RayMethod = "bresenham" if method == "bresenham" else "dda"
-    needs_counts = "expected_points" in surrogates or (
-        "expected_ig" in surrogates and not occlusion
-    )
-    counts = ray_counts(placement, roi, ray_method) if needs_counts else None
+    by_count = set(surrogates) - ({"expected_ig"} if occlusion else set())
+    counts = ray_counts(placement, roi, ray_method) if by_count else None
     common = time.perf_counter() - start
 
     results = {}
     for object_class, grid in grids.items():
         start = time.perf_counter()
         points = gain = None
-        if "expected_points" in surrogates:
+        if counts is not None and "expected_points" in surrogates:
             points = expected_points(grid, counts)
         if "expected_ig" in surrogates:
-            if occlusion:
-                misses = log_miss(
-                    placement, roi, ray_method, grid.probability, detection_probability
-                )
-            else:
-                misses = log_miss_of_counts(counts, detection_probability)
+            misses = (
+                log_miss(placement, roi, ray_method, grid.probability, detection_probability)
+                if counts is None or occlusion
+                else log_miss_of_counts(counts, detection_probability)
+            )
             gain = expected_ig(grid, misses)
         h_pog = grid.entropy_sum()
         covered_entropy = grid.entropy_sum(covered)

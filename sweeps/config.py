@@ -1,0 +1,280 @@
+"""The configuration of a sweep: one point of the grid, and what is common to all points."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    field_validator,
+    model_validator,
+)
+
+from lidarplace.boxes import CLASSES
+from lidarplace.coverage import Method
+from lidarplace.placement import PAPER_PLACEMENTS, Mount, Placement
+from lidarplace.pose import from_carla
+from lidarplace.roi import Roi
+from lidarplace.scenes.settings import SumoScene
+from lidarplace.sensor import Lidar
+from training import DETECTORS
+from training.settings import TrainingSettings
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+ClassName = Literal["Car", "Cyclist", "Pedestrian"]
+SurrogateName = Literal[
+    "s_mig",
+    "ig",
+    "h_pog",
+    "covered_entropy",
+    "residual_entropy",
+    "m_sog",
+    "expected_points",
+    "expected_ig",
+]
+
+
+class _Settings(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class RoiSettings(_Settings):
+    """Region of interest in the ego frame, metres."""
+
+    x: tuple[Finite, Finite] = (0.0, 40.0)
+    y: tuple[Finite, Finite] = (-20.0, 20.0)
+    z: tuple[Finite, Finite] = (0.0, 4.0)
+
+    @field_validator("x", "y", "z")
+    @classmethod
+    def _ordered(cls, interval: tuple[float, float]) -> tuple[float, float]:
+        if not interval[0] < interval[1]:
+            raise ValueError("allowed is [min, max] with min < max")
+        return interval
+
+
+class LidarSettings(_Settings):
+    """The LiDAR model of every mount; the defaults are the paper's, without noise."""
+
+    beams: int = Field(16, ge=1, description="beams, evenly spread over elevation_deg")
+    elevation_deg: tuple[Finite, Finite] = Field(
+        (-25.0, 5.0), description="elevation of the lowest and the highest beam, degrees"
+    )
+    elevations_deg: tuple[Finite, ...] | None = Field(
+        None, description="elevation of every beam, degrees, in place of the two keys above"
+    )
+    azimuth_steps: int = Field(5625, ge=1, description="firings of a beam in one turn")
+    range: float = Field(100.0, gt=0, allow_inf_nan=False, description="farthest return, metres")
+    range_noise: float = Field(0.0, ge=0, allow_inf_nan=False, description="standard deviation, m")
+    drop_off: float = Field(0.0, ge=0, lt=1, description="probability that a return is lost")
+
+    @model_validator(mode="after")
+    def _build(self) -> LidarSettings:
+        if self.elevations_deg is not None and (self.model_fields_set & {"beams", "elevation_deg"}):
+            raise ValueError("elevations_deg replaces beams and elevation_deg; name one or the two")
+        self.lidar()
+        return self
+
+    def lidar(self) -> Lidar:
+        """The sensor in the units of `lidarplace`."""
+        degrees = self.elevations_deg
+        if degrees is None:
+            low, high = self.elevation_deg
+            step = (high - low) / (self.beams - 1) if self.beams > 1 else 0.0
+            degrees = tuple(low + i * step for i in range(self.beams))
+        return Lidar(
+            tuple(math.radians(e) for e in degrees),
+            self.azimuth_steps,
+            self.range,
+            self.range_noise,
+            self.drop_off,
+        )
+
+
+class MountSettings(_Settings):
+    """Pose of one LiDAR, metres and radians, in the convention of its placement."""
+
+    x: Finite = 0.0
+    y: Finite = 0.0
+    z: Finite
+    roll: Finite = 0.0
+    pitch: Finite = 0.0
+    yaw: Finite = 0.0
+
+
+class PlacementSettings(_Settings):
+    """A placement by coordinates."""
+
+    convention: Literal["ego", "carla"] = Field(
+        "ego",
+        description="ego: right-handed, y to the left, pitch > 0 tips the nose down; "
+        "carla: left-handed, y to the right, pitch > 0 lifts the nose",
+    )
+    mounts: tuple[MountSettings, ...]
+
+    def placement(self, name: str, lidar: Lidar) -> Placement:
+        """The placement in our ego frame."""
+        poses = [(m.x, m.y, m.z, m.roll, m.pitch, m.yaw) for m in self.mounts]
+        if self.convention == "carla":
+            poses = [from_carla(*pose) for pose in poses]
+        return Placement(name, [Mount(*pose) for pose in poses], lidar=lidar)
+
+
+class SurrogateSettings(_Settings):
+    """Which surrogates are computed, and how."""
+
+    names: tuple[SurrogateName, ...] = Field(
+        (
+            "s_mig",
+            "ig",
+            "h_pog",
+            "covered_entropy",
+            "residual_entropy",
+            "m_sog",
+            "expected_points",
+            "expected_ig",
+        ),
+        min_length=1,
+    )
+    resolution: float = Field(0.1, gt=0, allow_inf_nan=False, description="edge of a voxel, metres")
+    method: Method = "cone"
+    detection_probability: float = Field(
+        0.1, gt=0, le=1, description="q of expected_ig: chance that a ray detects what it crosses"
+    )
+    occlusion: bool = Field(False, description="expected_ig with rays weakened on their way")
+
+
+class Point(_Settings):
+    """One point of the grid: what is trained and evaluated once."""
+
+    placement: str
+    detector: Literal[DETECTORS] = "pointpillars_tiny"  # type: ignore[valid-type]
+    seed: int = Field(0, ge=0)
+    scene: SumoScene = SumoScene()
+    roi: RoiSettings = RoiSettings()
+    classes: tuple[ClassName, ...] = Field(("Car", "Cyclist", "Pedestrian"), min_length=1)
+    lidar: LidarSettings = LidarSettings()
+    surrogate: SurrogateSettings = SurrogateSettings()
+    training: TrainingSettings = TrainingSettings()
+
+    @field_validator("classes")
+    @classmethod
+    def _different(cls, classes: tuple[str, ...]) -> tuple[str, ...]:
+        if len(set(classes)) < len(classes):
+            raise ValueError(f"each class once, of {', '.join(CLASSES)}")
+        return classes
+
+    @field_validator("scene")
+    @classmethod
+    def _has_test_frames(cls, scene: SumoScene) -> SumoScene:
+        if scene.split == "route" and scene.test_routes == 0:
+            raise ValueError(
+                "test_routes is 0, so no frame is in the test split; allowed is at least 1"
+            )
+        if scene.split == "paper" and scene.frames_per_route < 10:
+            raise ValueError(
+                f"frames_per_route is {scene.frames_per_route}, so no frame is in the test split "
+                "of 'split: paper', every tenth of a route; allowed is at least 10"
+            )
+        return scene
+
+    @model_validator(mode="after")
+    def _fits(self) -> Point:
+        self.voxel_roi()
+        return self
+
+    def voxel_roi(self) -> Roi:
+        """The ROI with its voxels."""
+        return Roi(self.roi.x, self.roi.y, self.roi.z, self.surrogate.resolution)
+
+
+def _from_shorthand(value: Any) -> Any:
+    """`ray: debug` is short for `ray: {address: debug}`."""
+    return {"address": value} if isinstance(value, str) else value
+
+
+class RaySettings(_Settings):
+    """Where the tasks run."""
+
+    address: str = Field(
+        "local",
+        description="local: this machine; debug: in this process, without Ray; auto, ray://… or "
+        "host:port: a running cluster",
+    )
+    num_cpus: int | None = Field(None, ge=1, description="CPUs of a local run; all by default")
+    num_gpus: int | None = Field(None, ge=0, description="GPUs of a local run; all by default")
+    gpus_per_training: float = Field(
+        1.0, ge=0, description="share of a GPU that one training takes, where there is a GPU"
+    )
+
+    @field_validator("address")
+    @classmethod
+    def _known(cls, address: str) -> str:
+        if not re.fullmatch(r"local|debug|auto|(ray://)?[^\s:/]+:\d+", address):
+            raise ValueError("allowed are local, debug, auto, HOST:PORT and ray://HOST:PORT")
+        return address
+
+
+class TrackingSettings(_Settings):
+    """Where MLflow keeps the runs."""
+
+    uri: str | None = Field(None, description="tracking URI; sqlite in the output folder if null")
+
+
+class Common(_Settings):
+    """What is common to all points of the grid."""
+
+    name: str = Field(pattern=r"^[\w.-]+$", description="names the run folder and the experiment")
+    placements: dict[str, PlacementSettings] = Field(
+        default={}, description="own placements by name, beside the paper's eight"
+    )
+    ray: Annotated[RaySettings, BeforeValidator(_from_shorthand)] = RaySettings()
+    tracking: TrackingSettings = TrackingSettings()
+    output: Path = Path("runs")
+
+    @field_validator("placements")
+    @classmethod
+    def _new_and_possible(
+        cls, placements: dict[str, PlacementSettings]
+    ) -> dict[str, PlacementSettings]:
+        taken = sorted(set(placements) & set(PAPER_PLACEMENTS))
+        if taken:
+            raise ValueError(f"{taken[0]!r} is the paper's; choose another name")
+        for name, settings in placements.items():
+            settings.placement(name, Lidar.paper())
+        return placements
+
+    @property
+    def tracking_uri(self) -> str:
+        """MLflow's tracking URI."""
+        return self.tracking.uri or f"sqlite:///{self.output / 'mlflow.db'}"
+
+    def placement_named(self, name: str, lidar: Lidar) -> Placement:
+        """The placement called `name`, the paper's or an own one, with `lidar` on its mounts.
+
+        Raises:
+            ValueError: there is none of that name.
+        """
+        if name in self.placements:
+            return self.placements[name].placement(name, lidar)
+        if name in PAPER_PLACEMENTS:
+            return PAPER_PLACEMENTS[name].with_lidar(lidar)
+        known = ", ".join([*PAPER_PLACEMENTS, *self.placements])
+        raise ValueError(f"no placement {name!r}; allowed are {known}")
+
+
+class SweepFile(Common, Point):
+    """A configuration file as a whole; `grid` and `exclude` make many points of one."""
+
+    grid: dict[str, list[Any]] = Field(
+        default={}, description="key path -> values: the sweep is the product of these axes"
+    )
+    exclude: list[dict[str, Any]] = Field(
+        default=[], description="axis -> value or list of values: points to leave out"
+    )

@@ -1,0 +1,255 @@
+"""From a configuration file to the points of its grid, with errors a user can act on."""
+
+from __future__ import annotations
+
+import difflib
+import itertools
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from sweeps.config import Common, Point, SweepFile
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+class ConfigError(ValueError):
+    """A mistake in the configuration: one line with file, key, value and what is allowed."""
+
+
+@dataclass(frozen=True)
+class GridPoint:
+    """A point of the grid and its place on the axes (key path -> value)."""
+
+    point: Point
+    axes: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A configuration that has been read, checked and multiplied out.
+
+    Attributes:
+        common: what all points share.
+        points: the product of the axes less what is excluded, last axis fastest.
+        axes: key paths of the grid.
+        source: the configuration after `--set`, as plain data.
+    """
+
+    common: Common
+    points: tuple[GridPoint, ...]
+    axes: tuple[str, ...]
+    source: Mapping[str, Any]
+
+
+def read_sweep(path: Path, overrides: Sequence[str] = ()) -> Sweep:
+    """Read `path`, apply `KEY=VALUE` overrides (values are YAML), check all and build the grid.
+
+    Raises:
+        ConfigError: anything wrong with the file, a key or a value.
+    """
+    raw = _read_yaml(path)
+    raw.setdefault("name", path.stem)
+    for override in overrides:
+        _override(raw, override, path)
+    grid = _axes(raw, path)
+    common = {key: value for key, value in raw.items() if key in Common.model_fields}
+    base = {key: value for key, value in raw.items() if key not in (*common, "grid", "exclude")}
+    for axis, values in grid.items():
+        _put(base, axis, values[0], path)
+    # Every value of every axis by itself first: the error can then name it.
+    checked_common = _check(Common, common, path)
+    _check(Point, base, path, {axis: f"grid.{axis}[0]" for axis in grid})
+    for axis, values in grid.items():
+        for i, value in enumerate(values[1:], start=1):
+            point = deepcopy(base)
+            _put(point, axis, value, path)
+            _check(Point, point, path, {axis: f"grid.{axis}[{i}]", "": f"grid.{axis}[{i}]"})
+    exclude = _exclusions(raw.get("exclude", []), grid, path)
+
+    points = []
+    for combination in itertools.product(*grid.values()):
+        axes = dict(zip(grid, combination, strict=True))
+        if any(all(axes[key] in values for key, values in rule.items()) for rule in exclude):
+            continue
+        data = deepcopy(base)
+        for axis, value in axes.items():
+            _put(data, axis, value, path)
+        point_model = _check(Point, data, path)
+        try:
+            checked_common.placement_named(point_model.placement, point_model.lidar.lidar())
+        except ValueError as error:
+            key = "grid.placement" if "placement" in grid else "placement"
+            raise ConfigError(f"{path}: {key}: {error}") from None
+        points.append(GridPoint(point_model, axes))
+    if not points:
+        raise ConfigError(f"{path}: exclude: no point of the grid is left")
+    return Sweep(checked_common, tuple(points), tuple(grid), raw)
+
+
+class _Loader(yaml.SafeLoader):
+    """Safe, and refuses a key that is given twice, which YAML would let win silently."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        keys = [self.construct_object(key) for key, _ in node.value]
+        for i, key in enumerate(keys):
+            if key in keys[:i]:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"key {key!r} is given twice", node.value[i][0].start_mark
+                )
+        return super().construct_mapping(node, deep)
+
+
+def _parse(text: str) -> Any:
+    return yaml.load(text, Loader=_Loader)
+
+
+def _read_yaml(path: Path) -> dict[str, Any]:
+    try:
+        raw = _parse(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise ConfigError(f"{path}: is not UTF-8 text") from None
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
+        raise ConfigError(f"{path}: {where}{error.problem}") from None
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{path}: is not YAML: {' '.join(str(error).split())}") from None
+    if not isinstance(raw, dict):
+        raise ConfigError(f"{path}: found {type(raw).__name__}; a mapping of keys is expected")
+    for key in raw:
+        if key not in SweepFile.model_fields:
+            raise ConfigError(f"{path}: {key}: {_unknown_key(key, SweepFile)}")
+    return raw
+
+
+def _override(raw: dict[str, Any], override: str, path: Path) -> None:
+    key, equals, text = override.partition("=")
+    key = key.strip()
+    if not equals or not key:
+        raise ConfigError(f"--set {override}: expected KEY=VALUE")
+    try:
+        value = _parse(text)
+    except yaml.YAMLError:
+        raise ConfigError(f"--set {override}: the value is not YAML") from None
+    if key.startswith("grid."):  # axes are key paths themselves: grid."training.lr"
+        if not isinstance(raw.setdefault("grid", {}), dict):
+            raise ConfigError(f"{path}: grid: found {raw['grid']!r}; allowed is a mapping")
+        raw["grid"][key.removeprefix("grid.")] = value
+        return
+    if key in raw.get("grid", {}):
+        raise ConfigError(f"--set {override}: {key} is an axis of the grid; use grid.{key}=[…]")
+    if key.partition(".")[0] not in SweepFile.model_fields:
+        raise ConfigError(f"--set {override}: {_unknown_key(key, SweepFile)}")
+    _put(raw, key, value, path)
+
+
+def _put(data: dict[str, Any], key_path: str, value: Any, path: Path) -> None:
+    """Set the value at a dotted key path, making mappings on the way."""
+    *parents, last = key_path.split(".")
+    for key in parents:
+        data = data.setdefault(key, {})
+        if not isinstance(data, dict):
+            raise ConfigError(f"{path}: {key_path}: {key} is {data!r}, not a mapping of keys")
+    data[last] = value
+
+
+def _axes(raw: Mapping[str, Any], path: Path) -> dict[str, list[Any]]:
+    grid = raw.get("grid") or {}
+    if not isinstance(grid, dict):
+        raise ConfigError(f"{path}: grid: found {grid!r}; allowed is a mapping of key paths")
+    for axis, values in grid.items():
+        if str(axis).partition(".")[0] not in Point.model_fields:
+            raise ConfigError(f"{path}: grid.{axis}: {_unknown_key(str(axis), Point)}")
+        if not isinstance(values, list) or not values:
+            raise ConfigError(
+                f"{path}: grid.{axis}: found {values!r}; allowed is a list with a value or more"
+            )
+        repeated = [value for i, value in enumerate(values) if value in values[:i]]
+        if repeated:
+            raise ConfigError(f"{path}: grid.{axis}: {repeated[0]!r} is given twice")
+    return grid
+
+
+def _exclusions(
+    rules: Any, grid: Mapping[str, list[Any]], path: Path
+) -> list[dict[str, list[Any]]]:
+    if not isinstance(rules, list):
+        raise ConfigError(f"{path}: exclude: found {rules!r}; allowed is a list of mappings")
+    checked = []
+    for i, rule in enumerate(rules):
+        if not isinstance(rule, dict) or not rule:
+            raise ConfigError(
+                f"{path}: exclude[{i}]: found {rule!r}; allowed is a mapping of axes to values"
+            )
+        lists = {key: v if isinstance(v, list) else [v] for key, v in rule.items()}
+        for key, values in lists.items():
+            if key not in grid:
+                raise ConfigError(
+                    f"{path}: exclude[{i}].{key}: no axis of the grid; "
+                    f"allowed are {', '.join(grid) or 'none'}"
+                )
+            for value in values:
+                if value not in grid[key]:
+                    raise ConfigError(
+                        f"{path}: exclude[{i}].{key}: found {value!r}; allowed are {grid[key]}"
+                    )
+        checked.append(lists)
+    return checked
+
+
+def _check(
+    model: type[Model], data: Mapping[str, Any], path: Path, names: Mapping[str, str] | None = None
+) -> Model:
+    """Validate, and turn the first error into one line.
+
+    `names` maps a key path to what the user wrote it as; the empty path is the model as a whole.
+    """
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key_path = ".".join(str(part) for part in first["loc"] if isinstance(part, str))
+        index = "".join(f"[{part}]" for part in first["loc"] if isinstance(part, int))
+        key = (names or {}).get(key_path, key_path) + index
+        if first["type"] == "extra_forbidden":
+            parent = _model_at(model, first["loc"][:-1])
+            message = _unknown_key(str(first["loc"][-1]), parent)
+        elif first["type"] == "missing":
+            message = "is missing"
+        else:
+            text = first["msg"].removeprefix("Value error, ").removeprefix("Input ")
+            found = first["input"]
+            message = text if isinstance(found, (dict, BaseModel)) else f"found {found!r}; {text}"
+        raise ConfigError(f"{path}: {key}: {message}" if key else f"{path}: {message}") from None
+
+
+def _model_at(model: type[BaseModel], loc: Sequence[int | str]) -> type[BaseModel]:
+    """The model that a key path of `model` leads to."""
+    for part in loc:
+        if isinstance(part, str) and part in model.model_fields:
+            found = _model_in(model.model_fields[part].annotation)
+            model = found or model
+    return model
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    """The model in an annotation such as `dict[str, Model]` or `tuple[Model, ...]`."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    inner = (_model_in(argument) for argument in getattr(annotation, "__args__", ()))
+    return next((model for model in inner if model), None)
+
+
+def _unknown_key(key: str, model: type[BaseModel]) -> str:
+    allowed = list(model.model_fields)
+    close = difflib.get_close_matches(key.partition(".")[0], allowed, n=1)
+    hint = f" (did you mean {close[0]}?)" if close else ""
+    return f"unknown key{hint}; allowed are {', '.join(allowed)}"

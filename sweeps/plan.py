@@ -1,0 +1,203 @@
+"""From the points of a grid to tasks: a stage runs once for points that agree in what it uses."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import asdict, astuple, dataclass
+from pathlib import Path
+from typing import Any
+
+from sweeps.config import Point
+from sweeps.grid import ConfigError, GridPoint, Sweep
+from sweeps.task import Task
+
+GROUND_MARGIN_M = 0.5
+"""Points this far below the ROI are kept: a noisy return from the ground lies under z = 0."""
+
+ACCURACY_STEPS = (90, 360, 1440, 5760)
+"""Azimuth steps at which coverage methods are compared with the exact cones."""
+
+# Key paths of the configuration that a stage's result depends on; for its label.
+_USES = {
+    "scene": ("scene",),
+    "ground_truth": ("scene", "roi"),
+    "pog": ("scene", "roi", "surrogate.resolution"),
+    "surrogates": ("placement", "scene", "roi", "lidar", "surrogate"),
+    "coverage_accuracy": ("placement", "scene", "roi", "lidar", "surrogate.resolution"),
+    "collect": ("placement", "scene", "roi", "lidar"),
+}
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What becomes of one point of the grid.
+
+    Attributes:
+        grid_point: the point and its axes.
+        label: "placement · detector · seed 1", and the further axes.
+        pogs, surrogates, coverage_accuracy, collect_test, ground_truth, scene, finetune,
+        evaluate: its tasks; many are shared with other trials.
+    """
+
+    grid_point: GridPoint
+    label: str
+    scene: Task
+    ground_truth: Task
+    pogs: tuple[Task, ...]
+    surrogates: Task
+    coverage_accuracy: Task
+    collect_test: Task
+    finetune: Task
+    evaluate: Task
+
+    @property
+    def key(self) -> str:
+        """Names the trial: the same for the same work under the same name of the placement."""
+        parts = (self.grid_point.point.placement, self.evaluate.key, self.surrogates.key)
+        return hashlib.sha256("/".join(parts).encode()).hexdigest()[:12]
+
+    @property
+    def results(self) -> tuple[Task, ...]:
+        """The tasks whose results the trial reports."""
+        return (*self.pogs, self.surrogates, self.coverage_accuracy, self.finetune, self.evaluate)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All tasks, each once and after its inputs, and the trials that they make up."""
+
+    tasks: tuple[Task, ...]
+    trials: tuple[Trial, ...]
+
+
+def make_plan(sweep: Sweep) -> Plan:
+    """Tasks and trials of a sweep.
+
+    Raises:
+        ConfigError: a checkpoint to start from is not there.
+    """
+    tasks: dict[str, Task] = {}
+
+    def once(task: Task) -> Task:
+        return tasks.setdefault(task.key, task)
+
+    trials = []
+    for grid_point in sweep.points:
+        point, axes = grid_point.point, grid_point.axes
+        roi = asdict(point.voxel_roi())
+        placement = sweep.common.placement_named(point.placement, point.lidar.lidar())
+        rig = {
+            "mounts": [astuple(mount) for mount in placement.mounts],
+            "lidar": asdict(placement.lidar),
+        }
+        crop = (
+            *(point.roi.x[0], point.roi.y[0], point.roi.z[0] - GROUND_MARGIN_M),
+            *(point.roi.x[1], point.roi.y[1], point.roi.z[1]),
+        )
+        names = {stage: _label(stage, point, axes) for stage in _USES}
+        trial_name = _trial_label(point, axes)
+
+        scene = once(Task("scene", names["scene"], point.scene.model_dump(mode="json")))
+        # Without the resolution, which has no part in the ground truth.
+        edges = point.roi.model_dump(mode="json")
+        ground_truth = once(Task("ground_truth", names["ground_truth"], edges, (scene,)))
+        pogs = tuple(
+            once(Task("pog", f"{names['pog']} · {c}", {"roi": roi, "object_class": c}, (scene,)))
+            for c in point.classes
+        )
+        surrogates = once(
+            Task(
+                "surrogates",
+                names["surrogates"],
+                rig | point.surrogate.model_dump(mode="json", exclude={"resolution"}),
+                pogs,
+            )
+        )
+        accuracy = once(
+            Task(
+                "coverage_accuracy",
+                names["coverage_accuracy"],
+                rig | {"azimuth_steps": ACCURACY_STEPS},
+                pogs[:1],
+            )
+        )
+        train, test = (
+            once(
+                Task(
+                    "collect",
+                    f"{names['collect']} · {split}",
+                    rig | {"split": split, "crop": crop, "seed": point.scene.seed},
+                    (scene,),
+                )
+            )
+            for split in ("train", "test")
+        )
+        network = {
+            "detector": point.detector,
+            "classes": point.classes,
+            "training": point.training.model_dump(mode="json"),
+            "point_range": crop if point.detector.endswith("_tiny") else None,
+        }
+        finetune = once(
+            Task(
+                "finetune",
+                trial_name,
+                network | {"seed": point.seed, "checkpoint": _checkpoint_hash(point)},
+                (train, ground_truth),
+                gpu=True,
+            )
+        )
+        evaluate = once(
+            Task("evaluate", trial_name, network, (finetune, test, ground_truth), gpu=True)
+        )
+        trials.append(
+            Trial(
+                grid_point=grid_point,
+                label=trial_name,
+                scene=scene,
+                ground_truth=ground_truth,
+                pogs=pogs,
+                surrogates=surrogates,
+                coverage_accuracy=accuracy,
+                collect_test=test,
+                finetune=finetune,
+                evaluate=evaluate,
+            )
+        )
+    return Plan(tuple(tasks.values()), tuple(trials))
+
+
+def further_axes(sweep: Sweep) -> tuple[str, ...]:
+    """Axes of the grid besides placement, detector and seed."""
+    return tuple(axis for axis in sweep.axes if axis not in ("placement", "detector", "seed"))
+
+
+def _label(stage: str, point: Point, axes: Mapping[str, Any]) -> str:
+    uses = _USES[stage]
+    parts = [point.placement] if "placement" in uses else []
+    parts += [
+        f"{axis}={value}"
+        for axis, value in axes.items()
+        if axis != "placement" and any(axis == u or axis.startswith(f"{u}.") for u in uses)
+    ]
+    return " · ".join(parts) or point.scene.name
+
+
+def _trial_label(point: Point, axes: Mapping[str, Any]) -> str:
+    further = [
+        f"{axis}={value}"
+        for axis, value in axes.items()
+        if axis not in ("placement", "detector", "seed")
+    ]
+    return " · ".join([point.placement, point.detector, f"seed {point.seed}", *further])
+
+
+def _checkpoint_hash(point: Point) -> str | None:
+    path: Path | None = point.training.checkpoint
+    if path is None:
+        return None
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise ConfigError(f"training.checkpoint: {path}: {error.strerror}") from None

@@ -1,0 +1,76 @@
+"""What a sweep does now: a bar for every stage in a terminal, a line a stage elsewhere."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from sweeps.task import Task
+
+
+class StageProgress:
+    """Shows how far every stage is. Use as a context manager and as the executor's listener."""
+
+    def __init__(self, console: Console, tasks: Sequence[Task], cached: set[str]) -> None:
+        self._console = console
+        self._total = Counter(task.stage for task in tasks)
+        self._done = Counter(task.stage for task in tasks if task.key in cached)
+        self._running: dict[str, list[str]] = {stage: [] for stage in self._total}
+        self._progress = Progress(
+            TextColumn("{task.description:18}"),
+            BarColumn(24),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(compact=True),
+            TextColumn("[dim]{task.fields[now]}"),
+            console=console,
+            disable=not console.is_terminal,
+        )
+        self._bars = {
+            stage: self._progress.add_task(
+                stage.replace("_", " "), total=total, completed=self._done[stage], now=""
+            )
+            for stage, total in self._total.items()
+        }
+
+    def __enter__(self) -> StageProgress:
+        self._progress.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._progress.stop()
+
+    def started(self, task: Task) -> None:
+        self._running[task.stage].append(task.label)
+        self._show(task.stage)
+
+    def finished(self, task: Task) -> None:
+        self._ended(task)
+
+    def failed(self, task: Task, reason: str, log: str) -> None:
+        self._console.print(f"failed: {task.stage} '{task.label}': {reason}", markup=False)
+        self._ended(task)
+
+    def _ended(self, task: Task) -> None:
+        stage = task.stage
+        self._done[stage] += 1
+        if task.label in self._running[stage]:  # not if it fell with a task that it needs
+            self._running[stage].remove(task.label)
+        self._show(stage)
+        if self._progress.disable and self._done[stage] == self._total[stage]:
+            self._console.print(f"{stage}: {self._total[stage]} done", markup=False)
+
+    def _show(self, stage: str) -> None:
+        self._progress.update(
+            self._bars[stage],
+            completed=self._done[stage],
+            now=", ".join(self._running[stage]).replace("[", r"\["),
+        )

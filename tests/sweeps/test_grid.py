@@ -1,0 +1,163 @@
+from pathlib import Path
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sweeps.grid import ConfigError, read_sweep
+
+EXAMPLE = Path(__file__).parents[2] / "examples/grid.yaml"
+BASE = {"placement": "line", "grid": {"placement": ["line", "center"], "seed": [1, 2]}}
+
+
+@pytest.fixture
+def config(tmp_path):
+    def write(**changes):
+        path = tmp_path / "grid.yaml"
+        path.write_text(yaml.safe_dump(BASE | changes))
+        return path
+
+    return write
+
+
+def test_the_example_is_valid():
+    assert len(read_sweep(EXAMPLE).points) >= 4
+
+
+def test_the_papers_training_settings_are_the_defaults(config):
+    training = read_sweep(config()).points[0].point.training
+    assert training.epochs == 10
+    assert training.optimizer == "adam_onecycle"
+    assert (training.lr, training.weight_decay, training.momentum) == (0.01, 0.01, 0.9)
+    assert (training.moms, training.pct_start) == ((0.95, 0.85), 0.1)
+    assert (training.div_factor, training.grad_norm_clip) == (10, 10)
+
+
+def test_product_of_any_key_paths(config):
+    path = config(
+        grid={
+            "placement": ["line", "center"],
+            "scene.density": [40, 80],
+            "training.lr": [0.01, 0.003],
+            "lidar.azimuth_steps": [360],
+            "surrogate.resolution": [0.2],
+        }
+    )
+    sweep = read_sweep(path)
+    assert len(sweep.points) == 8
+    last = sweep.points[-1].point
+    assert (last.placement, last.scene.density, last.training.lr) == ("center", 80, 0.003)
+    assert (last.lidar.azimuth_steps, last.surrogate.resolution) == (360, 0.2)
+
+
+@given(
+    st.lists(st.sampled_from(["line", "center", "square"]), min_size=1, max_size=3, unique=True),
+    st.lists(st.integers(0, 9), min_size=1, max_size=4, unique=True),
+    st.integers(0, 9),
+)
+def test_exclusions_leave_out_just_what_they_name(tmp_path_factory, placements, seeds, excluded):
+    path = tmp_path_factory.mktemp("grid") / "grid.yaml"
+    rules = [{"placement": placements[0], "seed": excluded}] if excluded in seeds else []
+    path.write_text(
+        yaml.safe_dump({"grid": {"placement": placements, "seed": seeds}, "exclude": rules})
+    )
+    expected = {(p, s) for p in placements for s in seeds}
+    if rules:
+        expected -= {(placements[0], excluded)}
+    if not expected:
+        with pytest.raises(ConfigError, match="no point of the grid is left"):
+            read_sweep(path)
+        return
+    found = [(g.point.placement, g.point.seed) for g in read_sweep(path).points]
+    assert sorted(found) == sorted(expected)
+
+
+def test_overrides(config):
+    sweep = read_sweep(config(), ["training.epochs=2", "grid.seed=[7]", "ray=debug"])
+    assert [g.point.seed for g in sweep.points] == [7, 7]
+    assert sweep.points[0].point.training.epochs == 2
+    assert sweep.common.ray.address == "debug"
+
+
+def test_own_placements_in_both_conventions(config):
+    carla = {"convention": "carla", "mounts": [{"x": 1, "y": 0.5, "z": 2, "pitch": 0.1}]}
+    ego = {"mounts": [{"x": 1, "y": -0.5, "z": 2, "pitch": -0.1}]}
+    sweep = read_sweep(config(placements={"a": carla, "b": ego}, grid={"placement": ["a", "b"]}))
+    lidar = sweep.points[0].point.lidar.lidar()
+    a, b = (sweep.common.placement_named(name, lidar) for name in "ab")
+    assert a.mounts == b.mounts
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"trainig": {}}, r"trainig: unknown key \(did you mean training\?\); allowed are "),
+        ({"training": {"epoch": 2}}, r"training.epoch: unknown key \(did you mean epochs\?\)"),
+        ({"training": {"epochs": "two"}}, "training.epochs: found 'two'; should be a valid int"),
+        ({"roi": {"x": [40, 0]}}, r"roi.x: found \[40, 0\]; allowed is \[min, max\]"),
+        ({"scene": {"test_routes": 0}}, "scene: test_routes is 0, so no frame is in the test"),
+        (
+            {"placements": {"twins": {"mounts": [{"z": 2}, {"z": 2}]}}},
+            "placement 'twins': LiDARs 0 and 1 are both at",
+        ),
+        ({"placements": {"line": {"mounts": [{"z": 2}]}}}, "'line' is the paper's"),
+        ({"grid": {"placement": ["lime"]}}, "grid.placement: no placement 'lime'; allowed are"),
+        ({"grid": {"seed": [1, -1]}}, r"grid.seed\[1\]: found -1; should be greater than"),
+        ({"grid": {"seed": [1, 1]}}, "grid.seed: 1 is given twice"),
+        ({"grid": {"scene.densty": [1]}}, r"grid.scene.densty\[0\]: unknown key"),
+        ({"grid": {"seed": []}}, "grid.seed: found .*; allowed is a list"),
+        (
+            {"grid": {"surrogate.resolution": [0.1, 0.3]}},
+            r"grid.surrogate.resolution\[1\]: ROI x is 40 m long, no multiple",
+        ),
+        ({"exclude": [{"seed": 9}]}, r"exclude\[0\].seed: found 9; allowed are \[1, 2\]"),
+        ({"exclude": [{"lr": 9}]}, r"exclude\[0\].lr: no axis of the grid; allowed are placem"),
+        ({"ray": "debgu"}, "ray.address: found 'debgu'; allowed are local"),
+        ({"lidar": {"elevation_deg": [-100, 5]}}, "lidar: elevations must lie within"),
+        ({"classes": ["Bus"]}, r"classes\[0\]: found 'Bus'; should be 'Car', 'Cyclist' or"),
+        ({"detector": "yolo"}, "detector: found 'yolo'; should be 'pointpillars'"),
+        ({"name": "a/b"}, "name: found 'a/b'"),
+    ],
+)
+def test_mistakes_are_one_line_with_file_key_value_and_what_is_allowed(config, changes, message):
+    path = config(**changes)
+    with pytest.raises(ConfigError, match=message) as error:
+        read_sweep(path)
+    assert str(error.value).startswith(f"{path}: ")
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("seed: [1", r"line \d+, column \d+: "),
+        ("seed: 1\nseed: 2", "line 2, column 1: key 'seed' is given twice"),
+        ("- 1", "found list; a mapping of keys is expected"),
+        ("a: !!python/object:os.system {}", "could not determine a constructor"),
+    ],
+)
+def test_bad_yaml(tmp_path, text, message):
+    path = tmp_path / "grid.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=message):
+        read_sweep(path)
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("seed", "expected KEY=VALUE"),
+        ("seed=3", r"seed is an axis of the grid; use grid.seed=\[…\]"),
+        ("sed=3", "did you mean seed"),
+        ("training=[", "the value is not YAML"),
+    ],
+)
+def test_bad_overrides(config, override, message):
+    with pytest.raises(ConfigError, match=message):
+        read_sweep(config(), [override])
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(ConfigError, match=r"nowhere\.yaml: cannot be read: No such file"):
+        read_sweep(tmp_path / "nowhere.yaml")
