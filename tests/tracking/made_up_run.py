@@ -1,0 +1,225 @@
+"""A made-up run folder: every file that a sweep leaves, small, with known structure."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from lidarplace.boxes import CLASSES
+
+IOUS = {"Car": (0.5, 0.7), "Cyclist": (0.5,), "Pedestrian": (0.5,), "all": (0.5,)}
+NAMES = ("line", "center", "trapezoid", "line_roll", "pyramid <b>&amp;")
+ROI = {"x": [0.0, 20.0], "y": [-10.0, 10.0], "z": [0.0, 4.0], "resolution": 0.5}
+
+
+def write_run(
+    path: Path,
+    names: Sequence[str] = NAMES,
+    seeds: Sequence[int] = (1, 2),
+    detectors: Sequence[str] = ("pointpillars_tiny",),
+    densities: Sequence[int] = (),
+    roi: dict[str, object] = ROI,  # type: ignore[assignment]
+    points: int = 300,
+    seed: int = 0,
+) -> Path:
+    """Write a run folder with `names` as placements. `densities` adds an axis "scene.density"."""
+    rng = np.random.default_rng(seed)
+    path.mkdir(parents=True)
+    settings = [{"scene.density": density} for density in densities] or [{}]
+    quality = dict(zip(names, rng.permutation(len(names)) / len(names), strict=True))
+
+    trials, results, curves = [], [], []
+    for detector in detectors:
+        for setting in settings:
+            for name in names:
+                for number in seeds:
+                    trial = f"t{len(trials):03d}"
+                    common = {"trial": trial, "placement": name, "detector": detector}
+                    trials.append(
+                        {
+                            **common,
+                            "seed": number,
+                            **setting,
+                            "seconds": 60 + 20 * rng.random(),
+                            "status": "finished",
+                            "error": "",
+                        }
+                    )
+                    results += _results(rng, common, number, setting, quality[name])
+                    curves += _curve(rng, trial)
+    tables = {
+        "trials": trials,
+        "results": results,
+        "curves": curves,
+        "surrogates": _surrogates(rng, quality, settings),
+        "coverage_accuracy": _coverage_accuracy(rng, names),
+        "tasks": _tasks(trials),
+    }
+    for name, rows in tables.items():
+        pd.DataFrame(rows).to_parquet(path / f"{name}.parquet", index=False)
+
+    sweep = {
+        "name": path.name,
+        "command": f"python -m sweeps.run examples/{path.name}.yaml",
+        "axes": ["placement", "training.seed", *(["scene.density"] if densities else [])],
+        "placements": {
+            name: [[0.0, y, 2.2, 0.0, 0.0, 0.0] for y in (-0.6, -0.4, 0.4, 0.6)] for name in names
+        },
+        "classes": list(CLASSES),
+        "roi": roi,
+        "frames": {"train": 400, "test": 100},
+        "seconds": 1234.5,
+        "versions": {"lidarplace": "0.1.0", "numpy": np.__version__},
+    }
+    (path / "sweep.json").write_text(json.dumps(sweep), encoding="utf-8")
+    (path / "config.yaml").write_text("scene:\n  density: 40\n", encoding="utf-8")
+    _write_arrays(rng, path, names, roi, points)
+    return path
+
+
+def _results(
+    rng: np.random.Generator,
+    common: dict[str, object],
+    number: int,
+    setting: dict[str, int],
+    quality: float,
+) -> list[dict[str, object]]:
+    rows = []
+    for object_class, ious in IOUS.items():
+        for metric in (
+            ("recall",) if object_class == "all" else ("AP_R40_3D", "AP_R40_BEV", "recall")
+        ):
+            for iou in ious:
+                value = 90 - 60 * iou + 15 * quality + rng.normal()
+                rows.append(
+                    {
+                        **common,
+                        "class": object_class,
+                        "seed": number,
+                        **setting,
+                        "metric": metric,
+                        "iou": iou,
+                        "difficulty": "all",
+                        "value": np.nan if object_class == "Cyclist" else value,
+                        "ground_truths": 0 if object_class == "Cyclist" else 420,
+                    }
+                )
+    return rows
+
+
+def _surrogates(
+    rng: np.random.Generator, quality: dict[str, float], settings: list[dict[str, int]]
+) -> list[dict[str, object]]:
+    rows = []
+    for setting in settings:
+        for name, value in quality.items():
+            for scale, object_class in enumerate(CLASSES, start=1):
+                covered = 1000 * scale * (1 + value + 0.1 * rng.random())
+                h_pog = 4000.0 * scale
+                values = {
+                    "s_mig": -covered,
+                    "ig": h_pog - covered,
+                    "h_pog": h_pog,
+                    "covered_entropy": covered,
+                    "residual_entropy": h_pog - covered,
+                    "m_sog": -covered / (9000 + 1000 * value),
+                    "expected_points": 50 * scale * rng.random(),
+                    "expected_ig": 900 * scale * (1 + value + 0.2 * rng.random()),
+                    "covered_voxels": 9000 + 1000 * value,
+                }
+                rows += [
+                    {
+                        "placement": name,
+                        "class": object_class,
+                        **setting,
+                        "surrogate": surrogate,
+                        "value": number,
+                        "method": "cone",
+                        "seconds": 0.05,
+                    }
+                    for surrogate, number in values.items()
+                ]
+    return rows
+
+
+def _curve(rng: np.random.Generator, trial: str) -> list[dict[str, object]]:
+    return [
+        {"trial": trial, "epoch": epoch, "metric": "loss", "value": 2 / epoch + 0.1 * rng.random()}
+        for epoch in range(1, 6)
+    ]
+
+
+def _coverage_accuracy(rng: np.random.Generator, names: Sequence[str]) -> list[dict[str, object]]:
+    rows = []
+    for name in names:
+        for object_class in CLASSES:
+            common = {"placement": name, "class": object_class, "s_mig": -1000.0}
+            rows.append(
+                {
+                    **common,
+                    "method": "cone",
+                    "azimuth_steps": 0,
+                    "seconds": 0.04 + 0.02 * rng.random(),
+                    "relative_error": 0.0,
+                }
+            )
+            for method, floor in (("dda", 0.0), ("bresenham", 0.02)):
+                for steps in (90, 360, 1440, 5760):
+                    error = floor + (0.0 if steps == 5760 else 5 / steps * (1 + rng.random()))
+                    rows.append(
+                        {
+                            **common,
+                            "method": method,
+                            "azimuth_steps": steps,
+                            "seconds": 1e-4 * steps,
+                            "relative_error": -error,
+                        }
+                    )
+    return rows
+
+
+def _tasks(trials: list[dict[str, object]]) -> list[dict[str, object]]:
+    rows: list[dict[str, object]] = [
+        {"stage": "scene", "label": "town01", "key": "a", "seconds": 31.0, "cached": True},
+        {"stage": "pog", "label": "Car", "key": "b", "seconds": 4.0, "cached": False},
+    ]
+    for trial in trials:
+        common = {"label": trial["placement"], "key": trial["trial"]}
+        rows.append({"stage": "simulate", **common, "seconds": 9.0, "cached": False})
+        rows.append({"stage": "train", **common, "seconds": trial["seconds"], "cached": False})
+    return rows
+
+
+def _write_arrays(
+    rng: np.random.Generator,
+    path: Path,
+    names: Sequence[str],
+    roi: dict[str, object],
+    points: int,
+) -> None:
+    edge = float(roi["resolution"])  # type: ignore[arg-type]
+    (x0, x1), (y0, y1) = roi["x"], roi["y"]  # type: ignore[misc]
+    x = np.arange(x0 + edge / 2, x1, edge)[:, None]
+    y = np.arange(y0 + edge / 2, y1, edge)[None, :]
+    road = np.exp(-((np.abs(y) - 3) ** 2)) * np.exp(-np.abs(x) / 30)
+    maps = {f"pog/{c}": (i * road).astype(np.float32) for i, c in enumerate(CLASSES, start=1)}
+    for i, name in enumerate(names):
+        share = np.clip(0.5 + 0.5 * np.sin(np.hypot(x, y) * (1 + 0.1 * i)), 0, 1)
+        maps[f"coverage/{name}"] = share.astype(np.float32)
+    np.savez_compressed(path / "maps.npz", **maps)
+
+    boxes = np.array([[12, 3, 0.8, 4.2, 1.8, 1.6, 0.1], [8, -5, 0.9, 0.8, 0.8, 1.8, 0.0]])
+    frame: dict[str, np.ndarray] = {"boxes": boxes, "labels": np.array(["Car", "Pedestrian"])}
+    for name in names:
+        radius = np.round(rng.uniform(2, 18, points), 0) + 0.05 * rng.random(points)
+        angle = rng.uniform(-np.pi, np.pi, points)
+        cloud = np.stack(
+            [radius * np.cos(angle), radius * np.sin(angle), 0 * radius, rng.random(points)], axis=1
+        )
+        frame[f"points/{name}"] = cloud.astype(np.float32)
+        frame[f"lidar/{name}"] = rng.integers(0, 4, points).astype(np.uint8)
+    np.savez_compressed(path / "frame.npz", **frame)

@@ -1,0 +1,252 @@
+"""The statistics against scipy and against brute force."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from tracking.bootstrap import bootstrap_intervals, hierarchical_resamples
+from tracking.coefficients import COEFFICIENTS, scores
+from tracking.correlation import correlate, with_sums
+from tracking.permutation import permutation_p, smallest_p
+
+SCIPY = {"pearson": stats.pearsonr, "spearman": stats.spearmanr, "kendall": stats.kendalltau}
+
+
+def tables(x, y, object_class="Car", surrogate="s_mig", metric="AP_R40_3D"):
+    """`x` (n,) and `y` (n, seeds) as the tables of a run."""
+    results = [
+        {
+            "placement": f"p{i}",
+            "class": object_class,
+            "detector": "d",
+            "seed": s,
+            "metric": metric,
+            "iou": 0.7,
+            "difficulty": "all",
+            "value": value,
+        }
+        for i, row in enumerate(y)
+        for s, value in enumerate(row)
+    ]
+    surrogates = [
+        {"placement": f"p{i}", "class": object_class, "surrogate": surrogate, "value": value}
+        for i, value in enumerate(x)
+    ]
+    return pd.DataFrame(results), pd.DataFrame(surrogates)
+
+
+numbers = st.lists(st.integers(-3, 3), min_size=4, max_size=7)
+
+
+@settings(max_examples=60, deadline=None)
+@given(x=numbers, y=numbers, coefficient=st.sampled_from(COEFFICIENTS))
+def test_coefficients_equal_scipy_also_with_ties(x, y, coefficient):
+    n = min(len(x), len(y))
+    a, b = np.array(x[:n], float), np.array(y[:n], float)
+    ours = scores(a, coefficient) @ scores(b, coefficient)
+    if np.ptp(a) == 0 or np.ptp(b) == 0:
+        assert np.isnan(ours)
+    else:
+        assert ours == pytest.approx(SCIPY[coefficient](a, b).statistic, abs=1e-12)
+
+
+@pytest.mark.parametrize("coefficient", COEFFICIENTS)
+@pytest.mark.parametrize("ties", [False, True])
+def test_exact_p_equals_scipys_permutation_test(coefficient, ties):
+    rng = np.random.default_rng(3)
+    x = rng.integers(0, 4, (3, 6)).astype(float) if ties else rng.normal(size=(3, 6))
+    y = x[0] + rng.normal(size=6)
+    ours = permutation_p(x, y, coefficient)
+    for row, p in zip(x, ours, strict=True):
+        test = stats.permutation_test(
+            (row,),
+            lambda permuted: SCIPY[coefficient](permuted, y).statistic,
+            permutation_type="pairings",
+            n_resamples=10**6,
+        )
+        assert p == pytest.approx(test.pvalue, abs=1e-12)
+
+
+def test_exact_p_by_hand():
+    # Of the 24 orders only 1, 2, 3, 4 reaches tau = 1: twice 1/24.
+    order = np.arange(4.0)
+    for coefficient in COEFFICIENTS:
+        assert permutation_p(order[None], order, coefficient)[0] == pytest.approx(2 / 24)
+    assert smallest_p(4) == pytest.approx(2 / 24)
+    assert smallest_p(2) == 1.0
+
+
+def test_tied_coefficients_count_although_they_round_differently():
+    rng = np.random.default_rng(0)
+    x, y = rng.normal(size=5) * 1e6 + 1e9, rng.normal(size=5)
+    x[1] = x[0]
+    observed = np.corrcoef(x, y)[0, 1]
+    null = [np.corrcoef(x, y[list(order)])[0, 1] for order in itertools.permutations(range(5))]
+    less = sum(value <= observed + 1e-9 for value in null)
+    greater = sum(value >= observed - 1e-9 for value in null)
+    p = min(1.0, 2 * min(less, greater) / len(null))
+    assert permutation_p(x[None], y, "pearson")[0] == pytest.approx(p, abs=1e-12)
+
+
+def test_sampled_p_is_near_scipys_and_reproducible():
+    rng = np.random.default_rng(5)
+    x = rng.normal(size=20)
+    y = 0.5 * x + rng.normal(size=20)
+    for coefficient in COEFFICIENTS:
+        p = permutation_p(x[None], y, coefficient)[0]
+        # 9,999 samples: four standard errors of a share near 0.05 are 0.009, twice for two sides.
+        assert p == pytest.approx(SCIPY[coefficient](x, y).pvalue, abs=0.02)
+        assert p == permutation_p(x[None], y, coefficient)[0]
+
+
+@pytest.mark.parametrize("coefficient", COEFFICIENTS)
+def test_intervals_equal_scipys_paired_bootstrap_for_one_seed(coefficient):
+    rng = np.random.default_rng(1)
+    x = rng.normal(size=12)
+    y = x + rng.normal(size=12)
+    ours = bootstrap_intervals(x[None], y[:, None], coefficient, resamples=8000, seed=0)[0]
+    theirs = stats.bootstrap(
+        (x, y),
+        lambda a, b: SCIPY[coefficient](a, b).statistic,
+        paired=True,
+        vectorized=False,
+        n_resamples=3000,
+        method="percentile",
+        rng=np.random.default_rng(2),
+    ).confidence_interval
+    assert ours == pytest.approx([theirs.low, theirs.high], abs=0.05)
+
+
+def test_resamples_follow_a_brute_force_hierarchy():
+    rng = np.random.default_rng(4)
+    y = rng.normal(size=(5, 3))
+    y[2, 1] = np.nan  # a seed that failed
+    _, means = hierarchical_resamples(y, resamples=20000, seed=0)
+    known = [row[np.isfinite(row)] for row in y]
+    brute = np.array(
+        [
+            [rng.choice(known[i], len(known[i])).mean() for i in rng.integers(0, 5, 5)]
+            for _ in range(4000)
+        ]
+    )
+    assert means.mean() == pytest.approx(brute.mean(), abs=0.03)
+    assert means.std() == pytest.approx(brute.std(), rel=0.03)
+    assert means.mean(axis=1).std() == pytest.approx(brute.mean(axis=1).std(), rel=0.06)
+
+
+def test_the_interval_contains_the_spread_of_seeds():
+    x = np.arange(8.0)
+    same = np.repeat(x[:, None], 2, axis=1)
+    apart = x[:, None] + np.array([-6.0, 6.0])
+    widths = []
+    for y in (same, apart):
+        row = correlate(*tables(x, y)).iloc[0]
+        assert row["pearson"] == pytest.approx(1.0)  # the means are the same
+        widths.append(row["pearson_high"] - row["pearson_low"])
+    assert widths[0] == pytest.approx(0.0, abs=1e-12)
+    assert widths[1] > 0.3
+
+
+def test_means_over_seeds_and_no_sign():
+    rng = np.random.default_rng(0)
+    x, y = rng.normal(size=7), rng.normal(size=(7, 3))
+    row = correlate(*tables(x, y)).iloc[0]
+    turned = correlate(*tables(-x, y)).iloc[0]
+    for name in COEFFICIENTS:
+        assert row[name] == pytest.approx(SCIPY[name](x, y.mean(axis=1)).statistic)
+        assert turned[name] == pytest.approx(-row[name])
+        assert turned[f"{name}_p"] == pytest.approx(row[f"{name}_p"])
+        assert row[f"{name}_low"] <= row[name] <= row[f"{name}_high"]
+    assert (row["n"], row["seeds"], row["exact"], row["note"]) == (7, 3, True, "")
+
+
+def test_few_placements_and_constants_say_why():
+    y = np.arange(10.0).reshape(5, 2)
+    two = correlate(*tables(np.arange(2.0), y[:2])).iloc[0]
+    assert np.isnan(two["pearson"])
+    assert two["note"] == "fewer than 3 placements"
+    flat = correlate(*tables(np.full(5, 0.1), y)).iloc[0]
+    assert np.isnan(flat["kendall_p"])
+    assert np.isnan(flat["spearman_low"])
+    assert flat["note"] == "s_mig is the same for every placement"
+    ap = correlate(*tables(np.arange(5.0), np.full((5, 2), 0.1))).iloc[0]
+    assert np.isnan(ap["spearman"])
+    assert ap["note"] == "the metric is the same for every placement"
+    five = correlate(*tables(np.arange(5.0), y)).iloc[0]
+    assert five["note"] == "few placements: the smallest possible two-sided p is 0.017"
+    assert five["pearson_p"] == pytest.approx(2 / 120)
+    one_seed = correlate(*tables(np.arange(5.0), y[:, :1])).iloc[0]
+    assert "a placement has one seed" in one_seed["note"]
+    assert "spearman: all resamples agree, so it has no interval" in one_seed["note"]
+
+
+def test_missing_values_leave_placements_out():
+    y = np.arange(12.0).reshape(6, 2) ** 2
+    y[5] = np.nan
+    y[0, 1] = np.nan
+    row = correlate(*tables(np.arange(6.0), y)).iloc[0]
+    assert (row["n"], row["seeds"]) == (5, 1)
+    none = correlate(*tables(np.arange(6.0), np.full((6, 2), np.nan))).iloc[0]
+    assert none["n"] == 0
+    assert none["note"] == "no value: the class has no ground truth"
+
+
+def test_recall_of_all_meets_the_sum_over_classes():
+    results, _ = tables(np.arange(4.0), np.arange(8.0).reshape(4, 2), "all", metric="recall")
+    parts = [
+        tables(values, np.zeros((4, 1)), object_class, surrogate)[1]
+        for object_class, values in (("Car", [0.0, 1, 2, 9]), ("Cyclist", [9.0, 0, 2, 5]))
+        for surrogate in ("s_mig", "m_sog", "covered_voxels")
+    ]
+    table = correlate(results, pd.concat(parts))
+    assert table["surrogate"].tolist() == ["s_mig"]
+    total = stats.pearsonr([9, 1, 4, 14], [0.5, 2.5, 4.5, 6.5]).statistic
+    assert table["pearson"].iloc[0] == pytest.approx(total)
+
+
+def test_a_sum_lacks_nothing_silently():
+    parts = [tables([1.0, 2, 3], np.zeros((3, 1)), name)[1] for name in ("Car", "Cyclist")]
+    parts[1].loc[1, "value"] = np.nan
+    summed = with_sums(pd.concat(parts)).query("`class` == 'all'").set_index("placement")["value"]
+    assert summed["p0"] == 2.0
+    assert np.isnan(summed["p1"])
+
+
+def test_axes_make_groups_and_missing_axis_values_match_any():
+    rng = np.random.default_rng(0)
+    both, predictors = [], []
+    for density, sign in ((40, 1.0), (120, -1.0)):
+        x = rng.normal(size=5)
+        results, surrogates = tables(x, sign * x[:, None] + np.zeros(2))
+        both.append(results.assign(**{"scene.density": density}))
+        predictors.append(surrogates.assign(**{"scene.density": density}))
+    any_density = tables(np.arange(5.0), np.zeros((5, 1)), surrogate="covered_voxels")[1]
+    predictors.append(any_density.assign(**{"scene.density": np.nan}))
+    table = correlate(pd.concat(both), pd.concat(predictors), axes=["scene.density"])
+    pearson = table.set_index(["scene.density", "surrogate"])["pearson"]
+    assert len(table) == 4
+    assert pearson[40, "s_mig"] == pytest.approx(1.0)
+    assert pearson[120, "s_mig"] == pytest.approx(-1.0)
+    assert (table["pairs_tested"] == 4).all()
+
+
+def test_an_axis_that_is_forgotten_is_an_error():
+    results, surrogates = tables(np.arange(5.0), np.zeros((5, 2)))
+    with pytest.raises(ValueError, match="has two values for seed 0; name the axis"):
+        correlate(pd.concat([results, results]), surrogates)
+    with pytest.raises(ValueError, match="results has no column metric; found"):
+        correlate(results.drop(columns="metric"), surrogates)
+
+
+def test_no_results_give_an_empty_table_with_all_columns():
+    results, surrogates = tables(np.arange(3.0), np.zeros((3, 1)))
+    table = correlate(results.iloc[:0], surrogates)
+    assert table.empty
+    assert {"spearman", "spearman_low", "kendall_p", "note", "pairs_tested"} <= {*table.columns}

@@ -1,0 +1,117 @@
+"""What the figures show, in numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from lidarplace.placement import Mount
+from lidarplace.roi import Roi
+from tracking.figures.coverage_error import coverage_error
+from tracking.figures.from_above import coverage_from_above, pog_from_above
+from tracking.figures.label_places import label_places
+from tracking.figures.point_cloud import POINTS, point_clouds
+from tracking.figures.style import theme
+from tracking.figures.times import times
+from tracking.run_folder import Frame
+
+ROI = Roi(x=(0, 50), y=(-10, 10), z=(0, 4), resolution=0.1)
+
+
+def test_maps_keep_their_mean_and_their_place():
+    rng = np.random.default_rng(0)
+    entropy = rng.random((500, 200)).astype(np.float32)
+    heat = pog_from_above(entropy, ROI, "POG").data[0]
+    cells = np.asarray(heat.z).T
+    assert max(cells.shape) <= 200
+    assert (heat.x[0], heat.x[-1]) == pytest.approx((0, 50))
+    assert (heat.y[0], heat.y[-1]) == pytest.approx((-10, 10))
+    area = np.diff(heat.x)[:, None] * np.diff(heat.y)[None, :]
+    assert (cells * area).sum() == pytest.approx(entropy.mean(dtype=float) * 50 * 20, rel=1e-5)
+    # Cell (i, j) is the mean of its own block, x first.
+    assert cells[1, 2] == pytest.approx(entropy[3:6, 6:9].mean(), rel=1e-5)
+
+
+def test_coverage_is_in_percent_on_one_scale_with_the_lidars():
+    share = np.zeros((500, 200), dtype=np.float32)
+    share[:3, :3] = 0.5
+    plot = coverage_from_above(share, ROI, "Coverage", [Mount(x=1, y=2, z=2)])
+    heat, lidars = plot.data
+    assert np.asarray(heat.z)[0, 0] == 50
+    assert (heat.zmin, heat.zmax) == (0, 100)
+    assert (lidars.x, lidars.y) == ((1,), (2,))
+
+
+def test_clouds_are_thinned_inside_the_roi_and_seeded():
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-60, 60, (200_000, 4)).astype(np.float32)
+    frame = Frame(
+        points={"line": points, "center": points[:10]},
+        lidar={
+            "line": np.repeat([0, 2], 100_000).astype(np.uint8),
+            "center": np.zeros(10, np.uint8),
+        },
+        boxes=np.array([[10.0, 2, 1, 4, 2, 1.5, np.pi / 2]]),
+        labels=np.array(["Car"]),
+    )
+    plot = point_clouds(frame, ROI, ["line", "center"], "line")
+    clouds = [trace for trace in plot.data if trace.type == "scattergl" and trace.visible]
+    assert [trace.name for trace in clouds] == ["LiDAR 0", "LiDAR 2"]
+    assert sum(len(trace.x) for trace in clouds) == POINTS
+    assert all(np.min(trace.x) >= 0 and np.max(np.abs(trace.y)) <= 10 for trace in clouds)
+    again = point_clouds(frame, ROI, ["line", "center"], "line")
+    assert np.array_equal(again.data[0].x, plot.data[0].x)
+    (car,) = (trace for trace in plot.data if trace.name == "Car")
+    # Turned by a quarter: 4 m along y, 2 m along x.
+    assert (np.nanmin(car.x), np.nanmax(car.x)) == pytest.approx((9, 11))
+    assert (np.nanmin(car.y), np.nanmax(car.y)) == pytest.approx((0, 4))
+    menu = plot.layout.updatemenus[0].buttons
+    shown = [sum(button.args[0]["visible"][: len(plot.data)]) for button in menu]
+    assert shown == [2 + 2, 1 + 2]
+
+
+def test_errors_are_absolute_and_zero_is_drawn_hollow_below():
+    rows = [("cone", 0, 0.05, 0.0), ("dda", 90, 0.01, -0.04), ("dda", 90, 0.03, 0.02)]
+    rows += [("dda", 360, 0.1, 0.0)]
+    table = pd.DataFrame(rows, columns=["method", "azimuth_steps", "seconds", "relative_error"])
+    (dda,) = coverage_error(table).data
+    assert dda.x[0] == pytest.approx(0.02)
+    assert dda.y[0] == pytest.approx(0.03)
+    assert 0 < dda.y[1] < 0.02
+    assert dda.marker.symbol == ("circle", "circle-open")
+    (note,) = coverage_error(table).layout.annotations
+    assert note.text.endswith("50 ms")
+    assert note.x == pytest.approx(np.log10(0.05))
+
+
+def test_times_are_summed_by_stage_and_by_what_was_cached():
+    table = pd.DataFrame(
+        {
+            "stage": ["train", "train", "scene", "train"],
+            "seconds": [1.0, 2.0, 4.0, 8.0],
+            "cached": [False, False, True, True],
+        }
+    )
+    spent, spared = times(table).data
+    assert dict(zip(spent.y, spent.x, strict=True)) == {"train": 3.0}
+    assert dict(zip(spared.y, spared.x, strict=True)) == {"train": 8.0, "scene": 4.0}
+
+
+def test_labels_of_near_points_take_different_places():
+    x, y = np.array([0.0, 0.0, 10.0]), np.array([1.0, 1.05, 5.0])
+    places = label_places(x, y, ["trapezoid", "pyramid_roll", "line"])
+    assert places[0] != places[1]
+    assert places[2] == "middle left"  # at the right edge
+
+
+def test_both_themes_can_be_read():
+    def luminance(colour):
+        parts = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+        linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+        return linear @ [0.2126, 0.7152, 0.0722]
+
+    for dark, page in ((False, "#ffffff"), (True, "#15181c")):
+        ink = theme(dark)["layout"]["font"]["color"]
+        high, low = sorted((luminance(ink), luminance(page)), reverse=True)
+        assert (high + 0.05) / (low + 0.05) > 7

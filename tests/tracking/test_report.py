@@ -1,0 +1,208 @@
+"""The report of a made-up run."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+import shutil
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from made_up_run import NAMES, write_run
+
+from tracking.report import build_report
+from tracking.report.__main__ import main
+
+VOID = {"meta", "link", "img", "br", "hr", "input", "base", "source"}
+
+
+class Page(HTMLParser):
+    """What a browser would load, show, and read as figures."""
+
+    def __init__(self, source: str) -> None:
+        super().__init__()
+        self.loads: list[str] = []
+        self.scripts: list[tuple[dict[str, str | None], str]] = []
+        self.words: list[str] = []
+        self.tags: list[str] = []
+        self.csp = ""
+        self._inside: str | None = None
+        self.feed(source)
+
+    def handle_starttag(self, tag, attrs):
+        attributes = dict(attrs)
+        self.tags.append(tag)
+        self.loads += [
+            str(attributes[name]) for name in ("src", "href", "data") if name in attributes
+        ]
+        if attributes.get("http-equiv") == "Content-Security-Policy":
+            self.csp = str(attributes["content"])
+        if tag == "script":
+            self.scripts.append((attributes, ""))
+        if tag not in VOID:
+            self._inside = tag
+
+    def handle_endtag(self, tag):
+        self._inside = None
+
+    def handle_data(self, data):
+        if self._inside == "script":
+            attributes, text = self.scripts[-1]
+            self.scripts[-1] = (attributes, text + data)
+        elif self._inside != "style":
+            self.words.append(data)
+
+    @property
+    def figures(self) -> list[dict]:
+        kind = "application/json"
+        return [
+            json.loads(text) for attributes, text in self.scripts if attributes.get("type") == kind
+        ]
+
+    @property
+    def titles(self) -> list[str]:
+        return [figure["layout"]["title"]["text"] for figure in self.figures]
+
+    @property
+    def text(self) -> str:
+        return " ".join(self.words)
+
+
+@pytest.fixture(scope="module")
+def built(made_up_run, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("report") / "grid"
+    shutil.copytree(made_up_run, folder)
+    return build_report(folder)
+
+
+@pytest.fixture(scope="module")
+def page(built) -> Page:
+    return Page(built.read_text(encoding="utf-8"))
+
+
+def test_every_placement_is_in_tables_maps_clouds_and_curves(page):
+    for name in NAMES:
+        assert name in page.words
+        escaped = html.escape(name, quote=False)
+        assert f"Coverage · {escaped}" in page.titles
+        traces = [trace.get("name") for figure in page.figures for trace in figure["data"]]
+        assert escaped in traces
+        menus = [
+            b["label"]
+            for f in page.figures
+            for m in f["layout"].get("updatemenus", [])
+            for b in m["buttons"]
+        ]
+        assert escaped in menus
+
+
+def test_it_is_one_file_that_loads_nothing(built, page):
+    assert page.loads == []
+    assert page.csp.startswith("default-src 'none'")
+    assert not {"link", "img", "iframe", "base"} & {*page.tags}
+    assert not re.search(
+        r"@import|url\(", re.search(r"<style>(.*?)</style>", built.read_text(), re.S)[1]
+    )
+    assert sum("Plotly.newPlot" in text and len(text) < 5000 for _, text in page.scripts) == 1
+    assert built.stat().st_size < 15e6
+    assert [path.name for path in built.parent.iterdir() if "part" in path.name] == []
+
+
+def test_the_sections_are_in_order(page):
+    titles = [
+        *("Best for Car", "Placements", "Did the surrogates predict AP and recall?"),
+        *("Coverage and POG from above", "One frame, as each placement sees it"),
+        *("Coverage: error against run time", "Learning curves", "Where the time went"),
+        "Configuration and command",
+    ]
+    assert [word for word in page.words if word in titles] == titles
+    assert "python -m sweeps.run examples/grid.yaml" in page.words
+
+
+def test_it_names_the_best_placement_and_the_weaknesses(built, page):
+    results = pd.read_parquet(built.parent / "results.parquet")
+    own = results.query("`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7")
+    means = own.groupby("placement")["value"].mean()
+    headline = page.words[page.words.index("Best for Car") :]
+    assert next(word for word in headline if word in NAMES) == means.idxmax()
+    assert (
+        f"{means.max():.1f} ± {own.groupby('placement')['value'].std()[means.idxmax()]:.1f}"
+        in page.text
+    )
+    assert "Only 5 placements: no two-sided p-value can be below 0.017" in page.text
+    assert "Two seeds" in page.text
+    assert "Cyclist: no ground truth" in page.text
+
+
+def test_a_name_cannot_become_a_tag(tmp_path):
+    evil = "</script><script>alert(1)</script>"
+    folder = write_run(tmp_path / "evil", names=["line", evil, "<img src=http://x/>"])
+    config = folder / "config.yaml"
+    config.write_text(f"name: '{evil}'\n")
+    page = Page(build_report(folder).read_text(encoding="utf-8"))
+    assert page.loads == []
+    assert evil in page.words
+    assert not any(text.strip() == "alert(1)" for _, text in page.scripts)
+    texts = json.dumps(page.figures)
+    assert "&lt;img" in texts
+    assert "<img" not in texts
+
+
+def test_axes_and_detectors_get_their_own_figures(tmp_path):
+    folder = write_run(
+        tmp_path / "axes", detectors=("tiny", "second"), densities=(40, 120), seeds=(1,)
+    )
+    page = Page(build_report(folder).read_text(encoding="utf-8"))
+    for group in ("tiny, density = 40", "tiny, density = 120", "second, density = 120"):
+        assert any(title.startswith(f"Car · {group}<br>") for title in page.titles)
+        assert f"Best for Car · {group}" in page.words
+    assert "One seed" in page.text
+
+
+def test_what_the_sweep_did_not_make_is_said(made_up_run, tmp_path):
+    folder = tmp_path / "bare"
+    shutil.copytree(made_up_run, folder)
+    optional = (
+        "maps.npz",
+        "frame.npz",
+        *(f"{t}.parquet" for t in ("curves", "coverage_accuracy", "tasks")),
+    )
+    for name in optional:
+        (folder / name).unlink()
+    page = Page(build_report(folder).read_text(encoding="utf-8"))
+    for name in optional:
+        assert f"has no {name}" in page.text
+
+
+@pytest.mark.parametrize("has_columns", [True, False])
+def test_a_sweep_whose_trials_all_failed_has_a_report(made_up_run, tmp_path, has_columns):
+    folder = tmp_path / "failed"
+    shutil.copytree(made_up_run, folder)
+    for name in ("results", "surrogates", "curves", "coverage_accuracy"):
+        table = pd.read_parquet(folder / f"{name}.parquet").iloc[:0]
+        (table if has_columns else pd.DataFrame()).to_parquet(folder / f"{name}.parquet")
+    trials = pd.read_parquet(folder / "trials.parquet")
+    trials.assign(status="failed", error="Traceback\nValueError: no points").to_parquet(
+        folder / "trials.parquet"
+    )
+    page = Page(build_report(folder).read_text(encoding="utf-8"))
+    assert "10 of 10 trials did not finish. The first error: ValueError: no points" in page.text
+    assert "no detector was evaluated" in page.text
+    assert "Coverage · line" in page.titles
+
+
+def test_the_command_rebuilds_it_or_says_what_is_wrong(built, tmp_path, capsys):
+    command = [sys.executable, "-m", "tracking.report"]
+    built.unlink()
+    done = subprocess.run([*command, built.parent], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout.strip()) == (0, str(built))
+    assert built.is_file()
+    assert main([str(tmp_path)]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"error: {tmp_path} is no run folder: it has no config.yaml")
+    assert len(error.splitlines()) == 1

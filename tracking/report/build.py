@@ -1,0 +1,253 @@
+"""Build `report.html` from a run folder."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import jinja2
+import pandas as pd
+import plotly.graph_objects as go
+from plotly.offline import get_plotlyjs
+
+from tracking.correlation import correlate, with_sums
+from tracking.figures.coverage_error import coverage_error
+from tracking.figures.from_above import add_vehicle, coverage_from_above, metres, pog_from_above
+from tracking.figures.heat_map import heat_map
+from tracking.figures.learning_curves import learning_curves
+from tracking.figures.point_cloud import point_clouds
+from tracking.figures.scatter import scatter
+from tracking.figures.style import text, theme
+from tracking.figures.times import times
+from tracking.report.groups import Group, groups
+from tracking.report.headline import HEADLINE_METRIC, verdicts, warnings
+from tracking.report.tables import Table, correlation_table, placement_table, trial_table
+from tracking.run_folder import RunFolder
+from tracking.summary import headline_iou, seed_means, surrogates_of
+
+MOST_MAPS = 12
+"""Placements drawn in maps and clouds: a page must stay small."""
+
+
+@dataclass
+class Section:
+    """A heading with sentences, figures in `columns` and tables below it."""
+
+    title: str
+    notes: list[str] = field(default_factory=list)
+    figures: list[go.Figure] = field(default_factory=list)
+    tables: list[Table] = field(default_factory=list)
+    columns: int = 3
+
+
+def build_report(run: Path) -> Path:
+    """Write `report.html` into the run folder `run` and return its path.
+
+    One file: plotly's program is in it, nothing is loaded from a network. It appears in one
+    step, so that a reader never meets half a report.
+
+    Raises:
+        ValueError: `run` is no run folder, see `RunFolder.read`.
+    """
+    folder = RunFolder.read(run)
+    means = seed_means(folder.results, folder.axes)
+    correlations = correlate(folder.results, folder.surrogates, folder.axes)
+    found = list(groups(folder))
+    ranked = _best_first(folder, means)
+    sections = [
+        _placements(folder, found, means),
+        _correlation(folder, found, means, correlations),
+        _from_above(folder, ranked),
+        _clouds(folder, ranked),
+        _coverage_error(folder),
+        _curves(folder, found),
+        _times(folder),
+    ]
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    page = environment.get_template("report.html").render(
+        run=folder,
+        verdicts=[v for group in found for v in verdicts(folder, group, means, correlations)],
+        several=len(found) > 1,
+        warnings=warnings(folder, means),
+        sections=sections,
+        sweep=json.dumps(
+            {k: v for k, v in folder.sweep.items() if k != "placements"}, indent=2, default=str
+        ),
+        plotlyjs=get_plotlyjs(),
+        themes=json.dumps({"light": theme(False), "dark": theme(True)}),
+        as_json=_as_json,
+    )
+    target = folder.path / "report.html"
+    partial = target.with_suffix(f".{os.getpid()}.part")
+    partial.write_text(page, encoding="utf-8")
+    partial.replace(target)
+    return target
+
+
+def _as_json(figure: go.Figure) -> str:
+    """A figure as JSON that no text in it can end the script element around it."""
+    return str(figure.to_json()).replace("<", "\\u003c")
+
+
+def _best_first(run: RunFolder, means: pd.DataFrame) -> list[str]:
+    """Placements by headline AP of the first class, over all groups; at most `MOST_MAPS`."""
+    first = run.classes[0]
+    own = means[
+        (means["class"] == first)
+        & (means["metric"] == HEADLINE_METRIC)
+        & (means["iou"] == headline_iou(run.results, first))
+    ]
+    order = own.groupby("placement")["mean"].mean().sort_values(ascending=False).index.tolist()
+    return [*order, *(name for name in run.placements if name not in order)][:MOST_MAPS]
+
+
+def _placements(run: RunFolder, found: list[Group], means: pd.DataFrame) -> Section:
+    section = Section(
+        "Placements",
+        ["Mean ± standard deviation over seeds, best AP first; the highest of a column is bold."],
+    )
+    for group in found:
+        for name in (*run.classes, "all"):
+            table = placement_table(run, group, means, name)
+            if table is not None:
+                section.tables.append(table)
+    failed = run.trials[run.trials["status"] != "finished"]
+    if len(failed):
+        section.tables.append(trial_table(failed, run.axes))
+    return section
+
+
+def _correlation(
+    run: RunFolder, found: list[Group], means: pd.DataFrame, correlations: pd.DataFrame
+) -> Section:
+    tested = int(correlations["pairs_tested"].iloc[0]) if len(correlations) else 0
+    section = Section(
+        "Did the surrogates predict AP and recall?",
+        [
+            "A point is a placement, its bar one standard deviation over seeds. ρ is Spearman's, "
+            "with its 95 % bootstrap interval over placements and seeds and its permutation "
+            "p-value, both sides. No sign is assumed.",
+            f"{tested} pairs of a surrogate and a metric were tested: about {0.05 * tested:.0f} "
+            "would have p < 0.05 by chance alone if none were related. Within a class, IG and "
+            "residual entropy order placements as S-MIG does, and covered entropy the other way "
+            "round: they are one test, not four.",
+        ],
+    )
+    surrogates = with_sums(run.surrogates, run.axes)
+    order = list(run.placements)
+    for group in found:
+        for name in (*run.classes, "all"):
+            metric = "recall" if name == "all" else HEADLINE_METRIC
+            iou = headline_iou(run.results, name)
+            own, tests = (
+                part[(part["class"] == name) & (part["metric"] == metric) & (part["iou"] == iou)]
+                for part in (group.of(means), group.of(correlations))
+            )
+            title = "All classes" if name == "all" else text(name)
+            title += f" · {text(group.title)}" if group.varies else ""
+            if not (tests["n"] > 0).any():
+                continue
+            predictors = surrogates_of(surrogates, group.setting, name)
+            section.figures.append(scatter(own, predictors, tests, title, order))
+    for group in found:
+        for name in (*run.classes, "all"):
+            part = group.of(correlations)
+            title = "All classes" if name == "all" else text(name)
+            title += f" · {text(group.title)}" if group.varies else ""
+            plot = heat_map(part[part["class"] == name], f"Spearman's ρ · {title}")
+            if plot is not None:
+                section.figures.append(plot)
+    if len(correlations):
+        section.tables.append(correlation_table(correlations, run.axes))
+    return section
+
+
+def _from_above(run: RunFolder, ranked: list[str]) -> Section:
+    section = Section("Coverage and POG from above")
+    if run.maps is None:
+        section.notes.append("The run folder has no maps.npz.")
+        return section
+    section.notes.append(
+        "POG: entropy of each column of voxels, where objects may or may not be. Coverage: share "
+        "of each column that some beam meets; LiDARs and a nominal vehicle in orange."
+    )
+    for name, entropy in run.maps.pog.items():
+        plot = pog_from_above(entropy, run.roi, f"POG · {text(name)}")
+        section.figures.append(plot)
+    shown = [name for name in ranked if name in run.maps.coverage]
+    for name in shown:
+        plot = coverage_from_above(
+            run.maps.coverage[name], run.roi, f"Coverage · {text(name)}", run.placements[name]
+        )
+        section.figures.append(plot)
+    for plot in section.figures:
+        add_vehicle(plot)
+        metres(plot, run.roi)
+    if len(shown) < len(run.maps.coverage):
+        section.notes.append(f"The best {len(shown)} of {len(run.maps.coverage)} placements.")
+    return section
+
+
+def _clouds(run: RunFolder, ranked: list[str]) -> Section:
+    section = Section("One frame, as each placement sees it", columns=2)
+    shown = [name for name in ranked if run.frame is not None and name in run.frame.points]
+    if run.frame is None or not shown:
+        section.notes.append("The run folder has no frame.npz.")
+        return section
+    section.notes.append(
+        "The same objects under two placements, chosen by the menus: at the start the best and the "
+        "last of the ranking. A colour is a LiDAR, outlines are the ground truth; at most "
+        "8,000 points are drawn."
+    )
+    for first in dict.fromkeys((shown[0], shown[-1])):
+        section.figures.append(point_clouds(run.frame, run.roi, shown, first))
+    return section
+
+
+def _coverage_error(run: RunFolder) -> Section:
+    section = Section("Coverage: error against run time", columns=1)
+    if run.coverage_accuracy is None or run.coverage_accuracy.empty:
+        section.notes.append("The run folder has no coverage_accuracy.parquet.")
+        return section
+    section.notes.append(
+        "Error of S-MIG against the exact cone coverage at the same resolution: medians over "
+        "placements and classes, bars from the smallest to the largest. Labels are azimuth steps; "
+        "hollow points have no error at all and lie on the lower edge."
+    )
+    section.figures.append(coverage_error(run.coverage_accuracy))
+    return section
+
+
+def _curves(run: RunFolder, found: list[Group]) -> Section:
+    section = Section("Learning curves")
+    if run.curves is None or run.curves.empty:
+        section.notes.append("The run folder has no curves.parquet.")
+        return section
+    section.notes.append("One line a trial; lines of one colour differ by seed.")
+    for group in found:
+        for metric in dict.fromkeys(run.curves["metric"]):
+            plot = learning_curves(
+                run.curves, group.of(run.trials), metric, text(group.title), list(run.placements)
+            )
+            section.figures.append(plot)
+    section.columns = min(2, len(section.figures))
+    return section
+
+
+def _times(run: RunFolder) -> Section:
+    section = Section("Where the time went", columns=1)
+    if run.tasks is None or run.tasks.empty:
+        section.notes.append("The run folder has no tasks.parquet.")
+        return section
+    if "seconds" in run.sweep:
+        section.notes.append(f"The sweep took {float(run.sweep['seconds']):,.0f} s on the clock.")
+    section.figures.append(times(run.tasks))
+    return section

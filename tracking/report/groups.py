@@ -1,0 +1,49 @@
+"""The parts of a sweep within which placements can be compared."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+
+from tracking.labels import setting_label
+from tracking.run_folder import RunFolder
+
+
+@dataclass(frozen=True)
+class Group:
+    """One detector at one setting of the further axes.
+
+    Attributes:
+        detector: its name.
+        setting: value of every further axis, by key path.
+        varies: whether the sweep has other groups, so that a title must name this one.
+    """
+
+    detector: str
+    setting: dict[str, Any]
+    varies: bool
+
+    @property
+    def title(self) -> str:
+        """Detector and setting, for example "second, density = 40"."""
+        axes = setting_label(self.setting, self.setting.values())
+        return f"{self.detector}, {axes}" if axes else self.detector
+
+    def of(self, table: pd.DataFrame) -> pd.DataFrame:
+        """The rows of `table` that belong to this group."""
+        match = table["detector"] == self.detector
+        for axis, value in self.setting.items():
+            match &= table[axis].isna() if pd.isna(value) else table[axis] == value
+        return table[match]
+
+
+def groups(run: RunFolder) -> Iterator[Group]:
+    """All groups with a result, in the order of the results."""
+    keys = ["detector", *run.axes]
+    found = run.results[keys].drop_duplicates().to_dict("records")
+    for row in found:
+        detector = str(row.pop("detector"))
+        yield Group(detector, {str(axis): value for axis, value in row.items()}, len(found) > 1)

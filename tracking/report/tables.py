@@ -1,0 +1,138 @@
+"""The tables of a report, as cells of text."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from tracking.labels import (
+    in_order,
+    interval,
+    metric_label,
+    signed,
+    surrogate_label,
+    surrogate_name,
+)
+from tracking.report.groups import Group
+from tracking.report.headline import plus_minus
+from tracking.run_folder import RunFolder
+from tracking.summary import headline_iou, surrogates_of
+
+
+@dataclass(frozen=True)
+class Table:
+    """Text cells under a caption.
+
+    Attributes:
+        caption: one line above the table.
+        head: names of the columns.
+        rows: cells, as many in each row as in `head`.
+        best: (row, column) of cells to stress.
+        words: columns of words, the others hold numbers.
+        tall: shown in a box that scrolls.
+    """
+
+    caption: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    best: frozenset[tuple[int, int]] = frozenset()
+    words: frozenset[int] = frozenset({0})
+    tall: bool = False
+
+
+def placement_table(
+    run: RunFolder, group: Group, means: pd.DataFrame, object_class: str
+) -> Table | None:
+    """Surrogates, AP and recall of every placement for one class, best headline AP first.
+
+    Class "all" has recall only. None if there is neither a result nor a surrogate.
+    """
+    own = group.of(means)
+    own = own[own["class"] == object_class]
+    surrogates = surrogates_of(run.surrogates, group.setting, object_class)
+    metrics = own[["metric", "iou"]].drop_duplicates().sort_values(["metric", "iou"])
+    if own.empty and surrogates.empty:
+        return None
+    names = [name for name in run.placements if name in {*own["placement"], *surrogates.index}]
+    columns: list[tuple[str, list[str], np.ndarray]] = []
+    order = None
+    for metric, iou in metrics.itertuples(index=False):
+        match = (own["metric"] == metric) & (own["iou"] == iou)
+        cells = own[match].set_index("placement")[["mean", "sd"]].reindex(names)
+        texts = [plus_minus(mean, sd) for mean, sd in cells.itertuples(index=False)]
+        columns.append((f"{metric_label(metric, iou)} (%)", texts, cells["mean"].to_numpy()))
+        if order is None or iou == headline_iou(run.results, object_class):
+            order = cells["mean"] if order is None or metric == "AP_R40_3D" else order
+    caption = "All classes" if object_class == "all" else object_class
+    caption += f" · {group.title}" if group.varies else ""
+    if "h_pog" in surrogates.columns and surrogates["h_pog"].nunique() == 1:
+        caption += f" · H_POG = {number(surrogates['h_pog'].iloc[0])} nats"
+        surrogates = surrogates.drop(columns="h_pog")
+    for surrogate in in_order(surrogates.columns):
+        of_placement = surrogates[surrogate].reindex(names)
+        columns.append(
+            (
+                surrogate_label(surrogate),
+                [number(value) for value in of_placement],
+                np.full(len(names), np.nan),
+            )
+        )
+    sequence = list(range(len(names)))
+    if order is not None:
+        sequence = np.argsort(-order.to_numpy(), kind="stable").tolist()
+    rows = tuple((names[i], *(texts[i] for _, texts, _ in columns)) for i in sequence)
+    best = set()
+    for column, (_, _, values) in enumerate(columns, start=1):
+        if np.isfinite(values).any():
+            best.add((sequence.index(int(np.nanargmax(values))), column))
+    head = ("placement", *(title for title, _, _ in columns))
+    return Table(caption, head, rows, frozenset(best))
+
+
+def correlation_table(correlations: pd.DataFrame, axes: Sequence[str]) -> Table:
+    """Every coefficient with interval and p-value."""
+    head = (
+        *("class", "detector", *(axis.rsplit(".", 1)[-1] for axis in axes), "metric", "surrogate"),
+        *("n", "seeds", "Pearson r", "p", "Spearman ρ", "p", "Kendall τ", "p", "note"),
+    )
+    rows = []
+    for row in correlations.to_dict("records"):
+        estimates = []
+        for name in ("pearson", "spearman", "kendall"):
+            value, low, high = (row[f"{name}{suffix}"] for suffix in ("", "_low", "_high"))
+            known = not np.isnan(value)
+            estimates.append(f"{signed(value)} {interval(low, high)}" if known else "–")
+            estimates.append(f"{row[f'{name}_p']:.2g}" if known else "–")
+        rows.append(
+            (
+                *(str(row[key]) for key in ("class", "detector", *axes)),
+                metric_label(row["metric"], row["iou"]),
+                surrogate_name(row["surrogate"]),
+                *(str(row["n"]), str(row["seeds"]), *estimates, row["note"]),
+            )
+        )
+    words = frozenset({*range(4 + len(axes)), len(head) - 1})
+    return Table(
+        "All coefficients, 95 % intervals in brackets", head, tuple(rows), words=words, tall=True
+    )
+
+
+def trial_table(trials: pd.DataFrame, axes: Sequence[str]) -> Table:
+    """The trials that did not finish, with their errors."""
+    columns = ["placement", "detector", "seed", *axes, "status", "error"]
+    rows = tuple(
+        tuple(str(cell) for cell in row) for row in trials[columns].itertuples(index=False)
+    )
+    words = frozenset(range(len(columns)))
+    return Table("Trials that did not finish", tuple(columns), rows, words=words)
+
+
+def number(value: float) -> str:
+    """Five significant digits, thousands separated; a dash for no number."""
+    if not np.isfinite(value):
+        return "–"
+    digits = max(0, 4 - int(np.floor(np.log10(abs(value))))) if value else 0
+    return f"{value:,.{min(digits, 8)}f}".replace("-", "−")

@@ -1,0 +1,196 @@
+"""The folder that a sweep leaves behind, read into one object."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from lidarplace.placement import Mount
+from lidarplace.roi import Roi
+
+RESULT_KEYS = ("trial", "placement", "class", "detector", "seed", "metric", "iou", "difficulty")
+
+_REQUIRED_TABLES: dict[str, tuple[str, ...]] = {
+    "results": (*RESULT_KEYS, "value", "ground_truths"),
+    "surrogates": ("placement", "class", "surrogate", "value"),
+    "trials": ("trial", "placement", "detector", "seed", "seconds", "status", "error"),
+}
+_OPTIONAL_TABLES: dict[str, tuple[str, ...]] = {
+    "curves": ("trial", "epoch", "metric", "value"),
+    "coverage_accuracy": (
+        *("placement", "class", "method", "azimuth_steps"),
+        *("seconds", "relative_error"),
+    ),
+    "tasks": ("stage", "seconds", "cached"),
+}
+_SWEEP_KEYS = ("name", "command", "axes", "placements", "classes", "roi", "frames")
+
+
+@dataclass(frozen=True)
+class Maps:
+    """What lies around the vehicle, seen from above, over the ROI.
+
+    Attributes:
+        pog: by class, the entropy of each column of voxels in nats, shape (nx, ny), float32.
+        coverage: by placement, the covered share of each column, shape (nx, ny), float32.
+    """
+
+    pog: dict[str, NDArray[np.float32]]
+    coverage: dict[str, NDArray[np.float32]]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame as every placement sees it, in the ego frame.
+
+    Attributes:
+        points: by placement, x, y, z in metres and intensity, shape (n, 4), float32.
+        lidar: by placement, the mount that each point comes from, shape (n,), uint8.
+        boxes: ground truth x, y, z, length, width, height, yaw, shape (m, 7), float64.
+        labels: class of every box, shape (m,), str.
+    """
+
+    points: dict[str, NDArray[np.float32]]
+    lidar: dict[str, NDArray[np.uint8]]
+    boxes: NDArray[np.float64]
+    labels: NDArray[np.str_]
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """Everything that a sweep left in `path`.
+
+    `config.yaml`, `sweep.json`, `results.parquet`, `surrogates.parquet` and `trials.parquet` must
+    be there. The others are None when the sweep did not make them.
+
+    Attributes:
+        config: text of the resolved configuration.
+        sweep: `sweep.json` as it is: name, command, axes, placements, classes, roi, frames, ...
+        roi: the region of interest.
+        placements: mounts by the placement's name.
+        axes: further axes of the grid, columns of `results` and `trials`.
+    """
+
+    path: Path
+    config: str
+    sweep: dict[str, Any]
+    roi: Roi
+    placements: dict[str, tuple[Mount, ...]]
+    axes: tuple[str, ...]
+    results: pd.DataFrame
+    surrogates: pd.DataFrame
+    trials: pd.DataFrame
+    curves: pd.DataFrame | None
+    coverage_accuracy: pd.DataFrame | None
+    tasks: pd.DataFrame | None
+    maps: Maps | None
+    frame: Frame | None
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """Object classes in the order of the configuration."""
+        return tuple(self.sweep["classes"])
+
+    @classmethod
+    def read(cls, path: Path) -> RunFolder:
+        """Read the run folder `path`.
+
+        Raises:
+            ValueError: `path` is no run folder, a required file is missing, or a file lacks a
+                column, key or array that it must have.
+        """
+        path = Path(path)
+        required = ["config.yaml", "sweep.json", *(f"{name}.parquet" for name in _REQUIRED_TABLES)]
+        missing = [name for name in required if not (path / name).is_file()]
+        if missing:
+            raise ValueError(f"{path} is no run folder: it has no {', '.join(missing)}")
+        sweep = _read_sweep(path / "sweep.json")
+        tables = {
+            name: _read_table(path, name, _REQUIRED_TABLES[name]) for name in _REQUIRED_TABLES
+        }
+        optional: dict[str, pd.DataFrame | None] = {
+            name: _read_table(path, name, columns) if (path / f"{name}.parquet").is_file() else None
+            for name, columns in _OPTIONAL_TABLES.items()
+        }
+        reserved = {*RESULT_KEYS, "value", "ground_truths"}
+        axes = tuple(axis for axis in sweep["axes"] if axis not in reserved)
+        # An axis over placements, detectors or seeds is one of the fixed columns already.
+        axes = tuple(axis for axis in axes if axis in tables["results"].columns)
+        return cls(
+            path=path,
+            config=(path / "config.yaml").read_text(encoding="utf-8"),
+            sweep=sweep,
+            roi=Roi(**sweep["roi"]),
+            placements={
+                name: tuple(Mount(*mount) for mount in mounts)
+                for name, mounts in sweep["placements"].items()
+            },
+            axes=axes,
+            results=tables["results"],
+            surrogates=tables["surrogates"],
+            trials=tables["trials"],
+            curves=optional["curves"],
+            coverage_accuracy=optional["coverage_accuracy"],
+            tasks=optional["tasks"],
+            maps=_read_maps(path / "maps.npz"),
+            frame=_read_frame(path / "frame.npz"),
+        )
+
+
+def _read_sweep(path: Path) -> dict[str, Any]:
+    try:
+        sweep = json.loads(path.read_text(encoding="utf-8"))
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{path} is no JSON: {error}") from error
+    missing = [key for key in _SWEEP_KEYS if key not in sweep]
+    if missing:
+        raise ValueError(f"{path} has no {', '.join(missing)}; found {sorted(sweep)}")
+    return sweep
+
+
+def _read_table(path: Path, name: str, columns: tuple[str, ...]) -> pd.DataFrame:
+    file = path / f"{name}.parquet"
+    table = pd.read_parquet(file)
+    if table.shape == (0, 0):
+        # What a sweep writes when no trial came that far: rows, and so columns, are unknown.
+        return table.reindex(columns=columns)
+    missing = [column for column in columns if column not in table.columns]
+    if missing:
+        raise ValueError(
+            f"{file} has no column {', '.join(missing)}; found {', '.join(map(str, table.columns))}"
+        )
+    return table
+
+
+def _read_maps(path: Path) -> Maps | None:
+    if not path.is_file():
+        return None
+    with np.load(path) as arrays:
+        return Maps(pog=_folder(arrays, "pog"), coverage=_folder(arrays, "coverage"))
+
+
+def _read_frame(path: Path) -> Frame | None:
+    if not path.is_file():
+        return None
+    with np.load(path) as arrays:
+        missing = [name for name in ("boxes", "labels") if name not in arrays.files]
+        if missing:
+            raise ValueError(f"{path} has no array {', '.join(missing)}; found {arrays.files}")
+        return Frame(
+            points=_folder(arrays, "points"),
+            lidar=_folder(arrays, "lidar"),
+            boxes=arrays["boxes"],
+            labels=arrays["labels"],
+        )
+
+
+def _folder(arrays: Any, prefix: str) -> dict[str, NDArray[Any]]:
+    """Arrays called `prefix/<name>`, by name, in the order of the file."""
+    start = f"{prefix}/"
+    return {name[len(start) :]: arrays[name] for name in arrays.files if name.startswith(start)}
