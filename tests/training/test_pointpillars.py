@@ -1,0 +1,258 @@
+"""PointPillars against OpenPCDet, and the parts of an anchor head by hand.
+
+tests/data/training_pointpillar.npz: OpenPCDet's kitti_models/pointpillar.yaml at commit 8cacccec
+(Apache-2.0), run on one made-up frame with random weights. `keys`, `shapes`, `dtypes`: its
+state_dict. Weights are redrawn from `seed` by the rule in `reference_weights`; `buffer/…` are the
+batch norm statistics. `points`: the points its voxeliser kept, in its order; `cells`, `counts`:
+its pillars. `<output>/index`, `/value`: samples of the outputs in evaluation mode. `gt_boxes`:
+boxes and labels of two frames; `labels/…`: samples of the anchors' labels for them, and sums.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from training import DETECTORS, build_detector
+from training.detectors.anchor_head import direction_bin
+from training.detectors.anchors import AnchorClass, anchor_grid, assign_targets, nearest_bev_iou
+from training.detectors.box_coder import decode, encode
+from training.detectors.losses import sigmoid_focal_loss, sine_smooth_l1
+from training.detectors.pillars import PaddedBatchNorm, PillarGrid, group
+from training.detectors.selection import select_boxes
+
+DATA = np.load(Path(__file__).parents[1] / "data" / "training_pointpillar.npz")
+CLASSES = ("Car", "Pedestrian", "Cyclist")
+
+
+def reference_weights(state):
+    """Normal numbers of one RandomState, tensor by tensor in the order of the sorted keys."""
+    random = np.random.RandomState(int(DATA["seed"]))
+    weights = {}
+    for key in sorted(state):
+        if not state[key].is_floating_point():
+            weights[key] = state[key]
+            continue
+        normal = random.standard_normal(tuple(state[key].shape))
+        if state[key].ndim >= 2:
+            normal *= math.sqrt(2 / (normal.size / normal.shape[0]))
+        elif key.endswith(".weight"):
+            normal = 1 + 0.1 * normal
+        else:
+            normal = 0.1 * normal
+        weights[key] = torch.tensor(normal, dtype=torch.float32)
+    for key in state:
+        if f"buffer/{key}" in DATA:
+            weights[key] = torch.from_numpy(DATA[f"buffer/{key}"])
+    return weights
+
+
+@pytest.fixture(scope="module")
+def openpcdet():
+    model = build_detector("pointpillars", CLASSES, preset="openpcdet")
+    model.load_state_dict(reference_weights(model.state_dict()))
+    return model.eval()
+
+
+def test_state_dict_has_openpcdets_keys_and_shapes(openpcdet):
+    ours = {
+        key: (",".join(map(str, value.shape)), str(value.dtype))
+        for key, value in openpcdet.state_dict().items()
+    }
+    theirs = zip(DATA["shapes"].tolist(), DATA["dtypes"].tolist(), strict=True)
+    assert ours == dict(zip(DATA["keys"].tolist(), theirs, strict=True))
+    assert sum(p.numel() for p in openpcdet.parameters()) == 4_834_888
+
+
+def test_pillars_are_openpcdets(openpcdet):
+    points = torch.from_numpy(DATA["points"])
+    batch = group([points], openpcdet.grid, training=False, device=torch.device("cpu"))
+    assert openpcdet.grid.shape == (432, 496)
+    assert batch.cells.tolist() == DATA["cells"].tolist()
+    assert batch.counts.tolist() == DATA["counts"].tolist()
+
+
+def test_outputs_are_openpcdets(openpcdet):
+    with torch.no_grad():
+        output = openpcdet([torch.from_numpy(DATA["points"])])
+        boxes = openpcdet.dense_head.decode(output)[1]
+    for name, value in (
+        ("logits", output.logits),
+        ("residuals", output.residuals),
+        ("directions", output.directions),
+        ("boxes", boxes),
+    ):
+        sampled = value.flatten()[torch.from_numpy(DATA[f"{name}/index"]).long()].numpy()
+        np.testing.assert_allclose(sampled, DATA[f"{name}/value"], rtol=1e-4, atol=2e-4)
+
+
+def test_targets_are_openpcdets(openpcdet):
+    boxes = torch.from_numpy(DATA["gt_boxes"])
+    targets = openpcdet.dense_head.targets(boxes[..., :7], boxes[..., 7].long())
+    labels = torch.stack([item.labels for item in targets]).flatten()
+    assert labels.sum() == DATA["labels/sum"]
+    assert labels.abs().sum() == DATA["labels/abs_sum"]
+    assert labels[torch.from_numpy(DATA["labels/index"]).long()].tolist() == list(
+        DATA["labels/value"]
+    )
+
+
+def test_predict_of_both_presets_handles_empty_and_odd_frames():
+    empty = torch.zeros(0, 4)
+    outside = torch.tensor([[-5.0, 0.0, 1.0, 0.5], [1000.0, 0.0, 1.0, 0.5]])
+    for name in DETECTORS:
+        model = build_detector(name, CLASSES)
+        for item in model.predict([empty, outside]):
+            assert item["boxes"].shape == (0, 7)
+            assert item["scores"].shape == item["labels"].shape == (0,)
+
+
+def test_range_in_the_ego_frame_grows_to_whole_cells():
+    tiny = build_detector("pointpillars_tiny", ["Car"], point_range=(0, -20, 0, 40.5, 20, 3.0))
+    x0, y0, z0, x1, y1, z1 = tiny.point_range
+    assert (x0, y0, z0, z1) == (0, -20, 0, 3)
+    nx, ny = tiny.grid.shape
+    size = tiny.grid.size[0]
+    assert (x1, y1) == pytest.approx((nx * size, -20 + ny * size))
+    assert 40.5 <= x1 < 40.5 + 4 * size
+    assert y1 == pytest.approx(20)
+    kitti = build_detector("pointpillars", ["Car"], point_range=(0, -20, 0, 40, 20, 4))
+    assert kitti.point_range[2::3] == pytest.approx((-1.73, 2.27))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"name": "yolo", "classes": ["Car"]}, "unknown detector 'yolo'.*pointpillars"),
+        ({"name": "pointpillars", "classes": ["Tram"]}, "classes must be.*Car.*found .*Tram"),
+        ({"name": "pointpillars", "classes": []}, "classes must be"),
+        ({"name": "pointpillars", "classes": ["Car", "Car"]}, "different"),
+        ({"name": "pointpillars", "classes": ["Car"], "preset": "big"}, "unknown preset 'big'"),
+        (
+            {"name": "pointpillars_tiny", "classes": ["Car"], "preset": "openpcdet"},
+            "has preset 'tiny'",
+        ),
+        (
+            {"name": "pointpillars", "classes": ["Car"], "point_range": (0, 0, 0, 0, 1, 1)},
+            "low < high",
+        ),
+    ],
+)
+def test_build_detector_says_what_is_wrong(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        build_detector(**arguments)
+
+
+def test_grouping_keeps_the_first_points_and_pillars():
+    grid = PillarGrid((0.0, 0.0, 0.0, 2.0, 1.0, 1.0), (1.0, 1.0), max_points=2, max_pillars=(1, 2))
+    points = torch.tensor(
+        [
+            [1.5, 0.5, 0.5, 0.0],
+            [0.5, 0.5, 0.5, 0.1],
+            [1.2, 0.5, 0.5, 0.2],
+            [1.1, 0.5, 0.5, 0.3],  # third of its pillar
+            [0.5, 0.5, 1.0, 0.4],  # on the far face: outside
+            [2.0, 0.5, 0.5, 0.5],
+        ]
+    )
+    device = torch.device("cpu")
+    batch = group([points, points[:0], points], grid, training=False, device=device)
+    assert batch.cells.tolist() == [1, 0, 5, 4]
+    assert batch.counts.tolist() == [2, 1, 2, 1]
+    assert batch.points[:, 3].tolist() == pytest.approx([0.0, 0.2, 0.1] * 2)
+    assert batch.pillar.tolist() == [0, 0, 1, 2, 2, 3]
+    one = group([points], grid, training=True, device=device)
+    assert one.cells.tolist() == [1]
+
+
+def test_padded_batch_norm_is_batch_norm_with_the_zeros():
+    torch.manual_seed(0)
+    rows = torch.randn(20, 3) + 1
+    ours, theirs = PaddedBatchNorm(3), torch.nn.BatchNorm1d(3)
+    a = ours(rows, zeros=30)
+    b = theirs(torch.cat([rows, torch.zeros(30, 3)]))[:20]
+    torch.testing.assert_close(a, b)
+    for key, value in theirs.state_dict().items():
+        torch.testing.assert_close(ours.state_dict()[key], value)
+
+
+def test_a_batch_of_one_point_trains():
+    points = torch.tensor([[5.0, 0.0, 1.0, 0.5]])
+    for name in DETECTORS:
+        model = build_detector(name, ["Car"], point_range=(0, -10, 0, 20, 10, 4))
+        model.train()
+        losses = model.loss([points], [torch.zeros(0, 7)], [torch.zeros(0, dtype=torch.int64)])
+        losses["loss"].backward()
+        assert losses["loss"] == losses["classification"] > 0
+        assert torch.isfinite(model.vfe.pfn_layers[0].linear.weight.grad).all()
+
+
+def test_encoding_and_decoding_are_inverse():
+    torch.manual_seed(0)
+    boxes = torch.rand(50, 7) * 4 + 0.5
+    anchors = torch.rand(50, 7) * 3 + 0.5
+    torch.testing.assert_close(decode(encode(boxes, anchors), anchors), boxes)
+    # By hand: one diagonal of 5 m, one height, twice as long.
+    anchor = torch.tensor([[0.0, 0.0, 0.0, 4.0, 3.0, 2.0, 0.5]])
+    box = torch.tensor([[5.0, -5.0, 2.0, 8.0, 3.0, 2.0, 0.75]])
+    expected = torch.tensor([[1.0, -1.0, 1.0, math.log(2), 0.0, 0.0, 0.25]])
+    torch.testing.assert_close(encode(box, anchor), expected)
+    assert torch.isfinite(encode(torch.zeros(1, 7), anchor)).all()
+
+
+def test_losses_by_hand():
+    logits = torch.tensor([0.0, 0.0, 100.0, -100.0])
+    targets = torch.tensor([1.0, 0.0, 1.0, 0.0])
+    focal = sigmoid_focal_loss(logits, targets)
+    half = 0.25 * math.log(2)
+    torch.testing.assert_close(focal, torch.tensor([0.25 * half, 0.75 * half, 0.0, 0.0]))
+    predicted = torch.zeros(1, 7)
+    target = torch.tensor([[1.0, -1.0, 1 / 18, 0.0, 0.0, 0.0, math.pi]])
+    expected = torch.tensor([[1 - 1 / 18, 1 - 1 / 18, 1 / 72, 0.0, 0.0, 0.0, 0.0]])
+    torch.testing.assert_close(sine_smooth_l1(predicted, target), expected)
+    yaw = torch.tensor([0.0, math.pi / 2, math.pi, -math.pi / 2, math.pi / 4 + 2 * math.pi + 0.01])
+    assert direction_bin(yaw).tolist() == [1, 0, 0, 1, 0]
+
+
+def test_anchors_and_their_objects():
+    car = AnchorClass((4.0, 2.0, 1.5), bottom=-1.0, matched=0.6, unmatched=0.45)
+    grid = anchor_grid([car], (0.0, 0.0, -2.0, 8.0, 6.0, 2.0), (4, 3), centred=True)
+    assert grid.shape == (3, 4, 2, 7)
+    expected = torch.tensor([3.0, 5.0, -0.25, 4.0, 2.0, 1.5, 1.57])
+    torch.testing.assert_close(grid[2, 1, 1], expected)
+    edges = anchor_grid([car], (0.0, 0.0, -2.0, 8.0, 6.0, 2.0), (5, 4), centred=False)
+    assert edges[0, :, 0, 0].tolist() == [0, 2, 4, 6, 8]
+    assert edges[:, 0, 0, 1].tolist() == [0, 2, 4, 6]
+
+    boxes = torch.tensor(
+        [
+            [3.0, 3.0, 0.0, 4.0, 2.0, 1.5, math.pi],  # on an anchor
+            [5.8, 5.4, 0.0, 1.0, 0.5, 1.5, 0.0],  # small: forced on the best
+            [100.0, 0.0, 0.0, 4.0, 2.0, 1.5, 0.0],  # nowhere near
+        ]
+    )
+    targets = assign_targets(grid, [car], boxes, torch.tensor([1, 1, 1]))
+    labels = targets.labels.view(3, 4, 2)
+    assert labels[1, 1, 0] == 1
+    assert (labels == 1).sum() == len(targets.positive) == 1 + (targets.boxes[:, 3] == 1).sum()
+    assert (targets.boxes[:, 3] == 1).sum() >= 1
+    background = assign_targets(grid, [car], boxes[:0], torch.zeros(0, dtype=torch.int64))
+    assert (background.labels == 0).all()
+    assert len(background.positive) == 0
+    overlap = nearest_bev_iou(boxes[:1], torch.tensor([[3.0, 3.0, 0.0, 4.0, 2.0, 1.5, 1.57]]))
+    assert overlap.item() == pytest.approx(4 / 12)
+
+
+def test_selection():
+    boxes = torch.zeros(4, 7)
+    boxes[:, 3:6] = 2.0
+    boxes[:, 0] = torch.tensor([0.0, 0.5, 10.0, 20.0])
+    scores = torch.tensor([[0.3, 0.2], [0.1, 0.6], [0.5, 0.4], [0.05, 0.04]])
+    found = select_boxes(scores, boxes, score_threshold=0.1, nms_threshold=0.01)
+    assert found["labels"].tolist() == [2, 1]
+    assert found["scores"].tolist() == pytest.approx([0.6, 0.5])
+    assert found["boxes"][:, 0].tolist() == [0.5, 10.0]

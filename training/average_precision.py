@@ -1,0 +1,202 @@
+"""Average precision from overlaps, by the rules of the official KITTI evaluation.
+
+The algorithm is that of the KITTI development kit as OpenPCDet runs it (`eval.py`: get_thresholds,
+compute_statistics): a first pass collects the scores at which recall grows and samples 41 of them,
+a second one counts hits and false alarms at each.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+COUNTS, IGNORED, OTHER = 0, 1, -1
+"""What a box is to the class under test: it counts, is neither hit nor miss, is not looked at."""
+
+RECALL_POINTS = 41
+_TINY = -1e300
+
+
+@dataclass(frozen=True)
+class FramePairs:
+    """Every pair of a ground truth and a detection of one frame.
+
+    Attributes:
+        ground_truth_offsets: ground truths of frame f are rows `offsets[f]:offsets[f + 1]`.
+        detection_offsets: the same for detections.
+        pair_offsets: the pairs of frame f start here; (ground truth g, detection d), both counted
+            from the frame's first, is pair `pair_offsets[f] + g * (detections of f) + d`.
+        ground_truth, detection: row of either in each pair, shape (P,), int64.
+    """
+
+    ground_truth_offsets: NDArray[np.int64]
+    detection_offsets: NDArray[np.int64]
+    pair_offsets: NDArray[np.int64]
+    ground_truth: NDArray[np.int64]
+    detection: NDArray[np.int64]
+
+    @classmethod
+    def of(
+        cls, ground_truth_frame: NDArray[np.int64], detection_frame: NDArray[np.int64], frames: int
+    ) -> FramePairs:
+        """Pairs of rows whose frame index, 0 <= index < `frames`, is sorted in both arrays."""
+        edges = np.arange(frames + 1)
+        truths = np.searchsorted(ground_truth_frame, edges)
+        found = np.searchsorted(detection_frame, edges)
+        per_truth = np.diff(found)[ground_truth_frame]
+        ground_truth = np.repeat(np.arange(len(ground_truth_frame)), per_truth)
+        starts = np.cumsum(per_truth) - per_truth
+        within = np.arange(len(ground_truth)) - starts[ground_truth]
+        detection = found[ground_truth_frame[ground_truth]] + within
+        pair_offsets = np.concatenate([[0], np.cumsum(np.diff(truths) * np.diff(found))])
+        return cls(truths, found, pair_offsets, ground_truth, detection)
+
+
+@njit(cache=True)
+def _recall_pass(truths, found, pairs, overlaps, scores, truth_role, found_role, minimum, absent):
+    """Scores of the true positives when each ground truth takes the detection of highest score."""
+    hits = np.empty(len(truth_role))
+    count = 0
+    taken = np.zeros(len(found_role), np.bool_)
+    for f in range(len(pairs) - 1):
+        width = found[f + 1] - found[f]
+        for g in range(truths[f], truths[f + 1]):
+            if truth_role[g] == -1:
+                continue
+            row = pairs[f] + (g - truths[f]) * width - found[f]
+            best, best_score = -1, absent
+            for d in range(found[f], found[f + 1]):
+                if found_role[d] == -1 or taken[d]:
+                    continue
+                if overlaps[row + d] > minimum and scores[d] > best_score:
+                    best, best_score = d, scores[d]
+            if best < 0:
+                continue
+            taken[best] = True
+            if truth_role[g] == 0 and found_role[best] == 0:
+                hits[count] = scores[best]
+                count += 1
+    return hits[:count]
+
+
+@njit(cache=True)
+def _precision_pass(
+    truths, found, pairs, overlaps, scores, truth_role, found_role, harmless, minimum, lowest
+):
+    """True and false positives at each score of `lowest`, shape (T, 2)."""
+    counts = np.zeros((len(lowest), 2), np.int64)
+    taken = np.zeros(len(found_role), np.bool_)
+    for t in range(len(lowest)):
+        taken[:] = False
+        for f in range(len(pairs) - 1):
+            width = found[f + 1] - found[f]
+            for g in range(truths[f], truths[f + 1]):
+                if truth_role[g] == -1:
+                    continue
+                row = pairs[f] + (g - truths[f]) * width - found[f]
+                best, best_overlap, second = -1, 0.0, -1
+                for d in range(found[f], found[f + 1]):
+                    if found_role[d] == -1 or taken[d] or scores[d] < lowest[t]:
+                        continue
+                    overlap = overlaps[row + d]
+                    if overlap <= minimum:
+                        continue
+                    if found_role[d] == 0:
+                        if best < 0 or overlap > best_overlap:
+                            best, best_overlap = d, overlap
+                    elif second < 0:
+                        second = d
+                if best < 0:
+                    best = second  # an ignored detection is taken only where no other fits
+                if best < 0:
+                    continue
+                taken[best] = True
+                if truth_role[g] == 0 and found_role[best] == 0:
+                    counts[t, 0] += 1
+            for d in range(found[f], found[f + 1]):
+                if not (taken[d] or found_role[d] != 0 or harmless[d] or scores[d] < lowest[t]):
+                    counts[t, 1] += 1
+    return counts
+
+
+@njit(cache=True)
+def _sampled_scores(hits, truths, points):
+    """The scores among `hits`, sorted downwards, where recall is nearest to each of the points."""
+    chosen = np.empty(len(hits))
+    count = 0
+    recall = 0.0
+    for i in range(len(hits)):
+        last = i == len(hits) - 1
+        left = (i + 1) / truths
+        right = left if last else (i + 2) / truths
+        if not last and right - recall < recall - left:
+            continue
+        chosen[count] = hits[i]
+        count += 1
+        recall += 1 / (points - 1.0)
+    return chosen[:count]
+
+
+def precision_curve(
+    pairs: FramePairs,
+    overlaps: NDArray[np.float64],
+    scores: NDArray[np.float64],
+    minimum_overlap: float,
+    ground_truth_role: NDArray[np.int8] | None = None,
+    detection_role: NDArray[np.int8] | None = None,
+    harmless: NDArray[np.bool_] | None = None,
+) -> NDArray[np.float64]:
+    """Precision at the 41 recall points 0, 1/40, …, 1, made monotone from the right; shape (41,).
+
+    Precision is 0 beyond the reached recall, and everywhere if no ground truth counts.
+
+    Args:
+        overlaps: overlap of every pair, shape (P,); a hit needs more than `minimum_overlap`.
+        scores: of the detections, shape (D,).
+        ground_truth_role: COUNTS, IGNORED or OTHER, shape (G,); default: all count.
+        detection_role: the same, shape (D,).
+        harmless: detections that are no false alarm even if unmatched, shape (D,); default: none.
+    """
+    truths, found = int(pairs.ground_truth_offsets[-1]), int(pairs.detection_offsets[-1])
+    if ground_truth_role is None:
+        ground_truth_role = np.zeros(truths, np.int8)
+    if detection_role is None:
+        detection_role = np.zeros(found, np.int8)
+    if harmless is None:
+        harmless = np.zeros(found, np.bool_)
+    layout = (pairs.ground_truth_offsets, pairs.detection_offsets, pairs.pair_offsets)
+    hits = _recall_pass(
+        *layout, overlaps, scores, ground_truth_role, detection_role, minimum_overlap, _TINY
+    )
+    curve = np.zeros(RECALL_POINTS)
+    if len(hits) == 0:
+        return curve
+    counted = np.count_nonzero(ground_truth_role == COUNTS)
+    lowest = _sampled_scores(np.sort(hits)[::-1].copy(), counted, RECALL_POINTS)
+    counts = _precision_pass(
+        *layout,
+        overlaps,
+        scores,
+        ground_truth_role,
+        detection_role,
+        harmless,
+        minimum_overlap,
+        lowest,
+    )
+    # Taking the largest overlap can lose every hit of the first pass to ignored ground truths.
+    precision = counts[:, 0] / np.maximum(counts.sum(axis=1), 1)
+    curve[: len(lowest)] = np.maximum.accumulate(precision[::-1])[::-1]
+    return curve
+
+
+def ap_r40(curve: NDArray[np.float64]) -> float:
+    """Mean precision at the 40 recall points above 0, percent."""
+    return float(100 * curve[1:].mean())
+
+
+def ap_r11(curve: NDArray[np.float64]) -> float:
+    """Mean precision at the 11 recall points 0, 0.1, …, 1, percent."""
+    return float(100 * curve[::4].mean())

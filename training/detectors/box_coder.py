@@ -1,0 +1,46 @@
+"""Boxes as residuals to anchors."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+_SMALLEST = 1e-5
+"""Sizes below this, metres, are raised to it: their logarithm must exist."""
+
+
+def encode(boxes: Tensor, anchors: Tensor) -> Tensor:
+    """Residuals (…, 7) of boxes (…, 7) to anchors (…, 7): SECOND (Sensors 2018), equation (1).
+
+    Offsets in x and y over the anchor's diagonal, in z over its height, logarithms of the ratios of
+    sizes, difference of yaw.
+    """
+    size = boxes[..., 3:6].clamp_min(_SMALLEST)
+    anchor_size = anchors[..., 3:6].clamp_min(_SMALLEST)
+    offset = (boxes[..., :3] - anchors[..., :3]) / _scale(anchor_size)
+    return torch.cat(
+        [offset, torch.log(size / anchor_size), boxes[..., 6:] - anchors[..., 6:]], dim=-1
+    )
+
+
+def decode(residuals: Tensor, anchors: Tensor) -> Tensor:
+    """Boxes (…, 7) of residuals (…, 7) to anchors (…, 7)."""
+    size = anchors[..., 3:6]
+    return torch.cat(
+        [
+            residuals[..., :3] * _scale(size) + anchors[..., :3],
+            residuals[..., 3:6].exp() * size,
+            residuals[..., 6:] + anchors[..., 6:],
+        ],
+        dim=-1,
+    )
+
+
+def _scale(size: Tensor) -> Tensor:
+    diagonal = torch.sqrt(size[..., :1].square() + size[..., 1:2].square())
+    return torch.cat([diagonal, diagonal, size[..., 2:]], dim=-1)
+
+
+def limit_period(angle: Tensor, offset: float, period: float) -> Tensor:
+    """The angle moved by whole periods into [-offset, 1 - offset) × period, radians."""
+    return angle - torch.floor(angle / period + offset) * period

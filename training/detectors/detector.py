@@ -1,0 +1,69 @@
+"""What every detector offers."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+
+PointRange = tuple[float, float, float, float, float, float]
+"""x, y, z of the lowest corner, then of the highest, metres."""
+
+
+class Detector(nn.Module, ABC):
+    """A network from a point cloud to 3D boxes.
+
+    It works in its own frame: the ego frame moved up by `sensor_height`, so that the ground is at
+    z = -sensor_height. Boxes are x, y, z of the centre, length, width, height, yaw; labels start
+    at 1, as in OpenPCDet.
+
+    Attributes:
+        classes: names of the labels 1, 2, ….
+        point_range: the model sees points and boxes in here, in its own frame.
+        sensor_height: height of the frame's origin above the ground, metres.
+    """
+
+    global_step: Tensor
+
+    def __init__(
+        self, classes: Sequence[str], point_range: PointRange, sensor_height: float
+    ) -> None:
+        super().__init__()
+        self.classes = tuple(classes)
+        self.point_range = point_range
+        self.sensor_height = sensor_height
+        self.register_buffer("global_step", torch.zeros(1, dtype=torch.int64))
+
+    @property
+    def device(self) -> torch.device:
+        """Where the weights are."""
+        return self.global_step.device
+
+    @abstractmethod
+    def loss(
+        self, points: Sequence[Tensor], boxes: Sequence[Tensor], labels: Sequence[Tensor]
+    ) -> dict[str, Tensor]:
+        """Scalar losses of a batch of frames; "loss" is the one to minimise.
+
+        Args:
+            points: per frame (N, 4) float32: x, y, z, intensity.
+            boxes: per frame (M, 7) float32.
+            labels: per frame (M,) int64, from 1.
+        """
+
+    @abstractmethod
+    def predict(
+        self,
+        points: Sequence[Tensor],
+        score_threshold: float = 0.1,
+        nms_threshold: float = 0.01,
+    ) -> list[dict[str, Tensor]]:
+        """Boxes of every frame: "boxes" (M, 7), "scores" (M,), "labels" (M,), best score first.
+
+        Args:
+            points: per frame (N, 4) float32: x, y, z, intensity.
+            score_threshold: lowest score kept.
+            nms_threshold: largest IoU from above of two boxes of a frame.
+        """

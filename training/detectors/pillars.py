@@ -1,0 +1,235 @@
+"""Pillars: points grouped by cell of a horizontal grid, encoded by a small PointNet.
+
+PointPillars (Lang et al., CVPR 2019), section 2.1. Points are never padded to a fixed number per
+pillar; what upstream's padding does to the result (the zero rows go through batch norm and take
+part in the maximum) is accounted for in closed form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numba import njit
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn import functional
+
+from training.detectors.detector import PointRange
+
+
+@dataclass(frozen=True)
+class PillarGrid:
+    """A horizontal grid over a range.
+
+    Attributes:
+        point_range: lowest and highest corner, metres; a whole number of cells in x and y.
+        size: edge of a pillar in x and y, metres.
+        max_points: points of a pillar beyond this number are dropped; None keeps all.
+        max_pillars: further pillars are dropped, in training and in evaluation; None keeps all.
+    """
+
+    point_range: PointRange
+    size: tuple[float, float]
+    max_points: int | None = None
+    max_pillars: tuple[int, int] | None = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of pillars along x and y."""
+        low, high = self.point_range[:3], self.point_range[3:]
+        nx, ny = (round((high[i] - low[i]) / self.size[i]) for i in range(2))
+        return nx, ny
+
+
+@dataclass(frozen=True)
+class PillarBatch:
+    """Points of a batch of frames that lie in pillars, pillar after pillar.
+
+    Attributes:
+        points: x, y, z, intensity, shape (N, 4), float32.
+        pillar: pillar of each point, not decreasing, shape (N,), int64.
+        counts: points of each pillar, shape (P,), int64.
+        cells: frame * ny * nx + iy * nx + ix of each pillar, shape (P,), int64.
+        frames: number of frames.
+    """
+
+    points: Tensor
+    pillar: Tensor
+    counts: Tensor
+    cells: Tensor
+    frames: int
+
+
+@njit(cache=True)
+def _group_kernel(points, low, size, nx, ny, nz_size, max_points, max_pillars):
+    """Pillar of every point (-1: none), cells in order of appearance, points per pillar."""
+    table = np.full(nx * ny, -1, np.int64)
+    pillar = np.full(len(points), -1, np.int64)
+    cells = np.empty(min(len(points), nx * ny), np.int64)
+    counts = np.zeros(len(cells), np.int64)
+    found = 0
+    for i in range(len(points)):
+        # float32 throughout, as upstream: a point on an edge must fall on the same side.
+        fx = np.floor((points[i, 0] - low[0]) / size[0])
+        fy = np.floor((points[i, 1] - low[1]) / size[1])
+        fz = np.floor((points[i, 2] - low[2]) / nz_size)
+        if not (0 <= fx < nx and 0 <= fy < ny and fz == 0):
+            continue
+        cell = int(fy) * nx + int(fx)
+        p = table[cell]
+        if p < 0:
+            if found == max_pillars:
+                continue
+            p = found
+            table[cell] = p
+            cells[p] = cell
+            found += 1
+        if counts[p] < max_points:
+            counts[p] += 1
+            pillar[i] = p
+    # Counting sort by pillar, points of one keep their order.
+    starts = np.zeros(found + 1, np.int64)
+    for p in range(found):
+        starts[p + 1] = starts[p] + counts[p]
+    order = np.empty(starts[found], np.int64)
+    for i in range(len(points)):
+        if pillar[i] >= 0:
+            order[starts[pillar[i]]] = i
+            starts[pillar[i]] += 1
+    return order, cells[:found], counts[:found]
+
+
+def group(
+    frames: Sequence[Tensor], grid: PillarGrid, training: bool, device: torch.device
+) -> PillarBatch:
+    """Group the points (N, 4) of each frame into pillars; points outside the range are dropped."""
+    nx, ny = grid.shape
+    low = np.array(grid.point_range[:3], np.float32)
+    size = np.array(grid.size, np.float32)
+    height = np.float32(grid.point_range[5] - grid.point_range[2])
+    max_points = grid.max_points or np.iinfo(np.int64).max
+    max_pillars = nx * ny
+    if grid.max_pillars is not None:
+        max_pillars = grid.max_pillars[0 if training else 1]
+    points: list[NDArray[np.float32]] = []
+    cells: list[NDArray[np.int64]] = []
+    counts: list[NDArray[np.int64]] = []
+    for i, frame in enumerate(frames):
+        array = frame.detach().cpu().numpy().astype(np.float32, copy=False)
+        order, cell, count = _group_kernel(
+            array, low, size, nx, ny, height, max_points, max_pillars
+        )
+        points.append(array[order])
+        cells.append(cell + i * nx * ny)
+        counts.append(count)
+    all_counts = torch.from_numpy(np.concatenate(counts)).to(device)
+    return PillarBatch(
+        points=torch.from_numpy(np.concatenate(points)).to(device),
+        pillar=torch.repeat_interleave(all_counts),
+        counts=all_counts,
+        cells=torch.from_numpy(np.concatenate(cells)).to(device),
+        frames=len(frames),
+    )
+
+
+class PaddedBatchNorm(nn.BatchNorm1d):
+    """Batch norm over rows of which a known number is zero and not stored."""
+
+    def forward(self, rows: Tensor, zeros: int = 0) -> Tensor:
+        """Normalise `rows` (N, C); `zeros` further rows count in the statistics of training."""
+        total = len(rows) + zeros
+        if self.training and total < 2:  # one point in the whole batch has no variance
+            return functional.batch_norm(
+                rows, self.running_mean, self.running_var, self.weight, self.bias, eps=self.eps
+            )
+        if not self.training or zeros == 0:
+            return super().forward(rows)
+        mean = rows.sum(dim=0) / total
+        variance = ((rows - mean).square().sum(dim=0) + zeros * mean.square()) / total
+        with torch.no_grad():
+            assert self.running_mean is not None
+            assert self.running_var is not None
+            assert self.momentum is not None
+            assert self.num_batches_tracked is not None
+            self.running_mean.lerp_(mean, self.momentum)
+            self.running_var.lerp_(variance * (total / (total - 1)), self.momentum)
+            self.num_batches_tracked += 1
+        return (rows - mean) * torch.rsqrt(variance + self.eps) * self.weight + self.bias
+
+
+class PillarFeatureLayer(nn.Module):
+    """Linear layer, batch norm, ReLU and the maximum over each pillar."""
+
+    def __init__(self, inputs: int, outputs: int, momentum: float) -> None:
+        super().__init__()
+        self.linear = nn.Linear(inputs, outputs, bias=False)
+        self.norm = PaddedBatchNorm(outputs, eps=1e-3, momentum=momentum)
+
+    def forward(self, features: Tensor, batch: PillarBatch, max_points: int | None) -> Tensor:
+        """Features (N, inputs) of the points to features (P, outputs) of the pillars."""
+        rows = self.linear(features)
+        if max_points is None:
+            return _pillar_max(functional.relu(self.norm(rows)), batch.counts)
+        padding = len(batch.counts) * max_points - len(rows)
+        # One more row, of zeros, stands for all of the padding.
+        rows = torch.cat([rows, rows.new_zeros(1, rows.shape[1])])
+        normal = functional.relu(self.norm(rows, padding - 1))
+        largest = _pillar_max(normal[:-1], batch.counts)
+        full = (batch.counts == max_points)[:, None]
+        return torch.where(full, largest, torch.maximum(largest, normal[-1]))
+
+
+def _pillar_max(rows: Tensor, counts: Tensor) -> Tensor:
+    """Maximum over runs of `counts` rows, (N, C) to (P, C); rows are not negative."""
+    return torch.segment_reduce(rows, "max", lengths=counts, axis=0, initial=0.0)
+
+
+class PillarEncoder(nn.Module):
+    """From points to one feature vector per pillar.
+
+    A point's features are x, y, z, intensity, its offset from the mean of the pillar's points and
+    from the pillar's centre.
+    """
+
+    def __init__(self, grid: PillarGrid, filters: int, momentum: float) -> None:
+        super().__init__()
+        self.grid = grid
+        self.filters = filters
+        self.pfn_layers = nn.ModuleList([PillarFeatureLayer(10, filters, momentum)])
+
+    def forward(self, batch: PillarBatch) -> Tensor:
+        """Features of the pillars, shape (P, filters)."""
+        if len(batch.counts) == 0:  # segment_reduce takes no empty input
+            return batch.points.new_zeros(0, self.filters)
+        xyz = batch.points[:, :3]
+        sums = xyz.new_zeros(len(batch.counts), 3).index_add_(0, batch.pillar, xyz)
+        means = sums / batch.counts[:, None]
+        features = torch.cat(
+            [batch.points, xyz - means[batch.pillar], xyz - self._centres(batch)[batch.pillar]],
+            dim=1,
+        )
+        for layer in self.pfn_layers:
+            features = layer(features, batch, self.grid.max_points)
+        return features
+
+    def _centres(self, batch: PillarBatch) -> Tensor:
+        """Centres of the pillars, shape (P, 3)."""
+        nx, ny = self.grid.shape
+        low, high = self.grid.point_range[:3], self.grid.point_range[3:]
+        cell = batch.cells % (nx * ny)
+        x = (cell % nx) * self.grid.size[0] + (self.grid.size[0] / 2 + low[0])
+        y = (cell // nx) * self.grid.size[1] + (self.grid.size[1] / 2 + low[1])
+        z = torch.full_like(x, (low[2] + high[2]) / 2)
+        return torch.stack([x, y, z], dim=1)
+
+
+def scatter(features: Tensor, batch: PillarBatch, grid: PillarGrid) -> Tensor:
+    """Pillar features (P, C) as an image (frames, C, ny, nx), zero where there is no pillar."""
+    nx, ny = grid.shape
+    image = features.new_zeros(batch.frames * ny * nx, features.shape[1])
+    image = image.index_copy(0, batch.cells, features)
+    # Channels last in memory, which convolutions on a CPU like better.
+    return image.view(batch.frames, ny, nx, -1).permute(0, 3, 1, 2)

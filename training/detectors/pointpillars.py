@@ -1,0 +1,174 @@
+"""PointPillars (Lang et al., CVPR 2019)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from training.detectors.anchor_head import AnchorHead, HeadOutput
+from training.detectors.anchors import AnchorClass, anchor_grid
+from training.detectors.backbone_2d import Backbone2d, BackboneSettings
+from training.detectors.detector import Detector, PointRange
+from training.detectors.pillars import PillarEncoder, PillarGrid, group, scatter
+from training.detectors.selection import select_boxes
+
+
+@dataclass(frozen=True)
+class PointPillarsPreset:
+    """Everything that fixes a PointPillars network but its classes.
+
+    Attributes:
+        point_range: default range in the model's frame, metres.
+        sensor_height: height of the model's origin above the ground, metres.
+        pillar: edge of a pillar, metres.
+        max_points, max_pillars: as in PillarGrid.
+        filters: channels of a pillar.
+        backbone: the 2D backbone.
+        anchors: by class, in the model's frame.
+        centred_anchors: as in `anchor_grid`.
+    """
+
+    point_range: PointRange
+    sensor_height: float
+    pillar: float
+    max_points: int | None
+    max_pillars: tuple[int, int] | None
+    filters: int
+    backbone: BackboneSettings
+    anchors: Mapping[str, AnchorClass]
+    centred_anchors: bool
+
+
+OPENPCDET = PointPillarsPreset(
+    point_range=(0.0, -39.68, -3.0, 69.12, 39.68, 1.0),
+    sensor_height=1.73,
+    pillar=0.16,
+    max_points=32,
+    max_pillars=(16000, 40000),
+    filters=64,
+    backbone=BackboneSettings(
+        layers=(3, 5, 5),
+        strides=(2, 2, 2),
+        filters=(64, 128, 256),
+        upsample_strides=(1, 2, 4),
+        upsample_filters=(128, 128, 128),
+    ),
+    anchors={
+        "Car": AnchorClass((3.9, 1.6, 1.56), -1.78, matched=0.6, unmatched=0.45),
+        "Pedestrian": AnchorClass((0.8, 0.6, 1.73), -0.6, matched=0.5, unmatched=0.35),
+        "Cyclist": AnchorClass((1.76, 0.6, 1.73), -0.6, matched=0.5, unmatched=0.35),
+    },
+    centred_anchors=False,
+)
+"""OpenPCDet's tools/cfgs/kitti_models/pointpillar.yaml, in KITTI's LiDAR frame."""
+
+TINY = PointPillarsPreset(
+    point_range=(0.0, -20.0, 0.0, 40.0, 20.0, 4.0),
+    sensor_height=0.0,
+    pillar=0.4,
+    max_points=None,
+    max_pillars=None,
+    filters=32,
+    backbone=BackboneSettings(
+        layers=(0, 2),
+        strides=(2, 2),
+        filters=(32, 64),
+        upsample_strides=(1, 2),
+        upsample_filters=(32, 32),
+        momentum=0.1,
+    ),
+    anchors={
+        "Car": AnchorClass((4.4, 1.9, 1.6), 0.0, matched=0.5, unmatched=0.35),
+        "Pedestrian": AnchorClass((0.8, 0.6, 1.73), 0.0, matched=0.35, unmatched=0.2),
+        "Cyclist": AnchorClass((1.76, 0.6, 1.73), 0.0, matched=0.35, unmatched=0.2),
+    },
+    centred_anchors=True,
+)
+"""Small enough to train on one CPU core; works in the ego frame."""
+
+
+class PointPillars(Detector):
+    """Pillars, their image from above, a 2D backbone and an anchor head.
+
+    Args:
+        classes: names of the classes, keys of the preset's anchors.
+        preset: the network.
+        point_range: range in the ego frame that replaces the preset's; it grows in x and y to a
+            whole number of cells.
+    """
+
+    def __init__(
+        self,
+        classes: Sequence[str],
+        preset: PointPillarsPreset,
+        point_range: PointRange | None = None,
+    ) -> None:
+        wanted = preset.point_range
+        if point_range is not None:
+            wanted = _lowered(point_range, preset.sensor_height)
+        cell = preset.pillar * preset.backbone.total_stride
+        grid = PillarGrid(
+            _padded(wanted, cell),
+            (preset.pillar, preset.pillar),
+            preset.max_points,
+            preset.max_pillars,
+        )
+        super().__init__(classes, grid.point_range, preset.sensor_height)
+        self.grid = grid
+        anchors = [preset.anchors[name] for name in self.classes]
+        nx, ny = grid.shape
+        stride = preset.backbone.output_stride
+        places = anchor_grid(
+            anchors, grid.point_range, (nx // stride, ny // stride), preset.centred_anchors
+        )
+        self.vfe = PillarEncoder(grid, preset.filters, preset.backbone.momentum)
+        self.backbone_2d = Backbone2d(preset.filters, preset.backbone)
+        self.dense_head = AnchorHead(preset.backbone.outputs, anchors, places)
+        self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+
+    def forward(self, points: Sequence[Tensor]) -> HeadOutput:
+        """Raw outputs of the head for frames of points (N, 4)."""
+        batch = group(points, self.grid, self.training, self.device)
+        image = scatter(self.vfe(batch), batch, self.grid)
+        return self.dense_head(self.backbone_2d(image))
+
+    def loss(
+        self, points: Sequence[Tensor], boxes: Sequence[Tensor], labels: Sequence[Tensor]
+    ) -> dict[str, Tensor]:
+        """Losses of the head: "loss", "classification", "location", "direction"."""
+        targets = self.dense_head.targets(
+            [item.to(self.device) for item in boxes], [item.to(self.device) for item in labels]
+        )
+        return self.dense_head.loss(self(points), targets)
+
+    @torch.no_grad()
+    def predict(
+        self,
+        points: Sequence[Tensor],
+        score_threshold: float = 0.1,
+        nms_threshold: float = 0.01,
+    ) -> list[dict[str, Tensor]]:
+        """Detections of every frame, see Detector; switches to evaluation mode."""
+        self.eval()
+        logits, boxes = self.dense_head.decode(self(points))
+        return [
+            select_boxes(frame.sigmoid(), frame_boxes, score_threshold, nms_threshold)
+            for frame, frame_boxes in zip(logits, boxes, strict=True)
+        ]
+
+
+def _lowered(point_range: PointRange, height: float) -> PointRange:
+    x0, y0, z0, x1, y1, z1 = point_range
+    return x0, y0, z0 - height, x1, y1, z1 - height
+
+
+def _padded(point_range: PointRange, cell: float) -> PointRange:
+    """Grow the far ends in x and y to a multiple of `cell`."""
+    x0, y0, z0, x1, y1, z1 = point_range
+    # A range that fits up to rounding must not gain a cell.
+    nx, ny = (math.ceil((high - low) / cell - 1e-6) for low, high in ((x0, x1), (y0, y1)))
+    return x0, y0, z0, x0 + nx * cell, y0 + ny * cell, z1

@@ -1,0 +1,26 @@
+"""From the scored boxes of a frame to its detections."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from training.ops.nms import nms
+
+
+def select_boxes(
+    scores: Tensor, boxes: Tensor, score_threshold: float, nms_threshold: float
+) -> dict[str, Tensor]:
+    """Detections of one frame after class-agnostic suppression, best score first.
+
+    Args:
+        scores: probability of every class, shape (A, C).
+        boxes: shape (A, 7).
+
+    Returns "boxes" (M, 7), "scores" (M,) and "labels" (M,), int64 from 1.
+    """
+    best, label = scores.max(dim=1)
+    above = torch.nonzero(best >= score_threshold).flatten()
+    kept = nms(boxes[above].double().cpu().numpy(), best[above].cpu().numpy(), nms_threshold)
+    rows = above[torch.from_numpy(kept).to(above.device)]
+    return {"boxes": boxes[rows], "scores": best[rows], "labels": label[rows] + 1}

@@ -1,0 +1,198 @@
+"""Train a detector on point clouds, and run it."""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import torch
+from torch import Tensor
+
+from lidarplace.boxes import GEOMETRY
+from lidarplace.lidar.clouds import PointClouds
+from training import build_detector
+from training.dataset import TrainingFrames, as_tensors, augment, within_range
+from training.detectors.detector import Detector, PointRange
+from training.one_cycle import OneCycle
+from training.settings import TrainingSettings
+
+
+@dataclass(frozen=True)
+class FinetuneResult:
+    """What a training leaves.
+
+    Attributes:
+        state_dict: weights and buffers, CPU tensors.
+        curve: columns epoch (from 1), metric, value. Metrics: the mean of every part of the loss
+            over the epoch's steps, "lr" of its last step, "seconds" it took.
+        steps: optimisation steps.
+    """
+
+    state_dict: dict[str, Tensor]
+    curve: pd.DataFrame
+    steps: int
+
+
+def finetune(
+    detector: str,
+    classes: Sequence[str],
+    clouds: PointClouds,
+    ground_truth: pd.DataFrame,
+    settings: TrainingSettings,
+    seed: int,
+    point_range: PointRange | None = None,
+    on_epoch: Callable[[dict[str, float]], None] | None = None,
+) -> FinetuneResult:
+    """Train `detector` on all frames of `clouds`, on a GPU if there is one.
+
+    Args:
+        detector: name for `build_detector`.
+        classes: classes to detect.
+        clouds: points, ego frame; frames without points are fine.
+        ground_truth: frame, class, x, y, z, length, width, height, yaw, ego frame.
+        settings: how to train, and from which weights.
+        seed: of the weights, the order of frames and the augmentation. The same seed gives the
+            same result on a CPU; the caller's random state is left alone.
+        point_range: range for `build_detector`, ego frame.
+        on_epoch: called after each epoch with the epoch's number and its values in `curve`.
+
+    Raises:
+        ValueError: no frames, unknown detector or class, bad ground truth, a checkpoint that does
+            not fit.
+        ArithmeticError: the loss is no longer a finite number.
+    """
+    if len(clouds) == 0:
+        raise ValueError("training needs at least one frame, found none")
+    random = np.random.default_rng(seed)
+    with torch.random.fork_rng():
+        torch.manual_seed(seed)
+        model = build_detector(detector, classes, point_range=point_range)
+    if settings.checkpoint is not None:
+        _load(model, settings.checkpoint)
+    model.to(_device())
+    frames = TrainingFrames(classes, clouds, ground_truth, model.sensor_height, settings.min_points)
+    steps = settings.epochs * -(-len(frames) // settings.batch_size)
+    optimizer = _optimizer(model, settings)
+    schedule = OneCycle(settings, steps)
+    rows: list[tuple[int, str, float]] = []
+    step = 0
+    for epoch in range(1, settings.epochs + 1):
+        start = time.perf_counter()
+        model.train()
+        parts: dict[str, list[Tensor]] = defaultdict(list)
+        order = random.permutation(len(frames))
+        for first in range(0, len(order), settings.batch_size):
+            samples = [
+                within_range(augment(frames[i], settings, random), model.point_range)
+                for i in order[first : first + settings.batch_size]
+            ]
+            _set_step(optimizer, *schedule(step))
+            losses = model.loss(*as_tensors(samples))
+            optimizer.zero_grad()
+            losses["loss"].backward()
+            torch.nn.utils.clip_grad_norm_(model.parameters(), settings.grad_norm_clip)
+            optimizer.step()
+            model.global_step += 1
+            step += 1
+            for name, value in losses.items():
+                parts[name].append(value.detach())
+        values = {name: torch.stack(items).mean().item() for name, items in parts.items()}
+        if not np.isfinite(values["loss"]):
+            raise ArithmeticError(
+                f"the loss of epoch {epoch} is {values['loss']}; a lower lr than {settings.lr} "
+                "may help"
+            )
+        values["lr"] = optimizer.param_groups[0]["lr"]
+        values["seconds"] = time.perf_counter() - start
+        rows.extend((epoch, name, value) for name, value in values.items())
+        if on_epoch is not None:
+            on_epoch({"epoch": epoch, **values})
+    state = {name: value.detach().cpu().clone() for name, value in model.state_dict().items()}
+    return FinetuneResult(state, pd.DataFrame(rows, columns=["epoch", "metric", "value"]), step)
+
+
+def detect(
+    detector: str,
+    classes: Sequence[str],
+    state_dict: Mapping[str, Tensor],
+    clouds: PointClouds,
+    settings: TrainingSettings,
+    point_range: PointRange | None = None,
+) -> pd.DataFrame:
+    """Detections in all frames of `clouds`.
+
+    Takes what `finetune` took and returned. Returns columns frame, class, x, y, z, length, width,
+    height, yaw, score; ego frame, metres and radians.
+    """
+    model = build_detector(detector, classes, point_range=point_range)
+    model.load_state_dict(state_dict)
+    model.to(_device())
+    lift = np.array([0, 0, model.sensor_height, 0], np.float32)
+    frames: list[np.ndarray] = []
+    found: list[dict[str, np.ndarray]] = []
+    for first in range(0, len(clouds), settings.batch_size):
+        batch = range(first, min(first + settings.batch_size, len(clouds)))
+        predictions = model.predict(
+            [torch.from_numpy(clouds[i] - lift) for i in batch],
+            settings.score_threshold,
+            settings.nms_threshold,
+        )
+        for i, item in zip(batch, predictions, strict=True):
+            frames.append(np.full(len(item["scores"]), clouds.frames[i]))
+            found.append({name: value.cpu().numpy() for name, value in item.items()})
+    if not found:
+        frames = [np.zeros(0, np.int64)]
+        found = [
+            {"boxes": np.zeros((0, 7)), "scores": np.zeros(0), "labels": np.zeros(0, np.int64)}
+        ]
+    boxes = np.concatenate([item["boxes"] for item in found]).astype(np.float64)
+    boxes[:, 2] += model.sensor_height
+    labels = np.concatenate([item["labels"] for item in found])
+    table = pd.DataFrame({"frame": np.concatenate(frames)})
+    table["class"] = np.array(list(classes), dtype=object)[labels - 1]
+    table[list(GEOMETRY)] = boxes
+    table["score"] = np.concatenate([item["scores"] for item in found]).astype(np.float64)
+    return table
+
+
+def _device() -> torch.device:
+    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+
+
+def _load(model: Detector, path: Path) -> None:
+    """Load a state_dict, or OpenPCDet's checkpoint with one under "model_state"."""
+    content = torch.load(path, map_location="cpu", weights_only=True)
+    try:
+        model.load_state_dict(content.get("model_state", content))
+    except RuntimeError as error:
+        raise ValueError(f"checkpoint {path} does not fit the detector: {error}") from error
+
+
+def _optimizer(model: Detector, settings: TrainingSettings) -> torch.optim.Optimizer:
+    if settings.optimizer == "sgd":
+        return torch.optim.SGD(
+            model.parameters(),
+            lr=settings.lr,
+            momentum=settings.momentum,
+            weight_decay=settings.weight_decay,
+        )
+    # AdamW's decay is fastai's "true weight decay"; 0.99 is OpenPCDet's second coefficient.
+    return torch.optim.AdamW(
+        model.parameters(),
+        lr=settings.lr,
+        betas=(settings.moms[0], 0.99),
+        weight_decay=settings.weight_decay,
+        foreach=True,
+    )
+
+
+def _set_step(optimizer: torch.optim.Optimizer, lr: float, momentum: float) -> None:
+    for group in optimizer.param_groups:
+        group["lr"] = lr
+        if "betas" in group:
+            group["betas"] = (momentum, group["betas"][1])

@@ -1,0 +1,195 @@
+"""AP and recall of detections: for box logs, and by KITTI's official rules for its labels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from lidarplace.boxes import GEOMETRY, check_boxes
+from training.average_precision import COUNTS, FramePairs, ap_r11, ap_r40, precision_curve
+from training.kitti_labels import (
+    DIFFICULTIES,
+    boxes_z_up,
+    checked_labels,
+    covered_by_dont_care,
+    detection_role,
+    ground_truth_role,
+    image_iou,
+)
+from training.ops.rotated_iou import paired_iou
+
+RECALL_IOU = (0.5, 0.7)
+COLUMNS = ("class", "metric", "iou", "difficulty", "value", "ground_truths")
+
+
+def iou_thresholds(object_class: str) -> tuple[float, float]:
+    """KITTI's strict and loose IoU of a class: 0.7 and 0.5 for Car, 0.5 and 0.25 for others."""
+    return (0.7, 0.5) if object_class == "Car" else (0.5, 0.25)
+
+
+def evaluate_boxes(
+    ground_truth: pd.DataFrame,
+    detections: pd.DataFrame,
+    frames: Sequence[int],
+    classes: Sequence[str],
+) -> pd.DataFrame:
+    """AP and recall over `frames`; rows of other frames and classes are left out.
+
+    Both tables have `frame`, `class` and x, y, z, length, width, height, yaw in the ego frame,
+    detections also `score`. Per class: "AP_R40_3D" and "AP_R40_BEV" at KITTI's strict and loose
+    IoU, and "recall" at 0.5 and 0.7: the share of the ground truths that some detection of a frame,
+    whatever its class, overlaps in 3D by more (OpenPCDet's recall_rcnn). Class "all" has the recall
+    over all classes.
+
+    KITTI samples recall at 41 of the hits: with n < 41 ground truths even a perfect detector has
+    AP_R40 (n - 1) / 40 only. Compare AP where there are more, and recall where there are fewer.
+
+    Returns columns class, metric, iou, difficulty ("all"), value (percent) and ground_truths. The
+    value of a class without ground truth is NaN: it was not measured. (KITTI's rule gives 0, which
+    would be averaged as a result.)
+
+    Raises:
+        ValueError: a column is missing, a box is not finite, a score is NaN.
+    """
+    check_boxes(ground_truth, "ground truth")
+    _check_detections(detections)
+    wanted = np.unique(np.asarray(frames, np.int64))
+    truths = _rows_of(ground_truth, wanted)
+    truths = truths[truths["class"].isin(list(classes))]
+    found = _rows_of(detections, wanted)
+    rows: list[tuple[str, str, float, str, float, int]] = []
+
+    def add(name: str, metric: str, iou: float, value: float, count: int) -> None:
+        rows.append((name, metric, iou, "all", value if count else np.nan, count))
+
+    best = _best_overlap(truths, found, wanted)
+    truth_class = truths["class"].to_numpy()
+    for name in classes:
+        own = truths[truth_class == name]
+        own_found = found[found["class"].to_numpy() == name]
+        pairs = _pairs(own, own_found, wanted)
+        scores = own_found["score"].to_numpy(np.float64)
+        for metric, three_d in (("AP_R40_3D", True), ("AP_R40_BEV", False)):
+            overlaps = _overlaps(own, own_found, pairs, three_d)
+            for iou in iou_thresholds(name):
+                value = ap_r40(precision_curve(pairs, overlaps, scores, iou))
+                add(name, metric, iou, value, len(own))
+        for iou in RECALL_IOU:
+            add(name, "recall", iou, _share_above(best[truth_class == name], iou), len(own))
+    for iou in RECALL_IOU:
+        add("all", "recall", iou, _share_above(best, iou), len(truths))
+    return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def _check_detections(detections: pd.DataFrame) -> None:
+    check_boxes(detections, "detections")
+    if "score" not in detections.columns:
+        raise ValueError(f"detections: no column score; found {list(detections.columns)}")
+    missing = int(detections["score"].isna().sum())
+    if missing:
+        raise ValueError(f"detections: every box needs a score, found NaN in {missing} rows")
+
+
+def _rows_of(table: pd.DataFrame, frames: NDArray[np.int64]) -> pd.DataFrame:
+    """Rows of the wanted frames, sorted by frame; rows of a frame keep their order."""
+    return table[table["frame"].isin(frames)].sort_values("frame", kind="stable")
+
+
+def _pairs(truths: pd.DataFrame, found: pd.DataFrame, frames: NDArray[np.int64]) -> FramePairs:
+    return FramePairs.of(
+        np.searchsorted(frames, truths["frame"].to_numpy(np.int64)),
+        np.searchsorted(frames, found["frame"].to_numpy(np.int64)),
+        len(frames),
+    )
+
+
+def _overlaps(
+    truths: pd.DataFrame, found: pd.DataFrame, pairs: FramePairs, three_d: bool
+) -> NDArray[np.float64]:
+    return paired_iou(
+        truths[list(GEOMETRY)].to_numpy(np.float64)[pairs.ground_truth],
+        found[list(GEOMETRY)].to_numpy(np.float64)[pairs.detection],
+        three_d,
+    )
+
+
+def _best_overlap(
+    truths: pd.DataFrame, found: pd.DataFrame, frames: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Largest 3D IoU that each ground truth has with a detection of its frame, shape (G,)."""
+    pairs = _pairs(truths, found, frames)
+    best = np.zeros(len(truths))
+    np.maximum.at(best, pairs.ground_truth, _overlaps(truths, found, pairs, three_d=True))
+    return best
+
+
+def _share_above(overlaps: NDArray[np.float64], iou: float) -> float:
+    return float(100 * (overlaps > iou).mean()) if len(overlaps) else float("nan")
+
+
+def evaluate_detections(
+    ground_truth: pd.DataFrame,
+    detections: pd.DataFrame,
+    frames: int | Sequence[int],
+    iou: Mapping[str, float],
+    min_height: bool = True,
+) -> pd.DataFrame:
+    """KITTI's official AP of tables with its label columns, camera frame.
+
+    Rules as in KITTI's development kit: objects that are too occluded, truncated or low in the
+    image for a difficulty are ignored, so are `Van` for Car and `Person_sitting` for Pedestrian;
+    `DontCare` regions excuse detections in the image metric only.
+
+    Args:
+        ground_truth: frame, class, truncated, occluded, alpha, left, top, right, bottom, height,
+            width, length, x, y, z (bottom centre), rotation_y.
+        detections: the same and score.
+        frames: the frames evaluated; a number n stands for 0, …, n - 1.
+        iou: overlap that a hit must exceed, per class; the classes that are evaluated.
+        min_height: apply the rule of minimum height in the image (the paper's fork does not).
+
+    Returns columns class, metric, iou, difficulty, value (percent) and ground_truths: those that
+    count. Metrics: "AP_R40_3D", "AP_R40_BEV", "AP_R40_image" and their "AP_R11_…" per difficulty,
+    and "recall" (3D, whatever the detection's class, difficulty "all"). No ground truth gives 0.
+
+    Raises:
+        ValueError: a column is missing, a number is not finite.
+    """
+    wanted = np.unique(np.arange(frames) if isinstance(frames, int) else np.asarray(frames))
+    truths = _rows_of(checked_labels(ground_truth, "ground truth", ()), wanted)
+    found = _rows_of(checked_labels(detections, "detections", ("score",)), wanted)
+    pairs = _pairs(truths, found, wanted)
+    scores = found["score"].to_numpy(np.float64)
+    truth_boxes = boxes_z_up(truths)
+    found_boxes = boxes_z_up(found)
+    sides = (truth_boxes[pairs.ground_truth], found_boxes[pairs.detection])
+    overlaps = {
+        "3D": paired_iou(*sides, True),
+        "BEV": paired_iou(*sides, False),
+        "image": image_iou(truths, found, pairs),
+    }
+    truth_class = truths["class"].str.lower().to_numpy(str)
+    found_class = found["class"].str.lower().to_numpy(str)
+    best = np.zeros(len(truths))
+    np.maximum.at(best, pairs.ground_truth, overlaps["3D"])
+    covered = covered_by_dont_care(truths, found, pairs, truth_class == "dontcare")
+    rows: list[tuple[str, str, float, str, float, int]] = []
+    for name, minimum in iou.items():
+        for level, difficulty in enumerate(DIFFICULTIES):
+            truth_role = ground_truth_role(truths, truth_class, name, level, min_height)
+            found_role = detection_role(found, found_class, name, level, min_height)
+            count = int((truth_role == COUNTS).sum())
+            for metric, values in overlaps.items():
+                harmless = covered > minimum if metric == "image" else None
+                curve = precision_curve(
+                    pairs, values, scores, minimum, truth_role, found_role, harmless
+                )
+                rows.append((name, f"AP_R40_{metric}", minimum, difficulty, ap_r40(curve), count))
+                rows.append((name, f"AP_R11_{metric}", minimum, difficulty, ap_r11(curve), count))
+        own = best[truth_class == name.lower()]
+        recall = _share_above(own, minimum) if len(own) else 0.0
+        rows.append((name, "recall", minimum, "all", recall, len(own)))
+    return pd.DataFrame(rows, columns=list(COLUMNS))

@@ -1,0 +1,122 @@
+"""KITTI's labels: boxes in the camera frame, and what counts at which difficulty."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from training.average_precision import COUNTS, IGNORED, OTHER, FramePairs
+
+# Easy, moderate, hard: the limits of KITTI's development kit.
+DIFFICULTIES = ("easy", "moderate", "hard")
+_MIN_HEIGHT = (40.0, 25.0, 25.0)
+_MAX_OCCLUSION = (0, 1, 2)
+_MAX_TRUNCATION = (0.15, 0.3, 0.5)
+# Look like the class, so finding them is no false alarm.
+_NEIGHBOURS = {"car": "van", "pedestrian": "person_sitting"}
+_IMAGE_BOX = ("left", "top", "right", "bottom")
+_LABEL_COLUMNS = (
+    *("frame", "class", "truncated", "occluded", "alpha", *_IMAGE_BOX),
+    *("height", "width", "length", "x", "y", "z", "rotation_y"),
+)
+
+
+def checked_labels(table: pd.DataFrame, source: str, more: tuple[str, ...]) -> pd.DataFrame:
+    """The table itself; ValueError if a label column or one of `more` is missing or not finite."""
+    columns = (*_LABEL_COLUMNS, *more)
+    missing = [name for name in columns if name not in table.columns]
+    if missing:
+        raise ValueError(f"{source}: no column {', '.join(missing)}; found {list(table.columns)}")
+    numbers = table[[name for name in columns if name != "class"]].to_numpy(np.float64)
+    regions = table["class"].str.lower().to_numpy(str) == "dontcare"
+    bad = ~np.isfinite(numbers).all(axis=1) & ~regions
+    if bad.any():
+        raise ValueError(f"{source}: row {int(np.argmax(bad))} has a number that is not finite")
+    return table
+
+
+def boxes_z_up(labels: pd.DataFrame) -> NDArray[np.float64]:
+    """Boxes (N, 7) in the camera's place with x forward, y left, z up; (0, …, 0) for DontCare.
+
+    Camera frame: x right, y down, z forward, origin of a box at the centre of its bottom.
+    """
+    x, y, z, height, rotation = (
+        labels[name].to_numpy(np.float64) for name in ("x", "y", "z", "height", "rotation_y")
+    )
+    length, width = labels["length"].to_numpy(np.float64), labels["width"].to_numpy(np.float64)
+    boxes = np.stack(
+        [z, -x, 0.5 * height - y, length, width, height, -rotation - 0.5 * np.pi], axis=1
+    )
+    boxes[labels["class"].str.lower().to_numpy(str) == "dontcare"] = 0.0
+    return boxes
+
+
+def _image_boxes(labels: pd.DataFrame) -> NDArray[np.float64]:
+    return labels[list(_IMAGE_BOX)].to_numpy(np.float64)
+
+
+def _image_intersection(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Common area of row i of `a` and of `b`: (P, 4) left, top, right, bottom; px²."""
+    sides = np.minimum(a[:, 2:], b[:, 2:]) - np.maximum(a[:, :2], b[:, :2])
+    return np.where((sides > 0).all(axis=1), sides.prod(axis=1), 0.0)
+
+
+def image_iou(truths: pd.DataFrame, found: pd.DataFrame, pairs: FramePairs) -> NDArray[np.float64]:
+    """IoU in the image of every pair, shape (P,)."""
+    a = _image_boxes(truths)[pairs.ground_truth]
+    b = _image_boxes(found)[pairs.detection]
+    common = _image_intersection(a, b)
+    union = (a[:, 2:] - a[:, :2]).prod(axis=1) + (b[:, 2:] - b[:, :2]).prod(axis=1) - common
+    return np.divide(common, union, out=np.zeros_like(common), where=common > 0)
+
+
+def covered_by_dont_care(
+    truths: pd.DataFrame, found: pd.DataFrame, pairs: FramePairs, regions: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Largest share of each detection's image box within one DontCare region, shape (D,)."""
+    inside = regions[pairs.ground_truth]
+    detection = pairs.detection[inside]
+    a = _image_boxes(truths)[pairs.ground_truth[inside]]
+    b = _image_boxes(found)[detection]
+    common = _image_intersection(a, b)
+    area = (b[:, 2:] - b[:, :2]).prod(axis=1)
+    share = np.zeros(len(found))
+    np.maximum.at(
+        share, detection, np.divide(common, area, out=np.zeros_like(common), where=common > 0)
+    )
+    return share
+
+
+def ground_truth_role(
+    truths: pd.DataFrame, names: NDArray[np.str_], name: str, level: int, min_height: bool
+) -> NDArray[np.int8]:
+    """COUNTS, IGNORED or OTHER for every label, shape (G,), int8.
+
+    Args:
+        names: classes of the labels in lower case, shape (G,).
+        name: the class under test.
+        level: index in DIFFICULTIES.
+        min_height: apply the rule of minimum height in the image.
+    """
+    height = truths["bottom"].to_numpy(np.float64) - truths["top"].to_numpy(np.float64)
+    hard = truths["occluded"].to_numpy(np.float64) > _MAX_OCCLUSION[level]
+    hard |= truths["truncated"].to_numpy(np.float64) > _MAX_TRUNCATION[level]
+    if min_height:
+        hard |= height <= _MIN_HEIGHT[level]
+    own = names == name.lower()
+    neighbour = names == _NEIGHBOURS.get(name.lower(), "")
+    role = np.where(own & ~hard, COUNTS, np.where(own | neighbour, IGNORED, OTHER))
+    return role.astype(np.int8)
+
+
+def detection_role(
+    found: pd.DataFrame, names: NDArray[np.str_], name: str, level: int, min_height: bool
+) -> NDArray[np.int8]:
+    """COUNTS, IGNORED or OTHER for every detection, shape (D,), int8; see `ground_truth_role`."""
+    role = np.where(names == name.lower(), COUNTS, OTHER)
+    if min_height:
+        height = np.abs(found["bottom"].to_numpy(np.float64) - found["top"].to_numpy(np.float64))
+        # Before the class is looked at: a low detection of any class can be taken and not count.
+        role = np.where(height < _MIN_HEIGHT[level], IGNORED, role)
+    return role.astype(np.int8)

@@ -1,0 +1,192 @@
+"""Exact overlap of boxes that are rotated about z."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+BoxArray = NDArray[np.float64]
+"""Boxes (N, 7): x, y, z of the centre, length, width, height in metres, yaw in radians."""
+
+
+@njit(cache=True)
+def _clip(xs, ys, count, axis, sign, limit, xs_out, ys_out):
+    """Keep the part of a polygon with `sign * coordinate <= limit`; return its vertex count.
+
+    One step of I. Sutherland and G. Hodgman, Reentrant polygon clipping, 1974.
+    """
+    kept = 0
+    for i in range(count):
+        j = i + 1 if i + 1 < count else 0
+        here = limit - sign * (xs[i] if axis == 0 else ys[i])
+        there = limit - sign * (xs[j] if axis == 0 else ys[j])
+        if here >= 0:
+            xs_out[kept] = xs[i]
+            ys_out[kept] = ys[i]
+            kept += 1
+        if (here > 0 and there < 0) or (here < 0 and there > 0):
+            t = here / (here - there)
+            xs_out[kept] = xs[i] + t * (xs[j] - xs[i])
+            ys_out[kept] = ys[i] + t * (ys[j] - ys[i])
+            kept += 1
+    return kept
+
+
+@njit(cache=True)
+def _bev_intersection(a, b, xs, ys, xs_out, ys_out):
+    """Area common to two rotated rectangles; the last four are work space of 8 or more.
+
+    Works in the frame of `a`, so that far coordinates cost no digits and `a` is a plain interval
+    in x and in y.
+    """
+    dx = b[0] - a[0]
+    dy = b[1] - a[1]
+    reach = math.hypot(a[3], a[4]) + math.hypot(b[3], b[4])
+    if 4 * (dx * dx + dy * dy) > reach * reach:
+        return 0.0
+    cos_a, sin_a = math.cos(a[6]), math.sin(a[6])
+    x = cos_a * dx + sin_a * dy
+    y = cos_a * dy - sin_a * dx
+    cos_b, sin_b = math.cos(b[6] - a[6]), math.sin(b[6] - a[6])
+    for i in range(4):
+        u = (0.5 if i == 0 or i == 3 else -0.5) * b[3]
+        v = (0.5 if i < 2 else -0.5) * b[4]
+        xs[i] = x + cos_b * u - sin_b * v
+        ys[i] = y + sin_b * u + cos_b * v
+    count = _clip(xs, ys, 4, 0, 1.0, 0.5 * a[3], xs_out, ys_out)
+    count = _clip(xs_out, ys_out, count, 0, -1.0, 0.5 * a[3], xs, ys)
+    count = _clip(xs, ys, count, 1, 1.0, 0.5 * a[4], xs_out, ys_out)
+    count = _clip(xs_out, ys_out, count, 1, -1.0, 0.5 * a[4], xs, ys)
+    area = 0.0
+    for i in range(
+        1, count - 1
+    ):  # a fan of triangles from vertex 0: small numbers, no cancellation
+        area += (xs[i] - xs[0]) * (ys[i + 1] - ys[0]) - (xs[i + 1] - xs[0]) * (ys[i] - ys[0])
+    # Rounding must not make the common part larger than either box.
+    return min(0.5 * abs(area), a[3] * a[4], b[3] * b[4])
+
+
+@njit(cache=True)
+def _iou(a, b, three_d, xs, ys, xs_out, ys_out):
+    common = _bev_intersection(a, b, xs, ys, xs_out, ys_out)
+    size_a, size_b = a[3] * a[4], b[3] * b[4]
+    if three_d:
+        top = min(a[2] + 0.5 * a[5], b[2] + 0.5 * b[5])
+        bottom = max(a[2] - 0.5 * a[5], b[2] - 0.5 * b[5])
+        size_a, size_b = size_a * a[5], size_b * b[5]
+        common = min(common * max(0.0, top - bottom), size_a, size_b)
+    union = size_a + size_b - common
+    return common / union if union > 0 else 0.0
+
+
+@njit(cache=True)
+def _pair_kernel(a, b, three_d):
+    work = np.empty((4, 16))
+    out = np.empty(len(a))
+    for i in range(len(a)):
+        out[i] = _iou(a[i], b[i], three_d, work[0], work[1], work[2], work[3])
+    return out
+
+
+@njit(cache=True)
+def _matrix_kernel(a, b, three_d):
+    work = np.empty((4, 16))
+    out = np.empty((len(a), len(b)))
+    for i in range(len(a)):
+        for j in range(len(b)):
+            out[i, j] = _iou(a[i], b[j], three_d, work[0], work[1], work[2], work[3])
+    return out
+
+
+@njit(cache=True)
+def _area_kernel(a, b):
+    work = np.empty((4, 16))
+    out = np.empty((len(a), len(b)))
+    for i in range(len(a)):
+        for j in range(len(b)):
+            out[i, j] = _bev_intersection(a[i], b[j], work[0], work[1], work[2], work[3])
+    return out
+
+
+# Beside the IoU and not in nms.py: numba's cache does not see an edit of a kernel that a kernel of
+# another file calls.
+@njit(cache=True)
+def _suppression_kernel(boxes, threshold, limit):
+    work = np.empty((4, 16))
+    kept = np.empty(len(boxes), np.int64)
+    count = 0
+    for i in range(len(boxes)):
+        free = True
+        for k in range(count):
+            if (
+                _iou(boxes[kept[k]], boxes[i], False, work[0], work[1], work[2], work[3])
+                > threshold
+            ):
+                free = False
+                break
+        if free:
+            kept[count] = i
+            count += 1
+            if count == limit:
+                break
+    return kept[:count]
+
+
+def _checked(boxes: ArrayLike) -> BoxArray:
+    array = np.ascontiguousarray(boxes, np.float64)
+    if array.ndim != 2 or array.shape[1] != 7:
+        raise ValueError(
+            "boxes must have shape (N, 7): x, y, z, length, width, height, yaw; "
+            f"found {array.shape}"
+        )
+    if not np.isfinite(array).all():
+        raise ValueError("boxes must be finite numbers, found NaN or infinity")
+    if (array[:, 3:6] < 0).any():
+        raise ValueError(f"box sizes must be at least 0, found {array[:, 3:6].min()}")
+    return array
+
+
+def bev_overlap(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
+    """Area in m² that every box of `a` (N, 7) shares with every box of `b` (M, 7), from above.
+
+    Returns (N, M). Raises ValueError for a wrong shape, a negative size or a value not finite.
+    """
+    return _area_kernel(_checked(a), _checked(b))
+
+
+def iou_bev(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
+    """Intersection over union from above of boxes `a` (N, 7) and `b` (M, 7), shape (N, M).
+
+    Two boxes without area have IoU 0. Raises ValueError as `bev_overlap` does.
+    """
+    return _matrix_kernel(_checked(a), _checked(b), False)
+
+
+def iou_3d(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
+    """Intersection over union of the volumes of boxes `a` (N, 7) and `b` (M, 7), shape (N, M).
+
+    Two boxes without volume have IoU 0. Raises ValueError as `bev_overlap` does.
+    """
+    return _matrix_kernel(_checked(a), _checked(b), True)
+
+
+def paired_iou(a: ArrayLike, b: ArrayLike, three_d: bool) -> NDArray[np.float64]:
+    """IoU of row i of `a` (P, 7) with row i of `b` (P, 7), shape (P,), in 3D or from above.
+
+    Raises ValueError as `bev_overlap` does, and if the lengths differ.
+    """
+    a, b = _checked(a), _checked(b)
+    if len(a) != len(b):
+        raise ValueError(f"pairs need as many boxes on both sides, found {len(a)} and {len(b)}")
+    return _pair_kernel(a, b, three_d)
+
+
+def unsuppressed(boxes: ArrayLike, threshold: float, limit: int) -> NDArray[np.int64]:
+    """Rows of `boxes` (N, 7) left when each kept box removes the later ones that overlap it.
+
+    Boxes overlap when their IoU from above is greater than `threshold`; at most `limit` are kept.
+    """
+    return _suppression_kernel(_checked(boxes), threshold, limit)

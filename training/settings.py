@@ -1,0 +1,64 @@
+"""How a detector is trained and how its boxes are selected."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Probability = Annotated[float, Field(ge=0, le=1)]
+
+
+class TrainingSettings(BaseModel):
+    """Settings of one fine-tuning; the defaults are the paper's, augmentation is KITTI's.
+
+    Raises pydantic's ValidationError (a ValueError) that names the field, the limit and the value.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    epochs: int = Field(10, ge=1, description="passes over the training frames")
+    batch_size: int = Field(4, ge=1, description="frames per step")
+    optimizer: Literal["adam_onecycle", "sgd"] = Field(
+        "adam_onecycle",
+        description="adam_onecycle: Adam with decoupled weight decay, learning rate and momentum "
+        "on one cycle; sgd: stochastic gradient descent, same learning rates, fixed momentum",
+    )
+    lr: float = Field(0.01, gt=0, description="highest learning rate")
+    weight_decay: float = Field(0.01, ge=0, description="weight decay")
+    momentum: float = Field(0.9, ge=0, lt=1, description="momentum of sgd")
+    moms: tuple[Probability, Probability] = Field(
+        (0.95, 0.85), description="first Adam coefficient at the ends and at the top of the cycle"
+    )
+    pct_start: float = Field(0.1, ge=0, lt=1, description="share of the steps that warm up")
+    div_factor: float = Field(10.0, ge=1, description="the cycle starts at lr / div_factor")
+    grad_norm_clip: float = Field(10.0, gt=0, description="largest norm of the gradient")
+
+    flip_y: bool = Field(True, description="mirror left and right in every second frame")
+    rotation: float = Field(
+        math.pi / 4,
+        ge=0,
+        le=math.pi,
+        description="largest random turn about z, radians; what leaves the range is dropped",
+    )
+    scaling: tuple[float, float] = Field(
+        (0.95, 1.05), description="range of the random scale of points and boxes"
+    )
+    min_points: int = Field(
+        5, ge=0, description="objects with fewer points are left out of training"
+    )
+
+    checkpoint: Path | None = Field(None, description="state_dict to start from")
+    score_threshold: Probability = Field(0.1, description="lowest score of a detection")
+    nms_threshold: Probability = Field(
+        0.01, description="largest bird's-eye IoU of two detections of a frame"
+    )
+
+    @model_validator(mode="after")
+    def _scales(self) -> TrainingSettings:
+        low, high = self.scaling
+        if not 0 < low <= high:
+            raise ValueError(f"scaling needs 0 < low <= high, found {self.scaling}")
+        return self
