@@ -1,0 +1,161 @@
+"""A whole tiny sweep through the command line."""
+
+import json
+import os
+import sqlite3
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[2]
+TINY = {
+    "scene": {
+        "seed": 3,
+        "density": 30,
+        "pedestrians": 10,
+        "routes": 2,
+        "test_routes": 1,
+        "frames_per_route": 4,
+        "frame_stride": 5,
+        "warmup_s": 5,
+    },
+    "lidar": {"azimuth_steps": 120, "range_noise": 0.02, "drop_off": 0.05},
+    "surrogate": {"resolution": 0.4},
+    "training": {"epochs": 1, "batch_size": 2},
+    "grid": {"placement": ["line", "center"], "seed": [1]},
+    "ray": {"num_cpus": 2},
+}
+
+
+def sweep(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    config = folder / "tiny.yaml"
+    config.write_text(yaml.safe_dump(TINY | {"output": str(folder / "runs")}))
+    return subprocess.run(
+        [sys.executable, "-m", "sweeps.run", str(config), *options],
+        cwd=ROOT,
+        env=os.environ | {"COLUMNS": "200"},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("sweep")
+
+
+@pytest.fixture(scope="module")
+def first(folder):
+    result = sweep(folder)
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result
+
+
+def mlflow_runs(folder):
+    with sqlite3.connect(folder / "runs/mlflow.db") as database:
+        return dict(database.execute("select name, status from runs").fetchall())
+
+
+def test_the_run_folder_holds_the_results(folder, first):
+    run = folder / "runs/tiny"
+    results = pd.read_parquet(run / "results.parquet")
+    assert set(results["placement"]) == {"line", "center"}
+    assert set(results["metric"]) == {"AP_R40_3D", "AP_R40_BEV", "recall"}
+    assert results["value"].dropna().between(0, 100).all()
+    surrogates = pd.read_parquet(run / "surrogates.parquet")
+    assert set(surrogates["surrogate"]) >= {"s_mig", "expected_ig", "m_sog"}
+    assert set(surrogates["class"]) == {"Car", "Cyclist", "Pedestrian"}
+    car = surrogates[surrogates["class"] == "Car"].pivot(
+        index="placement", columns="surrogate", values="value"
+    )
+    assert (car["s_mig"] < 0).all()
+    assert (car["ig"] - car["h_pog"]).to_list() == pytest.approx(car["s_mig"].to_list())
+    accuracy = pd.read_parquet(run / "coverage_accuracy.parquet")
+    errors = accuracy[accuracy["method"] == "dda"].groupby("azimuth_steps")["relative_error"].max()
+    assert errors.is_monotonic_decreasing
+    about = json.loads((run / "sweep.json").read_text())
+    assert about["frames"] == {"train": 8, "test": 4}
+    assert (run / "report.html").stat().st_size > 1e6
+    assert "line" in first.stdout
+    assert "mlflow ui" in first.stdout
+
+
+def test_mlflow_has_a_parent_and_a_run_for_every_trial(folder, first):
+    assert mlflow_runs(folder) == {
+        "tiny": "FINISHED",
+        "line · pointpillars_tiny · seed 1": "FINISHED",
+        "center · pointpillars_tiny · seed 1": "FINISHED",
+    }
+
+
+def test_the_plan_shows_what_is_cached(folder, first):
+    plan = sweep(folder, "--dry-run", "--set", "grid.seed=[1, 2]")
+    assert plan.returncode == 0
+    assert "8 frames to train, 4 to test" in plan.stdout
+    rows = {
+        cells[0]: [int(c) for c in cells[1:4]]
+        for line in plan.stdout.splitlines()
+        if len(cells := [c.strip() for c in line.strip("│ ").split("│")]) == 4
+    }
+    assert rows["scene"] == [1, 1, 0]
+    assert rows["collect"] == [4, 4, 0]
+    assert rows["finetune"] == [4, 2, 2]
+    assert "line · pointpillars_tiny · seed 1  (cached)" in plan.stdout
+
+
+def test_the_same_command_does_nothing_twice(folder, first):
+    before = pd.read_parquet(folder / "runs/tiny/results.parquet")
+    again = sweep(folder)
+    assert again.returncode == 0, again.stdout + again.stderr
+    assert pd.read_parquet(folder / "runs/tiny/tasks.parquet")["cached"].all()
+    pd.testing.assert_frame_equal(pd.read_parquet(folder / "runs/tiny/results.parquet"), before)
+    assert len(mlflow_runs(folder)) == 3
+
+
+def test_debug_gives_the_same_without_ray(folder, first, tmp_path):
+    result = sweep(tmp_path, "--set", "ray=debug", "--set", "grid.placement=[line]")
+    assert result.returncode == 0, result.stdout + result.stderr
+    for name, keys in (("surrogates", ["surrogate", "class"]), ("results", ["metric", "iou"])):
+        theirs = pd.read_parquet(folder / f"runs/tiny/{name}.parquet")
+        theirs = theirs[theirs["placement"] == "line"].reset_index(drop=True)
+        ours = pd.read_parquet(tmp_path / f"runs/tiny/{name}.parquet")
+        assert len(ours)
+        assert ours[keys].equals(theirs[keys])
+        pd.testing.assert_series_equal(ours["value"], theirs["value"], rtol=1e-6)
+
+
+def test_a_failed_trial_does_not_stop_the_others(folder, first, tmp_path):
+    broken = tmp_path / "broken.pt"
+    broken.write_bytes(b"not a checkpoint")
+    values = f"[null, '{broken}']"
+    result = sweep(folder, "--set", f"grid={{placement: [line], training.checkpoint: {values}}}")
+    assert result.returncode == 1
+    assert "1 of 2 trials failed" in result.stdout
+    assert "broken.pt" in result.stdout
+    trials = pd.read_parquet(folder / "runs/tiny/trials.parquet")
+    assert sorted(trials["status"]) == ["failed", "finished"]
+
+
+def test_a_mistake_in_the_configuration_is_one_line_and_exit_code_2(folder):
+    result = sweep(folder, "--set", "roi.x=[40, 0]")
+    assert result.returncode == 2
+    assert result.stderr.count("\n") == 1
+    assert "roi.x: found [40, 0]" in result.stderr
+    assert not result.stdout
+
+
+def test_schema():
+    result = subprocess.run(
+        [sys.executable, "-m", "sweeps.run", "--schema"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    schema = json.loads(result.stdout)
+    assert {"placement", "grid", "exclude", "training", "ray"} <= set(schema["properties"])
