@@ -93,10 +93,12 @@ def evaluate_classes(
     surrogates: Collection[str] = (),
     detection_probability: float = 0.1,
     occlusion: bool = False,
+    covered: NDArray[np.bool_] | None = None,
 ) -> dict[str, Surrogates]:
     """`evaluate` for several classes on one ROI; what does not depend on the class is done once.
 
-    `seconds` of each class is the common part plus its own.
+    `covered` is the coverage by `method` where the caller has it already. `seconds` of each class
+    is the common part plus its own.
     """
     unknown = sorted(set(surrogates) - set(RAY_SURROGATES))
     if unknown:
@@ -116,7 +118,8 @@ def evaluate_classes(
         placement = placement.with_lidar(replace(placement.lidar, azimuth_steps=azimuth_steps))
 
     start = time.perf_counter()
-    covered = coverage(placement, roi, method)
+    if covered is None:
+        covered = coverage(placement, roi, method)
     ray_method: RayMethod = "bresenham" if method == "bresenham" else "dda"
     by_count = set(surrogates) - ({"expected_ig"} if occlusion else set())
     counts = ray_counts(placement, roi, ray_method) if by_count else None

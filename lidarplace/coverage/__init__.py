@@ -13,7 +13,7 @@ from lidarplace.placement import Placement
 from lidarplace.roi import Roi
 
 Method = Literal["cone", "dda", "bresenham"]
-METHODS: tuple[str, ...] = get_args(Method)
+METHODS: tuple[Method, ...] = get_args(Method)
 
 
 def coverage(placement: Placement, roi: Roi, method: Method = "cone") -> NDArray[np.bool_]:
