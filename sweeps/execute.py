@@ -200,11 +200,12 @@ def backend_for(settings: RaySettings, store: Store) -> Iterator[Backend]:
         if local
         else {}
     )
+    paths = [str(Path(__file__).parents[1]), *filter(None, [os.environ.get("PYTHONPATH")])]
     ray.init(
         address=settings.address,
         log_to_driver=False,
         logging_level="ERROR",
-        runtime_env={"env_vars": {**_THREADS, "PYTHONPATH": str(Path(__file__).parents[1])}},
+        runtime_env={"env_vars": {**_THREADS, "PYTHONPATH": os.pathsep.join(paths)}},
         **options,
     )
     try:

@@ -40,7 +40,8 @@ def run(
     The same command continues a sweep that was stopped. Exit code 0: all trials finished; 1: some
     failed; 2: the configuration is wrong; 130: stopped by Ctrl-C.
     """
-    console = Console()
+    # A log file has no width; rich would take 80 columns.
+    console = Console() if sys.stdout.isatty() else Console(width=160)
     if schema:
         print(json.dumps(SweepFile.model_json_schema(), indent=2))
         return
@@ -145,8 +146,15 @@ def _print_summary(console: Console, folder: Path) -> None:
     for column in summary.columns:
         table.add_column(str(column), justify="left" if column == "placement" else "right")
     for row in summary.itertuples(index=False):
-        table.add_row(*(f"{v:.4g}" if isinstance(v, float) else str(v) for v in row))
+        table.add_row(*(_short(value) for value in row))
     console.print(table)
+
+
+def _short(value: object) -> str:
+    """A number in six places or less: 62.3, -134k, 7.69k."""
+    if not isinstance(value, float):
+        return str(value)
+    return f"{value / 1000:.3g}k" if abs(value) >= 1000 else f"{value:.1f}"
 
 
 def main() -> None:
