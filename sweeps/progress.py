@@ -8,6 +8,7 @@ from types import TracebackType
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Column
 
 from sweeps.task import Task
 
@@ -21,12 +22,17 @@ class StageProgress:
         self._done = Counter(task.stage for task in tasks if task.key in cached)
         self._running: dict[str, list[str]] = {stage: [] for stage in self._total}
         self._progress = Progress(
-            TextColumn("{task.description:18}"),
-            BarColumn(24),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(compact=True),
-            TextColumn("[dim]{task.fields[now]}"),
+            TextColumn("{task.description}", table_column=Column(min_width=17, no_wrap=True)),
+            BarColumn(16),
+            MofNCompleteColumn(table_column=Column(min_width=5, no_wrap=True)),
+            TimeRemainingColumn(compact=True, table_column=Column(min_width=5, no_wrap=True)),
+            # What runs now takes the rest of the line and is cut there.
+            TextColumn(
+                "[dim]{task.fields[now]}",
+                table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"),
+            ),
             console=console,
+            expand=True,
             disable=not console.is_terminal,
         )
         self._bars = {
