@@ -10,6 +10,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, NoReturn
 
@@ -59,6 +60,8 @@ def run(
         return
     try:
         failed = _run(console, sweep, plan, store, cached)
+    except ConfigError as error:
+        _wrong(str(error))
     except KeyboardInterrupt:
         console.print("\nStopped. What is finished is kept; the same command goes on from there.")
         raise typer.Exit(130) from None
@@ -85,13 +88,20 @@ def _run(
     start = time.monotonic()
     folder = sweep.common.output / sweep.common.name
     command = shlex.join(["python", "-m", "sweeps.run", *sys.argv[1:]])
-    key = hashlib.sha256("".join(trial.key for trial in plan.trials).encode()).hexdigest()[:12]
+    keys = "".join(sorted(trial.key for trial in plan.trials))
+    key = hashlib.sha256(keys.encode()).hexdigest()[:12]
     parameters = {
         "placements": len({trial.grid_point.point.placement for trial in plan.trials}),
         "trials": len(plan.trials),
-        "axes": ", ".join(sweep.axes),
+        "axes": ", ".join(sorted(sweep.axes)),
     }
-    with SweepLog(sweep.common.tracking_uri, sweep.common.name, key, parameters) as log:
+    with ExitStack() as stack:
+        try:
+            log = stack.enter_context(
+                SweepLog(sweep.common.tracking_uri, sweep.common.name, key, parameters)
+            )
+        except ValueError as error:  # the tracking server cannot take this sweep
+            raise ConfigError(f"tracking: {error}") from None
         with (
             backend_for(sweep.common.ray, store) as backend,
             StageProgress(console, plan.tasks, cached) as progress,

@@ -9,7 +9,7 @@ scene -> collect -> finetune -> evaluate
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -163,7 +163,7 @@ def evaluate_detector(params: Params, weights: Value, clouds: Value, truth: Valu
     return {"metrics": metrics, "detections": detections}
 
 
-FUNCTIONS = {
+FUNCTIONS: dict[str, Callable[..., Value]] = {
     "scene": scene,
     "ground_truth": ground_truth,
     "pog": pog,

@@ -150,7 +150,9 @@ class SweepLog:
         experiment = self._client.get_experiment_by_name(self.name)
         if experiment is None:
             place = None if database is None else (database.parent / "artifacts").as_uri()
-            return str(self._client.create_experiment(self.name, artifact_location=place))
+            # The kind decides which of its two faces the UI shows: this is model training.
+            tags = {"mlflow.experimentKind": "custom_model_development"}
+            return str(self._client.create_experiment(self.name, place, tags))
         if experiment.lifecycle_stage != "active":
             raise ValueError(
                 f"the MLflow experiment {self.name!r} was deleted: restore it, or give the sweep "
@@ -240,8 +242,8 @@ def ui_command(uri: str) -> str:
     """The command line that opens the experiments in a browser of this machine."""
     store = shlex.quote(_absolute(uri))
     return (
-        f"{shlex.quote(sys.executable)} -m mlflow ui --backend-store-uri {store} "
-        "--host 127.0.0.1 --port 5000"
+        f"MLFLOW_DISABLE_TELEMETRY=true {shlex.quote(sys.executable)} -m mlflow ui "
+        f"--backend-store-uri {store} --host 127.0.0.1 --port 5000"
     )
 
 

@@ -197,7 +197,8 @@ def test_mistakes_have_clear_errors(uri):
 def test_the_command_opens_the_database_on_this_machine_only(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     words = shlex.split(ui_command("sqlite:///my runs/mlflow.db"))
-    assert words[1:4] == ["-m", "mlflow", "ui"]
+    assert words[0] == "MLFLOW_DISABLE_TELEMETRY=true"
+    assert words[2:5] == ["-m", "mlflow", "ui"]
     assert (
         words[words.index("--backend-store-uri") + 1] == f"sqlite:///{tmp_path}/my runs/mlflow.db"
     )
