@@ -1,6 +1,6 @@
 """Seconds of one training step of every detector preset, batch 2, on one CPU core.
 
-    OMP_NUM_THREADS=1 python benchmarks/training_step.py
+OMP_NUM_THREADS=1 python benchmarks/training_step.py
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import (
     BaseModel,
@@ -129,19 +129,7 @@ class PlacementSettings(_Settings):
 class SurrogateSettings(_Settings):
     """Which surrogates are computed, and how."""
 
-    names: tuple[SurrogateName, ...] = Field(
-        (
-            "s_mig",
-            "ig",
-            "h_pog",
-            "covered_entropy",
-            "residual_entropy",
-            "m_sog",
-            "expected_points",
-            "expected_ig",
-        ),
-        min_length=1,
-    )
+    names: tuple[SurrogateName, ...] = Field(get_args(SurrogateName), min_length=1)
     resolution: float = Field(0.1, gt=0, allow_inf_nan=False, description="edge of a voxel, metres")
     method: Method = "cone"
     detection_probability: float = Field(

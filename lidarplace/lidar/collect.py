@@ -1,105 +1,84 @@
-"""Simulate the merged point clouds that a placement collects in a scene."""
+"""Point clouds of a placement: all its LiDARs in every frame of a box log."""
 
 from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from lidarplace.boxes import GEOMETRY, check_boxes
 from lidarplace.lidar.clouds import PointClouds
-from lidarplace.lidar.raycast import background, cast
-from lidarplace.lidar.returns import ATTENUATION, points_of
+from lidarplace.lidar.raycast import Hits, cast
+from lidarplace.lidar.returns import LARGEST_ERROR, sample_points
 from lidarplace.placement import Placement
 
 Crop = tuple[float, float, float, float, float, float]
 
-OWN_BODY = (0.0, 0.0, 0.75, 4.6, 1.9, 1.5, 0.0)
-"""The vehicle itself as a box: it blocks rays, and its returns are dropped."""
-
 
 def collect(
-    boxes: pd.DataFrame, frames: NDArray[np.int64], placement: Placement, crop: Crop, seed: int
+    boxes: pd.DataFrame,
+    frames: ArrayLike,
+    placement: Placement,
+    crop: Crop,
+    seed: int = 0,
 ) -> PointClouds:
-    """Clouds of all LiDARs of `placement` in the given frames of a box log.
+    """Simulate the merged clouds of all LiDARs of `placement` in the given frames.
 
-    Every beam and azimuth step is cast against the boxes of the frame, the ground at z = 0 and the
-    vehicle's own body; the nearest hit wins. All placements see the same poses; the noise depends
-    on (seed, frame, LiDAR, ray).
+    Every placement sees the same objects. Drop-off and range noise of a ray depend on seed, frame
+    number, LiDAR and ray only, so frames may be collected in any portions.
 
     Args:
-        boxes: rows of a box log.
-        frames: frame numbers, in the order of the result.
-        placement: mounts and the LiDAR with its range, noise and drop-off.
-        crop: points outside are left out: x, y, z of the lowest corner, then of the highest.
-        seed: of noise and drop-off, >= 0.
+        boxes: a box log, ego frame; its other frames are ignored.
+        frames: frame numbers, shape (F,); a frame without a box shows the ground.
+        placement: mounts and LiDAR.
+        crop: x0, y0, z0, x1, y1, z1 in the ego frame, metres; points outside are left out.
+        seed: of drop-off and range noise.
 
     Raises:
-        ValueError: a bad box log, or more LiDARs than the index of a point can hold.
+        ValueError: a box is bad, the crop is empty, or there are more than 256 LiDARs.
     """
     check_boxes(boxes)
+    if not all(low < high for low, high in zip(crop[:3], crop[3:], strict=True)):
+        raise ValueError(f"crop needs x0 < x1, y0 < y1, z0 < z1, found {crop}")
     if len(placement.mounts) > 256:
-        raise ValueError(f"at most 256 LiDARs, found {len(placement.mounts)}")
+        raise ValueError(f"a cloud holds at most 256 LiDARs, found {len(placement.mounts)}")
+    numbers = np.asarray(frames, np.int64)
     lidar = placement.lidar
-    limits = np.array(crop)
-    elevations = np.array(lidar.elevations)
-    views = []
-    for mount in placement.mounts:
-        directions = lidar.directions() @ mount.rotation.T
-        active = _may_reach(mount.position, directions, limits)
-        behind = background(mount.position, directions, lidar.range, np.array(OWN_BODY), active)
-        views.append((mount, directions, behind))
+    # A point may err into the crop from outside, so what is cast is a little larger.
+    slack = LARGEST_ERROR * lidar.range_noise
+    wide = (*(low - slack for low in crop[:3]), *(high + slack for high in crop[3:]))
 
-    order = np.argsort(boxes["frame"].to_numpy(), kind="stable")
-    frame_of_box = boxes["frame"].to_numpy()[order]
-    geometry = boxes[list(GEOMETRY)].to_numpy(np.float64)[order]
-    parts, indices, sizes = [], [], []
-    for frame in frames:
-        low, high = np.searchsorted(frame_of_box, [frame, frame + 1])
-        size = 0
-        for index, (mount, directions, behind) in enumerate(views):
-            hits = cast(
-                mount.position,
-                mount.rotation,
-                elevations,
-                directions,
-                lidar.range,
-                geometry[low:high],
-                behind,
-            )
-            points = points_of(
-                mount.position,
-                directions,
-                *hits,
-                lidar.range_noise,
-                lidar.drop_off,
-                ATTENUATION,
-                limits,
-                (seed, int(frame), index),
-            )
-            parts.append(points)
-            indices.append(np.full(len(points), index, np.uint8))
-            size += len(points)
-        sizes.append(size)
+    rays = lidar.beams * lidar.azimuth_steps
+    memory = np.empty((rays, 4), np.float32)
+    hits: Hits | None = None
+    points: list[NDArray[np.float32]] = []
+    counts = np.zeros((len(numbers), len(placement.mounts)), np.int64)
+    by_frame = _Frames(boxes)
+    for f, frame in enumerate(numbers.tolist()):
+        around = by_frame[frame]
+        for m, mount in enumerate(placement.mounts):
+            hits = cast(mount, lidar, around, wide, into=hits)
+            count = sample_points(mount, lidar, hits, crop, (seed, frame, m), memory)
+            counts[f, m] = count
+            points.append(memory[:count].copy())
+    mounts = np.tile(np.arange(len(placement.mounts), dtype=np.uint8), len(numbers))
     return PointClouds(
-        points=np.concatenate(parts) if parts else np.empty((0, 4), np.float32),
-        lidar=np.concatenate(indices) if indices else np.empty(0, np.uint8),
-        frames=np.asarray(frames, np.int64),
-        offsets=np.concatenate([[0], np.cumsum(sizes, dtype=np.int64)]).astype(np.int64),
+        points=np.concatenate([np.empty((0, 4), np.float32), *points]),
+        lidar=np.repeat(mounts, counts.ravel()),
+        frames=numbers,
+        offsets=np.concatenate([[0], np.cumsum(counts.sum(axis=1))]).astype(np.int64),
     )
 
 
-def _may_reach(
-    origin: NDArray[np.float64], directions: NDArray[np.float64], crop: NDArray[np.float64]
-) -> NDArray[np.bool_]:
-    """Rays that pass through the crop; noise moves a point along its ray, so no other can give one.
+class _Frames:
+    """The boxes of a log by frame number."""
 
-    The crop is grown by a millimetre, so that rounding cuts off no ray.
-    """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        t0 = (crop[:3] - 1e-3 - origin) / directions
-        t1 = (crop[3:] + 1e-3 - origin) / directions
-    # 0 / 0 is a ray within a face of the grown crop: as good as inside.
-    near = np.nan_to_num(np.minimum(t0, t1), nan=-np.inf, posinf=np.inf, neginf=-np.inf)
-    far = np.nan_to_num(np.maximum(t0, t1), nan=np.inf, posinf=np.inf, neginf=-np.inf)
-    return near.max(axis=1).clip(0) <= far.min(axis=1)
+    def __init__(self, boxes: pd.DataFrame) -> None:
+        frame = boxes["frame"].to_numpy(np.int64)
+        order = np.argsort(frame, kind="stable")
+        self._frame = frame[order]
+        self._geometry = boxes[list(GEOMETRY)].to_numpy(np.float64)[order]
+
+    def __getitem__(self, frame: int) -> NDArray[np.float64]:
+        first, last = np.searchsorted(self._frame, [frame, frame + 1])
+        return self._geometry[first:last]

@@ -1,224 +1,369 @@
-"""Rays against oriented boxes and the ground; the nearest hit wins. Compiled kernels."""
+"""Cast the rays of a LiDAR at boxes, the ground and the vehicle's own body.
+
+Every ray goes to the nearest surface that it *enters*: a box around the sensor is transparent,
+because its inside is no surface to return from. Boxes are rasterised in the sensor's azimuth and
+elevation, so a box costs only the rays that can meet it; the result is that of testing every ray
+against every box.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
-GROUND, NOTHING, OWN_BODY = -1, -2, -3
-"""What a ray hit, where it is no box: boxes are numbered from 0."""
+from lidarplace.placement import Mount
+from lidarplace.sensor import Lidar
+
+OWN_BODY = (0.0, 0.0, 0.75, 4.6, 1.9, 1.5, 0.0)
+"""The vehicle's own body: a box in the ego frame, `x, y, z, length, width, height, yaw`."""
+
+GROUND, NOTHING, BODY = -1, -2, -3
+"""What a ray hit when it was no box."""
 
 
-@njit(cache=True)
-def _entry(ox, oy, oz, dx, dy, dz, hx, hy, hz):  # pragma: no cover - compiled
-    """Ray parameter at which a ray from outside enters the box |x| <= hx, ..., inf if it misses.
+@dataclass(frozen=True)
+class Hits:
+    """What every ray of a LiDAR meets first, in the order of `Lidar.directions()`.
 
-    A ray that starts inside does not see the box: its faces are seen from outside only.
-    The axis of the entry face is returned beside it.
+    Attributes:
+        range: metres, `inf` where nothing is met within the LiDAR's range, shape (rays,), float64.
+        target: row of the box, or GROUND, NOTHING, BODY, shape (rays,), int32.
+        incidence: cosine between ray and surface normal, 0 where nothing is met, shape (rays,),
+            float64.
     """
-    near, far, face = -math.inf, math.inf, 0
-    for axis, o, d, h in ((0, ox, dx, hx), (1, oy, dy, hy), (2, oz, dz, hz)):
-        if d == 0.0:
-            if abs(o) > h:
-                return math.inf, 0
-            continue
-        t0, t1 = (-h - o) / d, (h - o) / d
-        if t0 > t1:
-            t0, t1 = t1, t0
-        if t0 > near:
-            near, face = t0, axis
-        far = min(far, t1)
-    if near > 0 and near <= far:
-        return near, face
-    return math.inf, 0
+
+    range: NDArray[np.float64]
+    target: NDArray[np.int32]
+    incidence: NDArray[np.float64]
 
 
-@njit(cache=True)
-def _seen_from(ox, oy, oz, rotation, box):  # pragma: no cover - compiled
-    """Where a box lies as seen by a sensor.
-
-    Returns (azimuth of its centre, lowest and highest azimuth relative to that, lowest and highest
-    elevation), radians in the sensor's frame; the bounds contain the box. A box that the sensor's
-    axis may pierce has all azimuths and elevations.
-    """
-    x, y, z, length, width, height, yaw = box
-    c, s = math.cos(yaw), math.sin(yaw)
-    px, py, pz = x - ox, y - oy, z - oz
-    # Into the sensor's frame: the transposed rotation.
-    cx = rotation[0, 0] * px + rotation[1, 0] * py + rotation[2, 0] * pz
-    cy = rotation[0, 1] * px + rotation[1, 1] * py + rotation[2, 1] * pz
-    distance = math.hypot(cx, cy)
-    if distance == 0.0:
-        return 0.0, -math.pi, math.pi, -math.pi / 2, math.pi / 2
-    ux, uy = cx / distance, cy / distance
-    near, far = math.inf, 0.0
-    low, high = math.inf, -math.inf
-    left, right = math.inf, -math.inf
-    for i in (-0.5, 0.5):
-        for j in (-0.5, 0.5):
-            for k in (-0.5, 0.5):
-                bx, by, bz = i * length, j * width, k * height
-                qx, qy, qz = px + c * bx - s * by, py + s * bx + c * by, pz + bz
-                sx = rotation[0, 0] * qx + rotation[1, 0] * qy + rotation[2, 0] * qz
-                sy = rotation[0, 1] * qx + rotation[1, 1] * qy + rotation[2, 1] * qz
-                sz = rotation[0, 2] * qx + rotation[1, 2] * qy + rotation[2, 2] * qz
-                along, across = sx * ux + sy * uy, sy * ux - sx * uy
-                near, far = min(near, along), max(far, math.hypot(sx, sy))
-                low, high = min(low, sz), max(high, sz)
-                if along > 0:
-                    angle = math.atan2(across, along)
-                    left, right = min(left, angle), max(right, angle)
-    if near <= 0:
-        return 0.0, -math.pi, math.pi, -math.pi / 2, math.pi / 2
-    lowest = math.atan2(low, near if low < 0 else far)
-    highest = math.atan2(high, near if high > 0 else far)
-    return math.atan2(cy, cx), left, right, lowest, highest
+EVERYWHERE = (-math.inf, -math.inf, -math.inf, math.inf, math.inf, math.inf)
 
 
-@njit(cache=True)
-def background(origin, directions, reach, own_body, active):
-    """First hits on what is the same in every frame: the ground and the vehicle itself.
+def cast(
+    mount: Mount,
+    lidar: Lidar,
+    boxes: NDArray[np.float64],
+    crop: Sequence[float] = EVERYWHERE,
+    into: Hits | None = None,
+) -> Hits:
+    """Cast all rays of one LiDAR; range noise and drop-off are not applied.
 
     Args:
-        origin: position of the sensor, ego frame, shape (3,), metres.
-        directions: of the rays, ego frame, in the order of `Lidar.directions`, shape (rays, 3).
-        reach: farthest return, metres.
-        own_body: x, y, z, length, width, height, yaw of the vehicle itself, shape (7,).
-        active: rays to cast, shape (rays,), bool.
-
-    Returns:
-        (distance, hit, incidence): metres (inf where nothing was hit, 0 for rays that are not
-        active, so that nothing is nearer), GROUND, NOTHING or OWN_BODY, and the cosine of the
-        angle between ray and surface normal.
+        mount: pose in the ego frame.
+        lidar: beams, azimuth steps and range.
+        boxes: rows of `lidarplace.boxes.GEOMETRY` in the ego frame, shape (B, 7), finite.
+        crop: x0, y0, z0, x1, y1, z1 in the ego frame, metres. Hits within it are right, for rays
+            that meet nothing there the answer is open: boxes that cannot matter are skipped.
+        into: hits of an earlier call for the same `lidar`, whose memory is used again.
     """
-    distance = np.where(active, math.inf, 0.0)
-    hit = np.full(len(directions), NOTHING, np.int32)
-    incidence = np.zeros(len(directions))
-    c, s = math.cos(own_body[6]), math.sin(own_body[6])
-    px, py, pz = origin[0] - own_body[0], origin[1] - own_body[1], origin[2] - own_body[2]
-    for ray in range(len(directions)):
-        if not active[ray]:
-            continue
-        x, y, z = directions[ray]
-        if origin[2] > 0 and -z * reach >= origin[2]:
-            distance[ray], hit[ray], incidence[ray] = -origin[2] / z, GROUND, -z
-        t, _ = _entry(
-            *(c * px + s * py, c * py - s * px, pz, c * x + s * y, c * y - s * x, z),
-            *(own_body[3] / 2, own_body[4] / 2, own_body[5] / 2),
-        )
-        if t < distance[ray] and t <= reach:
-            distance[ray], hit[ray] = t, OWN_BODY
-    return distance, hit, incidence
+    rays = lidar.beams * lidar.azimuth_steps
+    hits = into or Hits(np.empty(rays), np.empty(rays, np.int32), np.empty(rays))
+    _cast(
+        mount.position,
+        mount.rotation,
+        *beam_tables(lidar),
+        lidar.range,
+        np.ascontiguousarray(boxes, np.float64),
+        np.array(OWN_BODY),
+        np.array(crop, np.float64),
+        hits.range,
+        hits.target,
+        hits.incidence,
+    )
+    return hits
+
+
+@lru_cache(maxsize=16)
+def beam_tables(lidar: Lidar) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Elevations (beams, 3): angle, cosine, sine; azimuths (azimuth_steps, 2): cosine, sine."""
+    elevation = np.asarray(lidar.elevations)
+    azimuth = np.arange(lidar.azimuth_steps) * (2 * math.pi / lidar.azimuth_steps)
+    elevations = np.stack([elevation, np.cos(elevation), np.sin(elevation)], axis=1)
+    azimuths = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+    for table in (elevations, azimuths):
+        table.flags.writeable = False  # shared by all callers
+    return elevations, azimuths
+
+
+def visible_share(
+    viewpoint: tuple[float, float, float],
+    boxes: NDArray[np.float64],
+    grid: tuple[int, int],
+) -> NDArray[np.float64]:
+    """Share of each box that an ideal sensor at `viewpoint` sees past the others, shape (B,).
+
+    A grid of (azimuths, elevations) rays spans the angles of each box. Of the rays that enter the
+    box when it is alone, the share that meets no other box before. 0 if no ray enters the box:
+    it is thinner than the grid, or holds the viewpoint.
+
+    Args:
+        viewpoint: x, y, z in the ego frame, metres. Ground and own body hide nothing.
+        boxes: rows of `lidarplace.boxes.GEOMETRY` of one frame, shape (B, 7), finite.
+        grid: rays along azimuth and along elevation.
+    """
+    return _visible_share(np.array(viewpoint), np.ascontiguousarray(boxes), grid[0], grid[1])
 
 
 @njit(cache=True)
-def cast(origin, rotation, elevations, directions, reach, boxes, behind):
-    """First hits of all rays of one turning LiDAR in one frame.
+def _extent(box, origin, rotation):
+    """Azimuths and elevations under which `box` can appear in the sensor's frame.
 
-    Args:
-        origin, directions, reach: as in `background`.
-        rotation: sensor-to-ego rotation, shape (3, 3).
-        elevations: of the beams, radians, shape (beams,).
-        boxes: x, y, z, length, width, height, yaw, ego frame, shape (n, 7).
-        behind: result of `background`.
-
-    Returns:
-        (distance, hit, incidence) as from `background`, with the index of the box where one was
-        hit first.
+    Returns (centre azimuth, half width below, half width above, lowest, highest elevation); the
+    half widths are pi if the sensor's axis meets the box or passes close by. The azimuths are
+    those of the corners, exact; the elevations are bounds, from the corners' heights and the disc
+    around them.
     """
-    distance, hit, incidence = behind[0].copy(), behind[1].copy(), behind[2].copy()
-    azimuth_steps = len(directions) // len(elevations)
-    step = 2 * math.pi / azimuth_steps
-    for n in range(len(boxes)):
-        box = boxes[n]
-        centre, left, right, lowest, highest = _seen_from(
-            origin[0], origin[1], origin[2], rotation, box
-        )
-        # A hair more on each side: rounding must not cut a ray off.
-        first = math.ceil((centre + left - 1e-9) / step)
-        last = math.floor((centre + right + 1e-9) / step)
-        if last - first >= azimuth_steps:
-            first, last = 0, azimuth_steps - 1
+    c, s = math.cos(box[6]), math.sin(box[6])
+    corners = np.empty((8, 3))
+    for n in range(8):
+        lx = box[3] * (0.5 if n & 1 else -0.5)
+        ly = box[4] * (0.5 if n & 2 else -0.5)
+        ex = box[0] + c * lx - s * ly - origin[0]
+        ey = box[1] + s * lx + c * ly - origin[1]
+        ez = box[2] + box[5] * (0.5 if n & 4 else -0.5) - origin[2]
+        for k in range(3):
+            corners[n, k] = rotation[0, k] * ex + rotation[1, k] * ey + rotation[2, k] * ez
+    mx, my = corners[:, 0].mean(), corners[:, 1].mean()
+    middle = math.atan2(my, mx)
+    distance = math.hypot(mx, my)
+    below = above = radius = 0.0
+    nearest = np.inf
+    lowest, highest = np.inf, -np.inf
+    for n in range(8):
+        x, y, z = corners[n]
+        turn = math.atan2(y, x) - middle
+        if turn > math.pi:
+            turn -= 2 * math.pi
+        elif turn < -math.pi:
+            turn += 2 * math.pi
+        below, above = max(below, -turn), max(above, turn)
+        radius = max(radius, math.hypot(x - mx, y - my))
+        nearest = min(nearest, math.hypot(x, y))
+        lowest, highest = min(lowest, z), max(highest, z)
+    # Seen from outside, a convex shape spans less than half a turn.
+    if below + above > math.pi - 1e-6 or nearest < 1e-6:
+        below = above = math.pi
+    near, far = max(distance - radius, 0.0), distance + radius
+    lowest = math.atan2(lowest, near if lowest < 0 else far)
+    highest = math.atan2(highest, near if highest > 0 else far)
+    return middle, below, above, lowest - 1e-9, highest + 1e-9
+
+
+@njit(cache=True)
+def _azimuth_run(middle, below, above, steps):
+    """First azimuth step, in [0, steps), and number of steps of an interval of azimuths."""
+    per_step = 2 * math.pi / steps
+    # One step wider than the interval on both sides, so that rounding costs nothing.
+    first = math.floor((middle - below) / per_step)
+    count = math.ceil((middle + above) / per_step) - first + 1
+    if count >= steps:
+        return 0, steps
+    return first % steps, count
+
+
+@njit(cache=True, error_model="numpy")
+def _enter(ox, oy, oz, dx, dy, dz, hx, hy, hz):
+    """Where a ray enters the box |x| <= hx, |y| <= hy, |z| <= hz, and the cosine of incidence.
+
+    Slab method. Returns (inf, 0) for a ray that does not enter from outside. A ray parallel to a
+    slab is inside it for ever or never; dividing by its zero, or by a number whose inverse
+    overflows, would give NaN.
+    """
+    enter, leave, cosine = -np.inf, np.inf, 0.0
+    if abs(dx) > 1e-290:
+        inverse = 1.0 / dx
+        centre, half = -ox * inverse, abs(hx * inverse)
+        enter, leave, cosine = centre - half, centre + half, abs(dx)
+    elif abs(ox) > hx:
+        return np.inf, 0.0
+    if abs(dy) > 1e-290:
+        inverse = 1.0 / dy
+        centre, half = -oy * inverse, abs(hy * inverse)
+        if centre - half > enter:
+            enter, cosine = centre - half, abs(dy)
+        leave = min(leave, centre + half)
+    elif abs(oy) > hy:
+        return np.inf, 0.0
+    if abs(dz) > 1e-290:
+        inverse = 1.0 / dz
+        centre, half = -oz * inverse, abs(hz * inverse)
+        if centre - half > enter:
+            enter, cosine = centre - half, abs(dz)
+        leave = min(leave, centre + half)
+    elif abs(oz) > hz:
+        return np.inf, 0.0
+    if 0.0 <= enter <= leave:
+        return enter, cosine
+    return np.inf, 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _cast(
+    origin,
+    rotation,
+    elevations,
+    azimuths,
+    reach,
+    boxes,
+    body,
+    crop,
+    ranges,
+    targets,
+    incidences,
+):
+    """Fill range, target and incidence of every ray; exact for what lies within `crop`.
+
+    Boxes apart from the hull of crop and sensor are skipped: the hull is convex, so it holds
+    every ray up to a point in `crop`, and they cannot stand before one.
+    """
+    steps = len(azimuths)
+    for beam in range(len(elevations)):
+        ce, se = elevations[beam, 1], elevations[beam, 2]
+        z0, z1, z2 = rotation[2, 0] * ce, rotation[2, 1] * ce, rotation[2, 2] * se
+        for step in range(steps):
+            ray = beam * steps + step
+            dz = z0 * azimuths[step, 0] + z1 * azimuths[step, 1] + z2
+            ground = -origin[2] / dz if dz < 0.0 else np.inf
+            met = 0.0 <= ground <= reach and ground < np.inf  # the range may be infinite
+            ranges[ray] = ground if met else np.inf
+            targets[ray] = -1 if met else -2
+            incidences[ray] = -dz if met else 0.0
+
+    for b in range(-1, len(boxes)):
+        box = body if b < 0 else boxes[b]
+        radius = 0.5 * math.sqrt(box[3] ** 2 + box[4] ** 2 + box[5] ** 2)
+        apart = False
+        away = 0.0
+        for axis in range(3):
+            low, high = min(crop[axis], origin[axis]), max(crop[axis + 3], origin[axis])
+            apart |= box[axis] + radius < low or box[axis] - radius > high
+            away += (box[axis] - origin[axis]) ** 2
+        if apart or math.sqrt(away) - radius > reach:
+            continue
+
         c, s = math.cos(box[6]), math.sin(box[6])
-        px, py, oz = origin[0] - box[0], origin[1] - box[1], origin[2] - box[2]
-        ox, oy = c * px + s * py, c * py - s * px
-        hx, hy, hz = box[3] / 2, box[4] / 2, box[5] / 2
-        for b in range(len(elevations)):
-            if not lowest - 1e-9 <= elevations[b] <= highest + 1e-9:
+        ex, ey = origin[0] - box[0], origin[1] - box[1]
+        ox, oy, oz = c * ex + s * ey, c * ey - s * ex, origin[2] - box[2]
+        hx, hy, hz = 0.5 * box[3], 0.5 * box[4], 0.5 * box[5]
+        # Rows of the sensor-to-box rotation.
+        x0, y0, z0 = (
+            c * rotation[0, 0] + s * rotation[1, 0],
+            c * rotation[1, 0] - s * rotation[0, 0],
+            rotation[2, 0],
+        )
+        x1, y1, z1 = (
+            c * rotation[0, 1] + s * rotation[1, 1],
+            c * rotation[1, 1] - s * rotation[0, 1],
+            rotation[2, 1],
+        )
+        x2, y2, z2 = (
+            c * rotation[0, 2] + s * rotation[1, 2],
+            c * rotation[1, 2] - s * rotation[0, 2],
+            rotation[2, 2],
+        )
+        middle, below, above, lowest, highest = _extent(box, origin, rotation)
+        first, count = _azimuth_run(middle, below, above, steps)
+        for beam in range(len(elevations)):
+            if not lowest <= elevations[beam, 0] <= highest:
                 continue
-            for index in range(first, last + 1):
-                ray = b * azimuth_steps + index % azimuth_steps
-                x, y, z = directions[ray]
-                dx, dy = c * x + s * y, c * y - s * x
-                t, face = _entry(ox, oy, oz, dx, dy, z, hx, hy, hz)
-                if t < distance[ray] and t <= reach:
-                    distance[ray], hit[ray] = t, n
-                    incidence[ray] = abs(dx if face == 0 else dy if face == 1 else z)
-    return distance, hit, incidence
+            ce, se = elevations[beam, 1], elevations[beam, 2]
+            for n in range(count):
+                step = first + n
+                if step >= steps:
+                    step -= steps
+                ca, sa = ce * azimuths[step, 0], ce * azimuths[step, 1]
+                enter, cosine = _enter(
+                    ox,
+                    oy,
+                    oz,
+                    x0 * ca + x1 * sa + x2 * se,
+                    y0 * ca + y1 * sa + y2 * se,
+                    z0 * ca + z1 * sa + z2 * se,
+                    hx,
+                    hy,
+                    hz,
+                )
+                ray = beam * steps + step
+                if enter < ranges[ray] and enter <= reach:
+                    ranges[ray] = enter
+                    targets[ray] = b if b >= 0 else -3
+                    incidences[ray] = cosine
 
 
 @njit(cache=True)
-def visible_shares(viewpoint, boxes, wanted, columns, rows):
-    """Share of each wanted box that is not hidden behind others, seen from one point.
-
-    Rays spread over the angles that a box takes up, `columns` by `rows` of them; of those that
-    would hit the box alone, the share that hits it before any other box.
-
-    Args:
-        viewpoint: shape (3,), metres.
-        boxes: the boxes of one frame, shape (n, 7).
-        wanted: which of them to look at, shape (n,), bool.
-
-    Returns:
-        Shares in [0, 1], shape (n,); 0 where not wanted, 1 for a box that holds the viewpoint.
-    """
-    shares = np.zeros(len(boxes))
+def _visible_share(viewpoint, boxes, azimuths, elevations):
+    number = len(boxes)
     upright = np.eye(3)
-    local = np.empty((len(boxes), 5))
-    for n in range(len(boxes)):
-        c, s = math.cos(boxes[n, 6]), math.sin(boxes[n, 6])
-        px, py = viewpoint[0] - boxes[n, 0], viewpoint[1] - boxes[n, 1]
-        local[n] = c * px + s * py, c * py - s * px, viewpoint[2] - boxes[n, 2], c, s
-    for n in range(len(boxes)):
-        if not wanted[n]:
-            continue
-        half = boxes[n, 3:6] / 2
-        if (np.abs(local[n, :3]) <= half).all():
-            shares[n] = 1.0
-            continue
-        centre, left, right, lowest, highest = _seen_from(
-            viewpoint[0], viewpoint[1], viewpoint[2], upright, boxes[n]
+    extents = np.empty((number, 5))
+    near = np.empty(number)
+    far = np.empty(number)
+    for b in range(number):
+        box = boxes[b]
+        extents[b] = _extent(box, viewpoint, upright)
+        radius = 0.5 * math.sqrt(box[3] ** 2 + box[4] ** 2 + box[5] ** 2)
+        away = math.sqrt(
+            (box[0] - viewpoint[0]) ** 2
+            + (box[1] - viewpoint[1]) ** 2
+            + (box[2] - viewpoint[2]) ** 2
         )
-        alone, first = 0, 0
-        for i in range(columns):
-            azimuth = centre + left + (i + 0.5) / columns * (right - left)
-            for j in range(rows):
-                elevation = lowest + (j + 0.5) / rows * (highest - lowest)
+        near[b], far[b] = away - radius, away + radius
+    before = np.empty(number, np.int64)
+    share = np.zeros(number)
+    for b in range(number):
+        middle, below, above, lowest, highest = extents[b]
+        others = 0
+        for o in range(number):
+            turn = abs(extents[o, 0] - middle)
+            turn = min(turn, 2 * math.pi - turn)
+            widths = max(below, above) + max(extents[o, 1], extents[o, 2])
+            if o != b and near[o] <= far[b] and turn <= widths + 1e-9:
+                before[others] = o
+                others += 1
+        alone = seen = 0
+        for i in range(azimuths):
+            azimuth = middle - below + (below + above) * (i + 0.5) / azimuths
+            for j in range(elevations):
+                elevation = lowest + (highest - lowest) * (j + 0.5) / elevations
                 dx = math.cos(elevation) * math.cos(azimuth)
                 dy = math.cos(elevation) * math.sin(azimuth)
                 dz = math.sin(elevation)
-                own = math.inf
-                nearest = math.inf
-                for m in range(-1, len(boxes)):  # the box itself, then the others
-                    k = n if m < 0 else m
-                    if k == n and m >= 0:
-                        continue
-                    ox, oy, oz, c, s = local[k]
-                    t, _ = _entry(
-                        *(ox, oy, oz, c * dx + s * dy, c * dy - s * dx, dz),
-                        *(boxes[k, 3] / 2, boxes[k, 4] / 2, boxes[k, 5] / 2),
-                    )
-                    if k == n:
-                        own = t
-                        if own == math.inf:
-                            break
-                    else:
-                        nearest = min(nearest, t)
-                if own < math.inf:
-                    alone += 1
-                    first += own <= nearest
-        if alone:
-            shares[n] = first / alone
-    return shares
+                enter = _enter_posed(viewpoint, dx, dy, dz, boxes[b])
+                if enter == np.inf:
+                    continue
+                alone += 1
+                hidden = False
+                for k in range(others):
+                    if _enter_posed(viewpoint, dx, dy, dz, boxes[before[k]]) < enter:
+                        hidden = True
+                        break
+                if not hidden:
+                    seen += 1
+        if alone > 0:
+            share[b] = seen / alone
+    return share
+
+
+@njit(cache=True)
+def _enter_posed(origin, dx, dy, dz, box):
+    """Where a ray enters `box`, both in the ego frame."""
+    c, s = math.cos(box[6]), math.sin(box[6])
+    ex, ey = origin[0] - box[0], origin[1] - box[1]
+    enter, _ = _enter(
+        c * ex + s * ey,
+        c * ey - s * ex,
+        origin[2] - box[2],
+        c * dx + s * dy,
+        c * dy - s * dx,
+        dz,
+        0.5 * box[3],
+        0.5 * box[4],
+        0.5 * box[5],
+    )
+    return enter

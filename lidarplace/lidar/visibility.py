@@ -1,52 +1,53 @@
-"""Which objects can be seen from the vehicle at all: the ground truth of every placement."""
+"""The ground truth of a fair experiment: what an ideal sensor sees, whatever the placement."""
 
 from __future__ import annotations
+
+import itertools
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.boxes import GEOMETRY, check_boxes
-from lidarplace.lidar.raycast import visible_shares
+from lidarplace.boxes import GEOMETRY, check_boxes, frame_ids
+from lidarplace.lidar.raycast import visible_share
 from lidarplace.roi import Interval
 
 VIEWPOINT = (0.0, 0.0, 2.4)
-"""Where the ideal dense sensor sits: on the roof, ego frame, metres; the same for all placements."""
+"""Above the middle of the vehicle, as high as the lowest LiDAR of the paper's *Center*."""
 
-RAYS = (24, 12)
-"""Rays over the width and over the height of an object, however far it is."""
+GRID = (32, 24)
+"""Rays over the azimuths and elevations of a box: shares come in steps below half a percent."""
 
 
-def visibility(boxes: pd.DataFrame, wanted: NDArray[np.bool_] | None = None) -> NDArray[np.float64]:
-    """Share of each box that an ideal dense sensor on the roof sees; other boxes hide it.
+def visibility(boxes: pd.DataFrame) -> NDArray[np.float64]:
+    """Share of each box that an ideal, dense sensor at `VIEWPOINT` sees, shape (rows,), in [0, 1].
 
-    Args:
-        boxes: rows of a box log; all boxes of a frame count as obstacles.
-        wanted: rows to look at, all if None.
+    Of the rays that meet the box when it is alone, the share that still meets it first among all
+    boxes of its frame. Neither ground nor own body hides anything, so the share does not depend
+    on a placement. 0 means hidden.
 
-    Returns:
-        Shares in [0, 1], shape (rows,); 0 for boxes that are hidden or not wanted.
+    Raises:
+        ValueError: a column is missing or a box is bad.
     """
     check_boxes(boxes)
-    if wanted is None:
-        wanted = np.ones(len(boxes), np.bool_)
-    shares = np.zeros(len(boxes))
-    geometry = boxes[list(GEOMETRY)].to_numpy(np.float64)
-    viewpoint = np.array(VIEWPOINT)
-    for rows in boxes.groupby("frame", sort=False).indices.values():
-        if wanted[rows].any():
-            shares[rows] = visible_shares(viewpoint, geometry[rows], wanted[rows], *RAYS)
-    return shares
+    frame = frame_ids(boxes)
+    order = np.argsort(frame, kind="stable")
+    geometry = boxes[list(GEOMETRY)].to_numpy(np.float64)[order]
+    share = np.empty(len(boxes))
+    bounds = np.flatnonzero(np.diff(frame[order], prepend=-1, append=-1))
+    for first, last in itertools.pairwise(bounds):
+        share[order[first:last]] = visible_share(VIEWPOINT, geometry[first:last], GRID)
+    return share
 
 
 def ground_truth(boxes: pd.DataFrame, x: Interval, y: Interval, z: Interval) -> pd.DataFrame:
-    """Rows of a box log that count: centre in the ROI and visible, however little.
+    """The objects that count: centre in the ROI x, y, z, faces included, and visible.
 
-    Returns:
-        The rows, numbered anew, with a column `visibility` in (0, 1].
+    Rows of `boxes` with a column `visibility` added; hidden objects and those outside still hide
+    others. The same for every placement.
     """
-    inside = np.ones(len(boxes), np.bool_)
+    inside = np.ones(len(boxes), bool)
     for axis, (low, high) in zip("xyz", (x, y, z), strict=True):
         inside &= boxes[axis].between(low, high).to_numpy()
-    counted = boxes.assign(visibility=visibility(boxes, inside))
-    return counted[counted["visibility"] > 0].reset_index(drop=True)
+    table = boxes.assign(visibility=visibility(boxes))
+    return table[inside & (table["visibility"] > 0).to_numpy()]

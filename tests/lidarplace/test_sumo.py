@@ -1,0 +1,291 @@
+"""Simulated traffic: the same bytes for a seed, plausible poses, no leak from train to test."""
+
+import hashlib
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from pydantic import ValidationError
+
+from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS, check_boxes, write_box_log
+from lidarplace.lidar.raycast import OWN_BODY
+from lidarplace.scenes.overlap import rectangles_meet
+from lidarplace.scenes.settings import SumoScene
+from lidarplace.scenes.sumo import KEEP_M, boxes_around, choose_egos, drive, record
+from lidarplace.scenes.traffic import (
+    BICYCLE,
+    BOX_TRUCK,
+    CAR,
+    MOTORCYCLE,
+    PEDESTRIAN,
+    RoadUser,
+    cars_among,
+)
+from lidarplace.scenes.trajectories import Trajectories
+
+pytest.importorskip("sumolib")
+
+TINY = SumoScene(
+    seed=3,
+    density=60,
+    pedestrians=20,
+    routes=3,
+    test_routes=2,
+    frames_per_route=10,
+    frame_stride=5,
+    warmup_s=5,
+)
+
+
+@pytest.fixture(scope="module")
+def log() -> tuple[pd.DataFrame, pd.DataFrame]:
+    return record(TINY)
+
+
+def digest(folder: Path) -> list[str]:
+    return [
+        hashlib.sha256((folder / name).read_bytes()).hexdigest()
+        for name in ("boxes.parquet", "frames.parquet")
+    ]
+
+
+def test_same_bytes_again_in_this_and_in_other_processes(log, tmp_path):
+    write_box_log(tmp_path / "first", *log)
+    write_box_log(tmp_path / "second", *record(TINY))
+    script = (
+        "import sys; from pathlib import Path\n"
+        "from lidarplace.boxes import write_box_log\n"
+        "from lidarplace.scenes.settings import SumoScene\n"
+        "from lidarplace.scenes.sumo import record\n"
+        "scene = SumoScene.model_validate_json(sys.argv[1])\n"
+        "write_box_log(Path(sys.argv[2]), *record(scene))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script, TINY.model_dump_json(), str(tmp_path / "third")],
+        env={**os.environ, "PYTHONHASHSEED": "12345"},
+        capture_output=True,
+        check=True,
+    )
+    assert done.stdout == b""
+    assert digest(tmp_path / "first") == digest(tmp_path / "second") == digest(tmp_path / "third")
+
+
+def test_another_seed_gives_another_log(log):
+    boxes, _ = record(TINY.model_copy(update={"seed": 4, "frames_per_route": 1, "test_routes": 0}))
+    first = log[0][log[0]["frame"] == 0]
+    assert not np.isin(boxes["x"], first["x"]).any()
+
+
+def test_schema(log):
+    boxes, frames = log
+    assert tuple(boxes.columns) == BOX_COLUMNS
+    assert tuple(frames.columns) == FRAME_COLUMNS
+    check_boxes(boxes)
+    assert frames["frame"].tolist() == list(range(50))
+    assert boxes["frame"].isin(frames["frame"]).all()
+    assert boxes["frame"].is_monotonic_increasing
+    assert set(boxes["scene"]) == set(frames["scene"]) == {"sumo-3"}
+    assert not boxes.duplicated(["frame", "object_id"]).any()
+    times = frames.set_index("frame")["timestamp_s"]
+    np.testing.assert_array_equal(boxes["timestamp_s"], times.loc[boxes["frame"]])
+    np.testing.assert_allclose(np.diff(times[:10]), 0.25)
+
+
+def test_train_and_test_share_no_route_and_no_object(log):
+    boxes, frames = log
+    assert frames.groupby("route")["split"].nunique().eq(1).all()
+    assert frames.groupby("split")["route"].unique().map(list).to_dict() == {
+        "train": [0, 1, 2],
+        "test": [3, 4],
+    }
+    split = boxes["frame"].map(frames.set_index("frame")["split"])
+    objects = boxes["object_id"].groupby(split).unique()
+    assert not set(objects["train"]) & set(objects["test"])
+
+
+def test_papers_split_calls_every_tenth_frame_test(log):
+    boxes, frames = record(TINY.model_copy(update={"split": "paper"}))
+    pd.testing.assert_frame_equal(boxes, log[0])
+    assert frames.loc[frames["split"] == "test", "frame"].tolist() == [9, 19, 29, 39, 49]
+
+
+def test_boxes_are_near_and_on_the_ground(log):
+    boxes, _ = log
+    assert np.hypot(boxes["x"], boxes["y"]).max() <= KEEP_M
+    np.testing.assert_array_equal(boxes["z"], boxes["height"] / 2)
+    assert boxes["yaw"].between(-math.pi, math.pi, inclusive="right").all()
+
+
+def test_classes_and_sizes(log):
+    boxes, _ = log
+    kind = boxes["object_id"].str.extract(r"-([a-z]+)\d")[0]
+    for k in (CAR, BOX_TRUCK, MOTORCYCLE, BICYCLE, PEDESTRIAN):
+        rows = boxes[kind == k.name]
+        assert len(rows) > 0
+        assert set(rows["class"]) == {k.object_class}
+        for size in ("length", "width", "height"):
+            assert rows[size].between(*getattr(k, size)).all()
+            assert rows.groupby("object_id")[size].nunique().eq(1).all()
+            assert rows[size].nunique() == rows["object_id"].nunique()
+    assert BOX_TRUCK.length[0] > 5.2
+    assert BOX_TRUCK.width[0] > 2.4
+    assert BOX_TRUCK.height[0] > 2.6
+
+
+def test_no_two_boxes_overlap_and_none_the_ego(log):
+    boxes, _ = log
+    pairs = 0
+    own = np.array([[0.0, 0.0, 0.0]]), np.array([OWN_BODY[3:5]]) / 2
+    for _, frame in boxes.groupby("frame"):
+        pose = frame[["x", "y", "yaw"]].to_numpy()
+        half = frame[["length", "width"]].to_numpy() / 2
+        a, b = np.triu_indices(len(frame), 1)
+        assert not rectangles_meet(pose[a], half[a] - 1e-9, pose[b], half[b] - 1e-9).any()
+        every = np.ones((len(frame), 1))
+        assert not rectangles_meet(pose, half, own[0] * every, own[1] * every).any()
+        pairs += len(a)
+    assert pairs > 1000
+
+
+@pytest.fixture(scope="module")
+def traffic() -> Trajectories:
+    changes = {"warmup_s": 30.0, "frame_stride": 4, "frames_per_route": 50}
+    return drive(TINY.model_copy(update=changes), town=0)
+
+
+def test_everybody_is_on_the_road_and_drives_where_he_looks(traffic):
+    """Checks the turn from SUMO's compass angles: a displacement points along the yaw."""
+    assert not np.isnan(traffic.pose).any()
+    step = np.diff(traffic.pose[:, :, :2], axis=0)
+    yaw = traffic.pose[:-1, :, 2]
+    cars = [u for u, user in enumerate(traffic.users) if user.kind is CAR]
+    straight = np.abs(np.diff(traffic.pose[:, :, 2], axis=0)) < 1e-3
+    fast = (np.hypot(*step.transpose(2, 0, 1)) > 0.5) & straight
+    along = step[:, :, 0] * np.cos(yaw) + step[:, :, 1] * np.sin(yaw)
+    across = step[:, :, 1] * np.cos(yaw) - step[:, :, 0] * np.sin(yaw)
+    assert fast[:, cars].sum() > 200
+    assert (along[:, cars][fast[:, cars]] > 0.49).all()
+    assert np.median(np.abs(across[:, cars][fast[:, cars]])) < 0.02
+
+
+def test_a_queue_keeps_its_distance(traffic):
+    """Checks the step from SUMO's front bumper to the box's centre: bumpers are apart."""
+    gaps = []
+    cars = [u for u, user in enumerate(traffic.users) if user.kind is CAR]
+    for pose, speed in zip(traffic.pose, traffic.speed, strict=True):
+        for follower in cars:
+            x, y, yaw = pose[follower]
+            dx, dy = pose[cars, 0] - x, pose[cars, 1] - y
+            ahead = np.cos(yaw) * dx + np.sin(yaw) * dy
+            aside = np.abs(np.cos(yaw) * dy - np.sin(yaw) * dx)
+            for n in np.flatnonzero((ahead > 1) & (ahead < 9) & (aside < 0.3)):
+                leader = cars[n]
+                if abs(pose[leader, 2] - yaw) < 1e-3 and max(speed[[leader, follower]]) < 0.01:
+                    lengths = traffic.users[leader].length + traffic.users[follower].length
+                    gaps.append(ahead[n] - lengths / 2)
+    assert len(gaps) > 30
+    np.testing.assert_allclose(gaps, 2.5, atol=0.05)  # SUMO's minimum gap
+
+
+def synthetic(*pose: tuple[float, float, float], kinds=None, speed=None) -> Trajectories:
+    """One recorded step; road users 4 x 2 x 1.5 m."""
+    kinds = kinds or [CAR] * len(pose)
+    users = [RoadUser(f"{kind.name}{u}", kind, 4.0, 2.0, 1.5) for u, kind in enumerate(kinds)]
+    speeds = np.array([speed or [1.0] * len(pose)])
+    return Trajectories(users, np.zeros(1), np.array([pose], np.float64), speeds)
+
+
+NO_PAIRS = np.empty((0, 3), np.int64)
+
+
+def test_ego_frame():
+    north = math.pi / 2
+    traffic = synthetic((10, 20, north), (10, 25, north), (7, 20, math.pi), (12, 20, 0))
+    boxes = boxes_around(traffic, NO_PAIRS, 0, "s", "train", 40)
+    np.testing.assert_allclose(boxes[["x", "y"]], [[5, 0], [0, 3], [0, -2]], atol=1e-12)
+    np.testing.assert_allclose(boxes["yaw"], [0, math.pi / 2, -math.pi / 2])
+    assert boxes["frame"].tolist() == [40] * 3
+    assert boxes["object_id"].tolist() == ["train-car1", "train-car2", "train-car3"]
+
+
+def test_yaw_stays_in_its_interval():
+    traffic = synthetic((0, 0, 0.0), (9, 0, math.pi), (18, 0, -math.pi), (27, 0, 3 * math.pi))
+    boxes = boxes_around(traffic, NO_PAIRS, 0, "s", "train", 0)
+    np.testing.assert_array_equal(boxes["yaw"], math.pi)
+
+
+def test_only_near_ones_on_the_road_and_one_of_an_overlapping_pair():
+    traffic = synthetic((0, 0, 0), (60, 0, 0), (60.1, 0, 0), (np.nan,) * 3, (10, 0, 0), (11, 0, 0))
+    pairs = np.array([[0, 4, 5]])
+    boxes = boxes_around(traffic, pairs, 0, "s", "train", 0)
+    assert boxes["object_id"].tolist() == ["train-car1", "train-car4"]
+    boxes = boxes_around(traffic, pairs, 5, "s", "train", 0)
+    assert "train-car4" not in boxes["object_id"].tolist()
+
+
+def test_egos_are_the_cars_that_drove_farthest():
+    kinds = [CAR, BICYCLE, CAR, CAR, CAR]
+    pose = [(u * 10.0, 0.0, 0.0) for u in range(5)]
+    pose[4] = (np.nan,) * 3
+    traffic = synthetic(*pose, kinds=kinds, speed=[1.0, 9.0, 3.0, 2.0, 9.0])
+    assert choose_egos(traffic, 2) == [2, 3]
+    with pytest.raises(ValueError, match="only 3 cars stayed on the road"):
+        choose_egos(traffic, 4)
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "meet"),
+    [
+        ((0, 0, 0), (4.1, 0, 0), False),
+        ((0, 0, 0), (3.9, 0, 0), True),
+        ((0, 0, 0), (3.1, 0, math.pi / 2), False),
+        ((0, 0, 0), (0, 2.9, math.pi / 2), True),
+        ((0, 0, 0), (3.1, 2.1, math.pi / 4), True),
+        ((0, 0, 0), (3.1, 2.1, -math.pi / 4), False),
+    ],
+)
+def test_rectangles_meet(a, b, meet):
+    half = np.array([[2.0, 1.0]])
+    first, second = np.array([a], np.float64), np.array([b], np.float64)
+    assert rectangles_meet(first, half, second, half).tolist() == [meet]
+    assert rectangles_meet(second, half, first, half).tolist() == [meet]
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ({"density": 0}, "density"),
+        ({"routes": 0}, "routes"),
+        ({"frame_stride": 0}, "frame_stride"),
+        ({"split": "random"}, "'route' or 'paper'"),
+        ({"warmup_s": math.inf}, "warmup_s"),
+        ({"speed": 3}, "speed\n.*[Ee]xtra"),
+    ],
+)
+def test_bad_settings_are_named(setting, message):
+    with pytest.raises(ValidationError, match=message):
+        SumoScene(**setting)
+
+
+def test_more_routes_than_cars():
+    with pytest.raises(ValueError, match="density 10 gives 7 cars, too few for 8 train routes"):
+        record(SumoScene(density=10, routes=8))
+    assert cars_among(1) == 1
+    assert cars_among(80) == 56
+
+
+def test_more_vehicles_than_fit():
+    scene = TINY.model_copy(update={"density": 2000, "frames_per_route": 1, "warmup_s": 0.0})
+    with pytest.raises(ValueError, match=r"density 2000: \d+ vehicles found no room in the town"):
+        record(scene)
+
+
+def test_without_sumo_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "libsumo", None)
+    with pytest.raises(ImportError, match=r"pip install lidarplace\[sumo\]"):
+        record(TINY)
