@@ -24,7 +24,7 @@ $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt uv
 	$(BIN)/uv pip install --quiet --python $(BIN)/python --constraint constraints.txt \
-		$(TORCH_SOURCE) --editable ".[sumo,dev]"
+		--compile-bytecode $(TORCH_SOURCE) --editable ".[sumo,dev]"
 	touch $(STAMP)
 
 demo: setup
