@@ -116,7 +116,7 @@ class SweepLog:
 
         Args:
             key: tells the trial from others of the sweep; the same when the sweep is resumed.
-            run_name: shown in the UI, see `run_name`.
+            run_name: shown in the UI, such as "line · pointpillars_tiny · seed 1".
             metrics: one value each; those that are not finite are left out.
             curve: epoch, metric, value; the epoch becomes MLflow's step.
             error: why the trial failed; its run gets the status FAILED.
@@ -211,11 +211,6 @@ class SweepLog:
         ]
         for start in range(0, len(new), _METRICS_A_BATCH):
             self._client.log_batch(run_id, metrics=new[start : start + _METRICS_A_BATCH])
-
-
-def run_name(placement: str, detector: str, seed: int) -> str:
-    """For example "line · pointpillars_tiny · seed 1"."""
-    return f"{placement} · {detector} · seed {seed}"
 
 
 def trial_metrics(

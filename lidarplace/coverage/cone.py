@@ -35,9 +35,9 @@ def covered_by_cones(placement: Placement, roi: Roi) -> NDArray[np.bool_]:
     Raises:
         ValueError: the range of the LiDAR ends within the ROI; use `dda` for such a sensor.
     """
+    check_range(placement, roi)
     covered = np.zeros(roi.shape, np.bool_)
     for mount in placement.mounts:
-        _check_range(placement.lidar, mount, roi)
         axis, sines = _axis_and_sines(placement.lidar, mount)
         _cover_columns(mount.position, axis, sines, roi.minimum, roi.resolution, covered)
     return covered
@@ -45,9 +45,9 @@ def covered_by_cones(placement: Placement, roi: Roi) -> NDArray[np.bool_]:
 
 def covered_voxel_by_voxel(placement: Placement, roi: Roi) -> NDArray[np.bool_]:
     """The same as `covered_by_cones`, by the test of every single voxel: slower, always valid."""
+    check_range(placement, roi)
     covered = np.zeros(roi.shape, np.bool_)
     for mount in placement.mounts:
-        _check_range(placement.lidar, mount, roi)
         axis, sines = _axis_and_sines(placement.lidar, mount)
         _cover_voxels(mount.position, axis, sines, roi.minimum, roi.resolution, covered)
     return covered
@@ -62,16 +62,18 @@ def _axis_and_sines(lidar: Lidar, mount: Mount) -> tuple[NDArray[np.float64], ND
     return axis, sines
 
 
-def _check_range(lidar: Lidar, mount: Mount, roi: Roi) -> None:
+def check_range(placement: Placement, roi: Roi) -> None:
+    """Raise ValueError if the range of the LiDAR ends within the ROI for one of the mounts."""
     corners = np.array([roi.x, roi.y, roi.z])
-    reach = np.abs(corners - mount.position[:, None]).max(axis=1)
-    farthest = float(np.linalg.norm(reach))
-    if lidar.range < farthest:
-        raise ValueError(
-            f"coverage by cones needs a LiDAR range that reaches the whole ROI, {farthest:.4g} m "
-            f"from the mount at ({mount.x}, {mount.y}, {mount.z}), found {lidar.range:g} m; "
-            "method 'dda' takes a shorter range"
-        )
+    for mount in placement.mounts:
+        reach = np.abs(corners - mount.position[:, None]).max(axis=1)
+        farthest = float(np.linalg.norm(reach))
+        if placement.lidar.range < farthest:
+            raise ValueError(
+                f"coverage by cones needs a LiDAR range that reaches the whole ROI, "
+                f"{farthest:.4g} m from the mount at ({mount.x}, {mount.y}, {mount.z}), "
+                f"found {placement.lidar.range:g} m; method 'dda' takes a shorter range"
+            )
 
 
 @njit(cache=True)

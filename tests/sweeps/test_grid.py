@@ -117,6 +117,7 @@ def test_own_placements_in_both_conventions(config):
         ({"lidar": {"elevation_deg": [-100, 5]}}, "lidar: elevations must lie within"),
         ({"classes": ["Bus"]}, r"classes\[0\]: found 'Bus'; should be 'Car', 'Cyclist' or"),
         ({"detector": "yolo"}, "detector: found 'yolo'; should be 'pointpillars'"),
+        ({"lidar": {"range": 30}}, "lidar.range: coverage by cones needs a LiDAR range that reach"),
         ({"name": "a/b"}, "name: found 'a/b'"),
     ],
 )

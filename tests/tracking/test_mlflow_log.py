@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tracking.mlflow_log import SweepLog, run_name, trial_metrics, ui_command
+from tracking.mlflow_log import SweepLog, trial_metrics, ui_command
 from tracking.run_folder import RunFolder
 
 CURVE = pd.DataFrame({"epoch": [1, 2, 3], "metric": "loss", "value": [3.0, 2.0, 1.5]})
@@ -50,7 +50,7 @@ def log_two(uri, key="k1"):
         return [
             log.trial(
                 f"t{seed}",
-                run_name("line", "tiny", seed),
+                f"line · tiny · seed {seed}",
                 {"seed": seed},
                 {"AP_R40_3D.Car.0.70": 60.0 + seed, "recall.all.0.50": np.nan},
                 CURVE,
@@ -63,7 +63,7 @@ def test_a_sweep_is_a_parent_and_a_child_a_trial(uri, tmp_path):
     figure = tmp_path / "report.html"
     figure.write_text("<p>report</p>")
     with SweepLog(uri, "demo", "k1", {"epochs": 3}) as log:
-        log.trial("t1", run_name("line", "tiny", 1), {"seed": 1}, {"seconds": 2.5}, CURVE)
+        log.trial("t1", "line · tiny · seed 1", {"seed": 1}, {"seconds": 2.5}, CURVE)
         log.artifact(figure)
         parent_id = log.parent_run_id
     runs = runs_of(uri)
@@ -109,7 +109,7 @@ def test_a_trial_cut_half_way_is_continued(uri, monkeypatch, stops_before):
             raise KeyboardInterrupt
         return whole(self, run_id, *arguments, **named)
 
-    name = run_name("center", "tiny", 1)
+    name = "center · tiny · seed 1"
     metrics = {"seconds": 1.0, "recall.all.0.50": 70.0}
     monkeypatch.setattr(MlflowClient, stops_before, stop)
 
