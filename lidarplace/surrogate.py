@@ -1,4 +1,4 @@
-"""The surrogates of a placement: S-MIG and others, all from one coverage (DESIGN.md section 2)."""
+"""The surrogates of a placement: S-MIG and others, all from one coverage (docs/method.md)."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ Two algorithms agree to the last voxel:
   graph over the plane, that is while `sin(e)^2 < n_z^2`;
 - by voxel: the range of `n.d/|d|` over a cube holds the sine of some beam. Always holds.
 
-The first one is used where it holds, the second where it does not. DESIGN.md, section 8.
+The first one is used where it holds, the second where it does not.
 
 "Closed" is meant up to rounding: cubes are grown by 1e-9 of their edge. So a cube that a cone
 touches in exact arithmetic is covered, though its corner is not representable in binary.
@@ -163,8 +163,9 @@ def _height_range(x0, x1, y0, y1, s, k, n0, n1, n2):  # pragma: no cover - compi
             low, high = min(low, z), max(high, z)
     if x0 <= 0 <= x1 and y0 <= 0 <= y1:
         low, high = min(low, 0.0), max(high, 0.0)
-    # On y = c: (n0^2 + k) x + n0 n1 c = sign(s n0) n2 |n0 c| sqrt((1 - s^2) / (s^2 - n0^2)),
-    # DESIGN.md section 8 simplified with |n| = 1. The same on x = c with n0 and n1 exchanged.
+    # With |n| = 1, dz/dx = 0 on y = c where
+    # (n0^2 + k) x + n0 n1 c = sign(s n0) n2 |n0 c| sqrt((1 - s^2) / (s^2 - n0^2)).
+    # The same on x = c with n0 and n1 exchanged.
     if s * s > n0 * n0:
         slope = math.copysign(1.0, s) * n0 * n2 * math.sqrt((1 - s * s) / (s * s - n0 * n0))
         for y in (y0, y1):
@@ -183,17 +184,33 @@ def _height_range(x0, x1, y0, y1, s, k, n0, n1, n2):  # pragma: no cover - compi
 
 
 @njit(cache=True)
+def _sides(index, minimum, resolution, origin, grow):  # pragma: no cover - compiled
+    """Lower and upper face of a voxel on one axis, relative to the sensor, grown by a hair."""
+    low = minimum + index * resolution - origin
+    return low - grow, minimum + (index + 1) * resolution - origin + grow
+
+
+@njit(cache=True)
+def _cover_one_by_one(x0, x1, y0, y1, minimum, resolution, origin, axis, sines, column):
+    """Test every voxel of one column that is not covered yet; x and y relative to the sensor."""
+    for v in range(len(column)):
+        if not column[v]:
+            z0, z1 = _sides(v, minimum, resolution, origin, 1e-9 * resolution)
+            low, high = _sine_range(x0, x1, y0, y1, z0, z1, axis[0], axis[1], axis[2])
+            b = np.searchsorted(sines, low)
+            column[v] = b < len(sines) and sines[b] <= high
+
+
+@njit(cache=True)
 def _cover_columns(origin, axis, sines, minimum, resolution, covered):  # pragma: no cover
     nx, ny, nz = covered.shape
     n0, n1, n2 = axis
     grow = 1e-9 * resolution
     z0, z1 = minimum[2] - origin[2], minimum[2] + nz * resolution - origin[2]
     for i in range(nx):
-        x0 = minimum[0] + i * resolution - origin[0] - grow
-        x1 = minimum[0] + (i + 1) * resolution - origin[0] + grow
+        x0, x1 = _sides(i, minimum[0], resolution, origin[0], grow)
         for j in range(ny):
-            y0 = minimum[1] + j * resolution - origin[1] - grow
-            y1 = minimum[1] + (j + 1) * resolution - origin[1] + grow
+            y0, y1 = _sides(j, minimum[1], resolution, origin[1], grow)
             low, high = _sine_range(x0, x1, y0, y1, z0 - grow, z1 + grow, n0, n1, n2)
             first = np.searchsorted(sines, low)
             last = np.searchsorted(sines, high, side="right")
@@ -207,34 +224,24 @@ def _cover_columns(origin, axis, sines, minimum, resolution, covered):  # pragma
                 bottom, top = _height_range(x0, x1, y0, y1, s, k, n0, n1, n2)
                 k0 = max(0.0, math.ceil((bottom - z0 - grow) / resolution) - 1)
                 k1 = min(nz - 1.0, math.floor((top - z0 + grow) / resolution))
-                if k1 >= k0:  # false for NaN too; the range above is finite
+                if k1 >= k0:
                     covered[i, j, int(k0) : int(k1) + 1] = True
-            if graph_everywhere:
-                continue
-            for v in range(nz):
-                if not covered[i, j, v]:
-                    bottom = minimum[2] + v * resolution - origin[2] - grow
-                    top = minimum[2] + (v + 1) * resolution - origin[2] + grow
-                    low, high = _sine_range(x0, x1, y0, y1, bottom, top, n0, n1, n2)
-                    b = np.searchsorted(sines, low)
-                    covered[i, j, v] = b < len(sines) and sines[b] <= high
+            if not graph_everywhere:
+                _cover_one_by_one(
+                    *(x0, x1, y0, y1, minimum[2], resolution, origin[2]),
+                    *(axis, sines, covered[i, j]),
+                )
 
 
 @njit(cache=True)
 def _cover_voxels(origin, axis, sines, minimum, resolution, covered):  # pragma: no cover
-    nx, ny, nz = covered.shape
+    nx, ny, _ = covered.shape
     grow = 1e-9 * resolution
     for i in range(nx):
-        x0 = minimum[0] + i * resolution - origin[0] - grow
-        x1 = minimum[0] + (i + 1) * resolution - origin[0] + grow
+        x0, x1 = _sides(i, minimum[0], resolution, origin[0], grow)
         for j in range(ny):
-            y0 = minimum[1] + j * resolution - origin[1] - grow
-            y1 = minimum[1] + (j + 1) * resolution - origin[1] + grow
-            for v in range(nz):
-                if covered[i, j, v]:
-                    continue
-                z0 = minimum[2] + v * resolution - origin[2] - grow
-                z1 = minimum[2] + (v + 1) * resolution - origin[2] + grow
-                low, high = _sine_range(x0, x1, y0, y1, z0, z1, axis[0], axis[1], axis[2])
-                b = np.searchsorted(sines, low)
-                covered[i, j, v] = b < len(sines) and sines[b] <= high
+            y0, y1 = _sides(j, minimum[1], resolution, origin[1], grow)
+            _cover_one_by_one(
+                *(x0, x1, y0, y1, minimum[2], resolution, origin[2]),
+                *(axis, sines, covered[i, j]),
+            )

@@ -46,7 +46,7 @@ def log_miss(
     """`ln prod over rays of (1 - q w_r)`: the log-probability that no ray detects an object at v.
 
     Ray r reaches voxel v with probability `w_r = prod (1 - p)` over the voxels before v
-    (DESIGN.md section 2, `expected_ig` with occlusion). Shape (nx, ny, nz), <= 0.
+    (`expected_ig` with occlusion). Shape (nx, ny, nz), <= 0.
     """
     with np.errstate(divide="ignore"):
         log_free = np.log1p(-probability).reshape(-1)
