@@ -9,7 +9,13 @@ from sweeps.plan import Plan, Trial
 from sweeps.progress import StageProgress
 from sweeps.store import Store, write_text
 from sweeps.task import Task
-from sweeps.write_run import trial_curve, trial_failure, trial_results, trial_surrogates
+from sweeps.write_run import (
+    trial_curve,
+    trial_failure,
+    trial_results,
+    trial_seconds,
+    trial_surrogates,
+)
 from tracking.mlflow_log import SweepLog, trial_metrics
 
 
@@ -72,9 +78,7 @@ class TrialLog:
         point = trial.grid_point.point
         setting = {axis: trial.grid_point.axes[axis] for axis in self._axes}
         metrics = trial_metrics(results, surrogates, point.placement, setting)
-        metrics["seconds"] = self._store.seconds(trial.finetune) + self._store.seconds(
-            trial.evaluate
-        )
+        metrics["seconds"] = trial_seconds(trial, self._store)
         self._log.trial(
             trial.key, trial.label, self._params(trial), metrics, trial_curve(trial, self._store)
         )

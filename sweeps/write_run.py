@@ -77,7 +77,7 @@ def trials_table(
     rows = []
     for trial in plan.trials:
         error = trial_failure(trial, failures)
-        seconds = np.nan if error else store.seconds(trial.finetune) + store.seconds(trial.evaluate)
+        seconds = np.nan if error else trial_seconds(trial, store)
         status = "failed" if error else "finished"
         rows.append(
             _identity(trial, axes) | {"seconds": seconds, "status": status, "error": error or ""}
@@ -97,6 +97,11 @@ def trial_surrogates(trial: Trial, store: Store, axes: Sequence[str]) -> pd.Data
     table = store.load(trial.surrogates)["table"]
     identity = _axis_values(trial.grid_point, own)
     return _with(table, {"placement": trial.grid_point.point.placement} | identity)
+
+
+def trial_seconds(trial: Trial, store: Store) -> float:
+    """Seconds of training and evaluation."""
+    return store.seconds(trial.finetune) + store.seconds(trial.evaluate)
 
 
 def trial_curve(trial: Trial, store: Store) -> pd.DataFrame:

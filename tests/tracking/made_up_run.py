@@ -22,7 +22,7 @@ def write_run(
     seeds: Sequence[int] = (1, 2),
     detectors: Sequence[str] = ("pointpillars_tiny",),
     densities: Sequence[int] = (),
-    roi: dict[str, object] = ROI,  # type: ignore[assignment]
+    roi: dict[str, object] = ROI,
     points: int = 300,
     seed: int = 0,
 ) -> Path:
@@ -201,8 +201,8 @@ def _write_arrays(
     roi: dict[str, object],
     points: int,
 ) -> None:
-    edge = float(roi["resolution"])  # type: ignore[arg-type]
-    (x0, x1), (y0, y1) = roi["x"], roi["y"]  # type: ignore[misc]
+    edge = float(roi["resolution"])
+    (x0, x1), (y0, y1) = roi["x"], roi["y"]
     x = np.arange(x0 + edge / 2, x1, edge)[:, None]
     y = np.arange(y0 + edge / 2, y1, edge)[None, :]
     road = np.exp(-((np.abs(y) - 3) ** 2)) * np.exp(-np.abs(x) / 30)
