@@ -3,8 +3,9 @@
 from lidarplace.occupancy import OccupancyGrid
 from lidarplace.placement import PAPER_PLACEMENTS, Mount, Placement
 from lidarplace.roi import Roi
+from lidarplace.scoring import evaluate, evaluate_classes, evaluate_many, expected_ig_by_q
 from lidarplace.sensor import Lidar
-from lidarplace.surrogate import Surrogates, evaluate, evaluate_classes
+from lidarplace.surrogate import Surrogates, sum_over_classes
 
 __all__ = [
     "PAPER_PLACEMENTS",
@@ -16,4 +17,7 @@ __all__ = [
     "Surrogates",
     "evaluate",
     "evaluate_classes",
+    "evaluate_many",
+    "expected_ig_by_q",
+    "sum_over_classes",
 ]

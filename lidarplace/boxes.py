@@ -25,11 +25,16 @@ FRAME_COLUMNS = ("scene", "frame", "timestamp_s", "route", "split")
 def check_boxes(boxes: pd.DataFrame, source: str = "box log") -> None:
     """Raise ValueError that names the column or row, unless `boxes` can be used.
 
-    Needs `frame`, `class` and the columns of `GEOMETRY`, with finite values and sizes >= 0.
+    Needs `frame`, `class` and the columns of `GEOMETRY`, with finite values and sizes >= 0, and
+    no frame (or scene, where there is one) missing.
     """
     missing = [name for name in ("frame", "class", *GEOMETRY) if name not in boxes.columns]
     if missing:
         raise ValueError(f"{source}: no column {', '.join(missing)}; found {list(boxes.columns)}")
+    for name in _frame_keys(boxes):
+        row, _ = _first(boxes[[name]].isna().to_numpy())
+        if row >= 0:
+            raise ValueError(f"{source}: row {row}: {name} is missing")
     geometry = boxes[list(GEOMETRY)].to_numpy(np.float64)
     row, column = _first(~np.isfinite(geometry))
     if row >= 0:
@@ -58,8 +63,12 @@ def frame_ids(table: pd.DataFrame) -> np.ndarray:
 
     Shape (rows,), int64, numbered from 0 in sorted order.
     """
-    keys = ["scene", "frame"] if "scene" in table.columns else ["frame"]
-    return table.groupby(keys, sort=True, observed=True).ngroup().to_numpy(np.int64)
+    groups = table.groupby(_frame_keys(table), sort=True, observed=True)
+    return groups.ngroup().to_numpy(np.int64)
+
+
+def _frame_keys(table: pd.DataFrame) -> list[str]:
+    return ["scene", "frame"] if "scene" in table.columns else ["frame"]
 
 
 def write_box_log(folder: Path, boxes: pd.DataFrame, frames: pd.DataFrame) -> None:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import pandas as pd
-from numba import njit
 from numpy.typing import NDArray
 
+from lidarplace.box_counts import count_boxes
 from lidarplace.boxes import GEOMETRY, check_boxes, frame_ids
+from lidarplace.entropy import binary_entropy
+from lidarplace.levels import Levels
 from lidarplace.roi import Roi
 
 
@@ -49,24 +52,65 @@ class OccupancyGrid:
             frames: T, the number of frames that the log covers.
 
         Raises:
-            ValueError: a column is missing, a value is not finite, or the log has more than
-                `frames` frames.
+            ValueError: a column is missing, a value is not finite, or the boxes come from more
+                than `frames` frames.
         """
+        return cls.by_class(boxes, roi, (object_class,), frames)[object_class]
+
+    @classmethod
+    def by_class(
+        cls, boxes: pd.DataFrame, roi: Roi, classes: Collection[str], frames: int
+    ) -> dict[str, OccupancyGrid]:
+        """`from_boxes` for several classes; checks and frame numbers are made once.
+
+        Raises:
+            ValueError: as `from_boxes`; the boxes of all `classes` together must not have more
+                than `frames` frames.
+        """
+        _check_frames(frames)
         check_boxes(boxes)
-        if not 1 <= frames < 2**31:
-            raise ValueError(f"frames must be within 1 and 2**31 - 1, found {frames}")
-        rows = boxes[boxes["class"] == object_class]
-        frame = frame_ids(rows)
-        if len(rows) and frame.max() >= frames:
+        of_class = {name: np.flatnonzero(boxes["class"].isin([name])) for name in classes}
+        rows = np.concatenate([np.empty(0, np.int64), *of_class.values()])
+        frame = frame_ids(boxes)
+        found = np.count_nonzero(np.bincount(frame[rows]))
+        if found > frames:
+            names = ", ".join(repr(name) for name in of_class)
             raise ValueError(
-                f"the boxes of class {object_class!r} come from {frame.max() + 1} frames, "
-                f"more than frames={frames}"
+                f"the boxes of class {names} come from {found} frames, more than frames={frames}"
             )
-        order = np.argsort(frame, kind="stable")
-        geometry = rows[list(GEOMETRY)].to_numpy(np.float64)[order]
-        counts = np.zeros(roi.shape, np.int32)
-        _count(geometry, frame[order], roi.minimum, roi.resolution, counts)
-        return cls(roi, object_class, counts, frames)
+        geometry = boxes[list(GEOMETRY)].to_numpy(np.float64)
+        grids = {}
+        for name, rows in of_class.items():
+            rows = rows[np.argsort(frame[rows], kind="stable")]
+            grids[name] = cls(roi, name, count_boxes(geometry[rows], frame[rows], roi), frames)
+        return grids
+
+    @classmethod
+    def merged(cls, parts: Iterable[OccupancyGrid]) -> OccupancyGrid:
+        """The grid of all frames, from grids of disjoint sets of whole frames.
+
+        Equal to the grid that `from_boxes` counts in one go, however the frames were split.
+
+        Raises:
+            ValueError: there are no parts, they differ in ROI or class, or their frames add up to
+                2**31 or more.
+        """
+        parts = iter(parts)
+        first = next(parts, None)
+        if first is None:
+            raise ValueError("merged() needs at least one grid, found none")
+        counts, frames = first.counts.copy(), first.frames
+        for part in parts:
+            for name in ("roi", "object_class"):
+                expected, found = getattr(first, name), getattr(part, name)
+                if found != expected:
+                    raise ValueError(
+                        f"grids to merge must agree in {name}, found {expected!r} and {found!r}"
+                    )
+            frames += part.frames
+            _check_frames(frames)
+            counts += part.counts
+        return cls(first.roi, first.object_class, counts, frames)
 
     @cached_property
     def probability(self) -> NDArray[np.float64]:
@@ -84,60 +128,33 @@ class OccupancyGrid:
 
         A grid has few different counts, so entropies are looked up, not computed by voxel.
         """
-        return binary_entropy(np.arange(int(self.counts.max()) + 1), self.frames)
+        counts = np.arange(int(self.counts.max()) + 1)
+        return binary_entropy(counts / self.frames, (self.frames - counts) / self.frames)
 
-    def entropy_sum(self, where: NDArray[np.bool_] | None = None) -> float:
-        """Sum of H over the voxels of the mask `where` (all if None), in nats.
+    @cached_property
+    def levels(self) -> Levels:
+        """The occupied voxels by column and count."""
+        return Levels.of_counts(self.counts)
 
-        Voxels are counted by their count first. The integers are exact and few terms remain,
-        so the sum does not depend on the order of the voxels.
+    @cached_property
+    def h_pog(self) -> float:
+        """Entropy of the POG in nats, the sum of H over the ROI."""
+        return self.entropy_of_levels(self.levels.total)
+
+    @cached_property
+    def entropy_of_level(self) -> NDArray[np.float64]:
+        """H in nats of a voxel of every level, shape (levels,)."""
+        counts = self.levels.counts
+        return binary_entropy(counts / self.frames, (self.frames - counts) / self.frames)
+
+    def entropy_of_levels(self, number: NDArray[np.int64]) -> float:
+        """Sum of H over `number[n]` voxels of level n, in nats.
+
+        The integers are exact and few terms remain, so the sum has no error to speak of.
         """
-        counts = self.counts.ravel() if where is None else self.counts[where]
-        return math.fsum(np.bincount(counts) * self.entropy_of_count[: counts.max(initial=0) + 1])
+        return math.fsum(number * self.entropy_of_level)
 
 
-def binary_entropy(counts: NDArray[np.integer], frames: int) -> NDArray[np.float64]:
-    """`H = -p ln p - (1-p) ln(1-p)` of `p = counts / frames`, in nats, 0 at p = 0 and p = 1."""
-    p, rest = counts / frames, (frames - counts) / frames
-    # The logarithm of a number close to 1 is taken from its distance to 1.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        log_p = np.where(p < 0.5, np.log(p), np.log1p(-rest))
-        log_rest = np.where(p < 0.5, np.log1p(-p), np.log(rest))
-        entropy = -p * log_p - rest * log_rest
-    return np.where((p > 0) & (rest > 0), entropy, 0.0)
-
-
-@njit(cache=True)
-def _count(boxes, frame, minimum, resolution, counts):  # pragma: no cover - compiled
-    """Add one to `counts` for every frame in which a voxel's centre lies in a box.
-
-    boxes: (n, 7) sorted by frame; frame: (n,) ids from 0.
-    """
-    nx, ny, nz = counts.shape
-    last = np.full(counts.shape, -1, np.int32)  # the frame that counted a voxel last
-    for b in range(len(boxes)):
-        x, y, z, length, width, height, yaw = boxes[b]
-        c, s = math.cos(yaw), math.sin(yaw)
-        reach_x = abs(c) * length / 2 + abs(s) * width / 2
-        reach_y = abs(s) * length / 2 + abs(c) * width / 2
-        # One voxel more on each side: the test below decides, not this rounding.
-        i0 = max(0.0, math.floor((x - reach_x - minimum[0]) / resolution) - 1)
-        i1 = min(nx - 1.0, math.floor((x + reach_x - minimum[0]) / resolution) + 1)
-        j0 = max(0.0, math.floor((y - reach_y - minimum[1]) / resolution) - 1)
-        j1 = min(ny - 1.0, math.floor((y + reach_y - minimum[1]) / resolution) + 1)
-        k0 = max(0.0, math.floor((z - height / 2 - minimum[2]) / resolution) - 1)
-        k1 = min(nz - 1.0, math.floor((z + height / 2 - minimum[2]) / resolution) + 1)
-        if i1 < i0 or j1 < j0 or k1 < k0:
-            continue
-        for i in range(int(i0), int(i1) + 1):
-            dx = minimum[0] + (i + 0.5) * resolution - x
-            for j in range(int(j0), int(j1) + 1):
-                dy = minimum[1] + (j + 0.5) * resolution - y
-                if abs(c * dx + s * dy) > length / 2 or abs(c * dy - s * dx) > width / 2:
-                    continue
-                for k in range(int(k0), int(k1) + 1):
-                    if abs(minimum[2] + (k + 0.5) * resolution - z) > height / 2:
-                        continue
-                    if last[i, j, k] != frame[b]:
-                        last[i, j, k] = frame[b]
-                        counts[i, j, k] += 1
+def _check_frames(frames: int) -> None:
+    if not 1 <= frames < 2**31:  # counts are int32
+        raise ValueError(f"frames must be within 1 and 2**31 - 1, found {frames}")

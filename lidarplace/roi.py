@@ -40,10 +40,12 @@ class Roi:
                 raise ValueError(f"ROI {axis} needs min < max, found [{low}, {high}]")
             cells = (high - low) / self.resolution
             if round(cells) < 1 or abs(cells - round(cells)) > 1e-6 * max(1.0, cells):
-                nearest = (high - low) / max(1, round(cells))
+                whole = max(1, round(cells))
                 raise ValueError(
                     f"ROI {axis} is {high - low:g} m long, no multiple of the resolution "
-                    f"{self.resolution:g} m; the nearest that fits is {nearest:.10g} m"
+                    f"{self.resolution:g} m; the nearest multiple is "
+                    f"{whole * self.resolution:.10g} m, "
+                    f"the nearest resolution that fits is {(high - low) / whole:.10g} m"
                 )
 
     @property

@@ -8,17 +8,26 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+# Ends of a field of view, and a whole turn, are meant up to the rounding of degrees to radians.
+HAIR = 1e-12
+FULL_TURN = 2 * math.pi + HAIR
+
 
 @dataclass(frozen=True)
 class Lidar:
-    """A spinning LiDAR that fires every beam at every azimuth step of a full turn.
+    """A spinning LiDAR that fires every beam at every azimuth step within its field of view.
 
     Attributes:
         elevations: elevation of every beam above the sensor's xy plane, radians, in [-pi/2, pi/2].
-        azimuth_steps: firings of each beam in one turn.
+        azimuth_steps: firings of each beam in one full turn; those outside `azimuth` are left out.
         range: farthest return, metres.
         range_noise: standard deviation of the measured range, metres.
         drop_off: probability that a return is lost, in [0, 1).
+        azimuth: horizontal field of view, (min, max) in radians, ends included, at most one turn;
+            0 is the sensor's x axis, growing towards y. May cross pi: (2.0, 4.0) looks back.
+
+    Raises:
+        ValueError: a value is out of its bounds, or no azimuth step is in the field of view.
     """
 
     elevations: tuple[float, ...]
@@ -26,6 +35,7 @@ class Lidar:
     range: float = 100.0
     range_noise: float = 0.0
     drop_off: float = 0.0
+    azimuth: tuple[float, float] = (-math.pi, math.pi)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "elevations", tuple(float(e) for e in self.elevations))
@@ -44,6 +54,18 @@ class Lidar:
                 "range_noise must be >= 0 and drop_off within [0, 1), "
                 f"found {self.range_noise} and {self.drop_off}"
             )
+        low, high = (float(angle) for angle in self.azimuth)
+        object.__setattr__(self, "azimuth", (low, high))
+        if not (math.isfinite(low) and math.isfinite(high) and 0 < high - low <= FULL_TURN):
+            raise ValueError(
+                "azimuth needs finite min < max, at most one turn of 2 pi radians, "
+                f"found ({low}, {high})"
+            )
+        if self.fired_steps < 1:
+            raise ValueError(
+                f"none of the {self.azimuth_steps} azimuth steps of a turn lies within "
+                f"the field of view [{low}, {high}] radians"
+            )
 
     @classmethod
     def paper(cls) -> Lidar:
@@ -55,19 +77,58 @@ class Lidar:
         """Number of beams."""
         return len(self.elevations)
 
+    @property
+    def full_turn(self) -> bool:
+        """Whether the field of view is the whole turn."""
+        return self.azimuth[1] - self.azimuth[0] >= 2 * math.pi - HAIR
+
+    @property
+    def first_step(self) -> int:
+        """The first azimuth step that is fired, in [0, azimuth_steps); the next ones follow it."""
+        if self.full_turn:
+            return 0
+        return math.ceil((self.azimuth[0] - HAIR) / self._step) % self.azimuth_steps
+
+    @property
+    def fired_steps(self) -> int:
+        """Number of azimuth steps that are fired."""
+        if self.full_turn:
+            return self.azimuth_steps
+        low, high = self.azimuth[0] - HAIR, self.azimuth[1] + HAIR
+        steps = math.floor(high / self._step) - math.ceil(low / self._step) + 1
+        return min(steps, self.azimuth_steps)
+
+    @property
+    def rays(self) -> int:
+        """Number of rays, `beams * fired_steps`."""
+        return self.beams * self.fired_steps
+
+    @property
+    def _step(self) -> float:
+        return 2 * math.pi / self.azimuth_steps
+
+    def azimuths(self) -> NDArray[np.float64]:
+        """Fired azimuths in the order of firing, shape (fired_steps,), radians in [0, 2 pi).
+
+        Multiples of a step, `2 pi / azimuth_steps`: from 0 for a full turn, else from the first
+        one in the field of view.
+        """
+        steps = (self.first_step + np.arange(self.fired_steps)) % self.azimuth_steps
+        return steps.astype(np.float64) * self._step
+
     def directions(self) -> NDArray[np.float64]:
-        """Unit vectors of all rays in the sensor's frame, shape (beams * azimuth_steps, 3).
+        """Unit vectors of all rays in the sensor's frame, shape (beams * fired_steps, 3).
 
         Rays of one beam are contiguous; azimuth 0 is the sensor's x axis and grows towards y.
         """
-        azimuth = np.arange(self.azimuth_steps) * (2 * math.pi / self.azimuth_steps)
+        azimuth = self.azimuths()
         elevation = np.asarray(self.elevations)[:, None]
         horizontal = np.cos(elevation)
         rays = np.stack(
             [
                 horizontal * np.cos(azimuth),
                 horizontal * np.sin(azimuth),
-                np.broadcast_to(np.sin(elevation), (self.beams, self.azimuth_steps)),
+                np.broadcast_to(np.sin(elevation), (self.beams, len(azimuth))),
             ],
             axis=-1,
         )

@@ -1,20 +1,20 @@
-"""The surrogates of a placement: S-MIG and others, all from one coverage (docs/method.md)."""
+"""The surrogates of a placement, each by its formula (docs/method.md). Entropies are in nats."""
 
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from lidarplace.coverage import Method, coverage
-from lidarplace.coverage.rays import RayMethod, log_miss, ray_counts
+from lidarplace.coverage import Method, count_covered
 from lidarplace.occupancy import OccupancyGrid
 from lidarplace.placement import Placement
+from lidarplace.roi import Roi
 
 RAY_SURROGATES = ("expected_points", "expected_ig")
 """Surrogates that need the number of rays through every voxel; computed when asked for."""
@@ -22,191 +22,205 @@ RAY_SURROGATES = ("expected_points", "expected_ig")
 
 @dataclass(frozen=True)
 class Surrogates:
-    """Surrogates of one placement for one class; entropies in nats.
+    """Surrogates of one placement for one class, or for the sum of classes; entropies in nats.
 
     Attributes:
-        s_mig: `-sum over covered v of H(v)`, the paper's S-MIG to the letter.
-        ig: `h_pog + s_mig`, the paper's information gain.
+        placement, roi, method: what was evaluated.
         h_pog: `sum over v of H(v)`, the entropy of the POG.
         covered_entropy: `sum over covered v of H(v)`.
-        residual_entropy: `h_pog - covered_entropy`, what stays unseen.
-        m_sog: `s_mig / N` with N = covered_voxels (Place3D, NeurIPS 2024); NaN for N = 0.
+        residual_entropy: `sum over v that is not covered of H(v)`, what stays unseen.
         expected_points: `sum of m(v) p(v)`, m(v) rays through v; None unless asked for.
         expected_ig: mutual information with a sensor that can miss; None unless asked for.
-        covered_voxels: covered voxels of the ROI.
         covered_nonzero: covered voxels with p > 0.
         seconds: wall time of the evaluation.
     """
 
-    s_mig: float
-    ig: float
+    placement: Placement
+    roi: Roi
+    method: Method
     h_pog: float
     covered_entropy: float
     residual_entropy: float
-    m_sog: float
     expected_points: float | None
     expected_ig: float | None
-    covered_voxels: int
     covered_nonzero: int
     seconds: float
 
+    @property
+    def s_mig(self) -> float:
+        """`-sum over covered v of H(v)`, S-MIG to the letter of the paper (section 3.3)."""
+        return 0 - self.covered_entropy  # 0 - x: no negative zero
 
-def evaluate(
-    grid: OccupancyGrid,
-    placement: Placement,
-    method: Method = "cone",
-    azimuth_steps: int | None = None,
-    surrogates: Collection[str] = (),
-    detection_probability: float = 0.1,
-    occlusion: bool = False,
-) -> Surrogates:
-    """Surrogates of `placement` for the class of `grid`.
+    @property
+    def ig(self) -> float:
+        """Information gain, `h_pog + s_mig` (paper, section 3.3): the residual entropy.
 
-    Args:
-        method: how coverage is computed, see `lidarplace.coverage.coverage`.
-        azimuth_steps: rays of a beam in one turn instead of the LiDAR's own number.
-        surrogates: names from RAY_SURROGATES to compute as well; the others always are. With
-            `method="cone"` their ray counts come from `dda`.
-        detection_probability: q, the chance that a ray which crosses an occupied voxel detects it.
-        occlusion: whether rays are weakened by the voxels that they pass first (expected_ig).
+        Not computed as the difference, of which little is left where nearly all is covered.
+        """
+        return self.residual_entropy
+
+    @cached_property
+    def covered_voxels(self) -> int:
+        """Covered voxels of the whole ROI, those included in which no object ever was.
+
+        The other surrogates do not look at those; they are covered when this is first read.
+        """
+        return count_covered(self.placement, self.roi, self.method)
+
+    @property
+    def m_sog(self) -> float:
+        """`s_mig / covered_voxels` (Place3D, NeurIPS 2024); NaN if nothing is covered."""
+        return self.s_mig / self.covered_voxels if self.covered_voxels else math.nan
+
+
+def sum_over_classes(results: Mapping[str, Surrogates]) -> Surrogates:
+    """The sum of every surrogate over the classes, as the paper compares it with recall.
+
+    "Since the recall is calculated for all Cars, Vans and Cyclists, our total information gain
+    surrogate metric is the sum of S-MIG of Car, Van and Cyclist" (appendix). `m_sog` divides the
+    sum by the covered voxels, `seconds` are the slowest class's.
 
     Raises:
-        ValueError: an unknown method or surrogate, or q outside (0, 1].
+        ValueError: no class, or the classes are not of one placement, ROI and method.
     """
-    result = evaluate_classes(
-        {grid.object_class: grid},
-        placement,
-        method,
-        azimuth_steps,
-        surrogates,
-        detection_probability,
-        occlusion,
+    if len({(r.placement, r.roi, r.method) for r in results.values()}) != 1:
+        raise ValueError("a sum over classes needs results of one placement, ROI and method")
+    parts = list(results.values())
+
+    def total(values: list[float | None]) -> float | None:
+        known = [value for value in values if value is not None]
+        return math.fsum(known) if len(known) == len(values) else None
+
+    summed = Surrogates(
+        placement=parts[0].placement,
+        roi=parts[0].roi,
+        method=parts[0].method,
+        h_pog=math.fsum(r.h_pog for r in parts),
+        covered_entropy=math.fsum(r.covered_entropy for r in parts),
+        residual_entropy=math.fsum(r.residual_entropy for r in parts),
+        expected_points=total([r.expected_points for r in parts]),
+        expected_ig=total([r.expected_ig for r in parts]),
+        covered_nonzero=sum(r.covered_nonzero for r in parts),
+        seconds=max(r.seconds for r in parts),
     )
-    return result[grid.object_class]
+    for part in parts:
+        if "covered_voxels" in vars(part):  # the same for all classes
+            vars(summed)["covered_voxels"] = part.covered_voxels
+    return summed
 
 
-def evaluate_classes(
-    grids: Mapping[str, OccupancyGrid],
-    placement: Placement,
-    method: Method = "cone",
-    azimuth_steps: int | None = None,
-    surrogates: Collection[str] = (),
-    detection_probability: float = 0.1,
-    occlusion: bool = False,
-    covered: NDArray[np.bool_] | None = None,
-) -> dict[str, Surrogates]:
-    """`evaluate` for several classes on one ROI; what does not depend on the class is done once.
+def covered_entropy(grid: OccupancyGrid, covered: NDArray[np.int64]) -> float:
+    """`sum over covered v of H(v)`; its negative is the paper's S-MIG (section 3.3).
 
-    `covered` is the coverage by `method` where the caller has it already. `seconds` of each class
-    is the common part plus its own.
+    `covered` is the number of covered voxels of every level of the grid. These integers are exact
+    and few terms remain, so the sum is right to its last bits whatever the order of the voxels.
     """
-    unknown = sorted(set(surrogates) - set(RAY_SURROGATES))
-    if unknown:
-        raise ValueError(
-            f"surrogates takes {', '.join(RAY_SURROGATES)} (the others are always computed), "
-            f"found {unknown[0]!r}"
+    return grid.entropy_of_levels(covered)
+
+
+def residual_entropy(grid: OccupancyGrid, covered: NDArray[np.int64]) -> float:
+    """`h_pog - covered_entropy`, summed over the voxels that are not covered."""
+    return grid.entropy_of_levels(grid.levels.total - covered)
+
+
+@dataclass(frozen=True, eq=False)
+class Crossings:
+    """How many voxels are occupied in the same number of frames and crossed by as many rays.
+
+    Occupied and crossed voxels are many, their different pairs are few.
+
+    Attributes:
+        counts, rays: the different pairs, int64, shape (pairs,).
+        voxels: number of voxels of each pair, int64, shape (pairs,).
+    """
+
+    counts: NDArray[np.int64]
+    rays: NDArray[np.int64]
+    voxels: NDArray[np.int64]
+
+    @classmethod
+    def of_grid(cls, grid: OccupancyGrid, rays: NDArray[np.integer]) -> Crossings:
+        """`rays` through every voxel of the grid, shape (nx, ny, nz)."""
+        crossed = (grid.counts > 0) & (rays > 0)
+        base = int(rays.max(initial=0)) + 1
+        pairs, voxels = np.unique(
+            grid.counts[crossed].astype(np.int64) * base + rays[crossed], return_counts=True
         )
-    if not 0 < detection_probability <= 1:
-        raise ValueError(
-            f"detection_probability must be within (0, 1], found {detection_probability}"
-        )
-    rois = {grid.roi for grid in grids.values()}
-    if len(rois) != 1:
-        raise ValueError(f"the grids must share one ROI, found {len(rois)}")
-    roi = rois.pop()
-    if azimuth_steps is not None:
-        placement = placement.with_lidar(replace(placement.lidar, azimuth_steps=azimuth_steps))
-
-    start = time.perf_counter()
-    if covered is None:
-        covered = coverage(placement, roi, method)
-    ray_method: RayMethod = "bresenham" if method == "bresenham" else "dda"
-    by_count = set(surrogates) - ({"expected_ig"} if occlusion else set())
-    counts = ray_counts(placement, roi, ray_method) if by_count else None
-    common = time.perf_counter() - start
-
-    results = {}
-    for object_class, grid in grids.items():
-        start = time.perf_counter()
-        points = gain = None
-        if counts is not None and "expected_points" in surrogates:
-            points = expected_points(grid, counts)
-        if "expected_ig" in surrogates:
-            misses = (
-                log_miss(placement, roi, ray_method, grid.probability, detection_probability)
-                if counts is None or occlusion
-                else log_miss_of_counts(counts, detection_probability)
-            )
-            gain = expected_ig(grid, misses)
-        h_pog = grid.entropy_sum()
-        covered_entropy = grid.entropy_sum(covered)
-        voxels = int(np.count_nonzero(covered))
-        results[object_class] = Surrogates(
-            s_mig=-covered_entropy,
-            ig=h_pog - covered_entropy,
-            h_pog=h_pog,
-            covered_entropy=covered_entropy,
-            residual_entropy=h_pog - covered_entropy,
-            m_sog=-covered_entropy / voxels if voxels else math.nan,
-            expected_points=points,
-            expected_ig=gain,
-            covered_voxels=voxels,
-            covered_nonzero=int(np.count_nonzero(covered & (grid.counts > 0))),
-            seconds=common + time.perf_counter() - start,
-        )
-    return results
+        counts, rays_of_pair = np.divmod(pairs, base)
+        return cls(counts, rays_of_pair, voxels)
 
 
-def expected_points(grid: OccupancyGrid, rays: NDArray[np.int32]) -> float:
+def expected_points(grid: OccupancyGrid, crossings: Crossings, ray_weight: float) -> float:
     """`sum of m(v) p(v)`: rays that meet an object in a frame, if nothing hid anything.
 
-    The sum is over integers, and divided by T once.
+    Products of integers are summed without error, and divided by T once. `ray_weight` rays stand
+    behind each one traced.
     """
-    return int(np.dot(rays.reshape(-1).astype(np.int64), grid.counts.reshape(-1))) / grid.frames
+    meetings = math.fsum(crossings.counts * crossings.rays * crossings.voxels.astype(np.float64))
+    return meetings * ray_weight / grid.frames
 
 
-def log_miss_of_counts(rays: NDArray[np.int32], q: float) -> NDArray[np.float64]:
-    """`ln (1 - q)^m`: log-probability that none of m rays detects, shape of `rays`."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(rays > 0, rays * np.log1p(-q), 0.0)
-
-
-def expected_ig(grid: OccupancyGrid, log_miss: NDArray[np.float64]) -> float:
+def expected_ig(grid: OccupancyGrid, crossings: Crossings, log_miss_of_ray: float) -> float:
     """Mutual information, in nats, between occupancy and a sensor that can miss.
 
-    With `d = 1 - exp(log_miss)` the probability that an object in v is detected, no false alarms:
-    `I(v) = H(p) - (1 - p d) h(p (1 - d) / (1 - p d))`, h the binary entropy; the sum over v.
+    With `d = 1 - (1 - q)^m` the probability that an object in v is detected, no false alarms:
+    `I(v) = H(p) - (1 - p d) h(p (1 - d) / (1 - p d))`, h the binary entropy; the sum over v. If
+    nothing is detected, p (1 - d) / (1 - p d) is left of p.
+
+    Args:
+        log_miss_of_ray: `ln(1 - q)`, times the rays that stand behind each one traced.
     """
-    occupied = (grid.counts > 0) & (log_miss < 0)
-    p = grid.counts[occupied] / grid.frames
-    rest = (grid.frames - grid.counts[occupied]) / grid.frames
-    return float(np.sum(information(p, rest, log_miss[occupied])))
+    p = crossings.counts / grid.frames
+    rest = (grid.frames - crossings.counts) / grid.frames
+    gain = information(p, rest, crossings.rays * log_miss_of_ray)
+    return float(np.sum(crossings.voxels * gain))
 
 
-@njit(cache=True)
+def expected_ig_with_occlusion(grid: OccupancyGrid, log_miss: NDArray[np.float64]) -> float:
+    """`expected_ig` with `1 - d = prod over rays of (1 - q w)` of every voxel.
+
+    Args:
+        log_miss: `ln(1 - d)`, shape (nx, ny, nz), see `lidarplace.coverage.rays.log_miss`.
+    """
+    crossed = (grid.counts > 0) & (log_miss < 0)
+    counts = grid.counts[crossed]
+    p, rest = counts / grid.frames, (grid.frames - counts) / grid.frames
+    return float(np.sum(information(p, rest, log_miss[crossed])))
+
+
+@njit(cache=True, nogil=True)
 def information(p, rest, log_miss):  # pragma: no cover - compiled
-    """I(v) of `expected_ig` for arrays of p > 0, rest = 1 - p and log_miss < 0.
-
-    Written without the difference of two entropies, which cancels where d or p is small:
-    with g(x) = (1 - x) ln(1 - x) + x, `I = -p d ln p + p g(d) - g(p d)`.
-    """
+    """I(v) of `expected_ig` for arrays of p > 0, rest = 1 - p and log_miss = ln(1 - d) < 0."""
     result = np.empty(len(p))
     for i in range(len(p)):
-        d = -math.expm1(log_miss[i])
-        log_p = math.log(p[i]) if p[i] < 0.5 else math.log1p(-rest[i])
-        g = np.zeros(2)
-        for side in range(2):
-            x = d if side == 0 else p[i] * d
-            if x < 1e-3:  # series: x^2/2 + x^3/6 + x^4/12 + ..., next term below 1e-16 relative
-                g[side] = (
-                    x
-                    * x
-                    * (1 / 2 + x * (1 / 6 + x * (1 / 12 + x * (1 / 20 + x * (1 / 30 + x / 42)))))
-                )
-            elif x < 1:
-                left = math.exp(log_miss[i]) if side == 0 else rest[i] + p[i] * (1 - d)
-                g[side] = left * math.log1p(-x) + x
-            else:
-                g[side] = 1.0
-        result[i] = -p[i] * d * log_p + p[i] * g[0] - g[1]
+        result[i] = _information(p[i], rest[i], log_miss[i])
     return result
+
+
+@njit(cache=True, nogil=True)
+def _information(p, rest, log_miss):  # pragma: no cover - compiled
+    """I(v) without the difference of two entropies, which cancels where d, p or 1 - p is small.
+
+    With g(x) = (1 - x) ln(1 - x) + x, and 1 - p d the probability that nothing is detected:
+    `I = -p d ln p + p g(d) - g(p d)` for small p, and
+    `I = -p d ln p - (1 - p) ln(1 - p d) - p (1 - d) ln(1 + (1 - p) d / (1 - d))` for large p.
+    """
+    d, miss = -math.expm1(log_miss), math.exp(log_miss)
+    if p < 0.5:
+        return -p * d * math.log(p) + p * _g(d, miss) - _g(p * d, rest + p * miss)
+    if rest == 0:
+        return 0.0
+    log_silent = math.log1p(-p * d) if p * d < 0.5 else math.log(rest + p * miss)
+    gain = -p * d * math.log1p(-rest) - rest * log_silent
+    if miss > 1e-19 * rest:  # else the term is below the last bit, and the quotient may overflow
+        gain -= p * miss * math.log1p(rest * d / miss)
+    return gain
+
+
+@njit(cache=True, nogil=True)
+def _g(x, left):  # pragma: no cover - compiled
+    """(1 - x) ln(1 - x) + x for left = 1 - x."""
+    if x < 1e-3:  # series: x^2/2 + x^3/6 + x^4/12 + ..., next term below 1e-16 relative
+        series = 1 / 2 + x * (1 / 6 + x * (1 / 12 + x * (1 / 20 + x * (1 / 30 + x / 42))))
+        return x * x * series
+    return left * math.log1p(-x) + x if x < 1 else 1.0

@@ -73,6 +73,18 @@ class LidarSettings(_Settings):
     range: float = Field(100.0, gt=0, allow_inf_nan=False, description="farthest return, metres")
     range_noise: float = Field(0.0, ge=0, allow_inf_nan=False, description="standard deviation, m")
     drop_off: float = Field(0.0, ge=0, lt=1, description="probability that a return is lost")
+    azimuth_deg: tuple[Finite, Finite] = Field(
+        (-180.0, 180.0),
+        description="horizontal field of view [min, max] in the sensor's frame, degrees; 0 is its "
+        "x axis, growing to the left, and the interval may cross 180",
+    )
+
+    @field_validator("azimuth_deg")
+    @classmethod
+    def _at_most_one_turn(cls, interval: tuple[float, float]) -> tuple[float, float]:
+        if not 0 < interval[1] - interval[0] <= 360:
+            raise ValueError("allowed is [min, max] with min < max and max - min <= 360")
+        return interval
 
     @model_validator(mode="after")
     def _build(self) -> LidarSettings:
@@ -94,6 +106,7 @@ class LidarSettings(_Settings):
             self.range,
             self.range_noise,
             self.drop_off,
+            (math.radians(self.azimuth_deg[0]), math.radians(self.azimuth_deg[1])),
         )
 
 

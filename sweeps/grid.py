@@ -13,7 +13,6 @@ from typing import Any, TypeVar
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from lidarplace.coverage.cone import check_range
 from sweeps.config import Common, Point, SweepFile
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -83,15 +82,10 @@ def read_sweep(path: Path, overrides: Sequence[str] = ()) -> Sweep:
             _put(data, axis, value, path)
         point_model = _check(Point, data, path)
         try:
-            rig = checked_common.placement_named(point_model.placement, point_model.lidar.lidar())
+            checked_common.placement_named(point_model.placement, point_model.lidar.lidar())
         except ValueError as error:
             key = "grid.placement" if "placement" in grid else "placement"
             raise ConfigError(f"{path}: {key}: {error}") from None
-        if point_model.surrogate.method == "cone":
-            try:
-                check_range(rig, point_model.voxel_roi())
-            except ValueError as error:
-                raise ConfigError(f"{path}: lidar.range: {error}") from None
         points.append(GridPoint(point_model, axes))
     if not points:
         raise ConfigError(f"{path}: exclude: no point of the grid is left")

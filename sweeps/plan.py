@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Mapping
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import asdict, astuple, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from lidarplace import Roi
 from sweeps.config import Point
 from sweeps.grid import ConfigError, GridPoint, Sweep
 from sweeps.task import Task
@@ -18,13 +22,23 @@ GROUND_MARGIN_M = 0.5
 ACCURACY_STEPS = (90, 360, 1440, 5760)
 """Azimuth steps at which coverage methods are compared with the exact cones."""
 
+FITTED_Q = tuple(float(f"{q:.2g}") for q in np.geomspace(1e-4, 1.0, 25))
+"""Detection probabilities among which the one that fits measured AP best is looked for."""
+
+ACCURACY_SHARES = (0.5, 0.25)
+"""Shares of the frames from which a POG is compared with that of all frames."""
+
+ACCURACY_VOXELS = 60_000_000
+"""Half the resolution is the reference if it makes no more voxels than these (about 2 GB)."""
+
 # Key paths of the configuration that a stage's result depends on; for its label.
 _USES = {
     "scene": ("scene",),
     "ground_truth": ("scene", "roi"),
-    "pog": ("scene", "roi", "surrogate.resolution"),
-    "surrogates": ("placement", "scene", "roi", "lidar", "surrogate"),
-    "coverage_accuracy": ("placement", "scene", "roi", "lidar", "surrogate.resolution"),
+    "pog": ("scene", "roi", "surrogate.resolution", "classes"),
+    "surrogates": ("placement", "scene", "roi", "lidar", "surrogate", "classes"),
+    "accuracy": ("placement", "scene", "roi", "lidar", "surrogate", "classes"),
+    "sampling_error": ("placement", "scene", "roi", "lidar", "surrogate", "classes"),
     "collect": ("placement", "scene", "roi", "lidar"),
 }
 
@@ -36,17 +50,18 @@ class Trial:
     Attributes:
         grid_point: the point and its axes.
         label: "placement · detector · seed 1", and the further axes.
-        pogs, surrogates, coverage_accuracy, collect_test, ground_truth, scene, finetune,
-        evaluate: its tasks; many are shared with other trials.
+        pog, surrogates, accuracy, sampling_error, collect_test, ground_truth, scene,
+        finetune, evaluate: its tasks; many are shared with other trials.
     """
 
     grid_point: GridPoint
     label: str
     scene: Task
     ground_truth: Task
-    pogs: tuple[Task, ...]
+    pog: Task
     surrogates: Task
-    coverage_accuracy: Task
+    accuracy: Task
+    sampling_error: Task
     collect_test: Task
     finetune: Task
     evaluate: Task
@@ -60,7 +75,8 @@ class Trial:
     @property
     def results(self) -> tuple[Task, ...]:
         """The tasks whose results the trial reports."""
-        return (*self.pogs, self.surrogates, self.coverage_accuracy, self.finetune, self.evaluate)
+        of_pog = (self.pog, self.surrogates, self.accuracy, self.sampling_error)
+        return (*of_pog, self.finetune, self.evaluate)
 
 
 @dataclass(frozen=True)
@@ -102,25 +118,38 @@ def make_plan(sweep: Sweep) -> Plan:
         # Without the resolution, which has no part in the ground truth.
         edges = point.roi.model_dump(mode="json")
         ground_truth = once(Task("ground_truth", names["ground_truth"], edges, (scene,)))
-        pogs = tuple(
-            once(Task("pog", f"{names['pog']} · {c}", {"roi": roi, "object_class": c}, (scene,)))
-            for c in point.classes
-        )
+        pog = once(Task("pog", names["pog"], {"roi": roi, "classes": point.classes}, (scene,)))
         surrogates = once(
             Task(
                 "surrogates",
                 names["surrogates"],
-                rig | point.surrogate.model_dump(mode="json", exclude={"resolution"}),
-                pogs,
+                rig
+                | point.surrogate.model_dump(mode="json", exclude={"resolution"})
+                | {"fitted_q": FITTED_Q},
+                (pog,),
             )
         )
+        detection = {
+            "detection_probability": point.surrogate.detection_probability,
+            "occlusion": point.surrogate.occlusion,
+        }
+        compared = {
+            "object_class": point.classes[0],
+            "resolutions": _resolutions(point.voxel_roi()),
+            "azimuth_steps": ACCURACY_STEPS,
+            "frame_shares": ACCURACY_SHARES,
+        }
         accuracy = once(
             Task(
-                "coverage_accuracy",
-                names["coverage_accuracy"],
-                rig | {"azimuth_steps": ACCURACY_STEPS},
-                pogs[:1],
+                "accuracy",
+                names["accuracy"],
+                rig | detection | compared | {"roi": roi},
+                (scene,),
             )
+        )
+        drawn = {"roi": roi, "classes": point.classes, "method": point.surrogate.method}
+        sampling_error = once(
+            Task("sampling_error", names["sampling_error"], rig | detection | drawn, (scene,))
         )
         train, test = (
             once(
@@ -157,9 +186,10 @@ def make_plan(sweep: Sweep) -> Plan:
                 label=trial_name,
                 scene=scene,
                 ground_truth=ground_truth,
-                pogs=pogs,
+                pog=pog,
                 surrogates=surrogates,
-                coverage_accuracy=accuracy,
+                accuracy=accuracy,
+                sampling_error=sampling_error,
                 collect_test=test,
                 finetune=finetune,
                 evaluate=evaluate,
@@ -171,6 +201,19 @@ def make_plan(sweep: Sweep) -> Plan:
 def further_axes(sweep: Sweep) -> tuple[str, ...]:
     """Axes of the grid besides placement, detector and seed."""
     return tuple(axis for axis in sweep.axes if axis not in ("placement", "detector", "seed"))
+
+
+def _resolutions(roi: Roi) -> tuple[float, ...]:
+    """Half and twice the resolution, where they divide the ROI and half of it is affordable."""
+    found = []
+    for resolution in (roi.resolution / 2, roi.resolution * 2):
+        try:
+            other = replace(roi, resolution=resolution)
+        except ValueError:  # does not divide it
+            continue
+        if math.prod(other.shape) <= ACCURACY_VOXELS:
+            found.append(resolution)
+    return tuple(found)
 
 
 def _label(stage: str, point: Point, axes: Mapping[str, Any]) -> str:

@@ -3,22 +3,29 @@
 They know nothing of Ray, of the store or of the grid. Parameters are plain data, so that they can
 be hashed; a result is a dictionary of tables, arrays and plain data, so that it can be stored.
 
-scene -> ground_truth, pog -> surrogates, coverage_accuracy
+scene -> ground_truth, pog -> surrogates
+scene -> accuracy, sampling_error
 scene -> collect -> finetune -> evaluate
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from lidarplace import Lidar, Mount, OccupancyGrid, Placement, Roi, evaluate, evaluate_classes
-from lidarplace.coverage import METHODS, coverage
+from lidarplace import (
+    Lidar,
+    Mount,
+    OccupancyGrid,
+    Placement,
+    Roi,
+    evaluate_classes,
+    expected_ig_by_q,
+)
+from lidarplace.coverage import coverage
 from lidarplace.lidar.clouds import PointClouds
 from lidarplace.surrogate import RAY_SURROGATES
 
@@ -43,66 +50,93 @@ def ground_truth(params: Params, log: Value) -> Value:
 
 
 def pog(params: Params, log: Value) -> Value:
-    """Occupancy of one class over the frames of the training split.
+    """Occupancy by every class over the frames of the training split.
 
     Test frames stay out: a surrogate predicts how a placement will do on what was not seen.
     """
     roi = Roi(**params["roi"])
-    train = log["frames"].loc[log["frames"]["split"] == "train", "frame"]
-    boxes = log["boxes"][log["boxes"]["frame"].isin(train)]
-    grid = OccupancyGrid.from_boxes(boxes, roi, params["object_class"], frames=len(train))
-    return {
-        "counts": grid.counts,
-        "from_above": grid.entropy.sum(axis=2, dtype=np.float64).astype(np.float32),
-        "frames": grid.frames,
-        "object_class": grid.object_class,
-        "roi": params["roi"],
-    }
+    boxes, frames = _training_log(log)
+    grids = OccupancyGrid.by_class(boxes, roi, params["classes"], frames=len(frames))
+    value: Value = {"classes": list(grids), "frames": len(frames), "roi": params["roi"]}
+    for object_class, grid in grids.items():
+        value[f"counts_{object_class}"] = grid.counts
+        # Not `grid.entropy`, which would stay in memory for every class.
+        entropy = grid.entropy_of_count[grid.counts]
+        value[f"from_above_{object_class}"] = entropy.sum(axis=2).astype(np.float32)
+    return value
 
 
-def surrogates(params: Params, *pogs: Value) -> Value:
-    """All surrogates asked for, for every class, and the coverage seen from above."""
+def surrogates(params: Params, pog: Value) -> Value:
+    """All surrogates asked for, for every class, and the coverage seen from above.
+
+    `by_q` is `expected_ig` without occlusion for many q, from which one is fitted to measured AP.
+    """
     placement = _placement(params)
-    covered = coverage(placement, Roi(**pogs[0]["roi"]), params["method"])
+    covered = coverage(placement, Roi(**pog["roi"]), params["method"])
+    grids = {object_class: _grid(pog, object_class) for object_class in pog["classes"]}
     results = evaluate_classes(
-        {pog["object_class"]: _grid(pog) for pog in pogs},
+        grids,
         placement,
         method=params["method"],
         surrogates=[name for name in params["names"] if name in RAY_SURROGATES],
         detection_probability=params["detection_probability"],
         occlusion=params["occlusion"],
-        covered=covered,
     )
     rows = [
         (object_class, name, float(getattr(result, name)), params["method"], result.seconds)
         for object_class, result in results.items()
         for name in (*params["names"], "covered_voxels")
     ]
+    by_q = expected_ig_by_q(grids, placement, params["fitted_q"])
+    by_q = by_q.rename_axis("class").reset_index()
     return {
         "table": pd.DataFrame(rows, columns=["class", "surrogate", "value", "method", "seconds"]),
+        "by_q": by_q.melt("class", var_name="q", value_name="expected_ig"),
         "from_above": covered.mean(axis=2, dtype=np.float32),
     }
 
 
-def coverage_accuracy(params: Params, pog: Value) -> Value:
-    """Error of S-MIG against seconds for every coverage method, against the exact cones."""
-    placement, grid = _placement(params), _grid(pog)
-    # The methods are compared, not sensors: the cones know no range that ends within the ROI.
-    placement = placement.with_lidar(replace(placement.lidar, range=math.inf))
-    runs = [("cone", 0)] + [
-        (method, steps) for method in ("dda", "bresenham") for steps in params["azimuth_steps"]
-    ]
-    for method in METHODS:  # compiled, or loaded, before the clock starts
-        coverage(placement, Roi((0, 1), (0, 1), (0, 1), 1.0), method)
-    rows = []
-    for method, steps in runs:
-        result = evaluate(grid, placement, method=method, azimuth_steps=steps or None)
-        rows.append((grid.object_class, method, steps, result.seconds, result.s_mig))
-    table = pd.DataFrame(rows, columns=["class", "method", "azimuth_steps", "seconds", "s_mig"])
-    s_mig = table["s_mig"].to_numpy()
-    exact = s_mig[0]
-    table["relative_error"] = np.abs(s_mig - exact) / abs(exact) if exact else np.nan
-    return {"table": table}
+def accuracy(params: Params, log: Value) -> Value:
+    """Surrogates of one class against seconds: methods, resolutions, azimuth steps, frames."""
+    from lidarplace.accuracy import accuracy as compare
+
+    boxes, frames = _training_log(log)
+    table = compare(
+        boxes,
+        frames,
+        Roi(**params["roi"]),
+        [params["object_class"]],
+        [_placement(params)],
+        resolutions=params["resolutions"],
+        azimuth_steps=params["azimuth_steps"],
+        frame_shares=params["frame_shares"],
+        detection_probability=params["detection_probability"],
+        occlusion=params["occlusion"],
+    )
+    return {"table": table.drop(columns="placement")}
+
+
+def sampling_error(params: Params, log: Value) -> Value:
+    """Intervals of the surrogates: the frames of the POG drawn again in blocks.
+
+    Empty for a single frame, which has no spread.
+    """
+    from lidarplace.sampling_error import pog_sampling_error
+
+    boxes, frames = _training_log(log)
+    if len(frames) < 2:
+        return {"estimates": pd.DataFrame(), "resamples": pd.DataFrame()}
+    found = pog_sampling_error(
+        boxes,
+        frames,
+        Roi(**params["roi"]),
+        params["classes"],
+        _placement(params),
+        params["method"],
+        detection_probability=params["detection_probability"],
+        occlusion=params["occlusion"],
+    )
+    return {"estimates": found.estimates, "resamples": found.resamples}
 
 
 def collect(params: Params, log: Value) -> Value:
@@ -172,7 +206,8 @@ FUNCTIONS: dict[str, Callable[..., Value]] = {
     "ground_truth": ground_truth,
     "pog": pog,
     "surrogates": surrogates,
-    "coverage_accuracy": coverage_accuracy,
+    "accuracy": accuracy,
+    "sampling_error": sampling_error,
     "collect": collect,
     "finetune": finetune,
     "evaluate": evaluate_detector,
@@ -185,13 +220,19 @@ def point_clouds(value: Value) -> PointClouds:
     return PointClouds(value["points"], value["lidar"], value["frames"], value["offsets"])
 
 
+def _training_log(log: Value) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Boxes and frames of the training split, those of the POG."""
+    frames = log["frames"][log["frames"]["split"] == "train"]
+    return log["boxes"][log["boxes"]["frame"].isin(frames["frame"])], frames
+
+
 def _placement(params: Params) -> Placement:
     return Placement(
         "placement", [Mount(*pose) for pose in params["mounts"]], lidar=Lidar(**params["lidar"])
     )
 
 
-def _grid(value: Value) -> OccupancyGrid:
+def _grid(pog: Value, object_class: str) -> OccupancyGrid:
     return OccupancyGrid(
-        Roi(**value["roi"]), value["object_class"], value["counts"], value["frames"]
+        Roi(**pog["roi"]), object_class, pog[f"counts_{object_class}"], pog["frames"]
     )

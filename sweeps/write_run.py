@@ -51,8 +51,20 @@ def write_run(
         ("trials", trials_table(plan, store, failures, axes)),
         ("results", _stack([trial_results(t, store, axes) for t in good])),
         ("surrogates", _stack([trial_surrogates(t, store, axes) for t in good])),
+        (
+            "expected_ig_by_q",
+            _stack([_of_placement(t, t.surrogates, "by_q", store, axes) for t in good]),
+        ),
         ("curves", _stack([_curve(t, store) for t in good])),
-        ("coverage_accuracy", _stack([_accuracy(t, store) for t in good])),
+        ("accuracy", _stack([_of_placement(t, t.accuracy, "table", store, axes) for t in good])),
+        (
+            "sampling_error",
+            _stack([_of_placement(t, t.sampling_error, "estimates", store, axes) for t in good]),
+        ),
+        (
+            "pog_resamples",
+            _stack([_of_placement(t, t.sampling_error, "resamples", store, axes) for t in good]),
+        ),
         ("tasks", _tasks_table(plan.tasks, store, cached)),
     ):
         # Points of the grid share tasks: what they report together stands there once.
@@ -93,10 +105,7 @@ def trial_results(trial: Trial, store: Store, axes: Sequence[str]) -> pd.DataFra
 
 def trial_surrogates(trial: Trial, store: Store, axes: Sequence[str]) -> pd.DataFrame:
     """Surrogates of a trial's placement: placement, axes that matter, class, surrogate, value."""
-    own = [axis for axis in axes if axis.partition(".")[0] in _SURROGATE_AXES]
-    table = store.load(trial.surrogates)["table"]
-    identity = _axis_values(trial.grid_point, own)
-    return _with(table, {"placement": trial.grid_point.point.placement} | identity)
+    return _of_placement(trial, trial.surrogates, "table", store, axes)
 
 
 def trial_seconds(trial: Trial, store: Store) -> float:
@@ -113,9 +122,13 @@ def _curve(trial: Trial, store: Store) -> pd.DataFrame:
     return _with(trial_curve(trial, store), {"trial": trial.key})
 
 
-def _accuracy(trial: Trial, store: Store) -> pd.DataFrame:
-    table = store.load(trial.coverage_accuracy)["table"]
-    return _with(table, {"placement": trial.grid_point.point.placement})
+def _of_placement(
+    trial: Trial, task: Task, name: str, store: Store, axes: Sequence[str]
+) -> pd.DataFrame:
+    """A table that depends on the placement and on the axes that matter to surrogates."""
+    own = [axis for axis in axes if axis.partition(".")[0] in _SURROGATE_AXES]
+    identity = _axis_values(trial.grid_point, own)
+    return _with(store.load(task)[name], {"placement": trial.grid_point.point.placement} | identity)
 
 
 def _tasks_table(tasks: Sequence[Task], store: Store, cached: set[str]) -> pd.DataFrame:
@@ -161,8 +174,9 @@ def _maps(trials: Sequence[Trial], store: Store) -> Value:
         name = f"coverage/{trial.grid_point.point.placement}"
         if name not in maps:
             maps[name] = store.load(trial.surrogates)["from_above"]
-    for task, object_class in zip(trials[0].pogs, trials[0].grid_point.point.classes, strict=True):
-        maps[f"pog/{object_class}"] = store.load(task)["from_above"]
+    pog = store.load(trials[0].pog)
+    for object_class in pog["classes"]:
+        maps[f"pog/{object_class}"] = pog[f"from_above_{object_class}"]
     return maps
 
 

@@ -23,10 +23,12 @@ _REQUIRED_TABLES: dict[str, tuple[str, ...]] = {
 }
 _OPTIONAL_TABLES: dict[str, tuple[str, ...]] = {
     "curves": ("trial", "epoch", "metric", "value"),
-    "coverage_accuracy": (
-        *("placement", "class", "method", "azimuth_steps"),
-        *("seconds", "relative_error"),
+    "accuracy": (
+        *("placement", "class", "surrogate", "method", "resolution", "azimuth_steps", "frames"),
+        *("comparable", "reference", "seconds", "pog_seconds"),
     ),
+    "sampling_error": ("placement", "class", "surrogate", "value", "sd", "bias", "low", "high"),
+    "pog_resamples": ("placement", "class", "surrogate", "resample", "value"),
     "tasks": ("stage", "seconds", "cached"),
 }
 _SWEEP_KEYS = ("name", "command", "axes", "placements", "classes", "roi", "frames")
@@ -87,7 +89,9 @@ class RunFolder:
     surrogates: pd.DataFrame
     trials: pd.DataFrame
     curves: pd.DataFrame | None
-    coverage_accuracy: pd.DataFrame | None
+    accuracy: pd.DataFrame | None
+    sampling_error: pd.DataFrame | None
+    pog_resamples: pd.DataFrame | None
     tasks: pd.DataFrame | None
     maps: Maps | None
     frame: Frame | None
@@ -136,7 +140,9 @@ class RunFolder:
             surrogates=tables["surrogates"],
             trials=tables["trials"],
             curves=optional["curves"],
-            coverage_accuracy=optional["coverage_accuracy"],
+            accuracy=optional["accuracy"],
+            sampling_error=optional["sampling_error"],
+            pog_resamples=optional["pog_resamples"],
             tasks=optional["tasks"],
             maps=_read_maps(path / "maps.npz"),
             frame=_read_frame(path / "frame.npz"),

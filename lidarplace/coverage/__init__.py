@@ -7,8 +7,10 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.coverage.cone import covered_by_cones
+from lidarplace.coverage.bits import Bits, pack, unpack
+from lidarplace.coverage.cone import cone_bits
 from lidarplace.coverage.rays import covered_by_rays
+from lidarplace.coverage.tiles import Tiles
 from lidarplace.placement import Placement
 from lidarplace.roi import Roi
 
@@ -22,9 +24,23 @@ def coverage(placement: Placement, roi: Roi, method: Method = "cone") -> NDArray
     Args:
         method: `cone`, exact and without azimuth sampling; `dda`, exact traversal of the rays of
             all azimuth steps; `bresenham`, the paper's integer lines along the same rays.
+
+    Raises:
+        ValueError: an unknown method.
     """
+    return unpack(covered_bits(placement, roi, method, Tiles.whole(roi.shape)), roi.shape[2])
+
+
+def covered_bits(placement: Placement, roi: Roi, method: Method, tiles: Tiles) -> Bits:
+    """Covered voxels as a set of bits, right for the voxels that matter by `tiles`."""
     if method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, found {method!r}")
     if method == "cone":
-        return covered_by_cones(placement, roi)
-    return covered_by_rays(placement, roi, method)
+        return cone_bits(placement, roi, tiles)
+    return pack(covered_by_rays(placement, roi, method))
+
+
+def count_covered(placement: Placement, roi: Roi, method: Method) -> int:
+    """Number of covered voxels of the whole ROI."""
+    bits = covered_bits(placement, roi, method, Tiles.whole(roi.shape))
+    return int(np.bitwise_count(bits).sum())

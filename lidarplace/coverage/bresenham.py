@@ -6,61 +6,111 @@ import math
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+from lidarplace.coverage.clip import clip_rays
 
 
-@njit(cache=True)
-def bresenham_voxels(origin, directions, reach, minimum, resolution, nx, ny, nz):
-    """Voxels of the 3D Bresenham line from the sensor's voxel to the one where a ray ends.
+def bresenham_voxels(
+    origin: NDArray[np.float64],
+    directions: NDArray[np.float64],
+    reach: float,
+    minimum: NDArray[np.float64],
+    resolution: float,
+    nx: int,
+    ny: int,
+    nz: int,
+) -> tuple[NDArray[np.uint64], NDArray[np.int64]]:
+    """Voxels of the 3D Bresenham lines along rays; arguments and result as in `dda_voxels`."""
+    shape, strides = np.array([nx, ny, nz]), np.array([ny * nz, nz, 1])
+    spans = clip_rays(origin, directions, reach, minimum, resolution, shape)
+    voxels = np.empty(len(directions) * (nx + ny + nz), np.uint64)
+    offsets = np.zeros(len(directions) + 1, np.int64)
+    walk_bresenham(
+        *(origin, directions, spans, reach, 0),
+        *(minimum, resolution, shape, strides, voxels, offsets),
+    )
+    return voxels[: offsets[-1]], offsets
 
-    A ray ends where it leaves the grid, or after `reach` metres. Rays that miss the grid have no
-    voxel. The sensor's voxel may lie outside the grid; only voxels inside are returned.
 
-    Arguments and result as in `dda_voxels`.
+@njit(cache=True, nogil=True, error_model="numpy")
+def walk_bresenham(
+    origin,
+    directions,
+    spans,
+    reach,
+    first,
+    minimum,
+    resolution,
+    shape,
+    strides,
+    voxels,
+    offsets,
+):  # pragma: no cover - compiled
+    """Write the voxels of the lines along the rays from `first` on, as many as there is room for.
+
+    A line goes from the sensor's voxel to the one where its ray leaves the grid, or ends after
+    `reach` metres. The sensor's voxel may lie outside the grid; only voxels inside are written.
+
+    Arguments and result as in `walk_dda`.
     """
-    rays = len(directions)
-    shape = (nx, ny, nz)
-    voxels = np.empty(rays * max(nx, ny, nz), np.int64)
-    offsets = np.zeros(rays + 1, np.int64)
-    size = 0
-    cell = np.zeros(3, np.int64)
-    length = np.zeros(3, np.int64)
-    step = np.zeros(3, np.int64)
-    error = np.zeros(3, np.int64)
-    for r in range(rays):
-        near, far = 0.0, reach
-        for a in range(3):
-            low = minimum[a] - origin[a]
-            high = low + shape[a] * resolution
-            d = directions[r, a]
-            if d == 0.0:
-                if low > 0 or high <= 0:
-                    far = -1.0
-            else:
-                t0, t1 = low / d, high / d
-                near, far = max(near, min(t0, t1)), min(far, max(t0, t1))
+    size, rays = np.uint64(0), 0
+    room = len(voxels) - (shape[0] + shape[1] + shape[2])
+    offsets[0] = 0
+    while first + rays < len(directions) and rays + 1 < len(offsets) and size <= room:
+        near, far = spans[first + rays, 0], min(spans[first + rays, 1], reach)
         if near < far:
-            main = 0
-            for a in range(3):
-                cell[a] = math.floor((origin[a] - minimum[a]) / resolution)
-                end = math.floor((origin[a] + far * directions[r, a] - minimum[a]) / resolution)
-                end = min(max(end, 0), shape[a] - 1)
-                length[a] = abs(end - cell[a])
-                step[a] = 1 if end > cell[a] else -1
-                if length[a] > length[main]:
-                    main = a
-            for a in range(3):
-                error[a] = 2 * length[a] - length[main]
-            for _ in range(length[main] + 1):
-                if 0 <= cell[0] < shape[0] and 0 <= cell[1] < shape[1] and 0 <= cell[2] < shape[2]:
-                    voxels[size] = (cell[0] * ny + cell[1]) * nz + cell[2]
-                    size += 1
-                for a in range(3):
-                    if a == main:
-                        continue
-                    if error[a] > 0:
-                        cell[a] += step[a]
-                        error[a] -= 2 * length[main]
-                    error[a] += 2 * length[a]
-                cell[main] += step[main]
-        offsets[r + 1] = size
-    return voxels[:size], offsets
+            size = _line(
+                *(origin, directions[first + rays], far),
+                *(minimum, resolution, shape, strides, voxels, size),
+            )
+        rays += 1
+        offsets[rays] = size
+    return rays
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _line(
+    origin, direction, far, minimum, resolution, shape, strides, voxels, size
+):  # pragma: no cover - compiled
+    """Append the voxels of one line to the first `size` of `voxels`; returns the new size."""
+    # The axis along which the line is longest comes first.
+    main, longest = 0, -1
+    for a in range(3):
+        start, end = _ends(a, origin, direction, far, minimum, resolution, shape)
+        if abs(end - start) > longest:
+            main, longest = a, abs(end - start)
+    a, b = (1 if main == 0 else 0), (1 if main == 2 else 2)
+    i, end_i = _ends(main, origin, direction, far, minimum, resolution, shape)
+    j, end_j = _ends(a, origin, direction, far, minimum, resolution, shape)
+    k, end_k = _ends(b, origin, direction, far, minimum, resolution, shape)
+    step_i, step_j, step_k = (
+        (1 if end_i > i else -1),
+        (1 if end_j > j else -1),
+        (1 if end_k > k else -1),
+    )
+    length_j, length_k = abs(end_j - j), abs(end_k - k)
+    error_j, error_k = 2 * length_j - longest, 2 * length_k - longest
+    ni, nj, nk = shape[main], shape[a], shape[b]
+    for _ in range(longest + 1):
+        if 0 <= i < ni and 0 <= j < nj and 0 <= k < nk:
+            voxels[size] = i * strides[main] + j * strides[a] + k * strides[b]
+            size += np.uint64(1)
+        if error_j > 0:
+            j += step_j
+            error_j -= 2 * longest
+        if error_k > 0:
+            k += step_k
+            error_k -= 2 * longest
+        error_j += 2 * length_j
+        error_k += 2 * length_k
+        i += step_i
+    return size
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _ends(axis, origin, direction, far, minimum, resolution, shape):  # pragma: no cover - compiled
+    """First and last cell of a line on one axis: the sensor's, and the ray's at `far`."""
+    start = math.floor((origin[axis] - minimum[axis]) / resolution)
+    end = math.floor((origin[axis] + far * direction[axis] - minimum[axis]) / resolution)
+    return start, min(max(end, 0), shape[axis] - 1)

@@ -1,4 +1,10 @@
-"""Exact traversal of single rays through the voxels (Amanatides and Woo, 1987)."""
+"""Exact traversal of single rays through the voxels (after Amanatides and Woo, 1987).
+
+A ray passes a voxel when the half-open cube holds a point `origin + t * direction` with
+0 < t < reach. So where it goes through an edge or a corner, neighbours that it only touches
+are passed over: of the steps due at one t those along growing coordinates come first, all at
+once, then those along falling coordinates.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +12,21 @@ import math
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+from lidarplace.coverage.clip import clip_rays
 
 
-@njit(cache=True)
-def dda_voxels(origin, directions, reach, minimum, resolution, nx, ny, nz):
+def dda_voxels(
+    origin: NDArray[np.float64],
+    directions: NDArray[np.float64],
+    reach: float,
+    minimum: NDArray[np.float64],
+    resolution: float,
+    nx: int,
+    ny: int,
+    nz: int,
+) -> tuple[NDArray[np.uint64], NDArray[np.int64]]:
     """Voxels that rays pass, in the order in which they pass them.
 
     Args:
@@ -19,57 +36,169 @@ def dda_voxels(origin, directions, reach, minimum, resolution, nx, ny, nz):
         minimum, resolution, nx, ny, nz: the grid.
 
     Returns:
-        (voxels, offsets): flat C-order indices, int64; those of ray r are
+        (voxels, offsets): flat C-order indices, uint64; those of ray r are
         `voxels[offsets[r]:offsets[r + 1]]`.
     """
-    rays = len(directions)
-    shape = (nx, ny, nz)
-    stride = (ny * nz, nz, 1)
-    voxels = np.empty(rays * (nx + ny + nz), np.int64)
-    offsets = np.zeros(rays + 1, np.int64)
-    size = 0
-    cell = np.zeros(3, np.int64)
-    step = np.zeros(3, np.int64)
-    crossing = np.zeros(3)  # ray parameter at which the next voxel of an axis begins
-    for r in range(rays):
-        near, far = 0.0, reach
-        for a in range(3):
-            low = minimum[a] - origin[a]
-            high = low + shape[a] * resolution
-            d = directions[r, a]
-            if d == 0.0:
-                if low > 0 or high <= 0:  # voxels are half open
-                    far = -1.0
-            else:
-                t0, t1 = low / d, high / d
-                near, far = max(near, min(t0, t1)), min(far, max(t0, t1))
-        if near < far:
-            index = 0
-            for a in range(3):
-                d = directions[r, a]
-                position = (origin[a] + near * d - minimum[a]) / resolution
-                cell[a] = min(max(math.floor(position), 0), shape[a] - 1)
-                index += cell[a] * stride[a]
-                if d == 0.0:
-                    step[a], crossing[a] = 0, math.inf
-                else:
-                    step[a] = 1 if d > 0 else -1
-                    edge = minimum[a] + (cell[a] + (step[a] > 0)) * resolution
-                    crossing[a] = (edge - origin[a]) / d
-            while True:
-                voxels[size] = index
-                size += 1
-                a = 0 if crossing[0] < crossing[1] else 1
-                if crossing[2] < crossing[a]:
-                    a = 2
-                if crossing[a] >= far:
-                    break
-                cell[a] += step[a]
-                if cell[a] < 0 or cell[a] >= shape[a]:
-                    break
-                index += step[a] * stride[a]
-                # From the grid line, not by adding: errors do not grow along the ray.
-                edge = minimum[a] + (cell[a] + (step[a] > 0)) * resolution
-                crossing[a] = (edge - origin[a]) / directions[r, a]
-        offsets[r + 1] = size
-    return voxels[:size], offsets
+    shape, strides = np.array([nx, ny, nz]), np.array([ny * nz, nz, 1])
+    spans = clip_rays(origin, directions, reach, minimum, resolution, shape)
+    voxels = np.empty(len(directions) * (nx + ny + nz), np.uint64)
+    offsets = np.zeros(len(directions) + 1, np.int64)
+    walk_dda(
+        *(origin, directions, spans, reach, 0),
+        *(minimum, resolution, shape, strides, voxels, offsets),
+    )
+    return voxels[: offsets[-1]], offsets
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def walk_dda(
+    origin,
+    directions,
+    spans,
+    reach,
+    first,
+    minimum,
+    resolution,
+    shape,
+    strides,
+    voxels,
+    offsets,
+):  # pragma: no cover - compiled
+    """Write the voxels of the rays from `first` on, as many rays as there is room for.
+
+    Args:
+        origin, directions, reach, minimum, resolution, shape: as in `clip_rays`.
+        spans: from `clip_rays`.
+        strides: voxel (i, j, k) has the index `i * strides[0] + j * strides[1] + k * strides[2]`.
+        voxels: indices go here, unsigned; room for `sum(shape)` is enough for a ray.
+        offsets: those of ray `first + n` are `voxels[offsets[n]:offsets[n + 1]]`.
+
+    Returns:
+        The number of rays written, at most `len(offsets) - 1`.
+    """
+    size, rays = np.uint64(0), 0
+    room = len(voxels) - (shape[0] + shape[1] + shape[2])
+    offsets[0] = 0
+    while first + rays < len(directions) and rays + 1 < len(offsets) and size <= room:
+        start = spans[first + rays, 0]
+        if start < math.inf:
+            size = _walk(
+                *(origin, directions[first + rays], start, reach),
+                *(minimum, resolution, shape, strides, voxels, size),
+            )
+        rays += 1
+        offsets[rays] = size
+    return rays
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _crossing(cell, origin, d, minimum, resolution):  # pragma: no cover - compiled
+    """Ray parameter at which a ray leaves `cell` along one axis.
+
+    From the grid line, not by adding up: errors do not grow along the ray, and equal parameters
+    of two axes compare equal where coordinates and directions have few bits.
+    """
+    if d == 0.0:
+        return math.inf
+    return (minimum + (cell + (d > 0)) * resolution - origin) / d
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _first_cell(start, origin, d, minimum, resolution, cells):  # pragma: no cover - compiled
+    """Cell on one axis just before the ray enters the grid, or just after it starts inside.
+
+    -1 or `cells` on the side through which it enters.
+    """
+    position = math.floor((origin + start * d - minimum) / resolution)
+    cell = int(min(max(position, -1), cells))
+    if d > 0:
+        while cell >= 0 and not _is_past(cell, start, origin, d, minimum, resolution):
+            cell -= 1
+        while cell < cells and _is_past(cell + 1, start, origin, d, minimum, resolution):
+            cell += 1
+    elif d < 0:
+        while cell < cells and not _is_past(cell + 1, start, origin, d, minimum, resolution):
+            cell += 1
+        while cell >= 0 and _is_past(cell, start, origin, d, minimum, resolution):
+            cell -= 1
+    return cell
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _is_past(line, start, origin, d, minimum, resolution):  # pragma: no cover - compiled
+    """Whether a grid line is crossed before the ray enters the grid, or where it starts."""
+    crossing = (minimum + line * resolution - origin) / d
+    return crossing < start or crossing <= 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _walk(
+    origin, direction, start, reach, minimum, resolution, shape, strides, voxels, size
+):  # pragma: no cover - compiled
+    """Append the voxels of one ray to the first `size` of `voxels`; returns the new size."""
+    ox, oy, oz = origin[0], origin[1], origin[2]
+    dx, dy, dz = direction[0], direction[1], direction[2]
+    x0, y0, z0 = minimum[0], minimum[1], minimum[2]
+    nx, ny, nz = shape[0], shape[1], shape[2]
+    i = _first_cell(start, ox, dx, x0, resolution, nx)
+    j = _first_cell(start, oy, dy, y0, resolution, ny)
+    k = _first_cell(start, oz, dz, z0, resolution, nz)
+    tx = _crossing(i, ox, dx, x0, resolution)
+    ty = _crossing(j, oy, dy, y0, resolution)
+    tz = _crossing(k, oz, dz, z0, resolution)
+    up_x, up_y, up_z = dx > 0, dy > 0, dz > 0
+    step_x, step_y, step_z = (1 if up_x else -1), (1 if up_y else -1), (1 if up_z else -1)
+    end_x, end_y, end_z = (nx if up_x else -1), (ny if up_y else -1), (nz if up_z else -1)
+    jump_x, jump_y, jump_z = step_x * strides[0], step_y * strides[1], step_z * strides[2]
+    index = i * strides[0] + j * strides[1] + k * strides[2]
+    one = np.uint64(1)
+    if start == 0.0:
+        voxels[size] = index
+        size += one
+    while True:
+        if tx < ty and tx < tz:
+            i += step_x
+            if tx >= reach or i == end_x:
+                return size
+            index += jump_x
+            tx = _crossing(i, ox, dx, x0, resolution)
+        elif ty < tx and ty < tz:
+            j += step_y
+            if ty >= reach or j == end_y:
+                return size
+            index += jump_y
+            ty = _crossing(j, oy, dy, y0, resolution)
+        elif tz < tx and tz < ty:
+            k += step_z
+            if tz >= reach or k == end_z:
+                return size
+            index += jump_z
+            tz = _crossing(k, oz, dz, z0, resolution)
+        else:  # through an edge or a corner
+            t = min(tx, ty, tz)
+            if t >= reach:
+                return size
+            at_x, at_y, at_z = tx == t, ty == t, tz == t
+            grows = (at_x and up_x) or (at_y and up_y) or (at_z and up_z)
+            falls = (at_x and not up_x) or (at_y and not up_y) or (at_z and not up_z)
+            for up in (True, False):
+                if at_x and up_x == up:
+                    i += step_x
+                    index += jump_x
+                    tx = _crossing(i, ox, dx, x0, resolution)
+                if at_y and up_y == up:
+                    j += step_y
+                    index += jump_y
+                    ty = _crossing(j, oy, dy, y0, resolution)
+                if at_z and up_z == up:
+                    k += step_z
+                    index += jump_z
+                    tz = _crossing(k, oz, dz, z0, resolution)
+                if i == end_x or j == end_y or k == end_z:
+                    return size
+                inside = 0 <= i < nx and 0 <= j < ny and 0 <= k < nz
+                if up and grows and falls and inside:
+                    voxels[size] = index
+                    size += one
+        voxels[size] = index
+        size += one

@@ -11,81 +11,153 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from lidarplace.coverage.bresenham import bresenham_voxels
-from lidarplace.coverage.dda import dda_voxels
+from lidarplace.coverage.bresenham import walk_bresenham
+from lidarplace.coverage.clip import clip_rays
+from lidarplace.coverage.dda import walk_dda
 from lidarplace.placement import Placement
 from lidarplace.roi import Roi
+from lidarplace.sensor import Lidar
 
 RayMethod = Literal["dda", "bresenham"]
-_WALKS = {"dda": dda_voxels, "bresenham": bresenham_voxels}
+_WALKS = {"dda": walk_dda, "bresenham": walk_bresenham}
+_CHUNK = 2**16  # voxels listed before they are used: 256 kB, which stays in a core's own cache
 
 
 def covered_by_rays(placement: Placement, roi: Roi, method: RayMethod) -> NDArray[np.bool_]:
     """Voxels that at least one ray of `placement` passes, shape (nx, ny, nz)."""
-    covered = np.zeros(roi.shape, np.bool_)
-    for voxels, _ in _beams(placement, roi, method):
-        covered.reshape(-1)[voxels] = True
-    return covered
+    covered = _in_layers(roi, np.bool_)
+    for voxels, _ in _chunks(placement, roi, method):
+        _cover(voxels, covered.reshape(-1))
+    return _by_voxel(covered)
 
 
-def ray_counts(placement: Placement, roi: Roi, method: RayMethod) -> NDArray[np.int32]:
-    """m(v), the number of rays through every voxel, shape (nx, ny, nz)."""
-    counts = np.zeros(roi.shape, np.int32)
-    for voxels, _ in _beams(placement, roi, method):
-        _count_rays(voxels, counts.reshape(-1))
-    return counts
+def ray_counts(
+    placement: Placement, roi: Roi, method: RayMethod, azimuth_stride: int = 1
+) -> NDArray[np.int32]:
+    """m(v), the number of rays through every voxel, shape (nx, ny, nz).
+
+    With `azimuth_stride` the rays of fewer azimuth steps are counted, see `thinned`; each stands
+    for `ray_weight` rays.
+    """
+    counts = _in_layers(roi, np.int32)
+    thin = placement.with_lidar(thinned(placement.lidar, azimuth_stride))
+    for voxels, _ in _chunks(thin, roi, method):
+        _count(voxels, counts.reshape(-1))
+    return _by_voxel(counts)
 
 
 def log_miss(
     placement: Placement,
     roi: Roi,
     method: RayMethod,
-    probability: NDArray[np.float64],
+    counts: NDArray[np.int32],
+    frames: int,
     detection_probability: float,
+    azimuth_stride: int = 1,
 ) -> NDArray[np.float64]:
     """`ln prod over rays of (1 - q w_r)`: the log-probability that no ray detects an object at v.
 
     Ray r reaches voxel v with probability `w_r = prod (1 - p)` over the voxels before v
-    (`expected_ig` with occlusion). Shape (nx, ny, nz), <= 0.
+    (`expected_ig` with occlusion). Shape (nx, ny, nz), <= 0; 0 where p = 0, where nothing can be
+    detected. With `azimuth_stride` fewer rays are traced, see `thinned`, and each counts
+    `ray_weight` times.
+
+    Args:
+        counts, frames: frames in which each voxel is occupied, shape (nx, ny, nz), and T; from
+            integers 1 - p is as exact as p.
+        detection_probability: q, in (0, 1].
     """
-    with np.errstate(divide="ignore"):
-        log_free = np.log1p(-probability).reshape(-1)
-    result = np.zeros(roi.shape)
-    for voxels, offsets in _beams(placement, roi, method):
-        _add_log_miss(voxels, offsets, log_free, detection_probability, result.reshape(-1))
-    return result
+    thin = placement.with_lidar(thinned(placement.lidar, azimuth_stride))
+    layers = np.ascontiguousarray(counts.transpose(2, 0, 1)).reshape(-1)
+    result = _in_layers(roi, np.float64)
+    for voxels, offsets in _chunks(thin, roi, method):
+        _add_log_miss(voxels, offsets, layers, frames, detection_probability, result.reshape(-1))
+    result *= ray_weight(placement.lidar, azimuth_stride)
+    return _by_voxel(result)
 
 
-def _beams(
+def thinned(lidar: Lidar, azimuth_stride: int) -> Lidar:
+    """`lidar` with `round(azimuth_steps / azimuth_stride)` azimuth steps in a turn, at least one.
+
+    Raises:
+        ValueError: the stride is below 1, or none of the remaining steps is in the field of view.
+    """
+    if azimuth_stride < 1:
+        raise ValueError(f"azimuth_stride must be at least 1, found {azimuth_stride}")
+    return replace(lidar, azimuth_steps=max(1, round(lidar.azimuth_steps / azimuth_stride)))
+
+
+def ray_weight(lidar: Lidar, azimuth_stride: int) -> float:
+    """Rays of `lidar` that one ray of `thinned(lidar, azimuth_stride)` stands for."""
+    return lidar.rays / thinned(lidar, azimuth_stride).rays
+
+
+def _in_layers(roi: Roi, dtype: type[np.generic]) -> NDArray:
+    """Zeros by layers of z, shape (nz, nx, ny).
+
+    Rays run flat, so voxels that follow each other on a ray lie close together in memory. In C
+    order of (nx, ny, nz) nearly each would be on a page of its own: half the time would go there.
+    """
+    nx, ny, nz = roi.shape
+    return np.zeros((nz, nx, ny), dtype)
+
+
+def _by_voxel(layers: NDArray) -> NDArray:
+    """From layers to shape (nx, ny, nz), C order."""
+    return np.ascontiguousarray(layers.transpose(1, 2, 0))
+
+
+def _chunks(
     placement: Placement, roi: Roi, method: RayMethod
-) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """Voxels and offsets of one beam of one LiDAR after the other, to keep the lists short."""
+) -> Iterator[tuple[NDArray[np.unsignedinteger], NDArray[np.int64]]]:
+    """Voxels of some rays after the other, as indices into `_in_layers`, and their offsets.
+
+    All chunks share one piece of memory: use a chunk before asking for the next.
+    """
+    nx, ny, nz = roi.shape
+    shape, strides = np.array([nx, ny, nz]), np.array([ny, 1, nx * ny])
+    index: type[np.unsignedinteger] = np.uint32 if nx * ny * nz < 2**32 else np.uint64
+    voxels = np.empty(max(_CHUNK, 2 * (nx + ny + nz)), index)
+    offsets = np.empty(_CHUNK // 8, np.int64)
+    reach = placement.lidar.range
+    in_sensor_frame = placement.lidar.directions()
     for mount in placement.mounts:
-        for elevation in placement.lidar.elevations:
-            beam = replace(placement.lidar, elevations=(elevation,))
-            directions = beam.directions() @ mount.rotation.T
-            yield _WALKS[method](
-                mount.position,
-                directions,
-                placement.lidar.range,
-                roi.minimum,
-                roi.resolution,
-                *roi.shape,
+        directions = in_sensor_frame @ mount.rotation.T
+        grid = (roi.minimum, roi.resolution, shape)
+        spans = clip_rays(mount.position, directions, reach, *grid)
+        hit = spans[:, 0] < np.inf
+        directions, spans = directions[hit], spans[hit]
+        first = 0
+        while first < len(directions):
+            rays = _WALKS[method](
+                *(mount.position, directions, spans, reach, first),
+                *(*grid, strides, voxels, offsets),
             )
+            yield voxels[: offsets[rays]], offsets[: rays + 1]
+            first += rays
 
 
-@njit(cache=True)
-def _count_rays(voxels, counts):  # pragma: no cover - compiled
+@njit(cache=True, nogil=True)
+def _cover(voxels, covered):  # pragma: no cover - compiled
+    for v in voxels:
+        covered[v] = True
+
+
+@njit(cache=True, nogil=True)
+def _count(voxels, counts):  # pragma: no cover - compiled
     for v in voxels:
         counts[v] += 1
 
 
-@njit(cache=True)
-def _add_log_miss(voxels, offsets, log_free, q, result):  # pragma: no cover - compiled
+@njit(cache=True, nogil=True)
+def _add_log_miss(voxels, offsets, counts, frames, q, result):  # pragma: no cover - compiled
     for r in range(len(offsets) - 1):
-        log_reach = 0.0
+        reach = 1.0
+        term = math.log1p(-q) if q < 1 else -math.inf
         for v in voxels[offsets[r] : offsets[r + 1]]:
-            if log_reach == -math.inf:
-                break
-            result[v] += math.log1p(-q * math.exp(log_reach))
-            log_reach += log_free[v]
+            if counts[v] > 0:
+                result[v] += term
+                reach *= (frames - counts[v]) / frames
+                if reach == 0:
+                    break
+                term = math.log1p(-q * reach)

@@ -48,8 +48,7 @@ def collect(
     slack = LARGEST_ERROR * lidar.range_noise
     wide = (*(low - slack for low in crop[:3]), *(high + slack for high in crop[3:]))
 
-    rays = lidar.beams * lidar.azimuth_steps
-    memory = np.empty((rays, 4), np.float32)
+    memory = np.empty((lidar.rays, 4), np.float32)
     hits: Hits | None = None
     points: list[NDArray[np.float32]] = []
     counts = np.zeros((len(numbers), len(placement.mounts)), np.int64)

@@ -57,18 +57,20 @@ def cast(
 
     Args:
         mount: pose in the ego frame.
-        lidar: beams, azimuth steps and range.
+        lidar: beams, azimuth steps, field of view and range.
         boxes: rows of `lidarplace.boxes.GEOMETRY` in the ego frame, shape (B, 7), finite.
         crop: x0, y0, z0, x1, y1, z1 in the ego frame, metres. Hits within it are right, for rays
             that meet nothing there the answer is open: boxes that cannot matter are skipped.
         into: hits of an earlier call for the same `lidar`, whose memory is used again.
     """
-    rays = lidar.beams * lidar.azimuth_steps
+    rays = lidar.rays
     hits = into or Hits(np.empty(rays), np.empty(rays, np.int32), np.empty(rays))
     _cast(
         mount.position,
         mount.rotation,
         *beam_tables(lidar),
+        lidar.first_step,
+        lidar.azimuth_steps,
         lidar.range,
         np.ascontiguousarray(boxes, np.float64),
         np.array(OWN_BODY),
@@ -82,9 +84,9 @@ def cast(
 
 @lru_cache(maxsize=16)
 def beam_tables(lidar: Lidar) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Elevations (beams, 3): angle, cosine, sine; azimuths (azimuth_steps, 2): cosine, sine."""
+    """Elevations (beams, 3): angle, cosine, sine; fired azimuths (fired_steps, 2): cosine, sine."""
     elevation = np.asarray(lidar.elevations)
-    azimuth = np.arange(lidar.azimuth_steps) * (2 * math.pi / lidar.azimuth_steps)
+    azimuth = lidar.azimuths()
     elevations = np.stack([elevation, np.cos(elevation), np.sin(elevation)], axis=1)
     azimuths = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
     for table in (elevations, azimuths):
@@ -210,6 +212,8 @@ def _cast(
     rotation,
     elevations,
     azimuths,
+    first_step,
+    turn,
     reach,
     boxes,
     body,
@@ -221,7 +225,8 @@ def _cast(
     """Fill range, target and incidence of every ray; exact for what lies within `crop`.
 
     Boxes apart from the hull of crop and sensor are skipped: the hull is convex, so it holds
-    every ray up to a point in `crop`, and they cannot stand before one.
+    every ray up to a point in `crop`, and they cannot stand before one. `azimuths` are those
+    fired: from `first_step` on, of `turn` steps in a full turn.
     """
     steps = len(azimuths)
     for beam in range(len(elevations)):
@@ -269,15 +274,18 @@ def _cast(
             rotation[2, 2],
         )
         middle, below, above, lowest, highest = _extent(box, origin, rotation)
-        first, count = _azimuth_run(middle, below, above, steps)
+        first, count = _azimuth_run(middle, below, above, turn)
+        first -= first_step if first >= first_step else first_step - turn
         for beam in range(len(elevations)):
             if not lowest <= elevations[beam, 0] <= highest:
                 continue
             ce, se = elevations[beam, 1], elevations[beam, 2]
             for n in range(count):
                 step = first + n
-                if step >= steps:
-                    step -= steps
+                if step >= turn:
+                    step -= turn
+                if step >= steps:  # outside the field of view
+                    continue
                 ca, sa = ce * azimuths[step, 0], ce * azimuths[step, 1]
                 enter, cosine = _enter(
                     ox,

@@ -66,6 +66,19 @@ def test_points_are_the_hits_within_the_crop():
     np.testing.assert_allclose(cloud[:, 3], intensity[inside], rtol=1e-5)
 
 
+def test_points_of_a_field_of_view_are_those_of_the_whole_turn_within_it():
+    ahead = replace(LIDAR, azimuth=(-0.5, 0.7))
+    mount, behind = Mount(z=2.2), Mount(z=2.2, yaw=math.pi)
+    full = collect(log(), [0, 3], Placement("a", [mount], lidar=LIDAR), CROP)
+    azimuth = np.arctan2(full.points[:, 1], full.points[:, 0])
+    inside = full.points[(azimuth > -0.5) & (azimuth < 0.7)]
+    found = collect(log(), [0, 3], Placement("a", [mount], lidar=ahead), CROP)
+    assert {tuple(p) for p in found.points} == {tuple(p) for p in inside}
+    assert len(found.points) == len(inside) > 500
+    none = collect(log(), [0, 3], Placement("a", [behind], lidar=ahead), CROP)
+    assert len(none.points) == 0
+
+
 def test_ground_lies_at_zero_exactly():
     """A crop that starts at z = 0 must not lose ground to rounding."""
     placement = Placement("one", [Mount(z=2.2, pitch=0.1)], lidar=LIDAR)

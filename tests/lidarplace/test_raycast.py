@@ -1,6 +1,7 @@
 """Ray casting against a brute-force reference, embreex, and rays that trip naive code."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -90,6 +91,19 @@ def test_crop_changes_nothing_within_it(mount, seed, x, y):
     np.testing.assert_array_equal(points_within(cut), inside)
     np.testing.assert_array_equal(cut.range[inside], full.range[inside])
     np.testing.assert_array_equal(cut.target[inside], full.target[inside])
+
+
+@given(mount=poses, seed=st.integers(0, 10**6), low=st.floats(-7, 7), width=st.floats(0.1, 6.28))
+@settings(max_examples=60, deadline=None, derandomize=True)
+def test_a_field_of_view_leaves_rays_out_and_changes_no_other(mount, seed, low, width):
+    boxes = random_boxes(seed, 25)
+    part = replace(SMALL, azimuth=(low, low + width))
+    fired = np.round(part.azimuths() * SMALL.azimuth_steps / (2 * math.pi)).astype(int)
+    full, cut = cast(mount, SMALL, boxes), cast(mount, part, boxes)
+    assert len(cut.range) == part.rays == len(part.directions())
+    for name in ("range", "target", "incidence"):
+        of_turn = getattr(full, name).reshape(SMALL.beams, -1)
+        np.testing.assert_array_equal(getattr(cut, name), of_turn[:, fired].ravel())
 
 
 def test_agrees_with_embreex():

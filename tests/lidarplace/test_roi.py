@@ -14,7 +14,10 @@ def test_shape_and_centres():
     [
         ({"x": (40, 0)}, r"ROI x needs min < max, found \[40.0, 0.0\]"),
         ({"z": (0, float("inf"))}, "ROI z needs min < max"),
-        ({"y": (-20, 20.03)}, "nearest that fits is 0.100075 m"),
+        (
+            {"y": (-20, 20.03)},
+            "nearest multiple is 40 m, the nearest resolution that fits is 0.100075 m",
+        ),
         ({"resolution": 0.0}, "resolution must be a positive length"),
         ({"resolution": 50.0}, "no multiple of the resolution"),
     ],

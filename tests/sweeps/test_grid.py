@@ -1,3 +1,4 @@
+import math
 from pathlib import Path
 
 import pytest
@@ -5,6 +6,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from lidarplace import Lidar
 from sweeps.grid import ConfigError, read_sweep
 
 EXAMPLE = Path(__file__).parents[2] / "examples/grid.yaml"
@@ -80,6 +82,25 @@ def test_overrides(config):
     assert sweep.common.ray.address == "debug"
 
 
+def test_field_of_view(config):
+    lidars = [
+        point.point.lidar.lidar()
+        for point in read_sweep(
+            config(
+                grid={
+                    "placement": ["line"],
+                    "lidar.azimuth_deg": [[-180, 180], [-60, 60], [0, 360]],
+                    "lidar.range": [100, 30],
+                }
+            )
+        ).points
+    ]
+    assert lidars[0] == Lidar.paper()
+    assert [lidar.full_turn for lidar in lidars] == [True, True, False, False, True, True]
+    assert lidars[2].azimuth == (math.radians(-60), math.radians(60))
+    assert lidars[3].range == 30
+
+
 def test_own_placements_in_both_conventions(config):
     carla = {"convention": "carla", "mounts": [{"x": 1, "y": 0.5, "z": 2, "pitch": 0.1}]}
     ego = {"mounts": [{"x": 1, "y": -0.5, "z": 2, "pitch": -0.1}]}
@@ -117,7 +138,15 @@ def test_own_placements_in_both_conventions(config):
         ({"lidar": {"elevation_deg": [-100, 5]}}, "lidar: elevations must lie within"),
         ({"classes": ["Bus"]}, r"classes\[0\]: found 'Bus'; should be 'Car', 'Cyclist' or"),
         ({"detector": "yolo"}, "detector: found 'yolo'; should be 'pointpillars'"),
-        ({"lidar": {"range": 30}}, "lidar.range: coverage by cones needs a LiDAR range that reach"),
+        (
+            {"lidar": {"azimuth_deg": [60, -60]}},
+            r"azimuth_deg: found \[60, -60\]; allowed is \[min",
+        ),
+        (
+            {"lidar": {"azimuth_deg": [-200, 200]}},
+            "allowed is .* with min < max and max - min <= 360",
+        ),
+        ({"lidar": {"azimuth_deg": [1, 1.01]}}, "lidar: none of the 5625 azimuth steps of a turn"),
         ({"name": "a/b"}, "name: found 'a/b'"),
     ],
 )

@@ -26,9 +26,10 @@ def test_a_stage_runs_once_for_points_that_agree_in_what_it_depends_on(tmp_path)
     assert stages(plan) == {
         "scene": 1,
         "ground_truth": 1,
-        "pog": 3,
+        "pog": 1,
         "surrogates": 2,
-        "coverage_accuracy": 2,
+        "accuracy": 2,
+        "sampling_error": 2,
         "collect": 4,  # train and test
         "finetune": 8,
         "evaluate": 8,
@@ -37,7 +38,7 @@ def test_a_stage_runs_once_for_points_that_agree_in_what_it_depends_on(tmp_path)
 
 def test_a_finer_grid_trains_nothing_again(tmp_path):
     found = stages(plan_of(tmp_path, grid={"surrogate.resolution": [0.1, 0.2]}))
-    assert (found["pog"], found["surrogates"]) == (6, 2)
+    assert (found["pog"], found["surrogates"]) == (2, 2)
     assert (found["scene"], found["collect"], found["finetune"]) == (1, 2, 1)
 
 

@@ -75,9 +75,20 @@ def test_the_run_folder_holds_the_results(folder, first):
     )
     assert (car["s_mig"] < 0).all()
     assert (car["ig"] - car["h_pog"]).to_list() == pytest.approx(car["s_mig"].to_list())
-    accuracy = pd.read_parquet(run / "coverage_accuracy.parquet")
-    errors = accuracy[accuracy["method"] == "dda"].groupby("azimuth_steps")["relative_error"].max()
-    assert errors.is_monotonic_decreasing
+    accuracy = pd.read_parquet(run / "accuracy.parquet")
+    reference = accuracy[accuracy["reference"]]
+    assert set(reference["resolution"]) == {0.2}
+    assert reference.groupby(["placement", "surrogate"]).size().eq(1).all()
+    seen = accuracy[(accuracy["method"] == "dda") & (accuracy["surrogate"] == "s_mig")]
+    assert seen.groupby("placement")["azimuth_steps"].apply(set).eq({90, 360, 1440, 5760}).all()
+    error = pd.read_parquet(run / "sampling_error.parquet")
+    keys = ["placement", "class", "surrogate"]
+    both = error.merge(surrogates, on=keys, suffixes=("", "_of_stage"))
+    assert len(both) == len(error) == 2 * 3 * 8
+    assert both["value"].to_list() == pytest.approx(both["value_of_stage"].to_list())
+    assert (error["low"] <= error["high"]).all()
+    drawn = pd.read_parquet(run / "pog_resamples.parquet")
+    assert drawn.groupby(keys).size().eq(error["resamples"].iloc[0]).all()
     about = json.loads((run / "sweep.json").read_text())
     assert about["frames"] == {"train": 8, "test": 4}
     assert (run / "report.html").stat().st_size > 1e6

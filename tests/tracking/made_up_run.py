@@ -51,12 +51,15 @@ def write_run(
                     )
                     results += _results(rng, common, number, setting, quality[name])
                     curves += _curve(rng, trial)
+    estimates, resamples = _sampling_error(rng, quality, settings)
     tables = {
         "trials": trials,
         "results": results,
         "curves": curves,
         "surrogates": _surrogates(rng, quality, settings),
-        "coverage_accuracy": _coverage_accuracy(rng, names),
+        "accuracy": _accuracy(rng, names),
+        "sampling_error": estimates,
+        "pog_resamples": resamples,
         "tasks": _tasks(trials),
     }
     for name, rows in tables.items():
@@ -153,33 +156,58 @@ def _curve(rng: np.random.Generator, trial: str) -> list[dict[str, object]]:
     ]
 
 
-def _coverage_accuracy(rng: np.random.Generator, names: Sequence[str]) -> list[dict[str, object]]:
+def _accuracy(rng: np.random.Generator, names: Sequence[str]) -> list[dict[str, object]]:
     rows = []
+    ways = [("cone", 0.5, 0, 400), ("cone", 0.25, 0, 400), ("cone", 0.5, 0, 200)]
+    ways += [(method, 0.5, steps, 400) for method in ("dda", "bresenham") for steps in (90, 1440)]
     for name in names:
-        for object_class in CLASSES:
-            common = {"placement": name, "class": object_class, "s_mig": -1000.0}
+        exact = -1000 * (1 + rng.random())
+        for method, resolution, steps, frames in ways:
+            error = 0.3 * (resolution - 0.25) + 5 / steps * rng.random() if steps else 0.0
             rows.append(
                 {
-                    **common,
-                    "method": "cone",
-                    "azimuth_steps": 0,
-                    "seconds": 0.04 + 0.02 * rng.random(),
-                    "relative_error": 0.0,
+                    "placement": name,
+                    "class": CLASSES[0],
+                    "surrogate": "s_mig",
+                    "method": method,
+                    "resolution": resolution,
+                    "azimuth_steps": steps,
+                    "frames": frames,
+                    "value": exact * (1 - error),
+                    "comparable": exact * (1 - error),
+                    "reference": resolution == 0.25,
+                    "seconds": 0.01 + 1e-4 * steps,
+                    "pog_seconds": 0.1,
                 }
             )
-            for method, floor in (("dda", 0.0), ("bresenham", 0.02)):
-                for steps in (90, 360, 1440, 5760):
-                    error = floor + (0.0 if steps == 5760 else 5 / steps * (1 + rng.random()))
-                    rows.append(
-                        {
-                            **common,
-                            "method": method,
-                            "azimuth_steps": steps,
-                            "seconds": 1e-4 * steps,
-                            "relative_error": -error,
-                        }
-                    )
     return rows
+
+
+def _sampling_error(
+    rng: np.random.Generator, quality: dict[str, float], settings: list[dict[str, int]]
+) -> tuple[list[dict[str, object]], list[dict[str, object]]]:
+    """Estimates of S-MIG, and resamples that all placements share but for a hair."""
+    estimates, resamples = [], []
+    for setting in settings:
+        common = 50 * rng.normal(size=20)
+        for name, value in quality.items():
+            own = {"placement": name, **setting, "class": CLASSES[0], "surrogate": "s_mig"}
+            middle = -1000 * (1 + value)
+            drawn = middle + common + 0.1 * rng.normal(size=20)
+            estimates.append(
+                {
+                    **own,
+                    "value": middle,
+                    "sd": drawn.std(),
+                    "bias": 0.0,
+                    "low": middle - 100,
+                    "high": middle + 100,
+                    "blocks": 10,
+                    "resamples": 20,
+                }
+            )
+            resamples += [{**own, "resample": i, "value": v} for i, v in enumerate(drawn)]
+    return estimates, resamples
 
 
 def _tasks(trials: list[dict[str, object]]) -> list[dict[str, object]]:

@@ -8,13 +8,14 @@ import pytest
 
 from lidarplace.placement import Mount
 from lidarplace.roi import Roi
-from tracking.figures.coverage_error import coverage_error
+from tracking.accuracy import relative_errors, summarise
+from tracking.figures.accuracy import accuracy_figure
 from tracking.figures.from_above import coverage_from_above, pog_from_above
 from tracking.figures.label_places import label_places
 from tracking.figures.point_cloud import POINTS, point_clouds
 from tracking.figures.style import theme
 from tracking.figures.times import times
-from tracking.run_folder import Frame
+from tracking.run_folder import Frame, RunFolder
 
 ROI = Roi(x=(0, 50), y=(-10, 10), z=(0, 4), resolution=0.1)
 
@@ -71,18 +72,17 @@ def test_clouds_are_thinned_inside_the_roi_and_seeded():
     assert shown == [2 + 2, 1 + 2]
 
 
-def test_errors_are_absolute_and_zero_is_drawn_hollow_below():
-    rows = [("cone", 0, 0.05, 0.0), ("dda", 90, 0.01, -0.04), ("dda", 90, 0.03, 0.02)]
-    rows += [("dda", 360, 0.1, 0.0)]
-    table = pd.DataFrame(rows, columns=["method", "azimuth_steps", "seconds", "relative_error"])
-    (dda,) = coverage_error(table).data
-    assert dda.x[0] == pytest.approx(0.02)
-    assert dda.y[0] == pytest.approx(0.03)
-    assert 0 < dda.y[1] < 0.02
-    assert dda.marker.symbol == ("circle", "circle-open")
-    (note,) = coverage_error(table).layout.annotations
-    assert note.text.endswith("50 ms")
-    assert note.x == pytest.approx(np.log10(0.05))
+def test_zero_errors_are_hollow_and_below_and_the_menu_shows_one_surrogate(made_up_run):
+    table = RunFolder.read(made_up_run).accuracy
+    both = pd.concat([table, table.assign(surrogate="m_sog")])
+    plot = accuracy_figure(summarise(relative_errors(both)), "Car")
+    first, second = (button.args[0]["visible"] for button in plot.layout.updatemenus[0].buttons)
+    assert [trace.visible for trace in plot.data] == first
+    assert [not shown for shown in first] == second
+    lines = [t for t in plot.data if t.visible and t.name == "cone, resolution" and t.xaxis == "x2"]
+    (line,) = lines
+    assert "diamond-open" in line.marker.symbol
+    assert min(line.y) > 0
 
 
 def test_times_are_summed_by_stage_and_by_what_was_cached():

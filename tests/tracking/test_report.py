@@ -117,7 +117,8 @@ def test_the_sections_are_in_order(page):
     titles = [
         *("Best for Car", "Placements", "Did the surrogates predict AP and recall?"),
         *("Coverage and POG from above", "One frame, as each placement sees it"),
-        *("Coverage: error against run time", "Learning curves", "Where the time went"),
+        *("Surrogates: error against run time", "Surrogates: sampling error of the POG"),
+        *("Learning curves", "Where the time went"),
         "Configuration and command",
     ]
     assert [word for word in page.words if word in titles] == titles
@@ -170,20 +171,23 @@ def test_what_the_sweep_did_not_make_is_said(made_up_run, tmp_path):
     optional = (
         "maps.npz",
         "frame.npz",
-        *(f"{t}.parquet" for t in ("curves", "coverage_accuracy", "tasks")),
+        *(
+            f"{t}.parquet"
+            for t in ("curves", "accuracy", "sampling_error", "pog_resamples", "tasks")
+        ),
     )
     for name in optional:
         (folder / name).unlink()
     page = Page(build_report(folder).read_text(encoding="utf-8"))
     for name in optional:
-        assert f"has no {name}" in page.text
+        assert name in page.text
 
 
 @pytest.mark.parametrize("has_columns", [True, False])
 def test_a_sweep_whose_trials_all_failed_has_a_report(made_up_run, tmp_path, has_columns):
     folder = tmp_path / "failed"
     shutil.copytree(made_up_run, folder)
-    for name in ("results", "surrogates", "curves", "coverage_accuracy"):
+    for name in ("results", "surrogates", "curves", "accuracy", "sampling_error"):
         table = pd.read_parquet(folder / f"{name}.parquet").iloc[:0]
         (table if has_columns else pd.DataFrame()).to_parquet(folder / f"{name}.parquet")
     trials = pd.read_parquet(folder / "trials.parquet")

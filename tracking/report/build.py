@@ -12,19 +12,34 @@ import pandas as pd
 import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 
+from tracking.accuracy import relative_errors, summarise
 from tracking.correlation import correlate, with_sums
-from tracking.figures.coverage_error import coverage_error
+from tracking.figures.accuracy import accuracy_figure
 from tracking.figures.from_above import add_vehicle, coverage_from_above, metres, pog_from_above
 from tracking.figures.heat_map import heat_map
+from tracking.figures.intervals import intervals
 from tracking.figures.learning_curves import learning_curves
 from tracking.figures.point_cloud import point_clouds
 from tracking.figures.scatter import scatter
 from tracking.figures.style import text, theme
 from tracking.figures.times import times
-from tracking.report.groups import Group, groups
-from tracking.report.headline import HEADLINE_METRIC, verdicts, warnings
-from tracking.report.tables import Table, correlation_table, placement_table, trial_table
+from tracking.report.groups import Group, by_setting, groups
+from tracking.report.headline import (
+    HEADLINE_METRIC,
+    separation_sentences,
+    verdicts,
+    warnings,
+)
+from tracking.report.tables import (
+    Table,
+    accuracy_table,
+    correlation_table,
+    placement_table,
+    sampling_error_table,
+    trial_table,
+)
 from tracking.run_folder import RunFolder
+from tracking.sampling_error import paired_differences
 from tracking.summary import headline_iou, seed_means, surrogates_of
 
 MOST_MAPS = 12
@@ -61,7 +76,8 @@ def build_report(run: Path) -> Path:
         _correlation(folder, found, means, correlations),
         _from_above(folder, ranked),
         _clouds(folder, ranked),
-        _coverage_error(folder),
+        _accuracy(folder),
+        _sampling_error(folder),
         _curves(folder, found),
         _times(folder),
     ]
@@ -212,17 +228,49 @@ def _clouds(run: RunFolder, ranked: list[str]) -> Section:
     return section
 
 
-def _coverage_error(run: RunFolder) -> Section:
-    section = Section("Coverage: error against run time", columns=1)
-    if run.coverage_accuracy is None or run.coverage_accuracy.empty:
-        section.notes.append("The run folder has no coverage_accuracy.parquet.")
+def _accuracy(run: RunFolder) -> Section:
+    section = Section("Surrogates: error against run time", columns=1)
+    if run.accuracy is None or run.accuracy.empty:
+        section.notes.append("The run folder has no accuracy.parquet.")
         return section
     section.notes.append(
-        "Error of S-MIG against the exact cone coverage at the same resolution: medians over "
-        "placements and classes, bars from the smallest to the largest. Labels are azimuth steps; "
-        "hollow points have no error at all and lie on the lower edge."
+        "Left: error of the method, of fewer azimuth steps and of fewer frames at one resolution. "
+        "Middle: error against the finest resolution that was computed; a coarse grid makes beams "
+        "thick and too few rays leave gaps, and the two errors can cancel. Right: whether the "
+        "placements are ranked alike, which is what a choice needs. Medians over placements, bars "
+        "to the largest; hollow points have no error. The menu chooses the surrogate."
     )
-    section.figures.append(coverage_error(run.coverage_accuracy))
+    for title, part in by_setting(run.accuracy, run.axes):
+        summary = summarise(relative_errors(part))
+        for name, own in summary.groupby("class", sort=False):
+            label = f"{name} · {title}" if title else str(name)
+            section.figures.append(accuracy_figure(own, f"Error against run time · {label}"))
+            section.tables.append(accuracy_table(own, label))
+    return section
+
+
+def _sampling_error(run: RunFolder) -> Section:
+    section = Section("Surrogates: sampling error of the POG", columns=2)
+    tables = {"sampling_error": run.sampling_error, "pog_resamples": run.pog_resamples}
+    missing = [name for name, table in tables.items() if table is None or table.empty]
+    if run.sampling_error is None or run.pog_resamples is None or missing:
+        names = " and ".join(f"{name}.parquet" for name in missing)
+        section.notes.append(f"The run folder has no {names}.")
+        return section
+    section.notes.append(
+        "The POG is counted over some frames and not over all traffic. Blocks of consecutive "
+        "frames of a route were drawn again with replacement, the same for every placement; "
+        "intervals hold 95 %. Entropies from few frames are too low; the estimated bias is taken "
+        "off the interval, not off the value."
+    )
+    resamples = dict(by_setting(run.pog_resamples, run.axes))
+    for title, part in by_setting(run.sampling_error, run.axes):
+        pairs = paired_differences(part, resamples[title])
+        for name, own in part.groupby("class", sort=False):
+            label = f"{name} · {title}" if title else str(name)
+            section.notes += separation_sentences(pairs[pairs["class"] == name], label)
+            section.figures.append(intervals(own, label, list(run.placements)))
+            section.tables.append(sampling_error_table(own, label))
     return section
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,6 +38,16 @@ class Group:
         for axis, value in self.setting.items():
             match &= table[axis].isna() if pd.isna(value) else table[axis] == value
         return table[match]
+
+
+def by_setting(table: pd.DataFrame, axes: Sequence[str]) -> Iterator[tuple[str, pd.DataFrame]]:
+    """The parts of `table` with equal further axes, with a title; all of it if there are none."""
+    own = [axis for axis in axes if axis in table.columns]
+    if not own:
+        yield "", table
+        return
+    for values, part in table.groupby(own, sort=False, dropna=False):
+        yield setting_label(own, values), part
 
 
 def groups(run: RunFolder) -> Iterator[Group]:

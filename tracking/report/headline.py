@@ -14,6 +14,7 @@ from tracking.labels import interval, metric_label, signed, surrogate_name
 from tracking.permutation import smallest_p
 from tracking.report.groups import Group
 from tracking.run_folder import RunFolder
+from tracking.sampling_error import separated
 from tracking.summary import headline_iou
 
 HEADLINE_METRIC = "AP_R40_3D"
@@ -144,3 +145,26 @@ def warnings(run: RunFolder, means: pd.DataFrame) -> list[str]:
         if ap.notna().any() and ap.max() < 5:
             said.append(f"{name}: AP is below 5 % everywhere: the detector learned too little.")
     return said
+
+
+def separation_sentences(pairs: pd.DataFrame, title: str) -> list[str]:
+    """Does the POG's sampling error blur the ranking of the placements? None for one placement.
+
+    Args:
+        pairs: `tracking.sampling_error.paired_differences` of one class and setting.
+        title: of the class and setting.
+    """
+    own = pairs[pairs["surrogate"].isin(HEADLINE_SURROGATES)]
+    if own.empty:
+        return []
+    kept = separated(own).groupby(own["surrogate"], sort=False).agg(["sum", "size"])
+    counts = [
+        f"{surrogate_name(str(name))} {row['sum']} of {row['size']}"
+        for name, row in kept.iterrows()
+    ]
+    blurred = bool((kept["sum"] < kept["size"]).any())
+    verdict = "blurs" if blurred else "does not blur"
+    return [
+        f"{title}: the POG's sampling error {verdict} the ranking of the placements. Pairs whose "
+        f"order other frames would keep (paired difference, 95 %): {', '.join(counts)}."
+    ]

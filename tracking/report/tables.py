@@ -130,6 +130,54 @@ def trial_table(trials: pd.DataFrame, axes: Sequence[str]) -> Table:
     return Table("Trials that did not finish", tuple(columns), rows, words=words)
 
 
+def accuracy_table(summary: pd.DataFrame, title: str) -> Table:
+    """`tracking.accuracy.summarise` of one class as text."""
+    head = (
+        *("surrogate", "method", "resolution (m)", "azimuth steps", "frames", "error (%)"),
+        *("worst (%)", "same resolution (%)", "Spearman ρ", "Kendall τ", "seconds", "POG seconds"),
+    )
+    rows = []
+    for row in summary.to_dict("records"):
+        errors = (row["median_error"], row["worst_error"], row["median_method_error"])
+        ranks = (row["spearman"], row["kendall"])
+        rows.append(
+            (
+                surrogate_name(str(row["surrogate"])),
+                str(row["method"]) + (" (reference)" if row["reference"] else ""),
+                f"{row['resolution']:g}",
+                f"{row['azimuth_steps']:,}" if row["azimuth_steps"] else "all",
+                f"{row['frames']:,}",
+                *("–" if np.isnan(e) else f"{100 * e:.3g}" for e in errors),
+                *("–" if np.isnan(r) else signed(r) for r in ranks),
+                *(f"{row[key]:.3g}" for key in ("seconds", "pog_seconds")),
+            )
+        )
+    caption = f"Rank agreement with the reference and errors · {title}"
+    return Table(caption, head, tuple(rows), words=frozenset({0, 1}), tall=True)
+
+
+def sampling_error_table(estimates: pd.DataFrame, title: str) -> Table:
+    """Estimates of `lidarplace.sampling_error` of one class as text."""
+    head = ("surrogate", "placement", "value", "sd", "bias", "95 % low", "95 % high")
+    order = in_order(estimates["surrogate"])
+    rows = tuple(
+        (
+            surrogate_label(str(row["surrogate"])),
+            str(row["placement"]),
+            *(number(row[key]) for key in ("value", "sd", "bias", "low", "high")),
+        )
+        for row in sorted(
+            estimates.to_dict("records"), key=lambda row: order.index(row["surrogate"])
+        )
+    )
+    caption = f"Sampling error · {title}"
+    if "blocks" in estimates:
+        caption += (
+            f" · {estimates['resamples'].iloc[0]} draws of {estimates['blocks'].iloc[0]} blocks"
+        )
+    return Table(caption, head, rows, words=frozenset({0, 1}), tall=True)
+
+
 def number(value: float) -> str:
     """Five significant digits, thousands separated; a dash for no number."""
     if not np.isfinite(value):

@@ -1,0 +1,40 @@
+"""Where rays enter and leave the grid of voxels: the slab test that both walks share."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def clip_rays(origin, directions, reach, minimum, resolution, shape):  # pragma: no cover
+    """Ray parameters between which rays are in the grid; (inf, -inf) for those that miss it.
+
+    Args:
+        origin: start of all rays, ego frame, shape (3,), metres.
+        directions: unit vectors, ego frame, shape (rays, 3).
+        reach: length of the rays, metres; what ends before the grid misses it.
+        minimum, resolution, shape: the grid.
+
+    Returns:
+        Entry (0 for an origin in the grid) and exit, metres, float64, shape (rays, 2).
+    """
+    spans = np.empty((len(directions), 2))
+    for r in range(len(directions)):
+        near, far = 0.0, math.inf
+        for a in range(3):
+            low = minimum[a] - origin[a]
+            high = minimum[a] + shape[a] * resolution - origin[a]
+            d = directions[r, a]
+            if d == 0.0:
+                if low > 0 or high <= 0:  # voxels are half open
+                    far = -math.inf
+            else:
+                t0, t1 = low / d, high / d
+                near, far = max(near, min(t0, t1)), min(far, max(t0, t1))
+        hit = near <= far and far > 0 and near < reach
+        spans[r, 0] = near if hit else math.inf
+        spans[r, 1] = far if hit else -math.inf
+    return spans

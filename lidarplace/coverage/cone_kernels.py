@@ -1,0 +1,550 @@
+"""Compiled parts of the exact coverage by cones; `cone.py` tells what they are for.
+
+All lengths are metres in the frame of the grid, relative to the sensor. `n = (n0, n1, n2)` is the
+sensor's axis with n2 >= 0, `s` the sine of a beam's elevation.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+TILE_X, TILE_Y = 16, 32
+"""Columns of a tile. Loops over TILE_Y have a fixed length, so that they become vector code."""
+
+_LINES_Y = TILE_Y + 8  # grid lines of a tile, and more to make whole vectors
+_HAIR = 1e-9  # cubes are grown by this share of their edge
+_LEAST_K = 1e-2  # a cone with a smaller n2^2 - s^2 is too steep to be computed as a graph
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _edge(ax, ay, az, ex, ey, ez, n0, n1, n2, low, high):  # pragma: no cover - compiled
+    """Widen (low, high) by f = n.d/|d| at the start and the stationary point of d = a + t e."""
+    na = n0 * ax + n1 * ay + n2 * az
+    aa = ax * ax + ay * ay + az * az
+    if aa > 0:
+        f = na / math.sqrt(aa)
+        low, high = min(low, f), max(high, f)
+    ne = n0 * ex + n1 * ey + n2 * ez
+    ae = ax * ex + ay * ey + az * ez
+    ee = ex * ex + ey * ey + ez * ez
+    numerator = na * ae - ne * aa
+    denominator = ne * ae - na * ee
+    # The stationary point is inside the edge when 0 < numerator / denominator < 1.
+    if denominator < 0:
+        numerator, denominator = -numerator, -denominator
+    if 0 < numerator < denominator:
+        t = numerator / denominator
+        x, y, z = ax + t * ex, ay + t * ey, az + t * ez
+        dd = x * x + y * y + z * z
+        if dd > 0:
+            f = (n0 * x + n1 * y + n2 * z) / math.sqrt(dd)
+            low, high = min(low, f), max(high, f)
+    return low, high
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _segment_meets(x0, x1, y0, y1, z0, z1, dx, dy, dz, length):  # pragma: no cover - compiled
+    """Whether the segment from the sensor along the unit vector d meets the box."""
+    near, far = 0.0, length
+    for a, b, d in ((x0, x1, dx), (y0, y1, dy), (z0, z1, dz)):
+        if d == 0:
+            if a > 0 or b < 0:
+                return False
+        else:
+            t0, t1 = a / d, b / d
+            near, far = max(near, min(t0, t1)), min(far, max(t0, t1))
+    return near <= far
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sine_range(x0, x1, y0, y1, z0, z1, n0, n1, n2):  # pragma: no cover - compiled
+    """Range of n.d/|d| over a box, relative to the sensor."""
+    if x0 <= 0 <= x1 and y0 <= 0 <= y1 and z0 <= 0 <= z1:
+        return -1.0, 1.0
+    low, high = math.inf, -math.inf
+    lx, ly, lz = x1 - x0, y1 - y0, z1 - z0
+    # Twelve edges; their starts and the two last corners make the eight corners.
+    for y in (y0, y1):
+        for z in (z0, z1):
+            low, high = _edge(x0, y, z, lx, 0.0, 0.0, n0, n1, n2, low, high)
+    for x in (x0, x1):
+        for z in (z0, z1):
+            low, high = _edge(x, y0, z, 0.0, ly, 0.0, n0, n1, n2, low, high)
+    for x in (x0, x1):
+        for y in (y0, y1):
+            low, high = _edge(x, y, z0, 0.0, 0.0, lz, n0, n1, n2, low, high)
+    for z in (z0, z1):
+        low, high = _edge(x1, y1, z, 0.0, 0.0, 0.0, n0, n1, n2, low, high)
+    if _segment_meets(x0, x1, y0, y1, z0, z1, n0, n1, n2, math.inf):
+        high = 1.0
+    if _segment_meets(x0, x1, y0, y1, z0, z1, -n0, -n1, -n2, math.inf):
+        low = -1.0
+    return low, high
+
+
+# The part of a cone that a sensor sees: azimuths of its field of view, up to its range.
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _planes(frame, azimuth):  # pragma: no cover - compiled
+    """Normals of the planes that bound the field of view, towards the inside, shape (2, 3)."""
+    planes = np.empty((2, 3))
+    for axis in range(3):
+        u, v = frame[0, axis], frame[1, axis]
+        planes[0, axis] = v * math.cos(azimuth[0]) - u * math.sin(azimuth[0])
+        planes[1, axis] = u * math.sin(azimuth[1]) - v * math.cos(azimuth[1])
+    return planes
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _seen(x, y, z, planes, width, reach):  # pragma: no cover - compiled
+    """Whether a point is within the range and a field of view of that width."""
+    if x * x + y * y + z * z > reach * reach:
+        return False
+    if width >= 2 * math.pi:
+        return True
+    first = planes[0, 0] * x + planes[0, 1] * y + planes[0, 2] * z >= 0
+    last = planes[1, 0] * x + planes[1, 1] * y + planes[1, 2] * z >= 0
+    return (first and last) if width <= math.pi else (first or last)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _side_of_view(x0, x1, y0, y1, z0, z1, planes, width, reach):  # pragma: no cover - compiled
+    """1: all of the box is in range and field of view; -1: nothing of it; 0: not decided."""
+    x, y, z = max(x0, -x1, 0.0), max(y0, -y1, 0.0), max(z0, -z1, 0.0)
+    if x * x + y * y + z * z > reach * reach:
+        return -1
+    x, y, z = max(-x0, x1), max(-y0, y1), max(-z0, z1)
+    inside = x * x + y * y + z * z <= reach * reach
+    if width >= 2 * math.pi:
+        return 1 if inside else 0
+    some_first, all_first = _side_of_plane(x0, x1, y0, y1, z0, z1, planes[0])
+    some_last, all_last = _side_of_plane(x0, x1, y0, y1, z0, z1, planes[1])
+    if width <= math.pi:
+        if not (some_first and some_last):
+            return -1
+        return 1 if inside and all_first and all_last else 0
+    if not (some_first or some_last):
+        return -1
+    return 1 if inside and (all_first or all_last) else 0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _side_of_plane(x0, x1, y0, y1, z0, z1, normal):  # pragma: no cover - compiled
+    """Whether some and whether all of a box is on the inner side of a plane through the sensor."""
+    a, b, c = normal
+    middle = (a * (x0 + x1) + b * (y0 + y1) + c * (z0 + z1)) / 2
+    half = (abs(a) * (x1 - x0) + abs(b) * (y1 - y0) + abs(c) * (z1 - z0)) / 2
+    return middle + half >= 0, middle - half >= 0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _arc_meets(low, high, s, frame, azimuth, reach):  # pragma: no cover - compiled
+    """Whether the arc on which a beam ends at its range meets the box.
+
+    A coordinate of the arc is m + r cos(a - phi). Where the arc enters or leaves the box one
+    coordinate is on a face; an arc that does neither is wholly inside or outside.
+    """
+    cosine = math.sqrt(1 - s * s)
+    angles = np.empty(20)
+    angles[0], angles[1] = azimuth
+    number = 2
+    for axis in range(3):
+        m, a, b = frame[2, axis] * s, frame[0, axis] * cosine, frame[1, axis] * cosine
+        r, phi = math.hypot(a, b), math.atan2(b, a)
+        angles[number], angles[number + 1] = phi, phi + math.pi  # a face may be touched only
+        number += 2
+        for face in (low[axis], high[axis]):
+            if r > 0 and abs(face / reach - m) <= r:
+                turn = math.acos((face / reach - m) / r)
+                angles[number], angles[number + 1] = phi - turn, phi + turn
+                number += 2
+    slack = 0.5 * _HAIR * (high[0] - low[0])  # the point computed is on the arc up to rounding
+    for angle in angles[:number]:
+        past = (angle - azimuth[0]) % (2 * math.pi)
+        if past > azimuth[1] - azimuth[0] and 2 * math.pi - past > 1e-12:
+            continue
+        within = True
+        for axis in range(3):
+            sideways = frame[0, axis] * math.cos(angle) + frame[1, axis] * math.sin(angle)
+            point = reach * (frame[2, axis] * s + cosine * sideways)
+            within &= low[axis] - slack <= point <= high[axis] + slack
+        if within:
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _edge_crosses(low, high, s, n, planes, width, reach):  # pragma: no cover - compiled
+    """Whether an edge of the box crosses the part of the cone that is seen."""
+    for axis in range(3):
+        other, third = (axis + 1) % 3, (axis + 2) % 3
+        for p in (low[other], high[other]):
+            for q in (low[third], high[third]):
+                # (A + n w)^2 = s^2 (B + w^2) for the coordinate w along the edge.
+                along, aside = n[other] * p + n[third] * q, p * p + q * q  # A and B
+                a, b = n[axis] ** 2 - s * s, along * n[axis]
+                c = along * along - s * s * aside
+                quarter = along * along + a * aside  # b^2 - a c = s^2 times this, not cancelling
+                if quarter < 0:
+                    continue
+                root = -(b + math.copysign(abs(s) * math.sqrt(quarter), b))
+                for w in (root / a, c / root):
+                    if not low[axis] <= w <= high[axis]:  # also where the root is not finite
+                        continue
+                    if (along + n[axis] * w) * s < 0:  # the other nappe
+                        continue
+                    point = np.empty(3)
+                    point[axis], point[other], point[third] = w, p, q
+                    if _seen(point[0], point[1], point[2], planes, width, reach):
+                        return True
+    return False
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _patch_meets(low, high, s, frame, azimuth, planes, reach):  # pragma: no cover - compiled
+    """Whether the seen part of the cone of one beam meets a closed box.
+
+    The part is bounded by the rays at the ends of the field of view and by the arc at the range.
+    If no boundary meets the box, a piece of the cone in the box is seen as a whole or not at all.
+    A piece reaches the faces along its rulings. On a face it ends at an edge of the box, or it is
+    a closed curve about the axis, which the first ray meets.
+    """
+    if _edge_crosses(low, high, s, frame[2], planes, azimuth[1] - azimuth[0], reach):
+        return True
+    cosine = math.sqrt(1 - s * s)
+    for angle in azimuth:
+        ca, sa = cosine * math.cos(angle), cosine * math.sin(angle)
+        dx = ca * frame[0, 0] + sa * frame[1, 0] + s * frame[2, 0]
+        dy = ca * frame[0, 1] + sa * frame[1, 1] + s * frame[2, 1]
+        dz = ca * frame[0, 2] + sa * frame[1, 2] + s * frame[2, 2]
+        if _segment_meets(low[0], high[0], low[1], high[1], low[2], high[2], dx, dy, dz, reach):
+            return True
+    return reach < math.inf and _arc_meets(low, high, s, frame, azimuth, reach)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _cube_is_covered(
+    low, high, sines, frame, azimuth, planes, reach
+):  # pragma: no cover - compiled
+    """Whether the seen part of some beam's cone meets a closed box."""
+    side = _side_of_view(
+        low[0], high[0], low[1], high[1], low[2], high[2], planes, azimuth[1] - azimuth[0], reach
+    )
+    if side < 0:
+        return False
+    least, most = _sine_range(
+        low[0], high[0], low[1], high[1], low[2], high[2], frame[2, 0], frame[2, 1], frame[2, 2]
+    )
+    for b in range(np.searchsorted(sines, least), len(sines)):
+        if sines[b] > most:
+            break
+        if side > 0 or _patch_meets(low, high, sines[b], frame, azimuth, planes, reach):
+            return True
+    return False
+
+
+# Runs of voxels in the columns of a tile. `scratch` holds a bit a voxel, shape
+# (words, TILE_X * TILE_Y).
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _set_run(scratch, row, column, one_end, other_end, slack, nz):  # pragma: no cover - compiled
+    """Set the voxels between two heights, in voxels."""
+    low, high = min(one_end, other_end) - slack, max(one_end, other_end) + slack
+    if high < 0 or low >= nz:
+        return
+    for k in range(int(max(low, 0.0)), int(min(high, nz - 1.0)) + 1):
+        scratch[k >> 6, row * TILE_Y + column] |= np.uint64(1) << np.uint64(k & 63)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_level_beam(near, far, s, bottom, resolution, nz, words, scratch):
+    """Add the run of every column for a beam of a sensor that is not tilted.
+
+    The height is tan(elevation) times the distance from the axis; `near` and `far` are the least
+    and the largest distance over the square of a column, shape (TILE_X * TILE_Y,).
+    """
+    one, two, zero = np.uint64(1), np.uint64(2), np.uint64(0)
+    slope = s / math.sqrt(1 - s * s) / resolution
+    slack = _HAIR * (1 + abs(slope) * resolution * math.sqrt(2.0))
+    closest, farthest = (near, far) if s >= 0 else (far, near)
+    for word in range(words[0], words[1] + 1):
+        target = scratch[word]
+        offset = bottom / resolution + 64.0 * word
+        below, above = offset + slack, offset - slack
+        end = min(nz - 64.0 * word, 64.0)
+        top = end - 1.0
+        for c in range(TILE_X * TILE_Y):
+            low, high = slope * closest[c] - below, slope * farthest[c] - above
+            hit = (low < end) & (high >= 0.0)
+            low = min(max(low, 0.0), top)
+            high = min(max(high, 0.0), top)
+            run = (two << np.uint64(np.int32(high))) - (one << np.uint64(np.int32(low)))
+            target[c] |= run if hit else zero
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_tilted_beam(
+    xs, ys, rows, columns, s, n0, n1, n2, bottom, resolution, nz, words, lines, scratch
+):  # pragma: no cover - compiled
+    """Add the run of every column for a beam of a tilted sensor.
+
+    The height is homogeneous of degree one in (x, y), and convex or concave. Over a square its
+    extremes are at the corners, at the apex, and at the one stationary point of the height along
+    each grid line. The few squares that hold such a point are widened one by one.
+    """
+    one, two, zero = np.uint64(1), np.uint64(2), np.uint64(0)
+    k = n2 * n2 - s * s
+    scale = 1 / (k * resolution)
+    by_root, by_tilt = s * scale, n2 * scale
+    offset = bottom / resolution
+    # The gradient is nowhere steeper than the tilt and the elevation together.
+    tilt, level = math.hypot(n0, n1), math.sqrt(1 - s * s)
+    steepest = (tilt * level + n2 * abs(s)) / (n2 * level - tilt * abs(s))
+    slack = _HAIR * (1 + steepest * math.sqrt(2.0))
+    for line in range(rows + 1):
+        x = xs[line]
+        before, after = lines[(line + 1) % 2], lines[line % 2]
+        kxx, n0x = k * x * x, n0 * x
+        for c in range(_LINES_Y):
+            a = n0x + n1 * ys[c]
+            after[c] = by_root * math.sqrt(a * a + kxx + k * ys[c] * ys[c]) - by_tilt * a - offset
+        if line == 0:
+            continue
+        for word in range(words[0], words[1] + 1):
+            below, above = 64.0 * word + slack, 64.0 * word - slack
+            end = min(nz - 64.0 * word, 64.0)
+            top = end - 1.0
+            target = scratch[word, (line - 1) * TILE_Y : line * TILE_Y]
+            for c in range(TILE_Y):
+                low = min(min(before[c], after[c]), min(before[c + 1], after[c + 1]))
+                high = max(max(before[c], after[c]), max(before[c + 1], after[c + 1]))
+                low -= below
+                high -= above
+                hit = (low < end) & (high >= 0.0)
+                low = min(max(low, 0.0), top)
+                high = min(max(high, 0.0), top)
+                run = (two << np.uint64(np.int32(high))) - (one << np.uint64(np.int32(low)))
+                target[c] |= run if hit else zero
+    # With |n| = 1, dz/dy = 0 on x = const where
+    # (n1^2 + k) y + n0 n1 x = sign(s n1) n2 |n1 x| sqrt((1 - s^2) / (s^2 - n1^2));
+    # the same on y = const with n0 and n1, x and y exchanged.
+    if s * s > n1 * n1:
+        turn = math.copysign(1.0, s) * n1 * n2 * math.sqrt((1 - s * s) / (s * s - n1 * n1))
+        for line in range(rows + 1):
+            x = xs[line]
+            y = (turn * abs(x) - n0 * n1 * x) / (n1 * n1 + k)
+            if ys[0] < y < ys[columns]:
+                c = min(int((y - ys[0]) / resolution), columns - 1)
+                turning = _height(x, y, k, n0, n1, by_root, by_tilt) - offset
+                corner = _height(x, ys[c], k, n0, n1, by_root, by_tilt) - offset
+                for row in range(max(line - 1, 0), min(line + 1, rows)):
+                    _set_run(scratch, row, c, turning, corner, slack, nz)
+    if s * s > n0 * n0:
+        turn = math.copysign(1.0, s) * n0 * n2 * math.sqrt((1 - s * s) / (s * s - n0 * n0))
+        for line in range(columns + 1):
+            y = ys[line]
+            x = (turn * abs(y) - n0 * n1 * y) / (n0 * n0 + k)
+            if xs[0] < x < xs[rows]:
+                row = min(int((x - xs[0]) / resolution), rows - 1)
+                turning = _height(x, y, k, n0, n1, by_root, by_tilt) - offset
+                corner = _height(xs[row], y, k, n0, n1, by_root, by_tilt) - offset
+                for c in range(max(line - 1, 0), min(line + 1, columns)):
+                    _set_run(scratch, row, c, turning, corner, slack, nz)
+    if xs[0] <= 0 <= xs[rows] and ys[0] <= 0 <= ys[columns]:
+        row = min(int(-xs[0] / resolution), rows - 1)
+        c = min(int(-ys[0] / resolution), columns - 1)
+        corner = _height(xs[row], ys[c], k, n0, n1, by_root, by_tilt) - offset
+        _set_run(scratch, row, c, -offset, corner, slack, nz)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _height(x, y, k, n0, n1, by_root, by_tilt):  # pragma: no cover - compiled
+    """Height of the cone over (x, y), in voxels above the sensor."""
+    a = n0 * x + n1 * y
+    return by_root * math.sqrt(a * a + k * (x * x + y * y)) - by_tilt * a
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_steep_beams(
+    xs, ys, rows, columns, k0, k1, sines, graphs, n0, n1, n2, bottom, resolution, scratch
+):  # pragma: no cover - compiled
+    """Test the beams but `sines[graphs[0]:graphs[1]]`, whose cone is no graph, by voxel."""
+    grow = _HAIR * resolution
+    for row in range(rows):
+        x0, x1 = xs[row] - grow, xs[row + 1] + grow
+        for c in range(columns):
+            y0, y1 = ys[c] - grow, ys[c + 1] + grow
+            z0, z1 = bottom + k0 * resolution - grow, bottom + (k1 + 1) * resolution + grow
+            low, high = _sine_range(x0, x1, y0, y1, z0, z1, n0, n1, n2)
+            if not _steep_between(sines, graphs, low, high):
+                continue
+            for k in range(k0, k1 + 1):
+                z0, z1 = bottom + k * resolution - grow, bottom + (k + 1) * resolution + grow
+                low, high = _sine_range(x0, x1, y0, y1, z0, z1, n0, n1, n2)
+                if _steep_between(sines, graphs, low, high):
+                    scratch[k >> 6, row * TILE_Y + c] |= np.uint64(1) << np.uint64(k & 63)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _steep_between(sines, graphs, low, high):  # pragma: no cover - compiled
+    """Whether a sine outside `sines[graphs[0]:graphs[1]]` lies within [low, high]."""
+    first, last = np.searchsorted(sines, low), np.searchsorted(sines, high, side="right")
+    return first < last and (first < graphs[0] or last > graphs[1])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _keep_seen(
+    xs, ys, rows, columns, k0, k1, sines, frame, azimuth, planes, reach, bottom, resolution, scratch
+):  # pragma: no cover - compiled
+    """Clear the voxels of a tile that range and field of view exclude."""
+    grow = _HAIR * resolution
+    low, high = np.empty(3), np.empty(3)
+    for row in range(rows):
+        low[0], high[0] = xs[row] - grow, xs[row + 1] + grow
+        for c in range(columns):
+            low[1], high[1] = ys[c] - grow, ys[c + 1] + grow
+            low[2], high[2] = bottom + k0 * resolution - grow, bottom + (k1 + 1) * resolution + grow
+            side = _side_of_view(
+                low[0],
+                high[0],
+                low[1],
+                high[1],
+                low[2],
+                high[2],
+                planes,
+                azimuth[1] - azimuth[0],
+                reach,
+            )
+            if side > 0:
+                continue
+            if side < 0:
+                scratch[:, row * TILE_Y + c] = 0
+                continue
+            for k in range(k0, k1 + 1):
+                bit = np.uint64(1) << np.uint64(k & 63)
+                if scratch[k >> 6, row * TILE_Y + c] & bit:
+                    low[2] = bottom + k * resolution - grow
+                    high[2] = bottom + (k + 1) * resolution + grow
+                    if not _cube_is_covered(low, high, sines, frame, azimuth, planes, reach):
+                        scratch[k >> 6, row * TILE_Y + c] ^= bit
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def cover_tiles(
+    origin, frame, sines, azimuth, reach, minimum, resolution, nz, lowest, highest, bits
+):  # pragma: no cover - compiled
+    """Set the bits of the voxels that the beams of one sensor cover, by columns.
+
+    Args:
+        origin: position of the sensor, shape (3,).
+        frame: its axes x, y, z as rows, shape (3, 3), with `frame[2, 2] >= 0`.
+        sines: of the elevations, sorted.
+        azimuth, reach: field of view and range.
+        minimum, resolution, nz: the grid.
+        lowest, highest: voxels of each tile that matter, shape (tiles in x, tiles in y); none
+            where highest < lowest. Others may be set or not.
+        bits: shape (words, nx, ny), uint64; bit k % 64 of word k // 64 is voxel k of a column.
+    """
+    words, nx, ny = bits.shape
+    n0, n1, n2 = frame[2]
+    grow = _HAIR * resolution
+    bottom = minimum[2] - origin[2]
+    xs, ys = np.empty(TILE_X + 1), np.empty(_LINES_Y)
+    near, far = np.empty(TILE_X * TILE_Y), np.empty(TILE_X * TILE_Y)
+    lines = np.empty((2, _LINES_Y))
+    scratch = np.empty((words, TILE_X * TILE_Y), np.uint64)
+    planes = _planes(frame, azimuth)
+    level = n0 == 0 and n1 == 0
+    steepest = math.sqrt(max(n2 * n2 - _LEAST_K, 0.0))
+    graphs = np.searchsorted(sines, -steepest), np.searchsorted(sines, steepest)
+    for tile_x in range(lowest.shape[0]):
+        i0 = tile_x * TILE_X
+        rows = min(nx - i0, TILE_X)
+        for line in range(TILE_X + 1):
+            xs[line] = minimum[0] + (i0 + line) * resolution - origin[0]
+        for tile_y in range(lowest.shape[1]):
+            k0, k1 = lowest[tile_x, tile_y], highest[tile_x, tile_y]
+            if k1 < k0:
+                continue
+            j0 = tile_y * TILE_Y
+            columns = min(ny - j0, TILE_Y)
+            for line in range(_LINES_Y):
+                ys[line] = minimum[1] + (j0 + line) * resolution - origin[1]
+            x0, x1 = xs[0] - grow, xs[rows] + grow
+            y0, y1 = ys[0] - grow, ys[columns] + grow
+            z0, z1 = bottom + k0 * resolution - grow, bottom + (k1 + 1) * resolution + grow
+            side = _side_of_view(x0, x1, y0, y1, z0, z1, planes, azimuth[1] - azimuth[0], reach)
+            if side < 0:
+                continue
+            low, high = _sine_range(x0, x1, y0, y1, z0, z1, n0, n1, n2)
+            first = np.searchsorted(sines, low)
+            last = np.searchsorted(sines, high, side="right")
+            if first == last:
+                continue
+            scratch[:] = 0
+            needed = k0 >> 6, k1 >> 6
+            if level:
+                _distances(xs, ys, near, far)
+            for b in range(max(first, graphs[0]), min(last, graphs[1])):
+                if level:
+                    _add_level_beam(near, far, sines[b], bottom, resolution, nz, needed, scratch)
+                else:
+                    _add_tilted_beam(
+                        *(xs, ys, rows, columns, sines[b], n0, n1, n2),
+                        *(bottom, resolution, nz, needed, lines, scratch),
+                    )
+            if first < graphs[0] or last > graphs[1]:
+                _add_steep_beams(
+                    *(xs, ys, rows, columns, k0, k1, sines, graphs, n0, n1, n2),
+                    *(bottom, resolution, scratch),
+                )
+            if side == 0:
+                _keep_seen(
+                    *(xs, ys, rows, columns, k0, k1, sines, frame, azimuth, planes, reach),
+                    *(bottom, resolution, scratch),
+                )
+            for word in range(words):
+                for row in range(rows):
+                    done = scratch[word, row * TILE_Y : row * TILE_Y + columns]
+                    bits[word, i0 + row, j0 : j0 + columns] = done
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _distances(xs, ys, near, far):  # pragma: no cover - compiled
+    """Least and largest distance from the axis over the square of every column of a tile."""
+    for row in range(TILE_X):
+        least_x = max(xs[row], -xs[row + 1], 0.0)
+        most_x = max(-xs[row], xs[row + 1])
+        for c in range(TILE_Y):
+            least_y = max(max(ys[c], -ys[c + 1]), 0.0)
+            most_y = max(-ys[c], ys[c + 1])
+            near[row * TILE_Y + c] = math.sqrt(least_x * least_x + least_y * least_y)
+            far[row * TILE_Y + c] = math.sqrt(most_x * most_x + most_y * most_y)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def cover_voxels(
+    origin, frame, sines, azimuth, reach, minimum, resolution, covered
+):  # pragma: no cover - compiled
+    """Set the voxels that the beams of one sensor cover, one by one; arguments of `cover_tiles`.
+
+    covered: shape (nx, ny, nz), bool.
+    """
+    grow = _HAIR * resolution
+    low, high = np.empty(3), np.empty(3)
+    planes = _planes(frame, azimuth)
+    shape = covered.shape
+    for i in range(shape[0]):
+        for j in range(shape[1]):
+            for k in range(shape[2]):
+                if covered[i, j, k]:
+                    continue
+                for axis, index in enumerate((i, j, k)):
+                    low[axis] = minimum[axis] + index * resolution - origin[axis] - grow
+                    high[axis] = minimum[axis] + (index + 1) * resolution - origin[axis] + grow
+                covered[i, j, k] = _cube_is_covered(low, high, sines, frame, azimuth, planes, reach)

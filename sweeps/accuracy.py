@@ -1,0 +1,175 @@
+"""Error against run time of the surrogates: `python -m sweeps.accuracy BOX_LOG`."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, NoReturn
+
+import pandas as pd
+import pyarrow as pa
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from lidarplace import PAPER_PLACEMENTS, Placement, Roi
+from lidarplace.accuracy import accuracy
+from lidarplace.boxes import CLASSES, check_boxes, read_box_log
+from lidarplace.surrogate import RAY_SURROGATES
+from sweeps.grid import ConfigError, read_sweep
+from sweeps.store import write_text
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+
+
+@app.command()
+def run(
+    box_log: Annotated[
+        Path, typer.Argument(help="folder of boxes.parquet and frames.parquet, or boxes alone")
+    ],
+    config: Annotated[
+        Path | None, typer.Option(help="sweep file: its placements, LiDAR and ROI")
+    ] = None,
+    placement: Annotated[list[str] | None, typer.Option(help="all by default")] = None,
+    class_: Annotated[list[str] | None, typer.Option("--class", help="Car by default")] = None,
+    resolution: Annotated[
+        list[float] | None,
+        typer.Option(help="m; methods, steps and frames are varied at the first one"),
+    ] = None,
+    azimuth_steps: Annotated[list[int] | None, typer.Option(help="rays of a beam a turn")] = None,
+    frames_share: Annotated[list[float] | None, typer.Option(help="of the POG's frames")] = None,
+    frames: Annotated[int | None, typer.Option(help="T, for a file of boxes alone")] = None,
+    out: Annotated[Path, typer.Option(help="path of the results, without suffix")] = Path(
+        "accuracy"
+    ),
+) -> None:
+    """Compare ways to compute the surrogates: relative error, rank agreement, seconds.
+
+    Writes OUT.parquet, OUT.csv and OUT.html. Exit code 2: the input is wrong.
+    """
+    resolutions = resolution or [0.1, 0.05, 0.2]
+    try:
+        boxes, table = _read(box_log, frames)
+        roi, placements = _scene(config, resolutions[0], placement or [])
+        classes = class_ or ["Car"]
+        unknown = [name for name in classes if name not in CLASSES]
+        if unknown:
+            raise ValueError(f"--class {unknown[0]}: allowed are {', '.join(CLASSES)}")
+        result = accuracy(
+            boxes,
+            table,
+            roi,
+            classes,
+            placements,
+            resolutions[1:],
+            azimuth_steps or (90, 360, 1440, 5760),
+            frames_share or (0.5, 0.25),
+        )
+    except (ConfigError, ValueError) as error:
+        _wrong(str(error))
+    _report(result, out)
+
+
+def _wrong(message: str) -> NoReturn:
+    print(message, file=sys.stderr)
+    raise typer.Exit(2)
+
+
+def _read(path: Path, frames: int | None) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Boxes and the frames table."""
+    try:
+        if path.is_dir():
+            return read_box_log(path)
+        boxes = pd.read_csv(path) if path.suffix == ".csv" else pd.read_parquet(path)
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (pa.ArrowInvalid, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
+        raise ValueError(f"{path}: {str(error).splitlines()[0]}") from None
+    check_boxes(boxes, str(path))
+    if frames is None:
+        raise ValueError(f"{path}: boxes alone do not tell the number of frames; name --frames T")
+    keys = [key for key in ("scene", "frame") if key in boxes]
+    table = boxes[keys].drop_duplicates()
+    if len(table) > frames:
+        raise ValueError(f"--frames {frames}: {path} has boxes of {len(table)} frames")
+    # The frames without boxes have numbers that no box has.
+    empty = pd.DataFrame({"frame": boxes["frame"].max() + 1 + pd.RangeIndex(frames - len(table))})
+    if "scene" in keys:
+        empty["scene"] = "no boxes"
+    return boxes, pd.concat([table.sort_values(keys), empty], ignore_index=True)
+
+
+def _scene(
+    config: Path | None, resolution: float, names: Sequence[str]
+) -> tuple[Roi, list[Placement]]:
+    if config is None:
+        roi = Roi((0, 40), (-20, 20), (0, 4), resolution)
+        known = dict(PAPER_PLACEMENTS)
+    else:
+        sweep = read_sweep(config)
+        point = sweep.points[0].point
+        roi = Roi(point.roi.x, point.roi.y, point.roi.z, resolution)
+        lidar = point.lidar.lidar()
+        used = [grid_point.point.placement for grid_point in sweep.points]
+        known = {
+            name: sweep.common.placement_named(name, lidar)
+            for name in dict.fromkeys([*used, *sweep.common.placements])
+        }
+    for name in names:
+        if name not in known:
+            raise ValueError(f"--placement {name}: allowed are {', '.join(known)}")
+    return roi, [known[name] for name in (names or known)]
+
+
+def _report(result: pd.DataFrame, out: Path) -> None:
+    """Print the summary and write the three files."""
+    from tracking.accuracy import relative_errors, summarise
+    from tracking.figures.accuracy import accuracy_figure
+    from tracking.labels import surrogate_name
+
+    errors = relative_errors(result)
+    summary = summarise(errors)
+    console = Console(width=None if sys.stdout.isatty() else 120)
+    # The others have the errors of these, or none that depends on the placement.
+    shown = summary[summary["surrogate"].isin(["s_mig", "ig", "m_sog", *RAY_SURROGATES])]
+    for object_class, own in shown.groupby("class", sort=False):
+        table = Table(title=f"{object_class}: errors in percent, medians over placements")
+        head = ("surrogate", "method", "m", "steps", "frames", "fine ref.", "same res.")
+        for name in (*head, "τ", "s"):
+            table.add_column(name, justify="left" if name in head[:2] else "right")
+        for row in own.to_dict("records"):
+            table.add_row(
+                surrogate_name(row["surrogate"]),
+                row["method"],
+                f"{row['resolution']:g}",
+                str(row["azimuth_steps"] or "all"),
+                str(row["frames"]),
+                f"{100 * row['median_error']:.3g}",
+                f"{100 * row['median_method_error']:.3g}",
+                f"{row['kendall']:.2f}",
+                f"{row['seconds']:.3g}",
+            )
+        console.print(table)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    for suffix, write in ((".parquet", errors.to_parquet), (".csv", errors.to_csv)):
+        target = out.with_name(out.name + suffix)
+        partial = target.with_name(f".{target.name}.{os.getpid()}.part")
+        write(partial, index=False)
+        partial.replace(target)
+    figures = [
+        accuracy_figure(own, f"Error against run time · {name}").to_html(
+            full_html=False, include_plotlyjs=first
+        )
+        for first, (name, own) in zip(
+            [True] + [False] * len(summary), summary.groupby("class", sort=False), strict=False
+        )
+    ]
+    page = "<!DOCTYPE html><meta charset='utf-8'><title>Accuracy</title>" + "".join(figures)
+    write_text(out.with_name(f"{out.name}.html"), page)
+    console.print(f"\n{out}.parquet, {out}.csv, {out}.html", soft_wrap=True)
+
+
+if __name__ == "__main__":
+    app()

@@ -1,0 +1,181 @@
+"""Cones: two algorithms against each other, and both against points of the cones."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement, Roi
+from lidarplace.coverage import coverage
+from lidarplace.coverage.bits import unpack
+from lidarplace.coverage.cone import (
+    cone_bits,
+    covered_by_cones,
+    covered_voxel_by_voxel,
+    sensor_bits,
+)
+from lidarplace.coverage.tiles import Tiles
+
+# Several tiles of columns, and more than 64 voxels along z, with the last of each cut short.
+WIDE = Roi(x=(0.0, 4.5), y=(-3.5, 3.5), z=(0.0, 7.0), resolution=0.1)
+ROI = Roi(x=(0.0, 3.0), y=(-1.5, 1.5), z=(0.0, 2.0), resolution=0.25)
+
+right_angle = math.pi / 2
+angle = st.one_of(
+    st.floats(-math.pi, math.pi), st.sampled_from([0.0, right_angle, -right_angle, math.pi])
+)
+mounts = st.builds(
+    Mount,
+    # On voxel corners and faces, inside and outside the ROI, under the ground, and anywhere.
+    x=st.one_of(st.floats(-4, 6), st.sampled_from([0.0, 0.5, 1.25])),
+    y=st.one_of(st.floats(-4, 4), st.sampled_from([-1.5, 0.0, 0.25])),
+    z=st.one_of(st.floats(-3, 6), st.sampled_from([0.0, 1.0, 2.0])),
+    roll=angle,
+    pitch=angle,
+    yaw=angle,
+)
+elevations = st.lists(
+    st.one_of(
+        st.floats(-right_angle, right_angle),
+        st.sampled_from([-right_angle, -math.pi / 4, 0.0, right_angle]),
+    ),
+    min_size=1,
+    max_size=6,
+)
+
+
+@st.composite
+def lidars(draw, limited):
+    azimuth, reach = (-math.pi, math.pi), 100.0
+    if limited:
+        start = draw(st.floats(-4, 4))
+        width = draw(st.one_of(st.floats(0.05, 6.2), st.sampled_from([right_angle, math.pi])))
+        azimuth = (start, start + width)
+        reach = draw(st.one_of(st.floats(0.3, 8.0), st.sampled_from([0.5, 1.0, math.inf])))
+    return Lidar(tuple(draw(elevations)), 720, range=reach, azimuth=azimuth)
+
+
+def assert_columns_and_voxels_agree(mount, lidar, roi):
+    placement = Placement("one", [mount], lidar=lidar)
+    np.testing.assert_array_equal(
+        covered_by_cones(placement, roi), covered_voxel_by_voxel(placement, roi)
+    )
+
+
+@given(mounts, lidars(limited=False))
+@example(Mount(0.5, 0.25, 1.0), Lidar((0.0, -math.pi / 4), 720))
+@example(Mount(0.5, 0.25, 1.0, roll=right_angle), Lidar((-0.4, 0.0, 0.4), 720))
+@example(Mount(1.0, 0.0, 5.0, pitch=right_angle), Lidar((0.3,), 720))
+@example(Mount(1.0, 0.0, 1.0, pitch=math.pi), Lidar((-0.3,), 720))
+@settings(max_examples=400, deadline=None)
+def test_columns_and_voxels_agree(mount, lidar):
+    assert_columns_and_voxels_agree(mount, lidar, ROI)
+
+
+@given(mounts, lidars(limited=True))
+@settings(max_examples=400, deadline=None)
+def test_columns_and_voxels_agree_where_range_and_field_of_view_end(mount, lidar):
+    assert_columns_and_voxels_agree(mount, lidar, ROI)
+
+
+@given(mounts, st.booleans().flatmap(lidars))
+@settings(max_examples=25, deadline=None)
+def test_columns_and_voxels_agree_over_several_tiles_and_words(mount, lidar):
+    assert_columns_and_voxels_agree(mount, lidar, WIDE)
+
+
+@pytest.mark.parametrize("name", ["line_roll", "pyramid_pitch"])
+def test_columns_and_voxels_agree_for_the_papers_sensors(name):
+    roi = Roi(x=(0, 12), y=(-6, 6), z=(0, 4), resolution=0.2)
+    placement = PAPER_PLACEMENTS[name]
+    np.testing.assert_array_equal(
+        covered_by_cones(placement, roi), covered_voxel_by_voxel(placement, roi)
+    )
+
+
+def seen_points(mount, lidar, azimuths, distances):
+    """Points of the cones within range and field of view, shape (points, 3)."""
+    spread = np.linspace(*lidar.azimuth, azimuths)
+    along = np.linspace(0, min(lidar.range, 9.0), distances)
+    cosine, sine = np.cos(lidar.elevations)[:, None], np.sin(lidar.elevations)[:, None]
+    directions = np.stack(
+        np.broadcast_arrays(cosine * np.cos(spread), cosine * np.sin(spread), sine), axis=-1
+    )
+    directions = directions.reshape(-1, 1, 3) @ mount.rotation.T
+    return (mount.position + directions * along[:, None]).reshape(-1, 3)
+
+
+@given(mounts, st.booleans().flatmap(lidars))
+@settings(max_examples=60, deadline=None)
+def test_voxels_that_are_not_covered_hold_no_point_of_a_cone(mount, lidar):
+    """Independent of both algorithms."""
+    covered = coverage(Placement("one", [mount], lidar=lidar), ROI)
+    cells = (seen_points(mount, lidar, 300, 150) - ROI.minimum) / ROI.resolution
+    cells = cells[((cells >= 0) & (cells < ROI.shape)).all(axis=1)].astype(int)
+    assert covered[tuple(cells.T)].all()
+
+
+@pytest.mark.parametrize(
+    ("mount", "lidar"),
+    [
+        (Mount(-0.3, 0.1, 1.3, roll=0.2), Lidar((-0.3, 0.1), 720)),
+        (Mount(0.4, 0.1, 1.3, pitch=1.4), Lidar((-0.3, 0.1), 720)),
+        (Mount(0.4, 0.1, 1.3, 0.3, 0.4), Lidar((-0.2,), 720, range=1.7)),
+        (Mount(0.4, 0.1, 1.3, 0.3, 0.4), Lidar((-0.2,), 720, azimuth=(-0.5, 1.0))),
+        (Mount(1.4, 0.1, 1.0, 0.1), Lidar((-0.2, 0.9), 720, 1.2, azimuth=(1.0, 5.0))),
+    ],
+)
+def test_every_covered_voxel_has_a_point_of_a_cone_at_hand(mount, lidar):
+    """Converse of the above: every covered voxel nearly touches a point of a cone."""
+    covered = np.argwhere(coverage(Placement("one", [mount], lidar=lidar), ROI))
+    points = (seen_points(mount, lidar, 2000, 700) - ROI.minimum) / ROI.resolution
+    points = points[((points > -0.04) & (points < np.array(ROI.shape) + 0.04)).all(axis=1)]
+    near = np.zeros(ROI.shape, bool)
+    for shift in np.array([*np.ndindex(2, 2, 2)]) * 0.08 - 0.04:
+        cells = np.floor(points + shift).astype(int)
+        cells = cells[((cells >= 0) & (cells < ROI.shape)).all(axis=1)]
+        near[tuple(cells.T)] = True
+    assert len(covered) > 50
+    assert near[tuple(covered.T)].all()
+
+
+def test_a_narrow_field_of_view_and_a_short_range_cover_less():
+    mount = Mount(0.1, 0.0, 1.0)
+    full = coverage(Placement("full", [mount], lidar=Lidar((-0.2, 0.1), 720)), ROI)
+    ahead = Lidar((-0.2, 0.1), 720, azimuth=(-0.5, 0.5))
+    half = coverage(Placement("half", [mount], lidar=ahead), ROI)
+    short = coverage(Placement("short", [mount], lidar=Lidar((-0.2, 0.1), 720, range=1.0)), ROI)
+    for part in (half, short):
+        assert 0 < np.count_nonzero(part) < np.count_nonzero(full)
+        assert not (part & ~full).any()
+    assert ROI.centres(0)[short.any(axis=(1, 2))].max() < 1.25
+    np.testing.assert_array_equal(half[:, 6:], half[:, :6][:, ::-1])  # symmetric about y = 0
+
+
+def test_only_tiles_that_matter_are_filled():
+    placement = PAPER_PLACEMENTS["line_roll"]
+    for axis_tilt in (0.0, 1.4):  # columns along z, and along y
+        matters = np.zeros(WIDE.shape, bool)
+        matters[20:30, 40:60, 3:50] = True
+        tilted = Placement("t", [Mount(1, 0, 2.2, roll=axis_tilt)], lidar=placement.lidar)
+        whole = covered_by_cones(tilted, WIDE)
+        part = unpack(cone_bits(tilted, WIDE, Tiles.of_voxels(matters)), WIDE.shape[2])
+        np.testing.assert_array_equal(part[matters], whole[matters])
+        assert np.count_nonzero(part) < np.count_nonzero(whole)
+    nothing = Tiles.of_voxels(np.zeros(WIDE.shape, bool))
+    assert not cone_bits(placement, WIDE, nothing).any()
+
+
+def test_a_moved_mount_leaves_the_other_sensors_in_the_cache():
+    whole = Tiles.whole(ROI.shape)
+    lidar, first, second = Lidar((-0.3,), 90), Mount(0.1, 0.2, 1.0), Mount(0.1, -0.2, 1.0)
+    kept = sensor_bits(lidar, first, ROI, whole)
+    cone_bits(Placement("two", [first, second], lidar=lidar), ROI, whole)
+    assert sensor_bits(lidar, first, ROI, whole) is kept
+    # Azimuth steps have no part in the cones; what has a part makes another entry.
+    assert sensor_bits(Lidar((-0.3,), 180), first, ROI, whole) is kept
+    assert sensor_bits(Lidar((-0.3,), 90, range=1.0), first, ROI, whole) is not kept
+    with pytest.raises(ValueError, match="read-only"):
+        kept[:] = 0

@@ -1,0 +1,64 @@
+import math
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lidarplace.entropy import binary_entropy
+
+
+def exact(p, rest):
+    """H in 50 digits of two floats, of which the smaller is the one to trust."""
+    with mpmath.workdps(400):
+        small = mpmath.mpf(min(p, rest))
+        if small == 0:
+            return 0.0
+        return float(-small * mpmath.log(small) - (1 - small) * mpmath.log(1 - small))
+
+
+@pytest.mark.parametrize(
+    "small", [1e-16, 2.0**-53, 1e-17, 1e-100, 1e-300, 1e-308, 5e-324, 1e-3, 0.25, 0.4999, 0.5]
+)
+def test_both_extremes_against_mpmath(small):
+    found = binary_entropy([small, 1 - small], [1 - small, small])
+    expected = exact(small, 1 - small)
+    np.testing.assert_array_max_ulp(found, np.full(2, expected), maxulp=2)
+
+
+def test_nothing_is_uncertain_at_0_and_1():
+    assert binary_entropy([0.0, 1.0], [1.0, 0.0]).tolist() == [0.0, 0.0]
+    assert math.copysign(1, float(binary_entropy(0.0, 1.0))) == 1
+
+
+@given(st.integers(1, 10**7), st.integers(0, 10**7))
+def test_shares_of_frames_against_mpmath(frames, count):
+    count = min(count, frames)
+    p, rest = count / frames, (frames - count) / frames
+    with mpmath.workdps(50):
+        share = mpmath.mpf(count) / frames
+        expected = (
+            0.0
+            if share in (0, 1)
+            else float(-share * mpmath.log(share) - (1 - share) * mpmath.log(1 - share))
+        )
+    np.testing.assert_array_max_ulp(binary_entropy(p, rest), np.float64(expected), maxulp=4)
+    assert binary_entropy(p, rest) == binary_entropy(rest, p)
+
+
+@pytest.mark.parametrize(
+    ("p", "rest"),
+    [
+        (math.nan, 0.5),
+        (0.5, math.nan),
+        (-1e-300, 1.0),
+        (1.5, -0.5),
+        (math.inf, -math.inf),
+        (0.25, 0.25),
+        (3, 400),
+    ],
+)
+def test_what_is_no_probability(p, rest):
+    with pytest.raises(ValueError, match=r"within \[0, 1\] and add up to 1, found "):
+        binary_entropy([0.5, p], [0.5, rest])

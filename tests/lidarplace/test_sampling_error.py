@@ -1,0 +1,147 @@
+"""The POG's sampling error against plain loops, and its intervals against a known truth."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from lidarplace import Lidar, Mount, OccupancyGrid, Placement, Roi, evaluate
+from lidarplace.block_counts import BlockCounts
+from lidarplace.sampling_error import SURROGATES, frame_blocks, pog_sampling_error
+
+ROI = Roi((0, 20), (-5, 5), (0, 2), 0.5)
+LIDAR = Lidar(tuple(np.radians(np.linspace(-25, 5, 8))), azimuth_steps=180)
+PLACEMENT = Placement("one", [Mount(z=1.8)], LIDAR)
+RAYS = ("expected_points", "expected_ig")
+
+
+def traffic(rng, frames):
+    """Cars that drive through the ROI in ten frames, at random times, on two lanes."""
+    rows = []
+    for lane in (-2.0, 2.0):
+        for start in np.flatnonzero(rng.random(frames + 10) < 0.15) - 10:
+            y = lane + rng.normal(0, 0.3)
+            for step in range(10):
+                if 0 <= start + step < frames:
+                    rows.append((start + step, "Car", 2.0 * step, y, 0.75, 4.0, 1.8, 1.5, 0.0))
+    columns = ["frame", "class", "x", "y", "z", "length", "width", "height", "yaw"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def table_of(frames, routes=1):
+    return pd.DataFrame({"frame": range(frames), "route": np.arange(frames) * routes // frames})
+
+
+@pytest.mark.parametrize(
+    ("q", "occlusion", "method"), [(0.1, False, "cone"), (1.0, False, "dda"), (0.1, True, "cone")]
+)
+def test_equals_a_log_that_is_put_together_again(q, occlusion, method):
+    log, frames = traffic(np.random.default_rng(1), 50), table_of(50, routes=2)
+    options = {"detection_probability": q, "occlusion": occlusion}
+    found = pog_sampling_error(
+        log, frames, ROI, ["Car"], PLACEMENT, method, blocks=7, resamples=3, seed=5, **options
+    )
+    whole = OccupancyGrid.from_boxes(log, ROI, "Car", 50)
+    expected = evaluate(whole, PLACEMENT, method, surrogates=RAYS, **options)
+    for name, value in found.estimates.set_index("surrogate")["value"].items():
+        assert value == pytest.approx(getattr(expected, name), rel=1e-11)
+
+    block = frame_blocks(frames, 7)
+    assert block.max() == 7  # four of each route
+    rng = np.random.default_rng(5)
+    draws = rng.multinomial(8, np.full(8, 1 / 8), 3)
+    for number, draw in enumerate(draws):
+        order = [
+            f
+            for b, times in enumerate(draw)
+            for _ in range(times)
+            for f in np.flatnonzero(block == b)
+        ]
+        parts = [log[log["frame"] == f].assign(frame=new) for new, f in enumerate(order)]
+        grid = OccupancyGrid.from_boxes(pd.concat(parts), ROI, "Car", len(order))
+        if occlusion:  # the rays keep the weights of the whole log
+            names, expected = RAYS[:1], evaluate(grid, PLACEMENT, method, surrogates=RAYS[:1])
+        else:
+            names, expected = (
+                SURROGATES,
+                evaluate(grid, PLACEMENT, method, surrogates=RAYS, **options),
+            )
+        own = found.resamples[found.resamples["resample"] == number].set_index("surrogate")["value"]
+        for name in names:
+            assert own[name] == pytest.approx(getattr(expected, name), rel=1e-11), name
+
+
+def test_histories_give_the_counts_of_any_mix():
+    rng = np.random.default_rng(0)
+    blocks = rng.integers(0, 3, (6, 5, 4, 3)).astype(np.int32) * (rng.random((6, 5, 4, 3)) < 0.5)
+    histories = BlockCounts.of_blocks(iter(blocks.astype(np.int32)))
+    for _ in range(5):
+        weights = rng.integers(0, 4, 6)
+        expected = np.tensordot(weights, blocks, 1).reshape(-1)
+        found = np.zeros(60, np.int64)
+        found[histories.voxels] = histories.counts(weights)[histories.history]
+        assert np.array_equal(found, expected)
+
+
+def test_intervals_hold_the_truth_about_as_often_as_they_say():
+    rng = np.random.default_rng(0)
+    grid = OccupancyGrid.from_boxes(traffic(rng, 20_000), ROI, "Car", 20_000)
+    truth = evaluate(grid, PLACEMENT, surrogates=RAYS)
+    held, bias = [], []
+    for seed in range(40):
+        log = traffic(rng, 300)
+        found = pog_sampling_error(
+            log, table_of(300), ROI, ["Car"], PLACEMENT, blocks=10, resamples=60, seed=seed
+        ).estimates.set_index("surrogate")
+        names = ["s_mig", "expected_points", "expected_ig"]
+        value = np.array([getattr(truth, name) for name in names])
+        held.append((found.loc[names, "low"] <= value) & (value <= found.loc[names, "high"]))
+        bias.append(found.loc["h_pog", "bias"])
+    assert np.all(np.mean(held, axis=0) >= 0.8)  # 10 blocks: somewhat below 95 %
+    assert np.mean(bias) < 0  # entropies of few frames are too low
+
+
+def test_a_class_without_objects_has_no_error():
+    found = pog_sampling_error(
+        traffic(np.random.default_rng(0), 20),
+        table_of(20),
+        ROI,
+        ["Pedestrian"],
+        PLACEMENT,
+        blocks=4,
+    )
+    assert (found.estimates[["value", "sd", "bias", "low", "high"]] == 0).all(axis=None)
+
+
+def test_the_same_draws_for_every_placement():
+    log = traffic(np.random.default_rng(0), 40)
+    other = Placement("other", [Mount(z=2.4)], LIDAR)
+    h_pog = [
+        pog_sampling_error(log, table_of(40), ROI, ["Car"], p, resamples=5).resamples
+        for p in (PLACEMENT, other)
+    ]
+    a, b = (t[t["surrogate"] == "h_pog"]["value"].to_numpy() for t in h_pog)
+    assert np.array_equal(a, b)
+    assert len(set(a)) > 1
+
+
+def test_blocks_are_consecutive_frames_of_one_route():
+    frames = table_of(20, routes=2).iloc[::-1]
+    block = pd.Series(frame_blocks(frames, 6), index=frames["frame"]).sort_index()
+    assert block.tolist() == sorted(block)
+    assert block.value_counts().between(3, 4).all()
+    assert set(block[:10]).isdisjoint(block[10:])
+
+
+@pytest.mark.parametrize(
+    ("frames", "options", "message"),
+    [
+        (1, {}, "needs at least 2 blocks of frames, found 1 for 1 frames"),
+        (9, {"blocks": 1}, "needs at least 2 blocks"),
+        (9, {"resamples": 1}, "resamples must be at least 2, found 1"),
+        (0, {}, "at least 1 block and 1 frame"),
+    ],
+)
+def test_mistakes(frames, options, message):
+    log = traffic(np.random.default_rng(0), 9)
+    with pytest.raises(ValueError, match=message):
+        pog_sampling_error(log, table_of(frames), ROI, ["Car"], PLACEMENT, **options)

@@ -1,0 +1,76 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lidarplace import Lidar
+
+BEAMS = (-0.2, 0.1)
+
+
+def test_a_full_turn_fires_every_step():
+    lidar = Lidar(BEAMS, azimuth_steps=12)
+    assert lidar.full_turn
+    assert (lidar.first_step, lidar.fired_steps, lidar.rays) == (0, 12, 24)
+    np.testing.assert_array_equal(lidar.azimuths(), np.arange(12) * (2 * math.pi / 12))
+    for other in ((0.0, 2 * math.pi), (-1.0, 2 * math.pi - 1.0)):
+        turned = replace(lidar, azimuth=other)
+        assert turned.full_turn
+        np.testing.assert_array_equal(turned.directions(), lidar.directions())
+
+
+@pytest.mark.parametrize(
+    ("degrees", "steps"),
+    [
+        ((-60, 60), [10, 11, 0, 1, 2]),  # both ends are fired
+        ((120, 240), [4, 5, 6, 7, 8]),  # crosses 180 degrees
+        ((-240, -120), [4, 5, 6, 7, 8]),
+        ((-59, 59), [11, 0, 1]),
+        ((30, 31), [1]),
+        ((0, 330), [*range(12)]),  # no full turn, though every step is fired
+        ((720, 750), [0, 1]),
+    ],
+)
+def test_steps_within_the_field_of_view(degrees, steps):
+    low, high = (math.radians(d) for d in degrees)
+    lidar = Lidar(BEAMS, azimuth_steps=12, azimuth=(low, high))
+    assert not lidar.full_turn
+    np.testing.assert_array_equal(lidar.azimuths(), np.array(steps) * (2 * math.pi / 12))
+    rays = Lidar(BEAMS, azimuth_steps=12).directions().reshape(2, 12, 3)
+    np.testing.assert_array_equal(lidar.directions(), rays[:, steps].reshape(-1, 3))
+
+
+@given(st.integers(1, 50), st.floats(-10, 10), st.floats(1e-3, 2 * math.pi))
+def test_each_fired_azimuth_is_in_the_field_of_view(steps, low, width):
+    full = np.arange(steps) * (2 * math.pi / steps)
+    inside = np.mod(full - low, 2 * math.pi)
+    distance = np.minimum(np.abs(inside - width), np.minimum(inside, 2 * math.pi - inside))
+    if (distance < 1e-9).any():  # an end on a step: either side is right up to rounding
+        return
+    expected = full[inside <= width]
+    if not len(expected):
+        with pytest.raises(ValueError, match=f"none of the {steps} azimuth steps"):
+            Lidar(BEAMS, steps, azimuth=(low, low + width))
+        return
+    found = Lidar(BEAMS, steps, azimuth=(low, low + width)).azimuths()
+    np.testing.assert_array_equal(np.sort(found), expected)
+
+
+@pytest.mark.parametrize(
+    "azimuth",
+    [(1.0, 1.0), (1.0, 0.0), (0.0, 6.3), (math.nan, 1.0), (-math.inf, math.inf), (0.0, math.nan)],
+)
+def test_bad_fields_of_view(azimuth):
+    with pytest.raises(ValueError, match="azimuth needs finite min < max, at most one turn"):
+        Lidar(BEAMS, 12, azimuth=azimuth)
+
+
+def test_numbers_of_any_kind_make_equal_sensors():
+    """A tuple read from JSON is a list; equal sensors must hash alike."""
+    a = Lidar(BEAMS, 12, azimuth=[0, 1])
+    b = Lidar(BEAMS, 12, azimuth=(np.float64(0.0), 1.0))
+    assert a == b
+    assert hash(a) == hash(b)
