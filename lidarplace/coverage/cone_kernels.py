@@ -197,9 +197,13 @@ def _edge_crosses(low, high, s, n, planes, width, reach):  # pragma: no cover - 
                         continue
                     if (along + n[axis] * w) * s < 0:  # the other nappe
                         continue
-                    point = np.empty(3)
-                    point[axis], point[other], point[third] = w, p, q
-                    if _seen(point[0], point[1], point[2], planes, width, reach):
+                    if axis == 0:
+                        x, y, z = w, p, q
+                    elif axis == 1:
+                        x, y, z = q, w, p
+                    else:
+                        x, y, z = p, q, w
+                    if _seen(x, y, z, planes, width, reach):
                         return True
     return False
 
