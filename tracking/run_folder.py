@@ -22,6 +22,7 @@ _REQUIRED_TABLES: dict[str, tuple[str, ...]] = {
     "trials": ("trial", "placement", "detector", "seed", "seconds", "status", "error"),
 }
 _OPTIONAL_TABLES: dict[str, tuple[str, ...]] = {
+    "expected_ig_by_q": ("placement", "class", "q", "expected_ig"),
     "curves": ("trial", "epoch", "metric", "value"),
     "accuracy": (
         *("placement", "class", "surrogate", "method", "resolution", "azimuth_steps", "frames"),
@@ -88,6 +89,7 @@ class RunFolder:
     results: pd.DataFrame
     surrogates: pd.DataFrame
     trials: pd.DataFrame
+    expected_ig_by_q: pd.DataFrame | None
     curves: pd.DataFrame | None
     accuracy: pd.DataFrame | None
     sampling_error: pd.DataFrame | None
@@ -139,6 +141,7 @@ class RunFolder:
             results=tables["results"],
             surrogates=tables["surrogates"],
             trials=tables["trials"],
+            expected_ig_by_q=optional["expected_ig_by_q"],
             curves=optional["curves"],
             accuracy=optional["accuracy"],
             sampling_error=optional["sampling_error"],

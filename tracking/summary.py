@@ -41,7 +41,11 @@ def seed_means(results: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
 
 
 def surrogates_of(
-    surrogates: pd.DataFrame, setting: dict[str, object], object_class: str
+    surrogates: pd.DataFrame,
+    setting: dict[str, object],
+    object_class: str,
+    columns: str = "surrogate",
+    values: str = "value",
 ) -> pd.DataFrame:
     """Surrogates of one class at one setting of the axes: placements as rows.
 
@@ -51,7 +55,7 @@ def surrogates_of(
     for axis, value in setting.items():
         if axis in surrogates.columns:
             match &= (surrogates[axis] == value) | surrogates[axis].isna()
-    return surrogates[match].pivot(index="placement", columns="surrogate", values="value")
+    return surrogates[match].pivot(index="placement", columns=columns, values=values)
 
 
 def summary_table(run: RunFolder) -> pd.DataFrame:

@@ -57,6 +57,7 @@ def write_run(
         "results": results,
         "curves": curves,
         "surrogates": _surrogates(rng, quality, settings),
+        "expected_ig_by_q": _by_q(rng, quality, settings),
         "accuracy": _accuracy(rng, names),
         "sampling_error": estimates,
         "pog_resamples": resamples,
@@ -147,6 +148,25 @@ def _surrogates(
                     for surrogate, number in values.items()
                 ]
     return rows
+
+
+def _by_q(
+    rng: np.random.Generator, quality: dict[str, float], settings: list[dict[str, int]]
+) -> list[dict[str, object]]:
+    """At q = 0.1 expected IG follows AP, elsewhere it does not."""
+    return [
+        {
+            "placement": name,
+            **setting,
+            "class": object_class,
+            "q": q,
+            "expected_ig": 1000 * (1 + value) if q == 0.1 else 1000 * rng.random(),
+        }
+        for setting in settings
+        for name, value in quality.items()
+        for object_class in CLASSES
+        for q in (0.01, 0.1, 1.0)
+    ]
 
 
 def _curve(rng: np.random.Generator, trial: str) -> list[dict[str, object]]:

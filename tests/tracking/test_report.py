@@ -140,6 +140,14 @@ def test_it_names_the_best_placement_and_the_weaknesses(built, page):
     assert "Cyclist: no ground truth" in page.text
 
 
+def test_a_fitted_q_is_judged_by_the_placements_left_out(built, page):
+    table = page.words[page.words.index(next(w for w in page.words if "q of expected IG" in w)) :]
+    cells = [word.strip() for word in table if word.strip()]
+    assert cells[8:10] == ["Car", "pointpillars_tiny"]
+    assert cells[10] == "0.1"  # the q at which the made-up run follows AP
+    assert cells[14] == "better"
+
+
 def test_a_name_cannot_become_a_tag(tmp_path):
     evil = "</script><script>alert(1)</script>"
     folder = write_run(tmp_path / "evil", names=["line", evil, "<img src=http://x/>"])
@@ -187,7 +195,14 @@ def test_what_the_sweep_did_not_make_is_said(made_up_run, tmp_path):
 def test_a_sweep_whose_trials_all_failed_has_a_report(made_up_run, tmp_path, has_columns):
     folder = tmp_path / "failed"
     shutil.copytree(made_up_run, folder)
-    for name in ("results", "surrogates", "curves", "accuracy", "sampling_error"):
+    for name in (
+        "results",
+        "surrogates",
+        "curves",
+        "expected_ig_by_q",
+        "accuracy",
+        "sampling_error",
+    ):
         table = pd.read_parquet(folder / f"{name}.parquet").iloc[:0]
         (table if has_columns else pd.DataFrame()).to_parquet(folder / f"{name}.parquet")
     trials = pd.read_parquet(folder / "trials.parquet")

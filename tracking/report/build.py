@@ -34,6 +34,7 @@ from tracking.report.tables import (
     Table,
     accuracy_table,
     correlation_table,
+    fitted_q_table,
     placement_table,
     sampling_error_table,
     trial_table,
@@ -181,6 +182,9 @@ def _correlation(
             plot = heat_map(part[part["class"] == name], f"Spearman's ρ · {title}")
             if plot is not None:
                 section.figures.append(plot)
+    if run.expected_ig_by_q is not None:
+        fitted = fitted_q_table(run, run.expected_ig_by_q, found, means)
+        section.tables += [fitted] if fitted else []
     if len(correlations):
         section.tables.append(correlation_table(correlations, run.axes))
     return section
