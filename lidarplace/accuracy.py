@@ -1,9 +1,10 @@
 """Surrogates against what they cost: coverage method, resolution, azimuth steps, frames in the POG.
 
-Values of different resolutions are made comparable by what they stand for (`comparable`):
-entropies times the volume of a voxel are nats m^3, expected points times the edge of a voxel are
-metres of ray within objects. They still differ, and that is what is measured: a beam covers voxels
-that are as thick as the grid is coarse.
+Values of different resolutions are made comparable by what they measure (`comparable`). What objects
+fill and what stays unseen is a volume: nats m^3. The cone of a beam is a sheet without thickness, so
+what it covers is an area: nats m^2. Rays within objects are lengths: metres. What is left is the
+error of the grid: where sheets are closer than voxels a voxel is covered once for several of them,
+and the unseen volume grows as the sheets get thinner.
 """
 
 from __future__ import annotations
@@ -127,15 +128,17 @@ def accuracy(
     return table[list(COLUMNS)]
 
 
-def scale(surrogate: str, resolution: float) -> float:
-    """Factor that makes values of different resolutions mean the same.
+POWERS = {
+    **dict.fromkeys(("h_pog", "ig", "residual_entropy"), 3),
+    **dict.fromkeys(("s_mig", "covered_entropy", "expected_ig"), 2),
+    "expected_points": 1,
+}
+"""Power of the resolution by which a surrogate is multiplied to compare resolutions; others 0."""
 
-    Entropies: nats to nats m^3. `expected_points`: points to metres, since a ray passes
-    1/resolution voxels a metre. `m_sog` and others: 1.
-    """
-    if surrogate in (*ENTROPIES, "expected_ig"):
-        return resolution**3
-    return resolution if surrogate == "expected_points" else 1.0
+
+def scale(surrogate: str, resolution: float) -> float:
+    """Factor that makes values of different resolutions comparable, see `POWERS`."""
+    return resolution ** POWERS.get(surrogate, 0)
 
 
 def _variants(placement: Placement, azimuth_steps: Collection[int]) -> Iterator[_Variant]:

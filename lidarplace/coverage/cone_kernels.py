@@ -16,6 +16,7 @@ TILE_X, TILE_Y = 16, 32
 
 _LINES_Y = TILE_Y + 8  # grid lines of a tile, and more to make whole vectors
 _HAIR = 1e-9  # cubes are grown by this share of their edge
+_ULPS = 4e-16  # rounding of a sine: no beam may slip between two voxels
 _LEAST_K = 1e-2  # a cone with a smaller n2^2 - s^2 is too steep to be computed as a graph
 
 
@@ -82,7 +83,7 @@ def _sine_range(x0, x1, y0, y1, z0, z1, n0, n1, n2):  # pragma: no cover - compi
         high = 1.0
     if _segment_meets(x0, x1, y0, y1, z0, z1, -n0, -n1, -n2, math.inf):
         low = -1.0
-    return low, high
+    return low - _ULPS, high + _ULPS
 
 
 # The part of a cone that a sensor sees: azimuths of its field of view, up to its range.

@@ -83,6 +83,8 @@ def test_values_that_are_scaled_mean_the_same_at_every_resolution():
         voxels = np.prod(shape)
         assert voxels * np.log(2) * scale("ig", resolution) == pytest.approx(64 * np.log(2))
         assert shape[0] * 0.5 * scale("expected_points", resolution) == pytest.approx(2.0)
+        layer = shape[0] * shape[1]  # what a level beam covers
+        assert layer * np.log(2) * scale("s_mig", resolution) == pytest.approx(16 * np.log(2))
     assert scale("m_sog", 0.1) == 1
 
 
