@@ -1,10 +1,10 @@
 """Surrogates against what they cost: coverage method, resolution, azimuth steps, frames in the POG.
 
-Values of different resolutions are made comparable by what they measure (`comparable`). What objects
-fill and what stays unseen is a volume: nats m^3. The cone of a beam is a sheet without thickness, so
-what it covers is an area: nats m^2. Rays within objects are lengths: metres. What is left is the
-error of the grid: where sheets are closer than voxels a voxel is covered once for several of them,
-and the unseen volume grows as the sheets get thinner.
+Values of different resolutions are made comparable by what they measure (`comparable`). What
+objects fill and what stays unseen is a volume: nats m^3. The cone of a beam is a sheet without
+thickness, so what it covers is an area: nats m^2. Rays within objects are lengths: metres. What is
+left is the error of the grid: where sheets are closer than voxels a voxel is covered once for
+several of them, and the unseen volume grows as the sheets get thinner.
 """
 
 from __future__ import annotations

@@ -79,12 +79,14 @@ def _wrong(message: str) -> NoReturn:
 
 def _read(path: Path, frames: int | None) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Boxes and the frames table."""
+    if not path.exists():
+        raise ValueError(f"{path}: no such file or folder")
     try:
         if path.is_dir():
             return read_box_log(path)
         boxes = pd.read_csv(path) if path.suffix == ".csv" else pd.read_parquet(path)
     except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror or error}") from None
+        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
     except (pa.ArrowInvalid, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
         raise ValueError(f"{path}: {str(error).splitlines()[0]}") from None
     check_boxes(boxes, str(path))
@@ -127,6 +129,7 @@ def _report(result: pd.DataFrame, out: Path) -> None:
     """Print the summary and write the three files."""
     from tracking.accuracy import relative_errors, summarise
     from tracking.figures.accuracy import accuracy_figure
+    from tracking.figures.style import theme
     from tracking.labels import surrogate_name
 
     errors = relative_errors(result)
@@ -159,9 +162,9 @@ def _report(result: pd.DataFrame, out: Path) -> None:
         write(partial, index=False)
         partial.replace(target)
     figures = [
-        accuracy_figure(own, f"Error against run time · {name}").to_html(
-            full_html=False, include_plotlyjs=first
-        )
+        accuracy_figure(own, f"Error against run time · {name}")
+        .update_layout(template=theme(False))
+        .to_html(full_html=False, include_plotlyjs=first, config={"displayModeBar": False})
         for first, (name, own) in zip(
             [True] + [False] * len(summary), summary.groupby("class", sort=False), strict=False
         )
