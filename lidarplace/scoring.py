@@ -147,9 +147,9 @@ def evaluate_classes(
             placement=placement,
             roi=roi,
             method=method,
+            s_mig=0 - covered_entropy(grid, by_level),  # 0 - x: no negative zero
+            ig=residual_entropy(grid, by_level),
             h_pog=h_pog[object_class],
-            covered_entropy=covered_entropy(grid, by_level),
-            residual_entropy=residual_entropy(grid, by_level),
             expected_points=points,
             expected_ig=gain,
             covered_nonzero=int(by_level.sum()),

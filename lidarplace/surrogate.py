@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -26,38 +26,36 @@ class Surrogates:
 
     Attributes:
         placement, roi, method: what was evaluated.
+        s_mig: `-sum over covered v of H(v)`, S-MIG to the letter of the paper (section 3.3).
+        ig: `h_pog + s_mig`, the paper's information gain; summed over the voxels that are not
+            covered, since little is left of the difference where nearly all is covered.
         h_pog: `sum over v of H(v)`, the entropy of the POG.
-        covered_entropy: `sum over covered v of H(v)`.
-        residual_entropy: `sum over v that is not covered of H(v)`, what stays unseen.
         expected_points: `sum of m(v) p(v)`, m(v) rays through v; None unless asked for.
         expected_ig: mutual information with a sensor that can miss; None unless asked for.
         covered_nonzero: covered voxels with p > 0.
         seconds: wall time of the evaluation.
     """
 
-    placement: Placement
-    roi: Roi
+    placement: Placement = field(repr=False)
+    roi: Roi = field(repr=False)
     method: Method
+    s_mig: float
+    ig: float
     h_pog: float
-    covered_entropy: float
-    residual_entropy: float
     expected_points: float | None
     expected_ig: float | None
     covered_nonzero: int
     seconds: float
 
     @property
-    def s_mig(self) -> float:
-        """`-sum over covered v of H(v)`, S-MIG to the letter of the paper (section 3.3)."""
-        return 0 - self.covered_entropy  # 0 - x: no negative zero
+    def covered_entropy(self) -> float:
+        """`sum over covered v of H(v)`, the opposite of S-MIG."""
+        return 0 - self.s_mig  # 0 - x: no negative zero
 
     @property
-    def ig(self) -> float:
-        """Information gain, `h_pog + s_mig` (paper, section 3.3): the residual entropy.
-
-        Not computed as the difference, of which little is left where nearly all is covered.
-        """
-        return self.residual_entropy
+    def residual_entropy(self) -> float:
+        """`h_pog - covered_entropy`, what stays unseen: the information gain."""
+        return self.ig
 
     @cached_property
     def covered_voxels(self) -> int:
@@ -95,9 +93,9 @@ def sum_over_classes(results: Mapping[str, Surrogates]) -> Surrogates:
         placement=parts[0].placement,
         roi=parts[0].roi,
         method=parts[0].method,
+        s_mig=math.fsum(r.s_mig for r in parts),
+        ig=math.fsum(r.ig for r in parts),
         h_pog=math.fsum(r.h_pog for r in parts),
-        covered_entropy=math.fsum(r.covered_entropy for r in parts),
-        residual_entropy=math.fsum(r.residual_entropy for r in parts),
         expected_points=total([r.expected_points for r in parts]),
         expected_ig=total([r.expected_ig for r in parts]),
         covered_nonzero=sum(r.covered_nonzero for r in parts),
