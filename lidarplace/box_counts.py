@@ -49,7 +49,11 @@ def count_boxes(
     return counts
 
 
-@njit(cache=True, error_model="numpy")
+_inner = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
+"""For functions that compiled code alone calls: they take a third less time to compile."""
+
+
+@_inner
 def _slab(a, b, half, offset, centres, minimum, resolution):  # pragma: no cover - compiled
     """First and last centre with |a + b d| <= half, d = centre - offset; none: first > last.
 
@@ -77,7 +81,7 @@ def _slab(a, b, half, offset, centres, minimum, resolution):  # pragma: no cover
     return first, last
 
 
-@njit(cache=True, error_model="numpy")
+@_inner
 def _reach(centre, half, minimum, resolution, n):  # pragma: no cover - compiled
     """First and last of n voxels on an axis within `half` of `centre`, and up to one more."""
     first = np.floor((centre - half - minimum) / resolution - 0.5)
@@ -87,12 +91,12 @@ def _reach(centre, half, minimum, resolution, n):  # pragma: no cover - compiled
     return int(max(first, 0.0)), int(min(last, n - 1.0))
 
 
-@njit(cache=True)
+@_inner
 def _inside(along, across, c, s, d, half_length, half_width):  # pragma: no cover - compiled
     return (abs(along + s * d) <= half_length) & (abs(c * d - across) <= half_width)
 
 
-@njit(cache=True, error_model="numpy")
+@_inner
 def _run(dx, sides, ys, minimum, resolution):  # pragma: no cover - compiled
     """First and last voxel of a row of constant x whose centres lie in a box; none: first > last.
 
@@ -133,7 +137,7 @@ def _run(dx, sides, ys, minimum, resolution):  # pragma: no cover - compiled
     return max(first, other_first), min(last, other_last)
 
 
-@njit(cache=True)
+@_inner
 def _add(changes, i, j0, j1, k0, k1):  # pragma: no cover - compiled
     """Add one to the voxels [i, j0:j1 + 1, k0:k1 + 1], as a second difference."""
     nz, _, ny = changes.shape
@@ -146,7 +150,7 @@ def _add(changes, i, j0, j1, k0, k1):  # pragma: no cover - compiled
             changes[k1 + 1, i, j1 + 1] += 1
 
 
-@njit(cache=True)
+@_inner
 def _ones(first, last):  # pragma: no cover - compiled
     """The bits first..last of a word."""
     if last - first == 63:
@@ -154,7 +158,7 @@ def _ones(first, last):  # pragma: no cover - compiled
     return ((np.int64(1) << (last - first + 1)) - 1) << first
 
 
-@njit(cache=True)
+@_inner
 def _add_bits(changes, i, j0, j1, k0, k1, bits):  # pragma: no cover - compiled
     """`_add` for every run of ones in `bits`, which are those of k0..k1 in their word."""
     k = k0
@@ -167,7 +171,7 @@ def _add_bits(changes, i, j0, j1, k0, k1, bits):  # pragma: no cover - compiled
         k += 1
 
 
-@njit(cache=True)
+@_inner
 def _meets(seen, word, i, j0, j1):  # pragma: no cover - compiled
     """Whether the frame has counted in one of the columns j0..j1 of row i."""
     found = np.int64(0)
@@ -176,14 +180,14 @@ def _meets(seen, word, i, j0, j1):  # pragma: no cover - compiled
     return found != 0
 
 
-@njit(cache=True)
+@_inner
 def _see(seen, word, i, j0, j1):  # pragma: no cover - compiled
     """Mark the columns j0..j1 of row i."""
     for w in range(j0 // 64, j1 // 64 + 1):
         seen[word, i, w] |= _ones(max(j0 - 64 * w, 0), min(j1 - 64 * w, 63))
 
 
-@njit(cache=True)
+@_inner
 def _add_new(changes, seen, counted, i, j0, j1, k0, k1):  # pragma: no cover - compiled
     """`_add` where the frame has not counted yet; k0..k1 are of one word of `counted`."""
     word = k0 // 64
@@ -200,7 +204,7 @@ def _add_new(changes, seen, counted, i, j0, j1, k0, k1):  # pragma: no cover - c
         _add_bits(changes, i, begin, j1, k0, k1, new)
 
 
-@njit(cache=True)
+@_inner
 def _sum_up(changes, i, j0, j1, k0, k1, counts):  # pragma: no cover - compiled
     """Turn the second differences of row i, which are zero outside, into counts."""
     along_z = np.zeros(j1 - j0 + 1, np.int32)
@@ -212,7 +216,7 @@ def _sum_up(changes, i, j0, j1, k0, k1, counts):  # pragma: no cover - compiled
             counts[i, j, k] = along_z[j - j0]
 
 
-@njit(cache=True, error_model="numpy")
+@_inner
 def _bounds(box, minimum, resolution, zs, shape):  # pragma: no cover - compiled
     """Cosine, sine, and first and last voxel on each axis that a box can reach; along z exact."""
     x, y, z, length, width, height, yaw = box
@@ -229,7 +233,7 @@ def _bounds(box, minimum, resolution, zs, shape):  # pragma: no cover - compiled
     return c, s, rounding, i0, i1, j0, j1, k0, k1
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _count(
     boxes, frame, minimum, resolution, xs, ys, zs, seen, counted, changes, counts
 ):  # pragma: no cover - compiled

@@ -84,8 +84,8 @@ def _group(counts, first, voxels, count_of_set):  # pragma: no cover - compiled
                     members[last] |= np.uint64(1) << np.uint64(k & 63)
                 first[column] = size
                 if len(voxels):
-                    voxels[size : size + number] = members[:number]
-                    count_of_set[size : size + number] = own[:number]
+                    for n in range(number):
+                        voxels[size + n], count_of_set[size + n] = members[n], own[n]
                 size += number
                 column += 1
     first[column] = size

@@ -28,7 +28,7 @@ from cachetools import LRUCache, cached
 from numpy.typing import NDArray
 
 from lidarplace.coverage.bits import Bits, empty, turned, unpack
-from lidarplace.coverage.cone_kernels import cover_tiles, cover_voxels
+from lidarplace.coverage.cone_kernels import cover_tiles, cover_voxels, keep_seen
 from lidarplace.coverage.tiles import Tiles
 from lidarplace.placement import Mount, Placement
 from lidarplace.roi import Roi
@@ -77,24 +77,24 @@ def sensor_bits(lidar: Lidar, mount: Mount, roi: Roi, tiles: Tiles) -> Bits:
         frame, sines, azimuth = _upside_down(frame, sines, azimuth)
     part = tiles.along(run, roi.shape)
     bits = empty((shape[0], shape[1], shape[2]))
-    cover_tiles(
-        mount.position[axes],
-        np.ascontiguousarray(frame[:, axes]),
-        sines,
-        azimuth,
-        lidar.range,
-        roi.minimum[axes],
-        roi.resolution,
-        shape[2],
-        part.lowest,
-        part.highest,
-        bits,
+    sensor = (
+        *(mount.position[axes], np.ascontiguousarray(frame[:, axes]), sines, azimuth, lidar.range),
+        *(roi.minimum[axes], roi.resolution, shape[2], part.lowest, part.highest),
     )
+    cover_tiles(*sensor, bits)
+    if not lidar.full_turn or lidar.range < _farthest(mount, roi):
+        keep_seen(*sensor, bits)
     if run != 2:
         bits = turned(bits, shape[2])  # from (y, z, x) to (y, x, z), or from (x, z, y) to (x, y, z)
         bits = np.ascontiguousarray(bits.swapaxes(1, 2)) if run == 0 else bits
     bits.flags.writeable = False
     return bits
+
+
+def _farthest(mount: Mount, roi: Roi) -> float:
+    """Distance from the mount to the farthest corner of the ROI, metres."""
+    corners = np.array([roi.x, roi.y, roi.z]) - mount.position[:, None]
+    return float(np.linalg.norm(np.abs(corners).max(axis=1)))
 
 
 def covered_voxel_by_voxel(placement: Placement, roi: Roi) -> NDArray[np.bool_]:
