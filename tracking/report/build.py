@@ -263,9 +263,10 @@ def _sampling_error(run: RunFolder) -> Section:
         return section
     section.notes.append(
         "The POG is counted over some frames and not over all traffic. Blocks of consecutive "
-        "frames of a route were drawn again with replacement, the same for every placement; "
-        "intervals hold 95 %. Entropies from few frames are too low; the estimated bias is taken "
-        "off the interval, not off the value."
+        "frames of a route were drawn again with replacement, the same for every placement. "
+        "Intervals are 1.96 standard deviations to each side, nominally 95 % and somewhat less "
+        "with few blocks. Entropies from few frames are too low; the estimated bias is taken off "
+        "the interval, not off the value."
     )
     resamples = dict(by_setting(run.pog_resamples, run.axes))
     for title, part in by_setting(run.sampling_error, run.axes):
