@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 
 from lidarplace.coverage import METHODS, Method, covered_bits
+from lidarplace.coverage.bits import pack
 from lidarplace.coverage.rays import RayMethod, log_miss, ray_counts, ray_weight
 from lidarplace.coverage.tiles import Tiles
 from lidarplace.occupancy import OccupancyGrid
@@ -117,11 +118,14 @@ def evaluate_classes(
     h_pog = {object_class: grid.h_pog for object_class, grid in grids.items()}
 
     start = time.perf_counter()
-    covered = covered_bits(placement, roi, method, tiles)
     ray_method: RayMethod = "bresenham" if method == "bresenham" else "dda"
     needs_counts = bool(set(surrogates) - ({"expected_ig"} if occlusion else set()))
     if needs_counts:
         rays = ray_counts(placement, roi, ray_method, azimuth_stride)
+    if needs_counts and method == ray_method and azimuth_stride == 1:
+        covered = pack(rays > 0)  # the same rays
+    else:
+        covered = covered_bits(placement, roi, method, tiles)
     weight = ray_weight(placement.lidar, azimuth_stride)
     common = time.perf_counter() - start
 
