@@ -16,6 +16,7 @@ from typing import Any
 
 import pandas as pd
 
+from lidarplace.boxes import frame_keys
 from lidarplace.coverage import METHODS, Method
 from lidarplace.coverage.cone import sensor_bits
 from lidarplace.occupancy import OccupancyGrid
@@ -191,7 +192,7 @@ def _pog(
     boxes: pd.DataFrame, frames: pd.DataFrame, roi: Roi, object_class: str
 ) -> tuple[OccupancyGrid, float]:
     """The POG with what depends on it alone, and the seconds that this took."""
-    keys = [key for key in ("scene", "frame") if key in frames and key in boxes]
+    keys = frame_keys(boxes, frames)
     start = time.perf_counter()
     grid = OccupancyGrid.from_boxes(
         boxes.merge(frames[keys]), roi, object_class, frames=len(frames)

@@ -6,11 +6,12 @@ frame, so that frames without a box count too. `frame` is unique within a log.
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+
+from lidarplace.files import replacing
 
 CLASSES = ("Car", "Cyclist", "Pedestrian")
 """Object classes. Cyclist is the paper's *Van and Cyclist*: bicycles, motorcycles, box trucks."""
@@ -31,7 +32,7 @@ def check_boxes(boxes: pd.DataFrame, source: str = "box log") -> None:
     missing = [name for name in ("frame", "class", *GEOMETRY) if name not in boxes.columns]
     if missing:
         raise ValueError(f"{source}: no column {', '.join(missing)}; found {list(boxes.columns)}")
-    for name in _frame_keys(boxes):
+    for name in frame_keys(boxes):
         row, _ = _first(boxes[[name]].isna().to_numpy())
         if row >= 0:
             raise ValueError(f"{source}: row {row}: {name} is missing")
@@ -63,12 +64,14 @@ def frame_ids(table: pd.DataFrame) -> np.ndarray:
 
     Shape (rows,), int64, numbered from 0 in sorted order.
     """
-    groups = table.groupby(_frame_keys(table), sort=True, observed=True)
+    groups = table.groupby(frame_keys(table), sort=True, observed=True)
     return groups.ngroup().to_numpy(np.int64)
 
 
-def _frame_keys(table: pd.DataFrame) -> list[str]:
-    return ["scene", "frame"] if "scene" in table.columns else ["frame"]
+def frame_keys(*tables: pd.DataFrame) -> list[str]:
+    """Columns that name a frame in all of `tables`: `scene`, where they have it, and `frame`."""
+    scene = all("scene" in table.columns for table in tables)
+    return ["scene", "frame"] if scene else ["frame"]
 
 
 def write_box_log(folder: Path, boxes: pd.DataFrame, frames: pd.DataFrame) -> None:
@@ -78,10 +81,8 @@ def write_box_log(folder: Path, boxes: pd.DataFrame, frames: pd.DataFrame) -> No
         ("boxes", boxes, BOX_COLUMNS),
         ("frames", frames, FRAME_COLUMNS),
     ):
-        target = folder / f"{name}.parquet"
-        partial = target.with_suffix(f".{os.getpid()}.part")
-        table[list(columns)].to_parquet(partial, index=False)
-        partial.replace(target)
+        with replacing(folder / f"{name}.parquet") as partial:
+            table[list(columns)].to_parquet(partial, index=False)
 
 
 def read_box_log(folder: Path) -> tuple[pd.DataFrame, pd.DataFrame]:

@@ -33,6 +33,11 @@ def binary_entropy(p: ArrayLike, rest: ArrayLike) -> NDArray[np.float64]:
     return entropy
 
 
+def entropy_of_counts(counts: NDArray[np.integer], frames: int) -> NDArray[np.float64]:
+    """H in nats of voxels that are occupied in `counts` of `frames` frames, shape of `counts`."""
+    return binary_entropy(counts / frames, (frames - counts) / frames)
+
+
 @njit(cache=True)
 def _binary_entropy(p, rest, entropy):  # pragma: no cover - compiled
     """Fill `entropy`; returns the index of the first pair that is no probability, or -1."""

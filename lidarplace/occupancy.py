@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lidarplace.box_counts import count_boxes
 from lidarplace.boxes import GEOMETRY, check_boxes, frame_ids
-from lidarplace.entropy import binary_entropy
+from lidarplace.entropy import entropy_of_counts
 from lidarplace.levels import Levels
 from lidarplace.roi import Roi
 
@@ -128,8 +128,7 @@ class OccupancyGrid:
 
         A grid has few different counts, so entropies are looked up, not computed by voxel.
         """
-        counts = np.arange(int(self.counts.max()) + 1)
-        return binary_entropy(counts / self.frames, (self.frames - counts) / self.frames)
+        return entropy_of_counts(np.arange(int(self.counts.max()) + 1), self.frames)
 
     @cached_property
     def levels(self) -> Levels:
@@ -144,8 +143,7 @@ class OccupancyGrid:
     @cached_property
     def entropy_of_level(self) -> NDArray[np.float64]:
         """H in nats of a voxel of every level, shape (levels,)."""
-        counts = self.levels.counts
-        return binary_entropy(counts / self.frames, (self.frames - counts) / self.frames)
+        return entropy_of_counts(self.levels.counts, self.frames)
 
     def entropy_of_levels(self, number: NDArray[np.int64]) -> float:
         """Sum of H over `number[n]` voxels of level n, in nats.

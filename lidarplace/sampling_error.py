@@ -22,13 +22,14 @@ from numba import njit
 from numpy.typing import NDArray
 
 from lidarplace.block_counts import BlockCounts
-from lidarplace.coverage import Method, coverage
-from lidarplace.coverage.rays import RayMethod, log_miss, ray_counts, ray_weight
-from lidarplace.entropy import binary_entropy
+from lidarplace.boxes import frame_keys
+from lidarplace.coverage import Method, coverage, rays_of
+from lidarplace.coverage.rays import log_miss, ray_counts
+from lidarplace.entropy import entropy_of_counts
 from lidarplace.occupancy import OccupancyGrid
 from lidarplace.placement import Placement
 from lidarplace.roi import Roi
-from lidarplace.surrogate import RAY_SURROGATES, information
+from lidarplace.surrogate import RAY_SURROGATES, information, log_miss_of_ray
 
 SURROGATES = (
     *("s_mig", "ig", "h_pog", "covered_entropy", "residual_entropy", "m_sog"),
@@ -101,10 +102,8 @@ def pog_sampling_error(
     draws = np.vstack([np.ones_like(lengths), drawn])  # the log itself first
     block_of_box = _block_of_box(boxes, frames, of_frame)
     covered = coverage(placement, roi, method).reshape(-1)
-    ray_method: RayMethod = "bresenham" if method == "bresenham" else "dda"
+    ray_method = rays_of(method)
     rays = ray_counts(placement, roi, ray_method).reshape(-1)
-    weight = ray_weight(placement.lidar, 1)
-    log_miss_of_ray = math.log1p(-detection_probability) if detection_probability < 1 else -math.inf
     totals = draws @ lengths
     all_covered = np.count_nonzero(covered)
     tables = []
@@ -123,19 +122,20 @@ def pog_sampling_error(
             )
             gain = _gain_by_voxel(histories, log_misses.reshape(-1)[here])
         else:
-            gain = _gain_by_rays(histories, rays[here], weight * log_miss_of_ray)
+            gain = _gain_by_rays(histories, rays[here], log_miss_of_ray(detection_probability))
         voxels = _by_history(histories, np.ones(len(here), np.int64))
         covered_voxels = _by_history(histories, covered[here])
         met_rays = _by_history(histories, rays[here])
         values: dict[str, list[float]] = {name: [] for name in SURROGATES}
         for draw, total in zip(draws, totals.tolist(), strict=True):
             counts = histories.counts(draw)
-            entropy = _entropy_of_count(int(counts.max()), total)
+            entropy = entropy_of_counts(np.arange(int(counts.max()) + 1), total)
             h_pog = _entropy_sum(counts, voxels, entropy)
             seen = _entropy_sum(counts, covered_voxels, entropy)
+            unseen = _entropy_sum(counts, voxels - covered_voxels, entropy)
             m_sog = -seen / all_covered if all_covered else math.nan
-            points = int(np.dot(met_rays, counts)) * weight / total
-            row = (0 - seen, h_pog - seen, h_pog, seen, h_pog - seen, m_sog)
+            points = int(np.dot(met_rays, counts)) / total
+            row = (0 - seen, unseen, h_pog, seen, unseen, m_sog)
             for name, value in zip(SURROGATES, (*row, points, gain(counts, total)), strict=True):
                 values[name].append(value)
         for name, estimates in values.items():
@@ -176,7 +176,7 @@ def _block_of_box(
     boxes: pd.DataFrame, frames: pd.DataFrame, of_frame: NDArray[np.int64]
 ) -> NDArray[np.int64]:
     """Block of every box, shape (boxes,); -1 for a box of another frame."""
-    keys = [key for key in ("scene", "frame") if key in frames and key in boxes]
+    keys = frame_keys(boxes, frames)
     found = boxes[keys].merge(frames[keys].assign(block=of_frame), on=keys, how="left")["block"]
     return found.fillna(-1).to_numpy(np.int64)
 
@@ -187,15 +187,10 @@ def _by_history(histories: BlockCounts, amount: NDArray[np.generic]) -> NDArray[
     return sums.astype(np.int64)
 
 
-def _entropy_of_count(largest: int, frames: int) -> NDArray[np.float64]:
-    counts = np.arange(largest + 1)
-    return binary_entropy(counts / frames, (frames - counts) / frames)
-
-
 def _entropy_sum(
     counts: NDArray[np.int64], voxels: NDArray[np.int64], entropy: NDArray[np.float64]
 ) -> float:
-    """Sum of H over the voxels of all histories, by their count first: see `entropy_of_voxels`."""
+    """Sum of H over the voxels of all histories, by their count first: as `entropy_of_levels`."""
     number = np.bincount(counts, voxels)
     return math.fsum(number * entropy[: len(number)])
 
@@ -204,15 +199,13 @@ _Gain = Callable[[NDArray[np.int64], int], float]
 """expected_ig from the counts of the histories and the number of frames."""
 
 
-def _gain_by_rays(
-    histories: BlockCounts, rays: NDArray[np.integer], log_miss_of_ray: float
-) -> _Gain:
+def _gain_by_rays(histories: BlockCounts, rays: NDArray[np.integer], log_miss: float) -> _Gain:
     """Without occlusion: voxels of equal history and rays are one term.
 
     Rays beyond the point where a miss has probability 2**-_BITS are not told apart: they change
     no bit of the result.
     """
-    enough = 1 if log_miss_of_ray == -math.inf else math.ceil(-_BITS * LN2 / log_miss_of_ray)
+    enough = 1 if log_miss == -math.inf else math.ceil(-_BITS * LN2 / log_miss)
     most = min(enough, int(rays.max(initial=0)))
     met = rays > 0
     key = histories.history[met].astype(np.int64) * (most + 1) + np.minimum(rays[met], most)
@@ -225,7 +218,7 @@ def _gain_by_rays(
         terms[0] = 0  # never occupied in this draw
         count, through = np.nonzero(terms)
         p, rest = count / frames, (frames - count) / frames
-        return math.fsum(terms[count, through] * information(p, rest, through * log_miss_of_ray))
+        return math.fsum(terms[count, through] * information(p, rest, through * log_miss))
 
     return gain
 

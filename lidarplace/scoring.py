@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 import time
 from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -14,9 +13,9 @@ import numba
 import numpy as np
 import pandas as pd
 
-from lidarplace.coverage import METHODS, Method, covered_bits
+from lidarplace.coverage import Method, check_method, covered_bits, rays_of
 from lidarplace.coverage.bits import pack
-from lidarplace.coverage.rays import RayMethod, log_miss, ray_counts, ray_weight
+from lidarplace.coverage.rays import log_miss, ray_counts, ray_weight
 from lidarplace.coverage.tiles import Tiles
 from lidarplace.occupancy import OccupancyGrid
 from lidarplace.placement import Placement
@@ -29,6 +28,7 @@ from lidarplace.surrogate import (
     expected_ig,
     expected_ig_with_occlusion,
     expected_points,
+    log_miss_of_ray,
     residual_entropy,
 )
 
@@ -108,8 +108,7 @@ def evaluate_classes(
             f"surrogates takes {', '.join(RAY_SURROGATES)} (the others are always computed), "
             f"found {unknown[0]!r}"
         )
-    if method not in METHODS:
-        raise ValueError(f"method must be one of {', '.join(METHODS)}, found {method!r}")
+    check_method(method)
     _check_probability(detection_probability)
     roi = _common_roi(grids)
     if azimuth_steps is not None:
@@ -118,7 +117,7 @@ def evaluate_classes(
     h_pog = {object_class: grid.h_pog for object_class, grid in grids.items()}
 
     start = time.perf_counter()
-    ray_method: RayMethod = "bresenham" if method == "bresenham" else "dda"
+    ray_method = rays_of(method)
     needs_counts = bool(set(surrogates) - ({"expected_ig"} if occlusion else set()))
     if needs_counts:
         rays = ray_counts(placement, roi, ray_method, azimuth_stride)
@@ -138,8 +137,7 @@ def evaluate_classes(
         if "expected_points" in surrogates:
             points = expected_points(grid, crossings, weight)
         if "expected_ig" in surrogates and not occlusion:
-            log_miss_of_ray = weight * _log_miss_of_ray(detection_probability)
-            gain = expected_ig(grid, crossings, log_miss_of_ray)
+            gain = expected_ig(grid, crossings, weight * log_miss_of_ray(detection_probability))
         elif "expected_ig" in surrogates:
             log_misses = log_miss(
                 *(placement, roi, ray_method, grid.counts, grid.frames),
@@ -160,8 +158,9 @@ def evaluate_classes(
             seconds=common + time.perf_counter() - start,
         )
     if method != "cone":  # rays pass all voxels anyway
+        voxels = int(np.bitwise_count(covered).sum())
         for result in results.values():
-            vars(result)["covered_voxels"] = int(np.bitwise_count(covered).sum())
+            vars(result)["covered_voxels"] = voxels
     return results
 
 
@@ -189,7 +188,7 @@ def expected_ig_by_q(
     for object_class, grid in grids.items():
         crossings = Crossings.of_grid(grid, rays)
         gains[object_class] = {
-            q: expected_ig(grid, crossings, weight * _log_miss_of_ray(q))
+            q: expected_ig(grid, crossings, weight * log_miss_of_ray(q))
             for q in detection_probabilities
         }
     return pd.DataFrame.from_dict(gains, orient="index")
@@ -205,7 +204,3 @@ def _common_roi(grids: Mapping[str, OccupancyGrid]) -> Roi:
 def _check_probability(q: float) -> None:
     if not 0 < q <= 1:
         raise ValueError(f"detection_probability must be within (0, 1], found {q}")
-
-
-def _log_miss_of_ray(q: float) -> float:
-    return math.log1p(-q) if q < 1 else -math.inf

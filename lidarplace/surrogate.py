@@ -158,7 +158,12 @@ def expected_points(grid: OccupancyGrid, crossings: Crossings, ray_weight: float
     return meetings * ray_weight / grid.frames
 
 
-def expected_ig(grid: OccupancyGrid, crossings: Crossings, log_miss_of_ray: float) -> float:
+def log_miss_of_ray(q: float) -> float:
+    """`ln(1 - q)`, for a ray that detects what it crosses with probability q; -inf for q = 1."""
+    return math.log1p(-q) if q < 1 else -math.inf
+
+
+def expected_ig(grid: OccupancyGrid, crossings: Crossings, log_miss: float) -> float:
     """Mutual information, in nats, between occupancy and a sensor that can miss.
 
     With `d = 1 - (1 - q)^m` the probability that an object in v is detected, no false alarms:
@@ -166,11 +171,11 @@ def expected_ig(grid: OccupancyGrid, crossings: Crossings, log_miss_of_ray: floa
     nothing is detected, p (1 - d) / (1 - p d) is left of p.
 
     Args:
-        log_miss_of_ray: `ln(1 - q)`, times the rays that stand behind each one traced.
+        log_miss: `log_miss_of_ray(q)`, times the rays that stand behind each one traced.
     """
     p = crossings.counts / grid.frames
     rest = (grid.frames - crossings.counts) / grid.frames
-    gain = information(p, rest, crossings.rays * log_miss_of_ray)
+    gain = information(p, rest, crossings.rays * log_miss)
     return float(np.sum(crossings.voxels * gain))
 
 

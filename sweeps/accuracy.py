@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,7 +15,8 @@ from rich.table import Table
 
 from lidarplace import PAPER_PLACEMENTS, Placement, Roi
 from lidarplace.accuracy import accuracy
-from lidarplace.boxes import CLASSES, check_boxes, read_box_log
+from lidarplace.boxes import CLASSES, check_boxes, frame_keys, read_box_log
+from lidarplace.files import replacing
 from lidarplace.surrogate import RAY_SURROGATES
 from sweeps.grid import ConfigError, read_sweep
 from sweeps.store import write_text
@@ -92,7 +92,7 @@ def _read(path: Path, frames: int | None) -> tuple[pd.DataFrame, pd.DataFrame]:
     check_boxes(boxes, str(path))
     if frames is None:
         raise ValueError(f"{path}: boxes alone do not tell the number of frames; name --frames T")
-    keys = [key for key in ("scene", "frame") if key in boxes]
+    keys = frame_keys(boxes)
     table = boxes[keys].drop_duplicates()
     if len(table) > frames:
         raise ValueError(f"--frames {frames}: {path} has boxes of {len(table)} frames")
@@ -157,10 +157,8 @@ def _report(result: pd.DataFrame, out: Path) -> None:
         console.print(table)
     out.parent.mkdir(parents=True, exist_ok=True)
     for suffix, write in ((".parquet", errors.to_parquet), (".csv", errors.to_csv)):
-        target = out.with_name(out.name + suffix)
-        partial = target.with_name(f".{target.name}.{os.getpid()}.part")
-        write(partial, index=False)
-        partial.replace(target)
+        with replacing(out.with_name(out.name + suffix)) as partial:
+            write(partial, index=False)
     figures = [
         accuracy_figure(own, f"Error against run time · {name}")
         .update_layout(template=theme(False))

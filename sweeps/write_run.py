@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple
@@ -16,6 +15,7 @@ import pandas as pd
 import yaml
 
 from lidarplace.boxes import GEOMETRY
+from lidarplace.files import replacing
 from sweeps.grid import GridPoint, Sweep
 from sweeps.plan import Plan, Trial, further_axes
 from sweeps.store import Store, Value, write_text
@@ -68,7 +68,8 @@ def write_run(
         ("tasks", _tasks_table(plan.tasks, store, cached)),
     ):
         # Points of the grid share tasks: what they report together stands there once.
-        _replace(folder / f"{name}.parquet", table.drop_duplicates(ignore_index=True))
+        with replacing(folder / f"{name}.parquet") as partial:
+            table.drop_duplicates(ignore_index=True).to_parquet(partial, index=False)
     frames = {"train": 0, "test": 0}
     if good:
         frames |= store.load(good[0].scene)["frames"]["split"].value_counts().to_dict()
@@ -225,13 +226,6 @@ def _about(sweep: Sweep, frames: Mapping[str, int], command: str, seconds: float
     }
 
 
-def _replace(path: Path, table: pd.DataFrame) -> None:
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
-    table.to_parquet(partial, index=False)
-    partial.replace(path)
-
-
 def _save_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part.npz")
-    np.savez_compressed(partial, **arrays)  # type: ignore[arg-type]
-    partial.replace(path)
+    with replacing(path) as partial, partial.open("wb") as file:
+        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]

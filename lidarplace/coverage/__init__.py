@@ -9,13 +9,24 @@ from numpy.typing import NDArray
 
 from lidarplace.coverage.bits import Bits, pack, unpack
 from lidarplace.coverage.cone import cone_bits
-from lidarplace.coverage.rays import covered_by_rays
+from lidarplace.coverage.rays import RayMethod, covered_by_rays
 from lidarplace.coverage.tiles import Tiles
 from lidarplace.placement import Placement
 from lidarplace.roi import Roi
 
 Method = Literal["cone", "dda", "bresenham"]
 METHODS: tuple[Method, ...] = get_args(Method)
+
+
+def check_method(method: str) -> None:
+    """Raise ValueError unless `method` is one of METHODS."""
+    if method not in METHODS:
+        raise ValueError(f"method must be one of {', '.join(METHODS)}, found {method!r}")
+
+
+def rays_of(method: Method) -> RayMethod:
+    """How rays are traced for surrogates that need single rays: cones have none, so by `dda`."""
+    return "bresenham" if method == "bresenham" else "dda"
 
 
 def coverage(placement: Placement, roi: Roi, method: Method = "cone") -> NDArray[np.bool_]:
@@ -33,8 +44,7 @@ def coverage(placement: Placement, roi: Roi, method: Method = "cone") -> NDArray
 
 def covered_bits(placement: Placement, roi: Roi, method: Method, tiles: Tiles) -> Bits:
     """Covered voxels as a set of bits, right for the voxels that matter by `tiles`."""
-    if method not in METHODS:
-        raise ValueError(f"method must be one of {', '.join(METHODS)}, found {method!r}")
+    check_method(method)
     if method == "cone":
         return cone_bits(placement, roi, tiles)
     return pack(covered_by_rays(placement, roi, method))

@@ -6,31 +6,6 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
-
-from lidarplace.coverage.clip import clip_rays
-
-
-def bresenham_voxels(
-    origin: NDArray[np.float64],
-    directions: NDArray[np.float64],
-    reach: float,
-    minimum: NDArray[np.float64],
-    resolution: float,
-    nx: int,
-    ny: int,
-    nz: int,
-) -> tuple[NDArray[np.uint64], NDArray[np.int64]]:
-    """Voxels of the 3D Bresenham lines along rays; arguments and result as in `dda_voxels`."""
-    shape, strides = np.array([nx, ny, nz]), np.array([ny * nz, nz, 1])
-    spans = clip_rays(origin, directions, reach, minimum, resolution, shape)
-    voxels = np.empty(len(directions) * (nx + ny + nz), np.uint64)
-    offsets = np.zeros(len(directions) + 1, np.int64)
-    walk_bresenham(
-        *(origin, directions, spans, reach, 0),
-        *(minimum, resolution, shape, strides, voxels, offsets),
-    )
-    return voxels[: offsets[-1]], offsets
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

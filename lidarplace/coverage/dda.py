@@ -12,42 +12,6 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
-
-from lidarplace.coverage.clip import clip_rays
-
-
-def dda_voxels(
-    origin: NDArray[np.float64],
-    directions: NDArray[np.float64],
-    reach: float,
-    minimum: NDArray[np.float64],
-    resolution: float,
-    nx: int,
-    ny: int,
-    nz: int,
-) -> tuple[NDArray[np.uint64], NDArray[np.int64]]:
-    """Voxels that rays pass, in the order in which they pass them.
-
-    Args:
-        origin: start of all rays, ego frame, shape (3,), metres; may lie outside the grid.
-        directions: unit vectors, ego frame, shape (rays, 3).
-        reach: length of the rays, metres.
-        minimum, resolution, nx, ny, nz: the grid.
-
-    Returns:
-        (voxels, offsets): flat C-order indices, uint64; those of ray r are
-        `voxels[offsets[r]:offsets[r + 1]]`.
-    """
-    shape, strides = np.array([nx, ny, nz]), np.array([ny * nz, nz, 1])
-    spans = clip_rays(origin, directions, reach, minimum, resolution, shape)
-    voxels = np.empty(len(directions) * (nx + ny + nz), np.uint64)
-    offsets = np.zeros(len(directions) + 1, np.int64)
-    walk_dda(
-        *(origin, directions, spans, reach, 0),
-        *(minimum, resolution, shape, strides, voxels, offsets),
-    )
-    return voxels[: offsets[-1]], offsets
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

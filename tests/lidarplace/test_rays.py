@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from single_rays import voxels_of_rays
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement, Roi
 from lidarplace.coverage import rays
-from lidarplace.coverage.bresenham import bresenham_voxels
-from lidarplace.coverage.dda import dda_voxels
 from lidarplace.coverage.rays import (
     covered_by_rays,
     log_miss,
@@ -36,10 +35,10 @@ directions = st.tuples(component, component, component).filter(any)
 reaches = st.one_of(st.just(math.inf), st.integers(1, 40).map(lambda n: n / 8))
 
 
-def walk(voxels_of, origin, direction, reach, minimum=CORNER, edge=EDGE, shape=SHAPE):
+def walk(method, origin, direction, reach, minimum=CORNER, edge=EDGE, shape=SHAPE):
     """Cells of one ray as tuples."""
-    found, offsets = voxels_of(
-        *(np.array(origin), np.array([direction]), reach, np.array(minimum), edge, *shape)
+    found, offsets = voxels_of_rays(
+        *(method, np.array(origin), np.array([direction]), reach, np.array(minimum), edge, shape)
     )
     assert offsets.tolist() == [0, len(found)]
     return [tuple(int(c) for c in np.unravel_index(int(v), shape)) for v in found]
@@ -79,21 +78,21 @@ def half_open_cubes_on_the_ray(origin, direction, reach):
 @example((-0.5, 0.0, 0.5), (1.0, -1.0, -1.0), math.inf)  # touches the grid at an edge
 @settings(max_examples=600, deadline=None)
 def test_dda_lists_the_half_open_cubes_with_a_point_of_the_ray(origin, direction, reach):
-    assert walk(dda_voxels, origin, direction, reach) == half_open_cubes_on_the_ray(
+    assert walk("dda", origin, direction, reach) == half_open_cubes_on_the_ray(
         origin, direction, reach
     )
 
 
 def test_voxels_are_half_open():
     """A face belongs to the voxel above it; a corner is passed from voxel to voxel."""
-    along_a_face = walk(dda_voxels, (0.25, 0.0, 1.0), (1.0, 0.0, 0.0), 0.5)
+    along_a_face = walk("dda", (0.25, 0.0, 1.0), (1.0, 0.0, 0.0), 0.5)
     assert along_a_face == [(0, 2, 1), (1, 2, 1)]
-    along_the_top = walk(dda_voxels, (0.25, 0.0, 2.0), (1.0, 0.0, 0.0), 9.0)
+    along_the_top = walk("dda", (0.25, 0.0, 2.0), (1.0, 0.0, 0.0), 9.0)
     assert along_the_top == []
-    same_sign = walk(dda_voxels, (0.0, -1.0, 0.75), (1.0, 1.0, 0.0), 9.0)
+    same_sign = walk("dda", (0.0, -1.0, 0.75), (1.0, 1.0, 0.0), 9.0)
     assert same_sign == [(0, 0, 0), (1, 1, 0), (2, 2, 0)]
     # Where x grows and y falls the corner itself belongs to the voxel with both larger.
-    opposite = walk(dda_voxels, (0.25, -0.25, 0.75), (1.0, -1.0, 0.0), 0.5)
+    opposite = walk("dda", (0.25, -0.25, 0.75), (1.0, -1.0, 0.0), 0.5)
     assert opposite == [(0, 1, 0), (1, 1, 0), (1, 0, 0)]
 
 
@@ -120,7 +119,7 @@ def chords(o, d, reach, grow):
 def test_dda_along_any_ray(origin, direction, reach):
     """Cubes shrunk by a hair that the ray meets are listed, and only cubes grown by a hair."""
     o, d = np.array(origin), np.array(direction) / np.linalg.norm(direction)
-    cells = walk(dda_voxels, o, d, reach, ROI.minimum, ROI.resolution, ROI.shape)
+    cells = walk("dda", o, d, reach, ROI.minimum, ROI.resolution, ROI.shape)
     listed = np.zeros(ROI.shape, bool)
     listed[tuple(np.array(cells, int).reshape(-1, 3).T)] = True
     assert len(cells) == np.count_nonzero(listed)
@@ -135,10 +134,10 @@ def test_dda_along_any_ray(origin, direction, reach):
 def test_errors_do_not_grow_along_the_ray():
     """10,000 voxels of an edge that has no exact binary form, against rational numbers."""
     n, edge, slope = 10**4, 0.1, Fraction(1, 3)
-    flat = walk(dda_voxels, (0.05, 0.05, 1e-12), (1.0, 0, 0), 1e9, (0, 0, 0), edge, (n, 1, 1))
+    flat = walk("dda", (0.05, 0.05, 1e-12), (1.0, 0, 0), 1e9, (0, 0, 0), edge, (n, 1, 1))
     assert flat == [(i, 0, 0) for i in range(n)]
     ray = np.array([3.0, 1.0, 0.0]) / math.sqrt(10)
-    cells = walk(dda_voxels, (0.05, 0.06, 0.05), ray, 1e9, (0, 0, 0), edge, (n, n, 1))
+    cells = walk("dda", (0.05, 0.06, 0.05), ray, 1e9, (0, 0, 0), edge, (n, n, 1))
     # At the middle of every slab of x, which lies a tenth of a voxel or more away from faces.
     middles = [(i, math.floor(Fraction(6, 10) + i * slope), 0) for i in range(n)]
     assert set(middles) <= set(cells)
@@ -147,7 +146,7 @@ def test_errors_do_not_grow_along_the_ray():
 
 def test_a_voxel_is_reached_when_it_begins_before_the_end_of_the_range():
     for reach, last in ((0.75, 1), (np.nextafter(0.75, 1), 2), (0.25, 0)):
-        cells = walk(dda_voxels, (0.25, 0.25, 0.75), (1.0, 0.0, 0.0), reach)
+        cells = walk("dda", (0.25, 0.25, 0.75), (1.0, 0.0, 0.0), reach)
         assert cells == [(i, 2, 0) for i in range(last + 1)]
 
 
@@ -166,7 +165,7 @@ def textbook_line(start, end):
 @settings(max_examples=200, deadline=None)
 def test_bresenham_is_the_textbooks(origin, direction):
     d = np.array(direction) / np.linalg.norm(direction)
-    cells = walk(bresenham_voxels, origin, d, 100.0, ROI.minimum, ROI.resolution, ROI.shape)
+    cells = walk("bresenham", origin, d, 100.0, ROI.minimum, ROI.resolution, ROI.shape)
     start = tuple(np.floor((np.array(origin) - ROI.minimum) / ROI.resolution).astype(int).tolist())
     assert cells[0] == start
     assert cells == list(textbook_line(start, cells[-1]))
@@ -177,21 +176,19 @@ def test_bresenham_is_the_textbooks(origin, direction):
 def test_bresenham_ends_with_the_range():
     for reach, last in ((0.5, 3), (0.8, 4)):
         cells = walk(
-            *(bresenham_voxels, (0.3, 0.1, 0.6), (1.0, 0.0, 0.0), reach),
+            *("bresenham", (0.3, 0.1, 0.6), (1.0, 0.0, 0.0), reach),
             *(ROI.minimum, ROI.resolution, ROI.shape),
         )
         assert cells == [(i, 6, 2) for i in range(1, last + 1)]
 
 
-@pytest.mark.parametrize(
-    ("method", "voxels_of"), [("dda", dda_voxels), ("bresenham", bresenham_voxels)]
-)
-def test_counts_and_coverage_are_those_of_the_single_rays(method, voxels_of, monkeypatch):
+@pytest.mark.parametrize("method", ["dda", "bresenham"])
+def test_counts_and_coverage_are_those_of_the_single_rays(method, monkeypatch):
     expected = np.zeros(ROI.shape, np.int32)
     for mount in RIG.mounts:
-        found, _ = voxels_of(
-            *(mount.position, LIDAR.directions() @ mount.rotation.T, LIDAR.range),
-            *(ROI.minimum, ROI.resolution, *ROI.shape),
+        found, _ = voxels_of_rays(
+            *(method, mount.position, LIDAR.directions() @ mount.rotation.T, LIDAR.range),
+            *(ROI.minimum, ROI.resolution, ROI.shape),
         )
         np.add.at(expected.reshape(-1), found.astype(np.int64), 1)
     for chunk in (2**16, 64):
@@ -237,7 +234,7 @@ def test_log_miss_against_a_plain_loop_over_rays(counts):
         for direction in thin.lidar.directions() @ mount.rotation.T:
             reach = 1.0
             for cell in walk(
-                *(dda_voxels, mount.position, direction, 100.0),
+                *("dda", mount.position, direction, 100.0),
                 *(ROI.minimum, ROI.resolution, ROI.shape),
             ):
                 if counts[cell] > 0:

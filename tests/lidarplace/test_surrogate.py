@@ -6,6 +6,7 @@ import mpmath
 import numpy as np
 import pandas as pd
 import pytest
+from single_rays import voxels_of_rays
 
 from lidarplace import (
     PAPER_PLACEMENTS,
@@ -17,7 +18,6 @@ from lidarplace import (
     evaluate,
     evaluate_classes,
 )
-from lidarplace.coverage.dda import dda_voxels
 from lidarplace.coverage.rays import log_miss, ray_counts
 from lidarplace.surrogate import information
 
@@ -95,8 +95,9 @@ def test_occlusion_against_a_plain_loop_over_rays(grid):
     placement = PAPER_PLACEMENTS["pyramid_pitch"].with_lidar(single)
     for mount in placement.mounts:
         for direction in single.directions() @ mount.rotation.T:
-            voxels, _ = dda_voxels(
-                mount.position, direction[None], 100.0, ROI.minimum, ROI.resolution, *ROI.shape
+            voxels, _ = voxels_of_rays(
+                *("dda", mount.position, direction[None], 100.0),
+                *(ROI.minimum, ROI.resolution, ROI.shape),
             )
             reach = 1.0
             for v in voxels:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import pandas as pd
 import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 
+from lidarplace.files import replacing
 from tracking.accuracy import relative_errors, summarise
 from tracking.correlation import correlate, with_sums
 from tracking.figures.accuracy import accuracy_figure
@@ -103,9 +103,8 @@ def build_report(run: Path) -> Path:
         as_json=_as_json,
     )
     target = folder.path / "report.html"
-    partial = target.with_suffix(f".{os.getpid()}.part")
-    partial.write_text(page, encoding="utf-8")
-    partial.replace(target)
+    with replacing(target) as partial:
+        partial.write_text(page, encoding="utf-8")
     return target
 
 
