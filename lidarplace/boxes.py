@@ -1,17 +1,14 @@
 """The box log: which objects were around the vehicle in every frame.
 
-Two tables in the ego frame, metres and radians. `boxes` has one row a box; `frames` lists every
-frame, so that frames without a box count too. `frame` is unique within a log.
+Columns of its tables, and checks of boxes; metres and radians. `boxes` has one row a box, in the
+ego frame; `frames` lists every frame, so that frames without a box count too. `frame` is unique
+within a log. `lidarplace.box_log` holds the tables together.
 """
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
-
-from lidarplace.files import replacing
 
 CLASSES = ("Car", "Cyclist", "Pedestrian")
 """Object classes. Cyclist is the paper's *Van and Cyclist*: bicycles, motorcycles, box trucks."""
@@ -21,6 +18,10 @@ GEOMETRY = ("x", "y", "z", "length", "width", "height", "yaw")
 
 BOX_COLUMNS = ("scene", "frame", "timestamp_s", "object_id", "class", *GEOMETRY)
 FRAME_COLUMNS = ("scene", "frame", "timestamp_s", "route", "split")
+POSE_COLUMNS = ("ego_x", "ego_y", "ego_yaw")
+"""Where the vehicle was in the world frame of its scene; a log may lack them."""
+BUILDING_COLUMNS = ("scene", *GEOMETRY)
+"""A building: a box in the world frame of its scene."""
 
 
 def check_boxes(boxes: pd.DataFrame, source: str = "box log") -> None:
@@ -72,25 +73,3 @@ def frame_keys(*tables: pd.DataFrame) -> list[str]:
     """Columns that name a frame in all of `tables`: `scene`, where they have it, and `frame`."""
     scene = all("scene" in table.columns for table in tables)
     return ["scene", "frame"] if scene else ["frame"]
-
-
-def write_box_log(folder: Path, boxes: pd.DataFrame, frames: pd.DataFrame) -> None:
-    """Write `boxes.parquet` and `frames.parquet` into `folder`, each renamed into place."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, table, columns in (
-        ("boxes", boxes, BOX_COLUMNS),
-        ("frames", frames, FRAME_COLUMNS),
-    ):
-        with replacing(folder / f"{name}.parquet") as partial:
-            table[list(columns)].to_parquet(partial, index=False)
-
-
-def read_box_log(folder: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Read what `write_box_log` wrote. Raises ValueError if a column is missing or a box is bad."""
-    boxes = pd.read_parquet(folder / "boxes.parquet")
-    frames = pd.read_parquet(folder / "frames.parquet")
-    check_boxes(boxes, str(folder / "boxes.parquet"))
-    missing = [name for name in FRAME_COLUMNS if name not in frames.columns]
-    if missing:
-        raise ValueError(f"{folder / 'frames.parquet'}: no column {', '.join(missing)}")
-    return boxes, frames

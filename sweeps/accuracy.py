@@ -15,7 +15,8 @@ from rich.table import Table
 
 from lidarplace import PAPER_PLACEMENTS, Placement, Roi
 from lidarplace.accuracy import accuracy
-from lidarplace.boxes import CLASSES, check_boxes, frame_keys, read_box_log
+from lidarplace.box_log import read_box_log
+from lidarplace.boxes import CLASSES, check_boxes, frame_keys
 from lidarplace.files import replacing
 from lidarplace.surrogate import RAY_SURROGATES
 from sweeps.grid import ConfigError, read_sweep
@@ -83,7 +84,8 @@ def _read(path: Path, frames: int | None) -> tuple[pd.DataFrame, pd.DataFrame]:
         raise ValueError(f"{path}: no such file or folder")
     try:
         if path.is_dir():
-            return read_box_log(path)
+            log = read_box_log(path)
+            return log.boxes, log.frames
         boxes = pd.read_csv(path) if path.suffix == ".csv" else pd.read_parquet(path)
     except OSError as error:
         raise ValueError(f"{path}: cannot be read: {error.strerror}") from None

@@ -38,8 +38,8 @@ def scene(params: Params) -> Value:
     from lidarplace.scenes.settings import SumoScene
     from lidarplace.scenes.sumo import record  # needs SUMO
 
-    boxes, frames = record(SumoScene.model_validate(params))
-    return {"boxes": boxes, "frames": frames}
+    log = record(SumoScene.model_validate(params))
+    return {"boxes": log.boxes, "frames": log.frames, "buildings": log.buildings}
 
 
 def ground_truth(params: Params, log: Value) -> Value:

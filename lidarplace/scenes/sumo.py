@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.box_log import BoxLog
 from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS
 from lidarplace.scenes.overlap import overlaps
 from lidarplace.scenes.settings import TEST_EVERY, SumoScene
@@ -21,7 +22,7 @@ KEEP_M = 60.0
 and half a truck and what stands before it still counts."""
 
 
-def record(scene: SumoScene) -> tuple[pd.DataFrame, pd.DataFrame]:
+def record(scene: SumoScene) -> BoxLog:
     """Simulate the towns of `scene` and log what surrounds its egos.
 
     Returns the box log: `boxes` with the columns `BOX_COLUMNS`, `frames` with `FRAME_COLUMNS`, in
@@ -61,7 +62,7 @@ def record(scene: SumoScene) -> tuple[pd.DataFrame, pd.DataFrame]:
                 )
             )
             boxes.append(boxes_around(traffic, pairs, ego, scene.name, part, first))
-    return (
+    return BoxLog(
         pd.concat(boxes, ignore_index=True)[list(BOX_COLUMNS)],
         pd.concat(frames, ignore_index=True)[list(FRAME_COLUMNS)],
     )

@@ -1,7 +1,7 @@
 import pandas as pd
 import pytest
 
-from lidarplace.boxes import BOX_COLUMNS, check_boxes, frame_ids, read_box_log, write_box_log
+from lidarplace.boxes import BOX_COLUMNS, check_boxes, frame_ids
 
 BOXES = pd.DataFrame(
     [
@@ -11,17 +11,6 @@ BOXES = pd.DataFrame(
     ],
     columns=BOX_COLUMNS,
 )
-FRAMES = pd.DataFrame(
-    {"scene": "town", "frame": [3, 4, 5], "timestamp_s": 0.0, "route": 0, "split": "train"}
-)
-
-
-def test_round_trip(tmp_path):
-    write_box_log(tmp_path, BOXES, FRAMES)
-    boxes, frames = read_box_log(tmp_path)
-    pd.testing.assert_frame_equal(boxes, BOXES, check_dtype=False)
-    pd.testing.assert_frame_equal(frames[list(FRAMES)], FRAMES, check_dtype=False)
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["boxes.parquet", "frames.parquet"]
 
 
 def test_frames_are_numbered_by_scene_and_frame():

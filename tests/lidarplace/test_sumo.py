@@ -12,7 +12,8 @@ import pandas as pd
 import pytest
 from pydantic import ValidationError
 
-from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS, check_boxes, write_box_log
+from lidarplace.box_log import BoxLog, write_box_log
+from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS, check_boxes
 from lidarplace.lidar.raycast import OWN_BODY
 from lidarplace.scenes.overlap import rectangles_meet
 from lidarplace.scenes.settings import SumoScene
@@ -43,7 +44,7 @@ TINY = SumoScene(
 
 
 @pytest.fixture(scope="module")
-def log() -> tuple[pd.DataFrame, pd.DataFrame]:
+def log() -> BoxLog:
     return record(TINY)
 
 
@@ -55,15 +56,15 @@ def digest(folder: Path) -> list[str]:
 
 
 def test_same_bytes_again_in_this_and_in_other_processes(log, tmp_path):
-    write_box_log(tmp_path / "first", *log)
-    write_box_log(tmp_path / "second", *record(TINY))
+    write_box_log(tmp_path / "first", log)
+    write_box_log(tmp_path / "second", record(TINY))
     script = (
         "import sys; from pathlib import Path\n"
-        "from lidarplace.boxes import write_box_log\n"
+        "from lidarplace.box_log import write_box_log\n"
         "from lidarplace.scenes.settings import SumoScene\n"
         "from lidarplace.scenes.sumo import record\n"
         "scene = SumoScene.model_validate_json(sys.argv[1])\n"
-        "write_box_log(Path(sys.argv[2]), *record(scene))\n"
+        "write_box_log(Path(sys.argv[2]), record(scene))\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", script, TINY.model_dump_json(), str(tmp_path / "third")],
@@ -76,13 +77,15 @@ def test_same_bytes_again_in_this_and_in_other_processes(log, tmp_path):
 
 
 def test_another_seed_gives_another_log(log):
-    boxes, _ = record(TINY.model_copy(update={"seed": 4, "frames_per_route": 1, "test_routes": 0}))
-    first = log[0][log[0]["frame"] == 0]
+    boxes = record(
+        TINY.model_copy(update={"seed": 4, "frames_per_route": 1, "test_routes": 0})
+    ).boxes
+    first = log.boxes[log.boxes["frame"] == 0]
     assert not np.isin(boxes["x"], first["x"]).any()
 
 
 def test_schema(log):
-    boxes, frames = log
+    boxes, frames = log.boxes, log.frames
     assert tuple(boxes.columns) == BOX_COLUMNS
     assert tuple(frames.columns) == FRAME_COLUMNS
     check_boxes(boxes)
@@ -97,7 +100,7 @@ def test_schema(log):
 
 
 def test_train_and_test_share_no_route_and_no_object(log):
-    boxes, frames = log
+    boxes, frames = log.boxes, log.frames
     assert frames.groupby("route")["split"].nunique().eq(1).all()
     assert frames.groupby("split")["route"].unique().map(list).to_dict() == {
         "train": [0, 1, 2],
@@ -109,20 +112,21 @@ def test_train_and_test_share_no_route_and_no_object(log):
 
 
 def test_papers_split_calls_every_tenth_frame_test(log):
-    boxes, frames = record(TINY.model_copy(update={"split": "paper"}))
-    pd.testing.assert_frame_equal(boxes, log[0])
+    paper = record(TINY.model_copy(update={"split": "paper"}))
+    pd.testing.assert_frame_equal(paper.boxes, log.boxes)
+    frames = paper.frames
     assert frames.loc[frames["split"] == "test", "frame"].tolist() == [9, 19, 29, 39, 49]
 
 
 def test_boxes_are_near_and_on_the_ground(log):
-    boxes, _ = log
+    boxes = log.boxes
     assert np.hypot(boxes["x"], boxes["y"]).max() <= KEEP_M
     np.testing.assert_array_equal(boxes["z"], boxes["height"] / 2)
     assert boxes["yaw"].between(-math.pi, math.pi, inclusive="right").all()
 
 
 def test_classes_and_sizes(log):
-    boxes, _ = log
+    boxes = log.boxes
     kind = boxes["object_id"].str.extract(r"-([a-z]+)\d")[0]
     for k in (CAR, BOX_TRUCK, MOTORCYCLE, BICYCLE, PEDESTRIAN):
         rows = boxes[kind == k.name]
@@ -138,7 +142,7 @@ def test_classes_and_sizes(log):
 
 
 def test_no_two_boxes_overlap_and_none_the_ego(log):
-    boxes, _ = log
+    boxes = log.boxes
     pairs = 0
     own = np.array([[0.0, 0.0, 0.0]]), np.array([OWN_BODY[3:5]]) / 2
     for _, frame in boxes.groupby("frame"):

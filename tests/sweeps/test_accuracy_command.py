@@ -8,7 +8,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from lidarplace.boxes import write_box_log
+from lidarplace.box_log import BoxLog, write_box_log
 from sweeps.accuracy import app
 
 FRAMES = 12
@@ -40,7 +40,7 @@ def box_log():
 @pytest.fixture
 def files(tmp_path):
     boxes, frames = box_log()
-    write_box_log(tmp_path / "log", boxes, frames)
+    write_box_log(tmp_path / "log", BoxLog(boxes, frames))
     boxes.to_csv(tmp_path / "boxes.csv", index=False)
     config = {
         "scene": {"density": 10},
