@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pandas as pd
+import pyarrow as pa
 
 from lidarplace.boxes import (
     BOX_COLUMNS,
@@ -80,12 +81,12 @@ def read_box_log(folder: Path) -> BoxLog:
     """Read what `write_box_log` wrote; `buildings.parquet` may be missing.
 
     Raises:
-        OSError: a table cannot be read.
-        ValueError: a column is missing, a box is bad, or a box is in no frame of `frames`.
+        ValueError: a table cannot be read or lacks a column, a box is bad, or a box is in no frame
+            of `frames`.
     """
-    boxes = pd.read_parquet(folder / "boxes.parquet")
+    boxes = _table(folder / "boxes.parquet", BOX_COLUMNS)
     check_boxes(boxes, str(folder / "boxes.parquet"))
-    frames = _table(folder / "frames.parquet", FRAME_COLUMNS)
+    frames = read_frames(folder)
     unlisted = ~boxes["frame"].isin(frames["frame"]).to_numpy()
     if unlisted.any():
         row = int(unlisted.argmax())
@@ -105,8 +106,18 @@ def read_box_log(folder: Path) -> BoxLog:
     return BoxLog(boxes, frames, buildings)
 
 
+def read_frames(folder: Path) -> pd.DataFrame:
+    """The table of frames alone. Raises ValueError as `read_box_log` does."""
+    return _table(folder / "frames.parquet", FRAME_COLUMNS)
+
+
 def _table(path: Path, columns: Sequence[str]) -> pd.DataFrame:
-    table = pd.read_parquet(path)
+    try:
+        table = pd.read_parquet(path)
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read: {error.strerror or 'no such file'}") from None
+    except pa.ArrowInvalid as error:
+        raise ValueError(f"{path}: is no Parquet file: {str(error).splitlines()[0]}") from None
     missing = [name for name in columns if name not in table.columns]
     if missing:
         raise ValueError(f"{path}: no column {', '.join(missing)}; found {list(table.columns)}")

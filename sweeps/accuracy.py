@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated
 
 import pandas as pd
 import pyarrow as pa
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from lidarplace import PAPER_PLACEMENTS, Placement, Roi
 from lidarplace.accuracy import accuracy
 from lidarplace.box_log import read_box_log
 from lidarplace.boxes import CLASSES, check_boxes, frame_keys
+from lidarplace.command_line import output, wrong
 from lidarplace.files import replacing
 from lidarplace.surrogate import RAY_SURROGATES
 from sweeps.grid import ConfigError, read_sweep
@@ -69,13 +68,8 @@ def run(
             frames_share or (0.5, 0.25),
         )
     except (ConfigError, ValueError) as error:
-        _wrong(str(error))
+        wrong(error)
     _report(result, out)
-
-
-def _wrong(message: str) -> NoReturn:
-    print(message, file=sys.stderr)
-    raise typer.Exit(2)
 
 
 def _read(path: Path, frames: int | None) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -136,7 +130,7 @@ def _report(result: pd.DataFrame, out: Path) -> None:
 
     errors = relative_errors(result)
     summary = summarise(errors)
-    console = Console(width=None if sys.stdout.isatty() else 120)
+    console = output()
     # The others have the errors of these, or none that depends on the placement.
     shown = summary[summary["surrogate"].isin(["s_mig", "ig", "m_sog", *RAY_SURROGATES])]
     for object_class, own in shown.groupby("class", sort=False):

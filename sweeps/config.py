@@ -11,16 +11,20 @@ from pydantic import (
     BaseModel,
     BeforeValidator,
     ConfigDict,
+    Discriminator,
     Field,
+    Tag,
     field_validator,
     model_validator,
 )
 
 from lidarplace.boxes import CLASSES
 from lidarplace.coverage import Method
+from lidarplace.lidar.profiles import PROFILES
 from lidarplace.placement import PAPER_PLACEMENTS, Mount, Placement
 from lidarplace.pose import from_carla
 from lidarplace.roi import Roi
+from lidarplace.scenes.recorded import LogScene
 from lidarplace.scenes.settings import SumoScene
 from lidarplace.sensor import Lidar
 from training import DETECTORS
@@ -78,6 +82,30 @@ class LidarSettings(_Settings):
         description="horizontal field of view [min, max] in the sensor's frame, degrees; 0 is its "
         "x axis, growing to the left, and the interval may cross 180",
     )
+
+    profile: Literal[tuple(PROFILES)] = Field(  # type: ignore[valid-type]
+        "paper",
+        description="paper: the text of the paper; released-code: what its published collection "
+        "code does: 250 azimuth steps and the two quirks below. Keys given beside it win.",
+    )
+    tilt_in_degrees: bool = Field(
+        False, description="quirk: clouds are collected with roll and pitch taken for degrees"
+    )
+    misaligned_heights: bool = Field(
+        False, description="quirk: clouds are merged without regard to the height of each sensor"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_from_profile(cls, data: Any) -> Any:
+        if not isinstance(data, dict) or data.get("profile") not in PROFILES:
+            return data
+        profile = PROFILES[data["profile"]]
+        return {
+            "azimuth_steps": profile.lidar.azimuth_steps,
+            "tilt_in_degrees": profile.tilt_in_degrees,
+            "misaligned_heights": profile.misaligned_heights,
+        } | data
 
     @field_validator("azimuth_deg")
     @classmethod
@@ -151,13 +179,33 @@ class SurrogateSettings(_Settings):
     occlusion: bool = Field(False, description="expected_ig with rays weakened on their way")
 
 
+def _source(scene: Any) -> str:
+    """Which kind of scene a configuration means; traffic is simulated unless it says else."""
+    if isinstance(scene, dict):
+        return str(scene.get("source", "sumo"))
+    return str(getattr(scene, "source", "sumo"))
+
+
+SCENES: dict[str, type[BaseModel]] = {"sumo": SumoScene, "log": LogScene}
+"""Kinds of scenes by `source`."""
+
+SceneSettings = Annotated[
+    Annotated[SumoScene, Tag("sumo")] | Annotated[LogScene, Tag("log")],
+    Discriminator(
+        _source,
+        custom_error_type="scene_source",
+        custom_error_message=f"source is none of {', '.join(SCENES)}",
+    ),
+]
+
+
 class Point(_Settings):
     """One point of the grid: what is trained and evaluated once."""
 
     placement: str
     detector: Literal[DETECTORS] = "pointpillars_tiny"  # type: ignore[valid-type]
     seed: int = Field(0, ge=0)
-    scene: SumoScene = SumoScene()
+    scene: SceneSettings = SumoScene()
     roi: RoiSettings = RoiSettings()
     classes: tuple[ClassName, ...] = Field(("Car", "Cyclist", "Pedestrian"), min_length=1)
     lidar: LidarSettings = LidarSettings()
@@ -173,16 +221,10 @@ class Point(_Settings):
 
     @field_validator("scene")
     @classmethod
-    def _has_test_frames(cls, scene: SumoScene) -> SumoScene:
-        if scene.split == "route" and scene.test_routes == 0:
-            raise ValueError(
-                "test_routes is 0, so no frame is in the test split; allowed is at least 1"
-            )
-        if scene.split == "paper" and scene.frames_per_route < 10:
-            raise ValueError(
-                f"frames_per_route is {scene.frames_per_route}, so no frame is in the test split "
-                "of 'split: paper', every tenth of a route; allowed is at least 10"
-            )
+    def _has_frames_of_both_splits(cls, scene: SumoScene | LogScene) -> SumoScene | LogScene:
+        for split, count in zip(("train", "test"), scene.frame_counts(), strict=True):
+            if count == 0:
+                raise ValueError(f"no frame is in the {split} split; {_remedy(scene, split)}")
         return scene
 
     @model_validator(mode="after")
@@ -193,6 +235,17 @@ class Point(_Settings):
     def voxel_roi(self) -> Roi:
         """The ROI with its voxels."""
         return Roi(self.roi.x, self.roi.y, self.roi.z, self.surrogate.resolution)
+
+
+def _remedy(scene: SumoScene | LogScene, split: str) -> str:
+    if isinstance(scene, LogScene):
+        return f"column split of {scene.folder / 'frames.parquet'} has to name some"
+    if scene.split == "route":
+        return f"test_routes is {scene.test_routes}, allowed is at least 1"
+    return (
+        f"frames_per_route is {scene.frames_per_route}, and 'split: paper' takes every tenth frame "
+        "of a route, so allowed is at least 10"
+    )
 
 
 def _from_shorthand(value: Any) -> Any:

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 from sweeps.config import RaySettings
 from sweeps.schedule import Schedule
 from sweeps.stages import FUNCTIONS
-from sweeps.store import Store, Value
+from sweeps.store import Store
 from sweeps.task import Task
 
 # One thread a task: Ray runs as many tasks as there are CPUs.
@@ -30,17 +30,14 @@ class Listener(Protocol):
 
 
 class Backend(Protocol):
-    """Where tasks run. A handle stands for a result that may be elsewhere."""
+    """Where tasks run."""
 
     @property
     def slots(self) -> int:
         """Tasks that can run at once."""
 
-    def submit(self, task: Task, inputs: Sequence[Any]) -> tuple[Any, Any]:
-        """Start a task. Returns the result's handle and a token for `wait`."""
-
-    def load(self, task: Task) -> Any:
-        """Handle of a result that is in the store."""
+    def submit(self, task: Task) -> Any:
+        """Start a task. Returns a token for `wait`."""
 
     def wait(self, tokens: Sequence[Any]) -> tuple[Any, tuple[str, str] | None]:
         """One token whose task has ended, and (reason, traceback) if it failed."""
@@ -60,42 +57,37 @@ def execute(
         Reasons by key of the tasks that failed or could not run.
     """
     schedule = Schedule(tasks, {task.key for task in tasks if store.has(task)})
-    handles: dict[str, Any] = {}
     running: dict[Any, Task] = {}
     try:
         while True:
             while len(running) < backend.slots and (task := schedule.next()):
-                for needed in task.inputs:
-                    if needed.key not in handles:
-                        handles[needed.key] = backend.load(needed)
                 listener.started(task)
-                handle, token = backend.submit(task, [handles[t.key] for t in task.inputs])
-                handles[task.key] = handle
-                running[token] = task
+                running[backend.submit(task)] = task
             if not running:
                 return schedule.failed
             token, failure = backend.wait(list(running))
             task = running.pop(token)
             if failure is None:
-                unused = schedule.finish(task)
+                schedule.finish(task)
                 listener.finished(task)
             else:
-                fallen, unused = schedule.fail(task, failure[0])
-                for other in fallen:
-                    listener.failed(other, schedule.failed[other.key], failure[1])
-            for key in unused:
-                handles.pop(key, None)  # the last reference: frees the object store
+                for fallen in schedule.fail(task, failure[0]):
+                    listener.failed(fallen, schedule.failed[fallen.key], failure[1])
     except BaseException:
         backend.cancel(list(running))
         raise
 
 
-def run_task(task: Task, store: Store, *inputs: Value) -> Value:
-    """Compute one result and store it."""
+def run_task(task: Task, store: Store) -> None:
+    """Compute one result from those in the store, and store it.
+
+    Inputs are mapped from the store's files, not sent: workers on one machine share the pages, and
+    clouds larger than the memory can be trained on.
+    """
+    inputs = [store.load(needed) for needed in task.inputs]
     start = time.perf_counter()
     value = FUNCTIONS[task.stage](task.params, *inputs)
     store.save(task, value, time.perf_counter() - start)
-    return value
 
 
 def reason_of(error: BaseException) -> str:
@@ -111,14 +103,12 @@ class InProcess:
     store: Store
     slots: int = 1
 
-    def submit(self, task: Task, inputs: Sequence[Any]) -> tuple[Any, Any]:
+    def submit(self, task: Task) -> Any:
         try:
-            return run_task(task, self.store, *inputs), (task.key, None)
+            run_task(task, self.store)
         except Exception as error:
-            return None, (task.key, (reason_of(error), traceback.format_exc()))
-
-    def load(self, task: Task) -> Any:
-        return self.store.load(task)
+            return task.key, (reason_of(error), traceback.format_exc())
+        return task.key, None
 
     def wait(self, tokens: Sequence[Any]) -> tuple[Any, tuple[str, str] | None]:
         return tokens[0], tokens[0][1]
@@ -128,7 +118,7 @@ class InProcess:
 
 
 class OnRay:
-    """Runs tasks as Ray tasks; results travel through the object store."""
+    """Runs tasks as Ray tasks."""
 
     def __init__(self, store: Store, settings: RaySettings) -> None:
         import ray
@@ -138,20 +128,13 @@ class OnRay:
         resources = ray.cluster_resources()
         self.slots = max(1, int(resources.get("CPU", 1)))
         self._gpus = settings.gpus_per_training if resources.get("GPU", 0) else 0.0
-        # Two results: the driver fetches the short note and leaves the value where it is.
-        self._run: Any = ray.remote(num_cpus=1, num_returns=2)(_run_remotely)
-        self._fetch: Any = ray.remote(num_cpus=0)(_load_remotely)
+        self._run: Any = ray.remote(num_cpus=1)(_run_remotely)
 
-    def submit(self, task: Task, inputs: Sequence[Any]) -> tuple[Any, Any]:
+    def submit(self, task: Task) -> Any:
         run = self._run.options(
             name=f"{task.stage}: {task.label}", num_gpus=self._gpus if task.gpu else 0
         )
-        # The inputs' own inputs stay behind: a worker needs to know this task alone.
-        value, note = run.remote(task, self._store, *inputs)
-        return value, note
-
-    def load(self, task: Task) -> Any:
-        return self._fetch.remote(task, self._store)
+        return run.remote(task, self._store)
 
     def wait(self, tokens: Sequence[Any]) -> tuple[Any, tuple[str, str] | None]:
         (token,), _ = self._ray.wait(list(tokens), num_returns=1)
@@ -165,19 +148,16 @@ class OnRay:
             self._ray.cancel(token, force=True)
 
 
-def _run_remotely(task: Task, store: Store, *inputs: Value) -> tuple[Any, tuple[str, str] | None]:
+def _run_remotely(task: Task, store: Store) -> tuple[str, str] | None:
     """`run_task` in a worker. A mistake comes back as a note, not as Ray's nested traceback."""
     import torch  # imported here to set its threads before anything uses them
 
     torch.set_num_threads(1)
     try:
-        return run_task(task, store, *inputs), None
+        run_task(task, store)
     except Exception as error:
-        return None, (reason_of(error), traceback.format_exc())
-
-
-def _load_remotely(task: Task, store: Store) -> Value:
-    return store.load(task)
+        return reason_of(error), traceback.format_exc()
+    return None
 
 
 @contextmanager

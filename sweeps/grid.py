@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from sweeps.config import Common, Point, SweepFile
+from sweeps.config import SCENES, Common, Point, SweepFile
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -216,12 +216,13 @@ def _check(
         return model.model_validate(data)
     except ValidationError as error:
         first = error.errors()[0]
-        key_path = ".".join(str(part) for part in first["loc"] if isinstance(part, str))
-        index = "".join(f"[{part}]" for part in first["loc"] if isinstance(part, int))
+        loc = _without_tags(first["loc"])
+        key_path = ".".join(str(part) for part in loc if isinstance(part, str))
+        index = "".join(f"[{part}]" for part in loc if isinstance(part, int))
         key = (names or {}).get(key_path, key_path) + index
         if first["type"] == "extra_forbidden":
             parent = _model_at(model, first["loc"][:-1])
-            message = _unknown_key(str(first["loc"][-1]), parent)
+            message = _unknown_key(str(loc[-1]), parent)
         elif first["type"] == "missing":
             message = "is missing"
         else:
@@ -231,12 +232,19 @@ def _check(
         raise ConfigError(f"{path}: {key}: {message}" if key else f"{path}: {message}") from None
 
 
+def _without_tags(loc: Sequence[int | str]) -> list[int | str]:
+    """A place as the user wrote it: pydantic adds which kind of scene it is."""
+    return [p for i, p in enumerate(loc) if not (loc[i - 1 : i] == ("scene",) and p in SCENES)]
+
+
 def _model_at(model: type[BaseModel], loc: Sequence[int | str]) -> type[BaseModel]:
     """The model that a key path of `model` leads to."""
     for part in loc:
         if isinstance(part, str) and part in model.model_fields:
             found = _model_in(model.model_fields[part].annotation)
             model = found or model
+        elif part in SCENES:
+            model = SCENES[part]
     return model
 
 

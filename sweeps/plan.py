@@ -11,9 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from lidarplace import Roi
+from lidarplace import Placement, Roi
+from lidarplace.lidar.clouds import Crop
+from lidarplace.lidar.profiles import with_tilt_in_degrees
+from lidarplace.lidar.recorded import clouds_digest
+from lidarplace.scenes.recorded import LogScene
 from sweeps.config import Point
 from sweeps.grid import ConfigError, GridPoint, Sweep
+from sweeps.scene_tasks import scene_name, scene_parts
 from sweeps.task import Task
 
 GROUND_MARGIN_M = 0.5
@@ -50,19 +55,23 @@ class Trial:
     Attributes:
         grid_point: the point and its axes.
         label: "placement · detector · seed 1", and the further axes.
-        pog, surrogates, accuracy, sampling_error, collect_test, ground_truth, scene,
-        finetune, evaluate: its tasks; many are shared with other trials.
+        scene_label: what its scene is called.
+        scenes, ground_truths, collect_test: its tasks for every part of the scene, of those with
+            test frames for the last.
+        pog, surrogates, accuracy, sampling_error, finetune, evaluate: its other tasks; many are
+            shared with other trials.
     """
 
     grid_point: GridPoint
     label: str
-    scene: Task
-    ground_truth: Task
+    scene_label: str
+    scenes: tuple[Task, ...]
+    ground_truths: tuple[Task, ...]
+    collect_test: tuple[Task, ...]
     pog: Task
     surrogates: Task
     accuracy: Task
     sampling_error: Task
-    collect_test: Task
     finetune: Task
     evaluate: Task
 
@@ -91,7 +100,7 @@ def make_plan(sweep: Sweep) -> Plan:
     """Tasks and trials of a sweep.
 
     Raises:
-        ConfigError: a checkpoint to start from is not there.
+        ConfigError: a checkpoint to start from, a map or recorded clouds are not there.
     """
     tasks: dict[str, Task] = {}
 
@@ -103,22 +112,27 @@ def make_plan(sweep: Sweep) -> Plan:
         point, axes = grid_point.point, grid_point.axes
         roi = asdict(point.voxel_roi())
         placement = sweep.common.placement_named(point.placement, point.lidar.lidar())
-        rig = {
-            "mounts": [astuple(mount) for mount in placement.mounts],
-            "lidar": asdict(placement.lidar),
-        }
-        crop = (
-            *(point.roi.x[0], point.roi.y[0], point.roi.z[0] - GROUND_MARGIN_M),
-            *(point.roi.x[1], point.roi.y[1], point.roi.z[1]),
-        )
+        rig = _rig(placement)
         names = {stage: _label(stage, point, axes) for stage in _USES}
         trial_name = _trial_label(point, axes)
 
-        scene = once(Task("scene", names["scene"], point.scene.model_dump(mode="json")))
+        try:
+            parts = scene_parts(point.scene)
+        except ValueError as error:
+            raise ConfigError(f"scene: {error}") from None
+        scenes = tuple(
+            once(Task("scene", _join(names["scene"], part.name), part.params)) for part in parts
+        )
         # Without the resolution, which has no part in the ground truth.
-        edges = point.roi.model_dump(mode="json")
-        ground_truth = once(Task("ground_truth", names["ground_truth"], edges, (scene,)))
-        pog = once(Task("pog", names["pog"], {"roi": roi, "classes": point.classes}, (scene,)))
+        edges = point.roi.model_dump(mode="json") | {"seed": point.scene.seed}
+        ground_truths = tuple(
+            once(Task("ground_truth", _join(names["ground_truth"], part.name), edges, (scene,)))
+            for part, scene in zip(parts, scenes, strict=True)
+        )
+        training_logs = tuple(
+            scene for part, scene in zip(parts, scenes, strict=True) if "train" in part.splits
+        )
+        pog = once(Task("pog", names["pog"], {"roi": roi, "classes": point.classes}, training_logs))
         surrogates = once(
             Task(
                 "surrogates",
@@ -144,24 +158,22 @@ def make_plan(sweep: Sweep) -> Plan:
                 "accuracy",
                 names["accuracy"],
                 rig | detection | compared | {"roi": roi},
-                (scene,),
+                training_logs,
             )
         )
         drawn = {"roi": roi, "classes": point.classes, "method": point.surrogate.method}
         sampling_error = once(
-            Task("sampling_error", names["sampling_error"], rig | detection | drawn, (scene,))
+            Task("sampling_error", names["sampling_error"], rig | detection | drawn, training_logs)
         )
-        train, test = (
-            once(
-                Task(
-                    "collect",
-                    f"{names['collect']} · {split}",
-                    rig | {"split": split, "crop": crop, "seed": point.scene.seed},
-                    (scene,),
-                )
-            )
-            for split in ("train", "test")
-        )
+        crop = _crop(point, placement)
+        clouds: dict[str, list[Task]] = {"train": [], "test": []}
+        truths: dict[str, list[Task]] = {"train": [], "test": []}
+        for part, scene, truth in zip(parts, scenes, ground_truths, strict=True):
+            for split in part.splits:
+                label = _join(names["collect"], part.name, split)
+                params = _collection(point, placement) | {"split": split, "crop": crop}
+                clouds[split].append(once(Task("collect", label, params, (scene,))))
+                truths[split].append(truth)
         network = {
             "detector": point.detector,
             "classes": point.classes,
@@ -173,29 +185,71 @@ def make_plan(sweep: Sweep) -> Plan:
                 "finetune",
                 trial_name,
                 network | {"seed": point.seed, "checkpoint": _checkpoint_hash(point)},
-                (train, ground_truth),
+                (*clouds["train"], *truths["train"]),
                 gpu=True,
             )
         )
         evaluate = once(
-            Task("evaluate", trial_name, network, (finetune, test, ground_truth), gpu=True)
+            Task(
+                "evaluate",
+                trial_name,
+                network,
+                (finetune, *clouds["test"], *truths["test"]),
+                gpu=True,
+            )
         )
         trials.append(
             Trial(
                 grid_point=grid_point,
                 label=trial_name,
-                scene=scene,
-                ground_truth=ground_truth,
+                scene_label=names["scene"],
+                scenes=scenes,
+                ground_truths=ground_truths,
+                collect_test=tuple(clouds["test"]),
                 pog=pog,
                 surrogates=surrogates,
                 accuracy=accuracy,
                 sampling_error=sampling_error,
-                collect_test=test,
                 finetune=finetune,
                 evaluate=evaluate,
             )
         )
     return Plan(tuple(tasks.values()), tuple(trials))
+
+
+def _rig(placement: Placement) -> dict[str, Any]:
+    return {
+        "mounts": [astuple(mount) for mount in placement.mounts],
+        "lidar": asdict(placement.lidar),
+    }
+
+
+def _crop(point: Point, placement: Placement) -> Crop:
+    """The ROI, deeper by a margin, for which points are kept."""
+    margin = GROUND_MARGIN_M
+    if point.lidar.misaligned_heights:  # the ground of a high sensor lies that much lower
+        heights = [mount.z for mount in placement.mounts]
+        margin += max(heights) - min(heights)
+    low, high = zip(point.roi.x, point.roi.y, point.roi.z, strict=True)
+    return (low[0], low[1], low[2] - margin, high[0], high[1], high[2])
+
+
+def _collection(point: Point, placement: Placement) -> dict[str, Any]:
+    """What decides clouds besides the scene. Quirks are of the collection, not of the rig."""
+    scene = point.scene
+    if isinstance(scene, LogScene) and scene.clouds == "recorded":
+        folder = scene.folder / "clouds" / point.placement
+        try:
+            return {"recorded": str(folder), "digest": clouds_digest(folder)}
+        except ValueError as error:
+            raise ConfigError(f"placement: {error}") from None
+    if point.lidar.tilt_in_degrees:
+        placement = with_tilt_in_degrees(placement)
+    return _rig(placement) | {
+        "recorded": None,
+        "seed": scene.seed,
+        "misaligned_heights": point.lidar.misaligned_heights,
+    }
 
 
 def further_axes(sweep: Sweep) -> tuple[str, ...]:
@@ -216,6 +270,10 @@ def _resolutions(roi: Roi) -> tuple[float, ...]:
     return tuple(found)
 
 
+def _join(*names: str) -> str:
+    return " · ".join(filter(None, names))
+
+
 def _label(stage: str, point: Point, axes: Mapping[str, Any]) -> str:
     uses = _USES[stage]
     parts = [point.placement] if "placement" in uses else []
@@ -224,7 +282,7 @@ def _label(stage: str, point: Point, axes: Mapping[str, Any]) -> str:
         for axis, value in axes.items()
         if axis != "placement" and any(axis == u or axis.startswith(f"{u}.") for u in uses)
     ]
-    return " · ".join(parts) or point.scene.name
+    return " · ".join(parts) or scene_name(point.scene)
 
 
 def _trial_label(point: Point, axes: Mapping[str, Any]) -> str:

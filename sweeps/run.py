@@ -12,17 +12,17 @@ from collections import Counter
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
+from lidarplace.command_line import output, wrong
 from sweeps.config import SweepFile
 from sweeps.grid import ConfigError, Sweep, read_sweep
 from sweeps.plan import Plan, Trial, further_axes, make_plan
 from sweeps.store import Store
-from sweeps.task import Task
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
@@ -41,18 +41,17 @@ def run(
     The same command continues a sweep that was stopped. Exit code 0: all trials finished; 1: some
     failed; 2: the configuration is wrong; 130: stopped by Ctrl-C.
     """
-    # A log file has no width; rich would take 80 columns.
-    console = Console() if sys.stdout.isatty() else Console(width=160)
+    console = output()
     if schema:
         print(json.dumps(SweepFile.model_json_schema(), indent=2))
         return
     if config is None:
-        _wrong("name a configuration file, such as examples/grid.yaml")
+        wrong("name a configuration file, such as examples/grid.yaml")
     try:
         sweep = read_sweep(config, set_ or [])
         plan = make_plan(sweep)
     except ConfigError as error:
-        _wrong(str(error))
+        wrong(error)
     store = Store(sweep.common.output / "store")
     cached = {task.key for task in plan.tasks if store.has(task)}
     if dry_run:
@@ -61,17 +60,12 @@ def run(
     try:
         failed = _run(console, sweep, plan, store, cached)
     except ConfigError as error:
-        _wrong(str(error))
+        wrong(error)
     except KeyboardInterrupt:
         console.print("\nStopped. What is finished is kept; the same command goes on from there.")
         raise typer.Exit(130) from None
     if failed:
         raise typer.Exit(1)
-
-
-def _wrong(message: str) -> NoReturn:
-    print(message, file=sys.stderr)
-    raise typer.Exit(2)
 
 
 def _run(
@@ -137,11 +131,10 @@ def _print_plan(console: Console, sweep: Sweep, plan: Plan, cached: set[str]) ->
     for stage, count in total.items():
         table.add_row(stage, str(count), str(there[stage]), str(count - there[stage]))
     console.print(table)
-    scenes: dict[str, Task] = {trial.scene.key: trial.scene for trial in plan.trials}
-    points = {trial.scene.key: trial.grid_point.point.scene for trial in plan.trials}
-    for key, task in scenes.items():
-        train, test = points[key].frame_counts()
-        console.print(f"scene {task.label}: {train} frames to train, {test} to test")
+    scenes = {trial.scene_label: trial.grid_point.point.scene for trial in plan.trials}
+    for label, scene in scenes.items():
+        train, test = scene.frame_counts()
+        console.print(f"scene {label}: {train} frames to train, {test} to test")
     for trial in plan.trials:
         done = all(task.key in cached for task in trial.results)
         console.print(f"trial {trial.key}  {trial.label}{'  (cached)' if done else ''}")

@@ -6,11 +6,14 @@ be hashed; a result is a dictionary of tables, arrays and plain data, so that it
 scene -> ground_truth, pog -> surrogates
 scene -> accuracy, sampling_error
 scene -> collect -> finetune -> evaluate
+
+A scene may be recorded in parts; `*logs` are all of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,8 +28,9 @@ from lidarplace import (
     evaluate_classes,
     expected_ig_by_q,
 )
+from lidarplace.box_log import BoxLog, join_logs
 from lidarplace.coverage import coverage
-from lidarplace.lidar.clouds import PointClouds
+from lidarplace.lidar.clouds import JoinedClouds, PointClouds
 from lidarplace.surrogate import RAY_SURROGATES
 
 Params = Mapping[str, Any]
@@ -34,11 +38,18 @@ Value = dict[str, Any]
 
 
 def scene(params: Params) -> Value:
-    """Record a traffic scene: the box log's two tables."""
-    from lidarplace.scenes.settings import SumoScene
-    from lidarplace.scenes.sumo import record  # needs SUMO
+    """Record one simulation of traffic, or read a box log: its three tables."""
+    from lidarplace.scenes.recorded import LogScene
 
-    log = record(SumoScene.model_validate(params))
+    if params["source"] == "log":
+        log = LogScene.model_validate({k: v for k, v in params.items() if k != "digest"}).read()
+    else:
+        from lidarplace.scenes.settings import SumoScene, TownRun
+        from lidarplace.scenes.sumo import record_town  # needs SUMO
+
+        log = record_town(
+            SumoScene.model_validate(params["scene"]), TownRun.model_validate(params["run"])
+        )
     return {"boxes": log.boxes, "frames": log.frames, "buildings": log.buildings}
 
 
@@ -46,16 +57,19 @@ def ground_truth(params: Params, log: Value) -> Value:
     """Objects of every frame that count, the same for every placement."""
     from lidarplace.lidar.visibility import ground_truth as visible_objects
 
-    return {"objects": visible_objects(log["boxes"], params["x"], params["y"], params["z"])}
+    objects = visible_objects(
+        box_log(log), params["x"], params["y"], params["z"], seed=params["seed"]
+    )
+    return {"objects": objects}
 
 
-def pog(params: Params, log: Value) -> Value:
+def pog(params: Params, *logs: Value) -> Value:
     """Occupancy by every class over the frames of the training split.
 
     Test frames stay out: a surrogate predicts how a placement will do on what was not seen.
     """
     roi = Roi(**params["roi"])
-    boxes, frames = _training_log(log)
+    boxes, frames = _training_log(logs)
     grids = OccupancyGrid.by_class(boxes, roi, params["classes"], frames=len(frames))
     value: Value = {"classes": list(grids), "frames": len(frames), "roi": params["roi"]}
     for object_class, grid in grids.items():
@@ -96,11 +110,11 @@ def surrogates(params: Params, pog: Value) -> Value:
     }
 
 
-def accuracy(params: Params, log: Value) -> Value:
+def accuracy(params: Params, *logs: Value) -> Value:
     """Surrogates of one class against seconds: methods, resolutions, azimuth steps, frames."""
     from lidarplace.accuracy import accuracy as compare
 
-    boxes, frames = _training_log(log)
+    boxes, frames = _training_log(logs)
     table = compare(
         boxes,
         frames,
@@ -116,14 +130,14 @@ def accuracy(params: Params, log: Value) -> Value:
     return {"table": table.drop(columns="placement")}
 
 
-def sampling_error(params: Params, log: Value) -> Value:
+def sampling_error(params: Params, *logs: Value) -> Value:
     """Intervals of the surrogates: the frames of the POG drawn again in blocks.
 
     Empty for a single frame, which has no spread.
     """
     from lidarplace.sampling_error import pog_sampling_error
 
-    boxes, frames = _training_log(log)
+    boxes, frames = _training_log(logs)
     if len(frames) < 2:
         return {"estimates": pd.DataFrame(), "resamples": pd.DataFrame()}
     found = pog_sampling_error(
@@ -140,35 +154,43 @@ def sampling_error(params: Params, log: Value) -> Value:
 
 
 def collect(params: Params, log: Value) -> Value:
-    """Point clouds of one split under one placement."""
+    """Point clouds of one split under one placement, and the points on every object."""
     from lidarplace.lidar.collect import collect as collect_clouds
+    from lidarplace.lidar.points_in_boxes import count_points_per_object
+    from lidarplace.lidar.recorded import recorded_clouds
 
-    frames = log["frames"].loc[log["frames"]["split"] == params["split"], "frame"]
-    clouds = collect_clouds(
-        log["boxes"],
-        frames.to_numpy(np.int64),
-        _placement(params),
-        crop=tuple(params["crop"]),
-        seed=params["seed"],
-    )
-    return {
-        "points": clouds.points,
-        "lidar": clouds.lidar,
-        "frames": clouds.frames,
-        "offsets": clouds.offsets,
-    }
+    recorded = box_log(log)
+    frames = recorded.frames.loc[recorded.frames["split"] == params["split"], "frame"]
+    numbers = frames.to_numpy(np.int64)
+    crop = tuple(params["crop"])
+    if params["recorded"] is not None:
+        clouds = recorded_clouds(Path(params["recorded"]), numbers, crop)
+    else:
+        clouds = collect_clouds(
+            recorded,
+            numbers,
+            _placement(params),
+            crop=crop,
+            seed=params["seed"],
+            misaligned_heights=params["misaligned_heights"],
+        )
+    return clouds.arrays() | {"points_per_object": count_points_per_object(recorded.boxes, clouds)}
 
 
-def finetune(params: Params, clouds: Value, truth: Value) -> Value:
-    """Train one detector on the clouds of one placement."""
+def finetune(params: Params, *inputs: Value) -> Value:
+    """Train one detector on the clouds of one placement.
+
+    The first half of `inputs` are clouds, the other the objects in them.
+    """
     from training.finetune import finetune as train
     from training.settings import TrainingSettings
 
+    clouds, objects = _clouds_and_objects(inputs)
     result = train(
         params["detector"],
         params["classes"],
-        point_clouds(clouds),
-        truth["objects"],
+        clouds,
+        objects,
         TrainingSettings.model_validate(params["training"]),
         seed=params["seed"],
         point_range=params["point_range"],
@@ -176,28 +198,22 @@ def finetune(params: Params, clouds: Value, truth: Value) -> Value:
     return {"state_dict": result.state_dict, "curve": result.curve}
 
 
-def evaluate_detector(params: Params, weights: Value, clouds: Value, truth: Value) -> Value:
-    """Detect on the test clouds and compare with the ground truth."""
+def evaluate_detector(params: Params, weights: Value, *inputs: Value) -> Value:
+    """Detect on the test clouds and compare with the ground truth. `inputs` as for `finetune`."""
     from training.finetune import detect
     from training.kitti_ap import evaluate_boxes
     from training.settings import TrainingSettings
 
-    test = point_clouds(clouds)
-    objects = truth["objects"]
+    clouds, objects = _clouds_and_objects(inputs)
     detections = detect(
         params["detector"],
         params["classes"],
         weights["state_dict"],
-        test,
+        clouds,
         TrainingSettings.model_validate(params["training"]),
         point_range=params["point_range"],
     )
-    metrics = evaluate_boxes(
-        objects[objects["frame"].isin(test.frames)],
-        detections,
-        test.frames.tolist(),
-        params["classes"],
-    )
+    metrics = evaluate_boxes(objects, detections, clouds.frames.tolist(), params["classes"])
     return {"metrics": metrics, "detections": detections}
 
 
@@ -215,15 +231,24 @@ FUNCTIONS: dict[str, Callable[..., Value]] = {
 """Stages by name, in the order in which results flow."""
 
 
-def point_clouds(value: Value) -> PointClouds:
-    """The clouds in a result of `collect`."""
-    return PointClouds(value["points"], value["lidar"], value["frames"], value["offsets"])
+def box_log(value: Value) -> BoxLog:
+    """The box log in a result of `scene`."""
+    return BoxLog(value["boxes"], value["frames"], value["buildings"])
 
 
-def _training_log(log: Value) -> tuple[pd.DataFrame, pd.DataFrame]:
+def _training_log(logs: Sequence[Value]) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Boxes and frames of the training split, those of the POG."""
-    frames = log["frames"][log["frames"]["split"] == "train"]
-    return log["boxes"][log["boxes"]["frame"].isin(frames["frame"])], frames
+    log = join_logs([box_log(value) for value in logs])
+    frames = log.frames[log.frames["split"] == "train"]
+    return log.boxes[log.boxes["frame"].isin(frames["frame"])], frames
+
+
+def _clouds_and_objects(inputs: Sequence[Value]) -> tuple[JoinedClouds, pd.DataFrame]:
+    """Clouds, and the objects that are in their frames."""
+    half = len(inputs) // 2
+    clouds = JoinedClouds([PointClouds.from_arrays(value) for value in inputs[:half]])
+    objects = pd.concat([value["objects"] for value in inputs[half:]], ignore_index=True)
+    return clouds, objects[objects["frame"].isin(clouds.frames)]
 
 
 def _placement(params: Params) -> Placement:

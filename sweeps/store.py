@@ -19,6 +19,8 @@ from sweeps.task import Task
 Value = dict[str, Any]
 """A result: DataFrames, arrays, `state_dict`s of tensors and plain data, by name."""
 
+_MAPPED_BYTES = 1_000_000  # smaller arrays are not worth an open file
+
 
 @dataclass(frozen=True)
 class Store:
@@ -67,14 +69,17 @@ class Store:
             shutil.rmtree(partial, ignore_errors=True)
 
     def load(self, task: Task) -> Value:
-        """Read a result."""
+        """Read a result. Large arrays are mapped from the disk, read-only."""
         folder = self.path(task)
         value: Value = dict(self._record(task)["value"])
         for path in sorted(folder.iterdir()):
             if path.suffix == ".parquet":
                 value[path.stem] = pd.read_parquet(path)
             elif path.suffix == ".npy":
-                value[path.stem] = np.load(path, allow_pickle=False)
+                large = path.stat().st_size > _MAPPED_BYTES
+                value[path.stem] = np.load(
+                    path, mmap_mode="r" if large else None, allow_pickle=False
+                )
             elif path.suffix == ".pt":
                 import torch
 

@@ -16,6 +16,7 @@ import yaml
 
 from lidarplace.boxes import GEOMETRY
 from lidarplace.files import replacing
+from lidarplace.lidar.clouds import PointClouds
 from sweeps.grid import GridPoint, Sweep
 from sweeps.plan import Plan, Trial, further_axes
 from sweeps.store import Store, Value, write_text
@@ -72,7 +73,9 @@ def write_run(
             table.drop_duplicates(ignore_index=True).to_parquet(partial, index=False)
     frames = {"train": 0, "test": 0}
     if good:
-        frames |= store.load(good[0].scene)["frames"]["split"].value_counts().to_dict()
+        for scene in good[0].scenes:
+            for split, count in store.load(scene)["frames"]["split"].value_counts().items():
+                frames[str(split)] += int(count)
         _save_arrays(folder / "maps.npz", _maps(good, store))
         _save_arrays(folder / "frame.npz", _one_frame(good, store))
     write_text(folder / "sweep.json", json.dumps(_about(sweep, frames, command, seconds), indent=1))
@@ -183,24 +186,23 @@ def _maps(trials: Sequence[Trial], store: Store) -> Value:
 
 def _one_frame(trials: Sequence[Trial], store: Store) -> Value:
     """The test frame with most objects, as every placement sees it."""
-    first = trials[0]
-    objects = store.load(first.ground_truth)["objects"]
-    of_test = store.load(first.collect_test)["frames"]
+    objects = pd.concat([store.load(task)["objects"] for task in trials[0].ground_truths])
+    of_test = np.concatenate([store.load(task)["frames"] for task in trials[0].collect_test])
     numbers = objects["frame"].to_numpy()
     found = np.array([np.count_nonzero(numbers == frame) for frame in of_test])
-    index = int(np.argmax(found))
-    shown = objects[objects["frame"] == of_test[index]]
+    frame = of_test[np.argmax(found)]
+    shown = objects[objects["frame"] == frame]
     arrays: Value = {
         "boxes": shown[list(GEOMETRY)].to_numpy(np.float64),
         "labels": shown["class"].to_numpy(np.str_),
     }
     for trial in trials:
         name = trial.grid_point.point.placement
-        if f"points/{name}" not in arrays:
-            clouds = store.load(trial.collect_test)
-            part = slice(*clouds["offsets"][index : index + 2])
-            arrays[f"points/{name}"] = clouds["points"][part]
-            arrays[f"lidar/{name}"] = clouds["lidar"][part]
+        for task in trial.collect_test if f"points/{name}" not in arrays else ():
+            clouds = PointClouds.from_arrays(store.load(task))
+            for index in np.flatnonzero(clouds.frames == frame).tolist():
+                arrays[f"points/{name}"] = clouds[index]
+                arrays[f"lidar/{name}"] = clouds.lidar(index)
     return arrays
 
 

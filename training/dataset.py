@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lidarplace.boxes import GEOMETRY, check_boxes
-from lidarplace.lidar.clouds import PointClouds
+from lidarplace.lidar.clouds import Clouds
+from lidarplace.lidar.points_in_boxes import count_points
 from training.detectors.detector import PointRange
-from training.ops.points_in_boxes import count_points
 from training.settings import TrainingSettings
 
 
@@ -31,7 +31,7 @@ class Sample:
 class TrainingFrames:
     """The frames of `clouds` with their objects, in the frame of a detector.
 
-    Points stay in the shared block; only one frame at a time is copied.
+    Points stay packed; one frame at a time is unpacked.
 
     Args:
         classes: labels 1, 2, …; objects of other classes are left out.
@@ -47,7 +47,7 @@ class TrainingFrames:
     def __init__(
         self,
         classes: Sequence[str],
-        clouds: PointClouds,
+        clouds: Clouds,
         ground_truth: pd.DataFrame,
         sensor_height: float,
         min_points: int,

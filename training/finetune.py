@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from lidarplace.boxes import GEOMETRY
-from lidarplace.lidar.clouds import PointClouds
+from lidarplace.lidar.clouds import Clouds
 from training import build_detector
 from training.dataset import TrainingFrames, as_tensors, augment, within_range
 from training.detectors.detector import Detector, PointRange
@@ -41,7 +41,7 @@ class FinetuneResult:
 def finetune(
     detector: str,
     classes: Sequence[str],
-    clouds: PointClouds,
+    clouds: Clouds,
     ground_truth: pd.DataFrame,
     settings: TrainingSettings,
     seed: int,
@@ -120,7 +120,7 @@ def detect(
     detector: str,
     classes: Sequence[str],
     state_dict: Mapping[str, Tensor],
-    clouds: PointClouds,
+    clouds: Clouds,
     settings: TrainingSettings,
     point_range: PointRange | None = None,
 ) -> pd.DataFrame:

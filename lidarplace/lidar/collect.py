@@ -2,82 +2,84 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
+
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from lidarplace.boxes import GEOMETRY, check_boxes
-from lidarplace.lidar.clouds import PointClouds
+from lidarplace.box_log import BoxLog
+from lidarplace.lidar.clouds import Crop, PointClouds
 from lidarplace.lidar.raycast import Hits, cast
 from lidarplace.lidar.returns import LARGEST_ERROR, sample_points
+from lidarplace.lidar.surroundings import Surroundings
 from lidarplace.placement import Placement
-
-Crop = tuple[float, float, float, float, float, float]
 
 
 def collect(
-    boxes: pd.DataFrame,
+    log: BoxLog,
     frames: ArrayLike,
     placement: Placement,
     crop: Crop,
     seed: int = 0,
+    misaligned_heights: bool = False,
 ) -> PointClouds:
     """Simulate the merged clouds of all LiDARs of `placement` in the given frames.
 
-    Every placement sees the same objects. Drop-off and range noise of a ray depend on seed, frame
-    number, LiDAR and ray only, so frames may be collected in any portions.
+    Every placement sees the same objects and buildings. Drop-off and range noise of a ray depend on
+    seed, frame number, LiDAR and ray only, so frames may be collected in any portions.
 
     Args:
-        boxes: a box log, ego frame; its other frames are ignored.
-        frames: frame numbers, shape (F,); a frame without a box shows the ground.
+        log: a box log; its other frames are ignored.
+        frames: frame numbers, shape (F,); a frame without a box shows ground and buildings.
         placement: mounts and LiDAR.
         crop: x0, y0, z0, x1, y1, z1 in the ego frame, metres; points outside are left out.
-        seed: of drop-off and range noise.
+        seed: of shapes, drop-off and range noise.
+        misaligned_heights: merge the clouds as if every LiDAR were as high as the first: those of
+            higher ones sink, those of lower ones rise. They are cut after that.
 
     Raises:
-        ValueError: a box is bad, the crop is empty, or there are more than 256 LiDARs.
+        ValueError: a box is bad, a frame is not in the log, the crop is empty, or there are more
+            than 256 LiDARs.
     """
-    check_boxes(boxes)
     if not all(low < high for low, high in zip(crop[:3], crop[3:], strict=True)):
         raise ValueError(f"crop needs x0 < x1, y0 < y1, z0 < z1, found {crop}")
     if len(placement.mounts) > 256:
         raise ValueError(f"a cloud holds at most 256 LiDARs, found {len(placement.mounts)}")
     numbers = np.asarray(frames, np.int64)
-    lidar = placement.lidar
+    surroundings = Surroundings(log, seed)
+    clouds = _clouds(surroundings, numbers, placement, crop, seed, misaligned_heights)
+    return PointClouds.from_frames(numbers, clouds, crop)
+
+
+def _clouds(
+    surroundings: Surroundings,
+    frames: NDArray[np.int64],
+    placement: Placement,
+    crop: Crop,
+    seed: int,
+    misaligned_heights: bool,
+) -> Iterator[tuple[NDArray[np.float32], NDArray[np.int32]]]:
+    """Points of each frame, and how many come from each LiDAR; memory is used again."""
+    lidar, mounts = placement.lidar, placement.mounts
+    lifts = [mounts[0].z - mount.z if misaligned_heights else 0.0 for mount in mounts]
     # A point may err into the crop from outside, so what is cast is a little larger.
     slack = LARGEST_ERROR * lidar.range_noise
-    wide = (*(low - slack for low in crop[:3]), *(high + slack for high in crop[3:]))
+    low, high = np.array(crop[:3]) - slack, np.array(crop[3:]) + slack
+    wide = [(*(low - [0, 0, lift]), *(high - [0, 0, lift])) for lift in lifts]
+    # A building matters if it can stand before a point of the crop: as seen from above, neither
+    # farther than the crop's farthest corner nor than the sensor itself.
+    corners = np.maximum(np.abs(low), np.abs(high))
+    away = max(math.hypot(mount.x, mount.y) for mount in mounts)
+    reach = min(max(math.hypot(*corners[:2]), away), lidar.range + slack + away)
 
-    memory = np.empty((lidar.rays, 4), np.float32)
+    points = np.empty((len(mounts) * lidar.rays, 4), np.float32)
     hits: Hits | None = None
-    points: list[NDArray[np.float32]] = []
-    counts = np.zeros((len(numbers), len(placement.mounts)), np.int64)
-    by_frame = _Frames(boxes)
-    for f, frame in enumerate(numbers.tolist()):
-        around = by_frame[frame]
-        for m, mount in enumerate(placement.mounts):
-            hits = cast(mount, lidar, around, wide, into=hits)
-            count = sample_points(mount, lidar, hits, crop, (seed, frame, m), memory)
-            counts[f, m] = count
-            points.append(memory[:count].copy())
-    mounts = np.tile(np.arange(len(placement.mounts), dtype=np.uint8), len(numbers))
-    return PointClouds(
-        points=np.concatenate([np.empty((0, 4), np.float32), *points]),
-        lidar=np.repeat(mounts, counts.ravel()),
-        frames=numbers,
-        offsets=np.concatenate([[0], np.cumsum(counts.sum(axis=1))]).astype(np.int64),
-    )
-
-
-class _Frames:
-    """The boxes of a log by frame number."""
-
-    def __init__(self, boxes: pd.DataFrame) -> None:
-        frame = boxes["frame"].to_numpy(np.int64)
-        order = np.argsort(frame, kind="stable")
-        self._frame = frame[order]
-        self._geometry = boxes[list(GEOMETRY)].to_numpy(np.float64)[order]
-
-    def __getitem__(self, frame: int) -> NDArray[np.float64]:
-        first, last = np.searchsorted(self._frame, [frame, frame + 1])
-        return self._geometry[first:last]
+    for frame in frames.tolist():
+        parts = surroundings.parts(frame, reach)
+        counts = np.zeros(len(mounts), np.int32)
+        for m, mount in enumerate(mounts):
+            hits = cast(mount, lidar, parts, wide[m], into=hits)
+            free, key = points[counts.sum() :], (seed, frame, m)
+            counts[m] = sample_points(mount, lidar, hits, crop, key, free, lifts[m])
+        yield points[: counts.sum()], counts

@@ -2,52 +2,79 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.boxes import GEOMETRY, check_boxes, frame_ids
+from lidarplace.box_log import BoxLog
+from lidarplace.boxes import GEOMETRY
 from lidarplace.lidar.raycast import visible_share
+from lidarplace.lidar.surroundings import Surroundings
+from lidarplace.lidar.truncation import truncation
 from lidarplace.roi import Interval
 
 VIEWPOINT = (0.0, 0.0, 2.4)
 """Above the middle of the vehicle, as high as the lowest LiDAR of the paper's *Center*."""
 
 GRID = (32, 24)
-"""Rays over the azimuths and elevations of a box: shares come in steps below half a percent."""
+"""Rays over the azimuths and elevations of an object, of which about half meet it: shares come in
+steps below half a percent."""
+
+OCCLUDED = (0.8, 0.4)
+"""Visible shares from which an object is fully visible (KITTI's `occluded` 0) or partly occluded
+(1). Less is largely occluded (2), nothing is unknown (3). KITTI's annotators judged by eye; the
+numbers are bounds of nuScenes's levels of visibility."""
 
 
-def visibility(boxes: pd.DataFrame) -> NDArray[np.float64]:
-    """Share of each box that an ideal, dense sensor at `VIEWPOINT` sees, shape (rows,), in [0, 1].
+def visibility(log: BoxLog, seed: int = 0) -> NDArray[np.float64]:
+    """Share of each object that an ideal, dense sensor at `VIEWPOINT` sees, in [0, 1].
 
-    Of the rays that meet the box when it is alone, the share that still meets it first among all
-    boxes of its frame. Neither ground nor own body hides anything, so the share does not depend
-    on a placement. 0 means hidden.
+    Of the rays that meet the object when it is alone, the share that still meets it first among
+    all objects and buildings of its frame. Neither ground nor own body hides anything, so the
+    share does not depend on a placement. 0 means hidden.
+
+    Args:
+        log: objects, frames and buildings.
+        seed: of the shapes; the one the clouds are collected with.
+
+    Returns:
+        One share a row of `log.boxes`, shape (rows,), float64.
 
     Raises:
-        ValueError: a column is missing or a box is bad.
+        ValueError: a column is missing, or a box or pose is bad.
     """
-    check_boxes(boxes)
-    frame = frame_ids(boxes)
-    order = np.argsort(frame, kind="stable")
-    geometry = boxes[list(GEOMETRY)].to_numpy(np.float64)[order]
-    share = np.empty(len(boxes))
-    bounds = np.flatnonzero(np.diff(frame[order], prepend=-1, append=-1))
-    for first, last in itertools.pairwise(bounds):
-        share[order[first:last]] = visible_share(VIEWPOINT, geometry[first:last], GRID)
+    surroundings = Surroundings(log, seed)
+    geometry = log.boxes[list(GEOMETRY)].to_numpy(np.float64)
+    farthest = np.hypot(geometry[:, 0], geometry[:, 1]) + np.hypot(geometry[:, 3], geometry[:, 4])
+    share = np.empty(len(geometry))
+    for frame in log.boxes["frame"].unique().tolist():
+        rows = surroundings.rows(frame)
+        parts = surroundings.parts(frame, reach=farthest[rows].max())
+        share[rows] = visible_share(VIEWPOINT, parts, len(rows), GRID)
     return share
 
 
-def ground_truth(boxes: pd.DataFrame, x: Interval, y: Interval, z: Interval) -> pd.DataFrame:
+def occluded(share: NDArray[np.float64]) -> NDArray[np.int64]:
+    """KITTI's levels 0 to 3 of visible shares; see `OCCLUDED`."""
+    full, partly = OCCLUDED
+    return np.select([share >= full, share >= partly, share > 0], [0, 1, 2], 3)
+
+
+def ground_truth(log: BoxLog, x: Interval, y: Interval, z: Interval, seed: int = 0) -> pd.DataFrame:
     """The objects that count: centre in the ROI x, y, z, faces included, and visible.
 
-    Rows of `boxes` with a column `visibility` added; hidden objects and those outside still hide
-    others. The same for every placement.
+    Rows of `log.boxes` with three columns more: `visibility`, the share seen; `occluded`, KITTI's
+    level of it; `truncated`, the share of the footprint outside the ROI, where KITTI's is that
+    outside the image. Hidden objects and those outside still hide others. The same for every
+    placement.
     """
-    inside = np.ones(len(boxes), bool)
+    inside = np.ones(len(log.boxes), bool)
     for axis, (low, high) in zip("xyz", (x, y, z), strict=True):
-        inside &= boxes[axis].between(low, high).to_numpy()
-    table = boxes.assign(visibility=visibility(boxes))
-    return table[inside & (table["visibility"] > 0).to_numpy()]
+        inside &= log.boxes[axis].between(low, high).to_numpy()
+    share = visibility(log, seed)
+    table = log.boxes.assign(
+        visibility=share,
+        occluded=occluded(share),
+        truncated=truncation(log.boxes[list(GEOMETRY)].to_numpy(np.float64), x, y),
+    )
+    return table[inside & (share > 0)]

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.scenes.trajectories import Trajectories
+from lidarplace.scenes.trajectories import LEVEL_M, Trajectories
 
 
 def overlaps(traffic: Trajectories) -> NDArray[np.int64]:
-    """All pairs of road users whose rectangles on the ground meet.
+    """All pairs of road users on one level whose rectangles on the ground meet.
 
     Shape (P, 3), int64: recorded step, and the two indices, ascending.
     """
@@ -19,7 +19,8 @@ def overlaps(traffic: Trajectories) -> NDArray[np.int64]:
     found = []
     for step, pose in enumerate(traffic.pose):
         distance = np.hypot(*(pose[:, None, :2] - pose[None, :, :2]).transpose(2, 0, 1))
-        a, b = np.nonzero(np.triu(distance <= reach, 1))  # False where NaN
+        level = np.abs(traffic.z[step][:, None] - traffic.z[step]) <= LEVEL_M
+        a, b = np.nonzero(np.triu((distance <= reach) & level, 1))  # False where NaN
         meet = rectangles_meet(pose[a], half[a], pose[b], half[b])
         found.append(np.stack([np.full(meet.sum(), step), a[meet], b[meet]], axis=1))
     return np.concatenate(found)

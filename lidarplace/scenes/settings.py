@@ -1,11 +1,15 @@
-"""Settings of a simulated traffic scene."""
+"""Settings of a simulated traffic scene, and the simulations that it consists of."""
 
 from __future__ import annotations
 
 import math
-from typing import Literal
+import re
+from collections import Counter
+from pathlib import Path
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 STEP_S = 0.05
 """One simulation step: the sensors of the paper turn at 20 Hz."""
@@ -13,24 +17,79 @@ STEP_S = 0.05
 TEST_EVERY = 10
 """In the paper's split every tenth frame of a route is test."""
 
+GENERATED = "generated"
+MAP_SUFFIXES = (".net.xml", ".xodr", ".xodr.gz")
+
+Part = Literal["train", "test"]
+
+
+def _town(name: str) -> str:
+    if name.endswith(MAP_SUFFIXES) or re.fullmatch(r"\w+", name):
+        return name
+    raise ValueError(
+        f"{name!r} is no town; allowed are '{GENERATED}', a path that ends in "
+        f"{', '.join(MAP_SUFFIXES)}, or the name of a CARLA map such as Town03"
+    )
+
+
+Town = Annotated[str, AfterValidator(_town)]
+
+
+class TownRun(BaseModel):
+    """One simulation of a scene, in one town, from which one or several egos are recorded.
+
+    Attributes:
+        name: the town run in the column `scene` of a box log; its poses and buildings share a
+            world frame.
+        town: as in `SumoScene.towns`.
+        part: whether its routes are for training or for testing.
+        first_route: number of its first route in the log.
+        first_frame: number of its first frame in the log.
+        routes: egos to record.
+        town_seed: decides a generated town, and where the buildings stand.
+        traffic_seed: decides who drives where.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str
+    town: str
+    part: Part
+    first_route: int
+    first_frame: int
+    routes: int
+    town_seed: int
+    traffic_seed: int
+
 
 class SumoScene(BaseModel):
-    """A town, its traffic, and which drives through it are recorded.
+    """Towns, their traffic, and which drives through them are recorded.
 
-    Training and test routes are recorded in two towns with their own traffic, so nothing of a
-    test route is seen in training.
+    Training and test routes have traffic of their own, and a generated town is another one for
+    testing, so nothing of a test route is seen in training.
 
     Attributes:
         source: tells this kind of scene from others in a configuration.
-        seed: decides towns, traffic and sizes; the same seed gives the same log to the byte.
+        seed: decides generated towns, buildings, traffic and sizes; the same seed gives the same
+            log to the byte.
+        towns: towns of the training routes. Each is `generated`, a path to a SUMO network
+            (`.net.xml`) or to OpenDRIVE (`.xodr`, `.xodr.gz`), or the name of a CARLA map such as
+            `Town03`, see `lidarplace.scenes.maps`.
+        test_towns: towns of the test routes; null means those of `towns`, a generated one made
+            anew.
         density: vehicles in each town; the paper's are 40, 80 and 120.
         pedestrians: pedestrians in each town.
-        routes: egos recorded in the training town.
-        test_routes: egos recorded in the test town.
-        frames_per_route: frames of every route.
+        buildings: whether buildings stand along the roads.
+        routes: egos recorded in each training town.
+        test_routes: egos recorded in each test town.
+        egos_per_run: egos recorded from one simulation of a town; null means all of them. Fewer
+            are less alike, and simulations can run in parallel.
+        frames_per_route: frames of every route; at most so many with `min_travel_m`.
         frame_stride: record every n-th step of 20 Hz.
+        min_travel_m: leave a frame out until the ego has moved so far, in metres, since the last
+            one that was kept; the code released with the paper used 1 m.
         warmup_s: simulated seconds before the first frame, in which traffic spreads out.
-        split: "route" calls the routes of the test town test; "paper" calls every tenth frame of
+        split: "route" calls the routes of the test towns test; "paper" calls every tenth frame of
             every route test, whichever town it comes from.
     """
 
@@ -38,26 +97,64 @@ class SumoScene(BaseModel):
 
     source: Literal["sumo"] = "sumo"
     seed: int = Field(default=0, ge=0)
+    towns: tuple[Town, ...] = Field(default=(GENERATED,), min_length=1)
+    test_towns: tuple[Town, ...] | None = Field(default=None, min_length=1)
     density: int = Field(default=80, ge=1)
     pedestrians: int = Field(default=60, ge=0)
+    buildings: bool = True
     routes: int = Field(default=8, ge=1)
     test_routes: int = Field(default=4, ge=0)
+    egos_per_run: int | None = Field(default=None, ge=1)
     frames_per_route: int = Field(default=200, ge=1)
     frame_stride: int = Field(default=10, ge=1)
+    min_travel_m: float = Field(default=0.0, ge=0.0, allow_inf_nan=False)
     warmup_s: float = Field(default=30.0, ge=0.0, allow_inf_nan=False)
     split: Literal["route", "paper"] = "route"
 
-    @property
-    def name(self) -> str:
-        """The scene's name in a box log."""
-        return f"sumo-{self.seed}"
+    def town_runs(self) -> tuple[TownRun, ...]:
+        """The simulations of the scene, training first; each can be recorded on its own.
+
+        Routes and frames are numbered through the whole scene, before anything is recorded.
+        """
+        tests = self.towns if self.test_towns is None else self.test_towns
+        places: list[tuple[Part, str, int]] = [
+            *(("train", town, self.routes) for town in self.towns),
+            *(("test", town, self.test_routes) for town in tests),
+        ]
+        runs: list[TownRun] = []
+        names: Counter[str] = Counter()
+        route = 0
+        for number, (part, town, routes) in enumerate(places):
+            stem = Path(town).name.split(".")[0]
+            for first in range(0, routes, self.egos_per_run or max(routes, 1)):
+                name = f"sumo-{self.seed}-{part}-{stem}"
+                names[name] += 1
+                count = min(self.egos_per_run or routes, routes - first)
+                runs.append(
+                    TownRun(
+                        name=name if names[name] == 1 else f"{name}-{names[name]}",
+                        town=town,
+                        part=part,
+                        first_route=route,
+                        first_frame=route * self.frames_per_route,
+                        routes=count,
+                        # A map is the same place in training and testing.
+                        town_seed=_draw(self.seed, 0, number if town == GENERATED else 0),
+                        traffic_seed=_draw(self.seed, 1, len(runs)),
+                    )
+                )
+                route += count
+        return tuple(runs)
 
     def frame_counts(self) -> tuple[int, int]:
-        """Number of training and of test frames."""
+        """Number of training and of test frames; upper bounds with `min_travel_m`."""
+        runs = self.town_runs()
+        train = sum(run.routes for run in runs if run.part == "train")
+        test = sum(run.routes for run in runs if run.part == "test")
         if self.split == "route":
-            return self.routes * self.frames_per_route, self.test_routes * self.frames_per_route
-        routes, test = self.routes + self.test_routes, self.frames_per_route // TEST_EVERY
-        return routes * (self.frames_per_route - test), routes * test
+            return train * self.frames_per_route, test * self.frames_per_route
+        tenth = self.frames_per_route // TEST_EVERY
+        return (train + test) * (self.frames_per_route - tenth), (train + test) * tenth
 
     @property
     def warmup_steps(self) -> int:
@@ -66,5 +163,10 @@ class SumoScene(BaseModel):
 
     @property
     def seconds(self) -> float:
-        """Simulated time of one town, warm-up included."""
+        """Simulated time of one run, warm-up included."""
         return (self.warmup_steps + self.frames_per_route * self.frame_stride) * STEP_S
+
+
+def _draw(*key: int) -> int:
+    """A seed of 31 bits, as SUMO's tools take them."""
+    return int(np.random.SeedSequence(key).generate_state(1)[0] >> 1)

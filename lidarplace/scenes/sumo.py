@@ -2,107 +2,144 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
+from xml.sax import SAXException
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.box_log import BoxLog
-from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS
+from lidarplace.box_log import BoxLog, join_logs
+from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS, POSE_COLUMNS
+from lidarplace.scenes.buildings import build_along, within_reach
+from lidarplace.scenes.maps import build_network
 from lidarplace.scenes.overlap import overlaps
-from lidarplace.scenes.settings import TEST_EVERY, SumoScene
-from lidarplace.scenes.town import build_town, sumo_home
+from lidarplace.scenes.settings import TEST_EVERY, Part, SumoScene, TownRun
+from lidarplace.scenes.town import sumo_home
 from lidarplace.scenes.traffic import CAR, cars_among, write_demand
-from lidarplace.scenes.trajectories import Trajectories, simulate
+from lidarplace.scenes.trajectories import LEVEL_M, Trajectories, simulate
+
+if TYPE_CHECKING:
+    from sumolib.net import Net
 
 KEEP_M = 60.0
 """Boxes whose centre is farther from the ego are not logged: the ROI's far corner is 45 m away,
 and half a truck and what stands before it still counts."""
 
+FASTEST_M_S = 30.0
+LEAP_M = 5.0
+"""A car that gets farther than it can drive, and than a bend of its road explains, was moved."""
+
 
 def record(scene: SumoScene) -> BoxLog:
     """Simulate the towns of `scene` and log what surrounds its egos.
 
-    Returns the box log: `boxes` with the columns `BOX_COLUMNS`, `frames` with `FRAME_COLUMNS`, in
-    the ego frame; the ego itself is not in it. `route` numbers the egos, training routes first;
-    `frame` counts through the whole log. The same settings give the same bytes.
+    Raises as `record_town` does.
+    """
+    return join_logs([record_town(scene, run) for run in scene.town_runs()])
+
+
+def record_town(scene: SumoScene, run: TownRun) -> BoxLog:
+    """Simulate one of `scene.town_runs()` and log what surrounds its egos.
+
+    Returns the box log: `boxes` with the columns `BOX_COLUMNS`, `frames` with `FRAME_COLUMNS` and
+    `POSE_COLUMNS`, `buildings` with `BUILDING_COLUMNS`. Boxes are in the ego frame, and the ego is
+    not among them; poses and buildings are in the frame of the town. The log is flat: everything
+    stands on the ground, and what is on another level of a bridge than the ego is left out.
+    `route` numbers the egos; frame `n` of a route is `n` frames after its first, which is
+    `frames_per_route` after that of the route before. The same settings give the same bytes.
 
     Raises:
         ImportError: SUMO is not installed.
-        ValueError: there are fewer cars on the road than routes, or more vehicles than fit.
+        ValueError: the map is missing or broken, or has no sidewalks for pedestrians; there are
+            fewer cars on the road than routes, or more vehicles than fit.
     """
     sumo_home()
+    if run.routes > (cars := cars_among(scene.density)):
+        raise ValueError(
+            f"density {scene.density} gives {cars} cars, too few for {run.routes} {run.part} "
+            "routes in one simulation"
+        )
+    network, traffic = drive(scene, run)
+    pairs = overlaps(traffic)
     boxes: list[pd.DataFrame] = []
     frames: list[pd.DataFrame] = []
-    for town, (part, routes) in enumerate((("train", scene.routes), ("test", scene.test_routes))):
-        if routes == 0:
-            continue
-        cars = cars_among(scene.density)
-        if routes > cars:
-            raise ValueError(
-                f"density {scene.density} gives {cars} cars, too few for {routes} {part} routes"
+    for number, ego in enumerate(choose_egos(traffic, run.routes)):
+        first = run.first_frame + number * scene.frames_per_route
+        steps = moved(traffic.pose[:, ego, :2], scene.min_travel_m)
+        pose = traffic.pose[steps, ego]
+        frames.append(
+            pd.DataFrame(
+                {
+                    "scene": run.name,
+                    "frame": first + np.arange(len(steps)),
+                    "timestamp_s": traffic.time_s[steps],
+                    "route": run.first_route + number,
+                    "split": _split(scene, run.part, len(steps)),
+                    **dict(zip(POSE_COLUMNS, (*pose[:, :2].T, _wrap(pose[:, 2])), strict=True)),
+                }
             )
-        traffic = drive(scene, town)
-        pairs = overlaps(traffic)
-        for ego in choose_egos(traffic, routes):
-            route = len(frames)
-            first = route * scene.frames_per_route
-            number = first + np.arange(scene.frames_per_route)
-            frames.append(
-                pd.DataFrame(
-                    {
-                        "scene": scene.name,
-                        "frame": number,
-                        "timestamp_s": traffic.time_s,
-                        "route": route,
-                        "split": _split(scene, part),
-                    }
-                )
-            )
-            boxes.append(boxes_around(traffic, pairs, ego, scene.name, part, first))
-    return BoxLog(
+        )
+        boxes.append(boxes_around(traffic, pairs, ego, steps, run, first))
+    log = BoxLog(
         pd.concat(boxes, ignore_index=True)[list(BOX_COLUMNS)],
-        pd.concat(frames, ignore_index=True)[list(FRAME_COLUMNS)],
+        pd.concat(frames, ignore_index=True)[[*FRAME_COLUMNS, *POSE_COLUMNS]],
     )
+    if not scene.buildings:
+        return log
+    walls = build_along(network, run.town_seed, run.name)
+    positions = log.frames[list(POSE_COLUMNS[:2])].to_numpy(np.float64)
+    return replace(log, buildings=within_reach(walls, positions))
 
 
-def drive(scene: SumoScene, town: int) -> Trajectories:
-    """Traffic of town 0 (training) or 1 (test), with seeds of its own."""
+def drive(scene: SumoScene, run: TownRun) -> tuple[Net, Trajectories]:
+    """The road network of a town run, and its traffic."""
     from sumolib.net import readNet
 
-    layout, demand_seed, driving = np.random.SeedSequence((scene.seed, town)).spawn(3)
+    demand_seed, driving = np.random.SeedSequence(run.traffic_seed).spawn(2)
     with tempfile.TemporaryDirectory(prefix="lidarplace-") as name:
-        folder = Path(name)
-        network = build_town(_integer(layout), folder)
-        demand = folder / "demand.rou.xml"
-        users = write_demand(
-            readNet(str(network)),
-            scene.density,
-            scene.pedestrians,
-            scene.seconds,
-            np.random.default_rng(demand_seed),
-            demand,
-        )
-        return simulate(scene, network, demand, users, _integer(driving))
+        path = build_network(run.town, run.town_seed, Path(name))
+        try:
+            network = readNet(str(path), withInternal=True, withPedestrianConnections=True)
+        except (SAXException, KeyError, ValueError) as error:
+            reason = f"no {error}" if isinstance(error, KeyError) else error
+            raise ValueError(f"{path}: not a SUMO network: {reason}") from None
+        routes = Path(name) / "routes.rou.xml"
+        demand = write_demand(network, scene, np.random.default_rng(demand_seed), run.town, routes)
+        seed = int(driving.generate_state(1)[0] >> 1)  # SUMO takes 31 bits
+        return network, simulate(scene, path, demand, routes, seed)
 
 
-def _integer(seed: np.random.SeedSequence) -> int:
-    """A seed for SUMO's tools, which take 31 bits."""
-    return int(seed.generate_state(1)[0] >> 1)
+def moved(position: NDArray[np.float64], distance: float) -> NDArray[np.int64]:
+    """Steps at which something at `position`, (F, 2), is `distance` from where it last was kept.
+
+    The first step is always among them.
+    """
+    kept = [0]
+    for step, place in enumerate(position):
+        if step and math.dist(place, position[kept[-1]]) >= distance:
+            kept.append(step)
+    return np.array(kept, np.int64)
 
 
 def choose_egos(traffic: Trajectories, count: int) -> list[int]:
-    """Indices of the `count` cars that drove farthest, of those always on the road.
+    """Indices of `count` of the cars that were on the road all the time, sorted.
 
-    A standing ego gives near-duplicates of one frame, so movement decides. Sorted by index.
+    A standing ego gives near-duplicates of one frame, so those that drove less than half the
+    median are the last choice. The others are taken evenly from the ranking by distance: the very
+    farthest alone would all be on the emptiest roads. A car that SUMO put elsewhere is no ego.
 
     Raises:
         ValueError: fewer cars stayed on the road.
     """
     car = np.array([user.kind is CAR for user in traffic.users])
-    stayed = car & ~np.isnan(traffic.pose[:, :, 0]).any(axis=0)
+    hops = np.hypot(*np.diff(traffic.pose[:, :, :2], axis=0).transpose(2, 0, 1))
+    leap = LEAP_M + FASTEST_M_S * np.diff(traffic.time_s)[:, None]
+    stayed = car & ~np.isnan(traffic.pose[:, :, 0]).any(axis=0) & (hops <= leap).all(axis=0)
     candidates = np.flatnonzero(stayed)
     if len(candidates) < count:
         raise ValueError(
@@ -110,13 +147,15 @@ def choose_egos(traffic: Trajectories, count: int) -> list[int]:
             f"{count} are needed as egos: ask for fewer routes or more vehicles"
         )
     distance = traffic.speed[:, candidates].sum(axis=0)
-    return sorted(candidates[np.argsort(-distance, kind="stable")[:count]].tolist())
+    driving = int(np.count_nonzero(distance >= np.median(distance) / 2))
+    ranks = np.linspace(0, max(driving, count) - 1, count).round().astype(np.int64)
+    return sorted(candidates[np.argsort(-distance, kind="stable")[ranks]].tolist())
 
 
-def _split(scene: SumoScene, part: str) -> NDArray[np.str_]:
+def _split(scene: SumoScene, part: Part, frames: int) -> NDArray[np.str_]:
     if scene.split == "route":
-        return np.full(scene.frames_per_route, part)
-    tenth = np.arange(scene.frames_per_route) % TEST_EVERY == TEST_EVERY - 1
+        return np.full(frames, part)
+    tenth = np.arange(frames) % TEST_EVERY == TEST_EVERY - 1
     return np.where(tenth, "test", "train")
 
 
@@ -124,40 +163,43 @@ def boxes_around(
     traffic: Trajectories,
     pairs: NDArray[np.int64],
     ego: int,
-    scene: str,
-    part: str,
+    steps: NDArray[np.int64],
+    run: TownRun,
     first_frame: int,
 ) -> pd.DataFrame:
-    """Boxes within `KEEP_M` of the ego, in its frame.
+    """Boxes within `KEEP_M` of the ego and on its level at `steps`, in its frame.
 
     Of two that overlap the smaller is left out: SUMO lets some road users brush each other where
     lanes and crossings meet, about one pair in twenty frames of a whole town.
     """
     offset = traffic.pose - traffic.pose[:, ego : ego + 1]
-    heading = traffic.pose[:, ego, 2][:, None]
-    near = np.hypot(offset[:, :, 0], offset[:, :, 1]) <= KEEP_M  # False where NaN
+    # False where NaN
+    near = np.hypot(offset[:, :, 0], offset[:, :, 1]) <= KEEP_M
+    near &= np.abs(traffic.z - traffic.z[:, ego : ego + 1]) <= LEVEL_M
     near[:, ego] = False
     area = np.array([u.length * u.width for u in traffic.users])
     area[ego] = np.inf
-    frame, a, b = pairs.T
-    near[frame, np.where(area[a] < area[b], a, b)] = False
-    frame, user = np.nonzero(near)
-    cos, sin = np.cos(heading), np.sin(heading)
+    step, a, b = pairs.T
+    near[step, np.where(area[a] < area[b], a, b)] = False
+    frame, user = np.nonzero(near[steps])
+    at = steps[frame]
+    offset = offset[at, user]
+    cos, sin = (turn(traffic.pose[at, ego, 2]) for turn in (np.cos, np.sin))
     size = np.array([(u.length, u.width, u.height) for u in traffic.users])[user]
     return pd.DataFrame(
         {
-            "scene": scene,
+            "scene": run.name,
             "frame": first_frame + frame,
-            "timestamp_s": traffic.time_s[frame],
-            "object_id": np.array([f"{part}-{u.id}" for u in traffic.users])[user],
+            "timestamp_s": traffic.time_s[at],
+            "object_id": np.array([f"{run.name}-{u.id}" for u in traffic.users])[user],
             "class": np.array([u.kind.object_class for u in traffic.users])[user],
-            "x": (cos * offset[:, :, 0] + sin * offset[:, :, 1])[near],
-            "y": (cos * offset[:, :, 1] - sin * offset[:, :, 0])[near],
+            "x": cos * offset[:, 0] + sin * offset[:, 1],
+            "y": cos * offset[:, 1] - sin * offset[:, 0],
             "z": size[:, 2] / 2,
             "length": size[:, 0],
             "width": size[:, 1],
             "height": size[:, 2],
-            "yaw": _wrap(offset[:, :, 2][near]),
+            "yaw": _wrap(offset[:, 2]),
         }
     )
 

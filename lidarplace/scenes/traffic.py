@@ -1,8 +1,7 @@
-"""Who is on the road: kinds of objects, their sizes, and endless random routes through a town."""
+"""Who is on the road: kinds of objects, their sizes, and where they start."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,11 +9,11 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from lidarplace.scenes.town import SPEED_M_S
+from lidarplace.scenes.settings import SumoScene
+from lidarplace.scenes.walks import WalkGraph, drive_graph, foot_graph
 
 if TYPE_CHECKING:
     from sumolib.net import Net
-    from sumolib.net.edge import Edge
 
 Interval = tuple[float, float]
 
@@ -50,7 +49,7 @@ VEHICLES = (CAR, BOX_TRUCK, MOTORCYCLE, BICYCLE)
 PEDESTRIAN = Kind("pedestrian", "Pedestrian", "pedestrian", (0.4, 0.7), (0.5, 0.7), (1.5, 1.9))
 
 WALK_M_S = 1.5
-"""A pedestrian's speed; like the speed limit it decides how long a route must be."""
+"""A pedestrian's speed; like the speed limits it decides how long a route must be."""
 
 SPARE = 1.5
 """Routes are so much longer than that: SUMO's drivers differ and may exceed the limit a little."""
@@ -82,22 +81,35 @@ def _kinds(density: int) -> list[Kind]:
     return [kind for kind, count in zip(VEHICLES, counts, strict=True) for _ in range(count)]
 
 
-def write_demand(
-    network: Net,
-    density: int,
-    pedestrians: int,
-    seconds: float,
-    rng: np.random.Generator,
-    path: Path,
-) -> list[RoadUser]:
-    """Write SUMO's route file of `density` vehicles and of pedestrians to `path`.
+@dataclass(frozen=True)
+class Demand:
+    """The road users of a simulation, and where each may go.
 
-    Everybody starts at once and wanders at random for at least `seconds`, so that nobody leaves.
-    Returns the road users, sorted by id.
+    Attributes:
+        users: sorted by id.
+        drives: lanes by SUMO's vehicle class.
     """
+
+    users: list[RoadUser]
+    drives: dict[str, WalkGraph]
+
+
+def write_demand(
+    network: Net, scene: SumoScene, rng: np.random.Generator, town: str, path: Path
+) -> Demand:
+    """Write SUMO's route file of the vehicles and pedestrians of `scene` to `path`.
+
+    Everybody starts at once and wanders at random for longer than the simulation, so that nobody
+    leaves. `network` was read with its pedestrian connections; `town` names it in errors.
+
+    Raises:
+        ValueError: there are no lanes or no sidewalks on which to wander without end.
+    """
+    drives = {kind.sumo_class: drive_graph(network, kind.sumo_class) for kind in VEHICLES}
+    foot = foot_graph(network, WALK_M_S)
     users: list[RoadUser] = []
     root = ElementTree.Element("routes")
-    for number, kind in enumerate([*_kinds(density), *[PEDESTRIAN] * pedestrians]):
+    for number, kind in enumerate([*_kinds(scene.density), *[PEDESTRIAN] * scene.pedestrians]):
         length, width, height = (
             float(rng.uniform(*interval)) for interval in (kind.length, kind.width, kind.height)
         )
@@ -112,9 +124,16 @@ def write_demand(
             width=f"{width:.3f}",
             height=f"{height:.3f}",
         )
-        speed = WALK_M_S if kind is PEDESTRIAN else SPEED_M_S
-        distance = SPARE * speed * seconds
-        edges = " ".join(_wander(network, kind.sumo_class, distance, rng))
+        graph = foot if kind is PEDESTRIAN else drives[kind.sumo_class]
+        if not graph.edges:
+            if kind is PEDESTRIAN:
+                raise ValueError(
+                    f"pedestrians {scene.pedestrians}: {town} has no sidewalks that lead on and "
+                    "on; allowed is 0"
+                )
+            raise ValueError(f"{town} has no lanes that lead a {kind.name} on and on")
+        start = graph.anywhere(rng)
+        edges = " ".join(graph.walk(SPARE * scene.seconds, rng, start))
         if kind is PEDESTRIAN:
             person = ElementTree.SubElement(
                 root, "person", id=user.id, type=user.id, depart="0", departPos="random"
@@ -127,30 +146,9 @@ def write_demand(
                 id=user.id,
                 type=user.id,
                 depart="0",
-                departLane="best",
+                departLane=graph.keys[start].rpartition("_")[2],
                 departPos="random_free",
             )
             ElementTree.SubElement(vehicle, "route", edges=edges)
     ElementTree.ElementTree(root).write(path)
-    return sorted(users, key=lambda user: user.id)
-
-
-def _wander(
-    network: Net, sumo_class: str, distance: float, rng: np.random.Generator
-) -> Iterator[str]:
-    """Ids of connected edges, turning at random, until `distance` metres lie behind the first."""
-    edges = sorted(
-        (edge for edge in network.getEdges() if edge.allows(sumo_class)), key=lambda e: e.getID()
-    )
-    edge: Edge = edges[rng.integers(len(edges))]
-    yield edge.getID()
-    while distance > 0:
-        if sumo_class == PEDESTRIAN.sumo_class:  # crosses where no lane leads
-            here, back = edge.getToNode(), edge.getFromNode()
-            following = [e for e in here.getOutgoing() if e.getToNode() is not back]
-        else:
-            following = list(edge.getAllowedOutgoing(sumo_class))
-        following.sort(key=lambda e: e.getID())
-        edge = following[rng.integers(len(following))]
-        distance -= edge.getLength()
-        yield edge.getID()
+    return Demand(sorted(users, key=lambda user: user.id), drives)

@@ -45,6 +45,15 @@ def test_buildings_need_poses(tmp_path):
         read_box_log(tmp_path)
 
 
+def test_what_is_no_log_is_named(tmp_path):
+    with pytest.raises(ValueError, match=r"boxes\.parquet: cannot be read: no such file"):
+        read_box_log(tmp_path)
+    write_box_log(tmp_path, BoxLog(BOXES, FRAMES))
+    (tmp_path / "frames.parquet").write_bytes(b"no parquet at all")
+    with pytest.raises(ValueError, match=r"frames\.parquet: is no Parquet file"):
+        read_box_log(tmp_path)
+
+
 def test_every_box_belongs_to_a_listed_frame(tmp_path):
     write_box_log(tmp_path, BoxLog(BOXES, FRAMES[:2]))
     with pytest.raises(ValueError, match=r"boxes\.parquet: row 1: frame 5 is not in frames"):

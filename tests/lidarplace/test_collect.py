@@ -1,4 +1,4 @@
-"""Point clouds of placements: independence of portions, noise, drop-off, crop."""
+"""Point clouds of placements: independence of portions, noise, drop-off, crop, buildings."""
 
 import math
 from dataclasses import replace
@@ -7,10 +7,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from lidarplace.box_log import BoxLog
 from lidarplace.boxes import GEOMETRY
 from lidarplace.lidar.collect import collect
-from lidarplace.lidar.raycast import GROUND, OWN_BODY, cast
-from lidarplace.lidar.returns import ATTENUATION_PER_M
+from lidarplace.lidar.raycast import cast
+from lidarplace.lidar.returns import ATTENUATION_PER_M, LARGEST_ERROR, sample_points
+from lidarplace.lidar.shapes import BUILDING, OWN_BODY, bricks
+from lidarplace.lidar.surroundings import Surroundings
 from lidarplace.placement import Mount, Placement
 from lidarplace.sensor import Lidar
 
@@ -20,7 +23,10 @@ NOISY = replace(LIDAR, range_noise=0.05, drop_off=0.2)
 TWO = [Mount(y=0.5, z=2.2, roll=0.28), Mount(x=0.5, z=2.4, yaw=1.0)]
 
 
-def log(frames: int = 6, per_frame: int = 8) -> pd.DataFrame:
+GRID_M = 0.0005  # clouds are kept to half a millimetre
+
+
+def log(frames: int = 6, per_frame: int = 8) -> BoxLog:
     rng = np.random.default_rng(5)
     rows = frames * per_frame
     table = pd.DataFrame(rng.uniform(1.5, 4, (rows, 7)), columns=list(GEOMETRY))
@@ -30,8 +36,19 @@ def log(frames: int = 6, per_frame: int = 8) -> pd.DataFrame:
         table["height"] / 2,
     )
     table.insert(0, "frame", np.repeat(np.arange(frames), per_frame))
-    table.insert(1, "class", "Car")
-    return table.sample(frac=1, random_state=1, ignore_index=True)
+    table.insert(1, "class", rng.choice(["Car", "Cyclist", "Pedestrian"], rows))
+    table.insert(2, "object_id", np.arange(rows))
+    table = table.sample(frac=1, random_state=1, ignore_index=True)
+    listed = pd.DataFrame({"scene": "a", "frame": np.arange(frames)})
+    return BoxLog(table, listed)
+
+
+def empty(frames: int = 1) -> BoxLog:
+    return BoxLog(log().boxes[:0], log(frames).frames)
+
+
+def all_points(clouds) -> np.ndarray:
+    return np.concatenate([np.empty((0, 4), np.float32), *clouds])
 
 
 def test_portions_and_order_of_frames_change_nothing():
@@ -48,58 +65,61 @@ def test_index_of_the_lidar_is_kept():
     both = collect(log(), [0, 3], Placement("two", TWO, lidar=LIDAR), CROP)
     for m, mount in enumerate(TWO):
         alone = collect(log(), [0, 3], Placement("one", [mount], lidar=LIDAR), CROP)
-        np.testing.assert_array_equal(both.points[both.lidar == m], alone.points)
-    assert both.lidar.dtype == np.uint8
-    assert both.points.dtype == np.float32
+        for i in range(2):
+            np.testing.assert_array_equal(both[i][both.lidar(i) == m], alone[i])
 
 
 def test_points_are_the_hits_within_the_crop():
-    boxes, mount = log(), TWO[0]
-    geometry = boxes[boxes["frame"] == 2][list(GEOMETRY)].to_numpy()
-    hits = cast(mount, LIDAR, geometry)
-    kept = hits.target >= GROUND
+    mount = TWO[0]
+    hits = cast(mount, LIDAR, Surroundings(log()).parts(2, reach=100.0))
+    kept = hits.target >= BUILDING
     points = mount.position + hits.range[kept, None] * (LIDAR.directions() @ mount.rotation.T)[kept]
     inside = ((points >= CROP[:3]) & (points <= CROP[3:])).all(axis=1)
-    intensity = hits.incidence[kept] * np.exp(-ATTENUATION_PER_M * hits.range[kept])
-    cloud = collect(boxes, [2], Placement("one", [mount], lidar=LIDAR), CROP)[0]
-    np.testing.assert_allclose(cloud[:, :3], points[inside], atol=1e-5)
-    np.testing.assert_allclose(cloud[:, 3], intensity[inside], rtol=1e-5)
+    intensity = hits.reflected[kept] * np.exp(-ATTENUATION_PER_M * hits.range[kept])
+    cloud = collect(log(), [2], Placement("one", [mount], lidar=LIDAR), CROP)[0]
+    np.testing.assert_allclose(cloud[:, :3], points[inside], atol=GRID_M + 1e-5)
+    np.testing.assert_allclose(cloud[:, 3], intensity[inside], atol=0.5 / 255 + 1e-6)
 
 
 def test_points_of_a_field_of_view_are_those_of_the_whole_turn_within_it():
     ahead = replace(LIDAR, azimuth=(-0.5, 0.7))
     mount, behind = Mount(z=2.2), Mount(z=2.2, yaw=math.pi)
     full = collect(log(), [0, 3], Placement("a", [mount], lidar=LIDAR), CROP)
-    azimuth = np.arctan2(full.points[:, 1], full.points[:, 0])
-    inside = full.points[(azimuth > -0.5) & (azimuth < 0.7)]
-    found = collect(log(), [0, 3], Placement("a", [mount], lidar=ahead), CROP)
-    assert {tuple(p) for p in found.points} == {tuple(p) for p in inside}
-    assert len(found.points) == len(inside) > 500
+    points = all_points(full)
+    azimuth = np.arctan2(points[:, 1], points[:, 0])
+    inside = points[(azimuth > -0.5) & (azimuth < 0.7)]
+    found = all_points(collect(log(), [0, 3], Placement("a", [mount], lidar=ahead), CROP))
+    assert {tuple(p) for p in found} == {tuple(p) for p in inside}
+    assert len(found) == len(inside) > 500
     none = collect(log(), [0, 3], Placement("a", [behind], lidar=ahead), CROP)
-    assert len(none.points) == 0
+    assert len(all_points(none)) == 0
 
 
 def test_ground_lies_at_zero_exactly():
     """A crop that starts at z = 0 must not lose ground to rounding."""
     placement = Placement("one", [Mount(z=2.2, pitch=0.1)], lidar=LIDAR)
-    empty = log()[:0]
-    from_zero = collect(empty, [0], placement, (0, -20, 0, 40, 20, 4))
-    from_below = collect(empty, [0], placement, CROP)
-    np.testing.assert_array_equal(from_zero.points, from_below.points)
-    assert (from_zero.points[:, 2] == 0).all()
-    assert len(from_zero.points) > 500
+    from_zero = collect(empty(), [0], placement, (0, -20, 0, 40, 20, 4))[0]
+    from_below = collect(empty(), [0], placement, CROP)[0]
+    np.testing.assert_array_equal(from_zero, from_below)
+    assert (from_zero[:, 2] == 0).all()
+    assert len(from_zero) > 500
+
+
+def returns(mount: Mount, lidar: Lidar, seed: int = 0, parts=None) -> np.ndarray:
+    """Points of one LiDAR before they are packed, everywhere."""
+    none = bricks(np.empty((0, 7)), 0)
+    hits = cast(mount, lidar, parts if parts is not None else none)
+    points = np.empty((lidar.rays, 4), np.float32)
+    everywhere = (-200.0, -200.0, -50.0, 200.0, 200.0, 50.0)
+    return points[: sample_points(mount, lidar, hits, everywhere, (seed, 0, 0), points)]
 
 
 def test_range_noise_has_its_standard_deviation_along_the_ray():
     sd = 0.05
     mount = Mount(z=2.2)
-    everywhere = (-200.0, -200.0, -50.0, 200.0, 200.0, 50.0)
     noisy = replace(LIDAR, range_noise=sd, azimuth_steps=5625)
-    exact = collect(
-        log()[:0], [0], Placement("a", [mount], replace(noisy, range_noise=0)), everywhere
-    )[0]
-    points = collect(log()[:0], [0], Placement("a", [mount], noisy), everywhere)[0]
-    error = (points - exact)[:, :3].astype(np.float64)
+    exact = returns(mount, replace(noisy, range_noise=0))
+    error = (returns(mount, noisy) - exact)[:, :3].astype(np.float64)
     ray = (exact[:, :3] - mount.position) / np.linalg.norm(
         exact[:, :3] - mount.position, axis=1, keepdims=True
     )
@@ -108,42 +128,164 @@ def test_range_noise_has_its_standard_deviation_along_the_ray():
     number = len(along)
     assert abs(along.mean()) < 4 * sd / math.sqrt(number)
     assert abs(along.std() - sd) < 4 * sd / math.sqrt(2 * number)
-    inner = (np.abs(along) < sd).mean()
-    assert abs(inner - 0.6827) < 4 * math.sqrt(0.6827 * 0.3173 / number)
+    for width, share in ((1, 0.682689), (2, 0.954500), (3, 0.997300)):
+        found = (np.abs(along) < width * sd).mean()
+        assert abs(found - share) < 4 * math.sqrt(share * (1 - share) / number)
+
+
+def test_no_point_within_the_crop_is_lost_by_culling():
+    """Of the noisy points, those in a small crop are the same whether it or all was cast."""
+    noisy = replace(LIDAR, range_noise=0.1, drop_off=0.1)
+    placement = Placement("two", TWO, lidar=noisy)
+    small = (8.0, -8.0, 0.2, 24.0, 8.0, 3.0)
+
+    def inner(crop) -> int:
+        points = all_points(collect(log(), [0, 1, 2], placement, crop))[:, :3]
+        low, high = np.array(small[:3]) + 0.01, np.array(small[3:]) - 0.01
+        return int(((points > low) & (points < high)).all(axis=1).sum())
+
+    everywhere = inner((-50.0, -50.0, -3.0, 50.0, 50.0, 9.0))
+    assert everywhere > 300
+    assert abs(inner(small) - everywhere) <= 2  # the two grids of coordinates differ
 
 
 def test_drop_off_is_a_share_of_the_returns_and_differs_between_keys():
     kept = []
-    full = collect(log(), [0, 1], Placement("a", TWO, LIDAR), CROP)
+    number = len(all_points(collect(empty(2), [0, 1], Placement("a", TWO, LIDAR), CROP)))
+    assert number > 1000
     for seed in (0, 1, 2**63 + 5):
-        half = collect(log(), [0, 1], Placement("a", TWO, replace(LIDAR, drop_off=0.3)), CROP, seed)
-        number = len(full.points)
-        assert abs(len(half.points) / number - 0.7) < 4 * math.sqrt(0.21 / number)
-        kept.append(half.points)
+        lossy = Placement("a", TWO, replace(LIDAR, drop_off=0.3))
+        half = all_points(collect(empty(2), [0, 1], lossy, CROP, seed))
+        assert abs(len(half) / number - 0.7) < 4 * math.sqrt(0.21 / number)
+        kept.append(half)
     assert len({cloud.tobytes() for cloud in kept}) == 3
 
 
 def test_own_body_returns_nothing():
     inside_body = (*(OWN_BODY[k] - OWN_BODY[3 + k] / 2 for k in range(2)), 0.1, 2.3, 0.95, 1.6)
-    clouds = collect(log()[:0], [0], Placement("a", [Mount(z=2.2)], LIDAR), inside_body)
-    assert len(clouds.points) == 0
+    clouds = collect(empty(), [0], Placement("a", [Mount(z=2.2)], LIDAR), inside_body)
+    assert len(clouds[0]) == 0
 
 
 def test_a_frame_without_boxes_shows_the_ground_and_no_frames_no_points():
     placement = Placement("a", [Mount(z=2.2)], LIDAR)
-    clouds = collect(log(), [99], placement, CROP)
+    clouds = collect(empty(), [0], placement, CROP)
     assert len(clouds[0]) > 500
     none = collect(log(), [], placement, CROP)
-    assert none.points.shape == (0, 4)
-    np.testing.assert_array_equal(none.offsets, [0])
+    assert len(none) == 0
+    upwards = Placement("a", [Mount(z=2.2)], replace(LIDAR, elevations=(0.0, 0.2, 1.5)))
+    assert collect(empty(), [0], upwards, CROP)[0].shape == (0, 4)
+
+
+def test_a_return_at_range_zero_and_a_lidar_inside_an_object():
+    """A sensor in the face of a brick meets it at once; noise takes no range below zero."""
+    wall = bricks(np.array([[11.0, 0.0, 2.0, 2.0, 8.0, 4.0, 0.0]]), 0)
+    ahead = Lidar((0.0,), azimuth_steps=1, range_noise=0.5)
+    touching = returns(Mount(x=10.0, z=2.0), ahead, parts=wall)
+    assert len(touching) == 1
+    assert 10 <= touching[0, 0] < 13
+    assert np.isfinite(touching).all()
+    inside = returns(Mount(x=11.0, z=2.0), ahead, parts=wall)
+    assert len(inside) == 0
+    around = log().boxes[:1].assign(frame=0, x=0.0, y=0.0, z=2.0, length=9.0, width=9.0, height=9.0)
+    clouds = collect(BoxLog(around, log().frames), [0], Placement("a", TWO, NOISY), CROP)
+    assert np.isfinite(clouds[0]).all()
+
+
+def with_building(pose: tuple[float, float, float]) -> BoxLog:
+    """A wall 10 m before a vehicle at (100, 50) that looks along y, for the pose given."""
+    frames = pd.DataFrame(
+        [("a", 0, *pose)], columns=["scene", "frame", "ego_x", "ego_y", "ego_yaw"]
+    )
+    wall = pd.DataFrame(
+        [("a", 100.0, 61.0, 3.0, 30.0, 2.0, 6.0, 0.0), ("b", 100.0, 55.0, 3.0, 9.0, 2.0, 6.0, 0.0)],
+        columns=["scene", *GEOMETRY],
+    )
+    return BoxLog(log().boxes[:0], frames, wall)
+
+
+def test_buildings_of_the_scene_are_moved_into_the_ego_frame():
+    placement = Placement("a", [Mount(z=2.2)], LIDAR)
+    cloud = collect(with_building((100.0, 50.0, math.pi / 2)), [0], placement, CROP)[0]
+    wall = cloud[cloud[:, 2] > 0.01]
+    np.testing.assert_allclose(wall[:, 0], 10.0, atol=1e-3)
+    assert len(wall) > 200
+    assert not (cloud[:, 0] > 10.001).any()  # it hides the ground
+    away = collect(with_building((100.0, 50.0, -math.pi / 2)), [0], placement, CROP)[0]
+    assert (away[:, 2] == 0).all()
+    far = collect(with_building((3000.0, 50.0, math.pi / 2)), [0], placement, CROP)[0]
+    np.testing.assert_array_equal(far, collect(empty(), [0], placement, CROP)[0])
+
+
+def test_a_lidar_inside_a_building_sees_through_it():
+    placement = Placement("a", [Mount(z=2.2)], LIDAR)
+    inside = collect(with_building((100.0, 61.0, 0.0)), [0], placement, CROP)[0]
+    np.testing.assert_array_equal(inside, collect(empty(), [0], placement, CROP)[0])
+
+
+def test_misaligned_heights_take_the_first_lidar_for_all():
+    mounts = [Mount(z=2.2), Mount(z=2.7), Mount(x=0.5, z=2.0)]
+    tall = (0.0, -20.0, -2.0, 40.0, 20.0, 6.0)
+    placement = Placement("a", mounts, lidar=LIDAR)
+    right = collect(log(), [1], placement, tall)
+    wrong = collect(log(), [1], placement, tall, misaligned_heights=True)
+    for m, mount in enumerate(mounts):
+        low, high = tall[2] + 0.6, tall[5] - 0.6  # what neither crop cuts
+        lift = mounts[0].z - mount.z
+        a, b = (c[0][c.lidar(0) == m] for c in (right, wrong))
+        a = a[(a[:, 2] > low) & (a[:, 2] < high)]
+        b = b[(b[:, 2] - lift > low) & (b[:, 2] - lift < high)]
+        a[:, 2] += lift
+        np.testing.assert_allclose(b, a, atol=2 * GRID_M + 1e-5)
+    sunk = collect(log(), [1], placement, (0.0, -20.0, -0.51, 40.0, 20.0, -0.49), 0, True)
+    assert (sunk.lidar(0) == 1).all()
+    assert len(sunk[0]) > 100
+
+
+def test_two_thousand_objects():
+    rng = np.random.default_rng(0)
+    boxes = log(1, 2000).boxes
+    boxes[["x", "y"]] = rng.uniform(-80, 80, (2000, 2))
+    clouds = collect(BoxLog(boxes, log(1).frames), [0], Placement("a", TWO, LIDAR), CROP)
+    assert 1000 < len(clouds[0]) < 2 * LIDAR.rays
 
 
 def test_wrong_input_is_named():
     placement = Placement("a", [Mount(z=2.2)], LIDAR)
     with pytest.raises(ValueError, match="crop needs x0 < x1"):
         collect(log(), [0], placement, (40.0, -20.0, 0.0, 0.0, 20.0, 4.0))
+    bad = log().boxes.assign(x=lambda t: t["x"].where(t.index != 3))
     with pytest.raises(ValueError, match="row 3: x must be a finite number"):
-        collect(log().assign(x=lambda t: t["x"].where(t.index != 3)), [0], placement, CROP)
+        collect(BoxLog(bad, log().frames), [0], placement, CROP)
     many = Placement("many", [Mount(x=i * 0.001, z=2.2) for i in range(257)], LIDAR)
     with pytest.raises(ValueError, match="at most 256 LiDARs, found 257"):
         collect(log(), [0], many, CROP)
+    with pytest.raises(ValueError, match="frame 99 is not in the box log"):
+        collect(log(), [0, 99], placement, CROP)
+    with pytest.raises(ValueError, match="frame 0 needs a finite pose"):
+        collect(with_building((100.0, math.nan, 0.0)), [0], placement, CROP)
+    no_pose = with_building((0.0, 0.0, 0.0))
+    with pytest.raises(ValueError, match="no column ego_yaw; buildings need the pose"):
+        collect(
+            BoxLog(no_pose.boxes, no_pose.frames.drop(columns="ego_yaw"), no_pose.buildings),
+            *([0], placement, CROP),
+        )
+    twice = BoxLog(log().boxes, pd.concat([log().frames, log().frames[:1]]))
+    with pytest.raises(ValueError, match="a frame is listed twice"):
+        collect(twice, [0], placement, CROP)
+
+
+def test_normal_numbers_are_quantiles_of_the_uniform_ones():
+    """The largest error bounds them, and they agree with scipy's."""
+    special = pytest.importorskip("scipy.special")
+    from numba import njit
+
+    from lidarplace.lidar.returns import _fill_normals
+
+    fill = njit(lambda numbers, flank: _fill_normals(numbers, len(numbers), flank))
+    tails = 2.0 ** -np.arange(2, 54)
+    uniform = np.concatenate([(np.arange(10**5) + 0.5) / 10**5, tails, 1 - tails])
+    normal = uniform.copy()
+    fill(normal, np.empty(len(normal), np.uint32))
+    np.testing.assert_allclose(normal, special.ndtri(uniform), rtol=2e-7, atol=1e-12)
+    assert np.abs(normal).max() < LARGEST_ERROR

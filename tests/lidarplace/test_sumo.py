@@ -5,6 +5,7 @@ import math
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,11 @@ import pytest
 from pydantic import ValidationError
 
 from lidarplace.box_log import BoxLog, write_box_log
-from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS, check_boxes
-from lidarplace.lidar.raycast import OWN_BODY
-from lidarplace.scenes.overlap import rectangles_meet
+from lidarplace.boxes import BOX_COLUMNS, BUILDING_COLUMNS, FRAME_COLUMNS, POSE_COLUMNS, check_boxes
+from lidarplace.lidar.shapes import OWN_BODY
+from lidarplace.scenes.overlap import overlaps, rectangles_meet
 from lidarplace.scenes.settings import SumoScene
-from lidarplace.scenes.sumo import KEEP_M, boxes_around, choose_egos, drive, record
+from lidarplace.scenes.sumo import KEEP_M, boxes_around, choose_egos, drive, moved, record
 from lidarplace.scenes.traffic import (
     BICYCLE,
     BOX_TRUCK,
@@ -51,7 +52,7 @@ def log() -> BoxLog:
 def digest(folder: Path) -> list[str]:
     return [
         hashlib.sha256((folder / name).read_bytes()).hexdigest()
-        for name in ("boxes.parquet", "frames.parquet")
+        for name in ("boxes.parquet", "frames.parquet", "buildings.parquet")
     ]
 
 
@@ -87,12 +88,14 @@ def test_another_seed_gives_another_log(log):
 def test_schema(log):
     boxes, frames = log.boxes, log.frames
     assert tuple(boxes.columns) == BOX_COLUMNS
-    assert tuple(frames.columns) == FRAME_COLUMNS
+    assert tuple(frames.columns) == (*FRAME_COLUMNS, *POSE_COLUMNS)
+    assert tuple(log.buildings.columns) == BUILDING_COLUMNS
     check_boxes(boxes)
     assert frames["frame"].tolist() == list(range(50))
     assert boxes["frame"].isin(frames["frame"]).all()
     assert boxes["frame"].is_monotonic_increasing
-    assert set(boxes["scene"]) == set(frames["scene"]) == {"sumo-3"}
+    names = {"sumo-3-train-generated", "sumo-3-test-generated"}
+    assert set(boxes["scene"]) == set(frames["scene"]) == set(log.buildings["scene"]) == names
     assert not boxes.duplicated(["frame", "object_id"]).any()
     times = frames.set_index("frame")["timestamp_s"]
     np.testing.assert_array_equal(boxes["timestamp_s"], times.loc[boxes["frame"]])
@@ -158,8 +161,9 @@ def test_no_two_boxes_overlap_and_none_the_ego(log):
 
 @pytest.fixture(scope="module")
 def traffic() -> Trajectories:
-    changes = {"warmup_s": 30.0, "frame_stride": 4, "frames_per_route": 50}
-    return drive(TINY.model_copy(update=changes), town=0)
+    changes = {"density": 100, "warmup_s": 30.0, "frame_stride": 4, "frames_per_route": 50}
+    scene = TINY.model_copy(update=changes)
+    return drive(scene, scene.town_runs()[0])[1]
 
 
 def test_everybody_is_on_the_road_and_drives_where_he_looks(traffic):
@@ -201,45 +205,113 @@ def synthetic(*pose: tuple[float, float, float], kinds=None, speed=None) -> Traj
     kinds = kinds or [CAR] * len(pose)
     users = [RoadUser(f"{kind.name}{u}", kind, 4.0, 2.0, 1.5) for u, kind in enumerate(kinds)]
     speeds = np.array([speed or [1.0] * len(pose)])
-    return Trajectories(users, np.zeros(1), np.array([pose], np.float64), speeds)
+    poses = np.array([pose], np.float64)
+    return Trajectories(users, np.zeros(1), poses, np.zeros(poses.shape[:2]), speeds)
 
 
+RUN = SumoScene().town_runs()[0]
+
+
+FIRST = np.zeros(1, np.int64)
 NO_PAIRS = np.empty((0, 3), np.int64)
 
 
 def test_ego_frame():
     north = math.pi / 2
     traffic = synthetic((10, 20, north), (10, 25, north), (7, 20, math.pi), (12, 20, 0))
-    boxes = boxes_around(traffic, NO_PAIRS, 0, "s", "train", 40)
+    boxes = boxes_around(traffic, NO_PAIRS, 0, FIRST, RUN, 40)
     np.testing.assert_allclose(boxes[["x", "y"]], [[5, 0], [0, 3], [0, -2]], atol=1e-12)
     np.testing.assert_allclose(boxes["yaw"], [0, math.pi / 2, -math.pi / 2])
     assert boxes["frame"].tolist() == [40] * 3
-    assert boxes["object_id"].tolist() == ["train-car1", "train-car2", "train-car3"]
+    assert boxes["object_id"].tolist() == [f"{RUN.name}-car{u}" for u in (1, 2, 3)]
 
 
 def test_yaw_stays_in_its_interval():
     traffic = synthetic((0, 0, 0.0), (9, 0, math.pi), (18, 0, -math.pi), (27, 0, 3 * math.pi))
-    boxes = boxes_around(traffic, NO_PAIRS, 0, "s", "train", 0)
+    boxes = boxes_around(traffic, NO_PAIRS, 0, FIRST, RUN, 0)
     np.testing.assert_array_equal(boxes["yaw"], math.pi)
 
 
 def test_only_near_ones_on_the_road_and_one_of_an_overlapping_pair():
     traffic = synthetic((0, 0, 0), (60, 0, 0), (60.1, 0, 0), (np.nan,) * 3, (10, 0, 0), (11, 0, 0))
     pairs = np.array([[0, 4, 5]])
-    boxes = boxes_around(traffic, pairs, 0, "s", "train", 0)
-    assert boxes["object_id"].tolist() == ["train-car1", "train-car4"]
-    boxes = boxes_around(traffic, pairs, 5, "s", "train", 0)
-    assert "train-car4" not in boxes["object_id"].tolist()
+    boxes = boxes_around(traffic, pairs, 0, FIRST, RUN, 0)
+    assert boxes["object_id"].tolist() == [f"{RUN.name}-car1", f"{RUN.name}-car4"]
+    boxes = boxes_around(traffic, pairs, 5, FIRST, RUN, 0)
+    assert f"{RUN.name}-car4" not in boxes["object_id"].tolist()
 
 
-def test_egos_are_the_cars_that_drove_farthest():
-    kinds = [CAR, BICYCLE, CAR, CAR, CAR]
-    pose = [(u * 10.0, 0.0, 0.0) for u in range(5)]
+def test_egos_are_cars_that_drove_far_and_not_so_far():
+    kinds = [CAR, BICYCLE, *[CAR] * 6]
+    pose = [(u * 10.0, 0.0, 0.0) for u in range(8)]
     pose[4] = (np.nan,) * 3
-    traffic = synthetic(*pose, kinds=kinds, speed=[1.0, 9.0, 3.0, 2.0, 9.0])
-    assert choose_egos(traffic, 2) == [2, 3]
-    with pytest.raises(ValueError, match="only 3 cars stayed on the road"):
-        choose_egos(traffic, 4)
+    speed = [1.0, 9.0, 3.0, 5.0, 9.0, 6.0, 4.0, 0.5]
+    traffic = synthetic(*pose, kinds=kinds, speed=speed)
+    # Of cars at 6, 5, 4, 3, 1 and 0.5 m/s the last two drove less than half the median.
+    assert choose_egos(traffic, 1) == [5]
+    assert choose_egos(traffic, 2) == [2, 5]
+    assert choose_egos(traffic, 4) == [2, 3, 5, 6]
+    assert choose_egos(traffic, 5) == [0, 2, 3, 5, 6]
+    with pytest.raises(ValueError, match="only 6 cars stayed on the road"):
+        choose_egos(traffic, 7)
+
+
+def test_a_car_put_elsewhere_is_no_ego():
+    users = [RoadUser(f"car{u}", CAR, 4.0, 2.0, 1.5) for u in range(2)]
+    pose = np.zeros((3, 2, 3))
+    pose[:, 1, 1] = 50
+    pose[2, 0, 0] = 300  # in half a second
+    time_s = np.array([0.0, 0.5, 1.0])
+    traffic = Trajectories(users, time_s, pose, np.zeros((3, 2)), np.full((3, 2), 9.0))
+    assert choose_egos(traffic, 1) == [1]
+
+
+def test_another_level_is_neither_seen_nor_hit():
+    traffic = synthetic((0, 0, 0), (1, 0, 0), (10, 0, 0), (11, 0, 0))
+    bridge = replace(traffic, z=np.array([[0.0, 6.0, 0.5, 6.0]]))
+    np.testing.assert_array_equal(overlaps(traffic), [[0, 0, 1], [0, 2, 3]])
+    assert len(overlaps(bridge)) == 0
+    below = boxes_around(bridge, overlaps(bridge), 0, FIRST, RUN, 0)
+    above = boxes_around(bridge, overlaps(bridge), 1, FIRST, RUN, 0)
+    assert below["object_id"].tolist() == [f"{RUN.name}-car2"]
+    assert above["object_id"].tolist() == [f"{RUN.name}-car3"]
+    np.testing.assert_array_equal(above["z"], 0.75)
+
+
+def test_frames_are_kept_after_the_ego_moved():
+    x = np.array([0, 0.4, 0.9, 1.0, 1.9, 2.5, 2.6, 3.5])
+    steps = moved(np.stack([x, np.zeros(8)], axis=1), 1.0)
+    assert steps.tolist() == [0, 3, 5, 7]
+    assert moved(np.zeros((3, 2)), 0.0).tolist() == [0, 1, 2]
+
+
+def test_min_travel_thins_the_log_and_keeps_the_numbers_of_routes(log):
+    near = record(TINY.model_copy(update={"min_travel_m": 2.0}))
+    frames = near.frames
+    assert 5 < len(frames) < len(log.frames)
+    assert frames["frame"].is_unique
+    for route, part in frames.groupby("route"):
+        kept = log.frames[log.frames["route"] == route]
+        kept = kept[kept["timestamp_s"].isin(part["timestamp_s"])]
+        assert part["frame"].tolist() == list(range(10 * route, 10 * route + len(part)))
+        np.testing.assert_array_equal(part[[*POSE_COLUMNS]], kept[[*POSE_COLUMNS]])
+        steps = np.hypot(*np.diff(part[["ego_x", "ego_y"]], axis=0).T)
+        assert (steps >= 2.0).all()
+        same = log.boxes["frame"].isin(kept["frame"])
+        part_boxes = near.boxes[near.boxes["frame"].isin(part["frame"])]
+        np.testing.assert_array_equal(part_boxes["x"], log.boxes.loc[same, "x"])
+
+
+def test_the_pose_places_a_box_where_its_object_is(log):
+    """The same object seen by two egos of a town is in one place of the town's frame."""
+    merged = log.boxes.merge(log.frames, on=["scene", "frame", "timestamp_s"])
+    cos, sin = np.cos(merged["ego_yaw"]), np.sin(merged["ego_yaw"])
+    merged["world_x"] = merged["ego_x"] + cos * merged["x"] - sin * merged["y"]
+    merged["world_y"] = merged["ego_y"] + sin * merged["x"] + cos * merged["y"]
+    seen = merged.groupby(["scene", "timestamp_s", "object_id"])[["world_x", "world_y"]]
+    spread = seen.max() - seen.min()
+    assert (seen.size() > 1).sum() > 20
+    assert spread.to_numpy().max() < 1e-9
 
 
 @pytest.mark.parametrize(
@@ -268,6 +340,11 @@ def test_rectangles_meet(a, b, meet):
         ({"frame_stride": 0}, "frame_stride"),
         ({"split": "random"}, "'route' or 'paper'"),
         ({"warmup_s": math.inf}, "warmup_s"),
+        ({"towns": []}, "towns"),
+        ({"towns": ["city.osm"]}, "'city.osm' is no town; allowed are 'generated', a path"),
+        ({"test_towns": ["Town 03"]}, "'Town 03' is no town"),
+        ({"min_travel_m": -1}, "min_travel_m"),
+        ({"egos_per_run": 0}, "egos_per_run"),
         ({"speed": 3}, "speed\n.*[Ee]xtra"),
     ],
 )
@@ -279,6 +356,8 @@ def test_bad_settings_are_named(setting, message):
 def test_more_routes_than_cars():
     with pytest.raises(ValueError, match="density 10 gives 7 cars, too few for 8 train routes"):
         record(SumoScene(density=10, routes=8))
+    runs = SumoScene(density=10, routes=8, egos_per_run=4).town_runs()
+    assert [run.routes for run in runs] == [4, 4, 4]
     assert cars_among(1) == 1
     assert cars_among(80) == 56
 

@@ -1,22 +1,29 @@
 """What counts as ground truth: hidden and outside objects do not."""
 
+import math
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from lidarplace import Roi
+from lidarplace.box_log import BoxLog
 from lidarplace.boxes import GEOMETRY
-from lidarplace.lidar.visibility import ground_truth, visibility
+from lidarplace.lidar.visibility import ground_truth, occluded, visibility
 
 FRONT = Roi((0, 40), (-20, 20), (0, 4), resolution=0.5)
 
 
-def table(*rows: tuple[int, float, float, float, float, float]) -> pd.DataFrame:
-    """Rows of frame, x, y, length, width, height; boxes stand on the ground with yaw 0."""
+def table(*rows: tuple[int, float, float, float, float, float], name: str = "Tram") -> BoxLog:
+    """Rows of frame, x, y, length, width, height; boxes stand on the ground with yaw 0.
+
+    What is of no known class fills its box.
+    """
     frame, x, y, length, width, height = (np.array(column) for column in zip(*rows, strict=True))
     data = [x, y, height / 2, length, width, height, np.zeros(len(rows))]
     boxes = pd.DataFrame(dict(zip(GEOMETRY, data, strict=True)))
-    return boxes.assign(frame=frame.astype(int), **{"class": "Car"})
+    boxes = boxes.assign(frame=frame.astype(int), object_id=range(len(rows)), **{"class": name})
+    return BoxLog(boxes, pd.DataFrame({"scene": "a", "frame": np.unique(frame)}))
 
 
 TRUCK = (0, 10.0, 0.0, 7.0, 2.5, 3.4)
@@ -37,11 +44,6 @@ def test_frames_do_not_hide_each_other_and_rows_keep_their_place():
     np.testing.assert_array_equal(visibility(table(*rows)), [1, 1, 0, 1, 1])
 
 
-def test_frames_of_two_scenes_are_told_apart():
-    boxes = table(TRUCK, HIDDEN_CAR).assign(scene=["a", "b"])
-    np.testing.assert_array_equal(visibility(boxes), [1, 1])
-
-
 def test_a_car_before_a_taller_box_hides_only_its_lower_part():
     low, tall = (0, 10.0, 0.0, 4.5, 6.0, 1.2), (0, 20.0, 0.0, 1.0, 2.0, 3.4)
     share = visibility(table(low, tall))
@@ -53,11 +55,56 @@ def test_a_car_before_a_taller_box_hides_only_its_lower_part():
 
 def test_ground_truth_is_visible_and_in_the_roi():
     behind = (0, -10.0, 0.0, 4.5, 1.8, 1.5)
-    boxes = table(HIDDEN_CAR, FREE_CAR, behind, TRUCK)
-    truth = ground_truth(boxes, FRONT.x, FRONT.y, FRONT.z)
+    log = table(HIDDEN_CAR, FREE_CAR, behind, TRUCK)
+    truth = ground_truth(log, FRONT.x, FRONT.y, FRONT.z)
     assert truth.index.tolist() == [1, 3]
     np.testing.assert_array_equal(truth["visibility"], [1, 1])
-    assert "visibility" not in boxes.columns
+    np.testing.assert_array_equal(truth["occluded"], [0, 0])
+    np.testing.assert_array_equal(truth["truncated"], [0, 0])
+    assert "visibility" not in log.boxes.columns
+
+
+def test_truncated_is_the_share_outside_the_roi():
+    at_the_edge = (0, 1.0, 0.0, 4.0, 2.0, 1.5)
+    truth = ground_truth(table(at_the_edge, FREE_CAR), FRONT.x, FRONT.y, FRONT.z)
+    np.testing.assert_allclose(truth["truncated"], [0.25, 0])
+
+
+def test_levels_of_occlusion():
+    share = np.array([1.0, 0.8, 0.79, 0.4, 0.39, 1e-3, 0.0])
+    np.testing.assert_array_equal(occluded(share), [0, 0, 1, 1, 2, 2, 3])
+
+
+def test_a_building_hides():
+    log = table(HIDDEN_CAR, FREE_CAR)
+    frames = log.frames.assign(ego_x=5.0, ego_y=-3.0, ego_yaw=math.pi / 2)
+    # In the world the car is 20 m along y from the vehicle; the wall stands half way.
+    wall = pd.DataFrame([("a", 5.0, 7.0, 5.0, 6.0, 0.5, 10.0, 0.0)], columns=["scene", *GEOMETRY])
+    np.testing.assert_array_equal(visibility(BoxLog(log.boxes, frames, wall)), [0, 1])
+    elsewhere = wall.assign(scene="b")
+    np.testing.assert_array_equal(visibility(BoxLog(log.boxes, frames, elsewhere)), [1, 1])
+    around = wall.assign(y=-3.0, length=9.0, width=9.0)
+    np.testing.assert_array_equal(visibility(BoxLog(log.boxes, frames, around)), [1, 1])
+
+
+def test_one_sees_past_the_cabin_of_a_car_but_not_past_a_brick():
+    before, behind = (0, 8.0, 0.0, 4.5, 1.8, 1.9), (0, 14.0, 0.0, 0.5, 1.7, 1.7)
+    bricks = visibility(table(before, behind))
+    log = table(before, behind)
+    shapes = visibility(BoxLog(log.boxes.assign(**{"class": ["Car", "Tram"]}), log.frames))
+    assert bricks[0] == shapes[0] == 1
+    assert shapes[1] > bricks[1] + 0.05
+
+
+def test_two_thousand_objects():
+    rng = np.random.default_rng(0)
+    x, y = rng.uniform(-90, 90, (2, 2000))
+    log = table(*((0, *at, 4.5, 1.8, 1.5) for at in zip(x, y, strict=True)), name="Car")
+    share = visibility(log)
+    assert ((share >= 0) & (share <= 1)).all()
+    assert 0 < (share == 0).mean() < 0.9
+    order = np.argsort(np.hypot(x, y))
+    assert share[order[:100]].mean() > share[order[-100:]].mean() + 0.3
 
 
 def test_an_object_outside_the_roi_still_hides():
@@ -75,6 +122,8 @@ def test_zero_size_and_enclosing_boxes_count_as_unseen():
 
 
 def test_no_rows():
-    empty = table(FREE_CAR)[:0]
+    log = table(FREE_CAR)
+    empty = BoxLog(log.boxes[:0], log.frames)
     assert visibility(empty).shape == (0,)
-    assert ground_truth(empty, FRONT.x, FRONT.y, FRONT.z).columns[-1] == "visibility"
+    truth = ground_truth(empty, FRONT.x, FRONT.y, FRONT.z)
+    assert truth.columns.tolist()[-3:] == ["visibility", "occluded", "truncated"]

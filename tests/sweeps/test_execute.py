@@ -1,3 +1,4 @@
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -93,21 +94,7 @@ def test_late_stages_come_first(tmp_path, stages):
     assert schedule.next() is late
 
 
-def test_results_that_nothing_needs_are_let_go():
-    scene, left, right, end = diamond()
-    schedule = Schedule([scene, left, right, end], done=set())
-    assert schedule.next() is scene
-    assert schedule.finish(scene) == []
-    assert {schedule.next(), schedule.next()} == {left, right}
-    assert schedule.next() is None
-    assert schedule.finish(left) == []
-    assert schedule.finish(right) == [scene.key]
-    assert schedule.next() is end
-    assert sorted(schedule.finish(end)) == sorted([left.key, right.key, end.key])
-
-
 def test_store_round_trip(tmp_path):
-    import numpy as np
     import torch
 
     store, task = Store(tmp_path), Task("scene", "a", {})
@@ -130,6 +117,15 @@ def test_store_round_trip(tmp_path):
     store.save(task, value | {"n": 4}, seconds=9.0)
     assert store.load(task)["n"] == 3, "what is there stays"
     assert [p.name for p in store.path(task).parent.iterdir()] == [task.key], "no leftovers"
+
+
+def test_large_arrays_stay_on_disk(tmp_path):
+    store, task = Store(tmp_path), Task("scene", "a", {})
+    store.save(task, {"large": np.arange(200_000), "small": np.arange(5)}, seconds=0.0)
+    found = store.load(task)
+    assert isinstance(found["large"], np.memmap)
+    assert not isinstance(found["small"], np.memmap)
+    np.testing.assert_array_equal(found["large"], np.arange(200_000))
 
 
 def test_a_result_that_cannot_be_written_leaves_nothing(tmp_path):

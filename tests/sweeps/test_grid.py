@@ -101,6 +101,16 @@ def test_field_of_view(config):
     assert lidars[3].range == 30
 
 
+def test_a_profile_fills_what_is_not_given(config):
+    given = {"profile": "released-code", "misaligned_heights": False, "range": 50}
+    sweep = read_sweep(config(lidar=given, grid={"placement": ["line"]}))
+    settings = sweep.points[0].point.lidar
+    assert (settings.azimuth_steps, settings.range) == (250, 50)
+    assert settings.lidar().rays == 4000
+    assert settings.tilt_in_degrees
+    assert not settings.misaligned_heights
+
+
 def test_own_placements_in_both_conventions(config):
     carla = {"convention": "carla", "mounts": [{"x": 1, "y": 0.5, "z": 2, "pitch": 0.1}]}
     ego = {"mounts": [{"x": 1, "y": -0.5, "z": 2, "pitch": -0.1}]}
@@ -117,7 +127,22 @@ def test_own_placements_in_both_conventions(config):
         ({"training": {"epoch": 2}}, r"training.epoch: unknown key \(did you mean epochs\?\)"),
         ({"training": {"epochs": "two"}}, "training.epochs: found 'two'; should be a valid int"),
         ({"roi": {"x": [40, 0]}}, r"roi.x: found \[40, 0\]; allowed is \[min, max\]"),
-        ({"scene": {"test_routes": 0}}, "scene: test_routes is 0, so no frame is in the test"),
+        ({"scene": {"test_routes": 0}}, "scene: no frame is in the test split; test_routes is 0,"),
+        (
+            {"scene": {"split": "paper", "frames_per_route": 9}},
+            "scene: no frame is in the test split; frames_per_route is 9, .* allowed is at least",
+        ),
+        ({"scene": {"source": "kitty"}}, "scene: source is none of sumo, log"),
+        (
+            {"scene": {"source": "log", "foldr": "x"}},
+            r"scene.folder: is missing|scene.foldr: unknown key \(did you mean folder",
+        ),
+        (
+            {"scene": {"source": "log", "folder": "/no/such"}},
+            "scene.folder: .*/no/such/frames.parquet: cannot be read",
+        ),
+        ({"scene": {"towns": ["Town.03"]}}, "scene.towns.*'Town.03' is no town; allowed are"),
+        ({"lidar": {"profile": "papr"}}, "lidar.profile: found 'papr'; should be 'paper' or 'rel"),
         (
             {"placements": {"twins": {"mounts": [{"z": 2}, {"z": 2}]}}},
             "placement 'twins': LiDARs 0 and 1 are both at",

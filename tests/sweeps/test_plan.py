@@ -1,9 +1,13 @@
+import math
 from collections import Counter
 from pathlib import Path
 
+import pandas as pd
 import pytest
 import yaml
 
+from lidarplace.box_log import BoxLog, write_box_log
+from lidarplace.boxes import BOX_COLUMNS, GEOMETRY
 from sweeps.grid import ConfigError, read_sweep
 from sweeps.plan import make_plan
 
@@ -24,8 +28,8 @@ def test_a_stage_runs_once_for_points_that_agree_in_what_it_depends_on(tmp_path)
         grid={"placement": ["line", "center"], "training.lr": [0.01, 0.02], "seed": [1, 2]},
     )
     assert stages(plan) == {
-        "scene": 1,
-        "ground_truth": 1,
+        "scene": 2,  # a town to train and one to test
+        "ground_truth": 2,
         "pog": 1,
         "surrogates": 2,
         "accuracy": 2,
@@ -39,12 +43,12 @@ def test_a_stage_runs_once_for_points_that_agree_in_what_it_depends_on(tmp_path)
 def test_a_finer_grid_trains_nothing_again(tmp_path):
     found = stages(plan_of(tmp_path, grid={"surrogate.resolution": [0.1, 0.2]}))
     assert (found["pog"], found["surrogates"]) == (2, 2)
-    assert (found["scene"], found["collect"], found["finetune"]) == (1, 2, 1)
+    assert (found["scene"], found["collect"], found["finetune"]) == (2, 2, 1)
 
 
 def test_another_density_is_another_scene(tmp_path):
     found = stages(plan_of(tmp_path, grid={"scene.density": [40, 80]}))
-    assert (found["scene"], found["collect"], found["finetune"]) == (2, 4, 2)
+    assert (found["scene"], found["collect"], found["finetune"]) == (4, 4, 2)
 
 
 def test_tasks_stand_after_their_inputs(tmp_path):
@@ -81,4 +85,80 @@ def test_a_checkpoint_counts_by_its_content(tmp_path):
     checkpoint.write_bytes(b"2")
     second = plan_of(tmp_path, training={"checkpoint": str(checkpoint)}).trials[0]
     assert first.finetune.key != second.finetune.key
-    assert first.collect_test.key == second.collect_test.key
+    assert [task.key for task in first.collect_test] == [task.key for task in second.collect_test]
+
+
+def inputs_of(task, stage):
+    return [needed for needed in task.inputs if needed.stage == stage]
+
+
+def test_every_simulation_is_a_task_and_training_sees_those_of_its_split(tmp_path):
+    towns = {"towns": ["generated", "generated"], "routes": 4, "egos_per_run": 2, "test_routes": 1}
+    plan = plan_of(tmp_path, scene=towns)
+    assert stages(plan)["scene"] == 2 * 2 + 2
+    trial = plan.trials[0]
+    assert len(trial.pog.inputs) == len(inputs_of(trial.finetune, "collect")) == 4
+    for task, split, count in ((trial.finetune, "train", 4), (trial.evaluate, "test", 2)):
+        clouds, truths = inputs_of(task, "collect"), inputs_of(task, "ground_truth")
+        assert {cloud.params["split"] for cloud in clouds} == {split}
+        assert len(clouds) == len(truths) == count
+        assert [c.inputs for c in clouds] == [t.inputs for t in truths], "in the same order"
+
+
+def test_with_the_papers_split_every_simulation_trains_and_tests(tmp_path):
+    plan = plan_of(tmp_path, scene={"split": "paper", "routes": 2, "test_routes": 0})
+    assert stages(plan)["scene"] == 1
+    trial = plan.trials[0]
+    (train,), (test,) = inputs_of(trial.finetune, "collect"), inputs_of(trial.evaluate, "collect")
+    assert train.inputs == test.inputs == trial.scenes
+    assert (train.params["split"], test.params["split"]) == ("train", "test")
+
+
+def test_another_town_leaves_the_first_as_it_is(tmp_path):
+    one = plan_of(tmp_path, scene={"split": "paper", "test_routes": 0})
+    two = plan_of(tmp_path, scene={"split": "paper", "test_routes": 0, "towns": ["generated"] * 2})
+    assert one.trials[0].scenes[0].key == two.trials[0].scenes[0].key
+
+
+def test_quirks_change_the_clouds_alone(tmp_path):
+    quirks = {"tilt_in_degrees": True, "misaligned_heights": True}
+    plain, odd = (
+        plan_of(tmp_path, placement="pyramid_roll", lidar=lidar).trials[0] for lidar in ({}, quirks)
+    )
+    assert plain.surrogates.key == odd.surrogates.key
+    (collect,), (straight,) = odd.collect_test, plain.collect_test
+    assert [mount[:3] for mount in collect.params["mounts"]] == [
+        mount[:3] for mount in straight.params["mounts"]
+    ]
+    rolls = [
+        (a[3], b[3])
+        for a, b in zip(collect.params["mounts"], straight.params["mounts"], strict=True)
+    ]
+    assert all(a == pytest.approx(math.radians(b)) for a, b in rolls)
+    assert {b for _, b in rolls} == {-0.28, 0.0, 0.28}
+    assert collect.params["crop"][2] == pytest.approx(straight.params["crop"][2] - 0.4)
+
+
+def test_a_log_of_ones_own(tmp_path):
+    frames = pd.DataFrame(
+        {
+            "scene": "a",
+            "frame": [1, 2, 3],
+            "timestamp_s": 0.0,
+            "route": 0,
+            "split": ["train", "train", "test"],
+        }
+    )
+    boxes = pd.DataFrame(columns=list(BOX_COLUMNS)).astype({"frame": int})
+    boxes = boxes.astype(dict.fromkeys(GEOMETRY, float))
+    write_box_log(tmp_path / "log", BoxLog(boxes, frames))
+    plan = plan_of(tmp_path, scene={"source": "log", "folder": str(tmp_path / "log")})
+    assert (stages(plan)["scene"], stages(plan)["collect"]) == (1, 2)
+    write_box_log(tmp_path / "log", BoxLog(boxes, frames.assign(route=[0, 1, 2])))
+    again = plan_of(tmp_path, scene={"source": "log", "folder": str(tmp_path / "log")})
+    assert plan.trials[0].scenes[0].key != again.trials[0].scenes[0].key, "content counts"
+    with pytest.raises(ConfigError, match=r"placement: .*no recorded clouds"):
+        plan_of(
+            tmp_path,
+            scene={"source": "log", "folder": str(tmp_path / "log"), "clouds": "recorded"},
+        )

@@ -113,7 +113,7 @@ def test_the_plan_shows_what_is_cached(folder, first):
         for line in plan.stdout.splitlines()
         if len(cells := [c.strip() for c in line.strip("│ ").split("│")]) == 4
     }
-    assert rows["scene"] == [1, 1, 0]
+    assert rows["scene"] == [2, 2, 0]
     assert rows["collect"] == [4, 4, 0]
     assert rows["finetune"] == [4, 2, 2]
     assert "line · pointpillars_tiny · seed 1  (cached)" in plan.stdout

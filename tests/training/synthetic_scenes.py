@@ -51,16 +51,11 @@ def scenes(
         points = np.concatenate(parts)
         points = points[(points[:, 0] > 0) & (points[:, 0] < 40) & (np.abs(points[:, 1]) < 20)]
         clouds.append(np.column_stack([points, np.full(len(points), 0.5)]).astype(np.float32))
-    block = np.concatenate(clouds)
-    block.setflags(write=False)
-    offsets = np.concatenate([[0], np.cumsum([len(cloud) for cloud in clouds])])
     table = pd.DataFrame(rows, columns=["frame", "class", *GEOMETRY])
-    return PointClouds(
-        points=block,
-        lidar=np.zeros(len(block), np.uint8),
-        frames=np.arange(frames),
-        offsets=offsets.astype(np.int64),
-    ), table
+    packed = PointClouds.from_frames(
+        np.arange(frames), ((cloud, [len(cloud)]) for cloud in clouds), (0, -20, -1, 40, 20, 5)
+    )
+    return packed, table
 
 
 def _near_sides(random, centre, size, yaw, density):

@@ -13,12 +13,12 @@ from synthetic_scenes import scenes
 
 from lidarplace.boxes import GEOMETRY
 from lidarplace.lidar.clouds import PointClouds
+from lidarplace.lidar.points_in_boxes import count_points
 from training import build_detector
 from training.dataset import Sample, TrainingFrames, augment, within_range
 from training.finetune import detect, finetune
 from training.kitti_ap import evaluate_boxes
 from training.one_cycle import OneCycle
-from training.ops.points_in_boxes import count_points
 from training.settings import TrainingSettings
 
 PLAIN = TrainingSettings(flip_y=False, rotation=0.0, scaling=(1.0, 1.0))
@@ -72,12 +72,9 @@ def test_same_seed_same_result_and_the_callers_state_is_left_alone():
 
 
 def test_frames_without_points_or_boxes_and_a_checkpoint(tmp_path):
-    clouds = PointClouds(
-        points=np.zeros((0, 4), np.float32),
-        lidar=np.zeros(0, np.uint8),
-        frames=np.array([5, 6]),
-        offsets=np.zeros(3, np.int64),
-    )
+    crop = (0.0, -20.0, -1.0, 40.0, 20.0, 5.0)
+    empty = np.zeros((0, 4), np.float32)
+    clouds = PointClouds.from_frames([5, 6], [(empty, [0]), (empty, [0])], crop)
     nothing = pd.DataFrame(columns=["frame", "class", *GEOMETRY]).astype(
         dict.fromkeys(("frame", *GEOMETRY), np.float64)
     )
@@ -94,7 +91,7 @@ def test_frames_without_points_or_boxes_and_a_checkpoint(tmp_path):
     assert second.state_dict["global_step"] == 2
     with pytest.raises(ValueError, match=r"weights\.pt does not fit"):
         finetune("pointpillars_tiny", ["Car", "Cyclist"], clouds, nothing, further, seed=1)
-    none = PointClouds(clouds.points, clouds.lidar, clouds.frames[:0], clouds.offsets[:1])
+    none = PointClouds.from_frames([], [], crop)
     with pytest.raises(ValueError, match="at least one frame"):
         finetune("pointpillars_tiny", ["Car"], none, nothing, settings, seed=0)
     assert len(detect("pointpillars_tiny", ["Car"], first.state_dict, none, settings)) == 0
@@ -132,10 +129,10 @@ def test_frames_drop_other_classes_and_unseen_objects():
     assert sum(len(frames[i].boxes) for i in range(3)) > 0
 
 
-def test_augmentation_moves_points_with_their_boxes_and_leaves_the_block_alone():
+def test_augmentation_moves_points_with_their_boxes_and_leaves_the_frames_alone():
     clouds, truth = scenes(6, seed=4)
-    before = clouds.points.copy()
     frames = TrainingFrames(["Car"], clouds, truth, 0.0, min_points=5)
+    before = frames[5]
     random = np.random.default_rng(0)
     mirrored = 0
     for index in range(6):
@@ -150,7 +147,8 @@ def test_augmentation_moves_points_with_their_boxes_and_leaves_the_block_alone()
         turned = np.round(new.boxes[:, 6] + old.boxes[:, 6], 4)
         mirrored += len(set(turned.tolist())) == 1 and len(turned) > 1
     assert mirrored > 0
-    assert np.array_equal(clouds.points, before)
+    assert np.array_equal(frames[5].points, before.points)
+    assert np.array_equal(frames[5].boxes, before.boxes)
     plain = augment(frames[0], PLAIN, random)
     assert np.array_equal(plain.boxes, frames[0].boxes)
     assert np.array_equal(plain.points, frames[0].points)

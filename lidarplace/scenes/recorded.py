@@ -1,0 +1,66 @@
+"""A scene that was recorded before: a folder with a box log, from whatever source."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from lidarplace.box_log import BoxLog, read_box_log, read_frames
+
+SPLITS = ("train", "test")
+
+
+class LogScene(BaseModel):
+    """A box log on disk, as `lidarplace.box_log.write_box_log` writes it.
+
+    Attributes:
+        source: tells this kind of scene from others in a configuration.
+        folder: holds `boxes.parquet`, `frames.parquet` and, if there are any, `buildings.parquet`.
+            Column `split` of the frames says which train and which test.
+        clouds: "simulated" casts rays at the boxes; "recorded" takes the clouds in
+            `folder/clouds/<placement>/`, such as CARLA's.
+        seed: of shapes, drop-off and range noise of simulated clouds.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    source: Literal["log"]
+    folder: Path
+    clouds: Literal["simulated", "recorded"] = "simulated"
+    seed: int = Field(default=0, ge=0)
+
+    @field_validator("folder")
+    @classmethod
+    def _tells_train_from_test(cls, folder: Path) -> Path:
+        split = read_frames(folder)["split"]
+        other = split[~split.isin(SPLITS)]
+        if len(other):
+            raise ValueError(
+                f"{folder / 'frames.parquet'}: row {other.index[0]}: split is {other.iloc[0]!r}; "
+                "allowed are train and test"
+            )
+        return folder
+
+    @property
+    def name(self) -> str:
+        """The scene's name in labels."""
+        return self.folder.resolve().name
+
+    def frame_counts(self) -> tuple[int, int]:
+        """Number of training and of test frames."""
+        split = read_frames(self.folder)["split"]
+        return int((split == "train").sum()), int((split == "test").sum())
+
+    def digest(self) -> str:
+        """Hash of the log's tables."""
+        digest = hashlib.sha256()
+        for path in sorted(self.folder.glob("*.parquet")):
+            digest.update(path.name.encode() + path.read_bytes())
+        return digest.hexdigest()
+
+    def read(self) -> BoxLog:
+        """The log. Raises ValueError that names the file if something is wrong with it."""
+        return read_box_log(self.folder)

@@ -1,0 +1,195 @@
+"""Endless random walks through a road network, on wheels and on foot."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+if TYPE_CHECKING:
+    from sumolib.net import Net
+    from sumolib.net.edge import Edge
+    from sumolib.net.lane import Lane
+
+CHANGE_M = 40.0
+"""Edges shorter than this are no place to plan a change of lanes."""
+
+START_M = 10.0
+"""Shorter lanes are no place to start: a truck and the gap to the next vehicle need as much."""
+
+TURNAROUND = "t"
+"""SUMO's direction of a connection that leads back."""
+
+
+@dataclass(frozen=True)
+class WalkGraph:
+    """States that a walk passes through, each with a way on: one strongly connected component.
+
+    A state of a vehicle is a lane; of a pedestrian, an edge and the direction he walks in.
+
+    Attributes:
+        keys: a lane's id or (edge id, direction) of every state, sorted.
+        edges: the edge of every state.
+        following: the states that may come after each, sorted; never empty.
+        length: metres of each state.
+        seconds: least time in each state.
+        index: number of the state by its key.
+    """
+
+    keys: list[Any]
+    edges: list[str]
+    following: list[list[int]]
+    length: list[float]
+    seconds: list[float]
+    index: dict[Any, int]
+
+    def walk(self, seconds: float, rng: np.random.Generator, start: int) -> Iterator[str]:
+        """Ids of connected edges from state `start` on, for at least `seconds` after the first."""
+        state = start
+        yield self.edges[state]
+        while seconds > 0:
+            ways = self.following[state]
+            state = ways[rng.integers(len(ways))]
+            seconds -= self.seconds[state]
+            yield self.edges[state]
+
+    def anywhere(self, rng: np.random.Generator) -> int:
+        """A state to start from, the more room it has beyond `START_M` the likelier."""
+        ends = np.cumsum(np.maximum(np.array(self.length) - START_M, 0.01))
+        return int(np.searchsorted(ends, rng.uniform(0, ends[-1]), side="right"))
+
+
+def drive_graph(network: Net, sumo_class: str) -> WalkGraph:
+    """The lanes that vehicles of `sumo_class` may use.
+
+    A vehicle may leave an edge of `CHANGE_M` or more from any of its lanes, a shorter one from the
+    lane on which it came. Turning round is left to dead ends.
+    """
+    lanes = [
+        lane for edge in _edges(network) for lane in edge.getLanes() if lane.allows(sumo_class)
+    ]
+    onward = {lane.getID(): _onward(lane, sumo_class) for lane in lanes}
+    ways = {}
+    for lane in lanes:
+        edge = lane.getEdge()
+        beside = edge.getLanes() if edge.getLength() >= CHANGE_M else [lane]
+        found = {way for other in beside for way in onward.get(other.getID(), ())}
+        ahead = {target for target, back in found if not back}
+        ways[lane.getID()] = ahead or {target for target, _ in found}
+    return _component(
+        {
+            lane.getID(): (lane.getEdge().getID(), lane.getLength(), lane.getSpeed())
+            for lane in lanes
+        },
+        ways,
+    )
+
+
+def foot_graph(network: Net, speed: float) -> WalkGraph:
+    """The sidewalks, both ways, as walking areas and crossings join them; `speed` in m/s.
+
+    Needs a network that was read with its pedestrian connections.
+    """
+    joined = _joined_areas(network)
+    begins: dict[Any, int] = {}
+    ends: dict[Any, int] = {}
+    paths = [edge for edge in _edges(network) if edge.allows("pedestrian")]
+    for edge in paths:
+        for near, found in ((edge.getIncoming(), begins), (edge.getOutgoing(), ends)):
+            for other in near:
+                if other.getID() in joined:
+                    found[edge.getID()] = joined[other.getID()]
+    paths = [edge for edge in paths if edge.getID() in begins and edge.getID() in ends]
+    states = {}
+    starts = defaultdict(set)
+    for edge in paths:
+        name = edge.getID()
+        for way, first in ((1, begins[name]), (-1, ends[name])):
+            states[(name, way)] = (name, edge.getLength(), speed)
+            starts[first].add((name, way))
+    ways = {}
+    for edge in paths:
+        name = edge.getID()
+        for way, first, last in ((1, begins[name], ends[name]), (-1, ends[name], begins[name])):
+            on = {(other, w) for other, w in starts[last] if other != name}
+            far = {s for s in on if (ends if s[1] > 0 else begins)[s[0]] != first}
+            ways[(name, way)] = far or on
+    return _component(states, ways)
+
+
+def _edges(network: Net) -> list[Edge]:
+    """Edges that are no part of a junction, sorted by id."""
+    return sorted(network.getEdges(withInternal=False), key=lambda edge: edge.getID())
+
+
+def _onward(lane: Lane, sumo_class: str) -> set[tuple[str, bool]]:
+    """Lanes that connections lead to from `lane`, and whether by turning round."""
+    return {
+        (way.getToLane().getID(), way.getDirection() == TURNAROUND)
+        for way in lane.getOutgoing()
+        if way.getToLane().allows(sumo_class) and way.getToLane().getEdge().getFunction() == ""
+    }
+
+
+def _joined_areas(network: Net) -> dict[str, int]:
+    """Walking areas and crossings by id; equal numbers where crossings of a junction join them."""
+    areas = sorted(
+        edge.getID()
+        for edge in network.getEdges()
+        if edge.getFunction() in ("walkingarea", "crossing")
+    )
+    index = {name: a for a, name in enumerate(areas)}
+    arcs = [
+        (a, index[other.getID()])
+        for name, a in index.items()
+        for other in network.getEdge(name).getOutgoing()
+        if other.getID() in index
+    ]
+    labels = _components(len(areas), arcs, "weak")
+    return {name: int(labels[a]) for name, a in index.items()}
+
+
+def _component(states: dict[Any, tuple[str, float, float]], ways: dict[Any, set[Any]]) -> WalkGraph:
+    """The longest strongly connected component; states are (edge, length, speed) by key.
+
+    A single state counts only if it leads to itself, so the component may be empty.
+    """
+    keys = sorted(states)
+    index = {key: k for k, key in enumerate(keys)}
+    arcs = [(index[key], index[way]) for key in keys for way in sorted(ways[key]) if way in index]
+    labels = _components(len(keys), arcs, "strong")
+    length = np.array([states[key][1] for key in keys], np.float64)
+    inner = np.array([labels[a] == labels[b] for a, b in arcs], bool)
+    sources = np.array([a for a, _ in arcs], np.int64)
+    leads_on = np.zeros(len(keys), bool)
+    leads_on[sources[inner]] = True
+    totals = np.bincount(labels, weights=length * leads_on) if len(keys) else np.zeros(1)
+    kept = np.flatnonzero((labels == totals.argmax()) & leads_on)
+    new = {int(old): k for k, old in enumerate(kept)}
+    following: list[list[int]] = [[] for _ in kept]
+    for a, b in arcs:
+        if a in new and b in new:
+            following[new[a]].append(new[b])
+    chosen = [states[keys[k]] for k in kept]
+    return WalkGraph(
+        [keys[k] for k in kept],
+        [edge for edge, _, _ in chosen],
+        following,
+        [metres for _, metres, _ in chosen],
+        [metres / speed for _, metres, speed in chosen],
+        {keys[k]: n for n, k in enumerate(kept)},
+    )
+
+
+def _components(
+    nodes: int, arcs: list[tuple[int, int]], connection: str
+) -> np.ndarray[tuple[int], np.dtype[np.int32]]:
+    """Label of every node's connected component."""
+    start, end = np.array(arcs, np.int64).reshape(-1, 2).T
+    matrix = coo_array((np.ones(len(arcs), np.int8), (start, end)), shape=(nodes, nodes))
+    return connected_components(matrix, connection=connection)[1]

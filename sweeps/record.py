@@ -1,0 +1,67 @@
+"""The scenes of a sweep as box logs: `python -m sweeps.record grid.yaml logs`."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lidarplace.box_log import join_logs, write_box_log
+from lidarplace.command_line import output, wrong
+from lidarplace.describe import print_description
+from sweeps.grid import ConfigError, read_sweep
+from sweeps.plan import make_plan
+from sweeps.stages import box_log
+from sweeps.store import Store
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+
+
+@app.command()
+def record(
+    config: Annotated[Path, typer.Argument(help="YAML file of a sweep; only its scene matters")],
+    out: Annotated[Path, typer.Argument(help="folder for a box log of every scene of the grid")],
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override a key path")
+    ] = None,
+) -> None:
+    """Record the scenes of a sweep, towns in parallel, and write them as box logs.
+
+    A sweep of the same file finds them in its store. Exit code 0: all scenes are there; 1: some
+    failed; 2: the configuration is wrong.
+
+    Example: python -m sweeps.record examples/paper.yaml logs/paper
+    """
+    from sweeps.execute import backend_for, execute
+    from sweeps.progress import StageProgress
+
+    try:
+        sweep = read_sweep(config, set_ or [])
+        plan = make_plan(sweep)
+    except ConfigError as error:
+        wrong(error)
+    store = Store(sweep.common.output / "store")
+    scenes = {trial.scenes: trial.scene_label for trial in plan.trials}
+    tasks = [task for task in plan.tasks if task.stage == "scene"]
+    cached = {task.key for task in tasks if store.has(task)}
+    console = output()
+    with (
+        backend_for(sweep.common.ray, store) as backend,
+        StageProgress(console, tasks, cached) as progress,
+    ):
+        failures = execute(tasks, store, backend, progress)
+    for parts, label in scenes.items():
+        if any(part.key in failures for part in parts):
+            continue
+        log = join_logs([box_log(store.load(part)) for part in parts])
+        folder = out / re.sub(r"[^\w.=-]+", "_", label)
+        write_box_log(folder, log)
+        print_description(log, str(folder))
+    if failures:
+        raise typer.Exit(1)
+
+
+if __name__ == "__main__":
+    app()

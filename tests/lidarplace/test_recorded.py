@@ -1,0 +1,89 @@
+"""Scenes and clouds that were recorded before."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from pydantic import ValidationError
+
+from lidarplace.box_log import BoxLog, write_box_log
+from lidarplace.boxes import BOX_COLUMNS
+from lidarplace.lidar.clouds import PointClouds, write_clouds
+from lidarplace.lidar.recorded import clouds_digest, recorded_clouds
+from lidarplace.scenes.recorded import LogScene
+
+BOXES = pd.DataFrame(
+    [("a", 1, 0.0, "7", "Car", 10.0, 1.0, 0.8, 4.5, 1.8, 1.6, 0.1)], columns=BOX_COLUMNS
+)
+FRAMES = pd.DataFrame(
+    {
+        "scene": "a",
+        "frame": [1, 2, 3],
+        "timestamp_s": 0.0,
+        "route": 0,
+        "split": ["train", "train", "test"],
+    }
+)
+
+
+def test_a_log_is_a_scene(tmp_path):
+    write_box_log(tmp_path / "town", BoxLog(BOXES, FRAMES))
+    scene = LogScene(source="log", folder=tmp_path / "town")
+    assert (scene.name, scene.frame_counts()) == ("town", (2, 1))
+    assert len(scene.read().boxes) == 1
+    before = scene.digest()
+    write_box_log(tmp_path / "town", BoxLog(BOXES, FRAMES.assign(route=1)))
+    assert scene.digest() != before
+
+
+@pytest.mark.parametrize(
+    ("frames", "message"),
+    [
+        (FRAMES.assign(split="val"), "row 0: split is 'val'; allowed are train and test"),
+        (FRAMES.drop(columns="split"), "no column split"),
+        (None, "cannot be read"),
+    ],
+)
+def test_what_is_no_scene_is_named(tmp_path, frames, message):
+    if frames is not None:
+        frames.to_parquet(tmp_path / "frames.parquet")
+    with pytest.raises(ValidationError, match=message):
+        LogScene(source="log", folder=tmp_path)
+
+
+WIDE = (-100.0, -100.0, -5.0, 100.0, 100.0, 20.0)
+
+
+def cloud(seed: int) -> tuple[np.ndarray, list[int]]:
+    rng = np.random.default_rng(seed)
+    points = rng.uniform([-99, -99, -4, 0], [99, 99, 19, 1], (300, 4)).astype(np.float32)
+    return points, [100, 200]
+
+
+def test_recorded_clouds_are_found_by_frame_and_cut(tmp_path):
+    for route, frames in (("route-0", [5, 7]), ("route-1", [9])):
+        clouds = PointClouds.from_frames(frames, [cloud(f) for f in frames], WIDE)
+        write_clouds(tmp_path / route, clouds)
+    crop = (0.0, -50.0, -5.0, 60.0, 50.0, 20.0)
+    found = recorded_clouds(tmp_path, np.array([9, 5]), crop)
+    assert found.frames.tolist() == [9, 5]
+    for i, frame in enumerate((9, 5)):
+        points, counts = cloud(frame)
+        lidar = np.repeat([0, 1], counts)
+        inside = (points[:, 0] >= 0) & (points[:, 0] <= 60) & (np.abs(points[:, 1]) <= 50)
+        np.testing.assert_allclose(found[i][:, :3], points[inside, :3], atol=0.004)
+        np.testing.assert_array_equal(found.lidar(i), lidar[inside])
+
+
+def test_what_was_not_recorded_is_named(tmp_path):
+    with pytest.raises(ValueError, match="no recorded clouds"):
+        recorded_clouds(tmp_path, np.array([1]), WIDE)
+    write_clouds(tmp_path / "route", PointClouds.from_frames([1], [cloud(1)], WIDE))
+    with pytest.raises(ValueError, match="no cloud of frame 2, and of 1 more"):
+        recorded_clouds(tmp_path, np.array([1, 2, 3]), WIDE)
+
+
+def test_other_clouds_have_another_digest(tmp_path):
+    write_clouds(tmp_path / "route", PointClouds.from_frames([1], [cloud(1)], WIDE))
+    before = clouds_digest(tmp_path)
+    write_clouds(tmp_path / "route", PointClouds.from_frames([1], [cloud(2)], WIDE))
+    assert clouds_digest(tmp_path) != before

@@ -1,0 +1,145 @@
+"""Shapes of objects: within their boxes, tight, and the same wherever the object appears."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lidarplace.boxes import GEOMETRY
+from lidarplace.lidar.shapes import (
+    BODY,
+    OWN_BODY,
+    Parts,
+    _draws,
+    own_body,
+    shapes_of,
+)
+from lidarplace.pose import rotation
+
+NAMES = ("Car", "Cyclist", "Pedestrian", "Tram")
+
+
+def table(names: list[str], geometry: np.ndarray) -> pd.DataFrame:
+    boxes = pd.DataFrame(geometry, columns=list(GEOMETRY))
+    return boxes.assign(object_id=[f"object{i}" for i in range(len(boxes))], **{"class": names})
+
+
+def parts_of(boxes: pd.DataFrame, seed: int = 0) -> Parts:
+    geometry = boxes[list(GEOMETRY)].to_numpy(np.float64)
+    return shapes_of(boxes, seed).parts(np.arange(len(boxes)), geometry)
+
+
+def corners_in_box(parts: Parts, box: np.ndarray) -> np.ndarray:
+    """Corners of all parts in the frame of the box, as shares of its half size."""
+    found = []
+    for part in parts.geometry:
+        length, width, height = part[3:6] / 2
+        front, rear, side = part[7:]
+        for x, y, z in [
+            *((x, y, -height) for x in (-length, length) for y in (-width, width)),
+            *((x, y, height) for x in (rear - length, length - front) for y in (width - side,)),
+        ]:
+            found.append(rotation(0, 0, part[6]) @ [x, y, z] + part[:3])
+    return (np.array(found) - box[:3]) @ rotation(0, 0, box[6]) / (box[3:6] / 2)
+
+
+@given(
+    name=st.sampled_from(NAMES),
+    size=st.tuples(*[st.floats(0.3, 12)] * 3),
+    yaw=st.floats(-math.pi, math.pi),
+    seed=st.integers(0, 10**6),
+)
+@settings(max_examples=60, deadline=None, derandomize=True)
+def test_parts_touch_all_faces_of_the_box_and_never_leave_it(name, size, yaw, seed):
+    box = np.array([3.0, -2.0, 1.0, *size, yaw])
+    parts = parts_of(table([name], box[None]), seed)
+    assert 1 <= len(parts) <= 6
+    corners = corners_in_box(parts, box)
+    np.testing.assert_allclose(corners.max(axis=0), 1, atol=1e-12)
+    np.testing.assert_allclose(corners.min(axis=0), -1, atol=1e-12)
+    # Tops are no wider than nothing.
+    insets = parts.geometry[:, 7:9].sum(axis=1), 2 * parts.geometry[:, 9]
+    assert (insets[0] <= parts.geometry[:, 3]).all()
+    assert (insets[1] <= parts.geometry[:, 4]).all()
+    assert (parts.geometry[:, 3:][:, [0, 1, 2, 4, 5, 6]] >= 0).all()
+    assert ((parts.reflectivity > 0) & (parts.reflectivity <= 1)).all()
+
+
+def test_parts_of_an_object_hang_together():
+    """Each part overlaps or touches another one of its object in height."""
+    sizes = {"Car": (4.5, 1.8, 1.5), "Cyclist": (1.8, 0.6, 1.7), "Pedestrian": (0.5, 0.6, 1.8)}
+    rows = [(0, 0, 0, *sizes[name], 0) for name in sizes] + [(0, 0, 0, 7.0, 2.5, 3.0, 0)]
+    boxes = table([*sizes, "Cyclist"], np.array(rows, np.float64))
+    for seed in range(20):
+        parts = parts_of(boxes, seed)
+        for owner in range(4):
+            own = parts.geometry[parts.owner == owner]
+            bottom, top = own[:, 2] - own[:, 5] / 2, own[:, 2] + own[:, 5] / 2
+            order = np.argsort(bottom)
+            covered = np.maximum.accumulate(top[order])
+            assert (bottom[order][1:] <= covered[:-1] + 1e-12).all()
+
+
+def test_a_cyclist_is_a_truck_or_a_rider_by_its_length():
+    geometry = np.array([[0, 0, 0, length, 2, 2, 0] for length in (1.7, 2.1, 4.0, 4.1)], float)
+    parts = parts_of(table(["Cyclist"] * 4, geometry))
+    numbers = np.bincount(parts.owner)
+    np.testing.assert_array_equal(numbers, [6, 6, 6, 5])
+
+
+def test_cars_come_in_variants():
+    number = 300
+    cars = table(["Car"] * number, np.tile([0, 0, 0.75, 4.5, 1.8, 1.5, 0], (number, 1)))
+    parts = parts_of(cars)
+    cabins = parts.geometry[1::4]
+    assert len(np.unique(cabins[:, 3])) > 250  # no two alike
+    rear = (cabins[:, 0] - cabins[:, 3] / 2) / 4.5 + 0.5
+    share = np.histogram(rear, bins=[0, 0.06, 0.2, 0.6])[0] / number  # to the tail, boot, bed
+    np.testing.assert_allclose(share, [0.53, 0.40, 0.07], atol=4 * math.sqrt(0.25 / number))
+
+
+def test_an_object_looks_the_same_in_every_frame_and_portion():
+    geometry = np.tile([5.0, 1.0, 0.75, 4.5, 1.8, 1.5, 0.3], (6, 1))
+    boxes = table(["Car"] * 6, geometry).assign(object_id=["a", "b", "a", "c", "b", "a"])
+    whole = parts_of(boxes)
+    same = [whole.geometry[whole.owner == row] for row in (0, 2, 5)]
+    np.testing.assert_array_equal(same[0], same[1])
+    np.testing.assert_array_equal(same[0], same[2])
+    alone = parts_of(boxes[3:4])
+    np.testing.assert_array_equal(alone.geometry, whole.geometry[whole.owner == 3])
+    other = parts_of(boxes, seed=1)
+    assert not np.array_equal(other.geometry, whole.geometry)
+    assert not np.array_equal(same[0], whole.geometry[whole.owner == 1])
+
+
+def test_draws_are_the_same_in_every_process():
+    """Python's own hash would change from one process to the next."""
+    assert _draws(3, "car00001")[:2].tolist() == [0.1681770955735663, 0.577345325182625]
+    assert _draws(3, 17).tolist() == _draws(3, np.int64(17)).tolist() == _draws(3, "17").tolist()
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("size", [(0.0, 0.0, 0.0), (0.0, 2.0, 1.0), (1e6, 1e6, 1e6)])
+def test_zero_size_and_huge_boxes(name, size):
+    box = np.array([10.0, 0.0, 0.0, *size, 0.5])
+    parts = parts_of(table([name], box[None]))
+    assert np.isfinite(parts.geometry).all()
+    far = np.abs(parts.geometry[:, :3] - box[:3]).max(axis=0)
+    assert (far <= np.linalg.norm(size) / 2).all()
+
+
+def test_no_objects_and_no_ids():
+    none = table([], np.empty((0, 7)))
+    assert len(parts_of(none)) == 0
+    with pytest.raises(ValueError, match="no column object_id"):
+        shapes_of(table(["Car"], np.ones((1, 7))).drop(columns="object_id"))
+
+
+def test_own_body_fills_its_box():
+    body = own_body()
+    assert (body.owner == BODY).all()
+    corners = corners_in_box(body, np.array(OWN_BODY))
+    np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)], [[-1] * 3, [1] * 3])
