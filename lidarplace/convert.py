@@ -1,0 +1,164 @@
+"""Box logs from data sets and tables: `python -m lidarplace.convert --help`."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from lidarplace.box_log import BoxLog, write_box_log
+from lidarplace.boxes import CLASSES
+from lidarplace.command_line import output, wrong
+from lidarplace.scenes.argoverse import read_argoverse
+from lidarplace.scenes.class_maps import read_class_map
+from lidarplace.scenes.nuscenes import read_nuscenes
+from lidarplace.scenes.tabular import read_tabular
+
+app = typer.Typer(
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    no_args_is_help=True,
+    help="Write the box log of a data set or a table: a folder of Parquet files that a sweep and "
+    "`python -m sweeps.accuracy` take. A mistake in the input is one line; exit code 2.",
+)
+
+Out = Annotated[Path, typer.Argument(help="folder of the box log to write")]
+ClassMapFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--class-map",
+        help="YAML file of lines `category: class`; class is "
+        f"{', '.join(CLASSES)} or ignore. What it does not name stays as it is.",
+    ),
+]
+
+
+@app.command()
+def nuscenes(
+    source: Annotated[Path, typer.Argument(help="the folder v1.0-… of tables, or the one above")],
+    out: Out,
+    version: Annotated[str | None, typer.Option(help="such as v1.0-trainval")] = None,
+    test_share: Annotated[
+        float, typer.Option(help="share of the recordings that are test", min=0, max=1)
+    ] = 0.2,
+    test_scenes: Annotated[
+        Path | None, typer.Option(help="instead: text file with the name of a test scene a line")
+    ] = None,
+    class_map: ClassMapFile = None,
+) -> None:
+    """nuScenes v1.0, its annotated key frames.
+
+    Example: python -m lidarplace.convert nuscenes data/nuscenes logs/nuscenes --version v1.0-mini
+    """
+
+    def read(ignored: Counter[str]) -> BoxLog:
+        return read_nuscenes(
+            source,
+            version=version,
+            class_map=_class_map(class_map),
+            test_scenes=test_scenes.read_text().split() if test_scenes else test_share,
+            ignored=ignored,
+        )
+
+    _convert(read, out)
+
+
+@app.command()
+def argoverse(
+    source: Annotated[Path, typer.Argument(help="folder that holds train and val")],
+    out: Out,
+    split: Annotated[
+        list[str] | None, typer.Option(help="train, val or test; by default train and val")
+    ] = None,
+    class_map: ClassMapFile = None,
+) -> None:
+    """Argoverse 2 sensor data set; train stays train, val becomes test.
+
+    Example: python -m lidarplace.convert argoverse data/av2/sensor logs/av2 --split val
+    """
+
+    def read(ignored: Counter[str]) -> BoxLog:
+        return read_argoverse(
+            source, splits=split or (), class_map=_class_map(class_map), ignored=ignored
+        )
+
+    _convert(read, out)
+
+
+@app.command()
+def table(
+    source: Annotated[
+        Path, typer.Argument(help="table of boxes (.parquet, .csv), or folder of boxes and frames")
+    ],
+    out: Out,
+    frames: Annotated[
+        str | None, typer.Option(help="table of all frames, or their number: empty ones count too")
+    ] = None,
+    class_map: ClassMapFile = None,
+) -> None:
+    """Tables of your own, whose columns docs/data.md describes.
+
+    Example: python -m lidarplace.convert table boxes.csv logs/mine --frames 4000
+    """
+
+    def read(ignored: Counter[str]) -> BoxLog:
+        number = int(frames) if frames and frames.isdecimal() else None
+        return read_tabular(
+            source,
+            frames=Path(frames) if frames and number is None else number,
+            class_map=_class_map(class_map),
+            ignored=ignored,
+        )
+
+    _convert(read, out)
+
+
+def _class_map(path: Path | None) -> dict[str, str] | None:
+    return None if path is None else read_class_map(path)
+
+
+def _convert(read: Callable[[Counter[str]], BoxLog], out: Path) -> None:
+    """Read a log, write it to `out` and say what is in it; a mistake ends with code 2."""
+    ignored: Counter[str] = Counter()
+    try:
+        log = read(ignored)
+        write_box_log(out, log)
+    except (ValueError, OSError) as error:
+        wrong(error)
+    output().print(_frames_table(log), _boxes_table(log, ignored), out, sep="\n", soft_wrap=True)
+
+
+def _frames_table(log: BoxLog) -> Table:
+    table = Table(title="Frames")
+    table.add_column("split")
+    for name in ("scenes", "frames", "empty frames", "boxes"):
+        table.add_column(name, justify="right")
+    filled = log.frames["frame"].isin(log.boxes["frame"])
+    split_of_box = log.boxes["frame"].map(log.frames.set_index("frame")["split"])
+    boxes = split_of_box.value_counts()
+    for split, own in log.frames.groupby("split"):
+        empty = (~filled[own.index]).sum()
+        numbers = (own["scene"].nunique(), len(own), empty, boxes.get(split, 0))
+        table.add_row(str(split), *(f"{number:,}" for number in numbers))
+    return table
+
+
+def _boxes_table(log: BoxLog, ignored: Counter[str]) -> Table:
+    table = Table(title="Boxes")
+    table.add_column("class")
+    table.add_column("boxes", justify="right")
+    for name in CLASSES:
+        table.add_row(name, f"{(log.boxes['class'] == name).sum():,}")
+    if ignored:
+        table.add_section()
+    for name, count in ignored.most_common():
+        table.add_row(f"ignored: {name}", f"{count:,}")
+    return table
+
+
+if __name__ == "__main__":
+    app()

@@ -1,0 +1,56 @@
+"""Rigid motions in space, many at once: where vehicles and objects are in a data set."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+
+@dataclass(frozen=True)
+class Poses:
+    """N poses in one frame, or each in a frame of its own.
+
+    Attributes:
+        position: origins, shape (N, 3), float64, metres.
+        rotation: N rotations that take directions of the posed frame to the outer one.
+    """
+
+    position: NDArray[np.float64]
+    rotation: Rotation
+
+    def __getitem__(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Poses:
+        # Not self.rotation[rows], which refuses to take nothing from nothing.
+        return Poses(self.position[rows], Rotation.from_quat(self.rotation.as_quat()[rows]))
+
+    def moved(self, offset: Sequence[float]) -> Poses:
+        """The same directions, the origins at `offset` (3 metres, in the posed frames)."""
+        return Poses(self.position + self.rotation.apply(offset), self.rotation)
+
+    def seen_from(self, frames: Poses) -> Poses:
+        """Pose n in the frame that `frames` poses n-th in the same outer frame."""
+        back = frames.rotation.inv()
+        return Poses(back.apply(self.position - frames.position), back * self.rotation)
+
+    @property
+    def yaw(self) -> NDArray[np.float64]:
+        """Angle of the posed x axis, seen from above, from the outer one; (N,), in (-pi, pi]."""
+        x, y, _ = self.rotation.apply([1.0, 0.0, 0.0]).reshape(-1, 3).T
+        return np.arctan2(y, x)
+
+
+def poses(
+    position: NDArray[np.float64], quaternion: NDArray[np.float64], row: Callable[[int], str]
+) -> Poses:
+    """Poses from positions, (N, 3), and quaternions w, x, y, z of any length but 0, (N, 4).
+
+    Raises:
+        ValueError: a quaternion has no length; `row` names its row.
+    """
+    none = ~(np.linalg.norm(quaternion, axis=1) > 0)
+    if none.any():
+        raise ValueError(f"{row(int(np.argmax(none)))}: the rotation is a quaternion of length 0")
+    return Poses(position, Rotation.from_quat(quaternion[:, [1, 2, 3, 0]]))

@@ -1,0 +1,159 @@
+"""Argoverse 2: files in the public layout, poses by hand and by SciPy box by box, errors by row."""
+
+import math
+from collections import Counter
+
+import numpy as np
+import pandas as pd
+import pytest
+from argoverse_layout import LEVEL, Box, Log, write_argoverse
+from scipy.spatial.transform import Rotation
+
+from lidarplace.boxes import BOX_COLUMNS, CLASSES, FRAME_COLUMNS, POSE_COLUMNS, check_boxes
+from lidarplace.scenes.argoverse import read_argoverse
+from lidarplace.scenes.class_maps import ARGOVERSE, IGNORE
+
+AHEAD, HEIGHT = 1.425, 0.33  # half the wheelbase of a Ford Fusion; its rear axle above the ground
+START = 315_968_867_659_956_000
+TENTH = 100_000_000
+HERE = {START + n * TENTH: (LEVEL, (0.0, 0.0, 0.0)) for n in range(4)}
+
+
+def car(time=START, **values):
+    return Box(time, "REGULAR_VEHICLE", (10.0, 1.0, 0.5), **values)
+
+
+def test_a_car_ahead_of_a_vehicle_that_drives_north_uphill(tmp_path):
+    # The road climbs by 30 degrees to the north: ahead is (0, cos, sin) and up is (0, -sin, cos).
+    cos, sin = math.cos(math.pi / 6), math.sin(math.pi / 6)
+    ahead, left, up = np.array([(0, cos, sin), (-1, 0, 0), (0, -sin, cos)])
+    x, y, z, w = Rotation.from_matrix(np.stack([ahead, left, up], axis=1)).as_quat()
+    box = car(size=(4.6, 1.9, 1.7), rotation=(math.cos(0.2), 0, 0, math.sin(0.2)))
+    pose = {START: ((w, x, y, z), (700.0, -100.0, -19.0))}
+    log = read_argoverse(write_argoverse(tmp_path, [Log("train", "01bb", [box], pose)]))
+    row = log.boxes.iloc[0]
+    found = row[["x", "y", "z", "length", "width", "height", "yaw"]].to_numpy(float)
+    expected = (10 - AHEAD, 1.0, 0.5 + HEIGHT, 4.6, 1.9, 1.7, 0.4)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    assert (row["scene"], row["class"], row["object_id"]) == ("01bb", "Car", "022c398c")
+    place = (700.0, -100.0 + AHEAD * cos + HEIGHT * sin, math.pi / 2)
+    pose = log.frames[list(POSE_COLUMNS)].iloc[0].to_numpy(float)
+    np.testing.assert_allclose(pose, place, atol=1e-12)
+
+
+def test_poses_agree_with_scipy_box_by_box(tmp_path):
+    rng = np.random.default_rng(5)
+    times = [START + n * TENTH for n in range(30)]
+    poses = {
+        time: (tuple(rng.normal(size=4)), tuple(rng.uniform(-900, 900, 3)))
+        for time in rng.permutation(times).tolist()
+    }
+    boxes = [
+        Box(
+            time,
+            "PEDESTRIAN",
+            tuple(rng.uniform(-80, 80, 3)),
+            tuple(rng.uniform(0.3, 2, 3)),
+            tuple(rng.normal(size=4)),
+        )
+        for time in rng.choice(times, 100).tolist()
+    ]
+    log = read_argoverse(write_argoverse(tmp_path, [Log("val", "a", boxes, poses, times)]))
+    boxes.sort(key=lambda box: box.timestamp_ns)
+    for row, box in zip(log.boxes.to_dict("records"), boxes, strict=True):
+        assert times[row["frame"]] == box.timestamp_ns
+        w, x, y, z = box.rotation
+        nose = Rotation.from_quat([x, y, z, w]).apply([box.size[0] / 2, 0, 0])
+        np.testing.assert_allclose(
+            (row["x"] + AHEAD, row["y"], row["z"] - HEIGHT), box.translation, atol=1e-12
+        )
+        assert math.isclose(row["yaw"], math.atan2(nose[1], nose[0]), abs_tol=1e-12)
+    for row, time in zip(log.frames.to_dict("records"), times, strict=True):
+        (w, x, y, z), place = poses[time]
+        city = Rotation.from_quat([x, y, z, w])
+        nose, origin = city.apply([1, 0, 0]), city.apply([AHEAD, 0, -HEIGHT]) + place
+        np.testing.assert_allclose((row["ego_x"], row["ego_y"]), origin[:2], atol=1e-9)
+        assert math.isclose(row["ego_yaw"], math.atan2(nose[1], nose[0]), abs_tol=1e-12)
+
+
+def test_logs_splits_and_empty_sweeps(tmp_path):
+    times = sorted(HERE)
+    logs = [
+        Log("val", "b", [car(times[2]), car(times[0])], HERE, times[:3]),
+        Log("train", "d", [car(times[3]), car(times[1])], HERE),
+        Log("train", "c", [], HERE, times[:2]),
+    ]
+    folder = write_argoverse(tmp_path / "sensor", logs)
+    log = read_argoverse(folder)
+    assert list(log.boxes.columns) == list(BOX_COLUMNS)
+    assert list(log.frames.columns) == [*FRAME_COLUMNS, *POSE_COLUMNS]
+    check_boxes(log.boxes)
+    frames = log.frames
+    assert frames["frame"].tolist() == list(range(7))
+    assert frames["scene"].tolist() == list("ccddbbb")
+    assert frames["route"].tolist() == [0, 0, 1, 1, 2, 2, 2]
+    assert frames["split"].tolist() == ["train"] * 4 + ["test"] * 3
+    # Log d has no sweeps, so its frames are those with boxes.
+    np.testing.assert_allclose(frames["timestamp_s"], [0, 0.1, 0, 0.2, 0, 0.1, 0.2], atol=1e-12)
+    assert log.boxes["frame"].tolist() == [2, 3, 4, 6]
+    np.testing.assert_allclose(log.boxes["timestamp_s"], [0, 0.2, 0, 0.2], atol=1e-12)
+    assert set(read_argoverse(folder, splits=["val"]).frames["scene"]) == {"b"}
+
+
+def test_classes(tmp_path):
+    boxes = [Box(START, name, (9.0, 0.0, 1.0), track=name) for name in sorted(ARGOVERSE)]
+    folder = write_argoverse(tmp_path, [Log("train", "a", boxes, HERE)])
+    ignored = Counter()
+    log = read_argoverse(folder, ignored=ignored)
+    assert len(ARGOVERSE) == 31  # 30, and the guide's other name for one of them
+    assert log.boxes["class"].value_counts()[list(CLASSES)].tolist() == [1, 8, 2]
+    assert ignored == {name: 1 for name, value in ARGOVERSE.items() if value == IGNORE}
+    own = read_argoverse(folder, class_map={"BUS": "Cyclist", "TRUCK_CAB": IGNORE})
+    assert "BUS" in own.boxes["object_id"].tolist()
+    assert "TRUCK_CAB" not in own.boxes["object_id"].tolist()
+
+
+@pytest.mark.parametrize(
+    ("boxes", "message"),
+    [
+        ([car(), Box(START, "TANK", (1.0, 1.0, 1.0))], "row 1: unknown category 'TANK'"),
+        ([Box(START, None, (1.0, 1.0, 1.0))], "row 0: the category is missing"),
+        ([car(), car(size=(1.0, -2.0, 1.0))], "row 1: width_m must be at least 0, found -2"),
+        ([car(rotation=(0.0, 0.0, 0.0, 0.0))], "row 0: the rotation is a quaternion of length 0"),
+        ([car(size=(1.0, 2.0, math.inf))], "row 0: height_m must be a finite number, found inf"),
+        ([Box(START, "BUS", (1.0, math.nan, 0.0))], "row 0: ty_m must be a finite .* found nan"),
+        ([car(START + 1)], f"row 0: timestamp_ns {START + 1} is no sweep in sensors/lidar"),
+    ],
+)
+def test_a_wrong_value_names_file_and_row(tmp_path, boxes, message):
+    folder = write_argoverse(tmp_path, [Log("train", "a", boxes, HERE, sorted(HERE))])
+    with pytest.raises(ValueError, match=rf"train/a/annotations\.feather: {message}"):
+        read_argoverse(folder)
+
+
+def test_wrong_files(tmp_path):
+    def fails(message, **arguments):
+        with pytest.raises(ValueError, match=message):
+            read_argoverse(tmp_path, **arguments)
+
+    fails("must hold a folder train or val")
+    fails("split 'mini': allowed are train, val, test", splits=["mini"])
+    write_argoverse(tmp_path, [Log("train", "a", [car()], HERE, sorted(HERE))])
+    fails("test: must hold a folder for each log", splits=["train", "test"])
+    (odd := tmp_path / "train" / "a" / "sensors" / "lidar" / "first.feather").touch()
+    fails(r"lidar/first\.feather: a sweep must be named by its time")
+    odd.unlink()
+    path = tmp_path / "train" / "a" / "city_SE3_egovehicle.feather"
+    poses = pd.read_feather(path)
+    poses[2:].to_feather(path)
+    fails(rf"city_SE3_egovehicle\.feather: no pose at timestamp_ns {START}")
+    poses.assign(qw=0.0).to_feather(path)
+    fails(rf"egovehicle\.feather: timestamp_ns {START}: the rotation is a quaternion of length 0")
+    poses.drop(columns=["tz_m", "qx"]).to_feather(path)
+    fails(r"egovehicle\.feather: no column qx, tz_m; found timestamp_ns, qw, qy")
+    path.write_bytes(b"not Arrow")
+    fails(r"egovehicle\.feather: no Feather file")
+    path.unlink()
+    fails(r"egovehicle\.feather: no such file")
+    (tmp_path / "train" / "a" / "annotations.feather").unlink()
+    fails(r"train/a/annotations\.feather: no such file")

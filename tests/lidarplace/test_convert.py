@@ -1,0 +1,116 @@
+"""The command: box logs on disk, what it prints, and one line for a mistake."""
+
+import pytest
+from argoverse_layout import LEVEL, Log, write_argoverse
+from argoverse_layout import Box as ArgoverseBox
+from nuscenes_layout import Box, Sample, Scene, write_nuscenes
+from typer.testing import CliRunner
+
+from lidarplace.box_log import read_box_log
+from lidarplace.convert import app
+
+CATEGORIES = ["vehicle.car", "movable_object.barrier", "vehicle.bus.rigid"]
+
+
+def convert(*arguments):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def words(text):
+    """Lines as words, without the table's rules."""
+    return [line.replace("│", " ").split() for line in text.splitlines()]
+
+
+@pytest.fixture
+def nuscenes(tmp_path):
+    boxes = [Box(name, (9.0, 0.0, 1.0), instance=name) for name in CATEGORIES]
+    scenes = [
+        Scene(f"scene-{n}", [Sample(5, boxes), Sample(6), Sample(7, boxes[:2])], f"log-{n}")
+        for n in range(2)
+    ]
+    return write_nuscenes(tmp_path / "nuscenes" / "v1.0-mini", scenes, CATEGORIES).parent
+
+
+def test_nuscenes(tmp_path, nuscenes):
+    names = tmp_path / "val.txt"
+    names.write_text("scene-1\n")
+    result = convert("nuscenes", nuscenes, tmp_path / "log", "--test-scenes", names)
+    assert result.exit_code == 0
+    log = read_box_log(tmp_path / "log")
+    assert log.frames["split"].tolist() == ["train"] * 3 + ["test"] * 3
+    lines = words(result.stdout)
+    assert ["test", "1", "3", "1", "2"] in lines
+    assert ["Car", "4"] in lines
+    assert ["Pedestrian", "0"] in lines
+    assert ["ignored:", "movable_object.barrier", "4"] in lines
+    assert ["ignored:", "vehicle.bus.rigid", "2"] in lines
+    assert str(tmp_path / "log") in result.stdout
+
+
+def test_class_map(tmp_path, nuscenes):
+    own = tmp_path / "map.yaml"
+    own.write_text("vehicle.bus.rigid: Cyclist  # a van, if a large one\n")
+    arguments = ("nuscenes", nuscenes, tmp_path / "log", "--class-map", own, "--test-share", 0.5)
+    result = convert(*arguments)
+    assert ["Cyclist", "2"] in words(result.stdout)
+    assert "bus" not in result.stdout
+    for text, message in (
+        (
+            "vehicle.car: Sedan\n",
+            "vehicle.car: must be Car, Cyclist, Pedestrian or ignore, found 'S",
+        ),
+        ("vehicle.car:\n", "vehicle.car: must be Car, Cyclist, Pedestrian or ignore, found None"),
+        ("3: Car\n", "a category must be text, found 3"),
+        ("- Car\n", "must have lines `category: class`, found ['Car']"),
+        ("", "must have lines `category: class`, found None"),
+        ("a: Car\nb: [\n", "line 3: "),
+    ):
+        own.write_text(text)
+        result = convert(*arguments)
+        assert result.exit_code == 2
+        assert f"map.yaml: {message}" in result.stderr
+        assert result.stderr.count("\n") == 1
+
+
+def test_argoverse(tmp_path):
+    poses = {1: (LEVEL, (0.0, 0.0, 0.0))}
+    logs = [
+        Log(split, split, [ArgoverseBox(1, "BUS", (9.0, 0.0, 1.0))], poses)
+        for split in ("train", "val")
+    ]
+    write_argoverse(tmp_path / "av2", logs)
+    result = convert("argoverse", tmp_path / "av2", tmp_path / "log", "--split", "val")
+    assert result.exit_code == 0
+    assert ["test", "1", "1", "1", "0"] in words(result.stdout)
+    assert ["ignored:", "BUS", "1"] in words(result.stdout)
+    assert len(read_box_log(tmp_path / "log").boxes) == 0
+
+
+def test_table(tmp_path):
+    path = tmp_path / "boxes.csv"
+    path.write_text("frame,class,x,y,z,length,width,height,yaw\n1,Car,9,0,1,4,2,1.5,0\n")
+    assert convert("table", path, tmp_path / "log", "--frames", 3).exit_code == 0
+    assert read_box_log(tmp_path / "log").frames["frame"].tolist() == [1, 2, 3]
+    frames = tmp_path / "all.csv"
+    frames.write_text("frame\n0\n1\n")
+    assert convert("table", path, tmp_path / "log", "--frames", frames).exit_code == 0
+    assert read_box_log(tmp_path / "log").frames["frame"].tolist() == [0, 1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("table", "none.csv"), "none.csv: no such file"),
+        (("table", "none.csv", "--class-map", "none.yaml"), "none.yaml"),
+        (("nuscenes", "none"), "none: must hold scene.json"),
+        (("nuscenes", "none", "--test-scenes", "val.txt"), "val.txt"),
+        (("argoverse", "none"), "none: must hold a folder train or val"),
+    ],
+)
+def test_a_mistake_is_one_line(tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    result = convert(*arguments[:2], "log", *arguments[2:])
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert not (tmp_path / "log").exists()

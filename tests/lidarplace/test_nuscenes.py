@@ -1,0 +1,270 @@
+"""nuScenes: tables in the public layout, poses by hand and by matrices, errors that name a row."""
+
+import json
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+from nuscenes_layout import Box, Sample, Scene, write_nuscenes
+
+from lidarplace.box_log import read_box_log, write_box_log
+from lidarplace.boxes import BOX_COLUMNS, CLASSES, FRAME_COLUMNS, POSE_COLUMNS, check_boxes
+from lidarplace.scenes.class_maps import IGNORE, NUSCENES
+from lidarplace.scenes.nuscenes import ORIGIN, read_nuscenes
+
+AHEAD = 1.294  # half the wheelbase of a Renault Zoe
+START = 1_532_402_927_647_951
+CATEGORIES = ["vehicle.car", "human.pedestrian.adult", "movable_object.barrier", "flat.sidewalk"]
+
+
+def turn(axis, angle):
+    """Quaternion w, x, y, z of a turn about an axis."""
+    return (math.cos(angle / 2), *(math.sin(angle / 2) * np.array(axis) / np.linalg.norm(axis)))
+
+
+def matrix(position, quaternion):
+    """The 4 x 4 matrix of a pose, from the textbook's formula."""
+    w, x, y, z = np.array(quaternion) / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w), position[0]],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w), position[1]],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y), position[2]],
+            [0, 0, 0, 1],
+        ]
+    )
+
+
+def product(a, b):
+    """Hamilton's product of two quaternions w, x, y, z."""
+    (p, *u), (q, *v) = a, b
+    u, v = np.array(u), np.array(v)
+    return (p * q - u @ v, *(p * v + q * u + np.cross(u, v)))
+
+
+def one_box(tmp_path, box, translation, rotation):
+    scene = Scene("scene-0061", [Sample(START, [box], translation, rotation)])
+    log = read_nuscenes(write_nuscenes(tmp_path / "v1.0-mini", [scene], CATEGORIES))
+    return log.boxes.iloc[0], log.frames.iloc[0]
+
+
+def test_a_car_ahead_of_a_vehicle_that_drives_north(tmp_path):
+    north = turn((0, 0, 1), math.pi / 2)
+    car = Box("vehicle.car", (99.0, 210.0, 0.9), (1.9, 4.6, 1.7), north)
+    box, frame = one_box(tmp_path, car, (100.0, 200.0, 0.0), north)
+    expected = (10 - AHEAD, 1.0, 0.9, 4.6, 1.9, 1.7, 0.0)
+    found = box[["x", "y", "z", "length", "width", "height", "yaw"]]
+    np.testing.assert_allclose(found.to_numpy(float), expected, atol=1e-12)
+    assert (box["scene"], box["frame"], box["class"]) == ("scene-0061", 0, "Car")
+    pose = frame[list(POSE_COLUMNS)].to_numpy(float)
+    np.testing.assert_allclose(pose, (100, 200 + AHEAD, math.pi / 2), atol=1e-12)
+
+
+def test_a_vehicle_on_a_slope(tmp_path):
+    # Nose down by 30 degrees: ahead is (cos, 0, -sin) and up is (sin, 0, cos).
+    cos, sin = math.cos(math.pi / 6), math.sin(math.pi / 6)
+    down = turn((0, 1, 0), math.pi / 6)
+    ahead, left, up = 12.0, 3.0, 0.8
+    place = (5 + ahead * cos + up * sin, 7 + left, 2 - ahead * sin + up * cos)
+    box, frame = one_box(tmp_path, Box("vehicle.car", place, rotation=down), (5.0, 7.0, 2.0), down)
+    np.testing.assert_allclose(
+        box[["x", "y", "z", "yaw"]].to_numpy(float), (ahead - AHEAD, left, up, 0), atol=1e-12
+    )
+    pose = frame[list(POSE_COLUMNS)].to_numpy(float)
+    np.testing.assert_allclose(pose, (5 + AHEAD * cos, 7, 0), atol=1e-12)
+
+
+def test_corners_agree_with_matrices(tmp_path):
+    # Boxes stand upright in the tilted frame of the vehicle, so that their yaw says all.
+    rng = np.random.default_rng(3)
+    corners = np.array([(x, y, z, 1) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / 2
+    corners[:, 3] = 1
+    expected, samples = [], []
+    for n in range(20):
+        ego = (
+            rng.uniform(-500, 500, 3),
+            product(turn((0, 0, 1), rng.uniform(-3, 3)), turn(rng.normal(size=3), 0.3)),
+        )
+        own = (rng.uniform(-50, 50, 3), turn((0, 0, 1), rng.uniform(-3, 3)))
+        size = rng.uniform(0.5, 6, 3)  # length, width, height
+        world = matrix(*ego) @ matrix(*own)
+        expected.append((world, corners * [*size, 1]))
+        box = Box(
+            "vehicle.car",
+            tuple(world[:3, 3]),
+            tuple(size[[1, 0, 2]]),
+            tuple(rng.uniform(0.5, 2) * np.array(product(ego[1], own[1]))),  # of any length
+            f"{n}",
+        )
+        samples.append(Sample(START + n, [box], tuple(ego[0]), tuple(ego[1])))
+        expected[-1] += (matrix(*ego),)
+    folder = write_nuscenes(tmp_path / "v1.0-mini", [Scene("scene-1", samples)], CATEGORIES)
+    log = read_nuscenes(folder)
+    assert log.boxes["frame"].tolist() == list(range(20))
+    for row, (world, local, ego) in zip(log.boxes.to_dict("records"), expected, strict=True):
+        cos, sin = math.cos(row["yaw"]), math.sin(row["yaw"])
+        scaled = corners[:, :3] * [row["length"], row["width"], row["height"]]
+        x = row["x"] + cos * scaled[:, 0] - sin * scaled[:, 1]
+        y = row["y"] + sin * scaled[:, 0] + cos * scaled[:, 1]
+        ours = np.stack([x + AHEAD, y, row["z"] + scaled[:, 2], np.ones(8)])
+        np.testing.assert_allclose(ego @ ours, world @ local.T, atol=1e-9)
+    poses = np.array([ego @ [*ORIGIN, 1] for _, _, ego in expected])
+    np.testing.assert_allclose(log.frames[["ego_x", "ego_y"]], poses[:, :2], atol=1e-9)
+    yaw = [math.atan2(ego[1, 0], ego[0, 0]) for _, _, ego in expected]
+    np.testing.assert_allclose(log.frames["ego_yaw"], yaw, atol=1e-12)
+
+
+def town(scenes=10):
+    """Two recordings' worth of scenes by turns, two frames each, the second of them empty."""
+    car = Box("vehicle.car", (9.0, 0.0, 1.0))
+    return [
+        Scene(
+            f"scene-{n:04d}", [Sample(START + n, [car]), Sample(START + n + 500_000)], f"{n // 2}"
+        )
+        for n in reversed(range(scenes))
+    ]
+
+
+def test_every_sample_is_a_frame(tmp_path):
+    log = read_nuscenes(write_nuscenes(tmp_path / "v1.0-mini", town(), CATEGORIES))
+    assert list(log.boxes.columns) == list(BOX_COLUMNS)
+    assert list(log.frames.columns) == [*FRAME_COLUMNS, *POSE_COLUMNS]
+    check_boxes(log.boxes)
+    assert log.frames["frame"].tolist() == list(range(20))
+    assert log.frames["scene"].tolist() == [f"scene-{n // 2:04d}" for n in range(20)]
+    assert log.frames["route"].tolist() == [n // 2 for n in range(20)]
+    assert log.frames["timestamp_s"].tolist() == [0.0, 0.5] * 10
+    assert log.boxes["frame"].tolist() == list(range(0, 20, 2))
+    assert log.boxes["object_id"].nunique() == 10
+    write_box_log(tmp_path / "log", log)
+    read = read_box_log(tmp_path / "log")
+    assert read.boxes["x"].tolist() == log.boxes["x"].tolist()
+
+
+@pytest.mark.parametrize(
+    ("test_scenes", "expected"),
+    [
+        (0.2, ["scene-0008", "scene-0009"]),
+        (0.4, ["scene-0004", "scene-0005", "scene-0008", "scene-0009"]),
+        (0, []),
+        (1.0, [f"scene-{n:04d}" for n in range(10)]),
+        (["scene-0003"], ["scene-0003"]),
+    ],
+)
+def test_recordings_are_not_divided(tmp_path, test_scenes, expected):
+    folder = write_nuscenes(tmp_path / "v1.0-mini", town(), CATEGORIES)
+    frames = read_nuscenes(folder, test_scenes=test_scenes).frames
+    assert frames["scene"][frames["split"] == "test"].unique().tolist() == expected
+    assert set(frames["split"]) <= {"train", "test"}
+
+
+def test_classes(tmp_path):
+    boxes = [Box(name, (9.0, 0.0, 1.0), instance=name) for name in sorted(NUSCENES)]
+    scenes = [Scene("scene-0001", [Sample(START, boxes)])]
+    folder = write_nuscenes(tmp_path / "v1.0-mini", scenes, [*NUSCENES, "flat.sidewalk"])
+    ignored = Counter()
+    log = read_nuscenes(folder, ignored=ignored)
+    assert len(NUSCENES) == 23
+    assert log.boxes["class"].value_counts().to_dict() == {"Car": 2, "Cyclist": 4, "Pedestrian": 4}
+    assert ignored == {name: 1 for name, value in NUSCENES.items() if value == IGNORE}
+    own = read_nuscenes(folder, class_map={"vehicle.bus.rigid": "Car", "vehicle.truck": IGNORE})
+    assert own.boxes["class"].value_counts()[list(CLASSES)].tolist() == [3, 3, 4]
+    with pytest.raises(ValueError, match=r"class map: vehicle\.car: must be Car, .*found 'car'"):
+        read_nuscenes(folder, class_map={"vehicle.car": "car"})
+
+
+def test_versions(tmp_path):
+    write_nuscenes(tmp_path / "v1.0-mini", town(2), CATEGORIES)
+    assert len(read_nuscenes(tmp_path).frames) == 4
+    write_nuscenes(tmp_path / "v1.0-trainval", town(4), CATEGORIES)
+    assert len(read_nuscenes(tmp_path, version="v1.0-trainval").frames) == 8
+    with pytest.raises(ValueError, match=r"found v1\.0-mini, v1\.0-trainval; name a version"):
+        read_nuscenes(tmp_path)
+    with pytest.raises(ValueError, match=r"v1\.0-test: must hold scene\.json .* found none"):
+        read_nuscenes(tmp_path, version="v1.0-test")
+
+
+def change(folder, table, **values):
+    """Set values of the first row of a table; its token."""
+    path = folder / f"{table}.json"
+    rows = json.loads(path.read_text())
+    rows[0] |= values
+    path.write_text(json.dumps(rows))
+    return rows[0]["token"]
+
+
+@pytest.mark.parametrize(
+    ("table", "values", "message"),
+    [
+        ("sample_annotation", {"sample_token": "x"}, "sample_token 'x' is not in sample.json"),
+        ("sample_annotation", {"instance_token": None}, "instance_token None is not in instance"),
+        ("sample_annotation", {"size": [1.0, -2.0, 1.0]}, r"at least 0, found \[1.0, -2.0, 1.0\]"),
+        ("sample_annotation", {"size": [1.0, 2.0]}, r"size must be 3 finite .* found \[1.0, 2.0\]"),
+        (
+            "sample_annotation",
+            {"translation": [1.0, math.nan, 0.0]},
+            "3 finite numbers, found .*nan",
+        ),
+        ("sample_annotation", {"translation": "here"}, "3 finite numbers, found 'here'"),
+        ("sample_annotation", {"rotation": [0, 0, 0, 0]}, "quaternion of length 0"),
+        ("sample", {"timestamp": None}, "timestamp must be a finite number, found None"),
+        ("sample", {"scene_token": "y"}, "scene_token 'y' is not in scene.json"),
+        ("instance", {"category_token": "z"}, "category_token 'z' is not in category.json"),
+        ("sample_data", {"calibrated_sensor_token": "c"}, "'c' is not in calibrated_sensor.json"),
+    ],
+)
+def test_a_wrong_value_names_table_and_token(tmp_path, table, values, message):
+    scenes = [Scene("scene-0001", [Sample(START, [Box("vehicle.car", (9.0, 0.0, 1.0))])])]
+    folder = write_nuscenes(tmp_path / "v1.0-mini", scenes, CATEGORIES)
+    token = change(folder, table, **values)
+    with pytest.raises(ValueError, match=rf"{table}\.json: token {token}: .*{message}"):
+        read_nuscenes(folder)
+
+
+def test_wrong_tables(tmp_path):
+    folder = write_nuscenes(tmp_path / "v1.0-mini", town(2), CATEGORIES)
+
+    def fails(message, **arguments):
+        with pytest.raises(ValueError, match=message):
+            read_nuscenes(folder, **arguments)
+
+    fails("scene.json: test scene 'scene-9999' is not there", test_scenes=["scene-9999"])
+    fails("within 0 and 1, found 2", test_scenes=2)
+    path = folder / "category.json"
+    kept = path.read_text()
+    path.write_text(kept.replace("vehicle.car", "vehicle.spaceship"))
+    fails(r"sample_annotation\.json: token \w+: unknown category 'vehicle\.spaceship'")
+    path.write_text(kept.replace('"name"', '"nom"'))
+    fails(r"category\.json: row 0: no column name; found \['token', 'nom', 'description'\]")
+    path.write_text(kept + "]")
+    fails(rf"category\.json: line {len(kept.splitlines())}: no JSON: Extra data")
+    path.write_text('{"name": 1, "token": 2}')
+    fails(r"category\.json: must be a JSON list of objects")
+    path.write_text("[3]")
+    fails(r"category\.json: must be a JSON list of objects")
+    path.write_bytes(b'["\xff"]')
+    fails(r"category\.json: no JSON: byte 2 is not UTF-8")
+    path.unlink()
+    fails(r"category\.json: no such table")
+    path.write_text(kept)
+    path = folder / "sample.json"
+    rows = json.loads(path.read_text())
+    path.write_text(json.dumps([*rows, rows[0]]))
+    fails(rf"sample\.json: token {rows[0]['token']}: is there twice")
+    path.write_text(json.dumps(rows))
+    path = folder / "ego_pose.json"
+    kept = path.read_text()
+    path.write_text(json.dumps([row | {"rotation": [1, 0, 0]} for row in json.loads(kept)]))
+    fails(r"ego_pose\.json: token \w+: rotation must be 4 finite numbers, found \[1, 0, 0\]")
+    path.write_text(kept)
+    path = folder / "sample_data.json"
+    rows = [row for row in json.loads(path.read_text()) if "LIDAR" not in row["filename"]]
+    path.write_text(json.dumps(rows))
+    fails(r"sample\.json: token \w+: must have one key frame of LIDAR_TOP in .*, found 0")
+
+
+def test_the_public_test_set_has_no_boxes(tmp_path):
+    folder = write_nuscenes(tmp_path / "v1.0-test", [Scene("scene-1", [Sample(START)])], CATEGORIES)
+    with pytest.raises(ValueError, match=r"sample_annotation\.json: has no boxes"):
+        read_nuscenes(folder)

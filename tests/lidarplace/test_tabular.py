@@ -1,0 +1,194 @@
+"""Tables of one's own: what may be left out, what fills it, and errors that name file and row."""
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from lidarplace.box_log import read_box_log, write_box_log
+from lidarplace.boxes import (
+    BOX_COLUMNS,
+    BUILDING_COLUMNS,
+    FRAME_COLUMNS,
+    GEOMETRY,
+    POSE_COLUMNS,
+    check_boxes,
+)
+from lidarplace.scenes.tabular import read_tabular
+
+BOXES = pd.DataFrame(
+    [
+        (7, "Pedestrian", 12.0, -2.0, 0.9, 0.6, 0.6, 1.8, 3.0),
+        (3, "Car", 10.0, 1.0, 0.8, 4.5, 1.8, 1.6, 0.1),
+        (3, "Cyclist", 20.0, 5.0, 0.8, 1.8, 0.6, 1.7, -0.1),
+    ],
+    columns=["frame", "class", *GEOMETRY],
+)
+FRAMES = pd.DataFrame(
+    {
+        "scene": ["b", "a", "a", "b"],
+        "frame": [7, 3, 4, 9],
+        "timestamp_s": [0.0, 0.0, 0.1, 0.2],
+        "split": ["test", "train", "train", "test"],
+    }
+)
+
+
+def write(path, table):
+    table.to_csv(path, index=False) if path.suffix == ".csv" else table.to_parquet(path)
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_boxes_and_a_number_of_frames(tmp_path, suffix):
+    log = read_tabular(write(tmp_path / f"mine{suffix}", BOXES), frames=5)
+    check_boxes(log.boxes)
+    assert list(log.boxes.columns) == list(BOX_COLUMNS)
+    assert list(log.frames.columns) == list(FRAME_COLUMNS)
+    assert log.boxes["frame"].tolist() == [3, 3, 7]
+    assert log.boxes["class"].tolist() == ["Car", "Cyclist", "Pedestrian"]
+    expected = BOXES.sort_values("frame", kind="stable")[list(GEOMETRY)]
+    np.testing.assert_array_equal(log.boxes[list(GEOMETRY)], expected)
+    assert log.boxes["object_id"].is_unique
+    assert log.frames["frame"].tolist() == [3, 7, 8, 9, 10]
+    assert log.frames["scene"].tolist() == ["log"] * 2 + ["no boxes"] * 3
+    assert set(log.frames["split"]) == {"train"}
+    assert log.frames["timestamp_s"].isna().all()
+    write_box_log(tmp_path / "log", log)
+    assert read_box_log(tmp_path / "log").boxes["x"].tolist() == [10.0, 20.0, 12.0]
+    again = read_tabular(tmp_path / "log")
+    pd.testing.assert_frame_equal(again.frames, log.frames, check_dtype=False)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_a_folder_with_a_table_of_frames(tmp_path, suffix):
+    write(tmp_path / f"boxes{suffix}", BOXES.assign(object_id=[5, 6, 5]))
+    poses = {"ego_x": [1.0, 2, 3, 4], "ego_y": 0.5, "ego_yaw": -1.0, "weather": "rain"}
+    write(tmp_path / f"frames{suffix}", FRAMES.assign(**poses))
+    log = read_tabular(tmp_path)
+    assert list(log.frames.columns) == [*FRAME_COLUMNS, *POSE_COLUMNS]
+    assert log.frames["frame"].tolist() == [3, 4, 7, 9]
+    assert log.frames["route"].tolist() == [0, 0, 1, 1]
+    assert log.frames["split"].tolist() == ["train", "train", "test", "test"]
+    assert log.frames["ego_x"].tolist() == [2.0, 3.0, 1.0, 4.0]
+    assert log.boxes["scene"].tolist() == ["a", "a", "b"]
+    assert log.boxes["object_id"].tolist() == ["6", "5", "5"]
+    assert log.boxes["timestamp_s"].tolist() == [0.0, 0.0, 0.0]
+
+
+def test_a_box_log_comes_back_as_it_is(tmp_path):
+    write(tmp_path / "boxes.csv", BOXES)
+    write(tmp_path / "frames.csv", FRAMES.assign(ego_x=1.0, ego_y=2.0, ego_yaw=0.5))
+    building = ("a", 30.0, 9.0, 4.0, 12.0, 10.0, 8.0, 0.5)
+    buildings = pd.DataFrame([building], columns=list(BUILDING_COLUMNS))
+    log = replace(read_tabular(tmp_path), buildings=buildings)
+    write_box_log(tmp_path / "log", log)
+    again = read_tabular(tmp_path / "log")
+    pd.testing.assert_frame_equal(again.boxes, log.boxes, check_dtype=False)
+    pd.testing.assert_frame_equal(again.frames, log.frames, check_dtype=False)
+    pd.testing.assert_frame_equal(again.buildings, log.buildings, check_dtype=False)
+    write(tmp_path / "log" / "buildings.parquet", buildings.assign(width=-1.0))
+    with pytest.raises(ValueError, match=r"buildings\.parquet: row 0: width must be at least 0"):
+        read_tabular(tmp_path / "log")
+
+
+def test_scene_and_time_of_boxes_alone(tmp_path):
+    boxes = BOXES.assign(scene=["b", "a", "a"], timestamp_s=[0.4, 0.2, 0.2])
+    log = read_tabular(write(tmp_path / "boxes.csv", boxes), frames=2)
+    assert log.frames["scene"].tolist() == ["a", "b"]
+    assert log.frames["route"].tolist() == [0, 1]
+    assert log.frames["timestamp_s"].tolist() == [0.2, 0.4]
+    assert log.boxes["timestamp_s"].tolist() == [0.2, 0.2, 0.4]
+
+
+def test_class_map(tmp_path):
+    boxes = BOXES.assign(**{"class": ["bollard", "Car", "van"]})
+    path = write(tmp_path / "boxes.csv", boxes)
+    ignored = Counter()
+    own = {"van": "Cyclist", "bollard": "ignore"}
+    log = read_tabular(path, frames=2, class_map=own, ignored=ignored)
+    assert log.boxes["class"].tolist() == ["Car", "Cyclist"]
+    assert log.frames["frame"].tolist() == [3, 7]  # 7 has lost its only box and counts
+    assert ignored == {"bollard": 1}
+    with pytest.raises(ValueError, match=r"boxes\.csv: row 0: unknown category 'bollard'"):
+        read_tabular(path, frames=2)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"x": [1.0, np.nan, 2.0]}, "row 1: x must be a finite number, found nan"),
+        ({"x": [1.0, 2.0, "far"]}, "row 2: x must be a finite number, found far"),
+        ({"width": [1.0, 2.0, -3.0]}, "row 2: width must be at least 0, found -3.0"),
+        ({"frame": [1, 2.5, 3]}, "row 1: frame must be a whole number, found 2.5"),
+        ({"frame": [1, 3, None]}, "row 2: frame must be a whole number, found nan"),
+        ({"class": ["Car", None, "Car"]}, "row 1: the category is missing"),
+        ({"class": ["Car", "car", "Car"]}, "row 1: unknown category 'car'"),
+        ({"object_id": ["a", "b", None]}, "row 2: object_id is missing"),
+        ({"timestamp_s": [0.0, np.inf, 1.0]}, "row 1: timestamp_s must be a finite number"),
+        ({"frame": 1, "scene": ["a", "a", "b"]}, "row 2: frame 1 is in scene 'b' and in 'a'"),
+    ],
+)
+def test_a_wrong_box_names_file_and_row(tmp_path, change, message):
+    path = write(tmp_path / "boxes.csv", BOXES.assign(**change))
+    with pytest.raises(ValueError, match=rf"boxes\.csv: {message}"):
+        read_tabular(path, frames=3)
+
+
+@pytest.mark.parametrize(
+    ("frames", "message"),
+    [
+        (FRAMES.assign(frame=[7, 3, 4, 3]), r"frames\.csv: row 3: frame 3 is there twice"),
+        (FRAMES[1:], r"boxes\.csv: row 0: frame 7 is not in frames\.csv"),
+        (FRAMES.assign(split="val"), r"row 0: split must be train or test, found 'val'"),
+        (FRAMES.assign(ego_x=1.0), r"frames\.csv: no column ego_y, ego_yaw; found scene, frame"),
+        (
+            FRAMES.assign(ego_x=1.0, ego_y=[1, 2, "?", 3], ego_yaw=0.0),
+            r"frames\.csv: row 2: ego_y must be a finite number, found \?",
+        ),
+        (FRAMES.assign(scene=["a", None, "a", "b"]), r"frames\.csv: row 1: scene is missing"),
+        (FRAMES.drop(columns="frame"), r"frames\.csv: no column frame; found scene"),
+        (FRAMES.drop(columns="scene"), r"frames\.csv: no column scene; found frame"),
+        (FRAMES.assign(scene="a"), r"boxes\.csv: row 0: frame 7 is in scene 'b' and in 'a'"),
+    ],
+)
+def test_wrong_frames(tmp_path, frames, message):
+    write(tmp_path / "boxes.csv", BOXES.assign(scene=["b", "a", "a"]))
+    write(tmp_path / "frames.csv", frames)
+    with pytest.raises(ValueError, match=message):
+        read_tabular(tmp_path)
+
+
+def test_wrong_sources(tmp_path):
+    def fails(message, source, **arguments):
+        with pytest.raises(ValueError, match=message):
+            read_tabular(source, **arguments)
+
+    fails(r"must hold boxes\.parquet or boxes\.csv, found neither", tmp_path)
+    path = write(tmp_path / "boxes.csv", BOXES)
+    fails(r"boxes\.csv: boxes alone do not tell which frames have none", tmp_path)
+    fails(r"boxes\.csv: has boxes of 2 frames, more than 1", path, frames=1)
+    fails(r"frames\.csv: no such file", path, frames=tmp_path / "frames.csv")
+    write(tmp_path / "frames.csv", FRAMES)
+    fails("has a table of frames; another one cannot be given", tmp_path, frames=9)
+    write(tmp_path / "boxes.parquet", BOXES)
+    fails(r"must hold boxes\.parquet or boxes\.csv, found both", tmp_path)
+    fails(r"boxes\.txt: must end in \.parquet or \.csv", tmp_path / "boxes.txt", frames=1)
+    (tmp_path / "empty.csv").touch()
+    fails(r"empty\.csv: No columns", tmp_path / "empty.csv", frames=1)
+    (tmp_path / "broken.csv").write_text("frame,class\n1,Car\n1,Car,3\n")
+    fails(r"broken\.csv: .*line 3", tmp_path / "broken.csv", frames=1)
+    (tmp_path / "latin.csv").write_bytes(b"frame,class\n1,V\xe9hicule\n")
+    fails(r"latin\.csv: .*utf-8", tmp_path / "latin.csv", frames=1)
+    (tmp_path / "broken.parquet").write_text("no Parquet")
+    fails(r"broken\.parquet: ", tmp_path / "broken.parquet", frames=1)
+
+
+def test_a_log_without_boxes(tmp_path):
+    log = read_tabular(write(tmp_path / "boxes.csv", BOXES[:0]), frames=3)
+    assert len(log.boxes) == 0
+    assert log.frames["frame"].tolist() == [0, 1, 2]
+    write_box_log(tmp_path / "log", log)
+    assert len(read_box_log(tmp_path / "log").frames) == 3
