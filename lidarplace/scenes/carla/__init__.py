@@ -1,0 +1,1 @@
+"""Scenes from a CARLA server: drive the traffic once, then show it to every placement."""

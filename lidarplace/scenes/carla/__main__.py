@@ -1,0 +1,93 @@
+"""Collect box logs and clouds from CARLA: `python -m lidarplace.scenes.carla SETTINGS OUT`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, NoReturn
+
+import typer
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from lidarplace.placement import PAPER_PLACEMENTS, Mount, Placement
+from lidarplace.scenes.carla.collect import collect
+from lidarplace.scenes.carla.settings import CarlaScene
+from lidarplace.sensor import Lidar
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+
+
+class Collection(BaseModel):
+    """A settings file.
+
+    Attributes:
+        scene: see `lidarplace.scenes.carla.settings.CarlaScene`.
+        lidar: of every placement, lengths in metres and angles in radians; null is the paper's.
+        placements: mounts by name, metres and radians in the ego frame; the name alone, without
+            mounts, is one of the paper's eight.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    scene: CarlaScene = Field(default_factory=CarlaScene)
+    lidar: Lidar | None = None
+    placements: dict[str, list[Mount] | None] = Field(
+        default_factory=lambda: dict.fromkeys(PAPER_PLACEMENTS)
+    )
+
+    def rigs(self) -> dict[str, Placement]:
+        """The placements. Raises ValueError for a name without mounts that is not the paper's."""
+        lidar = self.lidar or Lidar.paper()
+        rigs = {}
+        for name, mounts in self.placements.items():
+            if mounts is None and name not in PAPER_PLACEMENTS:
+                raise ValueError(
+                    f"placements: {name} has no mounts; allowed without are "
+                    f"{', '.join(PAPER_PLACEMENTS)}"
+                )
+            rigs[name] = (
+                PAPER_PLACEMENTS[name].with_lidar(lidar)
+                if mounts is None
+                else Placement(name, mounts, lidar)
+            )
+        return rigs
+
+
+@app.command()
+def run(
+    settings: Annotated[Path, typer.Argument(help="YAML: scene, placements, lidar")],
+    out: Annotated[Path, typer.Argument(help="folder of the box log and the clouds")],
+    host: Annotated[str | None, typer.Option(help="of the server, before the file's")] = None,
+    port: Annotated[int | None, typer.Option(help="of the server, before the file's")] = None,
+    timeout: Annotated[float | None, typer.Option(help="s, before the file's")] = None,
+) -> None:
+    """Collect a box log, and the clouds of placements, from a running CARLA server.
+
+    What OUT holds already is not done again. Exit code 2: input or server are wrong.
+    """
+    try:
+        content = yaml.safe_load(settings.read_text()) or {}
+        given = {"host": host, "port": port, "timeout_s": timeout}
+        if isinstance(content, dict) and isinstance(content.get("scene", {}), dict):
+            named = {key: value for key, value in given.items() if value is not None}
+            content = content | {"scene": content.get("scene", {}) | named}
+        collection = Collection.model_validate(content)
+        collect(collection.scene, collection.rigs(), out, report=print)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(map(str, first["loc"]))
+        _wrong(f"{settings}: {place}: {first['msg']}, found {first['input']!r}")
+    except yaml.YAMLError as error:
+        _wrong(f"{settings}: {' '.join(str(error).split())}")
+    except (ValueError, OSError, RuntimeError, ImportError) as error:
+        _wrong(str(error))
+
+
+def _wrong(message: str) -> NoReturn:
+    print(message, file=sys.stderr)
+    raise typer.Exit(2)
+
+
+if __name__ == "__main__":
+    app()

@@ -1,0 +1,144 @@
+"""Collect a scene: drive its routes, write the box log, show every route to every placement.
+
+    OUT/scene.json                        settings; a folder holds one scene
+    OUT/routes/<route>/                   recorded traffic
+    OUT/boxes.parquet, frames.parquet, buildings.parquet
+    OUT/clouds/<placement>/placement.json
+    OUT/clouds/<placement>/<route>/       point clouds
+
+What is there is not done again, so a collection that was stopped goes on with the next route, and
+placements can be added later under the same traffic.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+from lidarplace.box_log import BoxLog, join_logs, read_box_log, write_box_log
+from lidarplace.files import replacing
+from lidarplace.lidar.clouds import PointClouds, write_clouds
+from lidarplace.placement import Placement
+from lidarplace.scenes.carla.drive import Report, drive
+from lidarplace.scenes.carla.replay import replay
+from lidarplace.scenes.carla.seen import unhit
+from lidarplace.scenes.carla.server import connect
+from lidarplace.scenes.carla.settings import CarlaScene
+from lidarplace.scenes.carla.traffic import Traffic, box_log
+
+# What says where the server is, and how to read the names of blueprints, but not what is seen.
+_ELSEWHERE = {"host", "port", "traffic_manager_port", "timeout_s"}
+
+
+def collect(
+    scene: CarlaScene,
+    placements: Mapping[str, Placement],
+    out: Path,
+    report: Report = lambda line: None,
+    connected: Callable[[CarlaScene], Any] = connect,
+) -> BoxLog:
+    """Collect what is missing in `out` from a running server; one process a folder.
+
+    Args:
+        scene: the settings.
+        placements: the rigs by name; may be empty, and others may be added in a later call.
+        out: see the head of this file for what lies where.
+        report: is told one line a route and what was left out.
+        connected: makes the client.
+
+    Raises:
+        ImportError: the client is not installed.
+        OSError: no server answers, a LiDAR does not deliver, or a file cannot be written.
+        ValueError: `out` holds another scene, or another placement of a name; client and server
+            have different versions; the server lacks a map, blueprint or room.
+        RuntimeError: the server failed.
+    """
+    _check_names(placements)
+    contents = {out / "scene.json": scene.model_dump(mode="json", exclude=_ELSEWHERE)}
+    for name, placement in placements.items():
+        rig = {"mounts": [asdict(m) for m in placement.mounts], "lidar": asdict(placement.lidar)}
+        contents[out / "clouds" / name / "placement.json"] = rig
+    for path, content in contents.items():
+        _check_same(path, content)
+
+    routes = scene.plan()
+    folders = [out / "routes" / route.name for route in routes]
+    clouds_of = {name: [out / "clouds" / name / r.name for r in routes] for name in placements}
+    if all(folder.exists() for folder in chain(folders, *clouds_of.values())):
+        return read_box_log(out)
+    client = connected(scene)
+    for path, content in contents.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as partial:
+            partial.write_text(json.dumps(content, indent=1) + "\n")
+
+    for route, folder in zip(routes, folders, strict=True):
+        if not folder.exists():
+            traffic = drive(client, scene, route, report)
+            with _whole(folder, out) as partial:
+                traffic.write(partial)
+            report(f"{route.name} {route.town}: {len(traffic.frames)} frames driven")
+    log = join_logs([box_log(Traffic.read(folder)) for folder in folders])
+    write_box_log(out, log)
+
+    for name, placement in placements.items():
+        for route, recorded, folder in zip(routes, folders, clouds_of[name], strict=True):
+            if not folder.exists():
+                traffic = Traffic.read(recorded)
+                clouds = replay(client, scene, route, traffic, placement)
+                _check_seen(traffic, clouds, route.name, report)
+                with _whole(folder, out) as partial:
+                    write_clouds(partial, clouds)
+                report(f"{route.name} {route.town}: {len(clouds)} clouds of {name}")
+    return log
+
+
+def _check_names(placements: Mapping[str, Placement]) -> None:
+    for name in placements:
+        if not name or Path(name).name != name or name.startswith("."):
+            raise ValueError(f"placement {name!r}: its name must do for a folder")
+
+
+def _check_same(path: Path, content: dict[str, Any]) -> None:
+    """Raise ValueError if `path` is there and holds something else."""
+    if not path.exists():
+        return
+    before = json.loads(path.read_text())
+    for key, value in json.loads(json.dumps(content)).items():  # as it comes back
+        if before.get(key) != value:
+            raise ValueError(
+                f"{path}: {key} is {before.get(key)}, now {value} is asked for; "
+                "take another folder or another name"
+            )
+
+
+def _check_seen(traffic: Traffic, clouds: PointClouds, route: str, report: Report) -> None:
+    """Report models that the LiDARs never hit; raise RuntimeError if they hit nothing at all."""
+    boxes = box_log(traffic).boxes
+    number = boxes["object_id"].str.rsplit("-").str[-1].astype(int)
+    models = number.map(traffic.actors.set_index("actor")["blueprint"])
+    never, nothing = unhit(boxes, models, clouds)
+    if nothing:
+        raise RuntimeError(
+            f"{route}: no point lies on any of the road users near the ego, so the server's LiDARs "
+            "look through them; take another release of CARLA"
+        )
+    if never:
+        report(f"{route}: near the ego, but never hit by a LiDAR: {', '.join(never)}")
+
+
+@contextmanager
+def _whole(folder: Path, out: Path) -> Iterator[Path]:
+    """An empty folder to write to, which takes the place of `folder` at the end."""
+    partial = out / "unfinished"
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    yield partial
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    partial.replace(folder)

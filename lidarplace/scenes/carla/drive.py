@@ -1,0 +1,223 @@
+"""Drive one route: spawn the traffic of a town, let it run, and record who was where."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from lidarplace.scenes.carla.classes import object_class
+from lidarplace.scenes.carla.server import Actors, actors, load_town, synchronous
+from lidarplace.scenes.carla.settings import CarlaScene, Route, draw
+from lidarplace.scenes.carla.traffic import BOX, EGO, POSE, Traffic
+from lidarplace.scenes.settings import STEP_S, TEST_EVERY
+
+if TYPE_CHECKING:
+    import carla
+
+WALK_M_S = 1.4
+TRIES = 20
+"""Places tried for a pedestrian, most of which stand in nobody's way."""
+
+SIZES_M = (0.1, 25.0)
+"""Smallest and largest believable side of a box; some releases give two-wheelers none."""
+
+Report = Callable[[str], None]
+
+
+def drive(client: carla.Client, scene: CarlaScene, route: Route, report: Report) -> Traffic:
+    """Record one route; no LiDAR is mounted yet.
+
+    Args:
+        client: see `lidarplace.scenes.carla.server.connect`.
+        scene: the settings.
+        route: one of `scene.plan()`.
+        report: is told what was left out.
+
+    Raises:
+        ValueError: the town lacks a map, starts or room, or the ego's blueprint is unknown.
+        RuntimeError: the server failed.
+    """
+    world = load_town(client, route.town)
+    traffic_manager = client.get_trafficmanager(scene.traffic_manager_port)
+    with synchronous(world), actors(client, world) as own:
+        traffic_manager.set_synchronous_mode(True)
+        traffic_manager.set_random_device_seed(route.seed)
+        if hasattr(world, "set_pedestrians_seed"):
+            world.set_pedestrians_seed(route.seed)
+        try:
+            vehicles = _spawn_vehicles(world, own, scene, route, report)
+            walkers = _spawn_walkers(world, own, scene, route, report)
+            for vehicle in vehicles:
+                vehicle.set_autopilot(True, traffic_manager.get_port())
+            for _ in range(scene.warmup_steps):
+                world.tick(scene.timeout_s)
+            return _record(world, [*vehicles, *walkers], scene, route)
+        finally:
+            with suppress(RuntimeError):  # not to hide what went wrong before
+                traffic_manager.set_synchronous_mode(False)
+
+
+def _spawn_vehicles(
+    world: carla.World, own: Actors, scene: CarlaScene, route: Route, report: Report
+) -> list[carla.Actor]:
+    """The ego first, then others of all models at random starts, `scene.density` in all."""
+    library = world.get_blueprint_library()
+    models = sorted(library.filter("vehicle.*"), key=lambda model: model.id)
+    ego_model = [model for model in models if model.id == scene.ego]
+    if not ego_model:
+        raise ValueError(f"ego: the CARLA server has no blueprint {scene.ego}")
+    points = list(world.get_map().get_spawn_points())
+    start = starts([(p.location.x, p.location.y) for p in points], route.start + 1, scene, route)
+    ego = own.spawn(ego_model[0], points.pop(start))
+    if ego is None:
+        raise RuntimeError(f"{route.town}: the ego found no room at its start in an empty town")
+    vehicles = [ego]
+    rng = np.random.default_rng(route.seed)
+    boxless: set[str] = set()
+    for p in rng.permutation(len(points)):
+        if len(vehicles) == scene.density:
+            break
+        model = models[rng.integers(len(models))]
+        vehicle = own.spawn(model, points[p])
+        if vehicle is None:
+            continue
+        if _has_box(vehicle):
+            vehicles.append(vehicle)
+        else:
+            own.remove(vehicle)
+            models.remove(model)
+            boxless.add(model.id)
+    if boxless:
+        report(f"{route.name}: without a believable box, so left out: {', '.join(sorted(boxless))}")
+    if len(vehicles) < scene.density:
+        raise ValueError(
+            f"density {scene.density}: only {len(vehicles)} vehicles found room at the "
+            f"{len(points) + 1} starts of {route.town}"
+        )
+    return vehicles
+
+
+def starts(
+    points: Sequence[tuple[float, float]], count: int, scene: CarlaScene, route: Route
+) -> int:
+    """Index of the `count`-th start of a town.
+
+    The first is drawn by the scene's seed, each next one lies farthest from those before it, so
+    that the routes cover the town.
+
+    Raises:
+        ValueError: the town has fewer starts.
+    """
+    if len(points) < count:
+        raise ValueError(f"{route.town} has {len(points)} starts, too few for {count} routes")
+    place = np.array(points)
+    index = draw(scene.seed, 0, *route.town.encode()) % len(place)
+    distance = np.full(len(place), math.inf)
+    for _ in range(count - 1):
+        distance = np.minimum(distance, np.hypot(*(place - place[index]).T))
+        index = int(distance.argmax())
+    return index
+
+
+def _has_box(actor: carla.Actor) -> bool:
+    box = actor.bounding_box
+    sides = [2 * half for half in (box.extent.x, box.extent.y, box.extent.z)]
+    away = math.hypot(box.location.x, box.location.y, box.location.z)
+    return all(SIZES_M[0] <= side <= SIZES_M[1] for side in sides) and away <= SIZES_M[1]
+
+
+def _spawn_walkers(
+    world: carla.World, own: Actors, scene: CarlaScene, route: Route, report: Report
+) -> list[carla.Actor]:
+    """Pedestrians at random places of the sidewalks, each on its way to another."""
+    import carla
+
+    library = world.get_blueprint_library()
+    models = sorted(library.filter("walker.pedestrian.*"), key=lambda model: model.id)
+    rng = np.random.default_rng((route.seed, 1))
+    walkers: list[carla.Actor] = []
+    for _ in range(TRIES * scene.pedestrians):
+        if len(walkers) == scene.pedestrians:
+            break
+        place = world.get_random_location_from_navigation()
+        if place is None:
+            continue
+        model = models[rng.integers(len(models))]
+        walker = own.spawn(model, carla.Transform(place))
+        if walker is not None:
+            walkers.append(walker)
+    if len(walkers) < scene.pedestrians:
+        report(
+            f"{route.name}: {len(walkers)} of {scene.pedestrians} pedestrians found room in "
+            f"{route.town}"
+        )
+    minds = [
+        own.spawn(library.find("controller.ai.walker"), carla.Transform(), walker)
+        for walker in walkers
+    ]
+    world.tick(scene.timeout_s)  # a controller can be used one step after it was made
+    for mind in minds:
+        goal = world.get_random_location_from_navigation()
+        if mind is not None and goal is not None:
+            mind.start()
+            mind.go_to_location(goal)
+            mind.set_max_speed(WALK_M_S)
+    return walkers
+
+
+def _record(
+    world: carla.World, everybody: Sequence[carla.Actor], scene: CarlaScene, route: Route
+) -> Traffic:
+    frames: list[tuple[int, float]] = []
+    poses: list[tuple[float, ...]] = []
+    last: tuple[float, float] | None = None
+    for f in range(scene.frames_per_route):
+        for _ in range(scene.frame_stride):
+            world.tick(scene.timeout_s)
+        place = everybody[EGO].get_transform().location
+        here = (place.x, place.y)
+        if last is not None and math.dist(here, last) < scene.min_travel_m:
+            continue
+        last = here
+        frame = route.first_frame + f
+        frames.append((frame, f * scene.frame_stride * STEP_S))
+        for number, actor in enumerate(everybody):
+            if not actor.is_alive:
+                continue
+            pose = actor.get_transform()
+            at, turn = pose.location, pose.rotation
+            poses.append((frame, number, at.x, at.y, at.z, turn.roll, turn.pitch, turn.yaw))
+    table = pd.DataFrame(frames, columns=["frame", "timestamp_s"]).assign(
+        scene=f"carla-{scene.seed}-{route.part}-{route.town}",
+        route=route.number,
+        split=[_split(scene, route, kept) for kept in range(len(frames))],
+    )
+    return Traffic(
+        actors=_describe(everybody, scene),
+        poses=pd.DataFrame(poses, columns=["frame", "actor", *POSE]),
+        frames=table[["scene", "frame", "timestamp_s", "route", "split"]],
+    )
+
+
+def _split(scene: CarlaScene, route: Route, kept: int) -> str:
+    """Train or test, of the `kept`-th frame of a route that was not left out."""
+    if scene.split == "route":
+        return route.part
+    return "test" if kept % TEST_EVERY == TEST_EVERY - 1 else "train"
+
+
+def _describe(everybody: Sequence[carla.Actor], scene: CarlaScene) -> pd.DataFrame:
+    rows = []
+    for number, actor in enumerate(everybody):
+        box = actor.bounding_box
+        size = (2 * box.extent.x, 2 * box.extent.y, 2 * box.extent.z)
+        wheels = int(actor.attributes.get("number_of_wheels", 0))
+        name = object_class(actor.type_id, wheels, size, scene.classes)
+        place = (box.location.x, box.location.y, box.location.z)
+        rows.append((number, actor.type_id, name, *place, box.rotation.yaw, *size))
+    return pd.DataFrame(rows, columns=["actor", "blueprint", "class", *BOX])

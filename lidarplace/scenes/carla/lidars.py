@@ -1,0 +1,166 @@
+"""A placement's LiDARs as CARLA's ray-cast sensors."""
+
+from __future__ import annotations
+
+import math
+import queue
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lidarplace.lidar.clouds import Crop
+from lidarplace.placement import Mount, Placement
+from lidarplace.pose import from_carla
+from lidarplace.scenes.carla.returns import Points, ego_points
+from lidarplace.scenes.carla.server import Actors
+from lidarplace.scenes.settings import STEP_S
+from lidarplace.sensor import Lidar
+
+if TYPE_CHECKING:
+    import carla
+
+BLUEPRINT = "sensor.lidar.ray_cast"
+
+UNEVEN = 1e-6
+"""Radians by which a beam may miss its place in an even fan; CARLA computes in float32."""
+
+
+@dataclass(frozen=True)
+class Fan:
+    """Beams at even distances, which is what one CARLA sensor can have; radians."""
+
+    lower: float
+    upper: float
+    beams: int
+
+
+def even_fans(elevations: Sequence[float]) -> list[Fan]:
+    """The beam table as few fans as a greedy search finds, from the lowest beam up.
+
+    CARLA spreads the channels of a sensor evenly between two elevations, so an even table is one
+    fan; any other one is made of several sensors in one place.
+    """
+    table = np.sort(np.asarray(elevations, np.float64))
+    fans, first = [], 0
+    for end in range(1, len(table) + 1):
+        run = table[first : end + 1]
+        if end < len(table) and np.abs(run - np.linspace(run[0], run[-1], len(run))).max() < UNEVEN:
+            continue
+        fans.append(Fan(float(table[first]), float(table[end - 1]), end - first))
+        first = end
+    return fans
+
+
+def attributes(lidar: Lidar, fan: Fan, seed: int) -> dict[str, str]:
+    """Attributes of the sensor that fires `fan`, one full turn a step, without CARLA's own losses.
+
+    CARLA drops returns at random, in general and by intensity, unless it is told not to.
+    """
+    values: dict[str, int | float] = {
+        "channels": fan.beams,
+        "lower_fov": math.degrees(fan.lower),
+        "upper_fov": math.degrees(fan.upper),
+        "range": lidar.range,
+        "points_per_second": round(fan.beams * lidar.azimuth_steps / STEP_S),
+        "rotation_frequency": 1 / STEP_S,
+        "dropoff_general_rate": lidar.drop_off,
+        "dropoff_zero_intensity": 0.0,
+        "noise_stddev": lidar.range_noise,
+        "noise_seed": seed % 2**31,
+    }
+    return {n: str(v) if isinstance(v, int) else f"{v:.9g}" for n, v in values.items()}
+
+
+def mount_transform(mount: Mount, origin: tuple[float, float]) -> carla.Transform:
+    """CARLA's pose of a mount on an actor whose ego frame starts at `origin`, x and y, there."""
+    import carla
+
+    x, y, z, roll, pitch, yaw = from_carla(
+        mount.x, mount.y, mount.z, mount.roll, mount.pitch, mount.yaw
+    )
+    return carla.Transform(
+        carla.Location(x=x + origin[0], y=y + origin[1], z=z),
+        carla.Rotation(roll=math.degrees(roll), pitch=math.degrees(pitch), yaw=math.degrees(yaw)),
+    )
+
+
+class Rig:
+    """The sensors of a placement on an actor; one cloud of each LiDAR a step."""
+
+    def __init__(
+        self,
+        own: Actors,
+        library: carla.BlueprintLibrary,
+        ego: carla.Actor,
+        placement: Placement,
+        crop: Crop,
+        seed: int,
+    ) -> None:
+        """Mount the sensors; they take part from the next step on.
+
+        Args:
+            own: makes them, and takes them away in the end.
+            library: the world's blueprints.
+            ego: what they are mounted on.
+            placement: mounts and LiDAR.
+            crop: points outside, in the ego frame, are left out.
+            seed: of returns that are dropped.
+
+        Raises:
+            RuntimeError: the server cannot make one of them.
+        """
+        self._placement, self._crop = placement, crop
+        extent = ego.bounding_box.extent
+        self._body = (2 * extent.x, 2 * extent.y, 2 * extent.z)
+        self._arrived: queue.SimpleQueue[tuple[int, int, Points]] = queue.SimpleQueue()
+        self._mount_of: list[int] = []
+        centre = ego.bounding_box.location
+        fans = even_fans(placement.lidar.elevations)
+        for m, mount in enumerate(placement.mounts):
+            for fan in fans:
+                blueprint = library.find(BLUEPRINT)
+                number = len(self._mount_of)
+                for name, value in attributes(placement.lidar, fan, seed + number).items():
+                    if name != "noise_seed" or blueprint.has_attribute(name):
+                        blueprint.set_attribute(name, value)
+                sensor = own.spawn(blueprint, mount_transform(mount, (centre.x, centre.y)), ego)
+                if sensor is None:
+                    raise RuntimeError(f"placement {placement.name}: no room for LiDAR {m}")
+                self._mount_of.append(m)
+                sensor.listen(partial(_deliver, self._arrived, number))
+
+    def clouds(self, step: int, timeout_s: float) -> list[Points]:
+        """The returns of every LiDAR in CARLA's frame `step`, in the ego frame.
+
+        Waits until all sensors have delivered; data of earlier frames are dropped.
+
+        Raises:
+            TimeoutError: a sensor did not deliver in time.
+        """
+        returns: dict[int, Points] = {}
+        while len(returns) < len(self._mount_of):
+            try:
+                frame, number, points = self._arrived.get(timeout=timeout_s)
+            except queue.Empty:
+                missing = sorted({m for s, m in enumerate(self._mount_of) if s not in returns})
+                raise TimeoutError(
+                    f"placement {self._placement.name}: LiDAR {missing[0]} delivered nothing for "
+                    f"CARLA's frame {step} within {timeout_s:g} s"
+                ) from None
+            if frame == step:
+                returns[number] = points
+        clouds: list[list[Points]] = [[] for _ in self._placement.mounts]
+        for number in sorted(returns):
+            m = self._mount_of[number]
+            mount, lidar = self._placement.mounts[m], self._placement.lidar
+            clouds[m].append(ego_points(returns[number], mount, lidar, self._crop, self._body))
+        return [np.concatenate(parts) for parts in clouds]
+
+
+def _deliver(arrived: queue.SimpleQueue[tuple[int, int, Points]], number: int, data: Any) -> None:
+    """Called by CARLA's own thread. The data are copied: their memory is CARLA's."""
+    points = np.frombuffer(data.raw_data, np.float32).reshape(-1, 4).copy()
+    arrived.put((data.frame, number, points))

@@ -1,0 +1,144 @@
+"""Settings of a scene that a CARLA server simulates, and the routes that it consists of."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from lidarplace.boxes import CLASSES
+from lidarplace.lidar.clouds import Crop
+from lidarplace.scenes.settings import STEP_S, Part
+
+PAPER_TOWNS = ("Town01", "Town03", "Town04", "Town06")
+
+
+@dataclass(frozen=True)
+class Route:
+    """One drive of the ego, with traffic of its own.
+
+    Attributes:
+        number: in the whole log.
+        name: of its folders.
+        town: CARLA's map.
+        part: whether it is for training or for testing.
+        start: which of the town's starts it takes; no two routes of a town have the same.
+        first_frame: number of its first frame in the log.
+        seed: of its traffic, 31 bits.
+    """
+
+    number: int
+    name: str
+    town: str
+    part: Part
+    start: int
+    first_frame: int
+    seed: int
+
+
+class CarlaScene(BaseModel):
+    """Towns, their traffic, and which drives through them are recorded.
+
+    The ego is driven by CARLA's traffic manager from starts that lie far apart. Every route has
+    traffic of its own, so nothing of a test route is seen in training.
+
+    Attributes:
+        source: tells this kind of scene from others in a configuration.
+        host: where the server runs.
+        port: its first port; it also uses the next one.
+        traffic_manager_port: where the client opens the traffic manager.
+        timeout_s: longest wait for an answer; loading a town takes the longest.
+        seed: decides starts, traffic and dropped returns.
+        towns: CARLA's maps of the training routes.
+        test_towns: those of the test routes; null means the same towns, other starts.
+        density: vehicles in each town, the ego among them; the paper's are 40, 80 and 120.
+        pedestrians: pedestrians in each town.
+        routes: routes in each training town.
+        test_routes: routes in each test town.
+        frames_per_route: frames of every route; at most so many with `min_travel_m`.
+        frame_stride: record every n-th step of 20 Hz.
+        min_travel_m: leave a frame out until the ego has moved so far, in metres, since the last
+            one that was kept.
+        warmup_s: simulated seconds before the first frame, in which traffic spreads out.
+        split: "route" calls the routes of the test towns test; "paper" calls every tenth frame of
+            every route test.
+        ego: blueprint of the vehicle that carries the LiDARs.
+        crop: x0, y0, z0, x1, y1, z1 in the ego frame, metres; points outside are left out.
+        classes: class of a blueprint, before the rules of `lidarplace.scenes.carla.classes`.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    source: Literal["carla"] = "carla"
+    host: str = "localhost"
+    port: int = Field(default=2000, ge=1, le=65534)
+    traffic_manager_port: int = Field(default=8000, ge=1, le=65535)
+    timeout_s: float = Field(default=60.0, gt=0.0, allow_inf_nan=False)
+    seed: int = Field(default=0, ge=0)
+    towns: tuple[str, ...] = Field(default=PAPER_TOWNS, min_length=1)
+    test_towns: tuple[str, ...] | None = Field(default=None, min_length=1)
+    density: int = Field(default=80, ge=1)
+    pedestrians: int = Field(default=60, ge=0)
+    routes: int = Field(default=8, ge=1)
+    test_routes: int = Field(default=2, ge=0)
+    frames_per_route: int = Field(default=200, ge=1)
+    frame_stride: int = Field(default=10, ge=1)
+    min_travel_m: float = Field(default=0.0, ge=0.0, allow_inf_nan=False)
+    warmup_s: float = Field(default=30.0, ge=0.0, allow_inf_nan=False)
+    split: Literal["route", "paper"] = "route"
+    ego: str = "vehicle.tesla.model3"
+    crop: Crop = (-50.0, -50.0, -3.0, 50.0, 50.0, 5.0)
+    classes: dict[str, str] = {}
+
+    @field_validator("crop")
+    @classmethod
+    def _not_empty(cls, crop: Crop) -> Crop:
+        if not all(low < high for low, high in zip(crop[:3], crop[3:], strict=True)):
+            raise ValueError(f"crop needs x0 < x1, y0 < y1, z0 < z1, found {crop}")
+        return crop
+
+    @field_validator("classes")
+    @classmethod
+    def _known(cls, classes: dict[str, str]) -> dict[str, str]:
+        for blueprint, name in classes.items():
+            if name not in CLASSES:
+                raise ValueError(f"{blueprint}: class {name!r}; allowed are {', '.join(CLASSES)}")
+        return classes
+
+    def plan(self) -> tuple[Route, ...]:
+        """The routes of the scene, training first; each can be recorded on its own."""
+        tests = self.towns if self.test_towns is None else self.test_towns
+        places: list[tuple[Part, str]] = [
+            *(("train", town) for town in self.towns for _ in range(self.routes)),
+            *(("test", town) for town in tests for _ in range(self.test_routes)),
+        ]
+        started: Counter[str] = Counter()
+        routes = []
+        for number, (part, town) in enumerate(places):
+            routes.append(
+                Route(
+                    number=number,
+                    name=f"route-{number:03d}",
+                    town=town,
+                    part=part,
+                    start=started[town],
+                    first_frame=number * self.frames_per_route,
+                    seed=draw(self.seed, 1, number),
+                )
+            )
+            started[town] += 1
+        return tuple(routes)
+
+    @property
+    def warmup_steps(self) -> int:
+        """Steps before the first recorded frame."""
+        return math.ceil(self.warmup_s / STEP_S)
+
+
+def draw(*key: int) -> int:
+    """A seed of 31 bits, as CARLA takes them."""
+    return int(np.random.SeedSequence(key).generate_state(1)[0] >> 1)
