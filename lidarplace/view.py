@@ -1,0 +1,123 @@
+"""Look at a frame of a box log: `python -m lidarplace.view LOG`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lidarplace.box_log import read_box_log
+from lidarplace.command_line import wrong
+from lidarplace.lidar.clouds import Crop
+from lidarplace.lidar.profiles import PROFILES, Profile
+from lidarplace.placement import PAPER_PLACEMENTS, Placement
+from lidarplace.viewing.frame import Frame, busiest_frame, read_frame
+from lidarplace.viewing.page import write_page
+from lidarplace.viewing.placement_file import read_placement
+from lidarplace.viewing.scene import POINTS, draw_frame
+
+DEFAULT = ("line", "center", "pyramid", "line_roll")
+"""Placements that are shown when none is named."""
+MOST_PLACEMENTS = 12
+"""Browsers keep about 16 3D scenes alive; the next one blanks the first."""
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+
+
+@app.command()
+def view(
+    log: Annotated[Path, typer.Argument(help="folder of boxes.parquet and frames.parquet")],
+    frame: Annotated[
+        int | None, typer.Option(help="the one with most objects in the ROI by default")
+    ] = None,
+    placement: Annotated[
+        list[str] | None,
+        typer.Option(help="the paper's by name, own ones as FILE.yaml with `mounts`; repeatable"),
+    ] = None,
+    profile: Annotated[
+        str, typer.Option(help=f"LiDAR and way to collect: {' or '.join(PROFILES)}")
+    ] = "paper",
+    roi: Annotated[
+        tuple[float, float, float, float, float, float],
+        typer.Option(help="x0 x1 y0 y1 z0 z1, ego frame, m"),
+    ] = (0.0, 40.0, -20.0, 20.0, 0.0, 4.0),
+    out: Annotated[Path, typer.Option(help="the page")] = Path("view.html"),
+) -> None:
+    """Make a page of one frame: clouds, boxes, buildings and the ROI, placements side by side.
+
+    Exit code 2: the input is wrong.
+    """
+    try:
+        crop = _crop(roi)
+        how = _profile(profile)
+        rigs = _placements(placement or DEFAULT, how)
+        table = read_box_log(log)
+        try:
+            number = busiest_frame(table, crop) if frame is None else frame
+            shown = read_frame(table, number, crop)
+        except ValueError as error:
+            raise ValueError(f"{log}: {error}") from None
+        figures = [
+            draw_frame(table, number, rig, crop, POINTS // len(rigs), how.misaligned_heights)
+            for rig in rigs
+        ]
+        title = f"{shown.row['scene']}, frame {number}"
+        write_page(out, title, _notes(shown, crop, profile), figures)
+    except (ValueError, OSError) as error:
+        wrong(error)
+    print(f"{out}: frame {number}, {shown.inside.sum()} objects in the ROI")
+
+
+def _crop(roi: Sequence[float]) -> Crop:
+    x0, x1, y0, y1, z0, z1 = roi
+    for axis, low, high in (("x", x0, x1), ("y", y0, y1), ("z", z0, z1)):
+        if not -1e4 <= low < high <= 1e4:  # NaN is refused too
+            raise ValueError(
+                f"--roi: {axis} needs min < max within ±10,000 m, found {low:g} {high:g}"
+            )
+    return x0, y0, z0, x1, y1, z1
+
+
+def _profile(name: str) -> Profile:
+    if name not in PROFILES:
+        raise ValueError(f"--profile {name}: allowed are {', '.join(PROFILES)}")
+    return PROFILES[name]
+
+
+def _placements(names: Sequence[str], profile: Profile) -> list[Placement]:
+    if len(names) > MOST_PLACEMENTS:
+        raise ValueError(
+            f"--placement: a page shows at most {MOST_PLACEMENTS} placements, found {len(names)}"
+        )
+    rigs: list[Placement] = []
+    for name in names:
+        if name.endswith((".yaml", ".yml")):
+            rigs.append(read_placement(Path(name), profile.lidar))
+        elif name in PAPER_PLACEMENTS:
+            rigs.append(PAPER_PLACEMENTS[name])
+        else:
+            raise ValueError(
+                f"--placement {name}: allowed are {', '.join(PAPER_PLACEMENTS)} and a FILE.yaml"
+            )
+    return [profile.placement(rig) for rig in rigs]
+
+
+def _notes(frame: Frame, crop: Crop, profile: str) -> list[str]:
+    counts = frame.objects.loc[frame.inside, "class"].value_counts().sort_index()
+    objects = ", ".join(f"{name} {count}" for name, count in counts.items()) or "none"
+    x0, y0, z0, x1, y1, z1 = crop
+    return [
+        f"Route {frame.row['route']} ({frame.row['split']}), t = {frame.row['timestamp_s']:g} s; "
+        f"LiDARs of profile {profile}. "
+        f"ROI x {x0:g} to {x1:g}, y {y0:g} to {y1:g}, z {z0:g} to {z1:g} m. "
+        f"Objects with their centre in it: {objects}.",
+        "x is forward, y left. Points of the ROI have the colour of their LiDAR, boxes that of "
+        "their class and a line towards the front; of many points a random part is drawn. "
+        "Dragging turns all scenes, scrolling zooms; fronts and LiDARs tell about themselves.",
+    ]
+
+
+if __name__ == "__main__":
+    app()

@@ -1,0 +1,130 @@
+"""What there is to see in one frame of a box log."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from lidarplace.box_log import BoxLog
+from lidarplace.boxes import GEOMETRY
+from lidarplace.lidar.clouds import Crop
+from lidarplace.lidar.collect import collect
+from lidarplace.lidar.points_in_boxes import MARGIN_M, count_points
+from lidarplace.lidar.shapes import BUILDING
+from lidarplace.lidar.surroundings import Surroundings
+from lidarplace.placement import Placement
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The surroundings in one frame, in the ego frame.
+
+    Attributes:
+        log: the part of the box log that is about this frame.
+        row: the frame's row of `BoxLog.frames`.
+        objects: rows of `BoxLog.boxes` that may reach into the crop.
+        inside: which of `objects` have their centre in the crop, shape (objects,), bool.
+        buildings: rows of `lidarplace.boxes.GEOMETRY` that may reach into it, shape (B, 7).
+    """
+
+    log: BoxLog
+    row: pd.Series
+    objects: pd.DataFrame
+    inside: NDArray[np.bool_]
+    buildings: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Points of one placement in one frame, thinned.
+
+    Attributes:
+        points: x, y, z in metres, ego frame, shape (n, 3), float32.
+        lidar: index of the mount of each point, shape (n,), uint8.
+        returned: number of points before thinning.
+        on_objects: how many of these lie on each of `Frame.objects`, shape (objects,), int64.
+    """
+
+    points: NDArray[np.float32]
+    lidar: NDArray[np.uint8]
+    returned: int
+    on_objects: NDArray[np.int64]
+
+
+def busiest_frame(log: BoxLog, crop: Crop) -> int:
+    """The first of the frames with the most boxes whose centre is in the crop.
+
+    Raises:
+        ValueError: the log has no frame.
+    """
+    if log.frames.empty:
+        raise ValueError("the log has no frame")
+    inside = _inside(log.boxes[list(GEOMETRY)].to_numpy(np.float64), crop)
+    numbers = log.frames["frame"].to_numpy(np.int64)
+    counts = log.boxes.loc[inside, "frame"].value_counts().reindex(numbers, fill_value=0)
+    return int(numbers[np.argmax(counts.to_numpy())])
+
+
+def read_frame(log: BoxLog, number: int, crop: Crop) -> Frame:
+    """What surrounds the vehicle in frame `number`.
+
+    Raises:
+        ValueError: the log has no such frame, a box is bad, or a pose is missing.
+    """
+    rows = log.frames[log.frames["frame"] == number]
+    if rows.empty:
+        listed = log.frames["frame"]
+        what = f"{len(listed)} frames, {listed.min()} to {listed.max()}" if len(listed) else "none"
+        raise ValueError(f"no frame {number}; the log has {what}")
+    row = rows.iloc[0]
+    own = BoxLog(
+        log.boxes[log.boxes["frame"] == number],
+        rows,
+        log.buildings[log.buildings["scene"] == row["scene"]],
+    )
+    geometry = own.boxes[list(GEOMETRY)].to_numpy(np.float64)
+    near = _near(geometry, crop)
+    parts = Surroundings(own).parts(number, reach=np.inf)
+    buildings = parts.geometry[parts.owner == BUILDING, : len(GEOMETRY)]
+    return Frame(
+        own,
+        row,
+        own.boxes[near],
+        _inside(geometry[near], crop),
+        buildings[_near(buildings, crop)],
+    )
+
+
+def read_cloud(
+    frame: Frame, placement: Placement, crop: Crop, most: int, misaligned_heights: bool = False
+) -> Cloud:
+    """The cloud of `placement` within the crop; beyond `most` points a random choice of them."""
+    clouds = collect(
+        frame.log,
+        [frame.row["frame"]],
+        placement,
+        crop,
+        misaligned_heights=misaligned_heights,
+    )
+    points, lidar = clouds[0], clouds.lidar(0)
+    kept = np.arange(len(points))
+    if len(points) > most:
+        kept = np.sort(np.random.default_rng(0).choice(len(points), most, replace=False))
+    boxes = frame.objects[list(GEOMETRY)].to_numpy(np.float64)
+    grown = boxes + np.array([0, 0, 0, 2, 2, 2, 0]) * MARGIN_M
+    return Cloud(points[kept, :3], lidar[kept], len(points), count_points(points, grown))
+
+
+def _inside(boxes: NDArray[np.float64], crop: Crop) -> NDArray[np.bool_]:
+    """Whether the centres of boxes (m, 7) are in the crop, faces included."""
+    return np.all((boxes[:, :3] >= crop[:3]) & (boxes[:, :3] <= crop[3:]), axis=1)
+
+
+def _near(boxes: NDArray[np.float64], crop: Crop) -> NDArray[np.bool_]:
+    """Whether the spheres around boxes (m, 7) meet the crop."""
+    outside = boxes[:, :3] - np.clip(boxes[:, :3], crop[:3], crop[3:])
+    radius = 0.5 * np.linalg.norm(boxes[:, 3:6], axis=1)
+    return np.linalg.norm(outside, axis=1) <= radius

@@ -1,0 +1,47 @@
+"""One HTML page with figures side by side; it needs no network."""
+
+from __future__ import annotations
+
+import html
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from string import Template
+
+import plotly.graph_objects as go
+from plotly.offline import get_plotlyjs
+
+from lidarplace.files import replacing
+from lidarplace.viewing.scene import CAMERAS
+from lidarplace.viewing.style import theme
+
+
+def write_page(path: Path, title: str, notes: Sequence[str], figures: Sequence[go.Figure]) -> None:
+    """Write the `figures` of `lidarplace.viewing.scene.draw_frame` as one page.
+
+    They share a legend that shows and hides, and a camera: turning one turns all.
+
+    Args:
+        path: of the page; its folder is made.
+        title, notes: plain text, the notes a paragraph each.
+        figures: side by side, one below the other on a phone.
+    """
+    page = Template(Path(__file__).with_name("page.html").read_text(encoding="utf-8")).substitute(
+        title=html.escape(title),
+        notes="\n".join(f"<p>{html.escape(note)}</p>" for note in notes),
+        plots="\n".join(
+            f'<div class="plot"><script type="application/json">{_json(figure)}</script></div>'
+            for figure in figures
+        ),
+        plotlyjs=get_plotlyjs(),
+        themes=json.dumps({"light": theme(False), "dark": theme(True)}),
+        cameras=json.dumps(CAMERAS),
+    )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as partial:
+        partial.write_text(page, encoding="utf-8")
+
+
+def _json(figure: go.Figure) -> str:
+    """A figure as JSON that no text in it can end the script element around it."""
+    return str(figure.to_json()).replace("<", "\\u003c")

@@ -1,0 +1,215 @@
+"""A frame under one placement as an interactive 3D picture."""
+
+from __future__ import annotations
+
+import html
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import NDArray
+
+from lidarplace.box_log import BoxLog
+from lidarplace.boxes import CLASSES, GEOMETRY
+from lidarplace.lidar.clouds import Crop
+from lidarplace.lidar.shapes import OWN_BODY
+from lidarplace.placement import Placement
+from lidarplace.viewing import style
+from lidarplace.viewing.frame import Cloud, Frame, read_cloud, read_frame
+from lidarplace.viewing.solids import corners, edges, headings, triangles
+
+POINTS = 160_000
+"""Points drawn of a frame: 16 bytes each in a page, and still turned smoothly."""
+
+CAMERAS = {
+    "from behind": {
+        "eye": {"x": -2.2, "y": 0.0, "z": 1.2},
+        "center": {"x": 0.0, "y": 0.0, "z": -0.45},
+        "up": {"x": 0.0, "y": 0.0, "z": 1.0},
+    },
+    "from above": {
+        "eye": {"x": 0.0, "y": 0.0, "z": 2.8},
+        "center": {"x": 0.0, "y": 0.0, "z": 0.0},
+        "up": {"x": 1.0, "y": 0.0, "z": 0.0},
+    },
+}
+"""Plotly's cameras; the first is the one at the start."""
+
+_MARGIN = 0.3  # metres
+
+
+def draw_frame(
+    log: BoxLog,
+    number: int,
+    placement: Placement,
+    crop: Crop,
+    points: int = POINTS,
+    misaligned_heights: bool = False,
+) -> go.Figure:
+    """Frame `number` of `log` as `placement` sees it.
+
+    Points have the colour of their LiDAR, boxes that of their class, with a line on the roof
+    towards the front. ROI, vehicle and buildings are grey.
+
+    Args:
+        log: a box log; its other frames are ignored.
+        number: the frame.
+        placement: mounts and LiDAR.
+        crop: the ROI, x0, y0, z0, x1, y1, z1 in the ego frame, metres.
+        points: of a larger cloud so many are drawn, chosen at random.
+        misaligned_heights: see `lidarplace.lidar.collect.collect`.
+
+    Raises:
+        ValueError: there is no such frame, a box is bad, or the crop is empty.
+    """
+    frame = read_frame(log, number, crop)
+    cloud = read_cloud(frame, placement, crop, points, misaligned_heights)
+    figure = go.Figure(layout={"template": style.theme(False), "scene": _axes(placement, crop)})
+    figure.update_layout(
+        title={
+            "text": html.escape(placement.name, quote=False),
+            "subtitle": {"text": _summary(cloud), "font": {"size": 11}},
+            "x": 0,
+            "xref": "paper",
+        },
+        height=400,
+        margin={"l": 10, "r": 10, "t": 48, "b": 0},
+        legend={"itemsizing": "constant"},
+        hovermode="closest",
+    )
+    _add_cloud(figure, cloud, placement)
+    _add_objects(figure, frame, cloud)
+    _add_surroundings(figure, frame, crop)
+    return figure
+
+
+def _summary(cloud: Cloud) -> str:
+    drawn = len(cloud.points)
+    part = "" if drawn == cloud.returned else f"{drawn:,} drawn, "
+    return f"{cloud.returned:,} points, {part}{cloud.on_objects.sum():,} on objects"
+
+
+def _add_cloud(figure: go.Figure, cloud: Cloud, placement: Placement) -> None:
+    for i, mount in enumerate(placement.mounts):
+        shade = style.LIDARS[i % len(style.LIDARS)]
+        name = f"LiDAR {i}"
+        figure.add_scatter3d(
+            **_xyz(cloud.points[cloud.lidar == i]),
+            mode="markers",
+            marker={"size": 1.2, "color": shade, "line": {"width": 0}},
+            hoverinfo="skip",
+            name=name,
+            legendgroup=name,
+        )
+        angles = np.degrees([mount.roll, mount.pitch, mount.yaw])
+        figure.add_scatter3d(
+            **_xyz(mount.position[None]),
+            mode="markers",
+            marker={"size": 4, "color": shade, "symbol": "diamond"},
+            hovertext=f"{name}: x {mount.x:g}, y {mount.y:g}, z {mount.z:g} m<br>"
+            + "roll {:.1f}°, pitch {:.1f}°, yaw {:.1f}°".format(*(angles + 0.0)),
+            hoverinfo="text",
+            name=name,
+            legendgroup=name,
+            showlegend=False,
+        )
+
+
+def _add_objects(figure: go.Figure, frame: Frame, cloud: Cloud) -> None:
+    """A trace of lines for each class, and one of marks at the fronts that tell what it is."""
+    present = frame.objects["class"]
+    for name in (*CLASSES, *sorted(set(present) - set(CLASSES))):
+        own = frame.objects[present == name]
+        points = cloud.on_objects[present == name]
+        boxes = own[list(GEOMETRY)].to_numpy(np.float64)
+        if boxes.size == 0:
+            continue
+        shade = style.CLASSES.get(name, style.OUTLINE)
+        front = headings(boxes)
+        figure.add_scatter3d(
+            **_xyz(np.concatenate([edges(boxes), front.reshape(-1, 3)])),
+            mode="lines",
+            line={"color": shade, "width": 4},
+            hoverinfo="skip",
+            name=html.escape(name, quote=False),
+            legendgroup=name,
+        )
+        figure.add_scatter3d(
+            **_xyz(front[:, 1]),
+            mode="markers",
+            marker={"size": 3, "color": shade},
+            hovertext=[
+                f"{html.escape(str(who), quote=False)}<br>x {x:.1f}, y {y:.1f} m<br>"
+                f"{length:.1f} × {width:.1f} × {height:.1f} m<br>{count:,} points"
+                for who, (x, y, _, length, width, height, _), count in zip(
+                    own["object_id"], boxes, points, strict=True
+                )
+            ],
+            hoverinfo="text",
+            name=html.escape(name, quote=False),
+            legendgroup=name,
+            showlegend=False,
+        )
+
+
+def _add_surroundings(figure: go.Figure, frame: Frame, crop: Crop) -> None:
+    low, high = np.array(crop[:3]), np.array(crop[3:])
+    roi = np.concatenate([(low + high) / 2, high - low, [0.0]])[None]
+    grey: dict[str, Any] = {"color": style.OUTLINE, "hoverinfo": "skip", "showlegend": True}
+    figure.add_scatter3d(
+        **_xyz(edges(roi)),
+        mode="lines",
+        line={"color": style.OUTLINE, "width": 2},
+        hoverinfo="skip",
+        name="ROI",
+    )
+    for name, boxes, opacity in (
+        ("vehicle", np.array([OWN_BODY]), 0.8),
+        ("buildings", frame.buildings, 0.25),
+    ):
+        if len(boxes):
+            vertices, faces = triangles(boxes)
+            i, j, k = faces.T.copy()
+            figure.add_mesh3d(
+                **_xyz(vertices),
+                i=i,
+                j=j,
+                k=k,
+                name=name,
+                opacity=opacity,
+                flatshading=True,
+                **grey,
+            )
+
+
+def _xyz(points: NDArray[Any]) -> dict[str, NDArray[np.float32]]:
+    x, y, z = np.ascontiguousarray(points.T, dtype=np.float32)
+    return {"x": x, "y": y, "z": z}
+
+
+def _axes(placement: Placement, crop: Crop) -> dict[str, Any]:
+    """Axes of equal scale that hold ROI, vehicle and LiDARs; the camera looks from behind."""
+    seen = np.concatenate(
+        [
+            np.reshape(crop, (2, 3)),
+            corners(np.array([OWN_BODY]))[0],
+            [mount.position for mount in placement.mounts],
+        ]
+    )
+    # What lies in the very faces of the axes' cube is drawn in tatters.
+    low, high = seen.min(axis=0) - _MARGIN, seen.max(axis=0) + _MARGIN
+    ratio = 2 * (high - low) / (high - low).max()
+    axes = {
+        f"{axis}axis": {
+            "range": [low[i], high[i]],
+            "title": {"text": f"{axis} (m)"},
+            "nticks": 6 if axis != "z" else 3,
+        }
+        for i, axis in enumerate("xyz")
+    }
+    return {
+        **axes,
+        "aspectmode": "manual",
+        "aspectratio": dict(zip("xyz", ratio.tolist(), strict=True)),
+        "camera": CAMERAS["from behind"],
+    }

@@ -1,0 +1,34 @@
+"""Colours of the pictures, for light and dark pages."""
+
+from __future__ import annotations
+
+from typing import Any
+
+# Okabe and Ito's colours, which colour-blind readers can tell apart.
+LIDARS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#999999", "#F0E442")
+CLASSES = {"Car": "#D55E00", "Cyclist": "#56B4E9", "Pedestrian": "#B8A800"}
+"""Boxes are lines and clouds are points, so a colour may serve a class and a fifth LiDAR. Yellow
+is darkened to be seen on white."""
+OUTLINE = "#888888"
+"""ROI, vehicle and buildings."""
+
+
+def theme(dark: bool) -> dict[str, Any]:
+    """The plotly template of a light or a dark page; backgrounds are transparent."""
+    ink, grid = ("#e3e6ea", "#3a4048") if dark else ("#1d2126", "#dfe3e8")
+    axis = {
+        "color": ink,
+        "gridcolor": grid,
+        "linecolor": grid,
+        "zerolinecolor": grid,
+        "showbackground": False,
+        "showspikes": False,
+    }
+    return {
+        "layout": {
+            "paper_bgcolor": "rgba(0,0,0,0)",
+            "font": {"color": ink, "size": 12, "family": "system-ui, sans-serif"},
+            "scene": {"bgcolor": "rgba(0,0,0,0)", "xaxis": axis, "yaxis": axis, "zaxis": axis},
+            "legend": {"bgcolor": "rgba(0,0,0,0)"},
+        }
+    }
