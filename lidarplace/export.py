@@ -1,0 +1,150 @@
+"""Write a box log and its point clouds for other tools: `python -m lidarplace.export LOG OUT`."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+import numpy as np
+import pandas as pd
+import typer
+
+from lidarplace.box_log import BoxLog, read_box_log
+from lidarplace.command_line import wrong
+from lidarplace.lidar.clouds import Crop, PointClouds
+from lidarplace.lidar.collect import collect
+from lidarplace.lidar.profiles import PROFILES, Profile
+from lidarplace.lidar.visibility import ground_truth
+from lidarplace.placement import PAPER_PLACEMENTS, Placement
+from lidarplace.scenes.kitti.labels import in_image, to_labels
+from lidarplace.scenes.kitti.write import check_new, write_kitti
+from lidarplace.viewing.placement_file import read_placement
+
+PORTION = 100
+"""Frames whose clouds are in memory at a time."""
+
+GROUND_MARGIN_M = 0.5
+"""Points this far below the ROI are kept: returns from the ground may lie under z = 0."""
+
+T = TypeVar("T")
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+
+
+@app.command()
+def export(
+    log: Annotated[Path, typer.Argument(help="folder of boxes.parquet and frames.parquet")],
+    out: Annotated[Path, typer.Argument(help="folder to write, new or empty")],
+    placement: Annotated[
+        str, typer.Option(help="the paper's by name, an own one as FILE.yaml with `mounts`")
+    ],
+    profile: Annotated[
+        str, typer.Option(help=f"LiDAR and way to collect: {' or '.join(PROFILES)}")
+    ] = "paper",
+    roi: Annotated[
+        tuple[float, float, float, float, float, float],
+        typer.Option(help="x0 x1 y0 y1 z0 z1, ego frame, m: objects by their centre, points"),
+    ] = (0.0, 40.0, -20.0, 20.0, 0.0, 4.0),
+    split: Annotated[str | None, typer.Option(help="train or test; both by default")] = None,
+    all_around: Annotated[
+        bool, typer.Option("--all-around", help="label objects outside the image too")
+    ] = False,
+    images: Annotated[
+        bool, typer.Option("--images", help="black images, for tools that read the size of them")
+    ] = False,
+    seed: Annotated[int, typer.Option(help="of shapes, drop-off and range noise")] = 0,
+) -> None:
+    """Write KITTI's object layout, as OpenPCDet reads it; docs/kitti.md describes it.
+
+    Example: python -m lidarplace.export logs/town kitti/line --placement line --images
+
+    Exit code 2: the input is wrong.
+    """
+    counts: Counter[str] = Counter()
+    try:
+        check_new(out)
+        crop = _crop(roi)
+        how = _known("profile", profile, PROFILES)
+        rig = how.placement(_placement(placement, how))
+        table = read_box_log(log)
+        frames = table.frames
+        if split is not None:
+            frames = frames[frames["split"] == split]
+        if frames.empty:
+            found = ", ".join(sorted(set(table.frames["split"]))) or "no frame"
+            raise ValueError(f"{log}: no frame of split {split or 'train or test'}; found {found}")
+        chosen = replace(table, frames=frames)
+        portions = _portions(chosen, rig, crop, seed, how.misaligned_heights, all_around, counts)
+        write_kitti(out, frames, portions, images)
+    except (ValueError, OSError) as error:
+        wrong(error)
+    outside = "labelled all the same" if all_around else "left out (--all-around labels them)"
+    print(
+        f"{out}: {len(frames):,} frames, {counts['labels']:,} labels, {counts['points']:,} points\n"
+        f"  {counts['hidden']:,} objects of the ROI left out: an ideal sensor would not see them\n"
+        f"  {counts['outside']:,} objects outside the image {outside}"
+    )
+
+
+def _crop(roi: tuple[float, float, float, float, float, float]) -> Crop:
+    x0, x1, y0, y1, z0, z1 = roi
+    for axis, low, high in (("x", x0, x1), ("y", y0, y1), ("z", z0, z1)):
+        if not -1e4 <= low < high <= 1e4:  # NaN is refused too
+            raise ValueError(
+                f"--roi: {axis} needs min < max within ±10,000 m, found {low:g} {high:g}"
+            )
+    return x0, y0, z0, x1, y1, z1
+
+
+def _placement(name: str, profile: Profile) -> Placement:
+    if name.endswith((".yaml", ".yml")):
+        return read_placement(Path(name), profile.lidar)
+    return _known("placement", name, PAPER_PLACEMENTS, " and a FILE.yaml")
+
+
+def _known(option: str, name: str, known: Mapping[str, T], more: str = "") -> T:
+    if name not in known:
+        raise ValueError(f"--{option} {name}: allowed are {', '.join(known)}{more}")
+    return known[name]
+
+
+def _portions(
+    log: BoxLog,
+    placement: Placement,
+    roi: Crop,
+    seed: int,
+    misaligned_heights: bool,
+    all_around: bool,
+    counts: Counter[str],
+) -> Iterator[tuple[pd.DataFrame, PointClouds]]:
+    """Labels and clouds of some frames at a time; counts what is in them."""
+    from rich.console import Console
+    from rich.progress import track
+
+    x0, y0, z0, x1, y1, z1 = roi
+    crop = (x0, y0, z0 - GROUND_MARGIN_M, x1, y1, z1)
+    starts, console = range(0, len(log.frames), PORTION), Console(stderr=True)
+    for first in track(starts, "frames", console=console, disable=not console.is_terminal):
+        frames = log.frames.iloc[first : first + PORTION]
+        boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])]
+        some = replace(log, boxes=boxes, frames=frames)
+        objects = ground_truth(some, (x0, x1), (y0, y1), (z0, z1), seed)
+        numbers = frames["frame"].to_numpy(np.int64)
+        clouds = collect(some, numbers, placement, crop, seed, misaligned_heights)
+        labels = to_labels(objects)
+        shown = in_image(labels)
+        within = boxes["x"].between(x0, x1) & boxes["y"].between(y0, y1)
+        within &= boxes["z"].between(z0, z1)
+        counts["hidden"] += int(within.sum()) - len(objects)
+        counts["outside"] += int((~shown).sum())
+        counts["points"] += int(clouds.counts.sum())
+        labels = labels if all_around else labels[shown]
+        counts["labels"] += len(labels)
+        yield labels, clouds
+
+
+if __name__ == "__main__":
+    app()

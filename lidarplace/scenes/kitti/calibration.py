@@ -1,0 +1,117 @@
+"""KITTI's frames: where the LiDAR and the camera are, and the files that say so.
+
+LiDAR frame: x forward, y left, z up. Camera frame: x right, y down, z forward. Both stand on the
+vehicle as KITTI's do: the LiDAR 1.73 m above the ground, the camera 0.27 m before and 0.08 m below
+it (Geiger et al., Vision meets Robotics, IJRR 2013). Our camera looks straight ahead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+LIDAR_HEIGHT_M = 1.73
+"""The LiDAR frame's origin is so far above that of the ego frame; their axes are parallel."""
+
+CAMERA_AHEAD_M = 0.27
+CAMERA_BELOW_M = 0.08
+"""The camera, seen from the LiDAR."""
+
+IMAGE_SIZE = (1242, 375)
+"""Width and height of the image, pixels."""
+
+FOCAL_PX = 721.5377
+CENTRE_PX = (609.5593, 172.854)
+"""Intrinsics of most of KITTI's drives, without lens offsets."""
+
+BASELINE_M = 0.54
+"""Cameras 1 and 3 stand so far to the right of cameras 0 and 2."""
+
+
+def _standard() -> dict[str, NDArray[np.float64]]:
+    left = np.array(
+        [[FOCAL_PX, 0.0, CENTRE_PX[0], 0.0], [0.0, FOCAL_PX, CENTRE_PX[1], 0.0], [0.0, 0.0, 1.0, 0]]
+    )
+    right = left.copy()
+    right[0, 3] = -FOCAL_PX * BASELINE_M
+    axes = [[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, -CAMERA_BELOW_M], [1.0, 0, 0, -CAMERA_AHEAD_M]]
+    imu = np.eye(3, 4)
+    imu[2, 3] = -LIDAR_HEIGHT_M
+    return {
+        "P0": left,
+        "P1": right,
+        "P2": left,
+        "P3": right,
+        "R0_rect": np.eye(3),
+        "Tr_velo_to_cam": np.array(axes),
+        "Tr_imu_to_velo": imu,
+    }
+
+
+STANDARD: Mapping[str, NDArray[np.float64]] = _standard()
+"""Our calibration by KITTI's names, in the order of its files; the ego frame is the IMU's."""
+
+# Names of the same matrices in KITTI's tracking and raw layouts.
+_ALIASES = {"R_rect": "R0_rect", "Tr_velo_cam": "Tr_velo_to_cam"}
+_SHAPES = {name: matrix.shape for name, matrix in STANDARD.items()}
+
+
+def calibration_text(calibration: Mapping[str, NDArray[np.float64]] = STANDARD) -> str:
+    """The content of a file in `calib`: a line a matrix, its name and its rows."""
+    return "".join(
+        f"{name}: {' '.join(f'{value:.12e}' for value in matrix.flat)}\n"
+        for name, matrix in calibration.items()
+    )
+
+
+def read_calibration(path: Path) -> dict[str, NDArray[np.float64]]:
+    """Read a file of `calib`: its matrices by name.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: a line is no matrix, or what places the camera is missing; names file and line.
+    """
+    matrices: dict[str, NDArray[np.float64]] = {}
+    for number, line in enumerate(path.read_text(errors="replace").splitlines(), start=1):
+        key, *values = line.split() or [""]
+        name = _ALIASES.get(key.rstrip(":"), key.rstrip(":"))
+        if name not in _SHAPES:
+            continue  # empty, or a time or size that some folders add
+        shape = _SHAPES[name]
+        try:
+            matrix = np.array(values, np.float64)
+        except ValueError:
+            matrix = np.empty(0)
+        if matrix.size != shape[0] * shape[1] or not np.isfinite(matrix).all():
+            raise ValueError(
+                f"{path}: line {number}: {name} needs {shape[0] * shape[1]} finite numbers, "
+                f"found {' '.join(values)!r}"
+            )
+        matrices[name] = matrix.reshape(shape)
+    for name in ("R0_rect", "Tr_velo_to_cam"):
+        if name not in matrices:
+            raise ValueError(f"{path}: no line {name}; found {', '.join(matrices) or 'none'}")
+        turn = matrices[name][:, :3]
+        if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-2 or np.linalg.det(turn) < 0:
+            raise ValueError(f"{path}: {name} is no rotation, found {turn.tolist()}")
+    return matrices
+
+
+def camera_to_ego(
+    calibration: Mapping[str, NDArray[np.float64]] = STANDARD,
+    lidar_height: float = LIDAR_HEIGHT_M,
+) -> NDArray[np.float64]:
+    """From the rectified camera frame, that of the labels, to the ego frame; shape (3, 4).
+
+    Args:
+        calibration: has `R0_rect` and `Tr_velo_to_cam`.
+        lidar_height: of the LiDAR above the ground, metres.
+    """
+    to_camera = np.eye(4)
+    to_camera[:3] = calibration["R0_rect"] @ calibration["Tr_velo_to_cam"]
+    to_ego = np.array(np.linalg.inv(to_camera)[:3], np.float64)
+    to_ego[2, 3] += lidar_height
+    return to_ego

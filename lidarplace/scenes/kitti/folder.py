@@ -1,0 +1,23 @@
+"""Where things lie in a KITTI-format folder, and what becomes of a fault in them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def frame_name(frame: int) -> str:
+    """The name of the files of a frame, without suffix."""
+    return f"{frame:06d}"
+
+
+def part(folder: Path, name: str) -> Path:
+    """The folder `name` of a data set, which lies in `training` or in `folder` itself."""
+    training = folder / "training"
+    return (training if training.is_dir() else folder) / name
+
+
+def fault(message: str, skipped: list[str] | None) -> None:
+    """Add to what is skipped, if that is asked for; otherwise the first fault is a ValueError."""
+    if skipped is None:
+        raise ValueError(message)
+    skipped.append(message)

@@ -1,0 +1,231 @@
+"""A box log from a folder in KITTI's object layout; labels are enough."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from lidarplace.box_log import BoxLog
+from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS
+from lidarplace.scenes.class_maps import IGNORE, ClassMap, check_class_map
+from lidarplace.scenes.kitti.calibration import (
+    LIDAR_HEIGHT_M,
+    STANDARD,
+    camera_to_ego,
+    read_calibration,
+)
+from lidarplace.scenes.kitti.folder import fault, frame_name, part
+
+KITTI: ClassMap = MappingProxyType(
+    {
+        "Car": "Car",
+        "Van": "Car",
+        "Truck": "Cyclist",
+        "Pedestrian": "Pedestrian",
+        "Person_sitting": "Pedestrian",
+        "Cyclist": "Cyclist",
+        "Tram": IGNORE,
+        "Misc": IGNORE,
+        "DontCare": IGNORE,
+    }
+)
+"""KITTI's types. As in the paper a van is a Car, and a truck belongs to *Van and Cyclist*."""
+
+SETS = {"train": "train", "val": "test"}
+"""Lists in `ImageSets` -> split of the box log."""
+
+_NUMBERS = 14  # fields of a line after the type, without the score
+
+
+def read_kitti(
+    folder: Path,
+    *,
+    class_map: ClassMap | None = None,
+    standard_calibration: bool = False,
+    lidar_height: float = LIDAR_HEIGHT_M,
+    ignored: Counter[str] | None = None,
+    skipped: list[str] | None = None,
+) -> BoxLog:
+    """The frames of a KITTI-format folder as a box log.
+
+    `label_2` and `calib` lie in `folder` or in `folder/training`, `ImageSets` in `folder`. The
+    frames are those of `ImageSets/train.txt` and `val.txt`, the latter in the split test;
+    without these lists every file of `label_2` is a frame of the split train. A frame keeps its
+    number. KITTI knows no times, tracks or drives: `timestamp_s` is NaN, every box an object of its
+    own, and a split one route. The centre of the vehicle is taken to be under the LiDAR.
+
+    Args:
+        folder: a KITTI-format folder.
+        class_map: entries that differ from `KITTI`, or add to it.
+        standard_calibration: do not read `calib`: the camera looks straight ahead from 0.27 m
+            before and 0.08 m below the LiDAR.
+        lidar_height: of the LiDAR above the ground, metres.
+        ignored: gets the number of boxes left out by type.
+        skipped: gets what is wrong with lines and frames, which are then left out.
+
+    Raises:
+        OSError: `folder` has no labels.
+        ValueError: a line is broken or of an unknown type, a calibration or a label file is
+            missing; names file and line. Or no frame is left.
+    """
+    types: Mapping[str, str] = {**KITTI, **(class_map or {})}
+    check_class_map(types)
+    ignored = Counter() if ignored is None else ignored
+    frames = _frames(folder, skipped)
+    numbers: list[list[float]] = []
+    names: list[tuple[int, str, str]] = []
+    to_ego: list[NDArray[np.float64]] = []
+    placed: list[bool] = []
+    standard = camera_to_ego(STANDARD, lidar_height)
+    for frame in frames["frame"].tolist():
+        try:
+            pose = standard
+            if not standard_calibration:
+                pose = _pose(part(folder, "calib") / f"{frame_name(frame)}.txt", lidar_height)
+        except ValueError as error:
+            fault(str(error), skipped)
+            placed.append(False)
+            continue
+        placed.append(True)
+        path = part(folder, "label_2") / f"{frame_name(frame)}.txt"
+        for line, name, values in _lines(path, types, ignored, skipped):
+            numbers.append(values)
+            names.append((frame, f"{frame_name(frame)}-{line}", types[name]))
+            to_ego.append(pose)
+    frames = frames[placed].reset_index(drop=True)
+    if frames.empty:
+        raise ValueError(f"{folder}: no frame can be used")
+    frames.insert(0, "scene", folder.resolve().name)
+    boxes = pd.DataFrame(names, columns=["frame", "object_id", "class"])
+    boxes = boxes.astype({"frame": np.int64, "object_id": str, "class": str})
+    geometry = _to_ego(
+        np.array(numbers).reshape(-1, _NUMBERS)[:, -7:], np.array(to_ego).reshape(-1, 3, 4)
+    )
+    boxes = boxes.assign(scene=folder.resolve().name, timestamp_s=np.nan, **geometry)
+    return BoxLog(boxes[list(BOX_COLUMNS)], frames[list(FRAME_COLUMNS)])
+
+
+def _frames(folder: Path, skipped: list[str] | None) -> pd.DataFrame:
+    """Columns frame, timestamp_s, route, split; sorted by frame."""
+    labels = part(folder, "label_2")
+    files = {path.stem for path in labels.iterdir() if path.suffix == ".txt"}
+    found: dict[int, str] = {}
+    listed = False
+    for name, split in SETS.items():
+        path = folder / "ImageSets" / f"{name}.txt"
+        if not path.is_file():
+            continue
+        listed = True
+        for number, line in enumerate(path.read_text(errors="replace").splitlines(), start=1):
+            stem = line.strip()
+            if not stem:
+                continue
+            where = f"{path}: line {number}"
+            if not _is_name(stem):
+                fault(f"{where}: expected a number like 000123, found {stem!r}", skipped)
+            elif stem not in files:
+                fault(f"{where}: {labels / stem}.txt is missing", skipped)
+            elif int(stem) in found:
+                fault(f"{where}: frame {stem} is listed twice", skipped)
+            else:
+                found[int(stem)] = split
+    if not listed:
+        for stem in sorted(files):
+            if _is_name(stem):
+                found[int(stem)] = "train"
+            else:
+                fault(f"{labels / stem}.txt: expected a name like 000123.txt", skipped)
+    if not found:
+        raise ValueError(f"{labels}: no file of labels is among the frames")
+    splits = list(SETS.values())
+    return pd.DataFrame(
+        {
+            "frame": list(found),
+            "timestamp_s": np.nan,
+            "route": [splits.index(split) for split in found.values()],
+            "split": list(found.values()),
+        }
+    ).sort_values("frame", ignore_index=True)
+
+
+def _is_name(stem: str) -> bool:
+    return stem.isascii() and stem.isdigit() and stem == frame_name(int(stem))
+
+
+def _pose(path: Path, lidar_height: float) -> NDArray[np.float64]:
+    """`camera_to_ego` of a frame."""
+    try:
+        return camera_to_ego(read_calibration(path), lidar_height)
+    except FileNotFoundError:
+        raise ValueError(
+            f"{path}: no such file, so nothing places the camera; "
+            "the standard calibration can be asked for instead"
+        ) from None
+
+
+def _lines(
+    path: Path, types: Mapping[str, str], ignored: Counter[str], skipped: list[str] | None
+) -> list[tuple[int, str, list[float]]]:
+    """Line, type and 14 numbers of the boxes of a label file; those ignored are counted."""
+    found = []
+    for number, line in enumerate(path.read_text(errors="replace").splitlines(), start=1):
+        fields = line.split()
+        if not fields:
+            continue
+        where = f"{path}: line {number}"
+        if len(fields) not in (_NUMBERS + 1, _NUMBERS + 2):
+            fault(f"{where}: expected 15 or 16 fields, found {len(fields)}", skipped)
+            continue
+        name = fields[0]
+        if name not in types:
+            fault(
+                f"{where}: unknown type {name!r}; known are {', '.join(types)}, "
+                "and a class map can name more",
+                skipped,
+            )
+            continue
+        if types[name] == IGNORE:
+            ignored[name] += 1
+            continue
+        try:
+            values = [float(text) for text in fields[1 : _NUMBERS + 1]]
+        except ValueError:
+            values = [math.nan]
+        if not all(map(math.isfinite, values)):
+            fault(
+                f"{where}: expected finite numbers after the type, found {line.strip()!r}", skipped
+            )
+        elif min(values[7:10]) < 0:
+            fault(f"{where}: expected height, width, length >= 0, found {values[7:10]}", skipped)
+        else:
+            found.append((number, name, values))
+    return found
+
+
+def _to_ego(
+    labels: NDArray[np.float64], to_ego: NDArray[np.float64]
+) -> dict[str, NDArray[np.float64]]:
+    """Columns of `GEOMETRY` from height, width, length, x, y, z, rotation_y; shapes (B, 7).
+
+    `to_ego` (B, 3, 4) may be tilted: centre and heading are turned as vectors, and the box is set
+    upright about its centre.
+    """
+    height, width, length, x, y, z, rotation_y = labels.T
+    centre = np.stack([x, y - 0.5 * height, z, np.ones_like(x)], axis=1)
+    heading = np.stack([np.cos(rotation_y), np.zeros_like(x), -np.sin(rotation_y)], axis=1)
+    moved = np.einsum("bij,bj->bi", to_ego, centre)
+    ahead = np.einsum("bij,bj->bi", to_ego[:, :, :3], heading)
+    return {
+        **dict(zip("xyz", moved.T, strict=True)),
+        "length": length,
+        "width": width,
+        "height": height,
+        "yaw": np.arctan2(ahead[:, 1], ahead[:, 0]),
+    }

@@ -1,0 +1,80 @@
+"""KITTI's point clouds: files of float32, four a point, in the LiDAR frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarplace.lidar.clouds import STEP_M, Crop, PointClouds
+from lidarplace.scenes.kitti.calibration import LIDAR_HEIGHT_M
+from lidarplace.scenes.kitti.folder import fault, frame_name, part
+
+_BYTES = 16  # a point
+
+
+def write_cloud(path: Path, points: NDArray[np.float32]) -> None:
+    """Write the points of a frame, ego frame, shape (n, 4), float32."""
+    moved = points.copy()
+    moved[:, 2] -= np.float32(LIDAR_HEIGHT_M)
+    path.write_bytes(moved.astype("<f4", copy=False).tobytes())
+
+
+def read_kitti_clouds(
+    folder: Path,
+    frames: Sequence[int],
+    crop: Crop,
+    lidar_height: float = LIDAR_HEIGHT_M,
+    skipped: list[str] | None = None,
+) -> PointClouds:
+    """Read `velodyne` files of a KITTI-format folder as clouds of one LiDAR in the ego frame.
+
+    Args:
+        folder: as for `read_kitti`.
+        frames: numbers of the frames, that is, of their files.
+        crop: x0, y0, z0, x1, y1, z1 in the ego frame, metres; points outside are left out.
+        lidar_height: of the LiDAR above the ground, metres.
+        skipped: gets what is wrong with points and files, which are then left out.
+
+    Raises:
+        ValueError: a file is missing or holds no whole points, or a point is not finite or has an
+            intensity outside [0, 1]; names file and point.
+    """
+    paths = {frame: part(folder, "velodyne") / f"{frame_name(frame)}.bin" for frame in frames}
+    whole = {}
+    for frame, path in paths.items():
+        size = path.stat().st_size if path.is_file() else None
+        if size is None:
+            fault(f"{path}: no such file", skipped)
+        elif size % _BYTES:
+            fault(f"{path}: {size} bytes are no multiple of {_BYTES}, so no whole points", skipped)
+        else:
+            whole[frame] = path
+    clouds = _read(whole.values(), np.array(crop), lidar_height, skipped)
+    return PointClouds.from_frames(list(whole), clouds, crop)
+
+
+def _read(
+    paths: Iterable[Path],
+    crop: NDArray[np.float64],
+    lidar_height: float,
+    skipped: list[str] | None,
+) -> Iterator[tuple[NDArray[np.float32], list[int]]]:
+    for path in paths:
+        points = np.fromfile(path, "<f4").reshape(-1, 4).astype(np.float32, copy=False)
+        good = np.isfinite(points).all(axis=1) & (points[:, 3] >= 0) & (points[:, 3] <= 1)
+        for index in np.flatnonzero(~good).tolist():
+            fault(
+                f"{path}: point {index} must be finite, with an intensity in [0, 1]; "
+                f"found {points[index].tolist()}",
+                skipped,
+            )
+        points = points[good]
+        points[:, 2] += np.float32(lidar_height)
+        # Adding the height rounds; what lay on a face of the region must stay in it.
+        inside = (points[:, :3] >= crop[:3] - STEP_M / 2) & (points[:, :3] <= crop[3:] + STEP_M / 2)
+        points = points[inside.all(axis=1)]
+        points[:, :3] = np.clip(points[:, :3], crop[:3], crop[3:])
+        yield points, [len(points)]

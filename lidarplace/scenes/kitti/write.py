@@ -1,0 +1,114 @@
+"""A data set in KITTI's object layout, as OpenPCDet reads it."""
+
+from __future__ import annotations
+
+import shutil
+import struct
+import zlib
+from collections.abc import Iterable
+from pathlib import Path
+
+import pandas as pd
+
+from lidarplace.files import replacing
+from lidarplace.lidar.clouds import PointClouds
+from lidarplace.scenes.kitti.calibration import IMAGE_SIZE, calibration_text
+from lidarplace.scenes.kitti.folder import frame_name
+from lidarplace.scenes.kitti.labels import label_lines
+from lidarplace.scenes.kitti.read import SETS
+from lidarplace.scenes.kitti.velodyne import write_cloud
+
+NOTHING = "DontCare -1 -1 -10 0.00 0.00 0.00 0.00 -1 -1 -1 -1000 -1000 -1000 -10"
+"""The line of a frame without objects, which OpenPCDet needs: a region of no size."""
+
+
+def check_new(folder: Path) -> None:
+    """Raise ValueError if `folder` holds anything, which would mix with what is written."""
+    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+        raise ValueError(f"{folder}: is there already; give a new or an empty folder")
+
+
+def write_kitti(
+    folder: Path,
+    frames: pd.DataFrame,
+    portions: Iterable[tuple[pd.DataFrame, PointClouds]],
+    images: bool = False,
+) -> None:
+    """Write `training/{velodyne,label_2,calib}` and `ImageSets`; the folder appears at the end.
+
+    Split train is listed in `train.txt`, split test in `val.txt`; `test.txt`, KITTI's frames
+    without labels, is empty.
+
+    Args:
+        folder: new or empty.
+        frames: `frame` and `split` of all frames, a frame log.
+        portions: labels (see `to_labels`) and clouds of some of the frames; together of all.
+        images: write black images of the camera's size too, for tools that ask them for it.
+
+    Raises:
+        ValueError: the folder is not empty, a split or a frame number is not possible, or the
+            portions are not of these frames.
+    """
+    check_new(folder)
+    sets = {split: name for name, split in SETS.items()}
+    unknown = ~frames["split"].isin(list(sets)).to_numpy()
+    if unknown.any():
+        raise ValueError(f"split {frames['split'][unknown].iloc[0]!r}: allowed are train and test")
+    if (frames["frame"] < 0).any():
+        raise ValueError(f"frame {frames['frame'].min()}: a file needs a number of at least 0")
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(folder) as partial:
+        try:
+            written = _write_training(partial / "training", portions, images)
+            if sorted(written) != sorted(frames["frame"].tolist()):
+                raise ValueError(f"clouds of {len(written)} frames for {len(frames)} frames")
+            lists = {
+                name: [frame_name(f) for f in frames["frame"][frames["split"] == split]]
+                for split, name in sets.items()
+            }
+            lists |= {"trainval": [frame_name(f) for f in frames["frame"]], "test": []}
+            (partial / "ImageSets").mkdir()
+            for name, stems in lists.items():
+                text = "".join(f"{stem}\n" for stem in sorted(stems))
+                (partial / "ImageSets" / f"{name}.txt").write_text(text)
+        except BaseException:
+            shutil.rmtree(partial, ignore_errors=True)
+            raise
+
+
+def _write_training(
+    folder: Path, portions: Iterable[tuple[pd.DataFrame, PointClouds]], images: bool
+) -> list[int]:
+    """Write the files of all frames and return their numbers."""
+    calibration, image = calibration_text(), black_png(*IMAGE_SIZE)
+    for name in ("velodyne", "label_2", "calib", *(["image_2"] if images else [])):
+        (folder / name).mkdir(parents=True)
+    written = []
+    for labels, clouds in portions:
+        lines: dict[int, list[str]] = {}
+        for frame, line in zip(labels["frame"].tolist(), label_lines(labels), strict=True):
+            lines.setdefault(frame, []).append(line)
+        for frame, points in zip(clouds.frames.tolist(), clouds, strict=True):
+            stem = frame_name(frame)
+            write_cloud(folder / "velodyne" / f"{stem}.bin", points)
+            text = "".join(f"{line}\n" for line in lines.get(frame, [NOTHING]))
+            (folder / "label_2" / f"{stem}.txt").write_text(text)
+            (folder / "calib" / f"{stem}.txt").write_text(calibration)
+            if images:
+                (folder / "image_2" / f"{stem}.png").write_bytes(image)
+            written.append(frame)
+    return written
+
+
+def black_png(width: int, height: int) -> bytes:
+    """A black RGB image, in some kilobytes (ISO/IEC 15948)."""
+
+    def chunk(name: bytes, data: bytes) -> bytes:
+        return (
+            struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+        )
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    rows = zlib.compress(bytes(height * (1 + 3 * width)), 9)
+    parts = chunk(b"IHDR", header) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + parts

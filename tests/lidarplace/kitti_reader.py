@@ -1,0 +1,110 @@
+"""KITTI's object layout read once more, from its public description and without lidarplace.
+
+The camera frame has x right, y down, z forward. A label gives height, width, length, the centre of
+the bottom, and the angle about y by which the box's length turned from x. A point of the LiDAR is
+at P2 · R0_rect · Tr_velo_to_cam · (x, y, z, 1) in the image.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+
+@dataclass
+class KittiObject:
+    name: str
+    truncated: float
+    occluded: int
+    alpha: float
+    image_box: np.ndarray
+    height: float
+    width: float
+    length: float
+    bottom: np.ndarray
+    rotation_y: float
+
+    def corners(self) -> np.ndarray:
+        """The eight corners, camera frame, shape (8, 3); bits of the index tell the sides."""
+        axis_x = np.array([np.cos(self.rotation_y), 0.0, -np.sin(self.rotation_y)])
+        axis_z = np.array([np.sin(self.rotation_y), 0.0, np.cos(self.rotation_y)])
+        return np.array(
+            [
+                self.bottom
+                + (i - 0.5) * self.length * axis_x
+                + (j - 0.5) * self.width * axis_z
+                - k * self.height * np.array([0.0, 1.0, 0.0])
+                for i, j, k in itertools.product((0, 1), repeat=3)
+            ]
+        )
+
+    def holds(self, points: np.ndarray, margin: float = 0.0) -> np.ndarray:
+        """Which points of the camera frame, shape (n, 3), lie in the box."""
+        offset = points - self.bottom
+        cos, sin = np.cos(self.rotation_y), np.sin(self.rotation_y)
+        along = cos * offset[:, 0] - sin * offset[:, 2]
+        across = sin * offset[:, 0] + cos * offset[:, 2]
+        return (
+            (np.abs(along) <= self.length / 2 + margin)
+            & (np.abs(across) <= self.width / 2 + margin)
+            & (offset[:, 1] <= margin)
+            & (offset[:, 1] >= -self.height - margin)
+        )
+
+
+@dataclass
+class KittiFrame:
+    objects: list[KittiObject]
+    points: np.ndarray
+    """Camera frame, shape (n, 3)."""
+    intensity: np.ndarray
+    projection: np.ndarray
+    """P2, shape (3, 4)."""
+
+    def pixels(self, points: np.ndarray) -> np.ndarray:
+        """Where points of the camera frame are in the image, shape (n, 2)."""
+        homogeneous = np.c_[points, np.ones(len(points))] @ self.projection.T
+        return homogeneous[:, :2] / homogeneous[:, 2:]
+
+    def outline(self, item: KittiObject, near: float) -> np.ndarray:
+        """Left, top, right, bottom of the part of a box at depths >= near, in no image's bounds."""
+        corners = item.corners()
+        kept = [corner for corner in corners if corner[2] >= near]
+        for a, b in itertools.combinations(range(8), 2):
+            low, high = sorted((corners[a], corners[b]), key=lambda corner: corner[2])
+            if (a ^ b).bit_count() == 1 and low[2] < near <= high[2]:
+                kept.append(low + (near - low[2]) / (high[2] - low[2]) * (high - low))
+        if not kept:
+            return np.zeros(4)
+        pixels = self.pixels(np.array(kept))
+        return np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
+
+
+def read_frame(root: Path, stem: str) -> KittiFrame:
+    """A frame of the folder `training`; matrices by their place in the file, as some tools do."""
+    lines = (root / "training" / "calib" / f"{stem}.txt").read_text().split("\n")
+    rows = [np.array(line.strip().split(" ")[1:], np.float64) for line in lines[:7]]
+    projection, turn, to_camera = rows[2].reshape(3, 4), rows[4].reshape(3, 3), rows[5]
+    raw = np.fromfile(root / "training" / "velodyne" / f"{stem}.bin", np.float32).reshape(-1, 4)
+    homogeneous = np.c_[raw[:, :3].astype(np.float64), np.ones(len(raw))]
+    points = homogeneous @ to_camera.reshape(3, 4).T @ turn.T
+    objects = []
+    for line in (root / "training" / "label_2" / f"{stem}.txt").read_text().splitlines():
+        name, *numbers = line.split(" ")
+        value = [float(number) for number in numbers]
+        objects.append(
+            KittiObject(
+                name,
+                value[0],
+                int(value[1]),
+                value[2],
+                np.array(value[3:7]),
+                *value[7:10],
+                np.array(value[10:13]),
+                value[13],
+            )
+        )
+    return KittiFrame(objects, points, raw[:, 3], projection)

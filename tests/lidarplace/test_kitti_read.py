@@ -1,0 +1,311 @@
+"""KITTI-format folders as box logs and clouds."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lidarplace.box_log import read_box_log, write_box_log
+from lidarplace.boxes import CLASSES, GEOMETRY
+from lidarplace.lidar.clouds import PointClouds
+from lidarplace.scenes.kitti.calibration import STANDARD, calibration_text
+from lidarplace.scenes.kitti.labels import label_lines, to_labels
+from lidarplace.scenes.kitti.read import read_kitti
+from lidarplace.scenes.kitti.velodyne import read_kitti_clouds
+from lidarplace.scenes.kitti.write import write_kitti
+
+CAR = "Car 0.00 1 -1.67 537.41 181.87 681.71 321.67 1.50 1.60 4.00 1.00 1.65 9.73 -1.57"
+CROP = (-40.0, -40.0, 0.0, 40.0, 40.0, 4.0)
+
+
+def folder_of(path: Path, labels: dict[str, str], calibration: str | None = None) -> Path:
+    """A folder of labels and calibrations, without a cloud."""
+    text = calibration_text() if calibration is None else calibration
+    for name in ("label_2", "calib"):
+        (path / "training" / name).mkdir(parents=True)
+    for stem, lines in labels.items():
+        (path / "training" / "label_2" / f"{stem}.txt").write_text(lines)
+        (path / "training" / "calib" / f"{stem}.txt").write_text(text)
+    return path
+
+
+def test_boxes_of_hand_computed_labels(tmp_path) -> None:
+    root = folder_of(tmp_path / "kitti", {"000004": f"{CAR}\n", "000009": ""})
+    log = read_kitti(root)
+    assert log.frames[["scene", "frame", "split"]].values.tolist() == [
+        ["kitti", 4, "train"],
+        ["kitti", 9, "train"],
+    ]
+    box = log.boxes.iloc[0]
+    assert (len(log.boxes), box["class"], box["frame"]) == (1, "Car", 4)
+    # The camera is 0.27 m before the LiDAR and 1.73 - 0.08 m above the ground.
+    np.testing.assert_allclose(
+        box[list(GEOMETRY)].to_numpy(float),
+        [10, -1, 0.75, 4, 1.6, 1.5, 1.57 - np.pi / 2],
+        atol=1e-9,
+    )
+    write_box_log(tmp_path / "log", log)
+    again = read_box_log(tmp_path / "log")
+    pd.testing.assert_frame_equal(again.boxes, log.boxes)
+
+
+def test_a_log_without_boxes_can_be_written_and_read(tmp_path) -> None:
+    log = read_kitti(folder_of(tmp_path / "kitti", {"000004": ""}))
+    write_box_log(tmp_path / "log", log)
+    again = read_box_log(tmp_path / "log")
+    assert (len(again.boxes), again.frames["frame"].tolist()) == (0, [4])
+
+
+def rotation(axis: str, angle: float) -> np.ndarray:
+    i, j = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
+    turn = np.eye(3)
+    turn[i, i] = turn[j, j] = np.cos(angle)
+    turn[i, j], turn[j, i] = -np.sin(angle), np.sin(angle)
+    return turn
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.02])
+def test_calibration_turns_and_moves_the_boxes(tmp_path, tilt) -> None:
+    """Corners computed in the camera frame and moved one by one agree with those of the box."""
+    calibration = dict(STANDARD)
+    calibration["R0_rect"] = rotation("x", tilt) @ rotation("y", 0.3)
+    to_camera = STANDARD["Tr_velo_to_cam"].copy()
+    to_camera[:, :3] = to_camera[:, :3] @ rotation("z", -0.1)
+    to_camera[:, 3] = [0.2, -0.1, -0.4]
+    calibration["Tr_velo_to_cam"] = to_camera
+    root = folder_of(tmp_path, {"000000": CAR}, calibration_text(calibration))
+    box = read_kitti(root, lidar_height=2.0).boxes.iloc[0]
+    height, width, length, x, y, z, turn = map(float, CAR.split()[8:])
+    moved, expected = [], []
+    for i, j, k in np.ndindex(2, 2, 2):
+        along, across, up = (i - 0.5) * length, (j - 0.5) * width, k * height
+        corner = np.array([x, y - up, z]) + rotation("y", turn) @ [along, 0.0, across]
+        rectified = np.linalg.solve(calibration["R0_rect"], corner) - to_camera[:, 3]
+        moved.append(np.linalg.solve(to_camera[:, :3], rectified) + np.array([0, 0, 2.0]))
+        local = [along, across, (k - 0.5) * box["height"]]
+        expected.append(rotation("z", box["yaw"]) @ local + box[["x", "y", "z"]].to_numpy(float))
+    np.testing.assert_allclose(np.mean(moved, 0), np.mean(expected, 0), atol=1e-9)
+    np.testing.assert_allclose(moved, expected, atol=1e-9 + 1.5 * length * tilt)
+
+
+finite = st.floats(-80, 80)
+boxes_of_a_frame = st.lists(
+    st.tuples(
+        st.sampled_from(CLASSES),
+        *(finite, finite, st.floats(-3, 5)),
+        *(st.floats(0, 15), st.floats(0, 4), st.floats(0, 5)),
+        st.floats(-7, 7),
+        st.integers(0, 3),
+    ),
+    max_size=5,
+)
+
+
+@settings(derandomize=True, deadline=None, max_examples=50)
+@given(st.lists(st.tuples(boxes_of_a_frame, st.booleans()), min_size=1, max_size=4))
+def test_round_trip_is_exact_to_the_decimals(tmp_path_factory, drawn) -> None:
+    root = tmp_path_factory.mktemp("kitti") / "out"
+    names = ["frame", "class", *GEOMETRY, "occluded"]
+    rows = [(3 * f, *box) for f, (boxes, _) in enumerate(drawn) for box in boxes]
+    objects = pd.DataFrame(rows, columns=names).astype({"frame": np.int64})
+    splits = ["test" if test else "train" for _, test in drawn]
+    frames = pd.DataFrame({"frame": 3 * np.arange(len(drawn)), "split": splits})
+    labels = to_labels(objects)
+    empty = [(np.zeros((0, 4), np.float32), [0])] * len(frames)
+    clouds = PointClouds.from_frames(frames["frame"], empty, CROP)
+    write_kitti(root, frames, [(labels, clouds)])
+    log = read_kitti(root)
+    pd.testing.assert_frame_equal(log.frames[["frame", "split"]], frames)
+    assert log.boxes["frame"].tolist() == objects["frame"].tolist()
+    assert log.boxes["class"].tolist() == objects["class"].tolist()
+    assert log.boxes["object_id"].is_unique
+    half = 0.005 + 1e-9
+    for name in GEOMETRY:
+        error = np.abs(log.boxes[name].to_numpy() - objects[name].to_numpy(float))
+        if name == "yaw":
+            error = np.abs(np.mod(error + np.pi, 2 * np.pi) - np.pi)
+        # z is of the centre; the format has the bottom and the height.
+        assert (error <= (1.5 * half if name == "z" else half)).all(), name
+    # What was rounded once is written again to the letter.
+    again = to_labels(log.boxes.assign(occluded=objects["occluded"].to_numpy()))
+    assert label_lines(again) == label_lines(labels)
+
+
+def test_types_and_class_map(tmp_path) -> None:
+    lines = [CAR.replace("Car", name) for name in ("Van", "Truck", "Person_sitting", "Tram", "Bus")]
+    lines += ["DontCare -1 -1 -10 500.00 170.00 590.00 190.00 -1 -1 -1 -1000 -1000 -1000 -10"]
+    root = folder_of(tmp_path, {"000000": "\n".join(lines) + "\n\n"})
+    with pytest.raises(ValueError, match=r"000000\.txt: line 5: unknown type 'Bus'; known are Car"):
+        read_kitti(root)
+    ignored: Counter[str] = Counter()
+    log = read_kitti(root, class_map={"Bus": "ignore", "Van": "Cyclist"}, ignored=ignored)
+    assert log.boxes["class"].tolist() == ["Cyclist", "Cyclist", "Pedestrian"]
+    assert ignored == {"Tram": 1, "Bus": 1, "DontCare": 1}
+    with pytest.raises(ValueError, match="Bus: must be Car"):
+        read_kitti(root, class_map={"Bus": "Coach"})
+
+
+def test_image_sets_choose_and_split(tmp_path) -> None:
+    root = folder_of(tmp_path, {f"00000{i}": CAR for i in range(5)})
+    (root / "ImageSets").mkdir()
+    (root / "ImageSets" / "train.txt").write_text("000003\n000000\n\n")
+    (root / "ImageSets" / "val.txt").write_text("000002")
+    (root / "ImageSets" / "test.txt").write_text("000077")
+    frames = read_kitti(root).frames
+    assert frames[["frame", "route", "split"]].values.tolist() == [
+        [0, 0, "train"],
+        [2, 1, "test"],
+        [3, 0, "train"],
+    ]
+    (root / "ImageSets" / "val.txt").write_text("000002\n7\n000008\n000003\n")
+    faults = [
+        "2: expected a number like",
+        "3: .*000008.txt is missing",
+        "4: frame 000003 is listed",
+    ]
+    with pytest.raises(ValueError, match=rf"val\.txt: line {faults[0]}"):
+        read_kitti(root)
+    skipped: list[str] = []
+    assert len(read_kitti(root, skipped=skipped).frames) == 3
+    for fault, message in zip(faults, skipped, strict=True):
+        assert re.search(rf"val\.txt: line {fault}", message)
+
+
+def test_labels_alone_are_enough_if_asked_for(tmp_path) -> None:
+    (tmp_path / "label_2").mkdir()
+    (tmp_path / "label_2" / "000012.txt").write_text(CAR)
+    with pytest.raises(ValueError, match=r"calib/000012\.txt: no such file"):
+        read_kitti(tmp_path)
+    with pytest.raises(ValueError, match="no frame can be used"):
+        read_kitti(tmp_path, skipped=[])
+    box = read_kitti(tmp_path, standard_calibration=True).boxes.iloc[0]
+    assert box[["x", "y", "z"]].tolist() == pytest.approx([10, -1, 0.75])
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        (CAR.rsplit(" ", 1)[0], "expected 15 or 16 fields, found 14"),
+        (f"{CAR} 0.9 1", "expected 15 or 16 fields, found 17"),
+        (CAR.replace("9.73", "near"), "expected finite numbers"),
+        (CAR.replace("9.73", "nan"), "expected finite numbers"),
+        (CAR.replace("4.00", "-4.00"), "expected height, width, length >= 0"),
+        (CAR.replace("Car", "car"), "unknown type 'car'"),
+    ],
+)
+def test_a_broken_line_is_named_or_skipped(tmp_path, line, message) -> None:
+    root = folder_of(tmp_path, {"000000": CAR, "000001": f"{CAR} 0.9\n{line}\n{CAR}\n"})
+    with pytest.raises(ValueError, match=rf"label_2/000001\.txt: line 2: {message}"):
+        read_kitti(root)
+    skipped: list[str] = []
+    log = read_kitti(root, skipped=skipped)
+    assert (len(log.boxes), len(log.frames), len(skipped)) == (3, 2, 1)
+    assert message in skipped[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", r"no line R0_rect; found none"),
+        (calibration_text({"R0_rect": np.eye(3)}), r"no line Tr_velo_to_cam; found R0_rect"),
+        (calibration_text({"R0_rect": np.eye(2)}), r"line 1: R0_rect needs 9 finite numbers"),
+        (calibration_text({**STANDARD, "R0_rect": np.zeros((3, 3))}), r"R0_rect is no rotation"),
+        (calibration_text().replace("R0_rect: 1.0", "R0_rect: n"), r"line 5: R0_rect needs 9"),
+    ],
+)
+def test_a_broken_calibration_is_named_or_skipped(tmp_path, text, message) -> None:
+    root = folder_of(tmp_path, {"000000": CAR, "000001": CAR})
+    (root / "training" / "calib" / "000001.txt").write_text(text)
+    with pytest.raises(ValueError, match=rf"calib/000001\.txt: {message}"):
+        read_kitti(root)
+    skipped: list[str] = []
+    log = read_kitti(root, skipped=skipped)
+    assert (log.frames["frame"].tolist(), log.boxes["frame"].tolist()) == ([0], [0])
+    assert len(skipped) == 1
+
+
+def test_names_of_other_layouts_are_understood(tmp_path) -> None:
+    text = (
+        calibration_text().replace("R0_rect:", "R_rect").replace("Tr_velo_to_cam:", "Tr_velo_cam ")
+    )
+    root = folder_of(tmp_path / "a", {"000000": CAR}, text + "S_rect_02: 1242 375\n")
+    first = read_kitti(root).boxes[list(GEOMETRY)]
+    plain = read_kitti(folder_of(tmp_path / "b", {"000000": CAR})).boxes[list(GEOMETRY)]
+    pd.testing.assert_frame_equal(first, plain)
+
+
+def test_file_names_and_missing_folders(tmp_path) -> None:
+    with pytest.raises(FileNotFoundError, match="label_2"):
+        read_kitti(tmp_path)
+    root = folder_of(tmp_path, {"1": CAR, "000000": CAR})
+    with pytest.raises(ValueError, match=r"label_2/1\.txt: expected a name like"):
+        read_kitti(root)
+    skipped: list[str] = []
+    assert read_kitti(root, skipped=skipped).frames["frame"].tolist() == [0]
+    assert len(skipped) == 1
+
+
+def write_bin(root: Path, frame: int, points: np.ndarray) -> Path:
+    path = root / "velodyne" / f"{frame:06d}.bin"
+    path.parent.mkdir(exist_ok=True)
+    points.astype("<f4").tofile(path)
+    return path
+
+
+def test_clouds_round_trip(tmp_path) -> None:
+    rng = np.random.default_rng(1)
+    cloud = np.c_[rng.uniform(CROP[:3], CROP[3:], (500, 3)), rng.uniform(0, 1, 500)]
+    cloud[:50, 2], cloud[50:60, 2], cloud[60:70, 0] = 0.0, 4.0, 40.0  # on faces of the region
+    clouds = PointClouds.from_frames([2, 5], [(cloud.astype(np.float32), [500])] * 2, CROP)
+    labels = to_labels(pd.DataFrame(columns=["frame", "class", *GEOMETRY, "occluded"]))
+    frames = pd.DataFrame({"frame": [2, 5], "split": "train"})
+    write_kitti(tmp_path / "out", frames, [(labels, clouds)])
+    back = read_kitti_clouds(tmp_path / "out", [5, 2], CROP)
+    assert back.frames.tolist() == [5, 2]
+    np.testing.assert_allclose(back[0], clouds[1], atol=1e-6)
+    assert back.counts.tolist() == [[500], [500]]
+
+
+def test_clouds_are_cut_and_lifted(tmp_path) -> None:
+    write_bin(tmp_path, 0, np.array([[1, 2, -1.5, 0.5], [1, 2, -1.8, 0.5], [50, 2, -1, 0.5]]))
+    write_bin(tmp_path, 1, np.empty((0, 4)))
+    clouds = read_kitti_clouds(tmp_path, [0, 1], CROP, lidar_height=1.6)
+    np.testing.assert_allclose(clouds[0], [[1, 2, 0.1, 0.5]], atol=2e-3)
+    assert len(clouds[1]) == 0
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("column", [0, 3])
+def test_bad_points_are_named_or_skipped(tmp_path, value, column) -> None:
+    points = np.tile([1.0, 2.0, -1.0, 0.5], (4, 1))
+    write_bin(tmp_path, 1, points)
+    points[2, column] = value
+    write_bin(tmp_path, 0, points)
+    with pytest.raises(ValueError, match=r"velodyne/000000\.bin: point 2 must be finite"):
+        read_kitti_clouds(tmp_path, [1, 0], CROP)
+    skipped: list[str] = []
+    clouds = read_kitti_clouds(tmp_path, [1, 0], CROP, skipped=skipped)
+    assert ([len(cloud) for cloud in clouds], len(skipped)) == ([4, 3], 1)
+
+
+def test_bad_cloud_files_are_named_or_skipped(tmp_path) -> None:
+    path = write_bin(tmp_path, 3, np.zeros((2, 4)))
+    path.write_bytes(path.read_bytes()[:-3])
+    write_bin(tmp_path, 4, np.array([[1, 2, 3, 200.0]]))
+    for frame, message in (
+        (1, r"000001\.bin: no such file"),
+        (3, r"000003\.bin: 29 bytes are no multiple of 16"),
+        (4, r"000004\.bin: point 0 must be finite, with an intensity in \[0, 1\]"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            read_kitti_clouds(tmp_path, [frame], CROP)
+    skipped: list[str] = []
+    clouds = read_kitti_clouds(tmp_path, [1, 3, 4], CROP, skipped=skipped)
+    assert (clouds.frames.tolist(), len(skipped)) == ([4], 3)
