@@ -149,7 +149,9 @@ def main() -> None:
     )
     rays = len(PLACEMENT.mounts) * lidar.rays
     buildings = int((parts.owner == BUILDING).sum())
-    print(f"{rays:,} rays, {len(parts)} parts of which {buildings} buildings, minimum of {RUNS} runs")
+    print(
+        f"{rays:,} rays, {len(parts)} parts of which {buildings} buildings, minimum of {RUNS} runs"
+    )
     for name in ("lidarplace", "lidarplace, front ROI", "embreex"):
         print(f"{name:22s}{best[name]:7.2f} ms  {rays / best[name] / 1e3:6.1f} Mrays/s")
     print(f"{'points':22s}{best['points']:7.2f} ms  {sample_all():,} points of the front ROI")
@@ -157,25 +159,23 @@ def main() -> None:
 
 
 def compare(theirs: NDArray[np.int64], parts: Parts) -> None:
-    """Print how many rays meet another object than with embreex."""
-    lidar = PLACEMENT.lidar
-    cast_ = [cast(mount, lidar, parts).target for mount in PLACEMENT.mounts]
-    ours = np.concatenate(cast_)
-    differ = np.flatnonzero(ours != theirs)
-    print(f"{len(differ)} of {len(ours):,} rays meet another object with embreex")
-    turned = {0.0: ours}
-    # A ray at an edge: one that starts a hair beside it meets what embreex says.
-    for step in (1e-6, 1e-5, 1e-4):
+    """Print how many rays meet another object than with embreex, and how near to an edge."""
+
+    def targets(turned_by: dict[str, float]) -> NDArray[np.int32]:
+        mounts = [
+            replace(mount, **{axis: getattr(mount, axis) + a for axis, a in turned_by.items()})
+            for mount in PLACEMENT.mounts
+        ]
+        return np.concatenate([cast(m, PLACEMENT.lidar, parts).target for m in mounts])
+
+    differ = np.flatnonzero(targets({}) != theirs)
+    print(f"{len(differ)} of {len(theirs):,} rays meet another object with embreex")
+    # A ray that passes an edge meets what embreex says when it is turned by a hair.
+    for hair in (1e-6, 1e-5):
         for axis in ("roll", "pitch", "yaw"):
-            for sign in (-step, step):
-                moved = [
-                    replace(mount, **{axis: getattr(mount, axis) + sign})
-                    for mount in PLACEMENT.mounts
-                ]
-                again = np.concatenate([cast(m, lidar, parts).target for m in moved])
-                differ = differ[again[differ] != theirs[differ]]
-        print(f"  of these not at an edge, turned by up to {step:.0e} rad: {len(differ)}")
-    del turned
+            for angle in (-hair, hair):
+                differ = differ[targets({axis: angle})[differ] != theirs[differ]]
+        print(f"{len(differ)} of these still do when turned by {hair:.0e} rad")
 
 
 if __name__ == "__main__":

@@ -15,6 +15,8 @@ from lidarplace.boxes import CLASSES
 from lidarplace.command_line import output, wrong
 from lidarplace.scenes.argoverse import read_argoverse
 from lidarplace.scenes.class_maps import read_class_map
+from lidarplace.scenes.kitti.calibration import LIDAR_HEIGHT_M
+from lidarplace.scenes.kitti.read import read_kitti
 from lidarplace.scenes.nuscenes import read_nuscenes
 from lidarplace.scenes.tabular import read_tabular
 
@@ -115,6 +117,42 @@ def table(
         )
 
     _convert(read, out)
+
+
+@app.command()
+def kitti(
+    source: Annotated[Path, typer.Argument(help="folder of label_2 and calib, or the one above")],
+    out: Out,
+    standard_calibration: Annotated[
+        bool, typer.Option(help="where a frame has no calib, take KITTI's usual camera")
+    ] = False,
+    lidar_height: Annotated[
+        float, typer.Option(help="height of the LiDAR above the ground, metres", min=0)
+    ] = LIDAR_HEIGHT_M,
+    skip_bad: Annotated[
+        bool, typer.Option("--skip-bad", help="leave out what is wrong, and list it")
+    ] = False,
+    class_map: ClassMapFile = None,
+) -> None:
+    """KITTI's object layout, such as of python -m lidarplace.export; labels are enough.
+
+    Example: python -m lidarplace.convert kitti data/kitti logs/kitti --skip-bad
+    """
+    skipped: list[str] = []
+
+    def read(ignored: Counter[str]) -> BoxLog:
+        return read_kitti(
+            source,
+            class_map=_class_map(class_map),
+            standard_calibration=standard_calibration,
+            lidar_height=lidar_height,
+            ignored=ignored,
+            skipped=skipped if skip_bad else None,
+        )
+
+    _convert(read, out)
+    if skipped:
+        print(f"skipped {len(skipped)}:", *skipped, sep="\n")
 
 
 def _class_map(path: Path | None) -> dict[str, str] | None:

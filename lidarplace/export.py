@@ -3,33 +3,31 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated
 
 import numpy as np
 import pandas as pd
 import typer
 
 from lidarplace.box_log import BoxLog, read_box_log
-from lidarplace.command_line import wrong
+from lidarplace.command_line import FRONT_ROI, RoiOption, crop_of, known, wrong
 from lidarplace.lidar.clouds import Crop, PointClouds
 from lidarplace.lidar.collect import collect
-from lidarplace.lidar.profiles import PROFILES, Profile
+from lidarplace.lidar.profiles import PROFILES
 from lidarplace.lidar.visibility import ground_truth
-from lidarplace.placement import PAPER_PLACEMENTS, Placement
+from lidarplace.placement import Placement
+from lidarplace.placement_file import named_placement
 from lidarplace.scenes.kitti.labels import in_image, to_labels
 from lidarplace.scenes.kitti.write import check_new, write_kitti
-from lidarplace.viewing.placement_file import read_placement
 
 PORTION = 100
 """Frames whose clouds are in memory at a time."""
 
 GROUND_MARGIN_M = 0.5
 """Points this far below the ROI are kept: returns from the ground may lie under z = 0."""
-
-T = TypeVar("T")
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
@@ -44,10 +42,7 @@ def export(
     profile: Annotated[
         str, typer.Option(help=f"LiDAR and way to collect: {' or '.join(PROFILES)}")
     ] = "paper",
-    roi: Annotated[
-        tuple[float, float, float, float, float, float],
-        typer.Option(help="x0 x1 y0 y1 z0 z1, ego frame, m: objects by their centre, points"),
-    ] = (0.0, 40.0, -20.0, 20.0, 0.0, 4.0),
+    roi: RoiOption = FRONT_ROI,
     split: Annotated[str | None, typer.Option(help="train or test; both by default")] = None,
     all_around: Annotated[
         bool, typer.Option("--all-around", help="label objects outside the image too")
@@ -66,9 +61,9 @@ def export(
     counts: Counter[str] = Counter()
     try:
         check_new(out)
-        crop = _crop(roi)
-        how = _known("profile", profile, PROFILES)
-        rig = how.placement(_placement(placement, how))
+        crop = crop_of(roi)
+        how = known("profile", profile, PROFILES)
+        rig = how.placement(named_placement(placement, how.lidar))
         table = read_box_log(log)
         frames = table.frames
         if split is not None:
@@ -87,28 +82,6 @@ def export(
         f"  {counts['hidden']:,} objects of the ROI left out: an ideal sensor would not see them\n"
         f"  {counts['outside']:,} objects outside the image {outside}"
     )
-
-
-def _crop(roi: tuple[float, float, float, float, float, float]) -> Crop:
-    x0, x1, y0, y1, z0, z1 = roi
-    for axis, low, high in (("x", x0, x1), ("y", y0, y1), ("z", z0, z1)):
-        if not -1e4 <= low < high <= 1e4:  # NaN is refused too
-            raise ValueError(
-                f"--roi: {axis} needs min < max within ±10,000 m, found {low:g} {high:g}"
-            )
-    return x0, y0, z0, x1, y1, z1
-
-
-def _placement(name: str, profile: Profile) -> Placement:
-    if name.endswith((".yaml", ".yml")):
-        return read_placement(Path(name), profile.lidar)
-    return _known("placement", name, PAPER_PLACEMENTS, " and a FILE.yaml")
-
-
-def _known(option: str, name: str, known: Mapping[str, T], more: str = "") -> T:
-    if name not in known:
-        raise ValueError(f"--{option} {name}: allowed are {', '.join(known)}{more}")
-    return known[name]
 
 
 def _portions(

@@ -9,13 +9,13 @@ from typing import Annotated
 import typer
 
 from lidarplace.box_log import read_box_log
-from lidarplace.command_line import wrong
+from lidarplace.command_line import FRONT_ROI, RoiOption, crop_of, known, wrong
 from lidarplace.lidar.clouds import Crop
 from lidarplace.lidar.profiles import PROFILES, Profile
-from lidarplace.placement import PAPER_PLACEMENTS, Placement
+from lidarplace.placement import Placement
+from lidarplace.placement_file import named_placement
 from lidarplace.viewing.frame import Frame, busiest_frame, read_frame
 from lidarplace.viewing.page import write_page
-from lidarplace.viewing.placement_file import read_placement
 from lidarplace.viewing.scene import POINTS, draw_frame
 
 DEFAULT = ("line", "center", "pyramid", "line_roll")
@@ -39,19 +39,18 @@ def view(
     profile: Annotated[
         str, typer.Option(help=f"LiDAR and way to collect: {' or '.join(PROFILES)}")
     ] = "paper",
-    roi: Annotated[
-        tuple[float, float, float, float, float, float],
-        typer.Option(help="x0 x1 y0 y1 z0 z1, ego frame, m"),
-    ] = (0.0, 40.0, -20.0, 20.0, 0.0, 4.0),
+    roi: RoiOption = FRONT_ROI,
     out: Annotated[Path, typer.Option(help="the page")] = Path("view.html"),
 ) -> None:
     """Make a page of one frame: clouds, boxes, buildings and the ROI, placements side by side.
 
+    Example: python -m lidarplace.view logs/town --placement line --placement center
+
     Exit code 2: the input is wrong.
     """
     try:
-        crop = _crop(roi)
-        how = _profile(profile)
+        crop = crop_of(roi)
+        how = known("profile", profile, PROFILES)
         rigs = _placements(placement or DEFAULT, how)
         table = read_box_log(log)
         try:
@@ -70,38 +69,12 @@ def view(
     print(f"{out}: frame {number}, {shown.inside.sum()} objects in the ROI")
 
 
-def _crop(roi: Sequence[float]) -> Crop:
-    x0, x1, y0, y1, z0, z1 = roi
-    for axis, low, high in (("x", x0, x1), ("y", y0, y1), ("z", z0, z1)):
-        if not -1e4 <= low < high <= 1e4:  # NaN is refused too
-            raise ValueError(
-                f"--roi: {axis} needs min < max within ±10,000 m, found {low:g} {high:g}"
-            )
-    return x0, y0, z0, x1, y1, z1
-
-
-def _profile(name: str) -> Profile:
-    if name not in PROFILES:
-        raise ValueError(f"--profile {name}: allowed are {', '.join(PROFILES)}")
-    return PROFILES[name]
-
-
 def _placements(names: Sequence[str], profile: Profile) -> list[Placement]:
     if len(names) > MOST_PLACEMENTS:
         raise ValueError(
             f"--placement: a page shows at most {MOST_PLACEMENTS} placements, found {len(names)}"
         )
-    rigs: list[Placement] = []
-    for name in names:
-        if name.endswith((".yaml", ".yml")):
-            rigs.append(read_placement(Path(name), profile.lidar))
-        elif name in PAPER_PLACEMENTS:
-            rigs.append(PAPER_PLACEMENTS[name])
-        else:
-            raise ValueError(
-                f"--placement {name}: allowed are {', '.join(PAPER_PLACEMENTS)} and a FILE.yaml"
-            )
-    return [profile.placement(rig) for rig in rigs]
+    return [profile.placement(named_placement(name, profile.lidar)) for name in names]
 
 
 def _notes(frame: Frame, crop: Crop, profile: str) -> list[str]:

@@ -159,8 +159,10 @@ def _sample(
         stream = _mix((stream ^ part) + np.uint64(0x9E3779B97F4A7C15))
     cosines, sines = azimuths[0], azimuths[1]
     steps = len(cosines)
-    low_x, low_y, low_z = crop[0] - slack, crop[1] - slack, crop[2] - slack
-    high_x, high_y, high_z = crop[3] + slack, crop[4] + slack, crop[5] + slack
+    # Not read again from arrays within the loops, which write to others.
+    left, right, near, far = crop[0], crop[3], crop[1], crop[4]
+    floor, roof = crop[2], crop[5]
+    start_x, start_y = origin[0], origin[1]
     bottom = origin[2] + lift
     inside = np.empty(steps, np.bool_)
     # Unsigned indices: numba need not ask whether they count from the end.
@@ -176,19 +178,19 @@ def _sample(
         distance, target = ranges[first : first + steps], targets[first : first + steps]
         light = reflected[first : first + steps]
         for n in range(steps):
-            px = origin[0] + distance[n] * (ax * cosines[n] + bx * sines[n] + cx)
-            py = origin[1] + distance[n] * (ay * cosines[n] + by * sines[n] + cy)
+            px = start_x + distance[n] * (ax * cosines[n] + bx * sines[n] + cx)
+            py = start_y + distance[n] * (ay * cosines[n] + by * sines[n] + cy)
             pz = bottom + distance[n] * (az * cosines[n] + bz * sines[n] + cz)
             # Rounding must not push the ground out of a crop that starts at z = 0.
             pz = lift if target[n] == ground else pz
             inside[n] = (
                 (target[n] >= faintest)
-                & (px >= low_x)
-                & (px <= high_x)
-                & (py >= low_y)
-                & (py <= high_y)
-                & (pz >= low_z)
-                & (pz <= high_z)
+                & (px >= left - slack)
+                & (px <= right + slack)
+                & (py >= near - slack)
+                & (py <= far + slack)
+                & (pz >= floor - slack)
+                & (pz <= roof + slack)
             )
         kept = 0
         for n in range(steps):
@@ -208,21 +210,21 @@ def _sample(
         for i in range(kept):
             n = steps_kept[i]
             error = max(range_noise * errors[i], -distance[n]) if range_noise > 0.0 else 0.0
-            far = distance[n] + error
-            px = origin[0] + far * (ax * cosines[n] + bx * sines[n] + cx)
-            py = origin[1] + far * (ay * cosines[n] + by * sines[n] + cy)
+            length = distance[n] + error
+            px = start_x + length * (ax * cosines[n] + bx * sines[n] + cx)
+            py = start_y + length * (ay * cosines[n] + by * sines[n] + cy)
             dz = az * cosines[n] + bz * sines[n] + cz
-            pz = lift + error * dz if target[n] == ground else bottom + far * dz
+            pz = lift + error * dz if target[n] == ground else bottom + length * dz
             points[count, 0], points[count, 1], points[count, 2] = px, py, pz
             points[count, 3] = light[n]
-            errors[count - start] = far
+            errors[count - start] = length
             count += (
-                (px >= crop[0])
-                & (px <= crop[3])
-                & (py >= crop[1])
-                & (py <= crop[4])
-                & (pz >= crop[2])
-                & (pz <= crop[5])
+                (px >= left)
+                & (px <= right)
+                & (py >= near)
+                & (py <= far)
+                & (pz >= floor)
+                & (pz <= roof)
             )
         for i in range(count - start):
             points[start + i, 3] *= math.exp(-attenuation * errors[i])

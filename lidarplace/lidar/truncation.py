@@ -63,6 +63,6 @@ def _truncation(boxes, bounds):  # pragma: no cover - compiled
             here, there = polygon[n], polygon[(n + 1) % number]
             area += 0.5 * (here[0] * there[1] - here[1] * there[0])
         # What no edge cuts lies inside or outside as a whole, without rounding.
-        outside = 1.0 - area / whole if cut else float(number == 0)
+        outside = 1.0 - area / whole if cut else (1.0 if number == 0 else 0.0)
         share[b] = min(max(outside, 0.0), 1.0)
     return share

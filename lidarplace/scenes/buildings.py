@@ -16,12 +16,10 @@ if TYPE_CHECKING:
     from sumolib.net import Net
     from sumolib.net.edge import Edge
 
-ROUNDS = (((12.0, 26.0), (8.0, 14.0)), ((7.0, 12.0), (6.0, 9.0)), ((5.0, 8.0), (4.0, 6.0)))
-"""Length along the road and depth of a building, metres: large ones first, then smaller ones
-where room is left."""
-
-GAP_M = (0.3, 9.0)
-"""From one wall to the next along the road."""
+ROUNDS = (((12.0, 26.0), (8.0, 14.0), (0.3, 16.0)), ((7.0, 12.0), (6.0, 9.0), (10.0, 50.0)))
+"""Length along the road and depth of a building, and the gap to the next one, metres: large ones
+first, then smaller ones here and there where room is left. Together they line two thirds of a
+street."""
 
 SETBACK_M = (0.5, 4.0)
 """From the outer edge of the road, its sidewalk included, to the wall."""
@@ -51,12 +49,12 @@ def build_along(network: Net, seed: int, name: str) -> pd.DataFrame:
     edges = sorted(network.getEdges(withInternal=False), key=lambda edge: edge.getID())
     ends = {(edge.getFromNode().getID(), edge.getToNode().getID()) for edge in edges}
     pose, half = np.empty((0, 3)), np.empty((0, 2))
-    for lengths, depths in ROUNDS:
+    for lengths, depths, gaps in ROUNDS:
         fronts = [
             front
             for edge in edges
             for side in _sides(edge, ends)
-            for front in _frontage(edge, side, lengths, depths, rng)
+            for front in _frontage(edge, side, lengths, depths, gaps, rng)
         ]
         if not fronts:
             continue
@@ -100,6 +98,7 @@ def _frontage(
     side: int,
     lengths: tuple[float, float],
     depths: tuple[float, float],
+    gaps: tuple[float, float],
     rng: np.random.Generator,
 ) -> list[tuple[float, float, float, float, float]]:
     """Buildings side by side along one side of an edge: x, y, yaw, half length, half depth."""
@@ -115,7 +114,7 @@ def _frontage(
     street = sidewalk and lane_count < BROAD
     setbacks = SETBACK_M if street else np.multiply(VERGE_M, lane_count)
     found = []
-    place = rng.uniform(-lengths[0], GAP_M[1])
+    place = rng.uniform(-lengths[0], gaps[1])
     while place < along[-1]:
         length, depth = rng.uniform(*lengths), rng.uniform(*depths)
         setback = rng.uniform(*setbacks)
@@ -126,7 +125,7 @@ def _frontage(
             out = side * (lane.getWidth() / 2 + setback + depth / 2)
             x, y = (x0 + x1) / 2 - out * np.sin(yaw), (y0 + y1) / 2 + out * np.cos(yaw)
             found.append((x, y, yaw, length / 2, depth / 2))
-        place += length + rng.uniform(*GAP_M)
+        place += length + rng.uniform(*gaps)
     return found
 
 

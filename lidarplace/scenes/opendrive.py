@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import subprocess
+import zlib
 from pathlib import Path
 
 from lidarplace.scenes.town import sumo_home
@@ -45,7 +46,7 @@ def convert_opendrive(path: Path, folder: Path) -> Path:
     """
     try:
         data = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
-    except (gzip.BadGzipFile, EOFError) as error:
+    except (gzip.BadGzipFile, EOFError, zlib.error) as error:
         raise ValueError(f"{path}: not a gzip file: {error}") from None
     plain, types, network = (folder / f"town.{end}" for end in ("xodr", "typ.xml", "net.xml"))
     plain.write_bytes(data)

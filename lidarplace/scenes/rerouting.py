@@ -11,7 +11,7 @@ CHECK_STEPS = round(2 / STEP_S)
 """Steps between looks at who waits."""
 
 PATIENCE_S = 30.0
-"""A vehicle that has stood for so long takes another way."""
+"""A vehicle that has stood for so long takes another way; most red lights are shorter."""
 
 
 class Rerouting:

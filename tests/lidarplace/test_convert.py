@@ -114,3 +114,26 @@ def test_a_mistake_is_one_line(tmp_path, monkeypatch, arguments, message):
     assert message in result.stderr
     assert result.stderr.count("\n") == 1
     assert not (tmp_path / "log").exists()
+
+
+LABEL = "Car 0.00 0 0.00 600.00 170.00 640.00 200.00 1.50 1.80 4.20 0.00 1.65 {z} -1.57"
+
+
+def test_kitti(tmp_path):
+    labels = tmp_path / "kitti" / "training" / "label_2"
+    labels.mkdir(parents=True)
+    (labels / "000003.txt").write_text(LABEL.format(z="20.00") + "\n")
+    (labels / "000004.txt").write_text(LABEL.format(z="nan") + "\n" + LABEL.format(z="9.00") + "\n")
+    arguments = ("kitti", tmp_path / "kitti", tmp_path / "log", "--standard-calibration")
+    result = convert(*arguments)
+    assert result.exit_code == 2
+    assert "000004.txt: line 1" in result.stderr
+    assert not (tmp_path / "log").exists()
+    result = convert(*arguments, "--skip-bad")
+    assert result.exit_code == 0
+    assert ["Car", "2"] in words(result.stdout)
+    assert "skipped 1:" in result.stdout
+    assert "000004.txt: line 1" in result.stdout
+    log = read_box_log(tmp_path / "log")
+    assert log.frames["frame"].tolist() == [3, 4]
+    assert log.boxes["x"].tolist() == pytest.approx([20.27, 9.27])

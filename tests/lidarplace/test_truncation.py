@@ -57,3 +57,11 @@ def test_a_box_without_area_counts_as_its_centre():
     boxes = np.array([[10.0, 0, 0, 0, 2, 1, 0], [-1.0, 0, 0, 4, 0, 1, 0], [0.0, 0, 0, 0, 0, 0, 0]])
     np.testing.assert_array_equal(truncation(boxes, X, Y), [0, 1, 0])
     assert truncation(boxes[:0], X, Y).shape == (0,)
+
+
+def test_a_box_that_no_edge_cuts_has_exactly_none_or_all_outside():
+    rng = np.random.default_rng(1)
+    x, yaw = rng.uniform(5, 35, 50), rng.uniform(-4, 4, 50)
+    boxes = np.column_stack([x, np.zeros((50, 2)), np.full((50, 3), [4.3, 1.7, 1.5]), yaw])
+    assert (truncation(boxes, X, Y) == 0).all()
+    assert (truncation(boxes - [100, 0, 0, 0, 0, 0, 0], X, Y) == 1).all()

@@ -13,9 +13,9 @@ from lidarplace import PAPER_PLACEMENTS
 from lidarplace.box_log import BoxLog, write_box_log
 from lidarplace.boxes import BOX_COLUMNS, BUILDING_COLUMNS
 from lidarplace.lidar.profiles import PROFILES
+from lidarplace.placement_file import read_placement
 from lidarplace.view import app
 from lidarplace.viewing.frame import busiest_frame, read_frame
-from lidarplace.viewing.placement_file import read_placement
 from lidarplace.viewing.scene import draw_frame
 from lidarplace.viewing.solids import corners, edges, headings, triangles
 

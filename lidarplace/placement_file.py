@@ -1,4 +1,4 @@
-"""A placement in a YAML file of its own."""
+"""A placement as a command takes it: the paper's by name, or a YAML file of its own."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
-from lidarplace.placement import Mount, Placement
+from lidarplace.placement import PAPER_PLACEMENTS, Mount, Placement
 from lidarplace.sensor import Lidar
 
 
@@ -26,6 +26,22 @@ class _File(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     mounts: list[_Mount] = Field(min_length=1)
+
+
+def named_placement(name: str, lidar: Lidar) -> Placement:
+    """The paper's placement of this name, or the one in the file FILE.yaml, with `lidar`.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: there is no placement of that name, or the file is wrong.
+    """
+    if name.endswith((".yaml", ".yml")):
+        return read_placement(Path(name), lidar)
+    if name not in PAPER_PLACEMENTS:
+        raise ValueError(
+            f"--placement {name}: allowed are {', '.join(PAPER_PLACEMENTS)} and a FILE.yaml"
+        )
+    return PAPER_PLACEMENTS[name].with_lidar(lidar)
 
 
 def read_placement(path: Path, lidar: Lidar) -> Placement:
