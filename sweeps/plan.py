@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from lidarplace.lidar.profiles import with_tilt_in_degrees
 from lidarplace.lidar.recorded import clouds_digest
 from lidarplace.scenes.recorded import LogScene
 from sweeps.config import Point
-from sweeps.grid import ConfigError, GridPoint, Sweep
+from sweeps.grid import ConfigError, GridPoint, Sweep, read_sweep
 from sweeps.scene_tasks import scene_name, scene_parts
 from sweeps.task import Task
 
@@ -94,6 +94,15 @@ class Plan:
 
     tasks: tuple[Task, ...]
     trials: tuple[Trial, ...]
+
+
+def read_plan(path: Path, overrides: Sequence[str] = ()) -> tuple[Sweep, Plan]:
+    """Read a configuration and plan its sweep. Raises ConfigError that names the file."""
+    sweep = read_sweep(path, overrides)
+    try:
+        return sweep, make_plan(sweep)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from None
 
 
 def make_plan(sweep: Sweep) -> Plan:

@@ -11,8 +11,8 @@ import typer
 from lidarplace.box_log import join_logs, write_box_log
 from lidarplace.command_line import output, wrong
 from lidarplace.describe import print_description
-from sweeps.grid import ConfigError, read_sweep
-from sweeps.plan import make_plan
+from sweeps.grid import ConfigError
+from sweeps.plan import read_plan
 from sweeps.stages import box_log
 from sweeps.store import Store
 
@@ -38,8 +38,7 @@ def record(
     from sweeps.progress import StageProgress
 
     try:
-        sweep = read_sweep(config, set_ or [])
-        plan = make_plan(sweep)
+        sweep, plan = read_plan(config, set_ or [])
     except ConfigError as error:
         wrong(error)
     store = Store(sweep.common.output / "store")

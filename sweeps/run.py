@@ -20,8 +20,8 @@ from rich.table import Table
 
 from lidarplace.command_line import output, wrong
 from sweeps.config import SweepFile
-from sweeps.grid import ConfigError, Sweep, read_sweep
-from sweeps.plan import Plan, Trial, further_axes, make_plan
+from sweeps.grid import ConfigError, Sweep
+from sweeps.plan import Plan, Trial, further_axes, read_plan
 from sweeps.store import Store
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
@@ -48,8 +48,7 @@ def run(
     if config is None:
         wrong("name a configuration file, such as examples/grid.yaml")
     try:
-        sweep = read_sweep(config, set_ or [])
-        plan = make_plan(sweep)
+        sweep, plan = read_plan(config, set_ or [])
     except ConfigError as error:
         wrong(error)
     store = Store(sweep.common.output / "store")

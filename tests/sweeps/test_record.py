@@ -1,0 +1,110 @@
+"""The scenes of a sweep as box logs, and sweeps over logs that were recorded before."""
+
+import subprocess
+import sys
+from dataclasses import asdict, astuple
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from lidarplace import PAPER_PLACEMENTS, Lidar
+from lidarplace.box_log import read_box_log
+from lidarplace.lidar.clouds import PointClouds, write_clouds
+from lidarplace.lidar.collect import collect
+from sweeps import stages
+
+ROOT = Path(__file__).parents[2]
+CROP = (0.0, -20.0, -0.5, 40.0, 20.0, 4.0)
+SCENE = {
+    "seed": 3,
+    "density": 30,
+    "pedestrians": 10,
+    "routes": 2,
+    "egos_per_run": 1,
+    "test_routes": 1,
+    "frames_per_route": 4,
+    "frame_stride": 5,
+    "warmup_s": 5,
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("record")
+
+
+@pytest.fixture(scope="module")
+def recorded(folder) -> subprocess.CompletedProcess[str]:
+    config = folder / "grid.yaml"
+    settings = {"placement": "line", "scene": SCENE, "ray": "debug"}
+    settings |= {"output": str(folder / "runs"), "grid": {"scene.density": [20, 30]}}
+    config.write_text(yaml.safe_dump(settings))
+    command = [sys.executable, "-m", "sweeps.record", str(config), str(folder / "logs")]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
+
+
+def test_every_scene_of_the_grid_is_a_box_log(folder, recorded):
+    assert recorded.returncode == 0, recorded.stdout + recorded.stderr
+    assert sorted(path.name for path in (folder / "logs").iterdir()) == [
+        "scene.density=20",
+        "scene.density=30",
+    ]
+    assert recorded.stdout.count("objects per frame") == 2
+    for density in (20, 30):
+        log = read_box_log(folder / "logs" / f"scene.density={density}")
+        assert log.frames["frame"].tolist() == list(range(12))
+        assert log.frames["scene"].nunique() == 3, "every simulation is a scene of its own"
+        assert set(log.frames["split"]) == {"train", "test"}
+        assert len(log.buildings) > 0
+
+
+def test_a_mistake_is_one_line(tmp_path):
+    (tmp_path / "grid.yaml").write_text("placement: line\nscene: {towns: [Nowhere]}\n")
+    command = [sys.executable, "-m", "sweeps.record", str(tmp_path / "grid.yaml"), str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    path = tmp_path / "grid.yaml"
+    assert done.stderr.startswith(f"{path}: scene: no map 'Nowhere'; looked in ")
+    assert done.stderr.count("\n") == 1
+
+
+def collection(placement, **changes):
+    rig = {"mounts": [astuple(m) for m in placement.mounts], "lidar": asdict(placement.lidar)}
+    how = {"recorded": None, "seed": 1, "misaligned_heights": False, "crop": CROP}
+    return rig | how | {"split": "train"} | changes
+
+
+def inner(points: np.ndarray) -> np.ndarray:
+    """Points that are inside the crop on either grid."""
+    low, high = np.array(CROP[:3]) + 0.005, np.array(CROP[3:]) - 0.005
+    return points[((points[:, :3] > low) & (points[:, :3] < high)).all(axis=1)]
+
+
+def test_recorded_clouds_take_the_place_of_simulated_ones(folder, recorded):
+    """The stage gives the same points either way, to the millimetres of their grids."""
+    log = read_box_log(folder / "logs" / "scene.density=30")
+    value = stages.scene({"source": "log", "folder": str(folder / "logs" / "scene.density=30")})
+    pd.testing.assert_frame_equal(value["boxes"], log.boxes)
+    pd.testing.assert_frame_equal(value["buildings"], log.buildings)
+
+    lidar = Lidar(tuple(np.radians([-9.0, -5.0, -2.0])), azimuth_steps=720)
+    placement = PAPER_PLACEMENTS["line"].with_lidar(lidar)
+    simulated = stages.collect(collection(placement), value)
+    wide = (-1.0, -30.0, -1.0, 50.0, 30.0, 9.0)
+    store = folder / "clouds" / "line"
+    write_clouds(store / "route-0", collect(log, log.frames["frame"], placement, wide, seed=1))
+    replayed = stages.collect({"recorded": str(store), "crop": CROP, "split": "train"}, value)
+
+    ours, theirs = PointClouds.from_arrays(simulated), PointClouds.from_arrays(replayed)
+    numbers = log.frames.loc[log.frames["split"] == "train", "frame"].tolist()
+    assert ours.frames.tolist() == theirs.frames.tolist() == numbers
+    assert ours.counts.sum() > 500
+    for a, b in zip(map(inner, ours), map(inner, theirs), strict=True):
+        np.testing.assert_allclose(a[:, :3], b[:, :3], atol=0.002)
+    objects = simulated["points_per_object"]
+    assert list(objects.columns) == ["frame", "object_id", "points"]
+    assert set(objects["frame"]) <= set(numbers)
+    assert objects["points"].sum() > 0
