@@ -4,16 +4,19 @@ import re
 from pathlib import Path
 
 import pandas as pd
+import pytest
 
 from sweeps.grid import read_sweep
+from sweeps.plan import read_plan
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
 def block(language: str) -> str:
-    (text,) = re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
-    return text
+    """The first block in that language."""
+    return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)[0]
 
 
 def test_the_configuration(tmp_path):
@@ -32,8 +35,28 @@ def test_the_lines_of_python(tmp_path, monkeypatch, capsys):
     assert "s_mig=-" in capsys.readouterr().out
 
 
-def test_links_and_pictures_are_there():
-    targets = re.findall(r"\]\(([^)#:]+)\)", README)
-    assert "docs/method.md" in targets
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
+def test_links_and_pictures_are_there(page):
+    targets = re.findall(r"\]\(([^)#:]+)\)", page.read_text(encoding="utf-8"))
     for target in targets:
-        assert (ROOT / target).is_file(), target
+        assert (page.parent / target).is_file(), target
+
+
+def test_every_page_is_linked():
+    for page in PAGES[1:]:
+        assert f"(docs/{page.name})" in README
+
+
+def test_the_papers_experiment(monkeypatch, tmp_path):
+    """Its plan, with a map in the place of CARLA's."""
+    for town in ("Town01", "Town03", "Town04", "Town06"):
+        maps = tmp_path / "CarlaUE4/Content/Carla/Maps/OpenDrive"
+        maps.mkdir(parents=True, exist_ok=True)
+        (maps / f"{town}.xodr").write_text("<OpenDRIVE/>")
+    monkeypatch.setenv("CARLA_ROOT", str(tmp_path))
+    _, plan = read_plan(ROOT / "examples/paper.yaml")
+    assert len(plan.trials) == 8 * 3
+    scenes = [task for task in plan.tasks if task.stage == "scene"]
+    assert len(scenes) == 4 * 2 * 3, "a task a town, for training and for testing, a density"
+    train, _ = plan.trials[0].grid_point.point.scene.frame_counts()
+    assert train == 4 * 11_200
