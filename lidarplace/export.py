@@ -15,7 +15,7 @@ import typer
 from lidarplace.box_log import BoxLog, read_box_log
 from lidarplace.command_line import FRONT_ROI, RoiOption, crop_of, known, wrong
 from lidarplace.lidar.clouds import Crop, PointClouds
-from lidarplace.lidar.collect import collect
+from lidarplace.lidar.collect import collect, crop_for
 from lidarplace.lidar.profiles import PROFILES
 from lidarplace.lidar.visibility import ground_truth
 from lidarplace.placement import Placement
@@ -25,9 +25,6 @@ from lidarplace.scenes.kitti.write import check_new, write_kitti
 
 PORTION = 100
 """Frames whose clouds are in memory at a time."""
-
-GROUND_MARGIN_M = 0.5
-"""Points this far below the ROI are kept: returns from the ground may lie under z = 0."""
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
@@ -98,7 +95,7 @@ def _portions(
     from rich.progress import track
 
     x0, y0, z0, x1, y1, z1 = roi
-    crop = (x0, y0, z0 - GROUND_MARGIN_M, x1, y1, z1)
+    crop = crop_for((x0, x1), (y0, y1), (z0, z1), placement, misaligned_heights)
     starts, console = range(0, len(log.frames), PORTION), Console(stderr=True)
     for first in track(starts, "frames", console=console, disable=not console.is_terminal):
         frames = log.frames.iloc[first : first + PORTION]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from lidarplace import Placement, Roi
-from lidarplace.lidar.clouds import Crop
+from lidarplace.lidar.collect import crop_for
 from lidarplace.lidar.profiles import with_tilt_in_degrees
 from lidarplace.lidar.recorded import clouds_digest
 from lidarplace.scenes.recorded import LogScene
@@ -20,9 +20,6 @@ from sweeps.config import Point
 from sweeps.grid import ConfigError, GridPoint, Sweep, read_sweep
 from sweeps.scene_tasks import scene_name, scene_parts
 from sweeps.task import Task
-
-GROUND_MARGIN_M = 0.5
-"""Points this far below the ROI are kept: a noisy return from the ground lies under z = 0."""
 
 ACCURACY_STEPS = (90, 360, 1440, 5760)
 """Azimuth steps at which coverage methods are compared with the exact cones."""
@@ -174,7 +171,9 @@ def make_plan(sweep: Sweep) -> Plan:
         sampling_error = once(
             Task("sampling_error", names["sampling_error"], rig | detection | drawn, training_logs)
         )
-        crop = _crop(point, placement)
+        crop = crop_for(
+            point.roi.x, point.roi.y, point.roi.z, placement, point.lidar.misaligned_heights
+        )
         clouds: dict[str, list[Task]] = {"train": [], "test": []}
         truths: dict[str, list[Task]] = {"train": [], "test": []}
         for part, scene, truth in zip(parts, scenes, ground_truths, strict=True):
@@ -231,16 +230,6 @@ def _rig(placement: Placement) -> dict[str, Any]:
         "mounts": [astuple(mount) for mount in placement.mounts],
         "lidar": asdict(placement.lidar),
     }
-
-
-def _crop(point: Point, placement: Placement) -> Crop:
-    """The ROI, deeper by a margin, for which points are kept."""
-    margin = GROUND_MARGIN_M
-    if point.lidar.misaligned_heights:  # the ground of a high sensor lies that much lower
-        heights = [mount.z for mount in placement.mounts]
-        margin += max(heights) - min(heights)
-    low, high = zip(point.roi.x, point.roi.y, point.roi.z, strict=True)
-    return (low[0], low[1], low[2] - margin, high[0], high[1], high[2])
 
 
 def _collection(point: Point, placement: Placement) -> dict[str, Any]:

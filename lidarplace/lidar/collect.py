@@ -14,6 +14,23 @@ from lidarplace.lidar.raycast import Hits, cast
 from lidarplace.lidar.returns import LARGEST_ERROR, sample_points
 from lidarplace.lidar.surroundings import Surroundings
 from lidarplace.placement import Placement
+from lidarplace.roi import Interval
+
+GROUND_MARGIN_M = 0.5
+"""Points this far below the ROI are kept: a noisy return from the ground lies under z = 0."""
+
+
+def crop_for(
+    x: Interval, y: Interval, z: Interval, placement: Placement, misaligned_heights: bool = False
+) -> Crop:
+    """The region of a cloud that holds the ROI x, y, z and the ground under it.
+
+    Deeper where clouds are merged without regard to heights, as the ground of a LiDAR that is
+    higher than the first one sinks.
+    """
+    heights = [mount.z for mount in placement.mounts]
+    sinks = max(heights) - heights[0] if misaligned_heights else 0.0
+    return x[0], y[0], z[0] - GROUND_MARGIN_M - sinks, x[1], y[1], z[1]
 
 
 def collect(

@@ -14,6 +14,10 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 STEP_S = 0.05
 """One simulation step: the sensors of the paper turn at 20 Hz."""
 
+KEEP_M = 60.0
+"""Boxes whose centre is farther from the ego are not logged: the ROI's far corner is 45 m away,
+and half a truck and what stands before it still counts."""
+
 TEST_EVERY = 10
 """In the paper's split every tenth frame of a route is test."""
 

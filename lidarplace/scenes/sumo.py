@@ -18,17 +18,13 @@ from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS, POSE_COLUMNS
 from lidarplace.scenes.buildings import build_along, within_reach
 from lidarplace.scenes.maps import build_network
 from lidarplace.scenes.overlap import overlaps
-from lidarplace.scenes.settings import TEST_EVERY, Part, SumoScene, TownRun
+from lidarplace.scenes.settings import KEEP_M, TEST_EVERY, Part, SumoScene, TownRun
 from lidarplace.scenes.town import sumo_home
 from lidarplace.scenes.traffic import CAR, cars_among, write_demand
 from lidarplace.scenes.trajectories import LEVEL_M, Trajectories, simulate
 
 if TYPE_CHECKING:
     from sumolib.net import Net
-
-KEEP_M = 60.0
-"""Boxes whose centre is farther from the ego are not logged: the ROI's far corner is 45 m away,
-and half a truck and what stands before it still counts."""
 
 FASTEST_M_S = 30.0
 LEAP_M = 5.0

@@ -17,6 +17,7 @@ from lidarplace.box_log import BoxLog
 from lidarplace.boxes import BOX_COLUMNS, GEOMETRY, POSE_COLUMNS
 from lidarplace.pose import rotation
 from lidarplace.scenes.carla.handedness import Array, right_handed
+from lidarplace.scenes.settings import KEEP_M
 
 EGO = 0
 """The ego's number among the actors."""
@@ -25,9 +26,6 @@ BOX = ("box_x", "box_y", "box_z", "box_yaw", "length", "width", "height")
 """An actor's box in its own left-handed frame: centre, yaw in degrees, and size."""
 
 POSE = ("x", "y", "z", "roll", "pitch", "yaw")
-
-KEEP_M = 60.0
-"""Boxes whose centre is farther from the ego are not logged, as in simulated towns."""
 
 
 @dataclass(frozen=True)
