@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from lidarplace.boxes import GEOMETRY
-from lidarplace.lidar.clouds import JoinedClouds, PointClouds
+from lidarplace.lidar.clouds import Clouds
 
 MARGIN_M = 0.05
 """Points on the skin of an object err by noise and rounding: its box is grown by so much to all
@@ -25,9 +25,7 @@ def count_points(points: ArrayLike, boxes: ArrayLike) -> NDArray[np.int64]:
     return _count(np.asarray(points), np.asarray(boxes, np.float64))
 
 
-def count_points_per_object(
-    boxes: pd.DataFrame, clouds: PointClouds | JoinedClouds
-) -> pd.DataFrame:
+def count_points_per_object(boxes: pd.DataFrame, clouds: Clouds) -> pd.DataFrame:
     """Points of every object within `MARGIN_M` of its box.
 
     Args:
