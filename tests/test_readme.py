@@ -47,6 +47,12 @@ def test_every_page_is_linked():
         assert f"(docs/{page.name})" in README
 
 
+@pytest.mark.parametrize(("name", "trials"), [("grid", 4), ("quirks", 8)])
+def test_examples(name, trials):
+    _, plan = read_plan(ROOT / f"examples/{name}.yaml")
+    assert len(plan.trials) == trials
+
+
 def test_the_papers_experiment(monkeypatch, tmp_path):
     """Its plan, with a map in the place of CARLA's."""
     for town in ("Town01", "Town03", "Town04", "Town06"):
