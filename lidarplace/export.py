@@ -19,7 +19,7 @@ from lidarplace.lidar.collect import collect, crop_for
 from lidarplace.lidar.profiles import PROFILES
 from lidarplace.lidar.visibility import ground_truth
 from lidarplace.placement import Placement
-from lidarplace.placement_file import named_placement
+from lidarplace.placement_settings import named_placement
 from lidarplace.scenes.kitti.labels import in_image, to_labels
 from lidarplace.scenes.kitti.write import check_new, write_kitti
 

@@ -13,7 +13,7 @@ from lidarplace.command_line import FRONT_ROI, RoiOption, crop_of, known, wrong
 from lidarplace.lidar.clouds import Crop
 from lidarplace.lidar.profiles import PROFILES, Profile
 from lidarplace.placement import Placement
-from lidarplace.placement_file import named_placement
+from lidarplace.placement_settings import named_placement
 from lidarplace.viewing.frame import Frame, busiest_frame, read_frame
 from lidarplace.viewing.page import write_page
 from lidarplace.viewing.scene import POINTS, draw_frame

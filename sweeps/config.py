@@ -21,8 +21,8 @@ from pydantic import (
 from lidarplace.boxes import CLASSES
 from lidarplace.coverage import Method
 from lidarplace.lidar.profiles import PROFILES
-from lidarplace.placement import PAPER_PLACEMENTS, Mount, Placement
-from lidarplace.pose import from_carla
+from lidarplace.placement import PAPER_PLACEMENTS, Placement
+from lidarplace.placement_settings import PlacementSettings
 from lidarplace.roi import Roi
 from lidarplace.scenes.recorded import LogScene
 from lidarplace.scenes.settings import SumoScene
@@ -136,35 +136,6 @@ class LidarSettings(_Settings):
             self.drop_off,
             (math.radians(self.azimuth_deg[0]), math.radians(self.azimuth_deg[1])),
         )
-
-
-class MountSettings(_Settings):
-    """Pose of one LiDAR, metres and radians, in the convention of its placement."""
-
-    x: Finite = 0.0
-    y: Finite = 0.0
-    z: Finite
-    roll: Finite = 0.0
-    pitch: Finite = 0.0
-    yaw: Finite = 0.0
-
-
-class PlacementSettings(_Settings):
-    """A placement by coordinates."""
-
-    convention: Literal["ego", "carla"] = Field(
-        "ego",
-        description="ego: right-handed, y to the left, pitch > 0 tips the nose down; "
-        "carla: left-handed, y to the right, pitch > 0 lifts the nose",
-    )
-    mounts: tuple[MountSettings, ...]
-
-    def placement(self, name: str, lidar: Lidar) -> Placement:
-        """The placement in our ego frame."""
-        poses = [(m.x, m.y, m.z, m.roll, m.pitch, m.yaw) for m in self.mounts]
-        if self.convention == "carla":
-            poses = [from_carla(*pose) for pose in poses]
-        return Placement(name, [Mount(*pose) for pose in poses], lidar=lidar)
 
 
 class SurrogateSettings(_Settings):

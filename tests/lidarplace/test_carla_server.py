@@ -117,7 +117,7 @@ def test_starts_lie_far_apart():
         ({"scene": {"densty": 3}}, "densty"),
         ({"scene": {"classes": {"vehicle.a.b": "Truck"}}}, "class 'Truck'; allowed are Car"),
         ({"scene": {"crop": [0, 0, 0, 0, 1, 1]}}, "crop needs x0 < x1"),
-        ({"placements": {"mine": [{"x": 0, "height": 2}]}}, "height"),
+        ({"placements": {"mine": {"mounts": [{"x": 0, "height": 2}]}}}, "height"),
     ],
 )
 def test_settings_that_are_wrong(content, message):
@@ -138,7 +138,7 @@ def test_placements_of_a_settings_file():
     rigs = Collection.model_validate(
         {
             "lidar": {"elevations": [-0.2, 0.0], "azimuth_steps": 100},
-            "placements": {"line_roll": None, "mine": [{"z": 2.0, "pitch": 0.1}]},
+            "placements": {"line_roll": None, "mine": {"mounts": [{"z": 2.0, "pitch": 0.1}]}},
         }
     ).rigs()
     assert [rig.lidar.beams for rig in rigs.values()] == [2, 2]

@@ -13,7 +13,7 @@ from lidarplace import PAPER_PLACEMENTS
 from lidarplace.box_log import BoxLog, write_box_log
 from lidarplace.boxes import BOX_COLUMNS, BUILDING_COLUMNS
 from lidarplace.lidar.profiles import PROFILES
-from lidarplace.placement_file import read_placement
+from lidarplace.placement_settings import read_placement
 from lidarplace.view import app
 from lidarplace.viewing.frame import busiest_frame, read_frame
 from lidarplace.viewing.scene import draw_frame
@@ -217,7 +217,7 @@ def test_a_folder_that_is_no_box_log_is_named(tmp_path, name):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("mounts: []", r"mounts: .*at least 1"),
+        ("mounts: []", r"has no LiDAR"),
         ("mounts: [{x: 1}]", r"mounts\.0\.z: Field required"),
         ("mounts: [{z: .nan}]", r"mounts\.0\.z: .*finite.*found nan"),
         ("mounts: [{z: 2, tilt: 1}]", r"mounts\.0\.tilt: .*found 1"),

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated
 
 import typer
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from lidarplace.placement import PAPER_PLACEMENTS, Mount, Placement
+from lidarplace.command_line import wrong
+from lidarplace.placement import PAPER_PLACEMENTS, Placement
+from lidarplace.placement_settings import PlacementSettings
 from lidarplace.scenes.carla.collect import collect
 from lidarplace.scenes.carla.settings import CarlaScene
 from lidarplace.sensor import Lidar
@@ -24,15 +25,15 @@ class Collection(BaseModel):
     Attributes:
         scene: see `lidarplace.scenes.carla.settings.CarlaScene`.
         lidar: of every placement, lengths in metres and angles in radians; null is the paper's.
-        placements: mounts by name, metres and radians in the ego frame; the name alone, without
-            mounts, is one of the paper's eight.
+        placements: `PlacementSettings` by name, as in a sweep; the name alone, without mounts, is
+            one of the paper's eight.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     scene: CarlaScene = Field(default_factory=CarlaScene)
     lidar: Lidar | None = None
-    placements: dict[str, list[Mount] | None] = Field(
+    placements: dict[str, PlacementSettings | None] = Field(
         default_factory=lambda: dict.fromkeys(PAPER_PLACEMENTS)
     )
 
@@ -40,17 +41,16 @@ class Collection(BaseModel):
         """The placements. Raises ValueError for a name without mounts that is not the paper's."""
         lidar = self.lidar or Lidar.paper()
         rigs = {}
-        for name, mounts in self.placements.items():
-            if mounts is None and name not in PAPER_PLACEMENTS:
+        for name, settings in self.placements.items():
+            if settings is not None:
+                rigs[name] = settings.placement(name, lidar)
+            elif name in PAPER_PLACEMENTS:
+                rigs[name] = PAPER_PLACEMENTS[name].with_lidar(lidar)
+            else:
                 raise ValueError(
                     f"placements: {name} has no mounts; allowed without are "
                     f"{', '.join(PAPER_PLACEMENTS)}"
                 )
-            rigs[name] = (
-                PAPER_PLACEMENTS[name].with_lidar(lidar)
-                if mounts is None
-                else Placement(name, mounts, lidar)
-            )
         return rigs
 
 
@@ -63,6 +63,8 @@ def run(
     timeout: Annotated[float | None, typer.Option(help="s, before the file's")] = None,
 ) -> None:
     """Collect a box log, and the clouds of placements, from a running CARLA server.
+
+    Example: python -m lidarplace.scenes.carla town.yaml logs/carla --host localhost
 
     What OUT holds already is not done again. Exit code 2: input or server are wrong.
     """
@@ -77,16 +79,11 @@ def run(
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         place = ".".join(map(str, first["loc"]))
-        _wrong(f"{settings}: {place}: {first['msg']}, found {first['input']!r}")
+        wrong(f"{settings}: {place}: {first['msg']}, found {first['input']!r}")
     except yaml.YAMLError as error:
-        _wrong(f"{settings}: {' '.join(str(error).split())}")
+        wrong(f"{settings}: {' '.join(str(error).split())}")
     except (ValueError, OSError, RuntimeError, ImportError) as error:
-        _wrong(str(error))
-
-
-def _wrong(message: str) -> NoReturn:
-    print(message, file=sys.stderr)
-    raise typer.Exit(2)
+        wrong(error)
 
 
 if __name__ == "__main__":

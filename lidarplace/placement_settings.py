@@ -1,18 +1,22 @@
-"""A placement as a command takes it: the paper's by name, or a YAML file of its own."""
+"""A placement in a configuration: by coordinates, or the paper's by name."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from lidarplace.placement import PAPER_PLACEMENTS, Mount, Placement
+from lidarplace.pose import from_carla
 from lidarplace.sensor import Lidar
 
 
-class _Mount(BaseModel):
-    model_config = ConfigDict(extra="forbid")
+class MountSettings(BaseModel):
+    """Pose of one LiDAR, metres and radians, in the convention of its placement."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
     x: FiniteFloat = 0.0
     y: FiniteFloat = 0.0
@@ -22,10 +26,24 @@ class _Mount(BaseModel):
     yaw: FiniteFloat = 0.0
 
 
-class _File(BaseModel):
-    model_config = ConfigDict(extra="forbid")
+class PlacementSettings(BaseModel):
+    """A placement by coordinates."""
 
-    mounts: list[_Mount] = Field(min_length=1)
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    convention: Literal["ego", "carla"] = Field(
+        "ego",
+        description="ego: right-handed, y to the left, pitch > 0 tips the nose down; "
+        "carla: left-handed, y to the right, pitch > 0 lifts the nose",
+    )
+    mounts: tuple[MountSettings, ...]
+
+    def placement(self, name: str, lidar: Lidar) -> Placement:
+        """The placement in our ego frame. Raises ValueError as `Placement` does."""
+        poses = [(m.x, m.y, m.z, m.roll, m.pitch, m.yaw) for m in self.mounts]
+        if self.convention == "carla":
+            poses = [from_carla(*pose) for pose in poses]
+        return Placement(name, [Mount(*pose) for pose in poses], lidar=lidar)
 
 
 def named_placement(name: str, lidar: Lidar) -> Placement:
@@ -45,9 +63,7 @@ def named_placement(name: str, lidar: Lidar) -> Placement:
 
 
 def read_placement(path: Path, lidar: Lidar) -> Placement:
-    """Read `mounts`, a list of poses in the ego frame: metres and radians, `z` is needed.
-
-    The placement has the name of the file.
+    """Read the keys of `PlacementSettings`; the placement has the name of the file.
 
     Raises:
         OSError: the file cannot be read.
@@ -58,7 +74,7 @@ def read_placement(path: Path, lidar: Lidar) -> Placement:
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: is not YAML: {' '.join(str(error).split())}") from None
     try:
-        mounts = _File.model_validate(raw).mounts
+        settings = PlacementSettings.model_validate(raw)
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
@@ -66,6 +82,6 @@ def read_placement(path: Path, lidar: Lidar) -> Placement:
             f"{path}: {key + ': ' if key else ''}{first['msg']}, found {first['input']!r}"
         ) from None
     try:
-        return Placement(path.stem, [Mount(**mount.model_dump()) for mount in mounts], lidar)
+        return settings.placement(path.stem, lidar)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
