@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -65,15 +66,19 @@ def join_logs(logs: Sequence[BoxLog]) -> BoxLog:
 
 
 def write_box_log(folder: Path, log: BoxLog) -> None:
-    """Write `boxes.parquet`, `frames.parquet` and `buildings.parquet`, each renamed into place."""
+    """Write `boxes.parquet`, `frames.parquet` and `buildings.parquet`.
+
+    They are renamed into place when all of them are written.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     poses = [name for name in POSE_COLUMNS if name in log.frames.columns]
-    for name, table, columns in (
-        ("boxes", log.boxes, BOX_COLUMNS),
-        ("buildings", log.buildings, BUILDING_COLUMNS),
-        ("frames", log.frames, (*FRAME_COLUMNS, *poses)),
-    ):
-        with replacing(folder / f"{name}.parquet") as partial:
+    with ExitStack() as stack:
+        for name, table, columns in (
+            ("frames", log.frames, (*FRAME_COLUMNS, *poses)),
+            ("buildings", log.buildings, BUILDING_COLUMNS),
+            ("boxes", log.boxes, BOX_COLUMNS),
+        ):
+            partial = stack.enter_context(replacing(folder / f"{name}.parquet"))
             table[list(columns)].to_parquet(partial, index=False)
 
 
@@ -108,7 +113,16 @@ def read_box_log(folder: Path) -> BoxLog:
 
 def read_frames(folder: Path) -> pd.DataFrame:
     """The table of frames alone. Raises ValueError as `read_box_log` does."""
-    return _table(folder / "frames.parquet", FRAME_COLUMNS)
+    path = folder / "frames.parquet"
+    frames = _table(path, FRAME_COLUMNS)
+    twice = frames["frame"].duplicated().to_numpy()
+    if twice.any():
+        row = int(twice.argmax())
+        raise ValueError(
+            f"{path}: row {row}: frame {frames['frame'].iloc[row]} is there twice; a frame has a "
+            "number of its own in the whole log, whatever its scene"
+        )
+    return frames
 
 
 def _table(path: Path, columns: Sequence[str]) -> pd.DataFrame:

@@ -36,8 +36,8 @@ def describe(log: BoxLog) -> pd.DataFrame:
         for name in CLASSES:
             of_class = log.boxes[inside & (log.boxes["class"] == name)]
             counts[f"{region} {name}"] = of_class.groupby("frame").size()
-    counts = counts.fillna(0.0)
     columns = [f"{region} {name}" for region in REGIONS for name in CLASSES]
+    counts[columns] = counts[columns].fillna(0.0)
     groups = counts.groupby(["scene", "split"], sort=False)
     table = groups.agg(routes=("route", "nunique"), frames=("route", "size"))
     table = table.join(groups[columns].mean()).reset_index()

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 from lidarplace.placement import PAPER_PLACEMENTS, Mount, Placement
 from lidarplace.pose import from_carla
 from lidarplace.sensor import Lidar
+from lidarplace.yaml_loader import parse_yaml
 
 
 class MountSettings(BaseModel):
@@ -70,7 +71,7 @@ def read_placement(path: Path, lidar: Lidar) -> Placement:
         ValueError: the file is not such a list; the message names file, key and value.
     """
     try:
-        raw = yaml.safe_load(path.read_text(encoding="utf-8"))
+        raw = parse_yaml(path.read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: is not YAML: {' '.join(str(error).split())}") from None
     try:

@@ -25,7 +25,7 @@ from lidarplace.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.placement_settings import PlacementSettings
 from lidarplace.roi import Roi
 from lidarplace.scenes.recorded import LogScene
-from lidarplace.scenes.settings import SumoScene
+from lidarplace.scenes.settings import KEEP_M, SumoScene
 from lidarplace.sensor import Lidar
 from training import DETECTORS
 from training.settings import TrainingSettings
@@ -98,9 +98,10 @@ class LidarSettings(_Settings):
     @model_validator(mode="before")
     @classmethod
     def _fill_from_profile(cls, data: Any) -> Any:
-        if not isinstance(data, dict) or data.get("profile") not in PROFILES:
+        name = data.get("profile") if isinstance(data, dict) else None
+        if not isinstance(name, str) or name not in PROFILES:
             return data
-        profile = PROFILES[data["profile"]]
+        profile = PROFILES[name]
         return {
             "azimuth_steps": profile.lidar.azimuth_steps,
             "tilt_in_degrees": profile.tilt_in_degrees,
@@ -201,6 +202,12 @@ class Point(_Settings):
     @model_validator(mode="after")
     def _fits(self) -> Point:
         self.voxel_roi()
+        corner = math.hypot(*(max(map(abs, side)) for side in (self.roi.x, self.roi.y)))
+        if isinstance(self.scene, SumoScene) and corner > KEEP_M:
+            raise ValueError(
+                f"roi: simulated traffic is logged up to {KEEP_M:g} m from the vehicle, and the "
+                f"corner of the ROI is {corner:.1f} m away"
+            )
         return self
 
     def voxel_roi(self) -> Roi:

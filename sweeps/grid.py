@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import yaml
 from pydantic import BaseModel, ValidationError
 
+from lidarplace.yaml_loader import parse_yaml
 from sweeps.config import SCENES, Common, Point, SweepFile
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -92,26 +93,9 @@ def read_sweep(path: Path, overrides: Sequence[str] = ()) -> Sweep:
     return Sweep(checked_common, tuple(points), tuple(grid), raw)
 
 
-class _Loader(yaml.SafeLoader):
-    """Safe, and refuses a key that is given twice, which YAML would let win silently."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [self.construct_object(key) for key, _ in node.value]
-        for i, key in enumerate(keys):
-            if key in keys[:i]:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"key {key!r} is given twice", node.value[i][0].start_mark
-                )
-        return super().construct_mapping(node, deep)
-
-
-def _parse(text: str) -> Any:
-    return yaml.load(text, Loader=_Loader)
-
-
 def _read_yaml(path: Path) -> dict[str, Any]:
     try:
-        raw = _parse(path.read_text(encoding="utf-8"))
+        raw = parse_yaml(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
@@ -136,7 +120,7 @@ def _override(raw: dict[str, Any], override: str, path: Path) -> None:
     if not equals or not key:
         raise ConfigError(f"--set {override}: expected KEY=VALUE")
     try:
-        value = _parse(text)
+        value = parse_yaml(text)
     except yaml.YAMLError:
         raise ConfigError(f"--set {override}: the value is not YAML") from None
     if key.startswith("grid."):  # axes are key paths themselves: grid."training.lr"

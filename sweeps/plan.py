@@ -14,7 +14,7 @@ import numpy as np
 from lidarplace import Placement, Roi
 from lidarplace.lidar.collect import crop_for
 from lidarplace.lidar.profiles import with_tilt_in_degrees
-from lidarplace.lidar.recorded import clouds_digest
+from lidarplace.lidar.recorded import check_rig, clouds_digest
 from lidarplace.scenes.recorded import LogScene
 from sweeps.config import Point
 from sweeps.grid import ConfigError, GridPoint, Sweep, read_sweep
@@ -106,7 +106,8 @@ def make_plan(sweep: Sweep) -> Plan:
     """Tasks and trials of a sweep.
 
     Raises:
-        ConfigError: a checkpoint to start from, a map or recorded clouds are not there.
+        ConfigError: a checkpoint to start from, a map or recorded clouds are not there or of
+            another rig; or two points of the grid are the same work.
     """
     tasks: dict[str, Task] = {}
 
@@ -222,6 +223,13 @@ def make_plan(sweep: Sweep) -> Plan:
                 evaluate=evaluate,
             )
         )
+    labels: dict[str, str] = {}
+    for trial in trials:
+        if trial.key in labels:
+            raise ConfigError(
+                f"grid: '{labels[trial.key]}' and '{trial.label}' are the same work; exclude one"
+            )
+        labels[trial.key] = trial.label
     return Plan(tuple(tasks.values()), tuple(trials))
 
 
@@ -236,10 +244,13 @@ def _collection(point: Point, placement: Placement) -> dict[str, Any]:
     """What decides clouds besides the scene. Quirks are of the collection, not of the rig."""
     scene = point.scene
     if isinstance(scene, LogScene) and scene.clouds == "recorded":
+        if point.lidar.tilt_in_degrees or point.lidar.misaligned_heights:
+            raise ConfigError("lidar: recorded clouds are as they are; leave the quirks out")
         folder = scene.folder / "clouds" / point.placement
         try:
+            check_rig(folder, placement)
             return {"recorded": str(folder), "digest": clouds_digest(folder)}
-        except ValueError as error:
+        except (OSError, ValueError) as error:
             raise ConfigError(f"placement: {error}") from None
     if point.lidar.tilt_in_degrees:
         placement = with_tilt_in_degrees(placement)

@@ -56,7 +56,10 @@ def record(
             continue
         log = join_logs([box_log(store.load(part)) for part in parts])
         folder = out / re.sub(r"[^\w.=-]+", "_", label)
-        write_box_log(folder, log)
+        try:
+            write_box_log(folder, log)
+        except OSError as error:
+            wrong(error)
         print_description(log, str(folder))
     if failures:
         raise typer.Exit(1)

@@ -42,15 +42,16 @@ class PointClouds:
         offsets: the i-th frame is `data[offsets[i]:offsets[i + 1]]`, shape (F + 1,), int64.
         counts: points of every LiDAR in every frame, shape (F, LiDARs), int32.
         frames: frame numbers of the box log, shape (F,), int64.
-        origin: corner of the grid of coordinates, shape (3,), float64, metres.
-        step: its step, metres, shape (), float64.
+        crop: region that was kept, shape (6,), float64, metres; its lower corner is that of the
+            grid of coordinates.
+        step: of that grid, metres, shape (), float64.
     """
 
     data: NDArray[np.uint8]
     offsets: NDArray[np.int64]
     counts: NDArray[np.int32]
     frames: NDArray[np.int64]
-    origin: NDArray[np.float64]
+    crop: NDArray[np.float64]
     step: NDArray[np.float64]
 
     @classmethod
@@ -66,7 +67,7 @@ class PointClouds:
             frames: frame numbers, shape (F,).
             clouds: of every frame its points (n, 4), sorted by LiDAR, and the number of points of
                 every LiDAR (LiDARs,).
-            crop: holds all points; decides the grid.
+            crop: the region that the clouds were cut to; decides the grid.
 
         Raises:
             ValueError: a point is not on the grid or not finite, or numbers do not fit together.
@@ -75,7 +76,8 @@ class PointClouds:
         origin = np.array(crop[:3])
         step = max(STEP_M, float((np.array(crop[3:]) - origin).max()) / 65535)
         codec = pa.Codec("zstd", compression_level=_LEVEL)
-        packed, counts = [], []
+        packed, ends = bytearray(), [0]
+        counts = []
         for points, of_lidars in clouds:
             count = np.asarray(of_lidars, np.int32)
             if count.sum() != len(points):
@@ -88,16 +90,17 @@ class PointClouds:
                     f"{(origin + 65535 * step).tolist()}, intensity in [0, 1]; "
                     f"found {points[bad].tolist()}"
                 )
-            packed.append(np.frombuffer(codec.compress(planes, asbytes=True), np.uint8))
+            packed += codec.compress(planes, asbytes=True)
+            ends.append(len(packed))
             counts.append(count)
-        if len(packed) != len(numbers):
-            raise ValueError(f"{len(numbers)} frame numbers for {len(packed)} clouds")
+        if len(counts) != len(numbers):
+            raise ValueError(f"{len(numbers)} frame numbers for {len(counts)} clouds")
         return cls(
-            data=np.concatenate([np.empty(0, np.uint8), *packed]),
-            offsets=np.cumsum([0, *map(len, packed)], dtype=np.int64),
+            data=np.frombuffer(packed, np.uint8),
+            offsets=np.array(ends, np.int64),
             counts=np.stack(counts) if counts else np.empty((0, 0), np.int32),
             frames=numbers,
-            origin=origin,
+            crop=np.array(crop, np.float64),
             step=np.array(step),
         )
 
@@ -115,7 +118,7 @@ class PointClouds:
             decompressed_size=_BYTES * count,
         )
         points = np.empty((count, 4), np.float32)
-        _unpack(np.frombuffer(planes, np.uint8), self.origin, float(self.step), points)
+        _unpack(np.frombuffer(planes, np.uint8), self.crop[:3], float(self.step), points)
         return points
 
     def __iter__(self) -> Iterator[NDArray[np.float32]]:

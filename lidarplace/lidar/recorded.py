@@ -3,17 +3,47 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Iterator
+from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.lidar.clouds import Crop, PointClouds, read_clouds
+from lidarplace.placement import Placement
 
-_BEGINNING = 256
-"""Bytes of a packed frame that tell it from another one."""
+_SAMPLE = 256
+"""Bytes at both ends of a packed frame that tell it from another one."""
+
+
+def rig_record(placement: Placement) -> dict[str, Any]:
+    """What `placement.json` beside recorded clouds says of their placement."""
+    return {
+        "mounts": [asdict(mount) for mount in placement.mounts],
+        "lidar": asdict(placement.lidar),
+    }
+
+
+def check_rig(folder: Path, placement: Placement) -> None:
+    """Raise ValueError if `placement.json` in `folder` tells of another rig than `placement`.
+
+    A folder without that file is taken at its word.
+    """
+    path = folder / "placement.json"
+    if not path.exists():
+        return
+    recorded, asked = json.loads(path.read_text()), rig_record(placement)
+    mounts, own = ([list(m.values()) for m in rig["mounts"]] for rig in (recorded, asked))
+    if len(mounts) != len(own) or not np.allclose(mounts, own, rtol=0, atol=1e-9):
+        raise ValueError(f"{path}: clouds of other mounts than those of {placement.name}")
+    for key, value in asked["lidar"].items():
+        found = recorded["lidar"][key]
+        if np.shape(found) != np.shape(value) or not np.allclose(found, value, rtol=0, atol=1e-9):
+            raise ValueError(f"{path}: clouds of a LiDAR with {key} {found}, not {value}")
 
 
 def recorded_clouds(folder: Path, frames: NDArray[np.int64], crop: Crop) -> PointClouds:
@@ -25,10 +55,20 @@ def recorded_clouds(folder: Path, frames: NDArray[np.int64], crop: Crop) -> Poin
         crop: what is kept.
 
     Raises:
-        ValueError: there is no such folder, or a frame is missing.
+        ValueError: there is no such folder, a frame is missing or there twice, or less than `crop`
+            was recorded.
     """
-    parts = [read_clouds(path) for path in _parts(folder)]
-    place = {int(f): (part, i) for part in parts for i, f in enumerate(part.frames)}
+    place: dict[int, tuple[PointClouds, int]] = {}
+    for path in _parts(folder):
+        part = read_clouds(path)
+        if not _holds(part.crop, crop):
+            raise ValueError(
+                f"{path}: clouds of {part.crop.tolist()} were recorded; {list(crop)} is asked for"
+            )
+        for index, frame in enumerate(part.frames.tolist()):
+            if frame in place:
+                raise ValueError(f"{path}: frame {frame} is in another folder of {folder} too")
+            place[frame] = part, index
     missing = [frame for frame in frames.tolist() if frame not in place]
     if missing:
         raise ValueError(
@@ -48,20 +88,31 @@ def recorded_clouds(folder: Path, frames: NDArray[np.int64], crop: Crop) -> Poin
 
 
 def clouds_digest(folder: Path) -> str:
-    """Hash of the clouds in `folder`: their frames, and length and beginning of each.
+    """Hash of the clouds in `folder`: all tables, and length, beginning and end of every frame.
 
     Not of every byte: a study has a hundred gigabytes of clouds.
 
     Raises:
+        OSError: a file is missing.
         ValueError: there is no such folder.
     """
     digest = hashlib.sha256()
     for path in _parts(folder):
         clouds = read_clouds(path)
-        digest.update(path.name.encode() + clouds.frames.tobytes() + clouds.offsets.tobytes())
+        digest.update(path.name.encode())
+        for name, array in clouds.arrays().items():
+            if name != "data":
+                digest.update(array.tobytes())
         for first, end in pairwise(clouds.offsets.tolist()):
-            digest.update(clouds.data[first : min(first + _BEGINNING, end)].tobytes())
+            digest.update(clouds.data[first : min(first + _SAMPLE, end)].tobytes())
+            digest.update(clouds.data[max(end - _SAMPLE, first) : end].tobytes())
     return digest.hexdigest()
+
+
+def _holds(recorded: NDArray[np.float64], crop: Crop) -> bool:
+    """Whether one region holds another one."""
+    low, high = recorded[:3] <= crop[:3], recorded[3:] >= crop[3:]
+    return bool(low.all() and high.all())
 
 
 def _parts(folder: Path) -> list[Path]:

@@ -18,6 +18,7 @@ import yaml
 from numpy.typing import NDArray
 
 from lidarplace.boxes import CLASSES
+from lidarplace.yaml_loader import parse_yaml
 
 IGNORE = "ignore"
 """What a class map says of a category whose boxes are left out."""
@@ -103,7 +104,7 @@ def read_class_map(path: Path) -> dict[str, str]:
         ValueError: the file is no YAML, or no class map.
     """
     try:
-        content = yaml.safe_load(path.read_text())
+        content = parse_yaml(path.read_text())
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f" line {mark.line + 1}:" if mark else ""

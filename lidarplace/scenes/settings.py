@@ -69,8 +69,8 @@ class TownRun(BaseModel):
 class SumoScene(BaseModel):
     """Towns, their traffic, and which drives through them are recorded.
 
-    Training and test routes have traffic of their own, and a generated town is another one for
-    testing, so nothing of a test route is seen in training.
+    Training and test routes never share traffic. A generated town is another one for testing; a
+    map is the same place in both, its buildings included, unless `test_towns` names others.
 
     Attributes:
         source: tells this kind of scene from others in a configuration.
@@ -136,7 +136,8 @@ class SumoScene(BaseModel):
                 count = min(self.egos_per_run or routes, routes - first)
                 runs.append(
                     TownRun(
-                        name=name if names[name] == 1 else f"{name}-{names[name]}",
+                        # No town's own name has a slash.
+                        name=name if names[name] == 1 else f"{name}/{names[name]}",
                         town=town,
                         part=part,
                         first_route=route,

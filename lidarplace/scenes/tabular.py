@@ -19,6 +19,7 @@ from lidarplace.scenes.columns import check_columns, integers, numbers, sizes
 SIZE = ("length", "width", "height")
 SUFFIXES = (".parquet", ".csv")
 SPLITS = ("train", "test")
+TEXT = ("scene", "object_id", "class", "split")
 LOG, NO_BOXES = "log", "no boxes"
 """Scene of a frame where nothing tells it, and of the empty frames of which only the number is
 known."""
@@ -100,7 +101,9 @@ def _read(path: Path) -> pd.DataFrame:
     if path.suffix not in SUFFIXES:
         raise ValueError(f"{path}: must end in {' or '.join(SUFFIXES)}")
     try:
-        return pd.read_csv(path) if path.suffix == ".csv" else pd.read_parquet(path)
+        if path.suffix == ".csv":
+            return pd.read_csv(path, dtype=dict.fromkeys(TEXT, str))
+        table = pd.read_parquet(path)
     except FileNotFoundError:
         raise ValueError(f"{path}: no such file") from None
     except (
@@ -110,6 +113,10 @@ def _read(path: Path) -> pd.DataFrame:
         UnicodeDecodeError,
     ) as error:
         raise ValueError(f"{path}: {str(error).splitlines()[0]}") from None
+    # Names that are numbers are text all the same; what is missing stays so, to be found.
+    for name in table.columns.intersection(list(TEXT)):
+        table[name] = table[name].where(table[name].isna(), table[name].astype(str))
+    return table
 
 
 def _boxes(path: Path) -> pd.DataFrame:

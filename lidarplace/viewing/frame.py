@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lidarplace.box_log import BoxLog
 from lidarplace.boxes import GEOMETRY
 from lidarplace.lidar.clouds import Crop
-from lidarplace.lidar.collect import collect
+from lidarplace.lidar.collect import collect, crop_for
 from lidarplace.lidar.points_in_boxes import MARGIN_M, count_points
 from lidarplace.lidar.shapes import BUILDING
 from lidarplace.lidar.surroundings import Surroundings
@@ -101,12 +101,21 @@ def read_frame(log: BoxLog, number: int, crop: Crop) -> Frame:
 def read_cloud(
     frame: Frame, placement: Placement, crop: Crop, most: int, misaligned_heights: bool = False
 ) -> Cloud:
-    """The cloud of `placement` within the crop; beyond `most` points a random choice of them."""
+    """The cloud of `placement` within the crop and on the ground under it, as a sweep collects it.
+
+    Beyond `most` points a random choice of them.
+    """
     clouds = collect(
         frame.log,
         [frame.row["frame"]],
         placement,
-        crop,
+        crop_for(
+            (crop[0], crop[3]),
+            (crop[1], crop[4]),
+            (crop[2], crop[5]),
+            placement,
+            misaligned_heights,
+        ),
         misaligned_heights=misaligned_heights,
     )
     points, lidar = clouds[0], clouds.lidar(0)

@@ -54,6 +54,21 @@ def test_what_is_no_log_is_named(tmp_path):
         read_box_log(tmp_path)
 
 
+def test_a_frame_has_a_number_of_its_own(tmp_path):
+    write_box_log(tmp_path, BoxLog(BOXES[:1], FRAMES.assign(scene=["a", "b", "c"], frame=3)))
+    with pytest.raises(ValueError, match=r"frames\.parquet: row 1: frame 3 is there twice"):
+        read_box_log(tmp_path)
+
+
+def test_a_log_that_cannot_be_written_leaves_the_old_one(tmp_path):
+    write_box_log(tmp_path, BoxLog(BOXES, FRAMES))
+    mixed = FRAMES.assign(scene=[1, "b", "c"])
+    with pytest.raises(Exception, match="convert"):
+        write_box_log(tmp_path, BoxLog(BOXES[:0], mixed))
+    assert len(read_box_log(tmp_path).boxes) == 2
+    assert len(list(tmp_path.iterdir())) == 3, "no leftovers"
+
+
 def test_every_box_belongs_to_a_listed_frame(tmp_path):
     write_box_log(tmp_path, BoxLog(BOXES, FRAMES[:2]))
     with pytest.raises(ValueError, match=r"boxes\.parquet: row 1: frame 5 is not in frames"):

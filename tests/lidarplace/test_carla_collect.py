@@ -155,6 +155,16 @@ def test_nothing_is_done_twice_and_placements_can_be_added(tmp_path):
     assert not more.traffic_manager.seeds  # nothing was driven anew
 
 
+def test_a_box_log_that_was_not_written_any_more_is_made_from_the_routes(tmp_path):
+    _, log = run(tmp_path, placements=[])
+    for name in ("boxes", "frames", "buildings"):
+        (tmp_path / f"{name}.parquet").unlink()
+    again, found = run(tmp_path, placements=[])
+    assert again.ticks == 0
+    pd.testing.assert_frame_equal(found.boxes, log.boxes)
+    assert (tmp_path / "frames.parquet").exists()
+
+
 @pytest.mark.parametrize("dies_at", [3, 25, 50])
 def test_a_stopped_collection_goes_on_with_the_next_route(tmp_path, dies_at, collected):
     out, whole, log = collected

@@ -46,6 +46,11 @@ def test_objects_per_frame_by_region():
     assert (found["ROI Pedestrian"] == 0).all()
 
 
+def test_a_split_that_is_missing_is_no_number():
+    found = describe(BoxLog(BOXES, FRAMES.assign(split=["train", "train", None])))
+    assert set(found["split"]) == {"train", ""}
+
+
 def test_a_log_without_boxes():
     found = describe(BoxLog(BOXES[:0], FRAMES))
     assert (found.filter(like="Car") == 0).all(axis=None)

@@ -152,6 +152,16 @@ def test_types_and_class_map(tmp_path) -> None:
         read_kitti(root, class_map={"Bus": "Coach"})
 
 
+def test_the_lists_count_too_when_the_folder_below_is_named(tmp_path) -> None:
+    root = folder_of(tmp_path / "kitti", {"000000": CAR, "000001": CAR})
+    (root / "ImageSets").mkdir()
+    (root / "ImageSets" / "train.txt").write_text("000001\n")
+    (root / "ImageSets" / "val.txt").write_text("000000\n")
+    for folder in (root, root / "training"):
+        frames = read_kitti(folder).frames.set_index("frame")["split"]
+        assert frames.to_dict() == {0: "test", 1: "train"}
+
+
 def test_image_sets_choose_and_split(tmp_path) -> None:
     root = folder_of(tmp_path, {f"00000{i}": CAR for i in range(5)})
     (root / "ImageSets").mkdir()

@@ -1,5 +1,8 @@
 """Scenes and clouds that were recorded before."""
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -8,7 +11,8 @@ from pydantic import ValidationError
 from lidarplace.box_log import BoxLog, write_box_log
 from lidarplace.boxes import BOX_COLUMNS
 from lidarplace.lidar.clouds import PointClouds, write_clouds
-from lidarplace.lidar.recorded import clouds_digest, recorded_clouds
+from lidarplace.lidar.recorded import check_rig, clouds_digest, recorded_clouds, rig_record
+from lidarplace.placement import PAPER_PLACEMENTS
 from lidarplace.scenes.recorded import LogScene
 
 BOXES = pd.DataFrame(
@@ -80,6 +84,42 @@ def test_what_was_not_recorded_is_named(tmp_path):
     write_clouds(tmp_path / "route", PointClouds.from_frames([1], [cloud(1)], WIDE))
     with pytest.raises(ValueError, match="no cloud of frame 2, and of 1 more"):
         recorded_clouds(tmp_path, np.array([1, 2, 3]), WIDE)
+
+
+def test_less_than_is_asked_for_and_a_frame_twice_are_errors(tmp_path):
+    write_clouds(tmp_path / "a", PointClouds.from_frames([1], [cloud(1)], WIDE))
+    with pytest.raises(ValueError, match=r"a: clouds of \[-100.* were recorded; \[-101"):
+        recorded_clouds(tmp_path, np.array([1]), (-101.0, *WIDE[1:]))
+    write_clouds(tmp_path / "b", PointClouds.from_frames([2, 1], [cloud(2), cloud(3)], WIDE))
+    with pytest.raises(ValueError, match="b: frame 1 is in another folder"):
+        recorded_clouds(tmp_path, np.array([2]), WIDE)
+
+
+def test_clouds_belong_to_the_rig_that_recorded_them(tmp_path):
+    rig = PAPER_PLACEMENTS["line_roll"]
+    check_rig(tmp_path, rig)  # nothing says otherwise
+    (tmp_path / "placement.json").write_text(json.dumps(rig_record(rig)))
+    check_rig(tmp_path, rig)
+    with pytest.raises(ValueError, match=r"clouds of other mounts than those of line$"):
+        check_rig(tmp_path, PAPER_PLACEMENTS["line"])
+    other = rig.with_lidar(replace(rig.lidar, range_noise=0.02))
+    with pytest.raises(ValueError, match=r"a LiDAR with range_noise 0\.0, not 0\.02"):
+        check_rig(tmp_path, other)
+    other = rig.with_lidar(replace(rig.lidar, elevations=(0.0,)))
+    with pytest.raises(ValueError, match="a LiDAR with elevations"):
+        check_rig(tmp_path, other)
+
+
+def test_clouds_moved_as_a_whole_have_another_digest(tmp_path):
+    write_clouds(tmp_path / "route", PointClouds.from_frames([1], [cloud(1)], WIDE))
+    before = clouds_digest(tmp_path)
+    points, counts = cloud(1)
+    higher = (*WIDE[:2], WIDE[2] + 0.25, *WIDE[3:5], WIDE[5] + 0.25)
+    moved = points + np.array([0, 0, 0.25, 0], np.float32)
+    write_clouds(tmp_path / "route", PointClouds.from_frames([1], [(moved, counts)], higher))
+    assert clouds_digest(tmp_path) != before
+    write_clouds(tmp_path / "route", PointClouds.from_frames([1], [(points, [150, 150])], WIDE))
+    assert clouds_digest(tmp_path) != before
 
 
 def test_other_clouds_have_another_digest(tmp_path):

@@ -114,6 +114,15 @@ def test_train_and_test_share_no_route_and_no_object(log):
     assert not set(objects["train"]) & set(objects["test"])
 
 
+def test_every_run_has_a_name_of_its_own():
+    """Names tell world frames apart: poses and buildings of one name belong together."""
+    towns = ("a/town.xodr", "b/town.xodr", "town-2.net.xml", "generated", "generated")
+    scene = SumoScene(towns=towns, routes=3, egos_per_run=1, test_routes=2)
+    names = [run.name for run in scene.town_runs()]
+    assert len(names) == 5 * 3 + 5 * 2
+    assert len(set(names)) == len(names)
+
+
 def test_papers_split_calls_every_tenth_frame_test(log):
     paper = record(TINY.model_copy(update={"split": "paper"}))
     pd.testing.assert_frame_equal(paper.boxes, log.boxes)

@@ -192,3 +192,17 @@ def test_a_log_without_boxes(tmp_path):
     assert log.frames["frame"].tolist() == [0, 1, 2]
     write_box_log(tmp_path / "log", log)
     assert len(read_box_log(tmp_path / "log").frames) == 3
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_names_that_are_numbers_are_text(tmp_path, suffix):
+    boxes = BOXES.assign(scene=[2, 1, 1], object_id=[4, 5, 6])
+    boxes["class"] = [3, 1, 1]
+    path = write(tmp_path / f"mine{suffix}", boxes)
+    log = read_tabular(path, frames=4, class_map={"1": "Car", "3": "Pedestrian"})
+    assert log.boxes["class"].tolist() == ["Car", "Car", "Pedestrian"]
+    assert log.boxes["scene"].tolist() == ["1", "1", "2"]
+    assert log.boxes["object_id"].tolist() == ["5", "6", "4"]
+    assert set(log.frames["scene"]) == {"1", "2", "no boxes"}
+    write_box_log(tmp_path / "log", log)
+    assert len(read_box_log(tmp_path / "log").frames) == 4

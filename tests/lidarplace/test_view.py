@@ -121,13 +121,16 @@ def test_a_frame_holds_what_may_reach_into_the_roi():
 
 def test_a_scene_shows_clouds_by_lidar_boxes_by_class_and_what_stands_around():
     placement = PROFILES["released-code"].placement(PAPER_PLACEMENTS["pyramid"])
-    figure = draw_frame(LOG, 5, placement, CROP)
+    figure = draw_frame(LOG, 5, placement, CROP, misaligned_heights=True)
     clouds, mounts = marks(figure, 1.2), marks(figure, 4)
     assert [trace.name for trace in clouds] == [f"LiDAR {i}" for i in range(4)]
     assert len({trace.marker.color for trace in clouds}) == 4
     points = np.concatenate([np.stack([t.x, t.y, t.z], axis=1) for t in clouds])
     assert points.dtype == np.float32
-    assert ((points >= np.array(CROP[:3]) - 1e-3) & (points <= np.array(CROP[3:]) + 1e-3)).all()
+    # The ground of the second LiDAR, 0.2 m higher than the first, sinks and is still shown.
+    assert min(clouds[1].z) == pytest.approx(-0.2, abs=0.001)
+    low = np.array(CROP[:3]) - [0, 0, 0.9]
+    assert ((points >= low - 1e-3) & (points <= np.array(CROP[3:]) + 1e-3)).all()
     at = np.array([[t.x[0], t.y[0], t.z[0]] for t in mounts])
     assert at == pytest.approx(np.array([mount.position for mount in placement.mounts]))
     names = {trace.name for trace in figure.data}

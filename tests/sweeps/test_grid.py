@@ -142,6 +142,8 @@ def test_own_placements_in_both_conventions(config):
             "scene.folder: .*/no/such/frames.parquet: cannot be read",
         ),
         ({"scene": {"towns": ["Town.03"]}}, "scene.towns.*'Town.03' is no town; allowed are"),
+        ({"lidar": {"profile": ["paper", "paper"]}}, "lidar.profile: found .*; should be 'paper'"),
+        ({"roi": {"x": [0, 100]}}, "roi: simulated traffic is logged up to 60 m .* 102.0 m away"),
         ({"lidar": {"profile": "papr"}}, "lidar.profile: found 'papr'; should be 'paper' or 'rel"),
         (
             {"placements": {"twins": {"mounts": [{"z": 2}, {"z": 2}]}}},

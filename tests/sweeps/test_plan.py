@@ -139,6 +139,15 @@ def test_quirks_change_the_clouds_alone(tmp_path):
     assert collect.params["crop"][2] == pytest.approx(straight.params["crop"][2] - 0.4)
 
 
+def test_points_that_are_the_same_work_are_refused(tmp_path):
+    grid = {"placement": ["line"], "surrogate.detection_probability": [0.1, 0.2]}
+    assert len(plan_of(tmp_path, grid=grid).trials) == 2
+    # *Line* has no tilt that could be misunderstood.
+    grid = {"placement": ["line"], "lidar.tilt_in_degrees": [False, True]}
+    with pytest.raises(ConfigError, match=r"'line .*False' and 'line .*True' are the same work"):
+        plan_of(tmp_path, grid=grid)
+
+
 def test_a_log_of_ones_own(tmp_path):
     frames = pd.DataFrame(
         {

@@ -15,6 +15,7 @@ from lidarplace.placement_settings import PlacementSettings
 from lidarplace.scenes.carla.collect import collect
 from lidarplace.scenes.carla.settings import CarlaScene
 from lidarplace.sensor import Lidar
+from lidarplace.yaml_loader import parse_yaml
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
@@ -69,7 +70,7 @@ def run(
     What OUT holds already is not done again. Exit code 2: input or server are wrong.
     """
     try:
-        content = yaml.safe_load(settings.read_text()) or {}
+        content = parse_yaml(settings.read_text()) or {}
         given = {"host": host, "port": port, "timeout_s": timeout}
         if isinstance(content, dict) and isinstance(content.get("scene", {}), dict):
             named = {key: value for key, value in given.items() if value is not None}

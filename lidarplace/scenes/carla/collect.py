@@ -16,7 +16,6 @@ import json
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,7 @@ from typing import Any
 from lidarplace.box_log import BoxLog, join_logs, read_box_log, write_box_log
 from lidarplace.files import replacing
 from lidarplace.lidar.clouds import PointClouds, write_clouds
+from lidarplace.lidar.recorded import rig_record
 from lidarplace.placement import Placement
 from lidarplace.scenes.carla.drive import Report, drive
 from lidarplace.scenes.carla.replay import replay
@@ -32,7 +32,7 @@ from lidarplace.scenes.carla.server import connect
 from lidarplace.scenes.carla.settings import CarlaScene
 from lidarplace.scenes.carla.traffic import Traffic, box_log
 
-# What says where the server is, and how to read the names of blueprints, but not what is seen.
+# What says where the server is, but not what is seen.
 _ELSEWHERE = {"host", "port", "traffic_manager_port", "timeout_s"}
 
 
@@ -62,15 +62,16 @@ def collect(
     _check_names(placements)
     contents = {out / "scene.json": scene.model_dump(mode="json", exclude=_ELSEWHERE)}
     for name, placement in placements.items():
-        rig = {"mounts": [asdict(m) for m in placement.mounts], "lidar": asdict(placement.lidar)}
-        contents[out / "clouds" / name / "placement.json"] = rig
+        contents[out / "clouds" / name / "placement.json"] = rig_record(placement)
     for path, content in contents.items():
         _check_same(path, content)
 
     routes = scene.plan()
     folders = [out / "routes" / route.name for route in routes]
     clouds_of = {name: [out / "clouds" / name / r.name for r in routes] for name in placements}
-    if all(folder.exists() for folder in chain(folders, *clouds_of.values())):
+    # The table of frames is the last one that is written.
+    log_there = (out / "frames.parquet").exists()
+    if log_there and all(folder.exists() for folder in chain(folders, *clouds_of.values())):
         return read_box_log(out)
     client = connected(scene)
     for path, content in contents.items():

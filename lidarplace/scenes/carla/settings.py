@@ -44,7 +44,8 @@ class CarlaScene(BaseModel):
     """Towns, their traffic, and which drives through them are recorded.
 
     The ego is driven by CARLA's traffic manager from starts that lie far apart. Every route has
-    traffic of its own, so nothing of a test route is seen in training.
+    traffic of its own. A town is the same place in training and testing, unless `test_towns` names
+    others.
 
     Attributes:
         source: tells this kind of scene from others in a configuration.

@@ -54,7 +54,7 @@ def _standard() -> dict[str, NDArray[np.float64]]:
 STANDARD: Mapping[str, NDArray[np.float64]] = _standard()
 """Our calibration by KITTI's names, in the order of its files; the ego frame is the IMU's."""
 
-# Names of the same matrices in KITTI's tracking and raw layouts.
+# Names of the same matrices in KITTI's tracking layout.
 _ALIASES = {"R_rect": "R0_rect", "Tr_velo_cam": "Tr_velo_to_cam"}
 _SHAPES = {name: matrix.shape for name, matrix in STANDARD.items()}
 

@@ -118,8 +118,12 @@ def _frames(folder: Path, skipped: list[str] | None) -> pd.DataFrame:
     files = {path.stem for path in labels.iterdir() if path.suffix == ".txt"}
     found: dict[int, str] = {}
     listed = False
+    # Someone who names the folder `training` means its lists too, which lie beside it.
+    lists = folder / "ImageSets"
+    if not lists.is_dir() and labels.parent == folder and folder.resolve().name == "training":
+        lists = folder.resolve().parent / "ImageSets"
     for name, split in SETS.items():
-        path = folder / "ImageSets" / f"{name}.txt"
+        path = lists / f"{name}.txt"
         if not path.is_file():
             continue
         listed = True
