@@ -150,7 +150,7 @@ def test_runs_are_numbered_before_anything_is_recorded():
     assert [run.first_route for run in runs] == [0, 2, 4, 5, 7, 9, 10, 12, 14, 15, 17]
     assert [run.first_frame for run in runs] == [10 * run.first_route for run in runs]
     assert len({run.name for run in runs}) == len({run.traffic_seed for run in runs}) == len(runs)
-    assert runs[1].name == "sumo-0-train-generated-2"
+    assert runs[1].name == "sumo-0-train-generated/2"
     assert runs[3].name == "sumo-0-train-street"
     generated = [run.town_seed for run in runs if run.town == "generated"]
     assert len(set(generated)) == 3
