@@ -18,6 +18,8 @@ GEOMETRY = ("x", "y", "z", "length", "width", "height", "yaw")
 
 BOX_COLUMNS = ("scene", "frame", "timestamp_s", "object_id", "class", *GEOMETRY)
 FRAME_COLUMNS = ("scene", "frame", "timestamp_s", "route", "split")
+SPLITS = ("train", "test")
+"""What a frame is for."""
 POSE_COLUMNS = ("ego_x", "ego_y", "ego_yaw")
 """Where the vehicle was in the world frame of its scene; a log may lack them."""
 BUILDING_COLUMNS = ("scene", *GEOMETRY)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -110,6 +111,8 @@ def make_plan(sweep: Sweep) -> Plan:
             another rig; or two points of the grid are the same work.
     """
     tasks: dict[str, Task] = {}
+    # Points of the grid share scenes and clouds, whose files are read once.
+    parts_of, digest_of = cache(scene_parts), cache(clouds_digest)
 
     def once(task: Task) -> Task:
         return tasks.setdefault(task.key, task)
@@ -124,7 +127,7 @@ def make_plan(sweep: Sweep) -> Plan:
         trial_name = _trial_label(point, axes)
 
         try:
-            parts = scene_parts(point.scene)
+            parts = parts_of(point.scene)
         except ValueError as error:
             raise ConfigError(f"scene: {error}") from None
         scenes = tuple(
@@ -180,7 +183,7 @@ def make_plan(sweep: Sweep) -> Plan:
         for part, scene, truth in zip(parts, scenes, ground_truths, strict=True):
             for split in part.splits:
                 label = _join(names["collect"], part.name, split)
-                params = _collection(point, placement) | {"split": split, "crop": crop}
+                params = _collection(point, placement, digest_of) | {"split": split, "crop": crop}
                 clouds[split].append(once(Task("collect", label, params, (scene,))))
                 truths[split].append(truth)
         network = {
@@ -240,7 +243,9 @@ def _rig(placement: Placement) -> dict[str, Any]:
     }
 
 
-def _collection(point: Point, placement: Placement) -> dict[str, Any]:
+def _collection(
+    point: Point, placement: Placement, digest_of: Callable[[Path], str]
+) -> dict[str, Any]:
     """What decides clouds besides the scene. Quirks are of the collection, not of the rig."""
     scene = point.scene
     if isinstance(scene, LogScene) and scene.clouds == "recorded":
@@ -249,7 +254,7 @@ def _collection(point: Point, placement: Placement) -> dict[str, Any]:
         folder = scene.folder / "clouds" / point.placement
         try:
             check_rig(folder, placement)
-            return {"recorded": str(folder), "digest": clouds_digest(folder)}
+            return {"recorded": str(folder), "digest": digest_of(folder)}
         except (OSError, ValueError) as error:
             raise ConfigError(f"placement: {error}") from None
     if point.lidar.tilt_in_degrees:

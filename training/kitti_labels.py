@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.scenes.kitti.labels import LABEL_COLUMNS
 from training.average_precision import COUNTS, IGNORED, OTHER, FramePairs
 
 # Easy, moderate, hard: the limits of KITTI's development kit.
@@ -16,15 +17,11 @@ _MAX_TRUNCATION = (0.15, 0.3, 0.5)
 # Look like the class, so finding them is no false alarm.
 _NEIGHBOURS = {"car": "van", "pedestrian": "person_sitting"}
 _IMAGE_BOX = ("left", "top", "right", "bottom")
-_LABEL_COLUMNS = (
-    *("frame", "class", "truncated", "occluded", "alpha", *_IMAGE_BOX),
-    *("height", "width", "length", "x", "y", "z", "rotation_y"),
-)
 
 
 def checked_labels(table: pd.DataFrame, source: str, more: tuple[str, ...]) -> pd.DataFrame:
     """The table itself; ValueError if a label column or one of `more` is missing or not finite."""
-    columns = (*_LABEL_COLUMNS, *more)
+    columns = ("frame", *LABEL_COLUMNS, *more)
     missing = [name for name in columns if name not in table.columns]
     if missing:
         raise ValueError(f"{source}: no column {', '.join(missing)}; found {list(table.columns)}")

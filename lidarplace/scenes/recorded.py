@@ -9,8 +9,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from lidarplace.box_log import BoxLog, read_box_log, read_frames
-
-SPLITS = ("train", "test")
+from lidarplace.boxes import SPLITS
 
 
 class LogScene(BaseModel):

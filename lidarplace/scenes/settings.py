@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 STEP_S = 0.05
@@ -170,6 +171,20 @@ class SumoScene(BaseModel):
     def seconds(self) -> float:
         """Simulated time of one run, warm-up included."""
         return (self.warmup_steps + self.frames_per_route * self.frame_stride) * STEP_S
+
+
+def split_of(split: Literal["route", "paper"], part: Part, frames: int) -> NDArray[np.str_]:
+    """What each of the `frames` kept frames of a route is for, "train" or "test", shape (frames,).
+
+    Args:
+        split: as in `SumoScene.split`.
+        part: what the route is for, if routes are not divided.
+        frames: number of frames.
+    """
+    if split == "route":
+        return np.full(frames, part)
+    tenth = np.arange(frames) % TEST_EVERY == TEST_EVERY - 1
+    return np.where(tenth, "test", "train")
 
 
 def _draw(*key: int) -> int:

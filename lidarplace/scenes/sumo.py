@@ -18,7 +18,7 @@ from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS, POSE_COLUMNS
 from lidarplace.scenes.buildings import build_along, within_reach
 from lidarplace.scenes.maps import build_network
 from lidarplace.scenes.overlap import overlaps
-from lidarplace.scenes.settings import KEEP_M, TEST_EVERY, Part, SumoScene, TownRun
+from lidarplace.scenes.settings import KEEP_M, SumoScene, TownRun, split_of
 from lidarplace.scenes.town import sumo_home
 from lidarplace.scenes.traffic import CAR, cars_among, write_demand
 from lidarplace.scenes.trajectories import LEVEL_M, Trajectories, simulate
@@ -75,7 +75,7 @@ def record_town(scene: SumoScene, run: TownRun) -> BoxLog:
                     "frame": first + np.arange(len(steps)),
                     "timestamp_s": traffic.time_s[steps],
                     "route": run.first_route + number,
-                    "split": _split(scene, run.part, len(steps)),
+                    "split": split_of(scene.split, run.part, len(steps)),
                     **dict(zip(POSE_COLUMNS, (*pose[:, :2].T, _wrap(pose[:, 2])), strict=True)),
                 }
             )
@@ -146,13 +146,6 @@ def choose_egos(traffic: Trajectories, count: int) -> list[int]:
     driving = int(np.count_nonzero(distance >= np.median(distance) / 2))
     ranks = np.linspace(0, max(driving, count) - 1, count).round().astype(np.int64)
     return sorted(candidates[np.argsort(-distance, kind="stable")[ranks]].tolist())
-
-
-def _split(scene: SumoScene, part: Part, frames: int) -> NDArray[np.str_]:
-    if scene.split == "route":
-        return np.full(frames, part)
-    tenth = np.arange(frames) % TEST_EVERY == TEST_EVERY - 1
-    return np.where(tenth, "test", "train")
 
 
 def boxes_around(

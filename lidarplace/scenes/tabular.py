@@ -12,13 +12,19 @@ import pandas as pd
 import pyarrow as pa
 
 from lidarplace.box_log import BoxLog
-from lidarplace.boxes import BOX_COLUMNS, BUILDING_COLUMNS, FRAME_COLUMNS, GEOMETRY, POSE_COLUMNS
+from lidarplace.boxes import (
+    BOX_COLUMNS,
+    BUILDING_COLUMNS,
+    FRAME_COLUMNS,
+    GEOMETRY,
+    POSE_COLUMNS,
+    SPLITS,
+)
 from lidarplace.scenes.class_maps import BOX_LOG, IGNORE, ClassMap, check_class_map, classify
 from lidarplace.scenes.columns import check_columns, integers, numbers, sizes
 
 SIZE = ("length", "width", "height")
 SUFFIXES = (".parquet", ".csv")
-SPLITS = ("train", "test")
 TEXT = ("scene", "object_id", "class", "split")
 LOG, NO_BOXES = "log", "no boxes"
 """Scene of a frame where nothing tells it, and of the empty frames of which only the number is

@@ -91,7 +91,7 @@ def _summary(cloud: Cloud) -> str:
 
 def _add_cloud(figure: go.Figure, cloud: Cloud, placement: Placement) -> None:
     for i, mount in enumerate(placement.mounts):
-        shade = style.LIDARS[i % len(style.LIDARS)]
+        shade = style.COLOURS[i % len(style.COLOURS)]
         name = f"LiDAR {i}"
         figure.add_scatter3d(
             **_xyz(cloud.points[cloud.lidar == i]),

@@ -7,21 +7,10 @@ from typing import Any
 
 import plotly.graph_objects as go
 
-# Okabe and Ito's colours, which colour-blind readers can tell apart; grey in place of black,
-# because a figure is read on a white and on a black page.
-COLOURS = (
-    "#0072B2",
-    "#E69F00",
-    "#009E73",
-    "#CC79A7",
-    "#56B4E9",
-    "#D55E00",
-    "#999999",
-    "#F0E442",
-)
+from lidarplace.viewing.style import COLOURS, OUTLINE
+
 SYMBOLS = ("circle", "diamond", "square", "triangle-up", "x", "cross")
 SEQUENTIAL = "Cividis"
-OUTLINE = "#888888"
 
 VEHICLE = (4.7, 1.9)
 """Length and width of the outline drawn for the vehicle, metres: a middle-class car."""

@@ -14,7 +14,7 @@ from lidarplace.scenes.carla.classes import object_class
 from lidarplace.scenes.carla.server import Actors, actors, load_town, synchronous
 from lidarplace.scenes.carla.settings import CarlaScene, Route, draw
 from lidarplace.scenes.carla.traffic import BOX, EGO, POSE, Traffic
-from lidarplace.scenes.settings import STEP_S, TEST_EVERY
+from lidarplace.scenes.settings import STEP_S, split_of
 
 if TYPE_CHECKING:
     import carla
@@ -195,20 +195,13 @@ def _record(
     table = pd.DataFrame(frames, columns=["frame", "timestamp_s"]).assign(
         scene=f"carla-{scene.seed}-{route.part}-{route.town}",
         route=route.number,
-        split=[_split(scene, route, kept) for kept in range(len(frames))],
+        split=split_of(scene.split, route.part, len(frames)),
     )
     return Traffic(
         actors=_describe(everybody, scene),
         poses=pd.DataFrame(poses, columns=["frame", "actor", *POSE]),
         frames=table[["scene", "frame", "timestamp_s", "route", "split"]],
     )
-
-
-def _split(scene: CarlaScene, route: Route, kept: int) -> str:
-    """Train or test, of the `kept`-th frame of a route that was not left out."""
-    if scene.split == "route":
-        return route.part
-    return "test" if kept % TEST_EVERY == TEST_EVERY - 1 else "train"
 
 
 def _describe(everybody: Sequence[carla.Actor], scene: CarlaScene) -> pd.DataFrame:
