@@ -200,7 +200,7 @@ def finetune(params: Params, *inputs: Value) -> Value:
 
 def evaluate_detector(params: Params, weights: Value, *inputs: Value) -> Value:
     """Detect on the test clouds and compare with the ground truth. `inputs` as for `finetune`."""
-    from training.finetune import detect
+    from training.detect import detect
     from training.kitti_ap import evaluate_boxes
     from training.settings import TrainingSettings
 

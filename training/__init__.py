@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -10,10 +11,22 @@ from lidarplace.boxes import CLASSES
 if TYPE_CHECKING:
     from training.detectors.detector import Detector, PointRange
 
-DETECTORS = ("pointpillars", "pointpillars_tiny")
-"""Names that `build_detector` knows."""
+NETWORKS = (
+    "pointpillars",
+    "second",
+    "second_iou",
+    "voxel_rcnn",
+    "pointrcnn",
+    "pointrcnn_iou",
+    "pv_rcnn",
+)
+"""The networks; `training.detectors` has a module of each name."""
 
-PRESETS = ("openpcdet", "tiny")
+PRESETS = ("openpcdet", "paper", "tiny")
+"""KITTI's network as OpenPCDet configures it, the paper's changes to it, and one for CPUs."""
+
+DETECTORS = tuple(name + tail for name in NETWORKS for tail in ("", "_paper", "_tiny"))
+"""Names that `build_detector` knows: a network (preset "openpcdet") or one with its preset."""
 
 
 def build_detector(
@@ -25,32 +38,37 @@ def build_detector(
     """An untrained detector.
 
     Args:
-        name: one of DETECTORS; "pointpillars_tiny" is "pointpillars" with preset "tiny".
+        name: one of DETECTORS; "second_tiny" is "second" with preset "tiny".
         classes: object classes, the labels 1, 2, … in this order.
-        preset: "openpcdet" (KITTI's network, in KITTI's LiDAR frame; the default) or "tiny" (for
-            CPUs, in the ego frame).
+        preset: one of PRESETS; "openpcdet" if neither this nor the name says else. "openpcdet" and
+            "paper" work in KITTI's LiDAR frame, 1.73 m above the ground, "tiny" in the ego frame.
         point_range: x, y, z of the lowest and of the highest corner in the ego frame, metres, in
             place of the preset's; it grows in x and y to a whole number of cells.
 
     Raises:
         ValueError: unknown name, class or preset, no class or one named twice, an empty range.
     """
-    # torch takes seconds to import, and who only evaluates does not need it.
-    from training.detectors.pointpillars import OPENPCDET, TINY, PointPillars
-
     if name not in DETECTORS:
         raise ValueError(f"unknown detector {name!r}; choose one of {', '.join(DETECTORS)}")
     unknown = [item for item in classes if item not in CLASSES]
     if unknown or not classes or len(set(classes)) < len(classes):
         raise ValueError(f"classes must be different ones of {CLASSES}, found {list(classes)}")
-    if name == "pointpillars_tiny":
-        if preset not in (None, "tiny"):
-            raise ValueError(f"pointpillars_tiny has preset 'tiny', found {preset!r}")
-        preset = "tiny"
+    network, own = _network_and_preset(name)
     if preset not in (None, *PRESETS):
         raise ValueError(f"unknown preset {preset!r}; choose one of {', '.join(PRESETS)}")
+    if own is not None and preset not in (None, own):
+        raise ValueError(f"{name} has preset {own!r}, found {preset!r}")
     if point_range is not None and not all(
         low < high for low, high in zip(point_range[:3], point_range[3:], strict=True)
     ):
         raise ValueError(f"point_range needs low < high on every axis, found {point_range}")
-    return PointPillars(classes, TINY if preset == "tiny" else OPENPCDET, point_range)
+    # torch takes seconds to import, and who only evaluates does not need it.
+    module = importlib.import_module(f"training.detectors.{network}")
+    return module.build(classes, own or preset or "openpcdet", point_range)
+
+
+def _network_and_preset(name: str) -> tuple[str, str | None]:
+    for preset in ("paper", "tiny"):
+        if name.endswith(f"_{preset}"):
+            return name.removesuffix(f"_{preset}"), preset
+    return name, None

@@ -1,10 +1,10 @@
-"""Train a detector on point clouds, and run it."""
+"""Train a detector on point clouds."""
 
 from __future__ import annotations
 
 import time
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,11 +13,11 @@ import pandas as pd
 import torch
 from torch import Tensor
 
-from lidarplace.boxes import GEOMETRY
 from lidarplace.lidar.clouds import Clouds
 from training import build_detector
 from training.dataset import TrainingFrames, as_tensors, augment, within_range
 from training.detectors.detector import Detector, PointRange
+from training.device import device
 from training.one_cycle import OneCycle
 from training.settings import TrainingSettings
 
@@ -74,7 +74,7 @@ def finetune(
         model = build_detector(detector, classes, point_range=point_range)
     if settings.checkpoint is not None:
         _load(model, settings.checkpoint)
-    model.to(_device())
+    model.to(device())
     frames = TrainingFrames(classes, clouds, ground_truth, model.sensor_height, settings.min_points)
     steps = settings.epochs * -(-len(frames) // settings.batch_size)
     optimizer = _optimizer(model, settings)
@@ -114,54 +114,6 @@ def finetune(
             on_epoch({"epoch": epoch, **values})
     state = {name: value.detach().cpu().clone() for name, value in model.state_dict().items()}
     return FinetuneResult(state, pd.DataFrame(rows, columns=["epoch", "metric", "value"]), step)
-
-
-def detect(
-    detector: str,
-    classes: Sequence[str],
-    state_dict: Mapping[str, Tensor],
-    clouds: Clouds,
-    settings: TrainingSettings,
-    point_range: PointRange | None = None,
-) -> pd.DataFrame:
-    """Detections in all frames of `clouds`.
-
-    Takes what `finetune` took and returned. Returns columns frame, class, x, y, z, length, width,
-    height, yaw, score; ego frame, metres and radians.
-    """
-    model = build_detector(detector, classes, point_range=point_range)
-    model.load_state_dict(state_dict)
-    model.to(_device())
-    lift = np.array([0, 0, model.sensor_height, 0], np.float32)
-    frames: list[np.ndarray] = []
-    found: list[dict[str, np.ndarray]] = []
-    for first in range(0, len(clouds), settings.batch_size):
-        batch = range(first, min(first + settings.batch_size, len(clouds)))
-        predictions = model.predict(
-            [torch.from_numpy(clouds[i] - lift) for i in batch],
-            settings.score_threshold,
-            settings.nms_threshold,
-        )
-        for i, item in zip(batch, predictions, strict=True):
-            frames.append(np.full(len(item["scores"]), clouds.frames[i]))
-            found.append({name: value.cpu().numpy() for name, value in item.items()})
-    if not found:
-        frames = [np.zeros(0, np.int64)]
-        found = [
-            {"boxes": np.zeros((0, 7)), "scores": np.zeros(0), "labels": np.zeros(0, np.int64)}
-        ]
-    boxes = np.concatenate([item["boxes"] for item in found]).astype(np.float64)
-    boxes[:, 2] += model.sensor_height
-    labels = np.concatenate([item["labels"] for item in found])
-    table = pd.DataFrame({"frame": np.concatenate(frames)})
-    table["class"] = np.array(list(classes), dtype=object)[labels - 1]
-    table[list(GEOMETRY)] = boxes
-    table["score"] = np.concatenate([item["scores"] for item in found]).astype(np.float64)
-    return table
-
-
-def _device() -> torch.device:
-    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
 
 def _load(model: Detector, path: Path) -> None:

@@ -51,9 +51,13 @@ class TrainingSettings(BaseModel):
     )
 
     checkpoint: Path | None = Field(None, description="state_dict to start from")
-    score_threshold: Probability = Field(0.1, description="lowest score of a detection")
-    nms_threshold: Probability = Field(
-        0.01, description="largest bird's-eye IoU of two detections of a frame"
+    score_threshold: Probability | None = Field(
+        None, description="lowest score of a detection; the detector's own if null"
+    )
+    nms_threshold: Probability | None = Field(
+        None,
+        description="largest bird's-eye IoU of two detections of a frame; the detector's own if "
+        "null",
     )
 
     @model_validator(mode="after")

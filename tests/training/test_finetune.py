@@ -16,7 +16,8 @@ from lidarplace.lidar.clouds import PointClouds
 from lidarplace.lidar.points_in_boxes import count_points
 from training import build_detector
 from training.dataset import Sample, TrainingFrames, augment, within_range
-from training.finetune import detect, finetune
+from training.detect import detect
+from training.finetune import finetune
 from training.kitti_ap import evaluate_boxes
 from training.one_cycle import OneCycle
 from training.settings import TrainingSettings

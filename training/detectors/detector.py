@@ -4,12 +4,30 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
 
 PointRange = tuple[float, float, float, float, float, float]
 """x, y, z of the lowest corner, then of the highest, metres."""
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Which boxes of a frame are its detections.
+
+    Attributes:
+        score: lowest score kept.
+        nms: largest IoU from above of two detections.
+        pre: only the so many best boxes take part in the suppression (NMS_PRE_MAXSIZE).
+        post: at most so many are kept (NMS_POST_MAXSIZE).
+    """
+
+    score: float = 0.1
+    nms: float = 0.01
+    pre: int = 4096
+    post: int = 500
 
 
 class Detector(nn.Module, ABC):
@@ -23,17 +41,23 @@ class Detector(nn.Module, ABC):
         classes: names of the labels 1, 2, ….
         point_range: the model sees points and boxes in here, in its own frame.
         sensor_height: height of the frame's origin above the ground, metres.
+        selection: the preset's way to select boxes.
     """
 
     global_step: Tensor
 
     def __init__(
-        self, classes: Sequence[str], point_range: PointRange, sensor_height: float
+        self,
+        classes: Sequence[str],
+        point_range: PointRange,
+        sensor_height: float,
+        selection: Selection,
     ) -> None:
         super().__init__()
         self.classes = tuple(classes)
         self.point_range = point_range
         self.sensor_height = sensor_height
+        self.selection = selection
         self.register_buffer("global_step", torch.zeros(1, dtype=torch.int64))
 
     @property
@@ -55,15 +79,15 @@ class Detector(nn.Module, ABC):
 
     @abstractmethod
     def predict(
-        self,
-        points: Sequence[Tensor],
-        score_threshold: float = 0.1,
-        nms_threshold: float = 0.01,
+        self, points: Sequence[Tensor], selection: Selection | None = None
     ) -> list[dict[str, Tensor]]:
         """Boxes of every frame: "boxes" (M, 7), "scores" (M,), "labels" (M,), best score first.
 
+        Two-stage detectors add "refined" (R, 7): all boxes of the second stage, before any is
+        dropped; OpenPCDet's `recall_rcnn` is computed from them. Switches to evaluation mode.
+
         Args:
-            points: per frame (N, 4) float32: x, y, z, intensity.
-            score_threshold: lowest score kept.
-            nms_threshold: largest IoU from above of two boxes of a frame.
+            points: per frame (N, 4) float32: x, y, z, intensity; rows that are not finite or lie
+                outside the range are not looked at.
+            selection: in place of the preset's.
         """

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from training.detectors.anchor_head import AnchorHead, HeadOutput
-from training.detectors.anchors import AnchorClass, anchor_grid
-from training.detectors.backbone_2d import Backbone2d, BackboneSettings
-from training.detectors.detector import Detector, PointRange
-from training.detectors.pillars import PillarEncoder, PillarGrid, group, scatter
-from training.detectors.selection import select_boxes
+from training.detectors.backbones.backbone_2d import Backbone2d, BackboneSettings
+from training.detectors.backbones.pillars import PillarEncoder, PillarGrid, group, scatter
+from training.detectors.detector import Detector, PointRange, Selection
+from training.detectors.heads.anchor_head import AnchorHead, HeadOutput
+from training.detectors.heads.anchors import AnchorClass, anchor_grid
+from training.detectors.heads.selection import select_boxes
+from training.detectors.point_range import grown_to_cells, in_model_frame
 
 
 @dataclass(frozen=True)
@@ -66,6 +66,9 @@ OPENPCDET = PointPillarsPreset(
 )
 """OpenPCDet's tools/cfgs/kitti_models/pointpillar.yaml, in KITTI's LiDAR frame."""
 
+PAPER = OPENPCDET
+"""The paper's fork leaves PointPillars as it is; only the range follows the ROI."""
+
 TINY = PointPillarsPreset(
     point_range=(0.0, -20.0, 0.0, 40.0, 20.0, 4.0),
     sensor_height=0.0,
@@ -90,6 +93,8 @@ TINY = PointPillarsPreset(
 )
 """Small enough to train on one CPU core; works in the ego frame."""
 
+PRESETS = {"openpcdet": OPENPCDET, "paper": PAPER, "tiny": TINY}
+
 
 class PointPillars(Detector):
     """Pillars, their image from above, a 2D backbone and an anchor head.
@@ -109,15 +114,15 @@ class PointPillars(Detector):
     ) -> None:
         wanted = preset.point_range
         if point_range is not None:
-            wanted = _lowered(point_range, preset.sensor_height)
+            wanted = in_model_frame(point_range, preset.sensor_height)
         cell = preset.pillar * preset.backbone.total_stride
         grid = PillarGrid(
-            _padded(wanted, cell),
+            grown_to_cells(wanted, cell),
             (preset.pillar, preset.pillar),
             preset.max_points,
             preset.max_pillars,
         )
-        super().__init__(classes, grid.point_range, preset.sensor_height)
+        super().__init__(classes, grid.point_range, preset.sensor_height, Selection())
         self.grid = grid
         anchors = [preset.anchors[name] for name in self.classes]
         nx, ny = grid.shape
@@ -147,28 +152,17 @@ class PointPillars(Detector):
 
     @torch.no_grad()
     def predict(
-        self,
-        points: Sequence[Tensor],
-        score_threshold: float = 0.1,
-        nms_threshold: float = 0.01,
+        self, points: Sequence[Tensor], selection: Selection | None = None
     ) -> list[dict[str, Tensor]]:
-        """Detections of every frame, see Detector; switches to evaluation mode."""
+        """Detections of every frame, see Detector."""
         self.eval()
         logits, boxes = self.dense_head.decode(self(points))
         return [
-            select_boxes(frame.sigmoid(), frame_boxes, score_threshold, nms_threshold)
+            select_boxes(frame.sigmoid(), frame_boxes, selection or self.selection)
             for frame, frame_boxes in zip(logits, boxes, strict=True)
         ]
 
 
-def _lowered(point_range: PointRange, height: float) -> PointRange:
-    x0, y0, z0, x1, y1, z1 = point_range
-    return x0, y0, z0 - height, x1, y1, z1 - height
-
-
-def _padded(point_range: PointRange, cell: float) -> PointRange:
-    """Grow the far ends in x and y to a multiple of `cell`."""
-    x0, y0, z0, x1, y1, z1 = point_range
-    # A range that fits up to rounding must not gain a cell.
-    nx, ny = (math.ceil((high - low) / cell - 1e-6) for low, high in ((x0, x1), (y0, y1)))
-    return x0, y0, z0, x0 + nx * cell, y0 + ny * cell, z1
+def build(classes: Sequence[str], preset: str, point_range: PointRange | None) -> PointPillars:
+    """The network of `build_detector`."""
+    return PointPillars(classes, PRESETS[preset], point_range)

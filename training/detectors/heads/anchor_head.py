@@ -11,9 +11,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from training.detectors.anchors import AnchorClass, AnchorTargets, assign_targets
-from training.detectors.box_coder import decode, encode, limit_period
-from training.detectors.losses import sigmoid_focal_loss, sine_smooth_l1
+from training.detectors.heads.anchors import AnchorClass, AnchorTargets, assign_targets
+from training.detectors.heads.box_coder import decode, encode, limit_period
+from training.detectors.heads.losses import sigmoid_focal_loss, sine_smooth_l1
 
 # OpenPCDet's KITTI models.
 DIRECTION_BINS = 2

@@ -5,12 +5,11 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from training.detectors.detector import Selection
 from training.ops.nms import nms
 
 
-def select_boxes(
-    scores: Tensor, boxes: Tensor, score_threshold: float, nms_threshold: float
-) -> dict[str, Tensor]:
+def select_boxes(scores: Tensor, boxes: Tensor, selection: Selection) -> dict[str, Tensor]:
     """Detections of one frame after class-agnostic suppression, best score first.
 
     Args:
@@ -20,7 +19,13 @@ def select_boxes(
     Returns "boxes" (M, 7), "scores" (M,) and "labels" (M,), int64 from 1.
     """
     best, label = scores.max(dim=1)
-    above = torch.nonzero(best >= score_threshold).flatten()
-    kept = nms(boxes[above].double().cpu().numpy(), best[above].cpu().numpy(), nms_threshold)
+    above = torch.nonzero(best >= selection.score).flatten()
+    kept = nms(
+        boxes[above].double().cpu().numpy(),
+        best[above].cpu().numpy(),
+        selection.nms,
+        selection.pre,
+        selection.post,
+    )
     rows = above[torch.from_numpy(kept).to(above.device)]
     return {"boxes": boxes[rows], "scores": best[rows], "labels": label[rows] + 1}

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from training.detectors.box_coder import limit_period
 from training.detectors.detector import PointRange
+from training.detectors.heads.box_coder import limit_period
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,10 @@
+"""Where networks run."""
+
+from __future__ import annotations
+
+import torch
+
+
+def device() -> torch.device:
+    """The first GPU if there is one, else the CPU."""
+    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
