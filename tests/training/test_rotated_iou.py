@@ -1,7 +1,7 @@
 """Overlap of rotated boxes: closed forms, properties, another algorithm, OpenPCDet.
 
-tests/data/training_ops.npz: inputs and outputs of OpenPCDet's CUDA kernels for IoU and NMS,
-recorded at commit 8cacccec (Apache-2.0). Its kernel pads boxes by 1e-2 m when it looks for corners
+tests/data/training_ops.npz: inputs and outputs of OpenPCDet's CUDA kernels, recorded at
+commit 8cacccec (Apache-2.0). Its IoU kernel pads boxes by 1e-2 m when it looks for corners
 inside, so it differs from the exact IoU by up to 3.7e-3.
 """
 
@@ -16,8 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-from training.ops.nms import nms
-from training.ops.rotated_iou import bev_overlap, iou_3d, iou_bev, paired_iou, unsuppressed
+from training.ops.rotated_iou import bev_overlap, iou_3d, iou_bev, paired_iou
 
 DATA = Path(__file__).parents[1] / "data" / "training_ops.npz"
 
@@ -169,45 +168,3 @@ def test_agrees_with_openpcdet():
     assert np.abs(iou_bev(data["a"], data["b"]) - data["iou_bev"]).max() < 5e-3
     assert np.abs(iou_3d(data["a"], data["b"]) - data["iou_3d"]).max() < 5e-3
     assert (data["iou_bev"] > 0.3).sum() > 50
-
-
-@pytest.mark.parametrize(
-    ("threshold", "pre", "expected"),
-    [
-        (0.01, 4096, "keep_001"),
-        (0.1, 4096, "keep_01"),
-        (0.7, 4096, "keep_07"),
-        (0.1, 100, "keep_01_pre100"),
-    ],
-)
-def test_nms_keeps_what_openpcdet_keeps(threshold, pre, expected):
-    data = np.load(DATA)
-    assert (
-        nms(data["boxes"], data["scores"], threshold, pre=pre).tolist() == data[expected].tolist()
-    )
-
-
-def test_nms_by_hand():
-    three = np.concatenate([box(), box(x=2.0), box(x=4.0)])  # neighbours have IoU 1/3
-    assert nms(three, [0.5, 0.9, 0.7], 0.3).tolist() == [1]
-    assert nms(three, [0.9, 0.5, 0.7], 0.3).tolist() == [0, 2]
-    assert nms(three, [0.9, 0.5, 0.7], 0.4).tolist() == [0, 2, 1]
-    assert nms(three, [0.9, 0.5, 0.7], 0.4, post=1).tolist() == [0]
-    assert nms(three, [0.5, 0.5, 0.5], 0.3).tolist() == [0, 2]
-    assert nms(np.zeros((0, 7)), np.zeros(0), 0.3).tolist() == []
-
-
-@settings(max_examples=30, deadline=None)
-@given(st.integers(0, 2**32 - 1), st.floats(0, 0.9))
-def test_nms_leaves_no_two_that_overlap_and_drops_only_those_that_do(seed, threshold):
-    random = np.random.default_rng(seed)
-    crowd = np.column_stack(
-        [random.uniform(0, 10, (40, 2)), np.zeros(40), random.uniform(0.5, 4, (40, 3)),
-         random.uniform(-3, 3, 40)]
-    )  # fmt: skip
-    kept = unsuppressed(crowd, threshold, 40)
-    overlap = iou_bev(crowd, crowd)
-    among = overlap[np.ix_(kept, kept)]
-    assert (among[~np.eye(len(kept), dtype=bool)] <= threshold).all()
-    for dropped in set(range(40)) - set(kept.tolist()):
-        assert (overlap[kept[kept < dropped], dropped] > threshold).any()

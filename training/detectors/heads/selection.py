@@ -20,12 +20,6 @@ def select_boxes(scores: Tensor, boxes: Tensor, selection: Selection) -> dict[st
     """
     best, label = scores.max(dim=1)
     above = torch.nonzero(best >= selection.score).flatten()
-    kept = nms(
-        boxes[above].double().cpu().numpy(),
-        best[above].cpu().numpy(),
-        selection.nms,
-        selection.pre,
-        selection.post,
-    )
-    rows = above[torch.from_numpy(kept).to(above.device)]
+    kept = nms(boxes[above], best[above], selection.nms, selection.pre, selection.post)
+    rows = above[kept]
     return {"boxes": boxes[rows], "scores": best[rows], "labels": label[rows] + 1}

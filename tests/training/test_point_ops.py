@@ -1,0 +1,345 @@
+"""Sampling, neighbour searches and interpolation: OpenPCDet's kernels, brute force, gradients.
+
+tests/data/training_ops.npz: inputs and outputs of OpenPCDet's CUDA kernels, recorded at commit
+8cacccec (Apache-2.0). Each search has a path for CPUs and one for GPUs; both are tested here.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from training.ops import ball_query, interpolation, sampling, voxel_query
+from training.ops.first_hits import first_hits
+from training.ops.grouping import group
+
+DATA = np.load(Path(__file__).parents[1] / "data" / "training_ops.npz")
+POINTS = torch.from_numpy(DATA["points"])
+BATCH = torch.tensor([1500, 1500])
+STACK = torch.tensor([1400, 1600])
+
+SAMPLING = (sampling._furthest_numba, sampling._furthest_torch)
+BALLS = (ball_query._query_numba, ball_query._query_torch)
+NEAREST = (interpolation._nearest_numba, interpolation._nearest_torch)
+VOXELS = (voxel_query._query_numba, voxel_query._query_torch)
+
+
+@pytest.fixture(params=[True, False], ids=["whole", "chunked"])
+def _chunks(request, monkeypatch):
+    """The torch paths once as they are, once in many small pieces."""
+    if not request.param:
+        for module in (ball_query, interpolation, voxel_query):
+            monkeypatch.setattr(module, "_CHUNK", 5000)
+
+
+def of(name):
+    return torch.from_numpy(DATA[name].astype(np.int64))
+
+
+# A coarse lattice has ties, points at exactly the radius and duplicates.
+def clouds(least=1, most=60):
+    lattice = arrays(np.int8, st.tuples(st.integers(least, most), st.just(3)),
+                     elements=st.integers(-4, 4))  # fmt: skip
+    return lattice.map(lambda grid: torch.from_numpy(grid * np.float32(0.5)))
+
+
+def distances(a, b):
+    """Squared, added up as the kernels do."""
+    dx, dy, dz = (a[:, None, axis] - b[None, :, axis] for axis in range(3))
+    return dx * dx + dy * dy + dz * dz
+
+
+# Furthest point sampling
+
+
+@pytest.mark.parametrize("search", SAMPLING)
+def test_sampling_agrees_with_openpcdet(search):
+    rows = search(POINTS, BATCH.tolist(), 128).view(2, 128)
+    assert torch.equal(rows, of("fps_batch") + torch.tensor([[0], [1500]]))
+    rows = torch.cat([search(POINTS[:1400], [1400], 64), 1400 + search(POINTS[1400:], [1600], 96)])
+    assert torch.equal(rows, of("fps_stack"))
+
+
+def upstream_sampling(xyz, samples):
+    """OpenPCDet's kernel, thread by thread."""
+    count = len(xyz)
+    threads = min(2 ** int(np.log2(count)), 1024)
+    nearest = torch.full((count,), torch.inf)
+    chosen = [0]
+    while len(chosen) < samples:
+        nearest = torch.minimum(nearest, distances(xyz[chosen[-1:]], xyz)[0])
+        best = []
+        for thread in range(threads):
+            own = nearest[thread::threads]
+            best.append((own.max().item(), thread + threads * own.argmax().item()))
+        while len(best) > 1:
+            half = len(best) // 2
+            best = [
+                high if high[0] > low[0] else low
+                for low, high in zip(best[:half], best[half:], strict=True)
+            ]
+        chosen.append(best[0][1])
+    return chosen
+
+
+@settings(max_examples=60, deadline=None)
+@given(clouds(1, 150), st.integers(1, 20))
+def test_sampling_breaks_ties_as_upstream(xyz, samples):
+    own = min(samples, len(xyz))
+    expected = np.resize(upstream_sampling(xyz, own), samples).tolist()
+    for search in SAMPLING:
+        assert search(xyz, [len(xyz)], samples).tolist() == expected
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(1, 3000), st.integers(0, 2**32 - 1))
+def test_sampling_takes_the_furthest_of_many(count, seed):
+    xyz = torch.from_numpy(np.random.default_rng(seed).gamma(1, 9, (count, 3)).astype(np.float32))
+    rows = sampling._furthest_numba(xyz, [count], min(count, 60))
+    assert torch.equal(rows, sampling._furthest_torch(xyz, [count], min(count, 60)))
+    nearest = torch.full((count,), torch.inf)
+    for now, following in pairwise(rows):
+        nearest = torch.minimum(nearest, distances(xyz[now, None], xyz)[0])
+        assert nearest[following] == nearest.max()
+
+
+@pytest.mark.parametrize("search", SAMPLING)
+def test_sampling_of_small_and_empty_frames(search):
+    line = torch.tensor([[0.0, 0, 0], [1, 0, 0], [3, 0, 0]])
+    assert search(line, [0, 3, 0], 7).tolist() == [0, 2, 1, 0, 2, 1, 0]
+    assert search(line, [1, 2], 3).tolist() == [0, 0, 0, 1, 2, 1]
+    assert search(line[:0], [0, 0], 4).tolist() == []
+    assert search(line[:0], [], 4).tolist() == []
+    # Nothing is further than anything else.
+    assert search(torch.zeros(5, 3), [5], 4).tolist() == [0, 0, 0, 0]
+
+
+def test_sampling_counts():
+    counts = torch.tensor([0, 3, 0, 1])
+    rows, chosen = sampling.furthest_point_sample(torch.rand(4, 3), counts, 5)
+    assert chosen.tolist() == [0, 5, 0, 5]
+    assert len(rows) == 10
+    assert set(rows[:5].tolist()) == {0, 1, 2}
+    assert rows[5:].tolist() == [3] * 5
+
+
+# Ball query
+
+
+@pytest.mark.usefixtures("_chunks")
+@pytest.mark.parametrize("search", BALLS)
+@pytest.mark.parametrize(("radius", "samples"), [(0.5, 16), (2.0, 32)])
+def test_ball_query_agrees_with_openpcdet_batch(search, radius, samples):
+    new = POINTS[(of("fps_batch") + torch.tensor([[0], [1500]])).flatten()]
+    idx, empty = search(radius, samples, POINTS, BATCH, new, torch.tensor([128, 128]))
+    expected = of(f"ball_batch_{radius}_{samples}") + torch.tensor([0, 1500])[:, None, None]
+    assert torch.equal(idx, expected.flatten(0, 1))
+    assert not empty.any()
+
+
+@pytest.mark.usefixtures("_chunks")
+@pytest.mark.parametrize("search", BALLS)
+@pytest.mark.parametrize(("radius", "samples"), [(0.8, 16), (2.4, 32)])
+def test_ball_query_agrees_with_openpcdet_stack(search, radius, samples):
+    new, counts = torch.from_numpy(DATA["new_points"]), of("new_counts")
+    idx, empty = search(radius, samples, POINTS, STACK, new, counts)
+    start = torch.repeat_interleave(torch.tensor([0, 1400]), counts)[:, None]
+    expected_empty = torch.from_numpy(DATA[f"ball_stack_empty_{radius}_{samples}"])
+    expected = of(f"ball_stack_{radius}_{samples}") + start
+    assert torch.equal(empty, expected_empty)
+    assert torch.equal(idx, torch.where(empty[:, None], 0, expected))
+    assert empty.any()
+
+
+@settings(max_examples=60, deadline=None)
+@given(clouds(0), clouds(0), clouds(0, 20), st.sampled_from([0.4, 0.5, 1.0, 1.7, 30.0]),
+       st.integers(1, 9))  # fmt: skip
+def test_ball_query_takes_the_first_within_the_radius(first, second, new, radius, samples):
+    xyz, counts = torch.cat([first, second]), torch.tensor([len(first), len(second)])
+    new, new_counts = torch.cat([new, 5 * new]), torch.tensor([len(new), len(new)])
+    inside = distances(new, xyz) < np.float32(radius) * np.float32(radius)
+    inside[: len(new) // 2, len(first) :] = False
+    inside[len(new) // 2 :, : len(first)] = False
+    for search in BALLS:
+        idx, empty = search(radius, samples, xyz, counts, new, new_counts)
+        assert idx.shape == (len(new), samples)
+        for own, near, none in zip(idx.tolist(), inside, empty.tolist(), strict=True):
+            hits = near.nonzero().flatten().tolist()[:samples]
+            assert own == (hits + [hits[0]] * (samples - len(hits)) if hits else [0] * samples)
+            assert none == (not hits)
+
+
+def test_ball_query_of_far_points():
+    xyz = torch.tensor([[0.0, 0, 0], [1e7, 0, 0], [1e7, 0, 1e7], [-1e12, 1e12, 0]])
+    new = torch.cat([xyz, torch.tensor([[1e30, -1e30, 0.0]])])
+    for search in BALLS:
+        idx, empty = search(0.5, 1, xyz, torch.tensor([4]), new, torch.tensor([5]))
+        assert idx.flatten().tolist() == [0, 1, 2, 3, 0]
+        assert empty.tolist() == [False] * 4 + [True]
+
+
+@settings(max_examples=50, deadline=None)
+@given(arrays(np.bool_, st.tuples(st.integers(0, 6), st.integers(0, 12))), st.integers(1, 5))
+def test_first_hits(mask, samples):
+    idx, counts = first_hits(torch.from_numpy(mask), samples)
+    for row, own, count in zip(mask, idx.tolist(), counts.tolist(), strict=True):
+        hits = np.flatnonzero(row).tolist()[:samples]
+        assert count == len(hits)
+        assert own == hits + [0] * (samples - count)
+
+
+# Three nearest neighbours
+
+
+def test_three_nn_agrees_with_openpcdet():
+    new = (of("fps_batch") + torch.tensor([[0], [1500]])).flatten()
+    found, idx = interpolation.three_nn(POINTS, BATCH, POINTS[new], torch.tensor([128, 128]))
+    expected = of("nn_batch_idx") + torch.tensor([0, 128])[:, None, None]
+    assert torch.equal(idx, expected.flatten(0, 1))
+    assert found.numpy() == pytest.approx(DATA["nn_batch_distances"].reshape(-1, 3), abs=2e-6)
+    features = torch.from_numpy(DATA["nn_features"]).transpose(1, 2).flatten(0, 1)
+    weights = interpolation.inverse_distance_weights(found)
+    result = interpolation.interpolate(features, idx, weights)
+    expected = DATA["nn_interpolated"].transpose(0, 2, 1).reshape(-1, 2)
+    assert result.numpy() == pytest.approx(expected, abs=1e-6)
+
+    new, counts = torch.from_numpy(DATA["new_points"]), of("new_counts")
+    found, idx = interpolation.three_nn(new, counts, POINTS, STACK)
+    assert torch.equal(idx, of("nn_stack_idx"))
+    assert found.numpy() == pytest.approx(DATA["nn_stack_distances"], rel=1e-6)
+
+
+@pytest.mark.usefixtures("_chunks")
+@pytest.mark.parametrize("search", NEAREST)
+def test_nearest_of_openpcdet_on_both_paths(search):
+    new = POINTS[of("fps_batch")[0]]
+    found, idx = search(POINTS[:1500], new, 3)
+    assert torch.equal(idx, of("nn_batch_idx")[0])
+    assert found.numpy() == pytest.approx(DATA["nn_batch_distances"][0], abs=2e-6)
+
+
+@settings(max_examples=60, deadline=None)
+@given(clouds(0, 20), clouds(1, 40))
+def test_nearest_by_brute_force(unknown, known):
+    near = min(3, len(known))
+    squared = distances(unknown, known)
+    expected, rows = squared.sort(dim=1, stable=True)
+    for search in NEAREST:
+        found, idx = search(unknown, known, near)
+        assert torch.equal(found, expected[:, :near].sqrt())
+        assert torch.equal(squared.gather(1, idx), expected[:, :near])
+    # On a CPU the lowest rows of equally near ones.
+    assert torch.equal(interpolation._nearest_numba(unknown, known, near)[1], rows[:, :near])
+
+
+def test_three_nn_with_fewer_than_three_points():
+    unknown = torch.tensor([[0.0, 0, 0], [2, 0, 0], [5, 0, 0], [6, 0, 0]])
+    known = torch.tensor([[1.0, 0, 0], [4, 0, 0], [8, 0, 0]])
+    found, idx = interpolation.three_nn(
+        unknown, torch.tensor([1, 1, 2, 0]), known, torch.tensor([1, 0, 2, 0])
+    )
+    inf = torch.inf
+    assert found.tolist() == [[1, inf, inf], [inf] * 3, [1, 3, inf], [2, 2, inf]]
+    assert idx.tolist() == [[0, 0, 0], [0, 0, 0], [1, 2, 0], [1, 2, 0]]
+    weights = interpolation.inverse_distance_weights(found)
+    assert weights[0].tolist() == [1, 0, 0]
+    assert weights[1].tolist() == [0, 0, 0]
+    assert weights[2].tolist() == pytest.approx([0.75, 0.25, 0])
+    features = torch.eye(3)
+    assert interpolation.interpolate(features, idx, weights)[3].tolist() == [0, 0.5, 0.5]
+    nothing = interpolation.interpolate(features[:0], idx, weights)
+    assert torch.equal(nothing, torch.zeros(4, 3))
+
+
+# Voxel query
+
+
+@pytest.mark.usefixtures("_chunks")
+@pytest.mark.parametrize("search", VOXELS)
+def test_voxel_query_agrees_with_openpcdet(search):
+    coordinates = torch.nn.functional.pad(of("voxel_zyx"), (1, 0))
+    idx, empty = search(
+        (4, 4, 4), 1.2, 16, torch.from_numpy(DATA["voxel_xyz"]), coordinates,
+        tuple(DATA["voxel_shape"].tolist()), torch.from_numpy(DATA["voxel_new_xyz"]),
+        of("voxel_new"),
+    )  # fmt: skip
+    assert torch.equal(idx, of("voxel_idx"))
+    assert torch.equal(empty, torch.from_numpy(DATA["voxel_empty"]))
+
+
+voxels = st.lists(
+    st.tuples(st.integers(0, 2), st.integers(0, 3), st.integers(0, 4), st.integers(0, 5)),
+    max_size=60, unique=True,
+)  # fmt: skip
+queries = st.lists(
+    st.tuples(st.integers(0, 4), st.integers(-2, 5), st.integers(-2, 6), st.integers(-2, 7)),
+    max_size=12,
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(voxels, queries, st.tuples(*[st.integers(0, 2)] * 3), st.sampled_from([0.5, 1.0, 1.5, 9.0]),
+       st.integers(1, 9))  # fmt: skip
+def test_voxel_query_by_brute_force(occupied, new, reach, radius, samples):
+    coordinates = torch.tensor(sorted(occupied), dtype=torch.int64).view(-1, 4)
+    new = torch.tensor(new, dtype=torch.int64).view(-1, 4)
+    # A point need not lie at the centre of its voxel, and may lie at exactly the radius.
+    xyz, new_xyz = coordinates[:, [3, 2, 1]].float(), new[:, [3, 2, 1]] + 0.5
+    steps = (new[:, None] - coordinates).abs()
+    allowed = (steps <= torch.tensor([0, *reach])).all(dim=2)
+    allowed &= distances(new_xyz, xyz) <= radius**2
+    for search in VOXELS:
+        idx, empty = search(reach, radius, samples, xyz, coordinates, (4, 5, 6), new_xyz, new)
+        assert idx.shape == (len(new), samples)
+        for own, near, none in zip(idx.tolist(), allowed, empty.tolist(), strict=True):
+            hits = near.nonzero().flatten().tolist()[:samples]
+            assert own == (hits + [hits[0]] * (samples - len(hits)) if hits else [0] * samples)
+            assert none == (not hits)
+
+
+# Features
+
+
+def test_gradients_reach_the_features():
+    features = torch.rand(6, 3, dtype=torch.float64, requires_grad=True)
+    idx = torch.tensor([[0, 0, 5], [1, 2, 2], [4, 1, 0], [0, 0, 0]])
+    weights = torch.rand(4, 3, dtype=torch.float64, requires_grad=True)
+    assert torch.autograd.gradcheck(lambda rows: group(rows, idx), (features,))
+    assert torch.autograd.gradcheck(
+        lambda rows, by: interpolation.interpolate(rows, idx, by), (features, weights)
+    )
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64, torch.bfloat16, torch.float16])
+def test_features_keep_their_dtype(dtype):
+    features = torch.arange(6, dtype=dtype).view(3, 2)
+    idx = torch.tensor([[2, 0]])
+    assert torch.equal(group(features, idx), torch.tensor([[[4, 5], [0, 1]]], dtype=dtype))
+    assert torch.equal(group(features[:0], idx), torch.zeros(1, 2, 2, dtype=dtype))
+    assert group(features, idx[:0]).shape == (0, 2, 2)
+
+
+def test_geometry_in_float64():
+    xyz, counts = POINTS[:200].double(), torch.tensor([80, 120])
+    rows, chosen = sampling.furthest_point_sample(xyz, counts, 10)
+    assert torch.equal(rows, sampling._furthest_torch(xyz, [80, 120], 10))
+    new = xyz[rows]
+    for numba, other in zip(
+        ball_query.ball_query(3.0, 4, xyz, counts, new, chosen),
+        ball_query._query_torch(3.0, 4, xyz, counts, new, chosen),
+        strict=True,
+    ):
+        assert torch.equal(numba, other)
+    found, idx = interpolation.three_nn(xyz, counts, new, chosen)
+    assert found.dtype == torch.float64
+    assert found.numpy() == pytest.approx((xyz[:, None] - new[idx]).norm(dim=2).numpy(), rel=1e-14)
+    nearest = interpolation._nearest_torch(xyz[:80], new[:10], 3)
+    assert found[:80].numpy() == pytest.approx(nearest[0].numpy(), rel=1e-14)
+    assert torch.equal(idx[:80], nearest[1])

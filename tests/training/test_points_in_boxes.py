@@ -1,0 +1,141 @@
+"""Points in boxes and RoI-point pooling: OpenPCDet's kernels, another test of insideness.
+
+tests/data/training_ops.npz: see test_point_ops.py.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from training.ops import points_in_boxes, roipoint_pool
+from training.ops.points_in_boxes import box_of_points
+
+DATA = np.load(Path(__file__).parents[1] / "data" / "training_ops.npz")
+POINTS = torch.from_numpy(DATA["points"])
+FIRST_BOX = (points_in_boxes._first_box_numba, points_in_boxes._first_box_torch)
+POOLED_POINTS = (roipoint_pool._points_numba, roipoint_pool._points_torch)
+
+
+@pytest.fixture(params=[True, False], ids=["whole", "chunked"])
+def _chunks(request, monkeypatch):
+    """The torch paths once as they are, once in many small pieces."""
+    if not request.param:
+        for module in (points_in_boxes, roipoint_pool):
+            monkeypatch.setattr(module, "_CHUNK", 5000)
+
+
+@pytest.fixture(params=POOLED_POINTS)
+def pool(request, monkeypatch):
+    """`roipoint_pool` with each search."""
+    monkeypatch.setattr(roipoint_pool, "_points_numba", request.param)
+    return roipoint_pool.roipoint_pool
+
+
+def inside(points, boxes):
+    """By complex numbers, in float64: (M, N) bool, and whether the answer is clear, likewise."""
+    points, boxes = np.float64(points), np.float64(boxes)
+    turned = (points[:, 0] + 1j * points[:, 1] - (boxes[:, :1] + 1j * boxes[:, 1:2])) * np.exp(
+        -1j * boxes[:, 6:]
+    )
+    outside = np.stack(
+        [
+            abs(turned.real) - boxes[:, 3:4] / 2,
+            abs(turned.imag) - boxes[:, 4:5] / 2,
+            abs(points[:, 2] - boxes[:, 2:3]) - boxes[:, 5:6] / 2,
+        ]
+    ).max(axis=0)
+    return outside < 0, abs(outside) > 1e-4
+
+
+@pytest.mark.usefixtures("_chunks")
+@pytest.mark.parametrize("search", FIRST_BOX)
+def test_box_of_points_agrees_with_openpcdet(search):
+    found = search(POINTS, torch.from_numpy(DATA["pib_boxes"]))
+    assert torch.equal(found, torch.from_numpy(DATA["pib_box"].astype(np.int64)))
+    assert len(found.unique()) > 5
+
+
+@pytest.mark.usefixtures("_chunks")
+def test_pooling_agrees_with_openpcdet(pool):
+    boxes = torch.from_numpy(DATA["roi_boxes"])
+    pooled, empty = pool(POINTS, torch.from_numpy(DATA["roi_features"]), boxes, 64, 0.0)
+    assert torch.equal(pooled, torch.from_numpy(DATA["roi_pooled"]))
+    assert torch.equal(empty, torch.from_numpy(DATA["roi_empty"]))
+    sums = torch.from_numpy(DATA["roi1_feature_sum"])[:, None]
+    pooled, empty = pool(POINTS, sums, boxes, 64, 1.0)
+    assert pooled.sum(dim=2).numpy() == pytest.approx(DATA["roi1_xyz_and_feature_sum"], abs=1e-5)
+    assert torch.equal(empty, torch.from_numpy(DATA["roi1_empty"]))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(0, 80), st.integers(0, 6), st.integers(1, 20))
+def test_against_complex_numbers(seed, count, boxes, samples):
+    random = np.random.default_rng(seed)
+    points = random.uniform(-4, 4, (count, 3)).astype(np.float32)
+    rois = np.hstack(
+        [random.uniform(-3, 3, (boxes, 3)), random.uniform(0.1, 5, (boxes, 3)),
+         random.uniform(-7, 7, (boxes, 1))]
+    ).astype(np.float32)  # fmt: skip
+    within, clear = inside(points, rois)
+    points, within = points[clear.all(axis=0)], within[:, clear.all(axis=0)]
+    expected = np.where(within.any(axis=0), within.argmax(axis=0), -1) if boxes else None
+    for search in FIRST_BOX:
+        found = search(torch.from_numpy(points), torch.from_numpy(rois))
+        assert found.tolist() == ([-1] * len(points) if expected is None else expected.tolist())
+    for search in POOLED_POINTS:
+        idx, empty = search(torch.from_numpy(points), torch.from_numpy(rois), samples)
+        assert empty.tolist() == (~within.any(axis=1)).tolist()
+        for own, hits in zip(idx.tolist(), within, strict=True):
+            rows = np.flatnonzero(hits)[:samples]
+            assert own == (np.resize(rows, samples).tolist() if len(rows) else [0] * samples)
+
+
+@pytest.mark.parametrize("search", FIRST_BOX)
+def test_borders(search):
+    box = torch.tensor([[1.0, 2.0, 3.0, 4.0, 2.0, 1.0, math.pi / 2], [1.0, 2.0, 3.0, 9, 9, 9, 0]])
+    # The length lies along y; top and bottom belong to the box, and so does a hair at the sides.
+    points = torch.tensor(
+        [[1.0, 4.0, 3.0], [1.0, 4.001, 3.0], [2.0, 2.0, 3.5], [2.001, 2.0, 3.0], [1.0, 2.0, 3.501],
+         [1.0, 2.0, 7.6]]
+    )  # fmt: skip
+    assert search(points, box).tolist() == [0, 1, 0, 1, 1, -1]
+
+
+def test_nothing_to_look_at(pool):
+    some, none, features = torch.zeros(4, 3), torch.zeros(0, 3), torch.ones(4, 2)
+    box = torch.tensor([[0.0, 0, 0, 1, 1, 1, 0], [5.0, 0, 0, 1, 1, 1, 0]])
+    assert box_of_points(none, box).tolist() == []
+    assert box_of_points(some, box[:0]).tolist() == [-1] * 4
+    assert box_of_points(some, box.double()).tolist() == [0] * 4
+    pooled, empty = pool(none, features[:0], box, 3, 0.2)
+    assert torch.equal(pooled, torch.zeros(2, 3, 5))
+    assert empty.all()
+    pooled, empty = pool(some, features, box[:0], 3, 0.2)
+    assert pooled.shape == (0, 3, 5)
+    pooled, empty = pool(some, features, box, 6, 0.2)
+    assert torch.equal(pooled[0], torch.tensor([0.0, 0, 0, 1, 1]).expand(6, 5))
+    assert torch.equal(pooled[1], torch.zeros(6, 5))
+    assert empty.tolist() == [False, True]
+
+
+def test_pooling_keeps_boxes_and_passes_gradients(pool):
+    random = np.random.default_rng(1)
+    points = torch.from_numpy(random.uniform(-2, 2, (30, 3)))
+    boxes = torch.tensor(
+        [[0.0, 0, 0, 2, 2, 2, 0.3], [1, 1, 0, 2, 1, 2, 2.0], [9, 9, 9, 1, 1, 1, 0]]
+    )
+    before = boxes.clone()
+    features = torch.from_numpy(random.normal(size=(30, 2))).requires_grad_()
+    assert torch.autograd.gradcheck(lambda rows: pool(points, rows, boxes, 5, 0.5)[0], (features,))
+    assert torch.equal(boxes, before)
+    half = pool(points.float(), features.detach().bfloat16(), boxes, 5, 0.5)[0]
+    assert torch.equal(
+        half[..., :3], pool(points.float(), features, boxes, 5, 0.5)[0][..., :3].float()
+    )

@@ -1,0 +1,142 @@
+"""Ball query: neighbours within a radius."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numba import njit
+from torch import Tensor
+
+from training.ops.first_hits import first_hits, padded_with_first
+
+_CHUNK = 1 << 24
+"""Distances that the torch path holds at once."""
+
+
+def ball_query(
+    radius: float, samples: int, xyz: Tensor, counts: Tensor, new_xyz: Tensor, new_counts: Tensor
+) -> tuple[Tensor, Tensor]:
+    """For each new point the first points of its frame, in their order, closer than `radius`.
+
+    Args:
+        radius: metres; a point at exactly this distance is not a neighbour.
+        samples: S, neighbours to return.
+        xyz, new_xyz: points of frame after frame, (N, 3) and (M, 3), finite.
+        counts, new_counts: points of each frame, (B,), int64.
+
+    Returns:
+        Rows of `xyz`, (M, S) int64; the first repeats where there are fewer, all are 0 where there
+        is none. And which new points have no neighbour, (M,) bool.
+    """
+    search = _query_torch if xyz.is_cuda else _query_numba
+    return search(radius, samples, xyz.detach(), counts, new_xyz.detach(), new_counts)
+
+
+@njit(cache=True)
+def _query_kernel(radius, squared, xyz, start, stop, new_xyz, idx, empty):
+    """Search rows start … stop - 1 of `xyz` for the neighbours of `new_xyz`.
+
+    Points lie in the columns of a horizontal grid at least one radius wide. The rows of the nine
+    columns around a new point are merged in rising order, and the search ends with the last sample:
+    its cost hardly depends on the number of points.
+    """
+    count = stop - start
+    low = np.array([np.inf, np.inf])
+    high = np.array([-np.inf, -np.inf])
+    for i in range(start, stop):
+        for axis in range(2):
+            low[axis] = min(low[axis], xyz[i, axis])
+            high[axis] = max(high[axis], xyz[i, axis])
+    # A few columns for each point, at most.
+    most = int(2 * np.sqrt(count)) + 1
+    # Wider than the radius by more than rounding may lose.
+    width = max(1.001 * radius, (high[0] - low[0]) / most, (high[1] - low[1]) / most)
+    nx = int((high[0] - low[0]) / width) + 1
+    ny = int((high[1] - low[1]) / width) + 1
+    column = np.empty(count, np.int64)
+    first = np.zeros(nx * ny + 1, np.int64)
+    for i in range(count):
+        ix = int((xyz[start + i, 0] - low[0]) / width)
+        iy = int((xyz[start + i, 1] - low[1]) / width)
+        column[i] = iy * nx + ix
+        first[column[i] + 1] += 1
+    first = np.cumsum(first)
+    rows = np.empty(count, np.int64)
+    place = first[:-1].copy()
+    for i in range(count):
+        rows[place[column[i]]] = start + i
+        place[column[i]] += 1
+
+    head, tail = np.empty(9, np.int64), np.empty(9, np.int64)
+    for m in range(len(new_xyz)):
+        # Clipped before they become integers: a new point may be anywhere.
+        fx = min(max((new_xyz[m, 0] - low[0]) / width, -2.0), nx + 1.0)
+        fy = min(max((new_xyz[m, 1] - low[1]) / width, -2.0), ny + 1.0)
+        ix, iy = int(np.floor(fx)), int(np.floor(fy))
+        runs = 0
+        for jy in range(max(iy - 1, 0), min(iy + 2, ny)):
+            for jx in range(max(ix - 1, 0), min(ix + 2, nx)):
+                cell = jy * nx + jx
+                if first[cell] < first[cell + 1]:
+                    head[runs], tail[runs] = first[cell], first[cell + 1]
+                    runs += 1
+        found = 0
+        while runs > 0 and found < idx.shape[1]:
+            run = 0
+            for k in range(1, runs):
+                if rows[head[k]] < rows[head[run]]:
+                    run = k
+            i = rows[head[run]]
+            head[run] += 1
+            if head[run] == tail[run]:
+                runs -= 1
+                head[run], tail[run] = head[runs], tail[runs]
+            dx = new_xyz[m, 0] - xyz[i, 0]
+            dy = new_xyz[m, 1] - xyz[i, 1]
+            dz = new_xyz[m, 2] - xyz[i, 2]
+            if dx * dx + dy * dy + dz * dz < squared:
+                idx[m, found] = i
+                found += 1
+        empty[m] = found == 0
+        if found > 0:
+            idx[m, found:] = idx[m, 0]
+
+
+def _query_numba(
+    radius: float, samples: int, xyz: Tensor, counts: Tensor, new_xyz: Tensor, new_counts: Tensor
+) -> tuple[Tensor, Tensor]:
+    points, centres = xyz.contiguous().numpy(), new_xyz.contiguous().numpy()
+    idx = np.zeros((len(centres), samples), np.int64)
+    empty = np.ones(len(centres), bool)
+    # In the points' own precision, as upstream.
+    squared = points.dtype.type(radius) * points.dtype.type(radius)
+    start = new_start = 0
+    for count, new_count in zip(counts.tolist(), new_counts.tolist(), strict=True):
+        stop, new_stop = start + count, new_start + new_count
+        if count:
+            own = slice(new_start, new_stop)
+            _query_kernel(radius, squared, points, start, stop, centres[own], idx[own], empty[own])
+        start, new_start = stop, new_stop
+    return torch.from_numpy(idx), torch.from_numpy(empty)
+
+
+def _query_torch(
+    radius: float, samples: int, xyz: Tensor, counts: Tensor, new_xyz: Tensor, new_counts: Tensor
+) -> tuple[Tensor, Tensor]:
+    idx = torch.zeros(len(new_xyz), samples, dtype=torch.int64, device=xyz.device)
+    empty = torch.ones(len(new_xyz), dtype=torch.bool, device=xyz.device)
+    squared = torch.tensor(radius, dtype=xyz.dtype, device=xyz.device).square()
+    start = new_start = 0
+    for count, new_count in zip(counts.tolist(), new_counts.tolist(), strict=True):
+        step = max(1, _CHUNK // max(1, count))
+        for low in range(new_start, new_start + new_count, step) if count else ():
+            own = slice(low, min(low + step, new_start + new_count))
+            dx, dy, dz = (
+                new_xyz[own, axis, None] - xyz[start : start + count, axis] for axis in range(3)
+            )
+            hits, found = first_hits(dx * dx + dy * dy + dz * dz < squared, samples)
+            empty[own] = found == 0
+            neighbours = start + padded_with_first(hits, found)
+            idx[own] = torch.where(empty[own, None], 0, neighbours)
+        start, new_start = start + count, new_start + new_count
+    return idx, empty

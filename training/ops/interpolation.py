@@ -1,0 +1,121 @@
+"""Features between points, from the three nearest."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numba import njit
+from torch import Tensor
+
+from training.ops.grouping import group
+
+_CHUNK = 1 << 24
+"""Distances that the torch path holds at once."""
+
+
+def three_nn(
+    unknown: Tensor, unknown_counts: Tensor, known: Tensor, known_counts: Tensor
+) -> tuple[Tensor, Tensor]:
+    """The three nearest known points of the same frame, nearest first.
+
+    Args:
+        unknown, known: points of frame after frame, (M, 3) and (N, 3), finite.
+        unknown_counts, known_counts: points of each frame, (B,), int64.
+
+    Returns:
+        Distances in metres, (M, 3), and rows of `known`, (M, 3) int64. A frame with fewer than
+        three known points fills up with distance infinity and row 0.
+    """
+    search = _nearest_torch if unknown.is_cuda else _nearest_numba
+    distances = torch.full_like(unknown.detach(), torch.inf)
+    idx = torch.zeros(unknown.shape, dtype=torch.int64, device=unknown.device)
+    start = known_start = 0
+    for count, known_count in zip(unknown_counts.tolist(), known_counts.tolist(), strict=True):
+        if count and known_count:
+            own = slice(start, start + count)
+            near = min(3, known_count)
+            distances[own, :near], found = search(
+                unknown.detach()[own], known.detach()[known_start : known_start + known_count], near
+            )
+            idx[own, :near] = known_start + found
+        start, known_start = start + count, known_start + known_count
+    return distances, idx
+
+
+@njit(cache=True)
+def _nearest_kernel(unknown, known, axis, order, distances, idx):
+    """Search outwards along `axis`, in which `order` sorts `known`, until it alone is too far.
+
+    Of equally near points the lowest rows count, as upstream.
+    """
+    near = distances.shape[1]
+    along = known[order, axis]
+    distances[:] = np.inf
+    for m in range(len(unknown)):
+        x, y, z = unknown[m, 0], unknown[m, 1], unknown[m, 2]
+        above = np.searchsorted(along, unknown[m, axis])
+        below = above - 1
+        while below >= 0 or above < len(order):
+            down = unknown[m, axis] - along[below] if below >= 0 else np.inf
+            up = along[above] - unknown[m, axis] if above < len(order) else np.inf
+            gap = distances.dtype.type(min(down, up))
+            if gap * gap > distances[m, near - 1]:
+                break
+            if down < up:
+                i = order[below]
+                below -= 1
+            else:
+                i = order[above]
+                above += 1
+            dx, dy, dz = x - known[i, 0], y - known[i, 1], z - known[i, 2]
+            squared = dx * dx + dy * dy + dz * dz
+            k = near
+            while k > 0 and (
+                squared < distances[m, k - 1]
+                or (squared == distances[m, k - 1] and i < idx[m, k - 1])
+            ):
+                if k < near:
+                    distances[m, k], idx[m, k] = distances[m, k - 1], idx[m, k - 1]
+                k -= 1
+            if k < near:
+                distances[m, k], idx[m, k] = squared, i
+
+
+def _nearest_numba(unknown: Tensor, known: Tensor, near: int) -> tuple[Tensor, Tensor]:
+    points = known.contiguous().numpy()
+    axis = int(np.argmax(np.ptp(points, axis=0)))
+    distances = np.empty((len(unknown), near), points.dtype)
+    idx = np.zeros(distances.shape, np.int64)
+    _nearest_kernel(
+        unknown.contiguous().numpy(), points, axis, np.argsort(points[:, axis]), distances, idx
+    )
+    return torch.from_numpy(np.sqrt(distances)), torch.from_numpy(idx)
+
+
+def _nearest_torch(unknown: Tensor, known: Tensor, near: int) -> tuple[Tensor, Tensor]:
+    distances = unknown.new_empty(len(unknown), near)
+    idx = torch.empty(len(unknown), near, dtype=torch.int64, device=unknown.device)
+    step = max(1, _CHUNK // len(known))
+    for low in range(0, len(unknown), step):
+        own = slice(low, low + step)
+        dx, dy, dz = (unknown[own, axis, None] - known[:, axis] for axis in range(3))
+        squared, idx[own] = (dx * dx + dy * dy + dz * dz).topk(near, dim=1, largest=False)
+        distances[own] = squared.sqrt()
+    return distances, idx
+
+
+def inverse_distance_weights(distances: Tensor) -> Tensor:
+    """Weights (M, 3) of `three_nn`'s points, 1 / distance and 1 in sum; 0 if there is no point.
+
+    PointNet++ (Qi et al., NeurIPS 2017), equation (2) with p = 1.
+    """
+    inverse = 1 / (distances + 1e-8)
+    return inverse / inverse.sum(dim=1, keepdim=True).clamp_min(torch.finfo(inverse.dtype).tiny)
+
+
+def interpolate(features: Tensor, idx: Tensor, weights: Tensor) -> Tensor:
+    """Sums (M, C) of rows `idx` (M, K) of `features` (N, C), weighted with `weights` (M, K).
+
+    Gradients flow to `features` and `weights`.
+    """
+    return (group(features, idx) * weights[..., None]).sum(dim=1)

@@ -1,0 +1,144 @@
+"""Furthest point sampling: points that cover a cloud evenly."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numba import njit
+from numpy.typing import NDArray
+from torch import Tensor
+
+_THREADS = 1024
+"""Largest block of upstream's kernel; fixes which of several furthest points it takes."""
+
+
+def furthest_point_sample(xyz: Tensor, counts: Tensor, samples: int) -> tuple[Tensor, Tensor]:
+    """Rows of points of which each is the furthest from those before it, starting with the first.
+
+    PointNet++ (Qi et al., NeurIPS 2017), section 3.2. Of equally far points it takes the one that
+    OpenPCDet's CUDA kernel takes.
+
+    Args:
+        xyz: points of frame after frame, (N, 3), finite.
+        counts: points of each frame, (B,), int64.
+        samples: points to choose from each frame.
+
+    Returns:
+        Rows of `xyz`, int64, `samples` for each frame that has points; a frame with fewer points
+        repeats its rows in their order. And the chosen points of each frame, (B,) int64.
+    """
+    search = _furthest_torch if xyz.is_cuda else _furthest_numba
+    rows = search(xyz.detach(), counts.tolist(), samples)
+    return rows, torch.where(counts > 0, samples, 0)
+
+
+def _tie_order(count: int, device: torch.device) -> Tensor:
+    """Rows 0 … count - 1 sorted so that the first of equally far ones is upstream's choice.
+
+    Thread t of a block looks at rows t, t + threads, … and keeps the first; a tree that halves the
+    block then prefers the thread whose number is smallest when its bits are read backwards.
+    """
+    threads = min(1 << (count.bit_length() - 1), _THREADS)
+    backwards = torch.zeros(1, dtype=torch.int64, device=device)
+    while len(backwards) < threads:
+        backwards = torch.cat([2 * backwards, 2 * backwards + 1])
+    rounds = torch.arange(0, count, threads, device=device)
+    rows = (backwards[:, None] + rounds).flatten()
+    return rows[rows < count]
+
+
+@njit(cache=True)
+def _furthest_kernel(xyz, chosen):
+    """Fill `chosen` with rows of `xyz` (N, 3); of equally far rows the lowest.
+
+    Points are packed into boxes of about √N neighbours, strips along x cut along y (S. Leutenegger
+    et al., STR: a simple and efficient algorithm for R-tree packing, 1997). A box that the new
+    point cannot bring closer is left alone; rounding is monotonic, so the result is that of the
+    full search to the last bit.
+    """
+    count = len(xyz)
+    size = max(16, int(np.sqrt(count)))
+    boxes = (count + size - 1) // size
+    strip = int(np.ceil(np.sqrt(boxes))) * size
+    rows = np.argsort(xyz[:, 0])
+    for start in range(0, count, strip):
+        part = rows[start : start + strip].copy()
+        rows[start : start + strip] = part[np.argsort(xyz[part, 1])]
+    x, y, z = np.empty(count, xyz.dtype), np.empty(count, xyz.dtype), np.empty(count, xyz.dtype)
+    low, high = np.empty((boxes, 3), xyz.dtype), np.empty((boxes, 3), xyz.dtype)
+    for b in range(boxes):
+        rows[b * size : (b + 1) * size].sort()
+        for k in range(b * size, min((b + 1) * size, count)):
+            x[k], y[k], z[k] = xyz[rows[k], 0], xyz[rows[k], 1], xyz[rows[k], 2]
+            for axis in range(3):
+                value = xyz[rows[k], axis]
+                if k == b * size or value < low[b, axis]:
+                    low[b, axis] = value
+                if k == b * size or value > high[b, axis]:
+                    high[b, axis] = value
+    distance = np.full(count, np.inf, xyz.dtype)
+    furthest = np.full(boxes, np.inf, xyz.dtype)
+    furthest_row = np.zeros(boxes, np.int64)
+    chosen[0] = 0
+    for j in range(1, len(chosen)):
+        px, py, pz = xyz[chosen[j - 1], 0], xyz[chosen[j - 1], 1], xyz[chosen[j - 1], 2]
+        best, best_row = distance.dtype.type(-1), 0
+        for b in range(boxes):
+            dx = max(low[b, 0] - px, px - high[b, 0], distance.dtype.type(0))
+            dy = max(low[b, 1] - py, py - high[b, 1], distance.dtype.type(0))
+            dz = max(low[b, 2] - pz, pz - high[b, 2], distance.dtype.type(0))
+            if dx * dx + dy * dy + dz * dz < furthest[b]:
+                start, stop = b * size, min((b + 1) * size, count)
+                for k in range(start, stop):
+                    dx, dy, dz = x[k] - px, y[k] - py, z[k] - pz
+                    distance[k] = min(distance[k], dx * dx + dy * dy + dz * dz)
+                largest = start
+                for k in range(start + 1, stop):
+                    if distance[k] > distance[largest]:
+                        largest = k
+                furthest[b] = distance[largest]
+                furthest_row[b] = rows[largest]
+            if furthest[b] > best or (furthest[b] == best and furthest_row[b] < best_row):
+                best, best_row = furthest[b], furthest_row[b]
+        chosen[j] = best_row
+
+
+def _furthest_numba(xyz: Tensor, counts: list[int], samples: int) -> Tensor:
+    chosen: list[NDArray[np.int64]] = [np.empty(0, np.int64)]
+    start = 0
+    for count in counts:
+        if count:
+            order = _tie_order(count, xyz.device)
+            rows = np.empty(min(samples, count), np.int64)
+            _furthest_kernel(xyz[start + order].numpy(), rows)
+            chosen.append(np.resize(start + order.numpy()[rows], samples))
+        start += count
+    return torch.from_numpy(np.concatenate(chosen))
+
+
+def _furthest_torch(xyz: Tensor, counts: list[int], samples: int) -> Tensor:
+    """All frames side by side: each step is a few kernels, whatever the number of frames."""
+    filled = [count for count in counts if count]
+    if not filled:
+        return torch.empty(0, dtype=torch.int64, device=xyz.device)
+    starts = np.cumsum([0, *counts])[:-1][np.array(counts) > 0]
+    points = xyz.new_zeros(len(filled), max(filled), 3)
+    rows = torch.zeros(points.shape[:2], dtype=torch.int64, device=xyz.device)
+    # Padding is never the furthest.
+    distance = xyz.new_full(points.shape[:2], -1.0)
+    for frame, (start, count) in enumerate(zip(starts.tolist(), filled, strict=True)):
+        rows[frame, :count] = start + _tie_order(count, xyz.device)
+        points[frame, :count] = xyz[rows[frame, :count]]
+        distance[frame, :count] = torch.inf
+    frames = torch.arange(len(filled), device=xyz.device)
+    steps = min(samples, max(filled))
+    chosen = torch.zeros(steps, len(filled), dtype=torch.int64, device=xyz.device)
+    for step in range(1, steps):
+        offset = points - points[frames, chosen[step - 1]][:, None]
+        dx, dy, dz = offset.unbind(dim=2)
+        distance = torch.minimum(distance, dx * dx + dy * dy + dz * dz)
+        chosen[step] = distance.argmax(dim=1)
+    # A frame with fewer points than samples starts again behind its last point.
+    own = torch.tensor(filled, device=xyz.device)[:, None]
+    turn = torch.arange(samples, device=xyz.device) % own.clamp_max(steps)
+    return rows.gather(1, chosen.t().gather(1, turn)).flatten()
