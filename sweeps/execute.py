@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import time
 import traceback
 from collections.abc import Iterator, Sequence
@@ -85,9 +86,13 @@ def run_task(task: Task, store: Store) -> None:
     clouds larger than the memory can be trained on.
     """
     inputs = [store.load(needed) for needed in task.inputs]
+    unfinished = store.unfinished(task)
     start = time.perf_counter()
-    value = FUNCTIONS[task.stage](task.params, *inputs)
+    value = FUNCTIONS[task.stage](
+        task.params, *inputs, **({"folder": unfinished} if task.resumable else {})
+    )
     store.save(task, value, time.perf_counter() - start)
+    shutil.rmtree(unfinished, ignore_errors=True)
 
 
 def reason_of(error: BaseException) -> str:

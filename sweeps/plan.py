@@ -190,7 +190,7 @@ def make_plan(sweep: Sweep) -> Plan:
             "detector": point.detector,
             "classes": point.classes,
             "training": point.training.model_dump(mode="json"),
-            "point_range": crop if point.detector.endswith("_tiny") else None,
+            "point_range": crop,
         }
         finetune = once(
             Task(
@@ -199,6 +199,7 @@ def make_plan(sweep: Sweep) -> Plan:
                 network | {"seed": point.seed, "checkpoint": _checkpoint_hash(point)},
                 (*clouds["train"], *truths["train"]),
                 gpu=True,
+                resumable=True,
             )
         )
         evaluate = once(

@@ -6,6 +6,7 @@ be hashed; a result is a dictionary of tables, arrays and plain data, so that it
 scene -> ground_truth, pog -> surrogates
 scene -> accuracy, sampling_error
 scene -> collect -> finetune -> evaluate
+scene -> collect -> pretrain
 
 A scene may be recorded in parts; `*logs` are all of them.
 """
@@ -177,25 +178,33 @@ def collect(params: Params, log: Value) -> Value:
     return clouds.arrays() | {"points_per_object": count_points_per_object(recorded.boxes, clouds)}
 
 
-def finetune(params: Params, *inputs: Value) -> Value:
+def finetune(params: Params, *inputs: Value, folder: Path) -> Value:
     """Train one detector on the clouds of one placement.
 
-    The first half of `inputs` are clouds, the other the objects in them.
+    From scratch it is trained for the classes that occur; a checkpoint's heads stay.
+
+    Args:
+        params: the network, how to train it, and the seed.
+        inputs: clouds, and the objects in them.
+        folder: where it goes on after a stop.
     """
-    from training.finetune import finetune as train
-    from training.settings import TrainingSettings
+    from training.dataset import occurring_classes
 
     clouds, objects = _clouds_and_objects(inputs)
-    result = train(
-        params["detector"],
-        params["classes"],
-        clouds,
-        objects,
-        TrainingSettings.model_validate(params["training"]),
-        seed=params["seed"],
-        point_range=params["point_range"],
-    )
-    return {"state_dict": result.state_dict, "curve": result.curve}
+    classes = params["classes"]
+    if params["training"]["checkpoint"] is None:
+        share = params["training"]["frame_share"]
+        classes = occurring_classes(classes, clouds, objects, share)
+    return _train(params, classes, clouds, objects, folder)
+
+
+def pretrain(params: Params, *inputs: Value, folder: Path) -> Value:
+    """Train one detector on the clouds of many placements, for all classes.
+
+    Arguments as of `finetune`, which starts from the result.
+    """
+    clouds, objects = _clouds_and_objects(inputs)
+    return _train(params, params["classes"], clouds, objects, folder)
 
 
 def evaluate_detector(params: Params, weights: Value, *inputs: Value) -> Value:
@@ -205,16 +214,17 @@ def evaluate_detector(params: Params, weights: Value, *inputs: Value) -> Value:
     from training.settings import TrainingSettings
 
     clouds, objects = _clouds_and_objects(inputs)
-    detections = detect(
+    found = detect(
         params["detector"],
-        params["classes"],
+        weights["classes"],
         weights["state_dict"],
         clouds,
         TrainingSettings.model_validate(params["training"]),
         point_range=params["point_range"],
     )
-    metrics = evaluate_boxes(objects, detections, clouds.frames.tolist(), params["classes"])
-    return {"metrics": metrics, "detections": detections}
+    frames = clouds.frames.tolist()
+    metrics = evaluate_boxes(objects, found.boxes, frames, params["classes"], found.refined)
+    return {"metrics": metrics, "detections": found.boxes}
 
 
 FUNCTIONS: dict[str, Callable[..., Value]] = {
@@ -225,6 +235,7 @@ FUNCTIONS: dict[str, Callable[..., Value]] = {
     "accuracy": accuracy,
     "sampling_error": sampling_error,
     "collect": collect,
+    "pretrain": pretrain,
     "finetune": finetune,
     "evaluate": evaluate_detector,
 }
@@ -244,11 +255,41 @@ def _training_log(logs: Sequence[Value]) -> tuple[pd.DataFrame, pd.DataFrame]:
 
 
 def _clouds_and_objects(inputs: Sequence[Value]) -> tuple[JoinedClouds, pd.DataFrame]:
-    """Clouds, and the objects that are in their frames."""
-    half = len(inputs) // 2
-    clouds = JoinedClouds([PointClouds.from_arrays(value) for value in inputs[:half]])
-    objects = pd.concat([value["objects"] for value in inputs[half:]], ignore_index=True)
-    return clouds, objects[objects["frame"].isin(clouds.frames)]
+    """Clouds, and the objects that are in their frames: results of `collect` and `ground_truth`."""
+    truths = [value["objects"] for value in inputs if "objects" in value]
+    clouds = [PointClouds.from_arrays(value) for value in inputs if "objects" not in value]
+    objects = pd.concat(truths, ignore_index=True)
+    joined = JoinedClouds(clouds)
+    return joined, objects[objects["frame"].isin(joined.frames)]
+
+
+def _train(
+    params: Params,
+    classes: Sequence[str],
+    clouds: JoinedClouds,
+    objects: pd.DataFrame,
+    folder: Path,
+) -> Value:
+    from training.finetune import finetune as train
+    from training.settings import TrainingSettings
+
+    result = train(
+        params["detector"],
+        classes,
+        clouds,
+        objects,
+        TrainingSettings.model_validate(params["training"]),
+        seed=params["seed"],
+        point_range=params["point_range"],
+        folder=folder,
+    )
+    return {
+        "state_dict": result.state_dict,
+        "curve": result.curve,
+        "classes": list(classes),
+        "batch_size": result.batch_size,
+        "weights": result.weights,
+    }
 
 
 def _placement(params: Params) -> Placement:

@@ -35,6 +35,10 @@ class Store:
         """Folder of the task's result."""
         return self.folder / task.stage / task.key
 
+    def unfinished(self, task: Task) -> Path:
+        """Folder in which the task may keep what it has so far."""
+        return self.folder / task.stage / f".{task.key}.unfinished"
+
     def has(self, task: Task) -> bool:
         """Whether the result is there."""
         return self.path(task).is_dir()

@@ -16,7 +16,7 @@ import training
 _ROOTS = {package.__name__: Path(package.__path__[0]) for package in (lidarplace, training)}
 _STAGES_FILE = Path(__file__).with_name("stages.py")
 
-PACKAGES = {"finetune": ("lidarplace", "training"), "evaluate": ("lidarplace", "training")}
+PACKAGES = dict.fromkeys(("pretrain", "finetune", "evaluate"), ("lidarplace", "training"))
 """Packages whose code decides a stage's result; `lidarplace` alone for the others."""
 
 
@@ -30,6 +30,7 @@ class Task:
         params: plain data that the result depends on, besides the inputs.
         inputs: tasks whose results are handed to the function, in this order.
         gpu: whether the work runs on a GPU where there is one.
+        resumable: whether the function takes a `folder` from which it goes on after a stop.
     """
 
     stage: str
@@ -37,6 +38,7 @@ class Task:
     params: Mapping[str, Any]
     inputs: tuple[Task, ...] = ()
     gpu: bool = False
+    resumable: bool = False
 
     @cached_property
     def key(self) -> str:

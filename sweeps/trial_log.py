@@ -10,7 +10,6 @@ from sweeps.progress import StageProgress
 from sweeps.store import Store, write_text
 from sweeps.task import Task
 from sweeps.write_run import (
-    trial_curve,
     trial_failure,
     trial_results,
     trial_seconds,
@@ -79,9 +78,13 @@ class TrialLog:
         setting = {axis: trial.grid_point.axes[axis] for axis in self._axes}
         metrics = trial_metrics(results, surrogates, point.placement, setting)
         metrics["seconds"] = trial_seconds(trial, self._store)
-        self._log.trial(
-            trial.key, trial.label, self._params(trial), metrics, trial_curve(trial, self._store)
-        )
+        training = self._store.load(trial.finetune)
+        params = self._params(trial) | {
+            "weights": training["weights"],
+            "batch_size": training["batch_size"],
+            "trained_classes": ", ".join(training["classes"]),
+        }
+        self._log.trial(trial.key, trial.label, params, metrics, training["curve"])
 
     def _params(self, trial: Trial) -> dict[str, object]:
         point = trial.grid_point.point

@@ -17,7 +17,12 @@ SURROGATES: dict[str, tuple[str, str]] = {
 }
 """Name and unit of every surrogate, in the order of display."""
 
-_METRICS = {"AP_R40_3D": "3D AP", "AP_R40_BEV": "BEV AP", "recall": "recall"}
+_METRICS = {
+    "AP_R40_3D": "3D AP",
+    "AP_R40_BEV": "BEV AP",
+    "class_recall_3D": "recall of the class",
+    "recall": "recall",
+}
 
 
 def surrogate_name(surrogate: str) -> str:

@@ -43,7 +43,8 @@ def build_detector(
         preset: one of PRESETS; "openpcdet" if neither this nor the name says else. "openpcdet" and
             "paper" work in KITTI's LiDAR frame, 1.73 m above the ground, "tiny" in the ego frame.
         point_range: x, y, z of the lowest and of the highest corner in the ego frame, metres, in
-            place of the preset's; it grows in x and y to a whole number of cells.
+            place of the preset's; its far ends move out to a whole number of cells. In KITTI's
+            frame the preset's heights stay, to which the weights belong.
 
     Raises:
         ValueError: unknown name, class or preset, no class or one named twice, an empty range.

@@ -17,7 +17,6 @@ COUNTS, IGNORED, OTHER = 0, 1, -1
 """What a box is to the class under test: it counts, is neither hit nor miss, is not looked at."""
 
 RECALL_POINTS = 41
-_TINY = -1e300
 
 
 @dataclass(frozen=True)
@@ -55,8 +54,25 @@ class FramePairs:
         return cls(truths, found, pair_offsets, ground_truth, detection)
 
 
+@dataclass(frozen=True)
+class PrecisionCurve:
+    """Precision over recall, as KITTI samples it.
+
+    Attributes:
+        precision: at the 41 recall points 0, 1/40, …, 1, made monotone from the right; 0 beyond
+            the reached recall, and everywhere if no ground truth counts. Shape (41,).
+        similarity: the same with each hit counted as the similarity of its pair, shape (41,); of
+            the orientation it makes KITTI's average orientation similarity.
+        recall: the share of the ground truths that is hit at any score; 0 if none counts.
+    """
+
+    precision: NDArray[np.float64]
+    similarity: NDArray[np.float64]
+    recall: float
+
+
 @njit(cache=True)
-def _recall_pass(truths, found, pairs, overlaps, scores, truth_role, found_role, minimum, absent):
+def _recall_pass(truths, found, pairs, overlaps, scores, truth_role, found_role, minimum):
     """Scores of the true positives when each ground truth takes the detection of highest score."""
     hits = np.empty(len(truth_role))
     count = 0
@@ -67,7 +83,7 @@ def _recall_pass(truths, found, pairs, overlaps, scores, truth_role, found_role,
             if truth_role[g] == -1:
                 continue
             row = pairs[f] + (g - truths[f]) * width - found[f]
-            best, best_score = -1, absent
+            best, best_score = -1, -np.inf
             for d in range(found[f], found[f + 1]):
                 if found_role[d] == -1 or taken[d]:
                     continue
@@ -84,10 +100,20 @@ def _recall_pass(truths, found, pairs, overlaps, scores, truth_role, found_role,
 
 @njit(cache=True)
 def _precision_pass(
-    truths, found, pairs, overlaps, scores, truth_role, found_role, harmless, minimum, lowest
+    truths,
+    found,
+    pairs,
+    overlaps,
+    similarity,
+    scores,
+    truth_role,
+    found_role,
+    harmless,
+    minimum,
+    lowest,
 ):
-    """True and false positives at each score of `lowest`, shape (T, 2)."""
-    counts = np.zeros((len(lowest), 2), np.int64)
+    """True and false positives, and the similarity of the true ones, at each score of `lowest`."""
+    counts = np.zeros((len(lowest), 3))
     taken = np.zeros(len(found_role), np.bool_)
     for t in range(len(lowest)):
         taken[:] = False
@@ -116,6 +142,7 @@ def _precision_pass(
                 taken[best] = True
                 if truth_role[g] == 0 and found_role[best] == 0:
                     counts[t, 0] += 1
+                    counts[t, 2] += similarity[row + best]
             for d in range(found[f], found[f + 1]):
                 if not (taken[d] or found_role[d] != 0 or harmless[d] or scores[d] < lowest[t]):
                     counts[t, 1] += 1
@@ -148,47 +175,50 @@ def precision_curve(
     ground_truth_role: NDArray[np.int8] | None = None,
     detection_role: NDArray[np.int8] | None = None,
     harmless: NDArray[np.bool_] | None = None,
-) -> NDArray[np.float64]:
-    """Precision at the 41 recall points 0, 1/40, …, 1, made monotone from the right; shape (41,).
-
-    Precision is 0 beyond the reached recall, and everywhere if no ground truth counts.
+    similarity: NDArray[np.float64] | None = None,
+) -> PrecisionCurve:
+    """Precision over recall of one class.
 
     Args:
         overlaps: overlap of every pair, shape (P,); a hit needs more than `minimum_overlap`.
-        scores: of the detections, shape (D,).
+        scores: of the detections, finite, shape (D,).
         ground_truth_role: COUNTS, IGNORED or OTHER, shape (G,); default: all count.
         detection_role: the same, shape (D,).
         harmless: detections that are no false alarm even if unmatched, shape (D,); default: none.
+        similarity: of every pair, shape (P,); default: 1.
     """
     truths, found = int(pairs.ground_truth_offsets[-1]), int(pairs.detection_offsets[-1])
     if ground_truth_role is None:
-        ground_truth_role = np.zeros(truths, np.int8)
+        ground_truth_role = np.full(truths, COUNTS, np.int8)
     if detection_role is None:
-        detection_role = np.zeros(found, np.int8)
+        detection_role = np.full(found, COUNTS, np.int8)
     if harmless is None:
         harmless = np.zeros(found, np.bool_)
+    if similarity is None:
+        similarity = np.ones(len(overlaps))
     layout = (pairs.ground_truth_offsets, pairs.detection_offsets, pairs.pair_offsets)
-    hits = _recall_pass(
-        *layout, overlaps, scores, ground_truth_role, detection_role, minimum_overlap, _TINY
-    )
-    curve = np.zeros(RECALL_POINTS)
+    roles = (ground_truth_role, detection_role)
+    hits = _recall_pass(*layout, overlaps, scores, *roles, minimum_overlap)
     if len(hits) == 0:
-        return curve
+        return PrecisionCurve(np.zeros(RECALL_POINTS), np.zeros(RECALL_POINTS), 0.0)
     counted = np.count_nonzero(ground_truth_role == COUNTS)
     lowest = _sampled_scores(np.sort(hits)[::-1].copy(), counted, RECALL_POINTS)
     counts = _precision_pass(
-        *layout,
-        overlaps,
-        scores,
-        ground_truth_role,
-        detection_role,
-        harmless,
-        minimum_overlap,
-        lowest,
+        *layout, overlaps, similarity, scores, *roles, harmless, minimum_overlap, lowest
     )
     # Taking the largest overlap can lose every hit of the first pass to ignored ground truths.
-    precision = counts[:, 0] / np.maximum(counts.sum(axis=1), 1)
-    curve[: len(lowest)] = np.maximum.accumulate(precision[::-1])[::-1]
+    positives = np.maximum(counts[:, 0] + counts[:, 1], 1)
+    return PrecisionCurve(
+        _monotone(counts[:, 0] / positives),
+        _monotone(counts[:, 2] / positives),
+        len(hits) / counted,
+    )
+
+
+def _monotone(sampled: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The values, none below one to its right, and 0 up to the last recall point; shape (41,)."""
+    curve = np.zeros(RECALL_POINTS)
+    curve[: len(sampled)] = np.maximum.accumulate(sampled[::-1])[::-1]
     return curve
 
 

@@ -1,8 +1,7 @@
-"""Frames of points, boxes and labels for training, and their random augmentation."""
+"""The frames of a training: points, boxes and labels."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,8 +14,6 @@ from torch import Tensor
 from lidarplace.boxes import GEOMETRY, check_boxes
 from lidarplace.lidar.clouds import Clouds
 from lidarplace.lidar.points_in_boxes import count_points
-from training.detectors.detector import PointRange
-from training.settings import TrainingSettings
 
 
 @dataclass(frozen=True)
@@ -29,9 +26,10 @@ class Sample:
 
 
 class TrainingFrames:
-    """The frames of `clouds` with their objects, in the frame of a detector.
+    """Frames of `clouds` with their objects, in the frame of a detector.
 
-    Points stay packed; one frame at a time is unpacked.
+    Points stay packed; one frame at a time is unpacked. Frame numbers may repeat, as they do in the
+    clouds of several placements.
 
     Args:
         classes: labels 1, 2, …; objects of other classes are left out.
@@ -39,6 +37,10 @@ class TrainingFrames:
         ground_truth: columns frame, class, x, y, z, length, width, height, yaw, ego frame.
         sensor_height: height of the detector's origin above the ground, metres.
         min_points: objects with fewer points are left out.
+        share: of the frames that are used, see `spread`.
+
+    Attributes:
+        numbers: frame numbers, shape (F,), int64.
 
     Raises:
         ValueError: `ground_truth` lacks a column or has a number that is not finite.
@@ -51,66 +53,65 @@ class TrainingFrames:
         ground_truth: pd.DataFrame,
         sensor_height: float,
         min_points: int,
+        share: float = 1.0,
     ) -> None:
         check_boxes(ground_truth, "ground truth")
         self._clouds = clouds
         self._lift = np.array([0, 0, sensor_height, 0], np.float32)
+        self._rows = spread(len(clouds), share)
+        self.numbers = clouds.frames[self._rows]
         own = ground_truth[
-            ground_truth["class"].isin(list(classes)) & ground_truth["frame"].isin(clouds.frames)
+            ground_truth["class"].isin(list(classes)) & ground_truth["frame"].isin(self.numbers)
         ].sort_values("frame", kind="stable")
         frame = own["frame"].to_numpy(np.int64)
         boxes = own[list(GEOMETRY)].to_numpy(np.float64)
         labels = 1 + pd.Index(list(classes)).get_indexer(pd.Index(own["class"]))
+        points = np.zeros(len(self), np.int64)
         self._boxes: list[NDArray[np.float32]] = []
         self._labels: list[NDArray[np.int64]] = []
-        for index, number in enumerate(clouds.frames):
+        for index, number in enumerate(self.numbers):
             low, high = np.searchsorted(frame, [number, number + 1])
-            seen = count_points(clouds[index], boxes[low:high]) >= min_points
+            cloud = clouds[self._rows[index]]
+            points[index] = len(cloud)
+            seen = count_points(cloud, boxes[low:high]) >= min_points
             kept = boxes[low:high][seen]
             kept[:, 2] -= sensor_height
             self._boxes.append(kept.astype(np.float32))
             self._labels.append(labels[low:high][seen].astype(np.int64))
+        self._by_size = np.argsort(-points, kind="stable")
 
     def __len__(self) -> int:
-        return len(self._clouds)
+        return len(self._rows)
 
     def __getitem__(self, index: int) -> Sample:
+        """The `index`-th frame; its arrays are the caller's own."""
         return Sample(
-            self._clouds[index] - self._lift, self._boxes[index].copy(), self._labels[index]
+            self._clouds[self._rows[index]] - self._lift,
+            self._boxes[index].copy(),
+            self._labels[index].copy(),
         )
 
+    def largest(self, count: int) -> list[Sample]:
+        """The frames with most points, from the first again where there are fewer than `count`."""
+        return [self[index] for index in np.resize(self._by_size, count).tolist()]
 
-def augment(sample: Sample, settings: TrainingSettings, random: np.random.Generator) -> Sample:
-    """Mirror, turn and scale a frame at random, as OpenPCDet does for KITTI.
 
-    The points and boxes of `sample` are changed in place.
+def spread(frames: int, share: float) -> NDArray[np.int64]:
+    """Rows of `share` of `frames` frames, at least one, at even distances from the first on."""
+    chosen = min(frames, max(1, round(share * frames)))
+    return np.arange(chosen) * frames // max(1, chosen)
+
+
+def occurring_classes(
+    classes: Sequence[str], clouds: Clouds, ground_truth: pd.DataFrame, share: float = 1.0
+) -> tuple[str, ...]:
+    """Those of `classes` that have an object in the frames that are trained on; all if none has.
+
+    A detector needs neither anchors nor heads for the others: it could not learn them.
     """
-    points, boxes = sample.points, sample.boxes
-    if settings.flip_y and random.random() < 0.5:
-        points[:, 1] *= -1
-        boxes[:, 1] *= -1
-        boxes[:, 6] *= -1
-    angle = random.uniform(-settings.rotation, settings.rotation)
-    turn = np.array(
-        [[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]], np.float32
-    )
-    points[:, :2] = points[:, :2] @ turn
-    boxes[:, :2] = boxes[:, :2] @ turn
-    boxes[:, 6] += angle
-    scale = random.uniform(*settings.scaling)
-    points[:, :3] *= scale
-    boxes[:, :6] *= scale
-    return sample
-
-
-def within_range(sample: Sample, point_range: PointRange) -> Sample:
-    """The points in `point_range` and the boxes whose centre lies in it, seen from above."""
-    low, high = np.array(point_range[:3]), np.array(point_range[3:])
-    points = sample.points
-    inside = ((points[:, :3] >= low) & (points[:, :3] <= high)).all(axis=1)
-    centres = sample.boxes[:, :2]
-    kept = ((centres >= low[:2]) & (centres <= high[:2])).all(axis=1)
-    return Sample(points[inside], sample.boxes[kept], sample.labels[kept])
+    numbers = clouds.frames[spread(len(clouds), share)]
+    there = set(ground_truth.loc[ground_truth["frame"].isin(numbers), "class"])
+    return tuple(name for name in classes if name in there) or tuple(classes)
 
 
 def as_tensors(samples: Sequence[Sample]) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:

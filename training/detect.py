@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from lidarplace.boxes import GEOMETRY
@@ -17,6 +19,23 @@ from training.detectors.detector import PointRange, Selection
 from training.device import device
 from training.settings import TrainingSettings
 
+_BATCH = 4
+"""Frames at once where the settings leave it open; prediction needs far less memory than a step."""
+
+
+@dataclass(frozen=True)
+class Detections:
+    """What a detector found; ego frame, metres and radians.
+
+    Attributes:
+        boxes: frame, class, x, y, z, length, width, height, yaw, score.
+        refined: frame, x, y, z, length, width, height, yaw of every box of the second stage before
+            any is dropped; None for a detector of one stage.
+    """
+
+    boxes: pd.DataFrame
+    refined: pd.DataFrame | None
+
 
 def detect(
     detector: str,
@@ -25,40 +44,39 @@ def detect(
     clouds: Clouds,
     settings: TrainingSettings,
     point_range: PointRange | None = None,
-) -> pd.DataFrame:
+) -> Detections:
     """Detections in all frames of `clouds`.
 
-    Takes what `finetune` took and returned. Returns columns frame, class, x, y, z, length, width,
-    height, yaw, score; ego frame, metres and radians.
+    Takes what `finetune` took and returned; `classes` are those of the network.
     """
     model = build_detector(detector, classes, point_range=point_range)
     model.load_state_dict(state_dict)
     model.to(device())
+    selection = _selection(model.selection, settings)
+    size = settings.batch_size if isinstance(settings.batch_size, int) else _BATCH
     lift = np.array([0, 0, model.sensor_height, 0], np.float32)
-    frames: list[np.ndarray] = []
-    found: list[dict[str, np.ndarray]] = []
-    for first in range(0, len(clouds), settings.batch_size):
-        batch = range(first, min(first + settings.batch_size, len(clouds)))
-        predictions = model.predict(
-            [torch.from_numpy(clouds[i] - lift) for i in batch],
-            _selection(model.selection, settings),
-        )
-        for i, item in zip(batch, predictions, strict=True):
-            frames.append(np.full(len(item["scores"]), clouds.frames[i]))
-            found.append({name: value.cpu().numpy() for name, value in item.items()})
-    if not found:
-        frames = [np.zeros(0, np.int64)]
-        found = [
-            {"boxes": np.zeros((0, 7)), "scores": np.zeros(0), "labels": np.zeros(0, np.int64)}
+    found: list[dict[str, NDArray[np.generic]]] = []
+    for first in range(0, len(clouds), size):
+        batch = range(first, min(first + size, len(clouds)))
+        predictions = model.predict([torch.from_numpy(clouds[i] - lift) for i in batch], selection)
+        found += [
+            {name: value.cpu().numpy() for name, value in item.items()} for item in predictions
         ]
-    boxes = np.concatenate([item["boxes"] for item in found]).astype(np.float64)
-    boxes[:, 2] += model.sensor_height
-    labels = np.concatenate([item["labels"] for item in found])
-    table = pd.DataFrame({"frame": np.concatenate(frames)})
-    table["class"] = np.array(list(classes), dtype=object)[labels - 1]
-    table[list(GEOMETRY)] = boxes
-    table["score"] = np.concatenate([item["scores"] for item in found]).astype(np.float64)
-    return table
+
+    def table(name: str) -> pd.DataFrame:
+        """The boxes `name` of all frames."""
+        boxes = np.concatenate([np.zeros((0, 7)), *(item[name] for item in found)])
+        boxes[:, 2] += model.sensor_height
+        counts = [len(item[name]) for item in found]
+        frames = pd.DataFrame({"frame": np.repeat(np.asarray(clouds.frames, np.int64), counts)})
+        return pd.concat([frames, pd.DataFrame(boxes, columns=list(GEOMETRY))], axis=1)
+
+    boxes = table("boxes")
+    labels = np.concatenate([np.zeros(0, np.int64), *(item["labels"] for item in found)])
+    boxes.insert(1, "class", np.array(list(classes), dtype=object)[labels - 1])
+    boxes["score"] = np.concatenate([np.zeros(0), *(item["scores"] for item in found)])
+    two_stages = bool(found) and "refined" in found[0]
+    return Detections(boxes, table("refined") if two_stages else None)
 
 
 def _selection(preset: Selection, settings: TrainingSettings) -> Selection:

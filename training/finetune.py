@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import time
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -15,10 +16,15 @@ from torch import Tensor
 
 from lidarplace.lidar.clouds import Clouds
 from training import build_detector
-from training.dataset import TrainingFrames, as_tensors, augment, within_range
+from training.augment import Augmentation
+from training.batch_size import batch_size_for
+from training.checkpoints import load_checkpoint
+from training.dataset import TrainingFrames, as_tensors
 from training.detectors.detector import Detector, PointRange
 from training.device import device
-from training.one_cycle import OneCycle
+from training.ground_truth_sampling import ObjectDatabase
+from training.optimisation import Optimisation
+from training.resume import TrainingFolder, TrainingState, fingerprint
 from training.settings import TrainingSettings
 
 
@@ -27,15 +33,20 @@ class FinetuneResult:
     """What a training leaves.
 
     Attributes:
-        state_dict: weights and buffers, CPU tensors.
+        state_dict: weights and buffers after the last epoch, CPU tensors.
         curve: columns epoch (from 1), metric, value. Metrics: the mean of every part of the loss
             over the epoch's steps, "lr" of its last step, "seconds" it took.
         steps: optimisation steps.
+        batch_size: frames of a step.
+        weights: what it started from: "scratch", or the checkpoint's name and digest, and the
+            parts of it that were not used.
     """
 
     state_dict: dict[str, Tensor]
     curve: pd.DataFrame
     steps: int
+    batch_size: int
+    weights: str
 
 
 def finetune(
@@ -47,8 +58,9 @@ def finetune(
     seed: int,
     point_range: PointRange | None = None,
     on_epoch: Callable[[dict[str, float]], None] | None = None,
+    folder: Path | None = None,
 ) -> FinetuneResult:
-    """Train `detector` on all frames of `clouds`, on a GPU if there is one.
+    """Train `detector` on the frames of `clouds`, on a GPU if there is one.
 
     Args:
         detector: name for `build_detector`.
@@ -56,95 +68,112 @@ def finetune(
         clouds: points, ego frame; frames without points are fine.
         ground_truth: frame, class, x, y, z, length, width, height, yaw, ego frame.
         settings: how to train, and from which weights.
-        seed: of the weights, the order of frames and the augmentation. The same seed gives the
-            same result on a CPU; the caller's random state is left alone.
+        seed: of the weights, the order of frames, the augmentation and what the network draws.
+            The same seed gives the same result on a CPU; the caller's random state is left alone.
         point_range: range for `build_detector`, ego frame.
         on_epoch: called after each epoch with the epoch's number and its values in `curve`.
+        folder: keeps the training after each epoch, see `TrainingFolder`; one that was stopped
+            goes on from there and gives what it would have given.
 
     Raises:
         ValueError: no frames, unknown detector or class, bad ground truth, a checkpoint that does
-            not fit.
-        ArithmeticError: the loss is no longer a finite number.
+            not fit, or a folder of another training.
+        OSError: a checkpoint that cannot be read.
+        ArithmeticError: the loss or its gradient is no longer a finite number; names the frames.
     """
     if len(clouds) == 0:
         raise ValueError("training needs at least one frame, found none")
-    random = np.random.default_rng(seed)
-    with torch.random.fork_rng():
+    with torch.random.fork_rng(range(torch.cuda.device_count())):
         torch.manual_seed(seed)
         model = build_detector(detector, classes, point_range=point_range)
-    if settings.checkpoint is not None:
-        _load(model, settings.checkpoint)
-    model.to(device())
-    frames = TrainingFrames(classes, clouds, ground_truth, model.sensor_height, settings.min_points)
-    steps = settings.epochs * -(-len(frames) // settings.batch_size)
-    optimizer = _optimizer(model, settings)
-    schedule = OneCycle(settings, steps)
-    rows: list[tuple[int, str, float]] = []
-    step = 0
-    for epoch in range(1, settings.epochs + 1):
-        start = time.perf_counter()
-        model.train()
-        parts: dict[str, list[Tensor]] = defaultdict(list)
-        order = random.permutation(len(frames))
-        for first in range(0, len(order), settings.batch_size):
-            samples = [
-                within_range(augment(frames[i], settings, random), model.point_range)
-                for i in order[first : first + settings.batch_size]
-            ]
-            _set_step(optimizer, *schedule(step))
-            losses = model.loss(*as_tensors(samples))
-            optimizer.zero_grad()
-            losses["loss"].backward()
-            torch.nn.utils.clip_grad_norm_(model.parameters(), settings.grad_norm_clip)
-            optimizer.step()
-            model.global_step += 1
-            step += 1
-            for name, value in losses.items():
-                parts[name].append(value.detach())
-        values = {name: torch.stack(items).mean().item() for name, items in parts.items()}
-        if not np.isfinite(values["loss"]):
-            raise ArithmeticError(
-                f"the loss of epoch {epoch} is {values['loss']}; a lower lr than {settings.lr} "
-                "may help"
-            )
-        values["lr"] = optimizer.param_groups[0]["lr"]
-        values["seconds"] = time.perf_counter() - start
-        rows.extend((epoch, name, value) for name, value in values.items())
-        if on_epoch is not None:
-            on_epoch({"epoch": epoch, **values})
-    state = {name: value.detach().cpu().clone() for name, value in model.state_dict().items()}
-    return FinetuneResult(state, pd.DataFrame(rows, columns=["epoch", "metric", "value"]), step)
-
-
-def _load(model: Detector, path: Path) -> None:
-    """Load a state_dict, or OpenPCDet's checkpoint with one under "model_state"."""
-    content = torch.load(path, map_location="cpu", weights_only=True)
-    try:
-        model.load_state_dict(content.get("model_state", content))
-    except RuntimeError as error:
-        raise ValueError(f"checkpoint {path} does not fit the detector: {error}") from error
-
-
-def _optimizer(model: Detector, settings: TrainingSettings) -> torch.optim.Optimizer:
-    if settings.optimizer == "sgd":
-        return torch.optim.SGD(
-            model.parameters(),
-            lr=settings.lr,
-            momentum=settings.momentum,
-            weight_decay=settings.weight_decay,
+        weights = _load_weights(model, settings)
+        model.to(device())
+        frames = TrainingFrames(
+            classes,
+            clouds,
+            ground_truth,
+            model.sensor_height,
+            settings.min_points,
+            settings.frame_share,
         )
-    # AdamW's decay is fastai's "true weight decay"; 0.99 is OpenPCDet's second coefficient.
-    return torch.optim.AdamW(
-        model.parameters(),
-        lr=settings.lr,
-        betas=(settings.moms[0], 0.99),
-        weight_decay=settings.weight_decay,
-        foreach=True,
+        database = ObjectDatabase.of(frames, classes, settings.sample_groups, settings.min_points)
+        augmentation = Augmentation(settings, model.point_range, database)
+        identity = settings.model_dump(mode="json") | {
+            "detector": detector,
+            "classes": list(classes),
+            "seed": seed,
+            "point_range": model.point_range,
+            "weights": weights,
+        }
+        kept = TrainingFolder(folder, fingerprint(identity, clouds, ground_truth))
+        state = kept.load()
+        batch_size = state.batch_size if state else batch_size_for(model, frames, settings)
+        steps = settings.epochs * -(-len(frames) // batch_size)
+        optimisation = Optimisation(model, settings, steps)
+        if state is not None:
+            model.load_state_dict(state.model)
+            optimisation.load_state_dict(state.optimisation)
+        curve = state.curve if state else []
+        for epoch in range(state.epoch + 1 if state else 1, settings.epochs + 1):
+            values = _train_epoch(
+                model, optimisation, frames, augmentation, batch_size, (seed, epoch)
+            )
+            curve.extend((epoch, name, value) for name, value in values.items())
+            kept.save(
+                TrainingState(
+                    epoch, batch_size, model.state_dict(), optimisation.state_dict(), curve
+                )
+            )
+            if on_epoch is not None:
+                on_epoch({"epoch": epoch, **values})
+    return FinetuneResult(
+        {name: value.detach().cpu().clone() for name, value in model.state_dict().items()},
+        pd.DataFrame(curve, columns=["epoch", "metric", "value"]),
+        optimisation.steps,
+        batch_size,
+        weights,
     )
 
 
-def _set_step(optimizer: torch.optim.Optimizer, lr: float, momentum: float) -> None:
-    for group in optimizer.param_groups:
-        group["lr"] = lr
-        if "betas" in group:
-            group["betas"] = (momentum, group["betas"][1])
+def _train_epoch(
+    model: Detector,
+    optimisation: Optimisation,
+    frames: TrainingFrames,
+    augmentation: Augmentation,
+    batch_size: int,
+    seed: tuple[int, int],
+) -> dict[str, float]:
+    """One pass over all frames. All its randomness follows from `seed`. Returns its values."""
+    start = time.perf_counter()
+    random = np.random.default_rng(seed)
+    torch.manual_seed(int(random.integers(2**63)))  # networks draw from torch's generator
+    model.train()
+    parts: dict[str, list[Tensor]] = defaultdict(list)
+    order = random.permutation(len(frames))
+    for first in range(0, len(order), batch_size):
+        rows = order[first : first + batch_size]
+        samples = [augmentation(frames[row], random) for row in rows]
+        try:
+            losses = optimisation.step(as_tensors(samples))
+        except ArithmeticError as error:
+            raise ArithmeticError(
+                f"{error} in epoch {seed[1]}, step {1 + first // batch_size}, frames "
+                f"{frames.numbers[rows].tolist()}; a lower lr than "
+                f"{augmentation.settings.lr} may help"
+            ) from None
+        for name, value in losses.items():
+            parts[name].append(value)
+    values = {name: torch.stack(items).mean().item() for name, items in parts.items()}
+    return values | {"lr": optimisation.lr, "seconds": time.perf_counter() - start}
+
+
+def _load_weights(model: Detector, settings: TrainingSettings) -> str:
+    """Load the checkpoint that training starts from. Returns what it starts from."""
+    path = settings.checkpoint
+    if path is None:
+        return "scratch"
+    report = load_checkpoint(model, path, settings.new_heads)
+    origin = f"{path.name} sha256:{hashlib.sha256(path.read_bytes()).hexdigest()[:12]}"
+    if report.reinitialised:
+        origin += f", {len(report.reinitialised)} tensors of heads from scratch"
+    return origin

@@ -12,12 +12,14 @@ from lidarplace.boxes import GEOMETRY, check_boxes
 from training.average_precision import COUNTS, FramePairs, ap_r11, ap_r40, precision_curve
 from training.kitti_labels import (
     DIFFICULTIES,
+    UNKNOWN_ALPHA,
     boxes_z_up,
     checked_labels,
     covered_by_dont_care,
     detection_role,
     ground_truth_role,
     image_iou,
+    orientation_similarity,
 )
 from training.ops.rotated_iou import paired_iou
 
@@ -35,14 +37,20 @@ def evaluate_boxes(
     detections: pd.DataFrame,
     frames: Sequence[int],
     classes: Sequence[str],
+    refined: pd.DataFrame | None = None,
 ) -> pd.DataFrame:
     """AP and recall over `frames`; rows of other frames and classes are left out.
 
-    Both tables have `frame`, `class` and x, y, z, length, width, height, yaw in the ego frame,
-    detections also `score`. Per class: "AP_R40_3D" and "AP_R40_BEV" at KITTI's strict and loose
-    IoU, and "recall" at 0.5 and 0.7: the share of the ground truths that some detection of a frame,
-    whatever its class, overlaps in 3D by more (OpenPCDet's recall_rcnn). Class "all" has the recall
-    over all classes.
+    All tables have `frame` and x, y, z, length, width, height, yaw in the ego frame, the first two
+    also `class`, and detections `score`. Per class:
+
+    - "AP_R40_3D" and "AP_R40_BEV" at KITTI's strict and loose IoU;
+    - "class_recall_3D" at the same: the share of the ground truths that AP's curve reaches, so by
+      detections of their class, each used once;
+    - "recall" at 0.5 and 0.7: the share of the ground truths that some box of their frame, whatever
+      its class, overlaps in 3D by more (OpenPCDet's recall_rcnn, which the paper prints). The boxes
+      are `refined`, those of a second stage before any is dropped, or else the detections. Class
+      "all" has it over all classes.
 
     KITTI samples recall at 41 of the hits: with n < 41 ground truths even a perfect detector has
     AP_R40 (n - 1) / 40 only. Compare AP where there are more, and recall where there are fewer.
@@ -52,10 +60,12 @@ def evaluate_boxes(
     would be averaged as a result.)
 
     Raises:
-        ValueError: a column is missing, a box is not finite, a score is NaN.
+        ValueError: a column is missing, a box or a score is not a finite number.
     """
     check_boxes(ground_truth, "ground truth")
     _check_detections(detections)
+    if refined is not None:
+        check_boxes(refined.assign(**{"class": ""}), "refined boxes")
     wanted = np.unique(np.asarray(frames, np.int64))
     truths = _rows_of(ground_truth, wanted)
     truths = truths[truths["class"].isin(list(classes))]
@@ -65,18 +75,22 @@ def evaluate_boxes(
     def add(name: str, metric: str, iou: float, value: float, count: int) -> None:
         rows.append((name, metric, iou, "all", value if count else np.nan, count))
 
-    best = _best_overlap(truths, found, wanted)
+    best = _best_overlap(truths, found if refined is None else _rows_of(refined, wanted), wanted)
     truth_class = truths["class"].to_numpy()
     for name in classes:
         own = truths[truth_class == name]
         own_found = found[found["class"].to_numpy() == name]
         pairs = _pairs(own, own_found, wanted)
         scores = own_found["score"].to_numpy(np.float64)
-        for metric, three_d in (("AP_R40_3D", True), ("AP_R40_BEV", False)):
-            overlaps = _overlaps(own, own_found, pairs, three_d)
-            for iou in iou_thresholds(name):
-                value = ap_r40(precision_curve(pairs, overlaps, scores, iou))
-                add(name, metric, iou, value, len(own))
+        overlaps = {view: _overlaps(own, own_found, pairs, view == "3D") for view in ("3D", "BEV")}
+        for iou in iou_thresholds(name):
+            curves = {
+                view: precision_curve(pairs, values, scores, iou)
+                for view, values in overlaps.items()
+            }
+            for view, curve in curves.items():
+                add(name, f"AP_R40_{view}", iou, ap_r40(curve.precision), len(own))
+            add(name, "class_recall_3D", iou, 100 * curves["3D"].recall, len(own))
         for iou in RECALL_IOU:
             add(name, "recall", iou, _share_above(best[truth_class == name], iou), len(own))
     for iou in RECALL_IOU:
@@ -88,9 +102,12 @@ def _check_detections(detections: pd.DataFrame) -> None:
     check_boxes(detections, "detections")
     if "score" not in detections.columns:
         raise ValueError(f"detections: no column score; found {list(detections.columns)}")
-    missing = int(detections["score"].isna().sum())
-    if missing:
-        raise ValueError(f"detections: every box needs a score, found NaN in {missing} rows")
+    scores = detections["score"].to_numpy(np.float64)
+    bad = int((~np.isfinite(scores)).sum())
+    if bad:
+        raise ValueError(
+            f"detections: every box needs a finite score, found NaN or infinity in {bad} row(s)"
+        )
 
 
 def _rows_of(table: pd.DataFrame, frames: NDArray[np.int64]) -> pd.DataFrame:
@@ -152,8 +169,11 @@ def evaluate_detections(
         min_height: apply the rule of minimum height in the image (the paper's fork does not).
 
     Returns columns class, metric, iou, difficulty, value (percent) and ground_truths: those that
-    count. Metrics: "AP_R40_3D", "AP_R40_BEV", "AP_R40_image" and their "AP_R11_…" per difficulty,
-    and "recall" (3D, whatever the detection's class, difficulty "all"). No ground truth gives 0.
+    count. Metrics per difficulty: "AP_R40_3D", "AP_R40_BEV", "AP_R40_image" and their "AP_R11_…",
+    the recall that each curve reaches, "class_recall_3D", …, and "AOS_R40" and "AOS_R11", the
+    average orientation similarity in the image, unless detections have KITTI's mark -10 for an
+    unknown alpha; and "recall" (3D, whatever the detection's class, difficulty "all"). No ground
+    truth gives 0.
 
     Raises:
         ValueError: a column is missing, a number is not finite.
@@ -176,19 +196,29 @@ def evaluate_detections(
     best = np.zeros(len(truths))
     np.maximum.at(best, pairs.ground_truth, overlaps["3D"])
     covered = covered_by_dont_care(truths, found, pairs, truth_class == "dontcare")
+    alike = orientation_similarity(truths, found, pairs)
+    oriented = bool((found["alpha"].to_numpy(np.float64) != UNKNOWN_ALPHA).all())
     rows: list[tuple[str, str, float, str, float, int]] = []
     for name, minimum in iou.items():
         for level, difficulty in enumerate(DIFFICULTIES):
             truth_role = ground_truth_role(truths, truth_class, name, level, min_height)
             found_role = detection_role(found, found_class, name, level, min_height)
             count = int((truth_role == COUNTS).sum())
-            for metric, values in overlaps.items():
-                harmless = covered > minimum if metric == "image" else None
+            value: dict[str, float] = {}
+            for view, values in overlaps.items():
+                harmless = covered > minimum if view == "image" else None
                 curve = precision_curve(
-                    pairs, values, scores, minimum, truth_role, found_role, harmless
+                    pairs, values, scores, minimum, truth_role, found_role, harmless, alike
                 )
-                rows.append((name, f"AP_R40_{metric}", minimum, difficulty, ap_r40(curve), count))
-                rows.append((name, f"AP_R11_{metric}", minimum, difficulty, ap_r11(curve), count))
+                value[f"AP_R40_{view}"] = ap_r40(curve.precision)
+                value[f"AP_R11_{view}"] = ap_r11(curve.precision)
+                value[f"class_recall_{view}"] = 100 * curve.recall
+                if view == "image" and oriented:
+                    value["AOS_R40"] = ap_r40(curve.similarity)
+                    value["AOS_R11"] = ap_r11(curve.similarity)
+            rows += [
+                (name, key, minimum, difficulty, number, count) for key, number in value.items()
+            ]
         own = best[truth_class == name.lower()]
         recall = _share_above(own, minimum) if len(own) else 0.0
         rows.append((name, "recall", minimum, "all", recall, len(own)))

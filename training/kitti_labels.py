@@ -16,18 +16,24 @@ _MAX_OCCLUSION = (0, 1, 2)
 _MAX_TRUNCATION = (0.15, 0.3, 0.5)
 # Look like the class, so finding them is no false alarm.
 _NEIGHBOURS = {"car": "van", "pedestrian": "person_sitting"}
+UNKNOWN_ALPHA = -10.0
+"""What KITTI writes for the observation angle of a detection without orientation."""
 _IMAGE_BOX = ("left", "top", "right", "bottom")
 
 
 def checked_labels(table: pd.DataFrame, source: str, more: tuple[str, ...]) -> pd.DataFrame:
-    """The table itself; ValueError if a label column or one of `more` is missing or not finite."""
+    """The table itself; ValueError if a column is missing or has no finite number where it must.
+
+    Must: every label column but for `DontCare`, and those of `more`.
+    """
     columns = ("frame", *LABEL_COLUMNS, *more)
     missing = [name for name in columns if name not in table.columns]
     if missing:
         raise ValueError(f"{source}: no column {', '.join(missing)}; found {list(table.columns)}")
-    numbers = table[[name for name in columns if name != "class"]].to_numpy(np.float64)
+    of_label = table[["frame", *(name for name in LABEL_COLUMNS if name != "class")]]
     regions = table["class"].str.lower().to_numpy(str) == "dontcare"
-    bad = ~np.isfinite(numbers).all(axis=1) & ~regions
+    bad = ~np.isfinite(of_label.to_numpy(np.float64)).all(axis=1) & ~regions
+    bad |= ~np.isfinite(table[list(more)].to_numpy(np.float64)).all(axis=1)
     if bad.any():
         raise ValueError(f"{source}: row {int(np.argmax(bad))} has a number that is not finite")
     return table
@@ -66,6 +72,14 @@ def image_iou(truths: pd.DataFrame, found: pd.DataFrame, pairs: FramePairs) -> N
     common = _image_intersection(a, b)
     union = (a[:, 2:] - a[:, :2]).prod(axis=1) + (b[:, 2:] - b[:, :2]).prod(axis=1) - common
     return np.divide(common, union, out=np.zeros_like(common), where=common > 0)
+
+
+def orientation_similarity(
+    truths: pd.DataFrame, found: pd.DataFrame, pairs: FramePairs
+) -> NDArray[np.float64]:
+    """(1 + cos of the difference of the observation angles) / 2 of every pair, shape (P,)."""
+    a, b = (table["alpha"].to_numpy(np.float64) for table in (truths, found))
+    return 0.5 * (1 + np.cos(a[pairs.ground_truth] - b[pairs.detection]))
 
 
 def covered_by_dont_care(

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from lidarplace.boxes import CLASSES
 
 Probability = Annotated[float, Field(ge=0, le=1)]
+Count = Annotated[int, Field(ge=0)]
 
 
 class TrainingSettings(BaseModel):
@@ -20,7 +23,14 @@ class TrainingSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     epochs: int = Field(10, ge=1, description="passes over the training frames")
-    batch_size: int = Field(4, ge=1, description="frames per step")
+    batch_size: int | Literal["auto"] = Field(
+        "auto",
+        description="frames per step; auto: 4 on a CPU, on a GPU the largest power of two up to 16 "
+        "that its memory holds",
+    )
+    frame_share: float = Field(
+        1.0, gt=0, le=1, description="share of the training frames that is used, evenly spread"
+    )
     optimizer: Literal["adam_onecycle", "sgd"] = Field(
         "adam_onecycle",
         description="adam_onecycle: Adam with decoupled weight decay, learning rate and momentum "
@@ -35,7 +45,15 @@ class TrainingSettings(BaseModel):
     pct_start: float = Field(0.1, ge=0, lt=1, description="share of the steps that warm up")
     div_factor: float = Field(10.0, ge=1, description="the cycle starts at lr / div_factor")
     grad_norm_clip: float = Field(10.0, gt=0, description="largest norm of the gradient")
+    mixed_precision: bool = Field(
+        True, description="16-bit floats in the network where it runs on a GPU"
+    )
 
+    sample_groups: dict[Literal[CLASSES], Count] = Field(  # type: ignore[valid-type]
+        {"Car": 20, "Pedestrian": 15, "Cyclist": 15},
+        description="ground-truth sampling: objects of other frames are pasted until a frame has "
+        "so many of a class; {} pastes none",
+    )
     flip_y: bool = Field(True, description="mirror left and right in every second frame")
     rotation: float = Field(
         math.pi / 4,
@@ -50,7 +68,13 @@ class TrainingSettings(BaseModel):
         5, ge=0, description="objects with fewer points are left out of training"
     )
 
-    checkpoint: Path | None = Field(None, description="state_dict to start from")
+    checkpoint: Path | None = Field(
+        None, description="weights to start from: OpenPCDet's, or a base of sweeps.pretrain"
+    )
+    new_heads: bool = Field(
+        False,
+        description="heads of a checkpoint for other classes are trained afresh; an error if false",
+    )
     score_threshold: Probability | None = Field(
         None, description="lowest score of a detection; the detector's own if null"
     )
@@ -59,6 +83,14 @@ class TrainingSettings(BaseModel):
         description="largest bird's-eye IoU of two detections of a frame; the detector's own if "
         "null",
     )
+
+    @field_validator("batch_size", mode="before")
+    @classmethod
+    def _number_or_auto(cls, value: Any) -> Any:
+        # Not by the types of the field, whose error would name both of them.
+        if value != "auto" and not (type(value) is int and value >= 1):
+            raise ValueError("allowed are auto and whole numbers from 1")
+        return value
 
     @model_validator(mode="after")
     def _scales(self) -> TrainingSettings:

@@ -72,6 +72,26 @@ def test_what_is_in_the_store_is_not_computed_again(tmp_path, stages):
     assert recorder.log == [("started", "e"), ("finished", "e")]
 
 
+def test_a_task_that_was_stopped_finds_what_it_had(tmp_path, monkeypatch):
+    def twice(params, folder):
+        if not folder.exists():
+            folder.mkdir(parents=True)
+            raise ValueError("stopped")
+        return {"n": params["n"]}
+
+    monkeypatch.setitem(execute_module.FUNCTIONS, "finetune", twice)
+    task, other = (Task("finetune", "a", {"n": n}, resumable=True) for n in (1, 2))
+    failures, _, store = run([task, other], tmp_path)
+    assert len(failures) == 2, "each has its own folder"
+    assert store.unfinished(task).is_dir()
+    assert not store.has(task)
+    failures, _, store = run([task], tmp_path)
+    assert not failures
+    assert store.load(task) == {"n": 1}
+    assert not store.unfinished(task).exists()
+    assert store.unfinished(other).exists()
+
+
 def test_a_failure_takes_down_what_needs_it_and_nothing_else(tmp_path, stages):
     tasks = diamond()
     broken = Task("finetune", "broken", {}, (tasks[1],))

@@ -65,7 +65,7 @@ def test_the_run_folder_holds_the_results(folder, first):
     run = folder / "runs/tiny"
     results = pd.read_parquet(run / "results.parquet")
     assert set(results["placement"]) == {"line", "center"}
-    assert set(results["metric"]) == {"AP_R40_3D", "AP_R40_BEV", "recall"}
+    assert set(results["metric"]) == {"AP_R40_3D", "AP_R40_BEV", "class_recall_3D", "recall"}
     assert results["value"].dropna().between(0, 100).all()
     surrogates = pd.read_parquet(run / "surrogates.parquet")
     assert set(surrogates["surrogate"]) >= {"s_mig", "expected_ig", "m_sog"}
@@ -102,6 +102,14 @@ def test_mlflow_has_a_parent_and_a_run_for_every_trial(folder, first):
         "line · pointpillars_tiny · seed 1": "FINISHED",
         "center · pointpillars_tiny · seed 1": "FINISHED",
     }
+    with sqlite3.connect(folder / "runs/mlflow.db") as database:
+        params = database.execute(
+            "select key, value from params where key in "
+            "('weights', 'batch_size', 'training.batch_size')"
+        ).fetchall()
+    assert sorted(params) == sorted(
+        2 * [("weights", "scratch"), ("batch_size", "2"), ("training.batch_size", "2")]
+    )
 
 
 def test_the_plan_shows_what_is_cached(folder, first):

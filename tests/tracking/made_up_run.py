@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from lidarplace.boxes import CLASSES
+from tracking.training_cost import COST_AXES
 
 IOUS = {"Car": (0.5, 0.7), "Cyclist": (0.5,), "Pedestrian": (0.5,), "all": (0.5,)}
 NAMES = ("line", "center", "trapezoid", "line_roll", "pyramid <b>&amp;")
@@ -22,14 +23,20 @@ def write_run(
     seeds: Sequence[int] = (1, 2),
     detectors: Sequence[str] = ("pointpillars_tiny",),
     densities: Sequence[int] = (),
+    trainings: Sequence[tuple[int, float]] = (),
     roi: dict[str, object] = ROI,
     points: int = 300,
     seed: int = 0,
 ) -> Path:
-    """Write a run folder with `names` as placements. `densities` adds an axis "scene.density"."""
+    """Write a run folder with `names` as placements.
+
+    `densities` adds an axis "scene.density", `trainings` those of epochs and share of the frames.
+    """
     rng = np.random.default_rng(seed)
     path.mkdir(parents=True)
-    settings = [{"scene.density": density} for density in densities] or [{}]
+    scenes = [{"scene.density": density} for density in densities] or [{}]
+    lengths = [dict(zip(COST_AXES, training, strict=True)) for training in trainings] or [{}]
+    settings = [scene | length for scene in scenes for length in lengths]
     quality = dict(zip(names, rng.permutation(len(names)) / len(names), strict=True))
 
     trials, results, curves = [], [], []
@@ -50,14 +57,14 @@ def write_run(
                         }
                     )
                     results += _results(rng, common, number, setting, quality[name])
-                    curves += _curve(rng, trial)
-    estimates, resamples = _sampling_error(rng, quality, settings)
+                    curves += _curve(rng, trial, setting)
+    estimates, resamples = _sampling_error(rng, quality, scenes)
     tables = {
         "trials": trials,
         "results": results,
         "curves": curves,
-        "surrogates": _surrogates(rng, quality, settings),
-        "expected_ig_by_q": _by_q(rng, quality, settings),
+        "surrogates": _surrogates(rng, quality, scenes),
+        "expected_ig_by_q": _by_q(rng, quality, scenes),
         "accuracy": _accuracy(rng, names),
         "sampling_error": estimates,
         "pog_resamples": resamples,
@@ -69,7 +76,7 @@ def write_run(
     sweep = {
         "name": path.name,
         "command": f"python -m sweeps.run examples/{path.name}.yaml",
-        "axes": ["placement", "training.seed", *(["scene.density"] if densities else [])],
+        "axes": ["placement", "training.seed", *settings[0]],
         "placements": {
             name: [[0.0, y, 2.2, 0.0, 0.0, 0.0] for y in (-0.6, -0.4, 0.4, 0.6)] for name in names
         },
@@ -89,7 +96,7 @@ def _results(
     rng: np.random.Generator,
     common: dict[str, object],
     number: int,
-    setting: dict[str, int],
+    setting: dict[str, float],
     quality: float,
 ) -> list[dict[str, object]]:
     rows = []
@@ -99,6 +106,7 @@ def _results(
         ):
             for iou in ious:
                 value = 90 - 60 * iou + 15 * quality + rng.normal()
+                value -= 10 / setting.get("training.epochs", np.inf)
                 rows.append(
                     {
                         **common,
@@ -169,10 +177,15 @@ def _by_q(
     ]
 
 
-def _curve(rng: np.random.Generator, trial: str) -> list[dict[str, object]]:
+def _curve(
+    rng: np.random.Generator, trial: str, setting: dict[str, float]
+) -> list[dict[str, object]]:
+    """An epoch over all frames takes 8 s."""
+    seconds = 8 * setting.get("training.frame_share", 1.0)
     return [
-        {"trial": trial, "epoch": epoch, "metric": "loss", "value": 2 / epoch + 0.1 * rng.random()}
-        for epoch in range(1, 6)
+        {"trial": trial, "epoch": epoch, "metric": metric, "value": value}
+        for epoch in range(1, setting.get("training.epochs", 5) + 1)
+        for metric, value in (("loss", 2 / epoch + 0.1 * rng.random()), ("seconds", seconds))
     ]
 
 

@@ -2,8 +2,9 @@
 
 tests/data/training_kitti_eval.npz: 50 synthetic frames of KITTI labels and what OpenPCDet's copy of
 the KITTI evaluation (commit 8cacccec, Apache-2.0) gives for them: arrays "<run>/<metric>/<AP>" of
-shape (class, difficulty, overlap row). Runs: upstream; paper_fork_no_min_height, the same without
-the rule of minimum height; uniform_0.7_0.5, the same overlap for all classes.
+shape (class, difficulty, overlap row). Runs: upstream, of strict and loose overlap (image boxes:
+strict in both); paper_fork_no_min_height, the same without the rule of minimum height; uniform_…,
+the same overlap for all classes, 0.7 and 0.5. Metric aos: average orientation similarity.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from training.kitti_labels import DIFFICULTIES
 DATA = Path(__file__).parents[1] / "data" / "training_kitti_eval.npz"
 CLASSES = ("Car", "Pedestrian", "Cyclist")
 STRICT = {"Car": 0.7, "Pedestrian": 0.5, "Cyclist": 0.5}
+LOOSE = {"Car": 0.5, "Pedestrian": 0.25, "Cyclist": 0.25}
+OFFICIAL = {"AP_{}_3D": "3d", "AP_{}_BEV": "bev", "AP_{}_image": "bbox", "AOS_{}": "aos"}
 
 
 def labels(data, side):
@@ -46,23 +49,35 @@ def labels(data, side):
     ("run", "row", "iou", "min_height"),
     [
         ("upstream", 0, STRICT, True),
+        ("upstream", 1, LOOSE, True),
         ("paper_fork_no_min_height", 0, STRICT, False),
+        ("paper_fork_no_min_height", 1, LOOSE, False),
         ("uniform_0.7_0.5", 0, dict.fromkeys(CLASSES, 0.7), True),
         ("uniform_0.7_0.5", 1, dict.fromkeys(CLASSES, 0.5), True),
+        ("uniform_0.7_0.5_paper_fork", 0, dict.fromkeys(CLASSES, 0.7), False),
+        ("uniform_0.7_0.5_paper_fork", 1, dict.fromkeys(CLASSES, 0.5), False),
     ],
 )
 def test_agrees_with_the_official_evaluation(run, row, iou, min_height):
+    """R40 of the strict rows of `upstream` are OpenPCDet's 36 keys."""
     data = np.load(DATA)
     table = evaluate_detections(labels(data, "gt"), labels(data, "dt"), 50, iou, min_height)
     value = table.set_index(["class", "metric", "difficulty"])["value"]
-    for metric, theirs in (("3D", "3d"), ("BEV", "bev"), ("image", "bbox")):
-        for points in ("AP_R40", "AP_R11"):
-            expected = data[f"{run}/{theirs}/{points}"]
+    compared = 0
+    for ours, theirs in OFFICIAL.items():
+        for points in ("R40", "R11"):
+            key = f"{run}/{theirs}/AP_{points}"
+            if key not in data or (iou == LOOSE and theirs in ("bbox", "aos")):
+                continue
             for c, name in enumerate(CLASSES):
                 for d, difficulty in enumerate(DIFFICULTIES):
-                    assert value[name, f"{points}_{metric}", difficulty] == pytest.approx(
-                        expected[c, d, row], abs=1e-9
+                    assert value[name, ours.format(points), difficulty] == pytest.approx(
+                        data[key][c, d, row], abs=1e-9
                     )
+                    compared += 1
+    assert compared == {"uniform_0.7_0.5": 54, "uniform_0.7_0.5_paper_fork": 27}.get(
+        run, 72 if row == 0 else 36
+    )
     assert 0 < value["Car", "AP_R40_3D", "moderate"] < 90
 
 
@@ -78,9 +93,70 @@ def test_official_table_says_what_counts_and_refuses_bad_labels():
     assert (empty.value == 0).all()
     with pytest.raises(ValueError, match="ground truth: no column occluded"):
         evaluate_detections(truth.drop(columns="occluded"), found, 50, STRICT)
-    found.loc[3, "x"] = np.nan
-    with pytest.raises(ValueError, match="detections: row 3"):
-        evaluate_detections(truth, found, 50, STRICT)
+    for column, bad in (("x", np.nan), ("score", np.nan), ("score", np.inf)):
+        for name in ("Car", "DontCare"):
+            wrong = found.astype({"class": object})
+            wrong.loc[3, [column, "class"]] = bad, name
+            if (column, name) != ("x", "DontCare"):
+                with pytest.raises(ValueError, match="detections: row 3"):
+                    evaluate_detections(truth, wrong, 50, STRICT)
+
+
+def official_values(truth, found, frames=50, **settings):
+    table = evaluate_detections(truth, found, frames, STRICT, **settings)
+    return table.set_index(["class", "metric", "difficulty"])["value"]
+
+
+def test_nothing_to_find_and_nothing_found():
+    data = np.load(DATA)
+    truth, found = labels(data, "gt"), labels(data, "dt")
+    for nothing in (truth[:0], pd.DataFrame(columns=truth.columns)):
+        assert (official_values(nothing, found) == 0).all()
+    for nothing in (found[:0], pd.DataFrame(columns=found.columns)):
+        assert (official_values(truth, nothing) == 0).all()
+    assert (official_values(truth[:0], found[:0], 0) == 0).all()
+    # Frames that are empty change nothing, wherever they stand.
+    spread = [table.assign(frame=3 * table["frame"] + 7) for table in (truth, found)]
+    pd.testing.assert_series_equal(official_values(*spread, 170), official_values(truth, found))
+
+
+def test_order_within_a_frame_decides_only_ties_of_score():
+    data = np.load(DATA)
+    truth, found = labels(data, "gt"), labels(data, "dt")
+    # Scores and overlaps have many ties in these frames; without ties of score, no order matters.
+    random = np.random.default_rng(0)
+    found["score"] = random.permutation(len(found)) / len(found)
+    shuffled = found.sample(frac=1, random_state=0)
+    pd.testing.assert_series_equal(official_values(truth, shuffled), official_values(truth, found))
+
+
+def test_an_unknown_alpha_leaves_orientation_out():
+    data = np.load(DATA)
+    truth, found = labels(data, "gt"), labels(data, "dt")
+    without = official_values(truth, found.assign(alpha=-10.0))
+    names = without.index.get_level_values("metric")
+    assert not names.str.startswith("AOS").any()
+    pd.testing.assert_series_equal(without, official_values(truth, found)[without.index])
+
+
+def test_dont_care_excuses_image_boxes_only():
+    data = np.load(DATA)
+    truth, found = labels(data, "gt"), labels(data, "dt")
+    truth = truth[truth["class"] != "DontCare"]
+    alarms = found.assign(frame=found["frame"] + 50)  # in frames with nothing in them
+    region = truth[:1].assign(**{"class": "DontCare"}, left=-1e4, top=-1e4, right=1e4, bottom=1e4)
+    numbers = ["truncated", "occluded", "x", "y", "z", "length", "width", "height", "rotation_y"]
+    region[numbers] = np.nan  # a region is in the image only
+    regions = pd.concat([region.assign(frame=frame) for frame in range(50, 100)])
+    plain = official_values(truth, found, 100)
+    worse = official_values(truth, pd.concat([found, alarms]), 100)
+    excused = official_values(pd.concat([truth, regions]), pd.concat([found, alarms]), 100)
+    for view in ("3D", "BEV", "image"):
+        key = ("Car", f"AP_R40_{view}", "moderate")
+        assert worse[key] < plain[key]
+    image = plain.index.get_level_values("metric").str.contains("image|AOS")
+    pd.testing.assert_series_equal(excused[image], plain[image])
+    pd.testing.assert_series_equal(excused[~image], worse[~image])
 
 
 def plain_curve(frames, minimum):
@@ -125,7 +201,7 @@ def plain_curve(frames, minimum):
         matched = [match(*f, score, False) for f in frames]
         hits, alarms = sum(len(h) for h, _ in matched), sum(a for _, a in matched)
         curve[t] = hits / (hits + alarms) if hits + alarms else 0.0
-    return np.maximum.accumulate(curve[::-1])[::-1]
+    return np.maximum.accumulate(curve[::-1])[::-1], len(scores) / total
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -156,8 +232,11 @@ def test_curve_agrees_with_the_definition(seed):
         np.concatenate([f[2] for f in frames]),
         np.concatenate([f[3] for f in frames]),
     )
-    assert curve == pytest.approx(plain_curve(frames, 0.5), abs=1e-15)
-    assert 0 < ap_r40(curve) < 100
+    expected, recall = plain_curve(frames, 0.5)
+    assert curve.precision == pytest.approx(expected, abs=1e-15)
+    assert curve.similarity == pytest.approx(expected, abs=1e-15)  # all pairs are alike
+    assert curve.recall == recall
+    assert 0 < ap_r40(curve.precision) < 100
 
 
 def table(rows, score=False):
@@ -188,6 +267,9 @@ def test_perfect_and_absent_detections():
     assert values(few)["Car", "AP_R40_BEV", 0.5] == pytest.approx(100 * 15 / 40)
     nothing = evaluate_boxes(truth, perfect[:0], range(50), ["Car"])
     assert (nothing.value == 0).all()
+    assert evaluate_boxes(truth, perfect, [], ["Car"]).value.isna().all()
+    assert evaluate_boxes(truth[:0], perfect, range(50), ["Car"]).value.isna().all()
+    assert evaluate_boxes(truth[:0], perfect[:0], range(50), ["Car"]).value.isna().all()
 
 
 def test_ap_by_hand():
@@ -200,6 +282,7 @@ def test_ap_by_hand():
     # KITTI's sampling reaches index 19 of 0 … 40 with 20 hits of 40, and index 0 is not averaged.
     assert result["Car", "AP_R40_3D", 0.7] == pytest.approx(100 * 19 / 40)
     assert result["Car", "recall", 0.7] == 50
+    assert result["Car", "class_recall_3D", 0.7] == 50
     # With one score for all there is one working point: 20 hits and 20 false alarms.
     found = [(*row[:-1], 0.5) for row in found]
     result = values(evaluate_boxes(truth, table(found, score=True), range(40), ["Car"]))
@@ -226,11 +309,27 @@ def test_recall_takes_any_class_and_ap_only_its_own():
     found = table([car(0, 5.0, "Cyclist", 0.9)], score=True)
     result = values(evaluate_boxes(truth, found, [0], ["Car", "Cyclist", "Pedestrian"]))
     assert result["Car", "recall", 0.7] == 100
-    assert result["Car", "AP_R40_3D", 0.7] == 0
+    assert result["Car", "class_recall_3D", 0.7] == result["Car", "AP_R40_3D", 0.7] == 0
     assert result["Cyclist", "recall", 0.5] == 0
     assert result["all", "recall", 0.5] == 50
     assert np.isnan(result["Pedestrian", "AP_R40_3D", 0.5])
     assert np.isnan(result["Pedestrian", "recall", 0.7])
+
+
+def test_recall_is_that_of_the_refined_boxes():
+    truth = table([car(0, 5.0), car(1, 5.0), car(1, 15.0, "Cyclist"), car(2, 5.0)])
+    found = table([car(0, 5.0, score=0.9), car(2, 5.0, score=0.9)], score=True)
+    refined = table([car(0, 30.0), car(1, 5.0), car(1, 15.3), car(3, 5.0)]).drop(columns="class")
+    result = values(evaluate_boxes(truth, found, range(4), ["Car", "Cyclist"], refined))
+    # 0.3 m of 4 m aside: IoU 3.7 / 4.3 in 3D.
+    assert result["Cyclist", "recall", 0.7] == 100
+    assert result["Car", "recall", 0.5] == pytest.approx(100 / 3)
+    assert result["all", "recall", 0.7] == 50
+    assert result["Car", "class_recall_3D", 0.7] == pytest.approx(200 / 3)
+    nothing = values(evaluate_boxes(truth, found, range(4), ["Car"], refined[:0]))
+    assert nothing["all", "recall", 0.5] == 0
+    with pytest.raises(ValueError, match="refined boxes: no column yaw"):
+        evaluate_boxes(truth, found, [0], ["Car"], refined.drop(columns="yaw"))
 
 
 def test_only_the_frames_asked_for_count_and_order_does_not_matter():
@@ -246,8 +345,9 @@ def test_only_the_frames_asked_for_count_and_order_does_not_matter():
 def test_bad_tables():
     truth = table([car(0, 5.0)])
     found = table([car(0, 5.0, score=np.nan)], score=True)
-    with pytest.raises(ValueError, match="needs a score, found NaN in 1 row"):
-        evaluate_boxes(truth, found, [0], ["Car"])
+    for bad in (np.nan, np.inf, -np.inf):
+        with pytest.raises(ValueError, match=r"found NaN or infinity in 1 row"):
+            evaluate_boxes(truth, found.assign(score=bad), [0], ["Car"])
     with pytest.raises(ValueError, match="no column score"):
         evaluate_boxes(truth, found.drop(columns="score"), [0], ["Car"])
     with pytest.raises(ValueError, match="detections: no column yaw"):

@@ -1,22 +1,17 @@
 """PointPillars against OpenPCDet, and the parts of an anchor head by hand.
 
-tests/data/training_pointpillar.npz: OpenPCDet's kitti_models/pointpillar.yaml at commit 8cacccec
-(Apache-2.0), run on one made-up frame with random weights. `keys`, `shapes`, `dtypes`: its
-state_dict. Weights are redrawn from `seed` by `openpcdet_reference.weights`; `buffer/…` are the
-batch norm statistics. `points`: the points its voxeliser kept, in its order; `cells`, `counts`:
-its pillars. `<output>/index`, `/value`: samples of the outputs in evaluation mode. `gt_boxes`:
-boxes and labels of two frames; `labels/…`: samples of the anchors' labels for them, and sums.
+tests/data/openpcdet/pointpillar.npz, see openpcdet_reference; `cells` and `counts` are its pillars:
+frame * ny * nx + iy * nx + ix and the number of points.
 """
 
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
-from openpcdet_reference import weights
+from anchor_reference import assert_head_is_openpcdets, assert_training_is_openpcdets
+from openpcdet_reference import keys_and_shapes, points, reference, weights, worst_error
 
 from training import build_detector
 from training.detectors.backbones.pillars import PaddedBatchNorm, PillarGrid, group
@@ -32,7 +27,7 @@ from training.detectors.heads.box_coder import decode, encode
 from training.detectors.heads.losses import sigmoid_focal_loss, sine_smooth_l1
 from training.detectors.heads.selection import select_boxes
 
-DATA = np.load(Path(__file__).parents[1] / "data" / "training_pointpillar.npz")
+DATA = reference("pointpillar")
 CLASSES = ("Car", "Pedestrian", "Cyclist")
 
 
@@ -45,45 +40,25 @@ def openpcdet():
 
 def test_state_dict_has_openpcdets_keys_and_shapes(openpcdet):
     ours = {
-        key: (",".join(map(str, value.shape)), str(value.dtype))
-        for key, value in openpcdet.state_dict().items()
+        key: (tuple(value.shape), str(value.dtype)) for key, value in openpcdet.state_dict().items()
     }
-    theirs = zip(DATA["shapes"].tolist(), DATA["dtypes"].tolist(), strict=True)
-    assert ours == dict(zip(DATA["keys"].tolist(), theirs, strict=True))
+    assert ours == keys_and_shapes(DATA)
     assert sum(p.numel() for p in openpcdet.parameters()) == 4_834_888
 
 
 def test_pillars_are_openpcdets(openpcdet):
-    points = torch.from_numpy(DATA["points"])
-    batch = group([points], openpcdet.grid, training=False, device=torch.device("cpu"))
+    batch = group(points(DATA), openpcdet.grid, training=False, device=torch.device("cpu"))
     assert openpcdet.grid.shape == (432, 496)
     assert batch.cells.tolist() == DATA["cells"].tolist()
     assert batch.counts.tolist() == DATA["counts"].tolist()
+    features = openpcdet.vfe(batch)
+    assert worst_error(DATA, "eval/vfe/pillar_features", features) < 1e-5
 
 
-def test_outputs_are_openpcdets(openpcdet):
-    with torch.no_grad():
-        output = openpcdet([torch.from_numpy(DATA["points"])])
-        boxes = openpcdet.dense_head.decode(output)[1]
-    for name, value in (
-        ("logits", output.logits),
-        ("residuals", output.residuals),
-        ("directions", output.directions),
-        ("boxes", boxes),
-    ):
-        sampled = value.flatten()[torch.from_numpy(DATA[f"{name}/index"]).long()].numpy()
-        np.testing.assert_allclose(sampled, DATA[f"{name}/value"], rtol=1e-4, atol=2e-4)
-
-
-def test_targets_are_openpcdets(openpcdet):
-    boxes = torch.from_numpy(DATA["gt_boxes"])
-    targets = openpcdet.dense_head.targets(boxes[..., :7], boxes[..., 7].long())
-    labels = torch.stack([item.labels for item in targets]).flatten()
-    assert labels.sum() == DATA["labels/sum"]
-    assert labels.abs().sum() == DATA["labels/abs_sum"]
-    assert labels[torch.from_numpy(DATA["labels/index"]).long()].tolist() == list(
-        DATA["labels/value"]
-    )
+def test_outputs_losses_and_gradients_are_openpcdets(openpcdet):
+    output = openpcdet(points(DATA))
+    assert_head_is_openpcdets(openpcdet, DATA, output)
+    assert_training_is_openpcdets(openpcdet, DATA, output, tolerance=1e-3)
 
 
 def test_predict_of_both_presets_handles_empty_and_odd_frames():
@@ -105,8 +80,6 @@ def test_range_in_the_ego_frame_grows_to_whole_cells():
     assert (x1, y1) == pytest.approx((nx * size, -20 + ny * size))
     assert 40.5 <= x1 < 40.5 + 4 * size
     assert y1 == pytest.approx(20)
-    kitti = build_detector("pointpillars", ["Car"], point_range=(0, -20, 0, 40, 20, 4))
-    assert kitti.point_range[2::3] == pytest.approx((-1.73, 2.27))
 
 
 @pytest.mark.parametrize(
@@ -166,7 +139,7 @@ def test_padded_batch_norm_is_batch_norm_with_the_zeros():
 
 
 def test_a_batch_of_one_point_trains():
-    points = torch.tensor([[5.0, 0.0, 1.0, 0.5]])
+    points = torch.tensor([[5.0, 0.0, 0.5, 0.5]])
     for name in ("pointpillars", "pointpillars_tiny"):
         model = build_detector(name, ["Car"], point_range=(0, -10, 0, 20, 10, 4))
         model.train()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import jinja2
@@ -23,6 +23,7 @@ from tracking.figures.point_cloud import point_clouds
 from tracking.figures.scatter import scatter
 from tracking.figures.style import text, theme
 from tracking.figures.times import times
+from tracking.figures.training_cost import training_cost_figure
 from tracking.report.groups import Group, by_setting, groups
 from tracking.report.headline import (
     HEADLINE_METRIC,
@@ -37,11 +38,19 @@ from tracking.report.tables import (
     fitted_q_table,
     placement_table,
     sampling_error_table,
+    training_cost_table,
     trial_table,
 )
 from tracking.run_folder import RunFolder
 from tracking.sampling_error import paired_differences
 from tracking.summary import headline_iou, seed_means, surrogates_of
+from tracking.training_cost import (
+    COST_AXES,
+    is_longest,
+    summarise_cost,
+    training_cost,
+    varied_cost_axes,
+)
 
 MOST_MAPS = 12
 """Placements drawn in maps and clouds: a page must stay small."""
@@ -67,7 +76,9 @@ def build_report(run: Path) -> Path:
     Raises:
         ValueError: `run` is no run folder, see `RunFolder.read`.
     """
-    folder = RunFolder.read(run)
+    whole = RunFolder.read(run)
+    # Placements are compared after the longest training; shorter ones show what they cost.
+    folder = replace(whole, results=whole.results[is_longest(whole.results, whole.axes)])
     means = seed_means(folder.results, folder.axes)
     correlations = correlate(folder.results, folder.surrogates, folder.axes)
     found = list(groups(folder))
@@ -79,6 +90,7 @@ def build_report(run: Path) -> Path:
         _clouds(folder, ranked),
         _accuracy(folder),
         _sampling_error(folder),
+        *([_training_cost(whole)] if varied_cost_axes(whole.results) else []),
         _curves(folder, found),
         _times(folder),
     ]
@@ -275,6 +287,32 @@ def _sampling_error(run: RunFolder) -> Section:
             section.notes += separation_sentences(pairs[pairs["class"] == name], label)
             section.figures.append(intervals(own, label, list(run.placements)))
             section.tables.append(sampling_error_table(own, label))
+    return section
+
+
+def _training_cost(run: RunFolder) -> Section:
+    section = Section("Training: error against run time", columns=1)
+    if run.curves is None or run.curves.empty:
+        section.notes.append("The run folder has no curves.parquet.")
+        return section
+    section.notes.append(
+        "AP after fewer epochs and with a share of the training frames, against the seconds of all "
+        "epochs. The reference is the longest training of the same placement, detector and seed, "
+        "and the error is its AP less that of a trial. Kendall's τ says whether a shorter training "
+        "ranks the placements as the longest one does. Everything else on this page is about the "
+        "longest training."
+    )
+    cost = training_cost(run.results, run.curves, run.axes)
+    varied = varied_cost_axes(run.results)
+    further = [axis for axis in run.axes if axis not in COST_AXES]
+    for title, part in by_setting(cost, further):
+        summary = summarise_cost(part, varied)
+        for name, own in part.groupby("class", sort=False):
+            label = f"{name} · {title}" if title else str(name)
+            section.figures.append(training_cost_figure(own, text(label), list(run.placements)))
+            section.tables.append(
+                training_cost_table(summary[summary["class"] == name], varied, label)
+            )
     return section
 
 

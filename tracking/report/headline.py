@@ -80,7 +80,8 @@ def plus_minus(mean: float, sd: float) -> str:
     """Mean and standard deviation, "71.3 ± 0.9"; a dash for no number, no ± for a single seed."""
     if np.isnan(mean):
         return "–"
-    return f"{mean:.1f}" if np.isnan(sd) else f"{mean:.1f} ± {sd:.1f}"
+    shown = f"{round(mean, 1) + 0.0:.1f}".replace("-", "−")
+    return shown if np.isnan(sd) else f"{shown} ± {sd:.1f}"
 
 
 def _lead(table: pd.DataFrame) -> str:

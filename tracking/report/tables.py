@@ -157,6 +157,28 @@ def accuracy_table(summary: pd.DataFrame, title: str) -> Table:
     return Table(caption, head, tuple(rows), words=frozenset({0, 1}), tall=True)
 
 
+def training_cost_table(summary: pd.DataFrame, axes: Sequence[str], title: str) -> Table:
+    """`tracking.training_cost.summarise_cost` of one class and setting as text."""
+    head = (
+        *("detector", *(axis.rsplit(".", 1)[-1].replace("_", " ") for axis in axes), "trials"),
+        *("seconds", "3D AP (%)", "below the longest", "Kendall τ"),
+    )
+    rows = tuple(
+        (
+            str(row["detector"]) + (" (longest)" if row["reference"] else ""),
+            *(f"{row[axis]:g}" for axis in axes),
+            str(row["trials"]),
+            f"{row['seconds']:.3g}",
+            f"{row['ap']:.1f}",
+            "–" if row["reference"] else plus_minus(row["error"], row["error_sd"]),
+            "–" if row["reference"] or np.isnan(row["kendall"]) else signed(row["kendall"]),
+        )
+        for row in summary.to_dict("records")
+    )
+    caption = f"Means over placements and seeds, rank agreement of the placements · {title}"
+    return Table(caption, head, rows)
+
+
 def sampling_error_table(estimates: pd.DataFrame, title: str) -> Table:
     """Estimates of `lidarplace.sampling_error` of one class as text."""
     head = ("surrogate", "placement", "value", "sd", "bias", "95 % low", "95 % high")

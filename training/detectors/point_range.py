@@ -3,19 +3,34 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from training.detectors.detector import PointRange
 
 
-def in_model_frame(point_range: PointRange, sensor_height: float) -> PointRange:
-    """A range of the ego frame in a frame whose origin is `sensor_height` above the ground."""
-    x0, y0, z0, x1, y1, z1 = point_range
-    return x0, y0, z0 - sensor_height, x1, y1, z1 - sensor_height
+def fitted_range(
+    own: PointRange,
+    sensor_height: float,
+    wanted: PointRange | None,
+    cell: Sequence[float] = (),
+) -> PointRange:
+    """The range of a network in its own frame, `sensor_height` above the ground.
 
+    A network in a sensor's frame keeps its own heights: its weights fit one number of layers and
+    points that are measured from that height.
 
-def grown_to_cells(point_range: PointRange, cell: float) -> PointRange:
-    """The range with its far ends in x and y moved out to a multiple of `cell`, metres."""
-    x0, y0, z0, x1, y1, z1 = point_range
-    # A range that fits up to rounding must not gain a cell.
-    nx, ny = (math.ceil((high - low) / cell - 1e-6) for low, high in ((x0, x1), (y0, y1)))
-    return x0, y0, z0, x0 + nx * cell, y0 + ny * cell, z1
+    Args:
+        own: range of its preset, in its frame, metres.
+        sensor_height: 0 for a network that works in the ego frame.
+        wanted: range in the ego frame that replaces the preset's.
+        cell: edges of the coarsest cell along x, y and, for voxels, z; the far ends of the range
+            move out to a whole number of them.
+    """
+    low, high = list(own[:3]), list(own[3:])
+    if wanted is not None:
+        axes = 3 if sensor_height == 0 else 2
+        low[:axes], high[:axes] = wanted[:axes], wanted[3 : 3 + axes]
+    for axis, edge in enumerate(cell):
+        # A range that fits up to rounding must not gain a cell.
+        high[axis] = low[axis] + math.ceil((high[axis] - low[axis]) / edge - 1e-6) * edge
+    return low[0], low[1], low[2], high[0], high[1], high[2]

@@ -12,9 +12,14 @@ from training.detectors.backbones.backbone_2d import Backbone2d, BackboneSetting
 from training.detectors.backbones.pillars import PillarEncoder, PillarGrid, group, scatter
 from training.detectors.detector import Detector, PointRange, Selection
 from training.detectors.heads.anchor_head import AnchorHead, HeadOutput
-from training.detectors.heads.anchors import AnchorClass, anchor_grid
+from training.detectors.heads.anchors import (
+    KITTI_ANCHORS,
+    TINY_ANCHORS,
+    AnchorClass,
+    anchor_grid,
+)
 from training.detectors.heads.selection import select_boxes
-from training.detectors.point_range import grown_to_cells, in_model_frame
+from training.detectors.point_range import fitted_range
 
 
 @dataclass(frozen=True)
@@ -57,11 +62,7 @@ OPENPCDET = PointPillarsPreset(
         upsample_strides=(1, 2, 4),
         upsample_filters=(128, 128, 128),
     ),
-    anchors={
-        "Car": AnchorClass((3.9, 1.6, 1.56), -1.78, matched=0.6, unmatched=0.45),
-        "Pedestrian": AnchorClass((0.8, 0.6, 1.73), -0.6, matched=0.5, unmatched=0.35),
-        "Cyclist": AnchorClass((1.76, 0.6, 1.73), -0.6, matched=0.5, unmatched=0.35),
-    },
+    anchors=KITTI_ANCHORS,
     centred_anchors=False,
 )
 """OpenPCDet's tools/cfgs/kitti_models/pointpillar.yaml, in KITTI's LiDAR frame."""
@@ -84,11 +85,7 @@ TINY = PointPillarsPreset(
         upsample_filters=(32, 32),
         momentum=0.1,
     ),
-    anchors={
-        "Car": AnchorClass((4.4, 1.9, 1.6), 0.0, matched=0.5, unmatched=0.35),
-        "Pedestrian": AnchorClass((0.8, 0.6, 1.73), 0.0, matched=0.35, unmatched=0.2),
-        "Cyclist": AnchorClass((1.76, 0.6, 1.73), 0.0, matched=0.35, unmatched=0.2),
-    },
+    anchors=TINY_ANCHORS,
     centred_anchors=True,
 )
 """Small enough to train on one CPU core; works in the ego frame."""
@@ -102,8 +99,7 @@ class PointPillars(Detector):
     Args:
         classes: names of the classes, keys of the preset's anchors.
         preset: the network.
-        point_range: range in the ego frame that replaces the preset's; it grows in x and y to a
-            whole number of cells.
+        point_range: see `fitted_range`.
     """
 
     def __init__(
@@ -112,12 +108,10 @@ class PointPillars(Detector):
         preset: PointPillarsPreset,
         point_range: PointRange | None = None,
     ) -> None:
-        wanted = preset.point_range
-        if point_range is not None:
-            wanted = in_model_frame(point_range, preset.sensor_height)
         cell = preset.pillar * preset.backbone.total_stride
+        fitted = fitted_range(preset.point_range, preset.sensor_height, point_range, (cell, cell))
         grid = PillarGrid(
-            grown_to_cells(wanted, cell),
+            fitted,
             (preset.pillar, preset.pillar),
             preset.max_points,
             preset.max_pillars,

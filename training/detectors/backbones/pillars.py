@@ -76,7 +76,7 @@ def _group_kernel(points, low, size, nx, ny, nz_size, max_points, max_pillars):
         fx = np.floor((points[i, 0] - low[0]) / size[0])
         fy = np.floor((points[i, 1] - low[1]) / size[1])
         fz = np.floor((points[i, 2] - low[2]) / nz_size)
-        if not (0 <= fx < nx and 0 <= fy < ny and fz == 0):
+        if not (0 <= fx < nx and 0 <= fy < ny and fz == 0 and np.isfinite(points[i, 3])):
             continue
         cell = int(fy) * nx + int(fx)
         p = table[cell]

@@ -56,6 +56,8 @@ class AnchorHead(nn.Module):
         weight = torch.cat([head.weight.flatten(1) for head in heads])
         bias = torch.cat([cast(Tensor, head.bias) for head in heads])
         rows = functional.linear(image.permute(0, 2, 3, 1), weight, bias)
+        # Under autocast the features are coarser than boxes and losses may be.
+        rows = rows.to(self.anchors.dtype)
         logits, residuals, directions = rows.split([head.out_channels for head in heads], dim=-1)
         frames = len(image)
         return HeadOutput(
@@ -90,14 +92,14 @@ class AnchorHead(nn.Module):
         anchors = self.anchors.reshape(-1, 7)[rows % label.shape[1]]
         boxes = torch.cat([item.boxes for item in targets])
         residuals = output.residuals.reshape(-1, 7)[rows]
-        location = sine_smooth_l1(residuals, encode(boxes, anchors)).sum(dim=1) @ row_share
+        location = sine_smooth_l1(residuals, encode(boxes, anchors)).sum(dim=1)
         bins = functional.cross_entropy(
             output.directions.reshape(-1, DIRECTION_BINS)[rows],
             direction_bin(boxes[:, 6]),
             reduction="none",
         )
-        direction = bins @ row_share
-        location, direction = LOCATION_WEIGHT * location, DIRECTION_WEIGHT * direction
+        location = LOCATION_WEIGHT * (location * row_share).sum()
+        direction = DIRECTION_WEIGHT * (bins * row_share).sum()
         return {
             "loss": classification + location + direction,
             "classification": classification,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -30,6 +30,28 @@ class AnchorClass:
     matched: float
     unmatched: float
     rotations: tuple[float, ...] = (0.0, 1.57)
+
+
+KITTI_ANCHORS = {
+    "Car": AnchorClass((3.9, 1.6, 1.56), -1.78, matched=0.6, unmatched=0.45),
+    "Pedestrian": AnchorClass((0.8, 0.6, 1.73), -0.6, matched=0.5, unmatched=0.35),
+    "Cyclist": AnchorClass((1.76, 0.6, 1.73), -0.6, matched=0.5, unmatched=0.35),
+}
+"""OpenPCDet's for KITTI, in KITTI's LiDAR frame."""
+
+PAPER_ANCHORS = KITTI_ANCHORS | {
+    # Sizes are the paper's. It names no heights: these stand on the ground, as its objects do.
+    "Pedestrian": replace(KITTI_ANCHORS["Pedestrian"], size=(0.7, 0.7, 1.5), bottom=-1.78),
+    "Cyclist": replace(KITTI_ANCHORS["Cyclist"], size=(1.5, 0.9, 1.0), bottom=-1.78),
+}
+"""The paper's, in KITTI's LiDAR frame."""
+
+TINY_ANCHORS = {
+    "Car": AnchorClass((4.4, 1.9, 1.6), 0.0, matched=0.5, unmatched=0.35),
+    "Pedestrian": AnchorClass((0.8, 0.6, 1.73), 0.0, matched=0.35, unmatched=0.2),
+    "Cyclist": AnchorClass((1.76, 0.6, 1.73), 0.0, matched=0.35, unmatched=0.2),
+}
+"""For coarse cells, in the ego frame."""
 
 
 @dataclass(frozen=True)

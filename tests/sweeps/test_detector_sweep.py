@@ -1,0 +1,59 @@
+"""All networks, as small as they come, through the plan and the store of one sweep."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+import yaml
+from small_log import write_small_log
+
+from sweeps.execute import InProcess, execute
+from sweeps.grid import read_sweep
+from sweeps.plan import make_plan
+from sweeps.store import Store
+from training import NETWORKS
+
+SWEEP = {
+    "classes": ["Car", "Pedestrian"],
+    "lidar": {"azimuth_steps": 360},
+    "surrogate": {"resolution": 0.4},
+    "training": {"epochs": 1, "batch_size": 2},
+    "grid": {"placement": ["center"], "detector": [f"{name}_tiny" for name in NETWORKS]},
+    "ray": "debug",
+}
+
+
+@pytest.fixture(autouse=True)
+def _one_thread():
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+class Loud:
+    def started(self, task): ...
+    def finished(self, task): ...
+    def failed(self, task, reason, log):
+        raise AssertionError(f"{task.label}: {reason}\n{log}")
+
+
+def test_every_network_trains_and_is_evaluated(tmp_path):
+    write_small_log(tmp_path / "log")
+    scene = {"source": "log", "folder": str(tmp_path / "log")}
+    config = tmp_path / "networks.yaml"
+    config.write_text(yaml.safe_dump(SWEEP | {"scene": scene, "output": str(tmp_path / "runs")}))
+    plan = make_plan(read_sweep(config))
+    store = Store(tmp_path / "store")
+    execute(plan.tasks, store, InProcess(store), Loud())
+    assert [trial.finetune.params["detector"] for trial in plan.trials] == SWEEP["grid"]["detector"]
+    for trial in plan.trials:
+        training = store.load(trial.finetune)
+        assert training["classes"] == ["Car"], "no pedestrian occurs"
+        loss = training["curve"].set_index("metric")["value"]["loss"]
+        assert np.isfinite(loss)
+        value = store.load(trial.evaluate)["metrics"].set_index(["metric", "iou", "class"])["value"]
+        assert 0 <= value["recall", 0.5, "all"] <= 100
+        assert 0 <= value["AP_R40_3D", 0.7, "Car"] <= 100
+        assert np.isnan(value["AP_R40_3D", 0.5, "Pedestrian"])

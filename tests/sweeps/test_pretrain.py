@@ -1,0 +1,165 @@
+"""A base checkpoint of mixed placements, through the plan and the store of a sweep."""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+import pytest
+import torch
+import yaml
+from small_log import write_small_log
+from typer.testing import CliRunner
+
+from sweeps.execute import InProcess, execute
+from sweeps.grid import ConfigError, read_sweep
+from sweeps.plan import make_plan
+from sweeps.pretrain import app, pretrain_task, with_inputs
+from sweeps.store import Store
+from training import build_detector
+
+TINY = {
+    "lidar": {"azimuth_steps": 240},
+    "surrogate": {"resolution": 0.4},
+    "training": {"epochs": 2, "batch_size": 2},
+    "ray": "debug",
+    "grid": {"placement": ["line", "center"], "seed": [1, 2], "lidar.range_noise": [0.0, 0.02]},
+}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _one_thread():
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pretrain")
+    write_small_log(folder / "log")
+    return folder
+
+
+def write(folder, **changes):
+    path = folder / "grid.yaml"
+    scene = {"source": "log", "folder": str(folder / "log")}
+    path.write_text(
+        yaml.safe_dump(TINY | {"scene": scene, "output": str(folder / "runs")} | changes)
+    )
+    return path
+
+
+class Quiet:
+    def started(self, task): ...
+    def finished(self, task): ...
+    def failed(self, task, reason, log):
+        print(reason, log)
+
+
+def digest(path):
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:12]
+
+
+def planned(path):
+    sweep = read_sweep(path)
+    plan = make_plan(sweep)
+    return pretrain_task(sweep, plan), plan
+
+
+def test_the_clouds_of_all_placements_train_together(folder):
+    task, plan = planned(write(folder))
+    clouds = [needed for needed in task.inputs if needed.stage == "collect"]
+    assert len(clouds) == 4, "two placements with two LiDARs; the seeds share them"
+    assert {cloud.params["split"] for cloud in clouds} == {"train"}
+    truths = [needed for needed in task.inputs if needed.stage == "ground_truth"]
+    assert len(truths) == 1, "or every object would be there twice"
+    assert len(task.inputs) == 5
+    assert task.params["seed"] == 1
+    known = {item.key for item in plan.tasks}
+    seen = set()
+    for needed in with_inputs(task):
+        assert all(item.key in seen for item in needed.inputs)
+        assert needed.key not in seen
+        assert needed.key in known or needed is task
+        seen.add(needed.key)
+    assert {item.stage for item in with_inputs(task)} == {
+        "scene", "ground_truth", "collect", "pretrain",
+    }  # fmt: skip
+
+
+def test_the_range_holds_that_of_every_placement(folder):
+    quirk = {"placement": ["line", "pyramid"], "lidar.misaligned_heights": [True]}
+    task, plan = planned(write(folder, grid=quirk))
+    ranges = np.array([trial.finetune.params["point_range"] for trial in plan.trials])
+    assert len(np.unique(ranges, axis=0)) == 2
+    expected = [*ranges[:, :3].min(axis=0), *ranges[:, 3:].max(axis=0)]
+    assert list(task.params["point_range"]) == expected
+
+
+@pytest.mark.parametrize(
+    ("axis", "values"),
+    [
+        ("detector", ["pointpillars_tiny", "pointpillars_paper"]),
+        ("training.lr", [0.01, 0.02]),
+        ("classes", [["Car"], ["Car", "Cyclist"]]),
+        ("roi.x", [[0, 40], [0, 30]]),
+    ],
+)
+def test_a_base_is_one_network_of_one_scene(folder, axis, values):
+    with pytest.raises(ConfigError, match=rf"grid\.{axis}: a base is trained for one value"):
+        planned(write(folder, grid={"placement": ["line"], axis: values}))
+
+
+def test_the_command_writes_weights_to_start_from(folder):
+    config, out = write(folder), folder / "weights" / "base.pt"
+    done = CliRunner().invoke(app, [str(config), "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    assert "pointpillars_tiny · 2 placements, classes Car, Cyclist, Pedestrian, from scratch" in (
+        done.output
+    )
+    content = torch.load(out, weights_only=True)
+    assert content["detector"] == "pointpillars_tiny"
+    assert content["classes"] == ["Car", "Cyclist", "Pedestrian"], "all, also those without object"
+    assert content["model_state"]["global_step"] == 2 * 6, "three frames of four clouds, twice"
+    build_detector("pointpillars_tiny", content["classes"]).load_state_dict(content["model_state"])
+    unfinished = list((folder / "runs" / "store" / "pretrain").glob(".*"))
+    assert not unfinished
+
+    again = CliRunner().invoke(app, [str(config), "--out", str(folder / "again.pt")])
+    assert again.exit_code == 0, again.output
+    other = torch.load(folder / "again.pt", weights_only=True)["model_state"]
+    assert all(torch.equal(value, other[key]) for key, value in content["model_state"].items())
+
+    # A trial from scratch has heads for what occurs, one from the base those of the base.
+    store = Store(folder / "runs" / "store")
+    for override, weights, classes in (
+        ("training.checkpoint=null", "scratch", ["Car"]),
+        (f"training.checkpoint={out}", f"base.pt sha256:{digest(out)}", content["classes"]),
+    ):
+        trial = make_plan(read_sweep(config, [override])).trials[0]
+        failures = execute(with_inputs(trial.evaluate), store, InProcess(store), Quiet())
+        assert not failures
+        training = store.load(trial.finetune)
+        assert (training["weights"], training["classes"]) == (weights, classes)
+        reported = store.load(trial.evaluate)["metrics"]["class"]
+        assert set(content["classes"]) <= set(reported), "all that the configuration names"
+
+
+def test_a_mistake_is_one_line_and_exit_code_2(folder):
+    detectors = ["pointpillars_tiny", "second_tiny"]
+    config = write(folder, grid={"placement": ["line"], "detector": detectors})
+    done = CliRunner().invoke(app, [str(config), "--out", str(folder / "none.pt")])
+    assert done.exit_code == 2
+    assert done.stderr.count("\n") == 1
+    assert done.stderr.startswith(f"{config}: grid.detector: a base is trained for one value")
+    assert not (folder / "none.pt").exists()
+
+
+def test_a_training_that_fails_says_why(folder):
+    config = write(folder, training={"epochs": 1, "optimizer": "sgd", "lr": 1e30})
+    done = CliRunner().invoke(app, [str(config), "--out", str(folder / "none.pt")])
+    assert done.exit_code == 1
+    assert "failed: pointpillars_tiny · 2 placements: ArithmeticError: the loss is" in done.output
+    assert not (folder / "none.pt").exists()

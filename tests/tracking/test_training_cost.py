@@ -1,0 +1,116 @@
+"""AP against seconds of training, in numbers, in the figure and in the report."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from made_up_run import NAMES, write_run
+
+from tracking.figures.training_cost import training_cost_figure
+from tracking.report.build import build_report
+from tracking.run_folder import RunFolder
+from tracking.training_cost import (
+    COST_AXES,
+    is_longest,
+    summarise_cost,
+    training_cost,
+    varied_cost_axes,
+)
+
+TRAININGS = [(epochs, share) for epochs in (1, 4) for share in (0.25, 1.0)]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("cost") / "cost"
+    return RunFolder.read(write_run(folder, trainings=TRAININGS, densities=(40, 80)))
+
+
+def test_error_is_what_the_longest_training_gains(run):
+    cost = training_cost(run.results, run.curves, run.axes)
+    assert len(cost) == 2 * len(run.trials)  # two classes have ground truth
+    assert set(cost["class"]) == {"Car", "Pedestrian"}
+    assert (cost["seconds"] == 8 * cost[COST_AXES[0]] * cost[COST_AXES[1]]).all()
+    longest = (cost[COST_AXES[0]] == 4) & (cost[COST_AXES[1]] == 1.0)
+    assert (cost["reference"] == longest).all()
+    assert (cost.loc[longest, "error"] == 0).all()
+    # By hand for one trial.
+    row = cost.query(
+        "placement == 'line' and seed == 2 and `class` == 'Car' and `scene.density` == 80 and "
+        "`training.epochs` == 1 and `training.frame_share` == 0.25"
+    ).iloc[0]
+    own = run.results.query(
+        "placement == 'line' and seed == 2 and `class` == 'Car' and `scene.density` == 80 and "
+        "metric == 'AP_R40_3D' and iou == 0.7"
+    ).set_index(list(COST_AXES))["value"]
+    assert row["error"] == pytest.approx(own[4, 1.0] - own[1, 0.25])
+
+
+def test_the_longest_training_of_many():
+    table = pd.DataFrame(
+        {
+            "detector": ["a", "a", "a", "b", "b"],
+            COST_AXES[0]: [10, 5, 20, 5, 1],
+            COST_AXES[1]: [0.5, 1.0, 0.25, 0.5, 1.0],
+        }
+    )
+    # Of detector a all see as many frames, but one sees each of them.
+    assert is_longest(table, COST_AXES).tolist() == [False, True, False, True, False]
+    assert is_longest(table[["detector"]], ()).all()
+    alone = table[table.detector == "a"].drop(columns=COST_AXES[1])
+    assert is_longest(alone, COST_AXES[:1]).tolist() == [False, False, True]
+
+
+def test_a_longest_training_that_failed_leaves_no_error(run):
+    failed = (run.results["placement"] == "line") & is_longest(run.results, run.axes)
+    cost = training_cost(run.results[~failed], run.curves, run.axes)
+    assert cost.loc[cost["placement"] == "line", "error"].isna().all()
+    assert cost.loc[cost["placement"] == "center", "error"].notna().all()
+    summary = summarise_cost(cost, run.axes)
+    assert summary["error"].notna().all()
+
+
+def test_summary_ranks_placements_as_the_longest_training_does(run):
+    cost = training_cost(run.results, run.curves, run.axes)
+    part = cost[cost["scene.density"] == 40]
+    summary = summarise_cost(part, COST_AXES).set_index(["class", *COST_AXES])
+    longest = summary.loc["Car", 4, 1.0]
+    assert longest["error"] == 0
+    assert longest["kendall"] == pytest.approx(1)
+    assert longest["reference"]
+    assert summary.loc["Car", 1, 0.25]["error"] == pytest.approx(7.5, abs=1.5)
+    assert summary.loc["Car", 1, 0.25]["seconds"] == 2
+    means = part[part["class"] == "Car"].pivot_table("ap", "placement", list(COST_AXES))
+    ranks = means.rank().corr("kendall")
+    for key, value in ranks[4, 1.0].items():
+        assert summary.loc[("Car", *key), "kendall"] == pytest.approx(value)
+
+
+def test_the_figure_has_a_mark_a_trial_and_lines_over_epochs(run):
+    cost = training_cost(run.results, run.curves, run.axes)
+    own = cost[(cost["class"] == "Car") & (cost["scene.density"] == 40)]
+    plot = training_cost_figure(own, "Car", list(NAMES))
+    left = [line for line in plot.data if line.xaxis == "x" and line.x[0] is not None]
+    assert sum(len(line.x) for line in left) == len(own)
+    assert len(left) == len(NAMES) * 2 * 2  # seeds and shares
+    assert all(len(line.x) == 2 and line.x[0] < line.x[1] for line in left)
+    stars = np.concatenate([line.marker.symbol for line in left]) == "star"
+    assert stars.sum() == len(NAMES) * 2
+    named = [line.name for line in plot.data if line.showlegend is not False]
+    assert len(named) == len(set(named)) == len(NAMES) + 3
+
+
+@pytest.mark.parametrize("trainings", [TRAININGS, [(1, 1.0), (4, 1.0)], []])
+def test_the_report_compares_placements_after_the_longest_training(tmp_path, trainings):
+    folder = write_run(tmp_path / "run", NAMES[:2], seeds=(1,), trainings=trainings)
+    run = RunFolder.read(folder)
+    page = build_report(folder).read_text()
+    shown = "Training: error against run time" in page
+    assert shown == bool(varied_cost_axes(run.results)) == bool(trainings)
+    assert "epochs = 1" not in page
+    if trainings:
+        assert "epochs = 4, frame_share = 1.0" in page
+        assert "pointpillars_tiny (longest)" in page
+        (folder / "curves.parquet").unlink()
+        assert "has no curves.parquet" in build_report(folder).read_text()

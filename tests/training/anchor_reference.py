@@ -1,0 +1,73 @@
+"""Compare a detector with one anchor head with OpenPCDet's: outputs, detections, training."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from openpcdet_reference import worst_error
+
+from training.detectors.heads.selection import select_boxes
+
+LOSSES = {
+    "loss": "loss",
+    "classification": "rpn_loss_cls",
+    "location": "rpn_loss_loc",
+    "direction": "rpn_loss_dir",
+}
+"""Our names of the losses and OpenPCDet's."""
+
+
+def assert_head_is_openpcdets(model, data, output):
+    """Raw outputs, decoded boxes, detections."""
+    logits, boxes = model.dense_head.decode(output)
+    for name, value in (
+        ("raw/dense_head/cls_preds", output.logits),
+        ("raw/dense_head/box_preds", output.residuals),
+        ("raw/dense_head/dir_cls_preds", output.directions),
+        ("eval/dense_head/batch_cls_preds", logits),
+        ("eval/dense_head/batch_box_preds", boxes),
+    ):
+        assert worst_error(data, name, value) < 1e-4, name
+    for frame in range(len(logits)):
+        scores = logits[frame].sigmoid()
+        theirs = _rows(*(data[f"final_{frame}/pred_{name}"] for name in _COLUMNS))
+        if len(np.unique(theirs[:, 7])) > len(theirs) / 2:
+            found = select_boxes(scores, boxes[frame], model.selection)
+            ours = _rows(*(found[name].detach() for name in _COLUMNS))
+            assert len(ours) == len(theirs)
+        else:
+            # Most scores are exactly 1, and the order of equal scores is chance on either side.
+            best, label = scores.max(dim=1)
+            ours = _rows(boxes[frame].detach(), best.detach(), label + 1)
+            ours = ours[ours[:, 7] > theirs[:, 7].min() - 1e-4]
+        # Scores that differ by rounding alone may change places.
+        error = [np.abs((ours - row) / (1 + np.abs(row))).max(axis=1).min() for row in theirs]
+        assert max(error) < 1e-3
+
+
+_COLUMNS = ("boxes", "scores", "labels")
+
+
+def _rows(boxes, scores, labels):
+    return np.column_stack([boxes, scores, labels]).astype(np.float64)
+
+
+def assert_training_is_openpcdets(model, data, output, tolerance):
+    """Targets, losses, and norms of the gradients up to a relative `tolerance`."""
+    boxes = torch.from_numpy(data["gt_boxes"])
+    targets = model.dense_head.targets(boxes[..., :7], boxes[..., 7].long())
+    labels = torch.stack([item.labels for item in targets]).flatten()
+    assert labels.sum() == data["train/box_cls_labels/sum"]
+    assert labels.abs().sum() == data["train/box_cls_labels/abs_sum"]
+    sampled = labels[torch.from_numpy(data["train/box_cls_labels/index"])]
+    assert sampled.tolist() == data["train/box_cls_labels/value"].tolist()
+
+    losses = model.dense_head.loss(output, targets)
+    for ours, theirs in LOSSES.items():
+        assert losses[ours].item() == pytest.approx(float(data[f"train/{theirs}"]), rel=1e-5)
+    model.zero_grad()
+    losses["loss"].backward()
+    norms = {key: value.grad.norm().item() for key, value in model.named_parameters()}
+    expected = dict(zip(data["train/grad_keys"].tolist(), data["train/grad_norms"], strict=True))
+    assert norms == pytest.approx(expected, rel=tolerance)

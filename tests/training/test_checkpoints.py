@@ -1,0 +1,175 @@
+"""Weights from files: what is loaded, converted, kept fresh, and every refusal."""
+
+from __future__ import annotations
+
+import collections
+
+import pytest
+import torch
+from torch import nn
+
+from training import build_detector
+from training.checkpoints import load_checkpoint, write_checkpoint
+from training.detectors.detector import Detector, Selection
+
+
+class Sparse(Detector):
+    """Sparse convolutions of which one has as many inputs as outputs, and a head."""
+
+    def __init__(self, classes=("Car",), inputs=4):
+        super().__init__(classes, (0, 0, 0, 1, 1, 1), 0.0, Selection())
+        self.first = nn.Module()
+        self.first.weight = nn.Parameter(torch.randn(8, 3, 1, 1, inputs))
+        self.second = nn.Module()
+        self.second.weight = nn.Parameter(torch.randn(8, 3, 3, 3, 8))
+        self.dense_head = nn.Linear(8, len(classes))
+
+    def loss(self, points, boxes, labels):
+        raise NotImplementedError
+
+    def predict(self, points, selection=None):
+        raise NotImplementedError
+
+
+def write(path, content):
+    torch.save(content, path)
+    return path
+
+
+def same(a, b):
+    return all(torch.equal(value, b[key]) for key, value in a.items())
+
+
+def test_a_checkpoint_of_ours_comes_back(tmp_path):
+    torch.manual_seed(0)
+    source, target = (build_detector("pointpillars_tiny", ["Car", "Pedestrian"]) for _ in range(2))
+    source.global_step += 7
+    write_checkpoint(tmp_path / "base.pt", source.state_dict(), "pointpillars_tiny", source.classes)
+    assert [path.name for path in tmp_path.iterdir()] == ["base.pt"]
+    content = torch.load(tmp_path / "base.pt", weights_only=True)
+    assert content["detector"] == "pointpillars_tiny"
+    assert content["classes"] == ["Car", "Pedestrian"]
+    report = load_checkpoint(target, tmp_path / "base.pt")
+    assert report.loaded == tuple(source.state_dict())
+    assert report.reinitialised == report.converted == ()
+    assert same(source.state_dict(), target.state_dict())
+
+
+@pytest.mark.parametrize("bare", [True, False])
+def test_openpcdets_checkpoint_and_a_bare_state_dict(tmp_path, bare):
+    source, target = Sparse(), Sparse()
+    state = source.state_dict()
+    openpcdet = {
+        "epoch": 80,
+        "it": 37120,
+        "model_state": state,
+        "optimizer_state": {"state": {}, "param_groups": [{"lr": 1e-7, "betas": (0.95, 0.99)}]},
+        "version": "pcdet+0.5.0+c9d31d3",
+    }
+    load_checkpoint(target, write(tmp_path / "file.pth", state if bare else openpcdet))
+    assert same(state, target.state_dict())
+
+
+@pytest.mark.parametrize("axes", [(1, 2, 3, 4, 0), (1, 2, 3, 0, 4)])
+def test_layouts_of_spconv_1(tmp_path, axes):
+    """Also of the convolution whose shape does not show the layout."""
+    source, target = Sparse(), Sparse()
+    old = {
+        key: value.permute(axes).contiguous() if value.ndim == 5 else value
+        for key, value in source.state_dict().items()
+    }
+    report = load_checkpoint(target, write(tmp_path / "old.pth", {"model_state": old}))
+    assert report.converted == ("first.weight", "second.weight")
+    assert same(source.state_dict(), target.state_dict())
+
+
+def test_a_layout_for_another_network_is_an_error(tmp_path):
+    old = Sparse(inputs=5).state_dict()
+    with pytest.raises(ValueError, match=r"first\.weight \[8, 3, 1, 1, 5\].*\[8, 3, 1, 1, 4\]"):
+        load_checkpoint(Sparse(), write(tmp_path / "old.pth", old), new_heads=True)
+
+
+def test_heads_for_other_classes_stay_fresh_only_when_asked(tmp_path):
+    torch.manual_seed(0)
+    source = build_detector("pointpillars_tiny", ["Car", "Pedestrian", "Cyclist"])
+    target = build_detector("pointpillars_tiny", ["Car"])
+    path = tmp_path / "base.pt"
+    write_checkpoint(path, source.state_dict(), "pointpillars_tiny", source.classes)
+    before = {key: value.clone() for key, value in target.state_dict().items()}
+    with pytest.raises(ValueError, match="other classes") as error:
+        load_checkpoint(target, path)
+    assert "dense_head.conv_cls.weight [18, 64, 1, 1], the detector's [2, 64, 1, 1]" in str(
+        error.value
+    )
+    assert same(before, target.state_dict())
+    report = load_checkpoint(target, path, new_heads=True)
+    heads = [key for key in before if key.startswith("dense_head.")]
+    assert report.reinitialised == tuple(heads)
+    assert set(report.loaded) == set(before) - set(heads)
+    after = target.state_dict()
+    assert same({key: before[key] for key in heads}, after)
+    assert same({key: source.state_dict()[key] for key in report.loaded}, after)
+
+
+def test_as_many_other_classes_are_other_classes(tmp_path):
+    source, target = Sparse(["Car", "Pedestrian"]), Sparse(["Pedestrian", "Car"])
+    path = tmp_path / "base.pt"
+    write_checkpoint(path, source.state_dict(), "sparse", source.classes)
+    with pytest.raises(ValueError, match=r"\['Car', 'Pedestrian'\], the detector for \['Ped"):
+        load_checkpoint(target, path)
+    report = load_checkpoint(target, path, new_heads=True)
+    assert report.reinitialised == ("dense_head.weight", "dense_head.bias")
+    assert torch.equal(source.first.weight, target.first.weight)
+    assert not torch.equal(source.dense_head.weight, target.dense_head.weight)
+
+
+def test_missing_and_unexpected_entries_are_named(tmp_path):
+    state = Sparse().state_dict()
+    del state["second.weight"]
+    state["third.weight"] = torch.zeros(2)
+    with pytest.raises(ValueError, match=r"missing: second\.weight;.*unexpected: third\.weight"):
+        load_checkpoint(Sparse(), write(tmp_path / "a.pth", state), new_heads=True)
+    other = build_detector("pointpillars_tiny", ["Car"]).state_dict()
+    with pytest.raises(ValueError, match=r"not one of this network.* more") as error:
+        load_checkpoint(Sparse(), write(tmp_path / "b.pth", other))
+    assert len(str(error.value).splitlines()) == 1
+
+
+def test_weights_that_are_not_finite_are_named(tmp_path):
+    state = Sparse().state_dict()
+    state["dense_head.bias"] = torch.tensor([torch.nan])
+    with pytest.raises(ValueError, match=r"not finite in dense_head\.bias"):
+        load_checkpoint(Sparse(), write(tmp_path / "a.pth", state))
+
+
+class Planted:
+    """Would run code if it were unpickled."""
+
+    def __reduce__(self):
+        return collections.deque, ([1, 2],)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({"model_state": {"weight": torch.zeros(1)}, "extra": Planted()}, "could run code"),
+        ([torch.zeros(1)], "holds a list, no dict"),
+        ({"model_state": 3}, "no state_dict"),
+        ({}, "no state_dict"),
+        ({"epoch": 3}, "no state_dict"),
+    ],
+)
+def test_files_that_hold_something_else(tmp_path, content, message):
+    with pytest.raises(ValueError, match=message):
+        load_checkpoint(Sparse(), write(tmp_path / "a.pth", content))
+
+
+def test_damaged_files(tmp_path):
+    path = write(tmp_path / "a.pth", Sparse().state_dict())
+    whole = path.read_bytes()
+    for content in (whole[: len(whole) // 2], b"", b"epoch,loss\n1,0.5\n", whole[:10]):
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match=r"a\.pth is no checkpoint"):
+            load_checkpoint(Sparse(), path)
+    with pytest.raises(FileNotFoundError, match=r"none\.pth"):
+        load_checkpoint(Sparse(), tmp_path / "none.pth")

@@ -1,0 +1,88 @@
+"""Tables of what a network predicts: frames, classes, heights, and boxes of a second stage."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from lidarplace.boxes import GEOMETRY
+from lidarplace.lidar.clouds import PointClouds
+from training import detect as module
+from training.detect import detect
+from training.detectors.detector import Detector, Selection
+from training.settings import TrainingSettings
+
+CROP = (0.0, -20.0, -1.0, 40.0, 20.0, 5.0)
+CLASSES = ("Car", "Cyclist")
+
+
+class OneBoxAPoint(Detector):
+    """Finds a box at every point, of the class in its intensity, after refining it twice."""
+
+    def __init__(self, two_stages):
+        super().__init__(CLASSES, CROP, 1.73, Selection())
+        self.two_stages = two_stages
+        self.batches = []
+        self.selections = []
+
+    def loss(self, points, boxes, labels):
+        raise NotImplementedError
+
+    def predict(self, points, selection=None):
+        self.batches.append(len(points))
+        self.selections.append(selection)
+        found = []
+        for cloud in points:
+            boxes = torch.cat([cloud[:, :3], torch.ones(len(cloud), 4)], 1)
+            found.append({"boxes": boxes, "scores": torch.arange(len(cloud)) / 10})
+            found[-1]["labels"] = 1 + cloud[:, 3].round().long()
+            if self.two_stages:
+                found[-1]["refined"] = boxes.repeat(2, 1)
+        return found
+
+
+@pytest.fixture
+def clouds():
+    """Two, no and one point in frames 3, 5 and 8."""
+    frames = [
+        np.array([[1, 2, 0.5, 1.0], [3, 4, 1.5, 0.0]]),
+        np.zeros((0, 4)),
+        np.array([[5, 6, 2, 1.0]]),
+    ]
+    return PointClouds.from_frames(
+        [3, 5, 8], ((cloud.astype(np.float32), [len(cloud)]) for cloud in frames), CROP
+    )
+
+
+def run(monkeypatch, clouds, two_stages, **settings):
+    model = OneBoxAPoint(two_stages)
+    monkeypatch.setattr(module, "build_detector", lambda *args, **kwargs: model)
+    state = model.state_dict()
+    return model, detect("stub", CLASSES, state, clouds, TrainingSettings(**settings))
+
+
+def test_boxes_of_every_frame_in_the_ego_frame(monkeypatch, clouds):
+    model, found = run(monkeypatch, clouds, two_stages=False, batch_size=2, score_threshold=0.3)
+    assert list(found.boxes.columns) == ["frame", "class", *GEOMETRY, "score"]
+    assert found.boxes["frame"].tolist() == [3, 3, 8]
+    assert found.boxes["class"].tolist() == ["Cyclist", "Car", "Cyclist"]
+    assert found.boxes["z"].tolist() == pytest.approx([0.5, 1.5, 2.0], abs=2e-3)
+    assert found.boxes["score"].tolist() == pytest.approx([0, 0.1, 0])
+    assert found.refined is None
+    assert model.batches == [2, 1]
+    assert {selection.score for selection in model.selections} == {0.3}
+
+
+def test_the_boxes_of_a_second_stage_are_all_there(monkeypatch, clouds):
+    model, found = run(monkeypatch, clouds, two_stages=True, batch_size="auto")
+    assert list(found.refined.columns) == ["frame", *GEOMETRY]
+    assert found.refined["frame"].tolist() == [3, 3, 3, 3, 8, 8]
+    assert found.refined["z"].tolist() == pytest.approx([0.5, 1.5, 0.5, 1.5, 2, 2], abs=2e-3)
+    assert model.batches == [3]
+
+
+def test_no_frames(monkeypatch):
+    _, found = run(monkeypatch, PointClouds.from_frames([], [], CROP), two_stages=True)
+    assert list(found.boxes.columns) == ["frame", "class", *GEOMETRY, "score"]
+    assert len(found.boxes) == 0

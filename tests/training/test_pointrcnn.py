@@ -1,0 +1,144 @@
+"""PointRCNN and PointRCNN-IoU against OpenPCDet, and whether they learn."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+from openpcdet_reference import keys_and_shapes, points, reference, weights, worst_error
+from synthetic_scenes import scenes
+
+from training import build_detector
+from training.detectors.heads.pointrcnn_head import ScoredPoints
+from training.detectors.heads.proposals import Proposals
+from training.detectors.heads.roi_head import RoiOutput
+
+CLASSES = ("Car", "Pedestrian", "Cyclist")
+NETWORKS = ("pointrcnn", "pointrcnn_iou")
+
+
+@pytest.fixture(autouse=True)
+def _one_thread():
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+@pytest.mark.parametrize("network", NETWORKS)
+def test_stages_are_openpcdets(network):
+    data = reference(network)
+    model = build_detector(network, CLASSES)
+    state = model.state_dict()
+    shapes = {key: (tuple(value.shape), str(value.dtype)) for key, value in state.items()}
+    assert shapes == keys_and_shapes(data)
+    assert sum(p.numel() for p in model.parameters()) == 4_038_819
+    model.load_state_dict(weights(state, data))
+    model.eval()
+    with torch.no_grad():
+        scored, output = model.first_stage(points(data))
+        proposals = model.propose(scored, output)
+        refined = model.roi_head(proposals.boxes, scored)
+        boxes = model.roi_head.refine(refined, proposals.boxes)
+    frame = torch.zeros(len(scored.xyz), 1)
+    for name, value, tolerance in (
+        ("eval/backbone_3d/point_coords", torch.cat([frame, scored.xyz], dim=1), 0),
+        ("eval/backbone_3d/point_features", scored.features, 2e-5),
+        ("raw/point_head/point_cls_preds", output.logits, 1e-4),
+        ("raw/point_head/point_box_preds", output.residuals, 1e-4),
+        ("eval/point_head/point_cls_scores", scored.scores, 1e-4),
+        ("eval/point_head/batch_box_preds", model.point_head.decode(output, scored.xyz), 1e-4),
+        ("eval/roi_head/rois", proposals.boxes, 1e-4),
+        ("eval/roi_head/roi_scores", proposals.scores, 1e-4),
+        ("eval/roi_head/roi_labels", proposals.labels, 0),
+        ("eval/roi_head/batch_cls_preds", refined.logits[None], 1e-3),
+        ("eval/roi_head/batch_box_preds", boxes, 1e-3),
+    ):
+        assert worst_error(data, name, value) <= tolerance, name
+    # The largest box is 4 km long: small ones need a comparison of their own.
+    expected = torch.from_numpy(data["eval/roi_head/batch_box_preds/full"])
+    torch.testing.assert_close(boxes, expected, rtol=5e-3, atol=5e-3)
+
+
+@pytest.mark.parametrize("network", NETWORKS)
+def test_detections_are_openpcdets(network):
+    data = reference(network)
+    stage = {
+        name: torch.from_numpy(data[f"eval/roi_head/{name}/full"])
+        for name in ("rois", "roi_scores", "roi_labels", "batch_cls_preds", "batch_box_preds")
+    }
+    final = torch.from_numpy(data["final_0/pred_boxes"])
+    # RoIs without points score the same, and upstream's order of equal scores is that of its sort:
+    # those that it kept come first here.
+    kept = (stage["batch_box_preds"][0][:, None] == final).all(dim=2).any(dim=1)
+    assert kept.sum() == len(final)
+    logits = stage["batch_cls_preds"][0] + 1e-5 * kept[:, None]
+    model = build_detector(network, CLASSES)
+    head, boxes = model.roi_head, stage["batch_box_preds"]
+    proposals = Proposals(boxes, stage["roi_scores"], stage["roi_labels"])
+    found = head.detections(
+        RoiOutput(logits, torch.zeros(len(logits), 7)), proposals, model.selection
+    )[0]
+    assert len(found["boxes"]) == len(final)
+    nearest = torch.cdist(final.double(), found["boxes"].double()).argmin(dim=1)
+    assert nearest.unique().numel() == len(final)
+    torch.testing.assert_close(found["boxes"][nearest], final, rtol=1e-4, atol=1e-4)
+    scores = torch.from_numpy(data["final_0/pred_scores"])
+    torch.testing.assert_close(found["scores"], scores, rtol=0, atol=1e-5)
+    labels = torch.from_numpy(data["final_0/pred_labels"])
+    assert torch.equal(found["labels"][nearest], labels)
+    assert len(found["refined"]) == boxes.shape[1]
+
+
+def test_pooled_points_are_in_the_frame_of_their_proposal():
+    head = build_detector("pointrcnn", CLASSES).roi_head
+    xyz = torch.tensor([[10.0, 6.0, 1.0], [50.0, 0.0, 0.0], [9.5, 5.0, 0.5], [0.0, 0.0, 0.0]])
+    scored = ScoredPoints(
+        xyz, torch.tensor([3, 1]), torch.arange(8.0).view(4, 2), torch.tensor([0.1, 0.2, 0.3, 0.4])
+    )
+    rois = torch.tensor([[10.0, 5.0, 1.0, 4.0, 2.0, 2.0, math.pi / 2], [30, 0, 0, 4, 2, 2, 0]])
+    pooled = head.pool(torch.stack([rois, rois]), scored)
+    assert pooled.shape == (4, 512, 7)
+    depth = torch.tensor([10.0, 6.0, 1.0]).norm().item() / 70 - 0.5
+    torch.testing.assert_close(
+        pooled[0, 0], torch.tensor([1.0, 0.0, 0.0, 0.1, depth, 0.0, 1.0]), atol=1e-5, rtol=1e-5
+    )
+    torch.testing.assert_close(pooled[0, 1, :4], torch.tensor([0.0, 0.5, -0.5, 0.3]))
+    assert torch.equal(pooled[0, 2:4], pooled[0, :2])
+    assert (pooled[1:] == 0).all()  # no point, or only in the other frame
+
+
+def batch():
+    clouds, truth = scenes(2, seed=1, objects=8, fewest=6)
+    columns = ["x", "y", "z", "length", "width", "height", "yaw"]
+    boxes = [
+        torch.tensor(truth.loc[truth.frame == i, columns].to_numpy(), dtype=torch.float32)
+        for i in range(2)
+    ]
+    labels = [torch.ones(len(item), dtype=torch.int64) for item in boxes]
+    return [torch.from_numpy(clouds[i]) for i in range(2)], boxes, labels
+
+
+def test_losses_and_where_their_gradients_go():
+    torch.manual_seed(0)
+    model = build_detector("pointrcnn_tiny", ["Car"]).double().train()
+    losses = model.loss(*batch())
+    parts = {"point_cls", "point_box", "rcnn_cls", "rcnn_reg", "rcnn_corner"}
+    assert set(losses) == {"loss", *parts}
+    assert losses["loss"].dtype == torch.float64
+    assert losses["loss"].item() == pytest.approx(sum(losses[name].item() for name in parts))
+    second = sum(losses[name] for name in parts if name.startswith("rcnn"))
+    second.backward(retain_graph=True)
+    assert all(p.grad is None for p in model.backbone_3d.parameters())
+    assert all(p.grad.isfinite().all() for p in model.roi_head.parameters())
+    losses["loss"].backward()
+    assert all(p.grad.abs().sum() > 0 for p in model.backbone_3d.parameters() if p.ndim > 1)
+
+
+def test_only_the_scores_targets_tell_the_two_apart():
+    plain, iou = (build_detector(name, CLASSES).roi_head.settings for name in NETWORKS)
+    assert plain.sampling.score == "cls"
+    assert iou.sampling.score == "roi_iou"
+    assert (plain.train, plain.test) == (iou.train, iou.test)
+    assert plain.sampling.rois == iou.sampling.rois == 128

@@ -1,0 +1,154 @@
+"""A training that was stopped goes on as if it had not been."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from synthetic_scenes import scenes
+
+from training.detectors.pointpillars import PointPillars
+from training.finetune import finetune
+from training.settings import TrainingSettings
+
+SETTINGS = TrainingSettings(epochs=4, batch_size=2)
+
+
+class Stop(Exception):
+    """Stands for a process that is killed."""
+
+
+@pytest.fixture(autouse=True)
+def _one_thread():
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+@pytest.fixture(scope="module")
+def data():
+    return scenes(4, seed=1, classes=("Car", "Pedestrian"), fewest=3)
+
+
+def train(data, folder=None, settings=SETTINGS, seed=3, stop=None):
+    epochs = []
+
+    def on_epoch(values):
+        epochs.append(values["epoch"])
+        if values["epoch"] == stop:
+            raise Stop
+
+    clouds, truth = data
+    classes = ["Pedestrian", "Car"]
+    result = finetune(
+        "pointpillars_tiny", classes, clouds, truth, settings, seed,
+        on_epoch=on_epoch, folder=folder,
+    )  # fmt: skip
+    return result, epochs
+
+
+def losses(result):
+    return result.curve[~result.curve.metric.isin(["seconds"])].reset_index(drop=True)
+
+
+def same(one, other):
+    assert losses(one).equals(losses(other))
+    assert one.steps == other.steps
+    assert list(one.state_dict) == list(other.state_dict)
+    assert all(torch.equal(one.state_dict[key], other.state_dict[key]) for key in one.state_dict)
+
+
+@pytest.mark.parametrize("optimizer", ["adam_onecycle", "sgd"])
+def test_a_stopped_training_gives_what_it_would_have_given(data, tmp_path, optimizer):
+    settings = SETTINGS.model_copy(update={"optimizer": optimizer, "lr": 0.003})
+    whole, epochs = train(data, settings=settings)
+    assert epochs == [1, 2, 3, 4]
+    for stop in (1, 3):
+        with pytest.raises(Stop):
+            train(data, tmp_path, settings, stop=stop)
+        torch.manual_seed(stop)  # the process that goes on has another state
+    rest, epochs = train(data, tmp_path, settings)
+    assert epochs == [4]
+    same(whole, rest)
+    done, epochs = train(data, tmp_path, settings)
+    assert epochs == []
+    same(whole, done)
+    assert done.curve.equals(rest.curve), "the seconds too"
+
+
+def test_a_folder_changes_nothing(data, tmp_path):
+    same(train(data)[0], train(data, tmp_path)[0])
+
+
+def test_best_is_the_epoch_of_the_lowest_training_loss(data, tmp_path, monkeypatch):
+    loss = PointPillars.loss
+
+    def rising(self, *batch):
+        parts = loss(self, *batch)
+        return parts | {"loss": parts["loss"] * (1 + 9 * (self.global_step.item() >= 6))}
+
+    monkeypatch.setattr(PointPillars, "loss", rising)
+    result, _ = train(data, tmp_path)
+    curve = result.curve[result.curve.metric == "loss"].set_index("epoch")["value"]
+    best = torch.load(tmp_path / "best.pt", weights_only=True)
+    assert best["epoch"] == curve.idxmin() < 4
+    assert best["loss"] == curve.min()
+    assert best["model_state"]["global_step"] == 2 * best["epoch"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["best.pt", "last.pt"]
+
+
+def test_a_checkpoint_to_start_from_is_one_of_ours_too(data, tmp_path):
+    train(data, tmp_path, SETTINGS.model_copy(update={"epochs": 1}))
+    further = SETTINGS.model_copy(update={"epochs": 1, "checkpoint": tmp_path / "best.pt"})
+    result, _ = train(data, settings=further)
+    assert result.state_dict["global_step"] == 4
+    assert result.weights.startswith("best.pt sha256:")
+
+
+def test_another_training_does_not_go_on_here(data, tmp_path):
+    train(data, tmp_path)
+    clouds, truth = data
+    moved = truth.assign(x=truth["x"] + 0.01)
+    fewer = scenes(3, seed=1, classes=("Car", "Pedestrian"), fewest=3)[0]
+    for kind in (
+        {"settings": SETTINGS.model_copy(update={"lr": 0.02})},
+        {"seed": 4},
+        {"data": (clouds, moved)},
+        {"data": (fewer, truth)},
+    ):
+        with pytest.raises(ValueError, match=r"last\.pt is of a training with other"):
+            train(**({"data": data, "folder": tmp_path} | kind))
+
+
+@pytest.mark.parametrize("content", [b"", b"not a file of torch", "list", "half"])
+def test_a_file_of_something_else_is_an_error(data, tmp_path, content):
+    path = tmp_path / "last.pt"
+    if isinstance(content, bytes):
+        path.write_bytes(content)
+    elif content == "list":
+        torch.save([1, 2], path)
+    else:
+        train(data, tmp_path)
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(ValueError, match=r"last\.pt is no checkpoint of a training"):
+        train(data, tmp_path)
+
+
+def test_random_numbers_of_the_network_follow_from_the_seed(data, tmp_path, monkeypatch):
+    """Two-stage detectors draw boxes from torch's generator in training."""
+    loss = PointPillars.loss
+
+    def noisy(self, *batch):
+        parts = loss(self, *batch)
+        return parts | {"loss": parts["loss"] * (1 + torch.rand(()).item())}
+
+    monkeypatch.setattr(PointPillars, "loss", noisy)
+    torch.manual_seed(5)
+    state = torch.get_rng_state()
+    whole, _ = train(data)
+    assert torch.equal(torch.get_rng_state(), state)
+    with pytest.raises(Stop):
+        train(data, tmp_path, stop=2)
+    torch.manual_seed(6)
+    same(whole, train(data, tmp_path)[0])
+    assert not losses(whole).equals(losses(train(data, seed=9)[0]))

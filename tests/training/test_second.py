@@ -1,0 +1,155 @@
+"""SECOND and what all voxel networks share: against OpenPCDet, odd clouds, learning."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from anchor_reference import assert_head_is_openpcdets, assert_training_is_openpcdets
+from openpcdet_reference import keys_and_shapes, points, reference, weights, worst_error
+from synthetic_scenes import scenes
+
+from training import build_detector
+from training.detectors.backbones.voxels import VoxelGrid, voxelise
+
+DATA = reference("second")
+CLASSES = ("Car", "Pedestrian", "Cyclist")
+CPU = torch.device("cpu")
+
+
+@pytest.fixture(autouse=True)
+def _one_thread():
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+def test_everything_is_openpcdets():
+    """State_dict, outputs of all stages, detections, losses, gradients."""
+    model = build_detector("second", CLASSES)
+    ours = {k: (tuple(v.shape), str(v.dtype)) for k, v in model.state_dict().items()}
+    assert ours == keys_and_shapes(DATA)
+    assert sum(p.numel() for p in model.parameters()) == 5_325_576
+    model.load_state_dict(weights(model.state_dict(), DATA))
+    model.eval()
+
+    voxels = voxelise(points(DATA), model.grid, False, CPU).features
+    assert voxels.shape == tuple(DATA["eval/vfe/voxel_features/shape"])
+    total = voxels.double().sum().item()
+    assert total == pytest.approx(DATA["eval/vfe/voxel_features/sum"], rel=1e-9)
+    stage = model.first_stage(points(DATA))
+    encoded = stage.scales["encoded"]
+    name = "eval/backbone_3d/encoded_spconv_tensor"
+    assert encoded.shape == tuple(DATA[f"{name}/spatial_shape"])
+    assert np.array_equal(encoded.coordinates.numpy(), DATA[f"{name}/coordinates"])
+    assert worst_error(DATA, f"{name}/features", encoded.features) < 1e-5
+    assert worst_error(DATA, "eval/map_to_bev_module/spatial_features", stage.bev) < 1e-5
+    assert worst_error(DATA, "eval/backbone_2d/spatial_features_2d", stage.image) < 1e-4
+    assert_head_is_openpcdets(model, DATA, stage.head)
+    # In float64 the norms agree to 3e-4; in float32 ReLUs that flip by rounding add noise.
+    assert_training_is_openpcdets(model, DATA, stage.head, tolerance=4e-3)
+
+
+def test_voxels_by_hand():
+    grid = VoxelGrid(
+        (0.0, 0.0, 0.0, 2.0, 1.0, 1.0), (1.0, 1.0, 0.5), max_points=2, max_voxels=(1, 2)
+    )
+    cloud = torch.tensor(
+        [
+            [1.5, 0.5, 0.1, 0.0],
+            [0.5, 0.5, 0.9, 0.1],
+            [1.1, 0.5, 0.3, 0.2],
+            [1.1, 0.5, 0.2, 0.3],  # third of its voxel
+            [0.5, 0.5, 0.1, 0.3],  # third voxel
+            [0.5, 0.5, 1.0, 0.4],  # on the far faces: outside
+            [2.0, 0.5, 0.5, 0.5],
+            [0.5, 1.0, 0.5, 0.5],
+            [float("nan"), 0.5, 0.5, 0.5],
+            [0.5, 0.5, 0.5, float("inf")],
+        ]
+    )
+    batch = voxelise([cloud, cloud[:0], cloud], grid, False, CPU)
+    assert batch.shape == (3, 1, 2)
+    assert batch.coordinates.tolist() == [[0, 0, 0, 1], [0, 1, 0, 0], [2, 0, 0, 1], [2, 1, 0, 0]]
+    expected = torch.tensor([[1.3, 0.5, 0.2, 0.1], [0.5, 0.5, 0.9, 0.1]] * 2)
+    torch.testing.assert_close(batch.features, expected)
+    assert voxelise([cloud], grid, True, CPU).coordinates.tolist() == [[0, 0, 0, 1]]
+    # The near faces are inside.
+    assert len(voxelise([torch.zeros(1, 4)], grid, True, CPU).features) == 1
+
+
+def test_voxels_are_those_of_a_sort():
+    random = np.random.default_rng(0)
+    cloud = random.uniform((-1, -1, -1, 0), (9, 9, 5, 1), (20_000, 4)).astype(np.float32)
+    grid = VoxelGrid((0.0, 0.0, 0.0, 8.0, 8.0, 4.0), (0.25, 0.5, 1.0))
+    cell = np.floor(cloud[:, :3] / np.array(grid.size, np.float32)).astype(int)[:, ::-1]
+    inside = ((cell >= 0) & (cell < grid.cells)).all(axis=1)
+    cells, place, counts = np.unique(cell[inside], axis=0, return_inverse=True, return_counts=True)
+    sums = np.zeros((len(cells), 4))
+    np.add.at(sums, place, cloud[inside])
+    batch = voxelise([torch.from_numpy(cloud)], grid, True, CPU)
+    assert np.array_equal(batch.coordinates[:, 1:].numpy(), cells)
+    np.testing.assert_allclose(batch.features, sums / counts[:, None], rtol=1e-6)
+
+
+ODD = {
+    "no point": torch.zeros(0, 4),
+    "one point": torch.tensor([[5.0, 0.0, 1.0, 0.5]]),
+    "one voxel": torch.tensor([[5.0, 0.0, 1.0, 0.5]]).repeat(1000, 1),
+    "borders": torch.tensor([[0.0, -20.0, 0.0, 0.1], [40.0, 20.0, 4.0, 0.1], [1e30, 0, 0, 0]]),
+    "not finite": torch.tensor([[float("nan"), 0.0, 1.0, 0.5], [5.0, float("inf"), 1.0, 0.5]]),
+}
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_odd_clouds_train_and_predict(name):
+    model = build_detector("second_tiny", ["Car", "Pedestrian"]).train()
+    none = torch.zeros(0, 7), torch.zeros(0, dtype=torch.int64)
+    losses = model.loss([ODD[name]] * 2, [none[0]] * 2, [none[1]] * 2)
+    losses["loss"].backward()
+    assert losses["loss"] == losses["classification"] > 0
+    assert all(torch.isfinite(p.grad).all() for p in model.parameters())
+    for item in model.predict([ODD[name], ODD["no point"]]):
+        assert item["boxes"].shape == (len(item["scores"]), 7)
+
+
+def test_a_million_points():
+    model = build_detector("second_tiny", ["Car"])
+    random = torch.Generator().manual_seed(0)
+    cloud = torch.rand(1_000_000, 4, generator=random) * torch.tensor([8.0, 8.0, 2.0, 1.0])
+    voxels = voxelise([cloud], model.grid, False, CPU)
+    assert len(voxels.features) == 40 * 40 * 13
+    assert len(model.predict([cloud])) == 1
+
+
+def test_mixed_precision_trains_with_losses_in_float32():
+    torch.manual_seed(0)
+    model = build_detector("second_tiny", ["Car"]).train()
+    clouds, _ = scenes(2, seed=0)
+    box = torch.tensor([[10.0, 0.0, 0.8, 4.2, 1.9, 1.6, 0.3]])
+    batch = [torch.from_numpy(clouds[i]) for i in range(2)], [box] * 2, [torch.tensor([1])] * 2
+    plain = model.loss(*batch)
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        mixed = model.loss(*batch)
+    mixed["loss"].backward()
+    for key, value in mixed.items():
+        assert value.dtype == torch.float32
+        assert value.item() == pytest.approx(plain[key].item(), rel=0.05)
+    assert all(torch.isfinite(p.grad).all() for p in model.parameters())
+    double = model.double().loss(*batch)
+    assert double["loss"].dtype == torch.float64
+    assert double["loss"].item() == pytest.approx(plain["loss"].item(), rel=1e-4)
+
+
+def test_range_grows_to_whole_cells_and_must_be_high_enough():
+    model = build_detector("second", CLASSES, point_range=(0, -20, 0, 40.1, 20, 4))
+    assert model.point_range == pytest.approx((0, -20, -3, 40.8, 20, 1))
+    assert model.grid.shape == (41, 800, 816)
+    assert model.dense_head.anchors.shape[:2] == (100, 102)
+    paper = build_detector("second_paper", CLASSES)
+    assert paper.point_range == (0, -20, -3, 40, 20, 1)
+    shapes = {key: value.shape for key, value in paper.state_dict().items()}
+    assert shapes == {key: value.shape for key, value in model.state_dict().items()}
+    with pytest.raises(ValueError, match=r"at least 3\.84 m high, found 2\.08 m"):
+        build_detector("second_tiny", CLASSES, point_range=(0, -20, 0, 40, 20, 2))

@@ -1,0 +1,118 @@
+"""SECOND-IoU against OpenPCDet, and whether its tiny preset learns."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from openpcdet_reference import points, reference, weights, worst_error
+from synthetic_scenes import scenes
+
+from training import build_detector
+from training.detectors.backbones.voxels import VoxelGrid
+from training.detectors.heads.second_iou_head import bev_pool
+from training.ops.box_overlap import iou_bev
+
+DATA = reference("second_iou")
+CLASSES = ("Car", "Pedestrian", "Cyclist")
+
+
+@pytest.fixture(autouse=True)
+def _one_thread():
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+@pytest.fixture(scope="module")
+def openpcdet():
+    """The network with OpenPCDet's weights and its first stage of the reference's frames."""
+    model = build_detector("second_iou", CLASSES, preset="openpcdet").eval()
+    model.load_state_dict(weights(model.state_dict(), DATA))
+    with torch.no_grad():
+        return model, model.first_stage(points(DATA))
+
+
+def expected(name):
+    return torch.from_numpy(DATA[f"eval/roi_head/{name}/full"])
+
+
+def test_proposals_are_openpcdets(openpcdet):
+    model, first = openpcdet
+    found = model.roi_head.propose(*model.dense_head.decode(first.head))
+    assert torch.equal(found.labels, expected("roi_labels"))
+    torch.testing.assert_close(found.scores, expected("roi_scores"), rtol=1e-5, atol=1e-5)
+    # Sizes are exponentials of numbers up to 50, so noise is relative.
+    torch.testing.assert_close(found.boxes, expected("rois"), rtol=1e-3, atol=1e-3)
+
+
+@torch.no_grad()
+def test_second_stage_is_openpcdets(openpcdet):
+    model, first = openpcdet
+    rois = expected("rois")
+    output = model.second_stage(rois, first)
+    logits = output.logits.view(*rois.shape[:2], 1)
+    assert worst_error(DATA, "eval/roi_head/batch_cls_preds", logits) < 2e-5
+    assert torch.equal(model.roi_head.refine(output, rois), expected("batch_box_preds"))
+
+
+@torch.no_grad()
+def test_detections_are_openpcdets(openpcdet):
+    """Given its RoIs. Its float32 kernel finds too much overlap of boxes a few millimetres wide."""
+    model, first = openpcdet
+    proposals = model.roi_head.propose(*model.dense_head.decode(first.head))
+    proposals.boxes.copy_(expected("rois"))
+    output = model.second_stage(proposals.boxes, first)
+    for b, found in enumerate(model.roi_head.detections(output, proposals, model.selection)):
+        own = {key: torch.from_numpy(DATA[f"final_{b}/pred_{key}"]) for key in ("boxes", "labels")}
+        score = torch.from_numpy(DATA[f"final_{b}/pred_iou_scores"])
+        same = (found["boxes"][:, None] == own["boxes"]).all(dim=2)
+        assert same.any(dim=0).all()
+        row = same.int().argmax(dim=0)
+        assert torch.equal(found["labels"][row], own["labels"])
+        torch.testing.assert_close(found["scores"][row], score, rtol=1e-4, atol=1e-5)
+        assert (found["scores"].diff() <= 0).all()
+        extra = found["boxes"][~same.any(dim=1)]
+        assert len(extra) <= 2
+        for box in extra:
+            others = own["boxes"][iou_bev(box[None], own["boxes"])[0] > 0]
+            assert torch.cat([box[None], others])[:, 3:5].min() < 0.01
+
+
+def test_pooling_by_hand():
+    grid = VoxelGrid((0.0, -8.0, 0.0, 16.0, 8.0, 4.0), (0.25, 0.25, 0.5))
+    y, x = torch.meshgrid(torch.arange(8.0), torch.arange(8.0), indexing="ij")
+    image = torch.stack([x, y])[None]  # in cells of 2 m
+    rois = torch.tensor([[[6.0, 0.0, 1.0, 4.0, 4.0, 2.0, 0.0], [6.0, 0.0, 1, 4.0, 4.0, 2.0, 0.5]]])
+    found = bev_pool(image, rois, grid, 3)
+    assert found.shape == (2, 2, 3, 3)
+    torch.testing.assert_close(found[0, 0, 1], torch.tensor([2.0, 3.0, 4.0]))
+    torch.testing.assert_close(found[0, 1, :, 1], torch.tensor([3.0, 4.0, 5.0]))
+    ahead = torch.tensor([3.0, 4.0]) + torch.tensor([0.5, 0.5]).cos() * torch.tensor([1.0, 0.0])
+    ahead = ahead + torch.tensor([0.0, 1.0]) * torch.tensor(0.5).sin()
+    torch.testing.assert_close(found[1, :, 1, 2], ahead)
+    outside = rois + torch.tensor([100.0, 0, 0, 0, 0, 0, 0])
+    assert (bev_pool(image, outside, grid, 3) == 0).all()
+
+
+def test_losses_reach_all_parameters():
+    torch.manual_seed(0)
+    clouds, truth = scenes(2, seed=0, objects=8, fewest=6)
+    model = build_detector("second_iou_tiny", CLASSES).train()
+    boxes = [
+        torch.tensor(truth[truth.frame == i].iloc[:, 2:9].to_numpy(), dtype=torch.float32)
+        for i in range(2)
+    ]
+    labels = [torch.ones(len(item), dtype=torch.int64) for item in boxes]
+    losses = model.loss([torch.from_numpy(clouds[i]) for i in range(2)], boxes, labels)
+    assert set(losses) == {"loss", "classification", "location", "direction", "rcnn_cls"}
+    parts = losses["classification"] + losses["location"] + losses["direction"]
+    torch.testing.assert_close(losses["loss"], parts + losses["rcnn_cls"])
+    losses["rcnn_cls"].backward(retain_graph=True)
+    # As in OpenPCDet: the second stage does not train the first.
+    assert all(p.grad is None for n, p in model.named_parameters() if "roi_head" not in n)
+    losses["loss"].backward()
+    for name, parameter in model.named_parameters():
+        assert parameter.grad is not None, name
+        assert torch.isfinite(parameter.grad).all(), name
+        assert parameter.grad.abs().sum() > 0, name

@@ -1,0 +1,182 @@
+"""Sparse convolution against dense convolution, finite differences and a second way to pair."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from torch.nn import functional
+
+from training.detectors.backbones.sparse_backbone import VoxelBackBone8x, encoded_height
+from training.ops import sparse_rules
+from training.ops.sparse_conv import (
+    InverseConv3d,
+    SparseConv3d,
+    SparseTensor,
+    SubmanifoldConv3d,
+)
+
+STRIDED = [
+    ((3, 3, 3), (2, 2, 2), (1, 1, 1)),
+    ((3, 3, 3), (2, 2, 2), (0, 1, 1)),
+    ((3, 1, 1), (2, 1, 1), (0, 0, 0)),
+    ((2, 3, 1), (1, 2, 3), (1, 0, 0)),
+]
+GRIDS = [((5, 6, 7), 2, 0.3), ((4, 4, 4), 1, 1.0), ((3, 9, 1), 3, 0.5), ((6, 5, 5), 2, 0.02)]
+
+
+def sites(shape, frames, share, channels=3, dtype=torch.float64):
+    """Random features at about `share` of the cells; the last frame has none if there are more."""
+    used = torch.rand(frames, *shape) < share
+    used[frames - 1] &= frames == 1
+    coordinates = torch.nonzero(used)
+    return SparseTensor(
+        torch.randn(len(coordinates), channels, dtype=dtype), coordinates, shape, frames
+    )
+
+
+def dense_weight(module):
+    """In the layout of conv3d: out, in, z, y, x."""
+    return module.weight.permute(0, 4, 1, 2, 3)
+
+
+def at_sites(image, x):
+    return image.permute(0, 2, 3, 4, 1)[tuple(x.coordinates.T)]
+
+
+@pytest.mark.parametrize("grid", GRIDS)
+@pytest.mark.parametrize("kernel", [(3, 3, 3), (1, 3, 5), (1, 1, 1)])
+def test_submanifold_is_dense_convolution_at_the_sites(grid, kernel):
+    torch.manual_seed(0)
+    x = sites(*grid)
+    module = SubmanifoldConv3d(3, 4, kernel).double()
+    y = module(x)
+    padding = [size // 2 for size in kernel]
+    expected = functional.conv3d(x.dense(), dense_weight(module), padding=padding)
+    torch.testing.assert_close(y.features, at_sites(expected, x))
+    assert y.coordinates is x.coordinates
+    assert module(y.with_features(y.features[:, :3])).tables is x.tables
+
+
+@pytest.mark.parametrize("grid", GRIDS)
+@pytest.mark.parametrize(("kernel", "stride", "padding"), STRIDED)
+def test_strided_is_dense_convolution_and_its_inverse_is_transposed(grid, kernel, stride, padding):
+    torch.manual_seed(0)
+    x = sites(*grid)
+    module = SparseConv3d(3, 4, kernel, stride, padding).double()
+    y = module(x)
+    expected = functional.conv3d(x.dense(), dense_weight(module), stride=stride, padding=padding)
+    assert (y.frames, 4, *y.shape) == expected.shape
+    torch.testing.assert_close(y.dense(), expected)
+    # Every cell whose window holds a site, in order.
+    used = (x.dense()[:, :1] != 0).double()
+    reached = functional.conv3d(
+        used, torch.ones(1, 1, *kernel, dtype=torch.float64), stride=stride, padding=padding
+    )
+    assert torch.equal(y.coordinates, torch.nonzero(reached[:, 0]))
+
+    inverse = InverseConv3d(4, 2, kernel, stride, padding).double()
+    z = inverse(y, x)
+    rest = [(x.shape[i] + 2 * padding[i] - kernel[i]) % stride[i] for i in range(3)]
+    expected = functional.conv_transpose3d(
+        y.dense(), inverse.weight.permute(4, 0, 1, 2, 3), stride=stride, padding=padding,
+        output_padding=rest,
+    )  # fmt: skip
+    torch.testing.assert_close(z.features, at_sites(expected, x))
+
+
+def test_gradients_are_finite_differences():
+    torch.manual_seed(0)
+    x = sites((3, 4, 5), 2, 0.2)
+    modules = [
+        SubmanifoldConv3d(3, 2).double(),
+        *(SparseConv3d(3, 2, *geometry).double() for geometry in STRIDED[:3]),
+    ]
+    for module in modules:
+        weight = torch.nn.Parameter(module.weight.detach().clone())
+
+        def output(features, weight, module=module):
+            return torch.func.functional_call(
+                module, {"weight": weight}, (x.with_features(features),)
+            ).features
+
+        assert torch.autograd.gradcheck(output, (x.features.requires_grad_(), weight))
+    y = modules[1](x.with_features(x.features.detach()))
+    inverse = InverseConv3d(2, 2, *STRIDED[0]).double()
+    assert torch.autograd.gradcheck(
+        lambda features: inverse(y.with_features(features), x).features,
+        (y.features.detach().requires_grad_(),),
+    )
+
+
+@pytest.mark.parametrize("grid", [*GRIDS, ((20, 60, 50), 2, 0.03)])
+def test_torch_finds_the_pairs_that_numba_finds(grid):
+    torch.manual_seed(1)
+    x = sites(*grid)
+    keys = torch.unique(torch.randint(0, 3000, (500,)))
+    steps = torch.tensor([-101, -100, -11, -1, 2])
+    ours = sparse_rules._neighbours_numba(keys.numpy(), steps.numpy())
+    for a, b in zip(ours, sparse_rules._neighbours_torch(keys, steps), strict=True):
+        assert a.tolist() == b.tolist()
+    shape = (6, 30, 30)
+    for geometry in STRIDED:
+        sizes = [np.array(item) for item in (shape, *geometry)]
+        inputs, cells, counts = sparse_rules._reached_numba(x.coordinates.numpy(), *sizes)
+        found = np.unique(cells)
+        rows = sparse_rules._rows_numba(cells, counts, found)
+        other = sparse_rules._reached_torch(x.coordinates, shape, *geometry)
+        for a, b in zip((inputs, rows, counts, found), other, strict=True):
+            assert a.tolist() == b.tolist()
+        by_row = sparse_rules._by_row_numba(rows, len(found))
+        other = sparse_rules._by_row_torch(torch.from_numpy(rows), len(found))
+        for a, b in zip(by_row, other, strict=True):
+            assert a.tolist() == b.tolist()
+
+
+def test_no_site_and_one_site():
+    none = SparseTensor(torch.zeros(0, 4), torch.zeros(0, 4, dtype=torch.int64), (41, 16, 16), 2)
+    place = torch.tensor([[1, 40, 15, 15]])
+    one = SparseTensor(torch.randn(1, 4), place, (41, 16, 16), 2)
+    for x in (none, one):
+        network = VoxelBackBone8x(4, (4, 8, 8, 8, 8)).train()
+        scales = network(x)
+        assert scales["encoded"].shape == (encoded_height(41), 2, 2) == (2, 2, 2)
+        image = scales["encoded"].bev()
+        assert image.shape == (2, 16, 2, 2)
+        image.sum().backward()
+        assert all(torch.isfinite(p.grad).all() for p in network.parameters())
+
+
+def test_bev_stacks_the_heights_of_each_channel():
+    torch.manual_seed(0)
+    x = sites((2, 5, 6), 2, 0.4)
+    assert torch.equal(x.bev(), x.dense().flatten(1, 2))
+
+
+def test_backbone_in_mixed_precision_is_near_and_repeats_itself():
+    torch.manual_seed(0)
+    x = sites((41, 32, 32), 2, 0.02, channels=4, dtype=torch.float32)
+    network = VoxelBackBone8x(4, (8, 8, 16, 16, 16)).train()
+    results = []
+    for enabled in (False, True, True):
+        network.zero_grad()
+        with torch.autocast("cpu", dtype=torch.bfloat16, enabled=enabled):
+            features = network(x)["encoded"].features
+        assert features.dtype == (torch.bfloat16 if enabled else torch.float32)
+        features.float().square().mean().backward()
+        weight = network.conv_input[0].weight
+        assert weight.grad.dtype == torch.float32
+        results.append((features.detach().float(), weight.grad.clone()))
+    assert torch.equal(results[1][0], results[2][0])
+    assert torch.equal(results[1][1], results[2][1])
+    assert (results[0][0] - results[1][0]).abs().mean() < 0.05 * results[0][0].abs().mean()
+
+
+def test_bad_input_is_named():
+    with pytest.raises(ValueError, match=r"odd kernel, found \(3, 2, 3\)"):
+        SubmanifoldConv3d(3, 4, (3, 2, 3))
+    torch.manual_seed(0)
+    x, other = sites((5, 6, 7), 1, 0.05), sites((5, 6, 7), 1, 0.05)
+    coarse = SparseConv3d(3, 4, *STRIDED[0]).double()(x)
+    with pytest.raises(ValueError, match="not those of a convolution from `fine`"):
+        InverseConv3d(4, 3, *STRIDED[0]).double()(coarse, other)

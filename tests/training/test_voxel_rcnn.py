@@ -1,0 +1,151 @@
+"""Voxel R-CNN against OpenPCDet, and whether its tiny preset learns."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from openpcdet_reference import points, reference, weights, worst_error
+from synthetic_scenes import scenes
+
+from training import build_detector
+from training.detectors.heads.proposals import Proposals
+from training.detectors.heads.voxel_rcnn_head import NeighbourVoxelPool
+from training.ops.sparse_conv import SparseTensor
+
+DATA = reference("voxel_rcnn_car")
+
+
+@pytest.fixture(autouse=True)
+def _one_thread():
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+@pytest.fixture(scope="module")
+def openpcdet():
+    """The network with OpenPCDet's weights and its first stage of the reference's frame."""
+    model = build_detector("voxel_rcnn", ["Car"], preset="openpcdet").eval()
+    model.load_state_dict(weights(model.state_dict(), DATA))
+    with torch.no_grad():
+        return model, model.first_stage(points(DATA))
+
+
+def expected(name):
+    return torch.from_numpy(DATA[f"eval/roi_head/{name}/full"])
+
+
+def test_proposals_are_openpcdets(openpcdet):
+    model, first = openpcdet
+    found = model.roi_head.propose(*model.dense_head.decode(first.head))
+    assert torch.equal(found.labels, expected("roi_labels"))
+    torch.testing.assert_close(found.scores, expected("roi_scores"), rtol=5e-5, atol=1e-5)
+    # Sizes are exponentials of numbers up to 50, so noise is relative.
+    torch.testing.assert_close(found.boxes, expected("rois"), rtol=1e-3, atol=1e-3)
+
+
+@torch.no_grad()
+def test_second_stage_is_openpcdets(openpcdet):
+    model, first = openpcdet
+    rois = expected("rois")
+    output = model.second_stage(rois, first)
+    logits = output.logits.view(*rois.shape[:2], 1)
+    assert worst_error(DATA, "eval/roi_head/batch_cls_preds", logits) < 5e-6
+    refined = model.roi_head.refine(output, rois)
+    torch.testing.assert_close(refined, expected("batch_box_preds"), rtol=1e-3, atol=1e-3)
+
+
+@torch.no_grad()
+def test_detections_are_openpcdets(openpcdet):
+    """Given its RoIs, but for the order of boxes whose scores are the same to float noise."""
+    model, first = openpcdet
+    proposals = model.roi_head.propose(*model.dense_head.decode(first.head))
+    proposals.boxes.copy_(expected("rois"))
+    output = model.second_stage(proposals.boxes, first)
+    (found,) = model.roi_head.detections(output, proposals, model.selection)
+    boxes, scores = (torch.from_numpy(DATA[f"final_0/pred_{key}"]) for key in ("boxes", "scores"))
+    assert len(found["boxes"]) == len(boxes)
+    torch.testing.assert_close(found["scores"], scores, rtol=1e-5, atol=1e-6)
+    assert (found["labels"] == 1).all()
+    assert found["refined"].shape == (100, 7)
+    close = torch.isclose(found["boxes"][:, None], boxes, rtol=1e-3, atol=1e-2).all(dim=2)
+    tied = torch.isclose(scores[:, None], scores, rtol=0, atol=1e-6).sum(dim=1) > 1
+    missing = ~close.any(dim=0)
+    assert missing.sum() <= 1
+    assert tied[missing].all()
+
+
+def test_pool_against_brute_force():
+    torch.manual_seed(0)
+    shape, reach, radius, samples = (4, 12, 12), (2, 2, 2), 1.7, 4
+    sites = torch.nonzero(torch.rand(2, *shape) < 0.2)
+    voxels = SparseTensor(torch.randn(len(sites), 5), sites, shape, 2)
+    centres = sites[:, [3, 2, 1]] + 0.5
+    cells = torch.stack([torch.randint(0, n, (60,)) for n in (2, *shape)], dim=1)
+    places = cells[:, [3, 2, 1]] + torch.rand(60, 3)
+    cells[0], places[0] = torch.tensor([0, 0, 40, 40]), torch.tensor([40.5, 40.5, 0.5])
+    pool = NeighbourVoxelPool(5, (6, 7), radius, reach, samples).eval()
+    for module in pool.modules():
+        if isinstance(module, torch.nn.BatchNorm1d):
+            torch.nn.init.normal_(module.running_mean)
+            torch.nn.init.normal_(module.bias)
+    found = pool(voxels, centres, places, cells)
+
+    rows = pool.mlps_in[0](voxels.features)
+    result = []
+    for place, cell in zip(places, cells, strict=True):
+        near = [
+            i
+            for i, site in enumerate(sites.tolist())
+            if site[0] == cell[0]
+            and all(abs(site[k + 1] - int(cell[k + 1])) <= reach[k] for k in range(3))
+            and torch.dist(centres[i], place) < radius
+        ][:samples]
+        features = rows[near] if near else torch.zeros(1, 6)
+        offsets = centres[near] - place if near else torch.zeros(1, 3)
+        result.append((features + pool.mlps_pos[0](offsets)).relu().amax(dim=0))
+    torch.testing.assert_close(found, pool.mlps_out[0](torch.stack(result)))
+
+
+def test_a_cloud_without_voxels_is_pooled():
+    nothing = SparseTensor(torch.zeros(0, 5), torch.zeros(0, 4).long(), (4, 12, 12), 1)
+    pool = NeighbourVoxelPool(5, (6, 7), 1.0, (2, 2, 2), 4).train()
+    found = pool(nothing, torch.zeros(0, 3), torch.zeros(3, 3), torch.zeros(3, 4).long())
+    assert torch.isfinite(found).all()
+    assert found.shape == (3, 7)
+
+
+def test_losses_reach_all_parameters():
+    torch.manual_seed(0)
+    clouds, truth = scenes(2, seed=0, objects=8, fewest=6)
+    model = build_detector("voxel_rcnn_tiny", ["Car", "Cyclist"]).train()
+    boxes = [
+        torch.tensor(truth[truth.frame == i].iloc[:, 2:9].to_numpy(), dtype=torch.float32)
+        for i in range(2)
+    ]
+    labels = [torch.ones(len(item), dtype=torch.int64) for item in boxes]
+    # Untrained, hardly a proposal would be near enough to an object to learn its box.
+    model.roi_head.propose = lambda *_: propose_objects(boxes)
+    losses = model.loss([torch.from_numpy(clouds[i]) for i in range(2)], boxes, labels)
+    second = {"rcnn_cls", "rcnn_reg", "rcnn_corner"}
+    assert set(losses) == {"loss", "classification", "location", "direction"} | second
+    parts = [losses[name] for name in ("classification", "location", "direction", *second)]
+    torch.testing.assert_close(losses["loss"], torch.stack(parts).sum())
+    torch.stack([losses[name] for name in second]).sum().backward(retain_graph=True)
+    # The second stage trains the sparse backbone too.
+    assert model.backbone_3d.conv_input[0].weight.grad.abs().sum() > 0
+    losses["loss"].backward()
+    for name, parameter in model.named_parameters():
+        assert parameter.grad is not None, name
+        assert torch.isfinite(parameter.grad).all(), name
+        assert parameter.grad.abs().sum() > 0, name
+
+
+def propose_objects(boxes):
+    """32 proposals around the objects of each frame."""
+    random = np.random.default_rng(0)
+    near = torch.stack([item[torch.arange(32) % len(item)] for item in boxes])
+    near = near + torch.from_numpy(random.normal(0, 0.1, near.shape)).float()
+    return Proposals(near, torch.zeros(2, 32), torch.ones(2, 32, dtype=torch.int64))

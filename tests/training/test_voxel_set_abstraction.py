@@ -1,0 +1,163 @@
+"""Keypoints and their features against loops; without points."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+import torch
+
+from training.detectors.backbones.voxel_set_abstraction import (
+    SCALES,
+    BallSettings,
+    KeypointSettings,
+    VoxelSetAbstraction,
+    sample_image,
+)
+from training.detectors.backbones.voxels import VoxelGrid
+from training.ops.sparse_conv import SparseTensor
+
+SMALL = KeypointSettings(
+    keypoints=6,
+    raw_points=BallSettings((0.5, 1.5), (2, 4), ((3, 5), (4,))),
+    scales=(
+        BallSettings((0.4,), (3,), ((4,),)),
+        BallSettings((0.7, 1.0), (3, 2), ((4,), (3, 2))),
+        BallSettings((1.2,), (4,), ((2,),)),
+        BallSettings((2.0,), (2,), ((3,),)),
+    ),
+    outputs=7,
+)
+CHANNELS = (2, 3, 1, 4)
+GRID = VoxelGrid((0.0, -2.0, 0.0, 4.0, 2.0, 1.6), (0.2, 0.2, 0.2))
+
+
+def small(seed=0):
+    """A module whose batch norms are no identity, in evaluation mode, float64."""
+    torch.manual_seed(seed)
+    module = VoxelSetAbstraction(SMALL, GRID, CHANNELS, bev=3, stride=8).double()
+    for name, value in module.state_dict().items():
+        if name.endswith("running_mean"):
+            value.uniform_(-0.5, 0.5)
+        elif name.endswith(("running_var", ".bias")):
+            value.uniform_(0.1, 1.5)
+    return module.eval()
+
+
+def scene(counts, seed=0):
+    """Points, voxels at random sites of every scale, and an image."""
+    random = np.random.default_rng(seed)
+    clouds = [
+        torch.from_numpy(random.uniform((0, -2, 0, 0), (4, 2, 1.6, 1), (n, 4)).astype(np.float32))
+        for n in counts
+    ]
+    scales = {}
+    for (name, stride), channels in zip(SCALES.items(), CHANNELS, strict=True):
+        shape = tuple(-(-size // stride) for size in GRID.cells)
+        dense = random.random((len(counts), *shape)) < 0.2
+        dense[np.array(counts) == 0] = False
+        sites = torch.from_numpy(np.argwhere(dense))
+        features = torch.from_numpy(random.standard_normal((len(sites), channels)))
+        scales[name] = SparseTensor(features, sites, shape, len(counts))
+    bev = torch.from_numpy(random.standard_normal((len(counts), 3, 3, 3)))
+    return clouds, scales, bev
+
+
+def mlp(layers, row):
+    """A PointMlp in evaluation mode on one row."""
+    for layer in layers:
+        if isinstance(layer, torch.nn.Conv2d):
+            row = layer.weight[:, :, 0, 0] @ row
+        elif isinstance(layer, torch.nn.ReLU):
+            row = row.clamp_min(0)
+        else:
+            row = (row - layer.running_mean) / (layer.running_var + layer.eps).sqrt()
+            row = row * layer.weight + layer.bias
+    return row
+
+
+def ball_features(module, xyz, features, place):
+    """What a set abstraction makes of one place, by loops."""
+    result = []
+    for radius, samples, layers in zip(module.radii, module.samples, module.mlps, strict=True):
+        near = ((xyz - place).norm(dim=1) < radius).nonzero().flatten()[:samples].tolist()
+        rows = [torch.cat([xyz[i] - place, features[i]]) for i in near]
+        if not rows:
+            rows = [torch.zeros(3 + features.shape[1]).double()]
+        result.append(torch.stack([mlp(layers, row) for row in rows]).amax(dim=0))
+    return torch.cat(result)
+
+
+def test_features_are_those_of_loops():
+    module = small()
+    clouds, scales, bev = scene([40, 0, 25])
+    with torch.no_grad():
+        found = module(clouds, scales, bev)
+    assert found.counts.tolist() == [6, 0, 6]
+    assert found.sources.shape == (12, module.inputs)
+    for k, (frame, place) in enumerate(
+        zip(torch.repeat_interleave(found.counts).tolist(), found.xyz, strict=True)
+    ):
+        cloud = clouds[frame].double()
+        assert (cloud[:, :3] == place).all(dim=1).any()
+        x, y = ((place[:2] - torch.tensor([0.0, -2.0])) / 1.6).tolist()
+        expected = [bilinear(bev[frame], x, y)]
+        expected.append(ball_features(module.SA_rawpoints, cloud[:, :3], cloud[:, 3:], place))
+        for (name, stride), layer in zip(SCALES.items(), module.SA_layers, strict=True):
+            own = scales[name].coordinates[:, 0] == frame
+            site = scales[name].coordinates[own][:, [3, 2, 1]]
+            centres = (site + 0.5) * 0.2 * stride + torch.tensor([0.0, -2.0, 0.0]).double()
+            expected.append(ball_features(layer, centres, scales[name].features[own], place))
+        torch.testing.assert_close(found.sources[k], torch.cat(expected), rtol=1e-6, atol=1e-6)
+    assert (found.sources > 0).double().mean() > 0.5
+    assert found.features.shape == (12, 7)
+
+
+def bilinear(image, x, y):
+    """Of an image (C, ny, nx) at one place, with features at the cells' lower corners."""
+    ny, nx = image.shape[1:]
+    total = torch.zeros(len(image)).double()
+    for j, i in itertools.product(range(ny), range(nx)):
+        total += image[:, j, i] * max(0.0, 1 - abs(x - i)) * max(0.0, 1 - abs(y - j))
+    # Beyond the last row or column OpenPCDet's weights cancel.
+    return total * (x <= nx - 1) * (y <= ny - 1)
+
+
+def test_the_image_between_and_beyond_its_cells():
+    image = torch.tensor([[[1.0, 2.0, 4.0], [10.0, 20.0, 40.0]]])[None]
+    place = torch.tensor([[0.5, 0.0], [1.25, 0.5], [1.0, 1.0], [2.5, 0.5], [0.0, 2.0], [3.0, 2.0]])
+    found = sample_image(image, torch.zeros(6, dtype=torch.int64), place)[:, 0]
+    # At its last row and column, and beyond, OpenPCDet's weights cancel.
+    expected = [1.5, (0.75 * 2 + 0.25 * 4 + 0.75 * 20 + 0.25 * 40) / 2, 0.0, 0.0, 0.0, 0.0]
+    assert found.tolist() == pytest.approx(expected)
+    two = torch.cat([image, -image])
+    assert sample_image(two, torch.tensor([1]), place[:1]).item() == pytest.approx(-1.5)
+
+
+def test_gradients_are_finite_differences():
+    module = small()
+    clouds, scales, bev = scene([12, 9])
+    names = list(SCALES)
+
+    def sources(image, *features):
+        voxels = {
+            name: scales[name].with_features(value)
+            for name, value in zip(names, features, strict=True)
+        }
+        return module(clouds, voxels, image).features
+
+    inputs = [bev, *(scales[name].features for name in names)]
+    assert torch.autograd.gradcheck(
+        sources, [item.requires_grad_() for item in inputs], fast_mode=True
+    )
+
+
+def test_no_point_at_all_and_fewer_points_than_keypoints():
+    module = small()
+    found = module(*scene([0, 0]))
+    assert found.xyz.shape == (0, 3)
+    assert found.features.shape == (0, 7)
+    assert found.counts.tolist() == [0, 0]
+    few = module(*scene([4]))
+    assert torch.equal(few.features[:2], few.features[4:])

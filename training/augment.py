@@ -1,0 +1,68 @@
+"""Random changes to a training frame: OpenPCDet's for KITTI, in its order."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from training.dataset import Sample
+from training.detectors.detector import PointRange
+from training.ground_truth_sampling import ObjectDatabase
+from training.settings import TrainingSettings
+
+
+@dataclass(frozen=True)
+class Augmentation:
+    """Paste objects, mirror, turn, scale, cut to the range, shuffle the points.
+
+    Attributes:
+        settings: which of it, and how much.
+        point_range: of the detector, in its frame.
+        database: objects to paste.
+    """
+
+    settings: TrainingSettings
+    point_range: PointRange
+    database: ObjectDatabase
+
+    def __call__(self, sample: Sample, random: np.random.Generator) -> Sample:
+        """A frame as it is trained on. The arrays of `sample` may be changed."""
+        sample = self.database.paste(sample, random)
+        sample = within_range(moved(sample, self.settings, random), self.point_range)
+        # A detector that takes so many points of a voxel, or voxels of a frame, takes the first.
+        order = random.permutation(len(sample.points))
+        return Sample(sample.points[order], sample.boxes, sample.labels)
+
+
+def moved(sample: Sample, settings: TrainingSettings, random: np.random.Generator) -> Sample:
+    """Mirror, turn and scale a frame. The points and boxes of `sample` are changed in place."""
+    points, boxes = sample.points, sample.boxes
+    if settings.flip_y and random.random() < 0.5:
+        points[:, 1] *= -1
+        boxes[:, 1] *= -1
+        boxes[:, 6] *= -1
+    angle = random.uniform(-settings.rotation, settings.rotation)
+    turn = np.array(
+        [[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]], np.float32
+    )
+    points[:, :2] = points[:, :2] @ turn
+    boxes[:, :2] = boxes[:, :2] @ turn
+    boxes[:, 6] += angle
+    boxes[:, 6] -= 2 * math.pi * np.floor(boxes[:, 6] / (2 * math.pi) + 0.5)
+    scale = random.uniform(*settings.scaling)
+    points[:, :3] *= scale
+    boxes[:, :6] *= scale
+    return sample
+
+
+def within_range(sample: Sample, point_range: PointRange) -> Sample:
+    """The points in `point_range` and the boxes whose centre lies in it, seen from above."""
+    # In the points' own precision, which spares a copy of them in double.
+    low, high = np.array(point_range, np.float32).reshape(2, 3)
+    points = sample.points
+    inside = ((points[:, :3] >= low) & (points[:, :3] <= high)).all(axis=1)
+    centres = sample.boxes[:, :2]
+    kept = ((centres >= low[:2]) & (centres <= high[:2])).all(axis=1)
+    return Sample(points[inside], sample.boxes[kept], sample.labels[kept])

@@ -1,0 +1,54 @@
+"""How many frames make a step."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+
+import torch
+
+from training.dataset import TrainingFrames, as_tensors
+from training.detectors.detector import Detector
+from training.optimisation import Optimisation
+from training.settings import TrainingSettings
+
+ON_CPU = 4
+LARGEST = 16
+MEMORY_SHARE = 0.8
+"""Of the GPU memory that others leave; the rest is for frames that grow by augmentation."""
+
+
+def batch_size_for(model: Detector, frames: TrainingFrames, settings: TrainingSettings) -> int:
+    """The batch size of the settings; for "auto", 4 on a CPU and what its memory holds on a GPU.
+
+    On a GPU one step is tried on the largest frames, with a copy of `model`. Networks may draw
+    random numbers in it.
+    """
+    if settings.batch_size != "auto":
+        return settings.batch_size
+    if model.device.type != "cuda":
+        return ON_CPU
+    return largest_that_fits(lambda size: _fits(model, frames, settings, size))
+
+
+def largest_that_fits(fits: Callable[[int], bool]) -> int:
+    """The largest power of two up to 16 below which all fit; 1 if none does."""
+    size = 1
+    while size < LARGEST and fits(2 * size):
+        size *= 2
+    return size
+
+
+def _fits(model: Detector, frames: TrainingFrames, settings: TrainingSettings, size: int) -> bool:
+    """Whether one step with `size` frames stays within the share of the memory."""
+    torch.cuda.empty_cache()
+    free, _ = torch.cuda.mem_get_info(model.device)
+    before = torch.cuda.memory_reserved(model.device)
+    torch.cuda.reset_peak_memory_stats(model.device)
+    try:
+        trial = Optimisation(copy.deepcopy(model).train(), settings, steps=1)
+        trial.step(as_tensors(frames.largest(size)))
+    except torch.OutOfMemoryError:
+        return False
+    peak = torch.cuda.max_memory_reserved(model.device)
+    return peak - before <= MEMORY_SHARE * free

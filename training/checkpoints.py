@@ -1,0 +1,163 @@
+"""Weights from and to files: our base checkpoints, OpenPCDet's checkpoints, plain state_dicts."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from lidarplace.files import replacing
+from training.detectors.detector import Detector
+
+
+@dataclass(frozen=True)
+class LoadReport:
+    """What `load_checkpoint` did with the entries of the model's state_dict, in its order.
+
+    Attributes:
+        loaded: entries taken from the file.
+        reinitialised: entries of heads for other classes, which keep the model's weights.
+        converted: loaded entries that were in a layout of spconv 1.
+    """
+
+    loaded: tuple[str, ...]
+    reinitialised: tuple[str, ...]
+    converted: tuple[str, ...]
+
+
+def load_checkpoint(model: Detector, path: Path, new_heads: bool = False) -> LoadReport:
+    """Replace the weights of `model` by those of a file.
+
+    The file holds a state_dict, or a dict with one under "model_state" as OpenPCDet and
+    `write_checkpoint` write it; nothing but tensors and plain values is ever unpickled. Sparse
+    convolutions may be in either layout of spconv 1.
+
+    Args:
+        new_heads: entries of the heads that do not fit, because the file is for other classes,
+            keep the model's weights. If it is for as many other classes, which only a file that
+            names them can tell, all entries of the heads do.
+
+    Raises:
+        OSError: a file that cannot be read.
+        ValueError: not a checkpoint, or one that does not fit; names the entries that are missing,
+            unexpected, of another shape or not finite. The model is left as it was.
+    """
+    content = _read(path)
+    found = content.get("model_state", content)
+    if (
+        not isinstance(found, Mapping)
+        or not found
+        or not all(isinstance(value, Tensor) for value in found.values())
+    ):
+        raise ValueError(f"{path} is no checkpoint: it holds no state_dict of tensors")
+    own = model.state_dict()
+    _same_keys(path, own, found)
+    found, converted = _in_our_layout(own, found)
+    broken = [key for key, value in found.items() if not torch.isfinite(value).all()]
+    if broken:
+        raise ValueError(f"checkpoint {path} has numbers that are not finite in {_some(broken)}")
+    differing = [key for key in own if own[key].shape != found[key].shape]
+    classes = content.get("classes", list(model.classes))
+    if classes != list(model.classes) and not differing:
+        if not new_heads:
+            raise ValueError(
+                f"checkpoint {path} is for the classes {classes}, the detector for "
+                f"{list(model.classes)}; new heads must be asked for"
+            )
+        differing = [key for key in own if _of_head(key)]
+    elif differing and not (new_heads and all(map(_of_head, differing))):
+        shapes = "; ".join(
+            f"{key} {list(found[key].shape)}, the detector's {list(own[key].shape)}"
+            for key in differing
+        )
+        hint = " (heads for other classes; new heads must be asked for)"
+        raise ValueError(
+            f"checkpoint {path} does not fit the detector: {shapes}"
+            + hint * all(map(_of_head, differing))
+        )
+    fresh = set(differing)
+    model.load_state_dict({key: own[key] if key in fresh else found[key] for key in own})
+    return LoadReport(
+        loaded=tuple(key for key in own if key not in fresh),
+        reinitialised=tuple(differing),
+        converted=converted,
+    )
+
+
+def write_checkpoint(
+    path: Path, model_state: Mapping[str, Tensor], detector: str, classes: Sequence[str]
+) -> None:
+    """Write a base checkpoint, from which a fine-tuning can start; a reader never meets half of it.
+
+    The file is a dict: "model_state", the state_dict; "detector", a name for `build_detector`;
+    "classes", the names of the labels 1, 2, ….
+    """
+    content = {"model_state": dict(model_state), "detector": detector, "classes": list(classes)}
+    with replacing(path) as partial:
+        torch.save(content, partial)
+
+
+def _read(path: Path) -> Mapping[str, Any]:
+    with path.open("rb") as file:  # says itself what is wrong with the path
+        try:
+            content = torch.load(file, map_location="cpu", weights_only=True)
+        except pickle.UnpicklingError as error:
+            raise ValueError(
+                f"{path} is no checkpoint, or holds objects other than tensors and plain values, "
+                "which are not loaded because they could run code; save its state_dict alone"
+            ) from error
+        # A damaged file raises almost anything, also KeyError and OSError.
+        except Exception as error:
+            reason = str(error).split("\n")[0]
+            raise ValueError(f"{path} is no checkpoint, or a damaged one: {reason}") from error
+    if not isinstance(content, Mapping):
+        raise ValueError(f"{path} is no checkpoint: it holds a {type(content).__name__}, no dict")
+    return content
+
+
+def _same_keys(path: Path, own: Mapping[str, Tensor], found: Mapping[str, Tensor]) -> None:
+    missing = [key for key in own if key not in found]
+    unexpected = [str(key) for key in found if key not in own]
+    if missing or unexpected:
+        parts = [f"{len(missing)} entries are missing: {_some(missing)}"] * bool(missing)
+        parts += [f"{len(unexpected)} are unexpected: {_some(unexpected)}"] * bool(unexpected)
+        raise ValueError(
+            f"checkpoint {path} is not one of this network: {'; '.join(parts)} "
+            f"(the file has {len(found)} entries, the detector {len(own)})"
+        )
+
+
+# From [out, kd, kh, kw, in] of spconv 2, which is ours: spconv 1.0 had [kd, kh, kw, in, out], its
+# "native" successors [kd, kh, kw, out, in]. Axes that turn each of them into ours.
+_LAYOUTS = ((0, 1, 2, 3, 4), (4, 0, 1, 2, 3), (3, 0, 1, 2, 4))
+
+
+def _in_our_layout(
+    own: Mapping[str, Tensor], found: Mapping[str, Tensor]
+) -> tuple[Mapping[str, Tensor], tuple[str, ...]]:
+    """The entries with sparse convolutions in our layout, and which ones were in another.
+
+    All sparse convolutions of a file have one layout, and only all of them together tell which:
+    that of one with as many inputs as outputs does not show in its shape.
+    """
+    sparse = tuple(key for key, value in own.items() if value.ndim == 5)
+    for axes in _LAYOUTS:
+        moved = {key: found[key].permute(axes) for key in sparse if found[key].ndim == 5}
+        if all(moved[key].shape == own[key].shape for key in moved):
+            return {**found, **moved}, sparse if axes != _LAYOUTS[0] else ()
+    return found, ()
+
+
+def _of_head(key: str) -> bool:
+    return key.split(".")[0].endswith("_head")
+
+
+def _some(keys: Sequence[str]) -> str:
+    """The first few keys, and how many more there are."""
+    shown = ", ".join(keys[:6])
+    return shown if len(keys) <= 6 else f"{shown} and {len(keys) - 6} more"

@@ -1,0 +1,54 @@
+"""The points of a cloud that a point network looks at."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from training.detectors.detector import PointRange
+
+NEAR = 40.0
+"""Points beyond this distance are few and all kept where possible, metres."""
+
+
+def within(points: Tensor, point_range: PointRange) -> Tensor:
+    """The rows of `points` (N, 4) in the range, its border included; NaN is outside."""
+    low, high = (
+        torch.tensor(corner, dtype=points.dtype, device=points.device)
+        for corner in (point_range[:3], point_range[3:])
+    )
+    xyz = points[:, :3]
+    inside = ((xyz >= low) & (xyz <= high)).all(dim=1) & points.isfinite().all(dim=1)
+    return points[inside]
+
+
+def sample_points(points: Tensor, number: int, training: bool) -> Tensor:
+    """Exactly `number` rows of `points` (N, 4) in random order, as OpenPCDet's `sample_points`.
+
+    Too many: all farther than NEAR and a random choice of the others; if the far ones alone are too
+    many, a random choice of all. Too few: every point as often as another, but for one time. None:
+    none.
+
+    Training draws from torch's default generator. Evaluation always makes the same choice for the
+    same numbers of points, and takes exactly `number` points as they are.
+    """
+    count = len(points)
+    if count == 0 or (count == number and not training):
+        return points
+    generator = None if training else torch.Generator().manual_seed(0)
+
+    def shuffled(size: int) -> Tensor:
+        return torch.randperm(size, generator=generator).to(points.device)
+
+    if count <= number:
+        rounds = [shuffled(count) for _ in range(-(-number // count) - 1)]
+        all_rows = torch.arange(count, device=points.device)
+        rows = torch.cat([all_rows, *rounds])[:number]
+    else:
+        far = torch.linalg.vector_norm(points[:, :3], dim=1) >= NEAR
+        rows = torch.nonzero(~far).flatten()
+        kept = torch.nonzero(far).flatten()
+        if len(kept) >= number:
+            rows, kept = torch.arange(count, device=points.device), kept[:0]
+        rows = torch.cat([rows[shuffled(len(rows))[: number - len(kept)]], kept])
+    return points[rows[shuffled(number)]]

@@ -1,0 +1,109 @@
+"""PointNet++ with multi-scale grouping: features of every point of a cloud.
+
+PointNet++ (Qi et al., NeurIPS 2017), as PointRCNN (Shi et al., CVPR 2019) uses it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from torch import Tensor, nn
+from torch.nn import functional
+
+from training.detectors.backbones.set_abstraction import PointMlp, SetAbstraction
+from training.ops.interpolation import interpolate, inverse_distance_weights, three_nn
+from training.ops.sampling import furthest_point_sample
+
+
+@dataclass(frozen=True)
+class AbstractionSettings:
+    """One level of set abstraction: how many places, and the scales of `SetAbstraction`."""
+
+    places: int
+    radii: tuple[float, ...]
+    samples: tuple[int, ...]
+    mlps: tuple[tuple[int, ...], ...]
+
+
+@dataclass(frozen=True)
+class PointNet2Settings:
+    """Levels of set abstraction, and the layers of the propagation back to each level's points."""
+
+    levels: tuple[AbstractionSettings, ...]
+    propagation: tuple[tuple[int, ...], ...]
+
+
+class FeaturePropagation(nn.Module):
+    """Features of points from those of fewer places, interpolated, and their own.
+
+    Args:
+        inputs: features of a place.
+        skip: features that a point already has.
+        mlp: outputs of the layers.
+    """
+
+    def __init__(self, inputs: int, skip: int, mlp: Sequence[int]) -> None:
+        super().__init__()
+        self.inputs = inputs
+        self.mlp = PointMlp([inputs + skip, *mlp])
+
+    def forward(
+        self,
+        xyz: Tensor,
+        counts: Tensor,
+        features: Tensor,
+        places: Tensor,
+        place_counts: Tensor,
+        place_features: Tensor,
+    ) -> Tensor:
+        """Features (N, mlp[-1]) of the points.
+
+        Args:
+            xyz, counts, features: points (N, 3), per frame (B,), what they have (N, skip).
+            places, place_counts, place_features: the same of the places, (M, inputs).
+        """
+        own = functional.linear(features, self.mlp.first[:, self.inputs :])
+        distance, idx = three_nn(xyz, counts, places, place_counts)
+        # Convolution and interpolation are both linear: places are fewer than points.
+        rows = functional.linear(place_features, self.mlp.first[:, : self.inputs])
+        rows = interpolate(rows, idx, inverse_distance_weights(distance))
+        return self.mlp.after_first(own + rows)
+
+
+class PointNet2(nn.Module):
+    """Set abstraction to ever fewer places, then propagation back to all points."""
+
+    def __init__(self, inputs: int, settings: PointNet2Settings) -> None:
+        super().__init__()
+        self.places = tuple(level.places for level in settings.levels)
+        self.outputs = settings.propagation[0][-1]
+        self.SA_modules = nn.ModuleList()
+        channels = [inputs]
+        for level in settings.levels:
+            module = SetAbstraction(channels[-1], level.radii, level.samples, level.mlps)
+            self.SA_modules.append(module)
+            channels.append(module.outputs)
+        below = [*(mlp[-1] for mlp in settings.propagation[1:]), channels[-1]]
+        self.FP_modules = nn.ModuleList(
+            FeaturePropagation(*sizes)
+            for sizes in zip(below, channels, settings.propagation, strict=False)
+        )
+
+    def forward(self, xyz: Tensor, counts: Tensor, features: Tensor) -> Tensor:
+        """Features (N, outputs) of points xyz (N, 3), `counts` (B,) of them in each frame.
+
+        `features` (N, inputs) are those that the points bring.
+        """
+        levels = [(xyz, counts, features)]
+        for places, module in zip(self.places, self.SA_modules, strict=True):
+            xyz, counts, features = levels[-1]
+            rows, new_counts = furthest_point_sample(xyz, counts, places)
+            new_xyz = xyz[rows]
+            features = module(xyz, counts, features, new_xyz, new_counts)
+            levels.append((new_xyz, new_counts, features))
+        features = levels[-1][2]
+        for level in reversed(range(len(self.FP_modules))):
+            module = self.FP_modules[level]
+            features = module(*levels[level], *levels[level + 1][:2], features)
+        return features

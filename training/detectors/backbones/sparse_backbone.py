@@ -1,0 +1,79 @@
+"""The sparse 3D backbone of SECOND: four scales, each half as fine as the one before."""
+
+from __future__ import annotations
+
+from torch import nn
+
+from training.detectors.backbones.pillars import PaddedBatchNorm
+from training.ops.sparse_conv import SparseConv3d, SparseTensor, SubmanifoldConv3d, Triple
+
+STRIDE = 8
+"""Voxels along x or y per cell of the encoded grid."""
+
+
+class SparseBlock(nn.Sequential):
+    """Convolution, batch norm and ReLU."""
+
+    def __init__(self, convolution: SubmanifoldConv3d | SparseConv3d, momentum: float) -> None:
+        channels = convolution.weight.shape[0]
+        norm = PaddedBatchNorm(channels, eps=1e-3, momentum=momentum)
+        super().__init__(convolution, norm, nn.ReLU())
+
+    def forward(self, x: SparseTensor) -> SparseTensor:
+        """(N, inputs) to (M, outputs)."""
+        convolution, norm, relu = self
+        x = convolution(x)
+        return x.with_features(relu(norm(x.features)))
+
+
+class VoxelBackBone8x(nn.Module):
+    """Sparse convolutions from voxels to a grid of 1/8 of their number in x and y.
+
+    Yan et al., SECOND: sparsely embedded convolutional detection, Sensors 2018, section 3.1.2.
+
+    Args:
+        inputs: channels of a voxel.
+        channels: of the four scales and of the result.
+        momentum: of batch norm.
+    """
+
+    def __init__(
+        self, inputs: int, channels: tuple[int, int, int, int, int], momentum: float = 0.01
+    ) -> None:
+        super().__init__()
+
+        def same(before: int, after: int) -> SparseBlock:
+            return SparseBlock(SubmanifoldConv3d(before, after), momentum)
+
+        def halved(before: int, after: int, padding: Triple) -> SparseBlock:
+            return SparseBlock(SparseConv3d(before, after, (3, 3, 3), (2, 2, 2), padding), momentum)
+
+        one, two, three, four, out = channels
+        self.conv_input = same(inputs, one)
+        self.conv1 = nn.Sequential(same(one, one))
+        self.conv2 = nn.Sequential(halved(one, two, (1, 1, 1)), same(two, two), same(two, two))
+        self.conv3 = nn.Sequential(
+            halved(two, three, (1, 1, 1)), same(three, three), same(three, three)
+        )
+        self.conv4 = nn.Sequential(
+            halved(three, four, (0, 1, 1)), same(four, four), same(four, four)
+        )
+        self.conv_out = SparseBlock(
+            SparseConv3d(four, out, (3, 1, 1), (2, 1, 1), (0, 0, 0)), momentum
+        )
+
+    def forward(self, voxels: SparseTensor) -> dict[str, SparseTensor]:
+        """ "x_conv1" … "x_conv4", strides 1, 2, 4, 8, and "encoded", stride 8, few layers high."""
+        scales = {"x_conv1": self.conv1(self.conv_input(voxels))}
+        scales["x_conv2"] = self.conv2(scales["x_conv1"])
+        scales["x_conv3"] = self.conv3(scales["x_conv2"])
+        scales["x_conv4"] = self.conv4(scales["x_conv3"])
+        scales["encoded"] = self.conv_out(scales["x_conv4"])
+        return scales
+
+
+def encoded_height(height: int) -> int:
+    """Layers of the encoded grid over voxels that are `height` cells high; can be below 1."""
+    for kernel, stride, padding in ((3, 2, 1), (3, 2, 1), (3, 2, 0), (3, 2, 0)):
+        height = (height + 2 * padding - kernel) // stride + 1
+    return height

@@ -1,0 +1,177 @@
+"""Voxel set abstraction: a cloud in few keypoints, with features from every scale around them.
+
+PV-RCNN (Shi et al., CVPR 2020), section 3.2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+from training.detectors.backbones.pillars import PaddedBatchNorm
+from training.detectors.backbones.set_abstraction import SetAbstraction
+from training.detectors.backbones.voxels import VoxelGrid
+from training.ops.interpolation import interpolate
+from training.ops.sampling import furthest_point_sample
+from training.ops.sparse_conv import SparseTensor
+
+SCALES = {"x_conv1": 1, "x_conv2": 2, "x_conv3": 4, "x_conv4": 8}
+"""Scales of the sparse backbone and the edge of their voxels, in voxels of the grid."""
+
+
+@dataclass(frozen=True)
+class BallSettings:
+    """Balls around a place, as in SetAbstraction."""
+
+    radii: tuple[float, ...]
+    samples: tuple[int, ...]
+    mlps: tuple[tuple[int, ...], ...]
+
+
+@dataclass(frozen=True)
+class KeypointSettings:
+    """What fixes a VoxelSetAbstraction.
+
+    Attributes:
+        keypoints: of each frame.
+        raw_points: balls of points.
+        scales: balls of voxels, for each of SCALES.
+        outputs: features of a keypoint.
+    """
+
+    keypoints: int
+    raw_points: BallSettings
+    scales: tuple[BallSettings, BallSettings, BallSettings, BallSettings]
+    outputs: int
+
+
+@dataclass(frozen=True)
+class Keypoints:
+    """Keypoints of a batch, frame after frame.
+
+    Attributes:
+        xyz: shape (K, 3), metres.
+        counts: keypoints of each frame, shape (B,), int64; 0 in a frame without points.
+        sources: features from all sources side by side, shape (K, C).
+        features: the same fused, shape (K, outputs).
+    """
+
+    xyz: Tensor
+    counts: Tensor
+    sources: Tensor
+    features: Tensor
+
+
+class VoxelSetAbstraction(nn.Module):
+    """Keypoints by furthest point sampling; features from the image, the points and the voxels.
+
+    Args:
+        settings: keypoints and balls.
+        grid: the finest voxels.
+        channels: of each of SCALES.
+        bev: channels of the image.
+        stride: voxels along x or y per cell of the image.
+    """
+
+    def __init__(
+        self,
+        settings: KeypointSettings,
+        grid: VoxelGrid,
+        channels: Sequence[int],
+        bev: int,
+        stride: int,
+    ) -> None:
+        super().__init__()
+        self.keypoints = settings.keypoints
+        self.grid = grid
+        self.stride = stride
+        layers = [
+            SetAbstraction(inputs, item.radii, item.samples, item.mlps)
+            for inputs, item in zip(channels, settings.scales, strict=True)
+        ]
+        self.SA_layers = nn.ModuleList(layers)
+        raw = settings.raw_points
+        self.SA_rawpoints = SetAbstraction(1, raw.radii, raw.samples, raw.mlps)
+        self.inputs = bev + self.SA_rawpoints.outputs
+        self.inputs += sum(layer.outputs for layer in layers)
+        self.vsa_point_feature_fusion = nn.Sequential(
+            nn.Linear(self.inputs, settings.outputs, bias=False),
+            PaddedBatchNorm(settings.outputs),
+            nn.ReLU(),
+        )
+
+    def forward(
+        self, points: Sequence[Tensor], scales: Mapping[str, SparseTensor], bev: Tensor
+    ) -> Keypoints:
+        """Keypoints of B frames.
+
+        Args:
+            points: of each frame (N, 4), float32: x, y, z, intensity; finite and in the range.
+            scales: SCALES of the sparse backbone.
+            bev: the encoded grid from above, (B, bev, ny, nx).
+        """
+        counts = torch.tensor([len(frame) for frame in points], device=bev.device)
+        stacked = torch.cat(list(points))
+        rows, keypoint_counts = furthest_point_sample(stacked[:, :3], counts, self.keypoints)
+        stacked = stacked.to(next(self.parameters()).dtype)
+        xyz = stacked[:, :3].contiguous()
+        keypoints = xyz[rows]
+        frame = torch.repeat_interleave(keypoint_counts)
+        features = [
+            sample_image(bev, frame, self._cells(keypoints)),
+            self.SA_rawpoints(xyz, counts, stacked[:, 3:], keypoints, keypoint_counts),
+        ]
+        for (name, stride), layer in zip(SCALES.items(), self.SA_layers, strict=True):
+            voxels = scales[name]
+            features.append(
+                layer(
+                    self._centres(voxels, stride, xyz.dtype),
+                    torch.bincount(voxels.coordinates[:, 0], minlength=len(points)),
+                    voxels.features,
+                    keypoints,
+                    keypoint_counts,
+                )
+            )
+        sources = torch.cat(features, dim=1)
+        return Keypoints(
+            keypoints, keypoint_counts, sources, self.vsa_point_feature_fusion(sources)
+        )
+
+    def _cells(self, xyz: Tensor) -> Tensor:
+        """Places (K, 3) in cells of the image along x and y, (K, 2)."""
+        low = xyz.new_tensor(self.grid.point_range[:2])
+        return (xyz[:, :2] - low) / xyz.new_tensor(self.grid.size[:2]) / self.stride
+
+    def _centres(self, voxels: SparseTensor, stride: int, dtype: torch.dtype) -> Tensor:
+        """Centres of voxels with `stride` times the grid's edge, shape (N, 3)."""
+        place = voxels.coordinates[:, [3, 2, 1]].to(dtype)
+        size = place.new_tensor(self.grid.size) * stride
+        return (place + 0.5) * size + place.new_tensor(self.grid.point_range[:3])
+
+
+def sample_image(image: Tensor, frame: Tensor, place: Tensor) -> Tensor:
+    """Features (K, C) of an image (B, C, ny, nx) at places between its cells, bilinear.
+
+    As in OpenPCDet, features lie at the cells' lower corners and count nothing beyond the last.
+
+    Args:
+        frame: shape (K,), int64.
+        place: along x and y in cells, shape (K, 2).
+    """
+    ny, nx = image.shape[2:]
+    last = torch.tensor([nx - 1, ny - 1], device=place.device)
+    low = place.floor().long()
+    low, high = low.clamp_min(0).minimum(last), (low + 1).clamp_min(0).minimum(last)
+    # Beyond the last cell's corner low and high are one cell, and the weights cancel.
+    near, far = high - place, place - low
+    corners = [
+        ((frame * ny + y) * nx + x, weight_x * weight_y)
+        for x, weight_x in ((low[:, 0], near[:, 0]), (high[:, 0], far[:, 0]))
+        for y, weight_y in ((low[:, 1], near[:, 1]), (high[:, 1], far[:, 1]))
+    ]
+    idx, weights = (torch.stack(parts, dim=1) for parts in zip(*corners, strict=True))
+    rows = image.permute(0, 2, 3, 1).reshape(-1, image.shape[1])
+    return interpolate(rows, idx, weights)

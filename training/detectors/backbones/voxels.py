@@ -1,0 +1,123 @@
+"""Voxels: points grouped by cell of a 3D grid, each voxel the mean of its points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numba import njit
+from numpy.typing import NDArray
+from torch import Tensor
+
+from training.detectors.detector import PointRange
+from training.ops.sparse_conv import SparseTensor, Triple
+
+
+@dataclass(frozen=True)
+class VoxelGrid:
+    """A grid of voxels over a range.
+
+    Attributes:
+        point_range: lowest and highest corner, metres; a whole number of voxels along each axis.
+        size: edges of a voxel along x, y, z, metres.
+        max_points: points of a voxel beyond this number are dropped; None keeps all.
+        max_voxels: further voxels of a frame are dropped, in training and in evaluation; None
+            keeps all.
+    """
+
+    point_range: PointRange
+    size: tuple[float, float, float]
+    max_points: int | None = None
+    max_voxels: tuple[int, int] | None = None
+
+    @property
+    def cells(self) -> Triple:
+        """Number of voxels along z, y, x."""
+        low, high = self.point_range[:3], self.point_range[3:]
+        nx, ny, nz = (round((high[i] - low[i]) / self.size[i]) for i in range(3))
+        return nz, ny, nx
+
+    @property
+    def shape(self) -> Triple:
+        """Cells along z, y, x of the sparse tensor: OpenPCDet adds an empty layer on top."""
+        nz, ny, nx = self.cells
+        return nz + 1, ny, nx
+
+
+@njit(cache=True)
+def _voxel_kernel(points, low, size, nz, ny, nx, max_points, max_voxels):
+    """Keys ((z * ny + y) * nx + x) of the voxels and the means of their points, sorted by key."""
+    # A hash table with open addressing: a table of all cells would be far larger than the cloud.
+    slots = 16
+    while slots < 2 * len(points):
+        slots *= 2
+    table = np.full(slots, -1, np.int32)
+    keys = np.empty(min(len(points), max_voxels), np.int64)
+    counts = np.zeros(len(keys), np.int64)
+    sums = np.zeros((len(keys), points.shape[1]))
+    found = 0
+    for i in range(len(points)):
+        # float32 throughout, as upstream: a point on a face must fall on the same side.
+        fx = np.floor((points[i, 0] - low[0]) / size[0])
+        fy = np.floor((points[i, 1] - low[1]) / size[1])
+        fz = np.floor((points[i, 2] - low[2]) / size[2])
+        inside = 0 <= fx < nx and 0 <= fy < ny and 0 <= fz < nz
+        if not (inside and np.isfinite(points[i, 3])):
+            continue
+        key = (np.int64(fz) * ny + np.int64(fy)) * nx + np.int64(fx)
+        # Multiplicative hashing with the golden ratio (Knuth, The art of computer programming 3).
+        slot = (np.uint64(key) * np.uint64(11400714819323198485) >> np.uint64(20)) & np.uint64(
+            slots - 1
+        )
+        while table[slot] >= 0 and keys[table[slot]] != key:
+            slot = (slot + np.uint64(1)) & np.uint64(slots - 1)
+        voxel = table[slot]
+        if voxel < 0:
+            if found == max_voxels:
+                continue
+            voxel = found
+            table[slot] = voxel
+            keys[voxel] = key
+            found += 1
+        if counts[voxel] < max_points:
+            counts[voxel] += 1
+            for c in range(points.shape[1]):
+                sums[voxel, c] += points[i, c]
+    order = np.argsort(keys[:found])
+    means = np.empty((found, points.shape[1]), np.float32)
+    for i in range(found):
+        for c in range(points.shape[1]):
+            means[i, c] = sums[order[i], c] / counts[order[i]]
+    return keys[order], means
+
+
+def voxelise(
+    frames: Sequence[Tensor], grid: VoxelGrid, training: bool, device: torch.device
+) -> SparseTensor:
+    """Means (N, 4) float32 of the points (M, 4) in each voxel; points outside are dropped.
+
+    A point on the far face of the range is outside, one that is not finite too. The first points
+    of a voxel and the first voxels of a frame are kept, as OpenPCDet's voxeliser does.
+    """
+    nz, ny, nx = grid.cells
+    low = np.array(grid.point_range[:3], np.float32)
+    size = np.array(grid.size, np.float32)
+    unlimited = np.iinfo(np.int64).max
+    max_points = grid.max_points or unlimited
+    max_voxels = unlimited if grid.max_voxels is None else grid.max_voxels[0 if training else 1]
+    features: list[NDArray[np.float32]] = []
+    coordinates: list[NDArray[np.int64]] = []
+    for index, frame in enumerate(frames):
+        points = np.ascontiguousarray(frame.detach().cpu().numpy(), np.float32)
+        keys, means = _voxel_kernel(points, low, size, nz, ny, nx, max_points, max_voxels)
+        place = np.unravel_index(keys, (nz, ny, nx))
+        coordinates.append(np.stack([np.full_like(keys, index), *place], axis=1))
+        features.append(means)
+    return SparseTensor(
+        torch.from_numpy(np.concatenate(features)).to(device),
+        torch.from_numpy(np.concatenate(coordinates)).to(device),
+        grid.shape,
+        len(frames),
+    )

@@ -1,0 +1,185 @@
+"""Heads on points: which object a point lies on, and that object's box."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from training.detectors.backbones.pillars import PaddedBatchNorm
+from training.detectors.heads.box_coder import decode, encode
+from training.detectors.heads.losses import sigmoid_focal_loss
+from training.detectors.heads.roi_head import precise
+from training.ops.points_in_boxes import box_of_points
+
+EXTRA = 0.2
+"""Points this near outside an object, counting both sides, learn neither it nor background, m."""
+
+_BETA = 1 / 9
+
+
+@dataclass(frozen=True)
+class PointTargets:
+    """What the points of a batch have to learn.
+
+    Attributes:
+        labels: label of the object, 0 for background, -1 for neither, shape (N,), int64.
+        positive: points on an object, shape (P,), int64.
+        boxes: their objects, shape (P, 7).
+    """
+
+    labels: Tensor
+    positive: Tensor
+    boxes: Tensor
+
+
+def point_targets(
+    xyz: Tensor, counts: Tensor, boxes: Sequence[Tensor], labels: Sequence[Tensor]
+) -> PointTargets:
+    """Give each point the object in which it lies.
+
+    Args:
+        xyz: points (N, 3), `counts` (B,) of them in each frame.
+        boxes, labels: objects of each frame, (M, 7) and (M,), labels from 1.
+    """
+    all_labels, positive, all_boxes = [], [], []
+    first = 0
+    for points, frame_boxes, frame_labels in zip(
+        xyz.split(counts.tolist()), boxes, labels, strict=True
+    ):
+        box = box_of_points(points, frame_boxes)
+        wide = frame_boxes.clone()
+        wide[:, 3:6] += EXTRA
+        own = torch.nonzero(box >= 0).flatten()
+        label = torch.where(box_of_points(points, wide) >= 0, -1, 0)
+        label[own] = frame_labels[box[own]]
+        all_labels.append(label)
+        positive.append(own + first)
+        all_boxes.append(frame_boxes[box[own]])
+        first += len(points)
+    return PointTargets(torch.cat(all_labels), torch.cat(positive), torch.cat(all_boxes))
+
+
+def point_layers(inputs: int, hidden: Sequence[int], outputs: int) -> nn.Sequential:
+    """Linear layers with batch norm and ReLU on rows (N, inputs), and a last one without."""
+    layers: list[nn.Module] = []
+    for before, after in pairwise([inputs, *hidden]):
+        layers += [
+            nn.Linear(before, after, bias=False),
+            PaddedBatchNorm(after),
+            nn.ReLU(inplace=True),
+        ]
+    return nn.Sequential(*layers, nn.Linear([inputs, *hidden][-1], outputs))
+
+
+def segmentation_loss(logits: Tensor, labels: Tensor) -> Tensor:
+    """Focal loss of the points' classes, over the number of points on objects.
+
+    Args:
+        logits: (N, C); with C = 1 all labels above 0 are the same.
+        labels: (N,), see PointTargets.
+    """
+    classes = logits.shape[1]
+    one_hot = functional.one_hot(labels.clamp(0, classes), classes + 1)[:, 1:].to(logits)
+    weight = (labels >= 0).to(logits) / (labels > 0).sum().clamp_min(1)
+    return (sigmoid_focal_loss(logits, one_hot) * weight[:, None]).sum()
+
+
+class PointHeadSimple(nn.Module):
+    """Whether a point lies on an object, of whatever class: PV-RCNN's keypoint segmentation."""
+
+    def __init__(self, inputs: int, hidden: Sequence[int]) -> None:
+        super().__init__()
+        self.cls_layers = point_layers(inputs, hidden, 1)
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Features (N, inputs) to logits (N, 1), at least float32."""
+        return precise(self.cls_layers(features))
+
+    def loss(self, logits: Tensor, targets: PointTargets) -> dict[str, Tensor]:
+        """ "point_cls"."""
+        return {"point_cls": segmentation_loss(logits, targets.labels)}
+
+
+@dataclass(frozen=True)
+class PointOutput:
+    """Raw outputs for all points: logits (N, C), residuals (N, 8)."""
+
+    logits: Tensor
+    residuals: Tensor
+
+
+class PointHeadBox(nn.Module):
+    """Class and box of the object on which a point lies: the first stage of PointRCNN.
+
+    Args:
+        inputs: features of a point.
+        cls_hidden, box_hidden: outputs of the hidden layers of either branch.
+        sizes: length, width, height of a typical object of each class, metres.
+        either_way: a box may as well point backwards: of its two yaws the nearer one is learned.
+    """
+
+    sizes: Tensor
+
+    def __init__(
+        self,
+        inputs: int,
+        cls_hidden: Sequence[int],
+        box_hidden: Sequence[int],
+        sizes: Sequence[Sequence[float]],
+        either_way: bool,
+    ) -> None:
+        super().__init__()
+        self.either_way = either_way
+        self.register_buffer("sizes", torch.tensor(sizes), persistent=False)
+        self.cls_layers = point_layers(inputs, cls_hidden, len(sizes))
+        self.box_layers = point_layers(inputs, box_hidden, 8)
+
+    def forward(self, features: Tensor) -> PointOutput:
+        """Outputs for points with features (N, inputs), at least float32."""
+        return PointOutput(precise(self.cls_layers(features)), precise(self.box_layers(features)))
+
+    def decode(self, output: PointOutput, xyz: Tensor) -> Tensor:
+        """Boxes (N, 7) of points (N, 3), each with the size of its likeliest class."""
+        sizes = self.sizes[output.logits.argmax(dim=1)]
+        return decode_points(output.residuals, xyz, sizes)
+
+    def loss(self, output: PointOutput, targets: PointTargets, xyz: Tensor) -> dict[str, Tensor]:
+        """ "point_cls" and "point_box", both over the number of points on objects."""
+        sizes = self.sizes[targets.labels[targets.positive] - 1]
+        expected = encode_points(targets.boxes, xyz[targets.positive], sizes)
+        found = output.residuals[targets.positive]
+        if self.either_way:
+            backwards = (found * expected)[:, 6:].sum(dim=1, keepdim=True) < 0
+            yaw = torch.where(backwards, -expected[:, 6:], expected[:, 6:])
+            expected = torch.cat([expected[:, :6], yaw], dim=1)
+        box = functional.smooth_l1_loss(found, expected, reduction="sum", beta=_BETA)
+        return {
+            "point_cls": segmentation_loss(output.logits, targets.labels),
+            "point_box": box / max(1, len(targets.positive)),
+        }
+
+
+def encode_points(boxes: Tensor, xyz: Tensor, sizes: Tensor) -> Tensor:
+    """Residuals (P, 8) of boxes (P, 7) to points (P, 3) with sizes (P, 3).
+
+    Those of `box_coder.encode` to a box of that size around the point with yaw 0; cosine and sine
+    stand for the yaw.
+    """
+    residuals = encode(boxes, _around(xyz, sizes))
+    yaw = residuals[:, 6:]
+    return torch.cat([residuals[:, :6], yaw.cos(), yaw.sin()], dim=1)
+
+
+def decode_points(residuals: Tensor, xyz: Tensor, sizes: Tensor) -> Tensor:
+    """Boxes (P, 7) of residuals (P, 8); the inverse of `encode_points`."""
+    yaw = torch.atan2(residuals[:, 7:], residuals[:, 6:7])
+    return decode(torch.cat([residuals[:, :6], yaw], dim=1), _around(xyz, sizes))
+
+
+def _around(xyz: Tensor, sizes: Tensor) -> Tensor:
+    return torch.cat([xyz, sizes, xyz.new_zeros(len(xyz), 1)], dim=1)

@@ -1,0 +1,147 @@
+"""The second stage of PointRCNN: a PointNet++ on the points in each proposal.
+
+PointRCNN (Shi et al., CVPR 2019), section 3.3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+
+from training.detectors.backbones.pointnet2 import AbstractionSettings
+from training.detectors.backbones.set_abstraction import (
+    GlobalAbstraction,
+    RowConv2d,
+    SetAbstraction,
+)
+from training.detectors.heads.roi_box_coder import turned
+from training.detectors.heads.roi_head import (
+    RoiHead,
+    RoiOutput,
+    RoiSettings,
+    RowConv1d,
+    precise,
+    row_layers,
+)
+from training.ops.roipoint_pool import roipoint_pool
+from training.ops.sampling import furthest_point_sample
+
+DEPTH_SCALE = 70.0
+"""A point's distance from the sensor enters as a share of this, metres."""
+
+
+@dataclass(frozen=True)
+class PointRoiSettings:
+    """What fixes a PointRCNNHead.
+
+    Attributes:
+        rois: proposals and training.
+        points: of each proposal, chosen or repeated.
+        margin: points so far outside a proposal still belong to it, counting both sides, metres.
+        local: outputs of the layers on a point's place in its proposal, its score and its depth.
+        levels: set abstraction within a proposal.
+        mlp: outputs of the layers before the maximum over a whole proposal.
+        hidden: outputs of the hidden layers of the score's branch, and of the box's.
+    """
+
+    rois: RoiSettings
+    points: int
+    margin: float
+    local: tuple[int, ...]
+    levels: tuple[AbstractionSettings, ...]
+    mlp: tuple[int, ...]
+    hidden: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class ScoredPoints:
+    """The points of a batch as the first stage leaves them, frame after frame.
+
+    Attributes:
+        xyz: (N, 3), metres.
+        counts: points of each frame, (B,), int64.
+        features: (N, C).
+        scores: largest probability of a class, (N,).
+    """
+
+    xyz: Tensor
+    counts: Tensor
+    features: Tensor
+    scores: Tensor
+
+
+class PointRCNNHead(RoiHead):
+    """Scores and refines each proposal by what the points in it look like from its own frame."""
+
+    def __init__(self, inputs: int, settings: PointRoiSettings) -> None:
+        super().__init__(settings.rois)
+        self.points, self.margin = settings.points, settings.margin
+        self.places = tuple(level.places for level in settings.levels)
+        self.xyz_up_layer = nn.Sequential(*_layers([5, *settings.local]))
+        self.merge_down_layer = nn.Sequential(*_layers([settings.local[-1] + inputs, inputs]))
+        self.SA_modules = nn.ModuleList()
+        channels = inputs
+        for level in settings.levels:
+            module = SetAbstraction(channels, level.radii, level.samples, level.mlps)
+            self.SA_modules.append(module)
+            channels = module.outputs
+        self.SA_modules.append(GlobalAbstraction(channels, settings.mlp))
+        self.cls_layers, self.reg_layers = (
+            row_layers(settings.mlp[-1], settings.hidden, dropout=0.0).append(last)
+            for last in (RowConv1d(settings.hidden[-1], 1), RowConv1d(settings.hidden[-1], 7))
+        )
+        for layer in self.modules():
+            if isinstance(layer, (RowConv1d, RowConv2d)):
+                nn.init.xavier_normal_(layer.weight)
+                if layer.bias is not None:
+                    nn.init.zeros_(layer.bias)
+        nn.init.normal_(self.reg_layers[-1].weight, std=0.001)  # type: ignore[arg-type]
+
+    def forward(self, rois: Tensor, points: ScoredPoints) -> RoiOutput:
+        """Raw outputs for RoIs (B, R, 7)."""
+        pooled = self.pool(rois, points)
+        xyz, features = pooled[..., :3], pooled[..., 5:].flatten(0, 1)
+        local = self.xyz_up_layer(pooled[..., :5].flatten(0, 1))
+        features = self.merge_down_layer(torch.cat([local, features], dim=1))
+        xyz, counts = xyz.flatten(0, 1), rois.new_full((len(pooled),), self.points).long()
+        for places, module in zip(self.places, self.SA_modules, strict=False):
+            rows, new_counts = furthest_point_sample(xyz, counts, places)
+            new_xyz = xyz[rows]
+            features = module(xyz, counts, features, new_xyz, new_counts)
+            xyz, counts = new_xyz, new_counts
+        shape = len(pooled), xyz.shape[0] // len(pooled)
+        whole = self.SA_modules[-1](xyz.view(*shape, 3), features.view(*shape, -1))
+        return RoiOutput(precise(self.cls_layers(whole)), precise(self.reg_layers(whole)))
+
+    @torch.no_grad()
+    def pool(self, rois: Tensor, points: ScoredPoints) -> Tensor:
+        """Points in each RoI, (B * R, points, 5 + C), zeros in a RoI without any.
+
+        Place in the RoI's frame, score, depth, features. No gradient goes back to the first stage,
+        as in OpenPCDet.
+        """
+        depth = torch.linalg.vector_norm(points.xyz, dim=1) / DEPTH_SCALE - 0.5
+        rows = torch.cat(
+            [points.scores[:, None], depth[:, None], points.features.to(depth.dtype)], dim=1
+        )
+        counts = points.counts.tolist()
+        frames = []
+        for frame_rois, xyz, features in zip(
+            rois, points.xyz.split(counts), rows.split(counts), strict=True
+        ):
+            pooled, empty = roipoint_pool(xyz, features, frame_rois, self.points, self.margin)
+            place = turned(pooled[..., :3] - frame_rois[:, None, :3], -frame_rois[:, 6])
+            pooled = torch.cat([place, pooled[..., 3:]], dim=2)
+            frames.append(pooled.masked_fill(empty[:, None, None], 0))
+        return torch.cat(frames)
+
+
+def _layers(channels: Sequence[int]) -> list[nn.Module]:
+    layers: list[nn.Module] = []
+    for before, after in pairwise(channels):
+        layers += [RowConv2d(before, after, 1), nn.ReLU(inplace=True)]
+    return layers

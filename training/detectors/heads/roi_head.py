@@ -1,0 +1,178 @@
+"""What the second stages share: proposals, their sample, losses, refined boxes, detections."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from training.detectors.detector import Selection
+from training.detectors.heads.proposals import Proposals, Suppression, propose
+from training.detectors.heads.roi_box_coder import decode_in_rois, encode_in_rois, turned
+from training.detectors.heads.roi_targets import RoiSampling, RoiTargets, sample_rois
+from training.ops.nms import nms
+
+_BETA = 1 / 9
+
+
+@dataclass(frozen=True)
+class RoiSettings:
+    """Proposals of a second stage and its training.
+
+    Attributes:
+        train, test: how proposals are chosen in training and in evaluation.
+        sampling: which of them are trained on.
+    """
+
+    train: Suppression
+    test: Suppression
+    sampling: RoiSampling
+
+
+@dataclass(frozen=True)
+class RoiOutput:
+    """Raw outputs for B * R RoIs: logits (B * R, 1) and residuals (B * R, 7), at least float32.
+
+    A head that only scores its RoIs has no residuals.
+    """
+
+    logits: Tensor
+    residuals: Tensor | None
+
+
+class RoiHead(nn.Module):
+    """Base of the second stages; derived ones have a `forward` from RoIs to RoiOutput."""
+
+    def __init__(self, settings: RoiSettings) -> None:
+        super().__init__()
+        self.settings = settings
+
+    def propose(self, logits: Iterable[Tensor], boxes: Iterable[Tensor]) -> Proposals:
+        """`propose` as the settings have it for training or for evaluation."""
+        return propose(logits, boxes, self.settings.train if self.training else self.settings.test)
+
+    def sample(
+        self, proposals: Proposals, boxes: Sequence[Tensor], labels: Sequence[Tensor]
+    ) -> RoiTargets:
+        """`sample_rois` as the settings have it."""
+        return sample_rois(proposals, boxes, labels, self.settings.sampling)
+
+    def loss(self, output: RoiOutput, targets: RoiTargets) -> dict[str, Tensor]:
+        """ "rcnn_cls" and, with residuals, "rcnn_reg" and "rcnn_corner".
+
+        Binary cross entropy over the RoIs that learn a score; smooth L1 and corner loss over
+        those that learn a box.
+        """
+        scores = targets.scores.flatten()
+        cross_entropy = functional.binary_cross_entropy_with_logits(
+            output.logits.flatten(), scores.clamp_min(0), reduction="none"
+        )
+        scored = scores >= 0
+        losses = {"rcnn_cls": (cross_entropy * scored).sum() / scored.sum().clamp_min(1)}
+        if output.residuals is None:
+            return losses
+        own = torch.nonzero(targets.regress.flatten()).flatten()
+        count = max(1, len(own))
+        residuals = output.residuals[own]
+        rois, boxes = targets.rois.boxes.flatten(0, 1)[own], targets.boxes.flatten(0, 1)[own]
+        losses["rcnn_reg"] = (
+            functional.smooth_l1_loss(
+                residuals, encode_in_rois(boxes, rois), reduction="sum", beta=_BETA
+            )
+            / count
+        )
+        losses["rcnn_corner"] = corner_loss(decode_in_rois(residuals, rois), boxes).sum() / count
+        return losses
+
+    def refine(self, output: RoiOutput, rois: Tensor) -> Tensor:
+        """Boxes of the second stage for RoIs (B, R, 7), same shape."""
+        if output.residuals is None:
+            return rois
+        return decode_in_rois(output.residuals.view(rois.shape), rois)
+
+    def detections(
+        self, output: RoiOutput, proposals: Proposals, selection: Selection
+    ) -> list[dict[str, Tensor]]:
+        """Results of `Detector.predict`: refined boxes with the second stage's scores.
+
+        What fills up the proposals is no detection, nor a box that is not finite.
+        """
+        boxes = self.refine(output, proposals.boxes)
+        scores = output.logits.view(proposals.scores.shape).sigmoid()
+        real = (proposals.boxes[..., 3:6] > 0).all(dim=-1) & boxes.isfinite().all(dim=-1)
+        return [
+            _detections_in_frame(boxes[b][own], scores[b][own], proposals.labels[b][own], selection)
+            for b, own in enumerate(real)
+        ]
+
+
+def _detections_in_frame(
+    boxes: Tensor, scores: Tensor, labels: Tensor, selection: Selection
+) -> dict[str, Tensor]:
+    above = torch.nonzero(scores >= selection.score).flatten()
+    kept = nms(boxes[above], scores[above], selection.nms, selection.pre, selection.post)
+    rows = above[kept]
+    return {
+        "boxes": boxes[rows], "scores": scores[rows], "labels": labels[rows], "refined": boxes
+    }  # fmt: skip
+
+
+def corner_loss(boxes: Tensor, expected: Tensor) -> Tensor:
+    """Mean Huber loss of the distances of the eight corners of boxes (P, 7), shape (P,).
+
+    Qi et al., Frustum PointNets, CVPR 2018, section 4.4: a corner may be near the one of the
+    expected box or of that box turned by 180°.
+    """
+    corners = _corners(boxes)
+    half_turn = expected + expected.new_tensor([0, 0, 0, 0, 0, 0, math.pi])
+    distance = torch.minimum(
+        torch.linalg.vector_norm(corners - _corners(expected), dim=-1),
+        torch.linalg.vector_norm(corners - _corners(half_turn), dim=-1),
+    )
+    return functional.huber_loss(distance, torch.zeros_like(distance), reduction="none").mean(dim=1)
+
+
+def _corners(boxes: Tensor) -> Tensor:
+    """The corners (P, 8, 3) of boxes (P, 7)."""
+    half = boxes.new_tensor([-0.5, 0.5])
+    offsets = torch.cartesian_prod(half, half, half) * boxes[:, None, 3:6]
+    return turned(offsets, boxes[:, 6]) + boxes[:, None, :3]
+
+
+class RowConv1d(nn.Linear):
+    """A linear layer on rows (N, C) with the weight (out, in, 1) of a 1 × 1 convolution."""
+
+    def __init__(self, inputs: int, outputs: int, bias: bool = True) -> None:
+        super().__init__(inputs, outputs, bias)
+        self.weight = nn.Parameter(self.weight.detach()[..., None])
+
+    def forward(self, rows: Tensor) -> Tensor:
+        """(N, in) to (N, out)."""
+        return functional.linear(rows, self.weight.flatten(1), self.bias)
+
+
+def row_layers(
+    inputs: int, hidden: Sequence[int], dropout: float, layer: type[nn.Linear] = RowConv1d
+) -> nn.Sequential:
+    """Layers with batch norm and ReLU on rows (N, inputs), dropout between them.
+
+    They are numbered as in OpenPCDet: 0, 1, 2, dropout 3, 4, 5, 6.
+    """
+    layers: list[nn.Module] = []
+    for before, after in pairwise([inputs, *hidden]):
+        if layers:
+            layers.append(nn.Dropout(dropout))
+        linear = layer(before, after, bias=False)
+        nn.init.xavier_normal_(linear.weight)
+        layers += [linear, nn.BatchNorm1d(after), nn.ReLU()]
+    return nn.Sequential(*layers)
+
+
+def precise(rows: Tensor) -> Tensor:
+    """`rows` in float32 if they have fewer digits: losses and geometry need them."""
+    return rows.to(torch.promote_types(rows.dtype, torch.float32))

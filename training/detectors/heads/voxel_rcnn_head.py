@@ -1,0 +1,174 @@
+"""The second stage of Voxel R-CNN (Deng et al., AAAI 2021): features of the voxels around a RoI."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from training.detectors.backbones.pillars import PaddedBatchNorm
+from training.detectors.backbones.set_abstraction import RowConv2d
+from training.detectors.backbones.voxels import VoxelGrid
+from training.detectors.heads.roi_box_coder import roi_grid
+from training.detectors.heads.roi_head import (
+    RoiHead,
+    RoiOutput,
+    RoiSettings,
+    RowConv1d,
+    precise,
+    row_layers,
+)
+from training.ops.grouping import group
+from training.ops.sparse_conv import SparseTensor, Triple
+from training.ops.voxel_query import voxel_query
+
+STRIDES = {"x_conv2": 2, "x_conv3": 4, "x_conv4": 8}
+"""Scales of the sparse backbone that are looked at, and the edge of their voxels in voxels."""
+
+
+@dataclass(frozen=True)
+class VoxelRcnnLayers:
+    """Layers of a VoxelRcnnHead.
+
+    Attributes:
+        grid: places of a RoI along each of its axes.
+        radii: of the neighbourhood of a place, at each of STRIDES, metres.
+        reach: voxels from a place's voxel to the last one looked at, along z, y, x.
+        samples: voxels of a neighbourhood.
+        pooled: outputs of the two layers around the maximum over a neighbourhood.
+        shared, cls, reg: outputs of the hidden layers.
+        dropout: share of the features that are zero in training.
+    """
+
+    grid: int = 6
+    radii: tuple[float, float, float] = (0.4, 0.8, 1.6)
+    reach: Triple = (4, 4, 4)
+    samples: int = 16
+    pooled: tuple[int, int] = (32, 32)
+    shared: tuple[int, ...] = (256, 256)
+    cls: tuple[int, ...] = (256, 256)
+    reg: tuple[int, ...] = (256, 256)
+    dropout: float = 0.3
+
+
+class VoxelRcnnHead(RoiHead):
+    """Scores and refines RoIs from three scales of the sparse backbone.
+
+    Args:
+        channels: of each of STRIDES.
+        voxels: the finest voxels.
+        settings, layers: of the head.
+    """
+
+    def __init__(
+        self,
+        channels: tuple[int, int, int],
+        voxels: VoxelGrid,
+        settings: RoiSettings,
+        layers: VoxelRcnnLayers,
+    ) -> None:
+        super().__init__(settings)
+        self.voxels = voxels
+        self.size = layers.grid
+        self.roi_grid_pool_layers = nn.ModuleList(
+            NeighbourVoxelPool(inputs, layers.pooled, radius, layers.reach, layers.samples)
+            for inputs, radius in zip(channels, layers.radii, strict=True)
+        )
+        pooled = layers.grid**3 * layers.pooled[1] * len(STRIDES)
+        shared = layers.shared[-1]
+        self.shared_fc_layer = row_layers(pooled, layers.shared, layers.dropout, nn.Linear)
+        self.cls_fc_layers = row_layers(shared, layers.cls, layers.dropout, nn.Linear)
+        self.cls_pred_layer = nn.Linear(layers.cls[-1], 1)
+        self.reg_fc_layers = row_layers(shared, layers.reg, layers.dropout, nn.Linear)
+        self.reg_pred_layer = nn.Linear(layers.reg[-1], 7)
+        for last, deviation in ((self.cls_pred_layer, 0.01), (self.reg_pred_layer, 0.001)):
+            nn.init.normal_(last.weight, std=deviation)
+            nn.init.zeros_(last.bias)
+
+    def forward(self, rois: Tensor, scales: Mapping[str, SparseTensor]) -> RoiOutput:
+        """Scores and residuals of RoIs (B, R, 7)."""
+        pooled = self._pool(rois, scales)
+        shared = self.shared_fc_layer(pooled)
+        return RoiOutput(
+            precise(self.cls_pred_layer(self.cls_fc_layers(shared))),
+            precise(self.reg_pred_layer(self.reg_fc_layers(shared))),
+        )
+
+    def _pool(self, rois: Tensor, scales: Mapping[str, SparseTensor]) -> Tensor:
+        """Features (B * R, grid³ * C) of all scales at the places of a grid in each RoI."""
+        places = roi_grid(rois.flatten(0, 1), self.size).flatten(0, 1)
+        low = places.new_tensor(self.voxels.point_range[:3])
+        size = places.new_tensor(self.voxels.size)
+        # Far outside is outside: the clamp keeps what follows within int64.
+        cells = ((places - low) / size).floor().clamp(-1e6, 1e6).long()
+        frame = torch.arange(len(rois), device=rois.device)
+        frame = frame.repeat_interleave(len(places) // len(rois))[:, None]
+        features = []
+        for (name, stride), layer in zip(STRIDES.items(), self.roi_grid_pool_layers, strict=True):
+            voxels = scales[name]
+            centres = (voxels.coordinates[:, [3, 2, 1]].to(low) + 0.5) * (size * stride) + low
+            cell = torch.div(cells, stride, rounding_mode="floor").flip(1)
+            features.append(layer(voxels, centres, places, torch.cat([frame, cell], dim=1)))
+        return torch.cat(features, dim=1).view(rois.shape[:2].numel(), -1)
+
+
+class NeighbourVoxelPool(nn.Module):
+    """Maximum over the voxels near a place, each with its features and its offset.
+
+    The voxel query and the accelerated local aggregation of Voxel R-CNN, sections 3.2 and 3.3: the
+    first layer works on every voxel once and not on every pair of a voxel and a place.
+
+    Args:
+        inputs: channels of a voxel.
+        outputs: of the first layer and of the last.
+        radius, reach, samples: of the query.
+    """
+
+    def __init__(
+        self, inputs: int, outputs: tuple[int, int], radius: float, reach: Triple, samples: int
+    ) -> None:
+        super().__init__()
+        self.radius = radius
+        self.reach = reach
+        self.samples = samples
+        inner, outer = outputs
+        # Lists of one, as OpenPCDet's, which allow for several radii.
+        self.mlps_in = nn.ModuleList(
+            [nn.Sequential(RowConv1d(inputs, inner, False), PaddedBatchNorm(inner))]
+        )
+        self.mlps_pos = nn.ModuleList(
+            [nn.Sequential(RowConv2d(3, inner, 1, bias=False), PaddedBatchNorm(inner))]
+        )
+        self.mlps_out = nn.ModuleList(
+            [nn.Sequential(RowConv1d(inner, outer, False), PaddedBatchNorm(outer), nn.ReLU())]
+        )
+        for mlp in (*self.mlps_in, *self.mlps_pos, *self.mlps_out):
+            nn.init.kaiming_normal_(mlp[0].weight)
+
+    def forward(
+        self, voxels: SparseTensor, centres: Tensor, places: Tensor, cells: Tensor
+    ) -> Tensor:
+        """Features (M, outer) at places (M, 3) in the cells (M, 4) frame, z, y, x.
+
+        Args:
+            voxels: N voxels at the centres (N, 3).
+        """
+        idx, empty = voxel_query(
+            self.reach,
+            self.radius,
+            self.samples,
+            centres,
+            voxels.coordinates,
+            voxels.shape,
+            places,
+            cells,
+        )
+        rows = self.mlps_in[0](voxels.features)
+        offsets = group(centres, idx) - places[:, None]
+        offsets = offsets.masked_fill(empty[:, None, None], 0)
+        position = self.mlps_pos[0](offsets.flatten(0, 1)).view(*idx.shape, -1)
+        near = group(rows, idx).masked_fill(empty[:, None, None], 0)
+        return self.mlps_out[0](functional.relu(near + position).amax(dim=1))

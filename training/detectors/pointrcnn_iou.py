@@ -1,0 +1,29 @@
+"""PointRCNN whose second stage scores a box by the IoU that it should have with its object.
+
+OpenPCDet's tools/cfgs/kitti_models/pointrcnn_iou.yaml: only what the scores learn differs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from training.detectors import pointrcnn
+from training.detectors.detector import PointRange
+from training.detectors.pointrcnn import PointRCNN, PointRCNNPreset
+
+
+def _scored_by_iou(preset: PointRCNNPreset) -> PointRCNNPreset:
+    stage = preset.second_stage
+    sampling = replace(
+        stage.rois.sampling, score="roi_iou", cls_foreground=0.7, cls_background=0.25
+    )
+    return replace(preset, second_stage=replace(stage, rois=replace(stage.rois, sampling=sampling)))
+
+
+PRESETS = {name: _scored_by_iou(preset) for name, preset in pointrcnn.PRESETS.items()}
+
+
+def build(classes: Sequence[str], preset: str, point_range: PointRange | None) -> PointRCNN:
+    """The network of `build_detector`."""
+    return PointRCNN(classes, PRESETS[preset], point_range)

@@ -1,0 +1,89 @@
+"""SECOND (Yan et al., Sensors 2018)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from training.detectors.backbones.backbone_2d import BackboneSettings
+from training.detectors.detector import PointRange, Selection
+from training.detectors.heads.anchors import KITTI_ANCHORS, PAPER_ANCHORS, TINY_ANCHORS
+from training.detectors.heads.selection import select_boxes
+from training.detectors.voxel_detector import VoxelDetector, VoxelPreset
+
+OPENPCDET = VoxelPreset(
+    point_range=(0.0, -40.0, -3.0, 70.4, 40.0, 1.0),
+    sensor_height=1.73,
+    voxel=(0.05, 0.05, 0.1),
+    max_points=5,
+    max_voxels=(16000, 40000),
+    channels=(16, 32, 64, 64, 128),
+    backbone=BackboneSettings(
+        layers=(5, 5),
+        strides=(1, 2),
+        filters=(128, 256),
+        upsample_strides=(1, 2),
+        upsample_filters=(256, 256),
+    ),
+    anchors=KITTI_ANCHORS,
+    centred_anchors=False,
+)
+"""OpenPCDet's tools/cfgs/kitti_models/second.yaml, in KITTI's LiDAR frame."""
+
+PAPER = replace(OPENPCDET, point_range=(0.0, -20.0, -3.0, 40.0, 20.0, 1.0), anchors=PAPER_ANCHORS)
+"""The paper's changes to it."""
+
+TINY = VoxelPreset(
+    point_range=(0.0, -20.0, 0.0, 40.0, 20.0, 4.0),
+    sensor_height=0.0,
+    voxel=(0.2, 0.2, 0.16),
+    max_points=None,
+    max_voxels=None,
+    channels=(8, 16, 16, 32, 32),
+    backbone=BackboneSettings(
+        layers=(2,),
+        strides=(1,),
+        filters=(64,),
+        upsample_strides=(2,),
+        upsample_filters=(64,),
+        momentum=0.1,
+    ),
+    anchors=TINY_ANCHORS,
+    centred_anchors=True,
+)
+"""Small enough to train on one CPU core; works in the ego frame."""
+
+PRESETS = {"openpcdet": OPENPCDET, "paper": PAPER, "tiny": TINY}
+
+
+class Second(VoxelDetector):
+    """The first stage alone: its anchors are the detections."""
+
+    def loss(
+        self, points: Sequence[Tensor], boxes: Sequence[Tensor], labels: Sequence[Tensor]
+    ) -> dict[str, Tensor]:
+        """Losses of the head: "loss", "classification", "location", "direction"."""
+        targets = self.dense_head.targets(
+            [item.to(self.device) for item in boxes], [item.to(self.device) for item in labels]
+        )
+        return self.dense_head.loss(self.first_stage(points).head, targets)
+
+    @torch.no_grad()
+    def predict(
+        self, points: Sequence[Tensor], selection: Selection | None = None
+    ) -> list[dict[str, Tensor]]:
+        """Detections of every frame, see Detector."""
+        self.eval()
+        logits, boxes = self.dense_head.decode(self.first_stage(points).head)
+        return [
+            select_boxes(frame.sigmoid(), frame_boxes, selection or self.selection)
+            for frame, frame_boxes in zip(logits, boxes, strict=True)
+        ]
+
+
+def build(classes: Sequence[str], preset: str, point_range: PointRange | None) -> Second:
+    """The network of `build_detector`."""
+    return Second(classes, PRESETS[preset], Selection(), point_range)

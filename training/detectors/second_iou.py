@@ -1,0 +1,90 @@
+"""SECOND-IoU: SECOND whose detections are ranked by a second stage, as OpenPCDet has it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from torch import Tensor
+
+from training.detectors import second
+from training.detectors.detector import PointRange, Selection
+from training.detectors.heads.proposals import Suppression
+from training.detectors.heads.roi_head import RoiOutput, RoiSettings
+from training.detectors.heads.roi_targets import RoiSampling
+from training.detectors.heads.second_iou_head import SecondIouHead, SecondIouLayers
+from training.detectors.two_stage_voxel_detector import TwoStageVoxelDetector
+from training.detectors.voxel_detector import FirstStage, VoxelPreset
+
+
+@dataclass(frozen=True)
+class SecondIouPreset:
+    """Everything that fixes a SECOND-IoU network but its classes.
+
+    Attributes:
+        first_stage: the voxel network.
+        roi: proposals and training of the second stage.
+        layers: of the second stage.
+    """
+
+    first_stage: VoxelPreset
+    roi: RoiSettings
+    layers: SecondIouLayers
+
+
+OPENPCDET = SecondIouPreset(
+    first_stage=second.OPENPCDET,
+    roi=RoiSettings(
+        train=Suppression(nms=0.8, pre=9000, post=512),
+        test=Suppression(nms=0.7, pre=1024, post=100),
+        sampling=RoiSampling(),
+    ),
+    layers=SecondIouLayers(),
+)
+"""OpenPCDet's tools/cfgs/kitti_models/second_iou.yaml, in KITTI's LiDAR frame."""
+
+PAPER = replace(OPENPCDET, first_stage=second.PAPER)
+"""The paper's changes to it."""
+
+TINY = SecondIouPreset(
+    first_stage=second.TINY,
+    roi=RoiSettings(
+        train=Suppression(nms=0.8, pre=512, post=128),
+        # One proposal per object: so small a second stage ranks objects, not the boxes of one.
+        test=Suppression(nms=0.1, pre=512, post=64),
+        sampling=RoiSampling(rois=64),
+    ),
+    layers=SecondIouLayers(grid=5, shared=(64, 64), iou=(64, 64), dropout=0.0),
+)
+"""Small enough to train on one CPU core; works in the ego frame."""
+
+PRESETS = {"openpcdet": OPENPCDET, "paper": PAPER, "tiny": TINY}
+
+
+class SecondIou(TwoStageVoxelDetector):
+    """SECOND and a second stage that scores its boxes with their IoU.
+
+    Args:
+        classes: names of the classes, keys of the preset's anchors.
+        preset: the network.
+        point_range: see VoxelDetector.
+    """
+
+    def __init__(
+        self,
+        classes: Sequence[str],
+        preset: SecondIouPreset,
+        point_range: PointRange | None = None,
+    ) -> None:
+        super().__init__(classes, preset.first_stage, Selection(), point_range)
+        channels = preset.first_stage.backbone.outputs
+        self.roi_head = SecondIouHead(channels, self.grid, preset.roi, preset.layers)
+
+    def second_stage(self, rois: Tensor, first: FirstStage) -> RoiOutput:
+        """Scores of RoIs (B, R, 7)."""
+        return self.roi_head(rois, first.image)
+
+
+def build(classes: Sequence[str], preset: str, point_range: PointRange | None) -> SecondIou:
+    """The network of `build_detector`."""
+    return SecondIou(classes, PRESETS[preset], point_range)

@@ -1,0 +1,116 @@
+"""What detectors that start from voxels share: SECOND and its two-stage descendants."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import count
+
+import torch
+from torch import Tensor
+
+from training.detectors.backbones.backbone_2d import Backbone2d, BackboneSettings
+from training.detectors.backbones.sparse_backbone import STRIDE, VoxelBackBone8x, encoded_height
+from training.detectors.backbones.voxels import VoxelGrid, voxelise
+from training.detectors.detector import Detector, PointRange, Selection
+from training.detectors.heads.anchor_head import AnchorHead, HeadOutput
+from training.detectors.heads.anchors import AnchorClass, anchor_grid
+from training.detectors.point_range import fitted_range
+from training.ops.sparse_conv import SparseTensor
+
+
+@dataclass(frozen=True)
+class VoxelPreset:
+    """Everything that fixes the first stage of a voxel network but its classes.
+
+    Attributes:
+        point_range: default range in the model's frame, metres.
+        sensor_height: height of the model's origin above the ground, metres.
+        voxel: edges of a voxel along x, y, z, metres.
+        max_points, max_voxels: as in VoxelGrid.
+        channels: of the scales of the sparse backbone and of its result.
+        backbone: the 2D backbone.
+        anchors: by class, in the model's frame.
+        centred_anchors: as in `anchor_grid`.
+    """
+
+    point_range: PointRange
+    sensor_height: float
+    voxel: tuple[float, float, float]
+    max_points: int | None
+    max_voxels: tuple[int, int] | None
+    channels: tuple[int, int, int, int, int]
+    backbone: BackboneSettings
+    anchors: Mapping[str, AnchorClass]
+    centred_anchors: bool
+
+
+@dataclass(frozen=True)
+class FirstStage:
+    """Results of the first stage, B frames.
+
+    Attributes:
+        scales: "x_conv1" … "x_conv4" and "encoded" of the sparse backbone.
+        bev: the encoded grid from above, (B, C, ny, nx).
+        image: result of the 2D backbone, (B, C2, ny, nx).
+        head: raw outputs for all anchors.
+    """
+
+    scales: dict[str, SparseTensor]
+    bev: Tensor
+    image: Tensor
+    head: HeadOutput
+
+
+class VoxelDetector(Detector):
+    """Voxels, a sparse 3D backbone, a 2D backbone and an anchor head.
+
+    Args:
+        classes: names of the classes, keys of the preset's anchors.
+        preset: the network.
+        selection: the preset's way to select boxes.
+        point_range: see `fitted_range`.
+
+    Raises:
+        ValueError: the range is too low for the backbone's strides.
+    """
+
+    def __init__(
+        self,
+        classes: Sequence[str],
+        preset: VoxelPreset,
+        selection: Selection,
+        point_range: PointRange | None = None,
+    ) -> None:
+        backbone = preset.backbone
+        edge, _, height = preset.voxel
+        cell = edge * STRIDE * backbone.total_stride
+        fitted = fitted_range(
+            preset.point_range, preset.sensor_height, point_range, (cell, cell, height)
+        )
+        super().__init__(classes, fitted, preset.sensor_height, selection)
+        self.grid = VoxelGrid(fitted, preset.voxel, preset.max_points, preset.max_voxels)
+        nz, ny, nx = self.grid.shape
+        layers = encoded_height(nz)
+        if layers < 1:
+            least = next(cells for cells in count(1) if encoded_height(cells + 1) >= 1)
+            raise ValueError(
+                f"this network needs a range at least {least * height:g} m high, found "
+                f"{fitted[5] - fitted[2]:g} m"
+            )
+        anchors = [preset.anchors[name] for name in self.classes]
+        stride = STRIDE * backbone.strides[0] // backbone.upsample_strides[0]
+        places = anchor_grid(anchors, fitted, (nx // stride, ny // stride), preset.centred_anchors)
+        self.backbone_3d = VoxelBackBone8x(4, preset.channels, backbone.momentum)
+        self.backbone_2d = Backbone2d(preset.channels[-1] * layers, backbone)
+        self.dense_head = AnchorHead(backbone.outputs, anchors, places)
+        self.backbone_2d.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+
+    def first_stage(self, points: Sequence[Tensor]) -> FirstStage:
+        """Features at all scales and raw outputs of the head for frames of points (N, 4)."""
+        voxels = voxelise(points, self.grid, self.training, self.device)
+        weight = self.dense_head.conv_cls.weight
+        scales = self.backbone_3d(voxels.with_features(voxels.features.to(weight.dtype)))
+        bev = scales["encoded"].bev()
+        image = self.backbone_2d(bev)
+        return FirstStage(scales, bev, image, self.dense_head(image))

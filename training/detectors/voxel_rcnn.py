@@ -1,0 +1,123 @@
+"""Voxel R-CNN (Deng et al., AAAI 2021)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from torch import Tensor
+
+from training.detectors import second
+from training.detectors.backbones.backbone_2d import BackboneSettings
+from training.detectors.detector import PointRange, Selection
+from training.detectors.heads.proposals import Suppression
+from training.detectors.heads.roi_head import RoiOutput, RoiSettings
+from training.detectors.heads.roi_targets import RoiSampling
+from training.detectors.heads.voxel_rcnn_head import VoxelRcnnHead, VoxelRcnnLayers
+from training.detectors.two_stage_voxel_detector import TwoStageVoxelDetector
+from training.detectors.voxel_detector import FirstStage, VoxelPreset
+
+
+@dataclass(frozen=True)
+class VoxelRcnnPreset:
+    """Everything that fixes a Voxel R-CNN network but its classes.
+
+    Attributes:
+        first_stage: the voxel network.
+        roi: proposals and training of the second stage.
+        layers: of the second stage.
+        selection: how boxes are selected.
+    """
+
+    first_stage: VoxelPreset
+    roi: RoiSettings
+    layers: VoxelRcnnLayers
+    selection: Selection
+
+
+OPENPCDET = VoxelRcnnPreset(
+    first_stage=replace(
+        second.OPENPCDET,
+        backbone=BackboneSettings(
+            layers=(5, 5),
+            strides=(1, 2),
+            filters=(64, 128),
+            upsample_strides=(1, 2),
+            upsample_filters=(128, 128),
+        ),
+    ),
+    roi=RoiSettings(
+        train=Suppression(nms=0.8, pre=9000, post=512),
+        test=Suppression(nms=0.7, pre=2048, post=100),
+        sampling=RoiSampling(),
+    ),
+    layers=VoxelRcnnLayers(),
+    selection=Selection(score=0.3, nms=0.1),
+)
+"""OpenPCDet's tools/cfgs/kitti_models/voxel_rcnn_car.yaml, in KITTI's LiDAR frame.
+
+It knows cars only; other classes have SECOND's anchors.
+"""
+
+PAPER = replace(
+    OPENPCDET,
+    first_stage=replace(
+        OPENPCDET.first_stage,
+        point_range=second.PAPER.point_range,
+        anchors=second.PAPER.anchors,
+    ),
+)
+"""The paper's changes to it."""
+
+TINY = VoxelRcnnPreset(
+    first_stage=second.TINY,
+    roi=RoiSettings(
+        train=Suppression(nms=0.8, pre=512, post=128),
+        test=Suppression(nms=0.7, pre=512, post=64),
+        sampling=RoiSampling(rois=64),
+    ),
+    layers=VoxelRcnnLayers(
+        grid=4,
+        radii=(0.8, 1.6, 3.2),
+        reach=(4, 4, 4),
+        samples=8,
+        pooled=(16, 16),
+        shared=(64, 64),
+        cls=(64,),
+        reg=(64,),
+        dropout=0.0,
+    ),
+    selection=Selection(score=0.3, nms=0.1),
+)
+"""Small enough to train on one CPU core; works in the ego frame."""
+
+PRESETS = {"openpcdet": OPENPCDET, "paper": PAPER, "tiny": TINY}
+
+
+class VoxelRcnn(TwoStageVoxelDetector):
+    """SECOND's first stage and a second one that looks at the voxels around its boxes.
+
+    Args:
+        classes: names of the classes, keys of the preset's anchors.
+        preset: the network.
+        point_range: see VoxelDetector.
+    """
+
+    def __init__(
+        self,
+        classes: Sequence[str],
+        preset: VoxelRcnnPreset,
+        point_range: PointRange | None = None,
+    ) -> None:
+        super().__init__(classes, preset.first_stage, preset.selection, point_range)
+        _, two, three, four, _ = preset.first_stage.channels
+        self.roi_head = VoxelRcnnHead((two, three, four), self.grid, preset.roi, preset.layers)
+
+    def second_stage(self, rois: Tensor, first: FirstStage) -> RoiOutput:
+        """Scores and residuals of RoIs (B, R, 7)."""
+        return self.roi_head(rois, first.scales)
+
+
+def build(classes: Sequence[str], preset: str, point_range: PointRange | None) -> VoxelRcnn:
+    """The network of `build_detector`."""
+    return VoxelRcnn(classes, PRESETS[preset], point_range)

@@ -1,0 +1,247 @@
+"""Tables of pairs of sparse convolutions: which input row feeds which output row, and by which
+position of the kernel.
+
+On a CPU in numba, elsewhere in torch; both give the same tables.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numba import njit
+from torch import Tensor
+from torch.nn import functional
+
+Triple = tuple[int, int, int]
+"""Along z, y, x."""
+
+
+@dataclass(frozen=True)
+class Rules:
+    """The pairs of one convolution between N input and M output rows.
+
+    Attributes:
+        inputs, outputs: rows of the pairs, position after position, shape (P,), int64.
+        counts: pairs of each position.
+        by_input: order of the pairs by input row and where each row's begin, (P,) and (N + 1,).
+        by_output: the same by output row, (P,) and (M + 1,).
+    """
+
+    inputs: Tensor
+    outputs: Tensor
+    counts: tuple[int, ...]
+    by_input: tuple[Tensor, Tensor]
+    by_output: tuple[Tensor, Tensor]
+
+    def inverse(self) -> Rules:
+        """The table of the convolution from the outputs back to the inputs."""
+        return Rules(self.outputs, self.inputs, self.counts, self.by_output, self.by_input)
+
+
+def submanifold_rules(coordinates: Tensor, shape: Triple, kernel: Triple) -> Rules:
+    """Pairs of sites that are neighbours: input and output have the same sites.
+
+    Args:
+        coordinates: frame, z, y, x, sorted, shape (N, 4), int64.
+        shape: cells of the grid.
+        kernel: odd sizes.
+    """
+    device = coordinates.device
+    # A margin around the grid: what lies beyond an edge must not be taken for a cell of the next
+    # row of cells.
+    nz, ny, nx = (size + edge - 1 for size, edge in zip(shape, kernel, strict=True))
+    strides = torch.tensor([nz * ny * nx, ny * nx, nx, 1], device=device)
+    keys = (coordinates * strides).sum(dim=1)
+    reach = torch.tensor([size // 2 for size in kernel], device=device)
+    axes = [torch.arange(size, device=device) for size in kernel]
+    positions = torch.stack(torch.meshgrid(*axes, indexing="ij"), dim=-1).view(-1, 3)
+    # The kernel's first half is enough: a pair of its position k is, turned round, one of the k-th
+    # from the end. The position in the middle pairs every site with itself.
+    steps = ((positions - reach) * strides[1:]).sum(dim=1)[: len(positions) // 2]
+    if device.type == "cpu":
+        pairs = _neighbours_numba(keys.numpy(), steps.numpy())
+        inputs, outputs, half = (torch.from_numpy(item) for item in pairs)
+    else:
+        inputs, outputs, half = _neighbours_torch(keys, steps)
+    same = torch.arange(len(keys), device=device)
+    counts = [*half.tolist(), len(keys), *half.flip(0).tolist()]
+    return _table(
+        torch.cat([inputs, same, outputs.flip(0)]),
+        torch.cat([outputs, same, inputs.flip(0)]),
+        counts,
+        (len(keys), len(keys)),
+    )
+
+
+def strided_rules(
+    coordinates: Tensor, shape: Triple, kernel: Triple, stride: Triple, padding: Triple
+) -> tuple[Rules, Tensor]:
+    """Pairs, and the output's coordinates (M, 4): all cells whose window holds a site."""
+    nz, ny, nx = output_shape(shape, kernel, stride, padding)
+    if coordinates.device.type == "cpu":
+        sizes = [np.array(item) for item in ((nz, ny, nx), kernel, stride, padding)]
+        inputs_array, keys, counts_array = _reached_numba(coordinates.numpy(), *sizes)
+        found = np.unique(keys)
+        inputs, cells = torch.from_numpy(inputs_array), torch.from_numpy(found)
+        outputs = torch.from_numpy(_rows_numba(keys, counts_array, found))
+        counts = counts_array.tolist()
+    else:
+        inputs, outputs, position_counts, cells = _reached_torch(
+            coordinates, (nz, ny, nx), kernel, stride, padding
+        )
+        counts = position_counts.tolist()
+    plane = torch.div(cells, nx, rounding_mode="floor")
+    level = torch.div(plane, ny, rounding_mode="floor")
+    frame = torch.div(level, nz, rounding_mode="floor")
+    reached = torch.stack([frame, level % nz, plane % ny, cells % nx], dim=1)
+    return _table(inputs, outputs, counts, (len(coordinates), len(cells))), reached
+
+
+def output_shape(shape: Triple, kernel: Triple, stride: Triple, padding: Triple) -> Triple:
+    """Cells of the grid that a strided convolution makes."""
+    nz, ny, nx = ((shape[i] + 2 * padding[i] - kernel[i]) // stride[i] + 1 for i in range(3))
+    return nz, ny, nx
+
+
+def _table(inputs: Tensor, outputs: Tensor, counts: list[int], rows: tuple[int, int]) -> Rules:
+    by_input, by_output = _by_row(inputs, rows[0]), _by_row(outputs, rows[1])
+    return Rules(inputs, outputs, tuple(counts), by_input, by_output)
+
+
+def _by_row(rows: Tensor, count: int) -> tuple[Tensor, Tensor]:
+    if rows.device.type != "cpu":
+        return _by_row_torch(rows, count)
+    order, starts = _by_row_numba(rows.numpy(), count)
+    return torch.from_numpy(order), torch.from_numpy(starts)
+
+
+@njit(cache=True)
+def _neighbours_numba(keys, steps):
+    """Input and output row of the pairs whose keys differ by a step, and pairs of each step."""
+    inputs = np.empty(len(keys) * len(steps), np.int64)
+    outputs = np.empty_like(inputs)
+    counts = np.zeros(len(steps), np.int64)
+    total = 0
+    for k in range(len(steps)):
+        # Both sides are sorted: one walk along them, as in a merge.
+        row = 0
+        first = total
+        for i in range(len(keys)):
+            wanted = keys[i] + steps[k]
+            while row < len(keys) and keys[row] < wanted:
+                row += 1
+            if row < len(keys) and keys[row] == wanted:
+                inputs[total] = row
+                outputs[total] = i
+                total += 1
+        counts[k] = total - first
+    return inputs[:total].copy(), outputs[:total].copy(), counts
+
+
+def _neighbours_torch(keys: Tensor, steps: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    wanted = keys + steps[:, None]
+    found = torch.searchsorted(keys, wanted)
+    found = found.where(found < len(keys), 0)
+    hit = keys[found] == wanted
+    outputs = torch.nonzero(hit)[:, 1]
+    return found[hit], outputs, hit.sum(dim=1)
+
+
+@njit(cache=True)
+def _reached_numba(coordinates, shape, kernel, stride, padding):
+    """Input row and cell of each pair, position after position, and pairs of each position."""
+    n = len(coordinates)
+    # output * stride = input + padding - position, axis by axis; -1 where there is no output.
+    place = np.full((3, kernel.max(), n), -1, np.int64)
+    for axis in range(3):
+        for k in range(kernel[axis]):
+            for i in range(n):
+                shifted = coordinates[i, axis + 1] + padding[axis] - k
+                out = shifted // stride[axis]
+                if out * stride[axis] == shifted and 0 <= out < shape[axis]:
+                    place[axis, k, i] = out
+    counts = np.zeros(kernel[0] * kernel[1] * kernel[2], np.int64)
+    inputs = np.empty(0, np.int64)
+    cells = np.empty(0, np.int64)
+    for fill in range(2):
+        if fill:
+            inputs = np.empty(counts.sum(), np.int64)
+            cells = np.empty_like(inputs)
+        total = 0
+        position = 0
+        for kz in range(kernel[0]):
+            for ky in range(kernel[1]):
+                for kx in range(kernel[2]):
+                    first = total
+                    for i in range(n):
+                        z, y, x = place[0, kz, i], place[1, ky, i], place[2, kx, i]
+                        if z < 0 or y < 0 or x < 0:
+                            continue
+                        if fill:
+                            level = coordinates[i, 0] * shape[0] + z
+                            inputs[total] = i
+                            cells[total] = (level * shape[1] + y) * shape[2] + x
+                        total += 1
+                    counts[position] = total - first
+                    position += 1
+    return inputs, cells, counts
+
+
+@njit(cache=True)
+def _rows_numba(keys, counts, cells):
+    """Row in the sorted `cells` of each of `keys`, which are sorted within each position."""
+    rows = np.empty(len(keys), np.int64)
+    first = 0
+    for k in range(len(counts)):
+        row = 0
+        for i in range(first, first + counts[k]):
+            while cells[row] < keys[i]:
+                row += 1
+            rows[i] = row
+        first += counts[k]
+    return rows
+
+
+def _reached_torch(
+    coordinates: Tensor, shape: Triple, kernel: Triple, stride: Triple, padding: Triple
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Input and output row of each pair, pairs of each position, sorted cells of the output."""
+    count = len(coordinates)
+    cell = coordinates[:, 0].view(1, 1, 1, count)
+    valid = torch.ones_like(cell, dtype=torch.bool)
+    for axis in range(3):
+        view = [1, 1, 1, count]
+        view[axis] = kernel[axis]
+        place = torch.arange(kernel[axis], device=coordinates.device)[:, None]
+        shifted = coordinates[:, axis + 1] + padding[axis] - place
+        out = torch.div(shifted, stride[axis], rounding_mode="floor")
+        fits = (out * stride[axis] == shifted) & (out >= 0) & (out < shape[axis])
+        cell = cell * shape[axis] + out.view(view)
+        valid = valid & fits.view(view)
+    valid = valid.flatten(0, 2)
+    inputs = torch.nonzero(valid)[:, 1]
+    cells, outputs = torch.unique(cell.flatten(0, 2)[valid], return_inverse=True)
+    return inputs, outputs, valid.sum(dim=1), cells
+
+
+@njit(cache=True)
+def _by_row_numba(rows, count):
+    """Counting sort: order of the pairs by row, and where each row's pairs begin."""
+    starts = np.zeros(count + 1, np.int64)
+    for row in rows:
+        starts[row + 1] += 1
+    for row in range(count):
+        starts[row + 1] += starts[row]
+    order = np.empty(len(rows), np.int64)
+    place = starts[:-1].copy()
+    for i in range(len(rows)):
+        order[place[rows[i]]] = i
+        place[rows[i]] += 1
+    return order, starts
+
+
+def _by_row_torch(rows: Tensor, count: int) -> tuple[Tensor, Tensor]:
+    ends = torch.bincount(rows, minlength=count).cumsum(0)
+    return torch.argsort(rows, stable=True), functional.pad(ends, (1, 0))

@@ -1,0 +1,104 @@
+"""One step of a training: loss, gradients, clipping, new weights."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from training.detectors.detector import Detector
+from training.one_cycle import OneCycle
+from training.settings import TrainingSettings
+
+Batch = tuple[list[Tensor], list[Tensor], list[Tensor]]
+"""Points, boxes and labels by frame, as `Detector.loss` takes them."""
+
+
+class Optimisation:
+    """An optimiser with its schedule and, on a GPU, 16-bit floats.
+
+    bfloat16 where the GPU has it; else float16, whose small gradients need a scaled loss.
+
+    Args:
+        model: what is trained; stays where it is.
+        settings: how.
+        steps: number of steps of the whole training.
+    """
+
+    def __init__(self, model: Detector, settings: TrainingSettings, steps: int) -> None:
+        self._model = model
+        self._settings = settings
+        self._schedule = OneCycle(settings, steps)
+        self._optimizer = _optimizer(model, settings)
+        self._mixed = settings.mixed_precision and model.device.type == "cuda"
+        bfloat = self._mixed and torch.cuda.is_bf16_supported(including_emulation=False)
+        self._dtype = torch.bfloat16 if bfloat else torch.float16
+        self._scaler = torch.amp.GradScaler("cuda", enabled=self._mixed and not bfloat)
+        self.steps = 0
+        self.lr = 0.0
+
+    def step(self, batch: Batch) -> dict[str, Tensor]:
+        """Train on one batch. Returns the losses.
+
+        Raises:
+            ArithmeticError: the loss or its gradient is not a finite number; the weights are as
+                they were before.
+        """
+        self.lr, momentum = self._schedule(self.steps)
+        for group in self._optimizer.param_groups:
+            group["lr"] = self.lr
+            if "betas" in group:
+                group["betas"] = (momentum, group["betas"][1])
+        with torch.autocast(self._model.device.type, self._dtype, enabled=self._mixed):
+            losses = self._model.loss(*batch)
+        if not math.isfinite(losses["loss"].item()):
+            raise ArithmeticError(f"the loss is {losses['loss'].item()}")
+        self._optimizer.zero_grad()
+        self._scaler.scale(losses["loss"]).backward()
+        self._scaler.unscale_(self._optimizer)
+        norm = torch.nn.utils.clip_grad_norm_(
+            self._model.parameters(), self._settings.grad_norm_clip
+        ).item()
+        # A scaler finds its scale by gradients that overflow, and leaves out their steps.
+        if not self._scaler.is_enabled() and not math.isfinite(norm):
+            raise ArithmeticError(f"the norm of the gradient is {norm}")
+        self._scaler.step(self._optimizer)
+        self._scaler.update()
+        self._model.global_step += 1
+        self.steps += 1
+        return {name: value.detach() for name, value in losses.items()}
+
+    def state_dict(self) -> dict[str, Any]:
+        """What the next steps depend on, besides the model."""
+        return {
+            "steps": self.steps,
+            "optimizer": self._optimizer.state_dict(),
+            "scaler": self._scaler.state_dict(),
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on where another one, of the same model and settings, was."""
+        self.steps = state["steps"]
+        self._optimizer.load_state_dict(state["optimizer"])
+        self._scaler.load_state_dict(state["scaler"])
+
+
+def _optimizer(model: Detector, settings: TrainingSettings) -> torch.optim.Optimizer:
+    if settings.optimizer == "sgd":
+        return torch.optim.SGD(
+            model.parameters(),
+            lr=settings.lr,
+            momentum=settings.momentum,
+            weight_decay=settings.weight_decay,
+        )
+    # AdamW's decay is fastai's "true weight decay"; 0.99 is OpenPCDet's second coefficient.
+    return torch.optim.AdamW(
+        model.parameters(),
+        lr=settings.lr,
+        betas=(settings.moms[0], 0.99),
+        weight_decay=settings.weight_decay,
+        foreach=True,
+    )

@@ -1,0 +1,117 @@
+"""Checkpoints of a training that is under way: it goes on at the epoch after the last one.
+
+The randomness of an epoch follows from the seed and the epoch's number, so weights, optimiser and
+what was logged are all that has to be kept.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import torch
+from torch import Tensor
+
+from lidarplace.boxes import GEOMETRY
+from lidarplace.files import replacing
+from lidarplace.lidar.clouds import Clouds, JoinedClouds
+
+LAST = "last.pt"
+BEST = "best.pt"
+
+
+@dataclass(frozen=True)
+class TrainingState:
+    """A training at the end of an epoch.
+
+    Attributes:
+        epoch: how many are done.
+        batch_size: frames per step.
+        model: state_dict.
+        optimisation: state_dict of `Optimisation`.
+        curve: epoch, metric, value of all epochs that are done.
+    """
+
+    epoch: int
+    batch_size: int
+    model: Mapping[str, Tensor]
+    optimisation: Mapping[str, Any]
+    curve: list[tuple[int, str, float]]
+
+
+@dataclass(frozen=True)
+class TrainingFolder:
+    """Keeps `last.pt` and `best.pt` of one training.
+
+    last.pt is all that is needed to go on. best.pt has the weights ("model_state") of the epoch
+    with the lowest mean training loss and says which ("epoch"): a training that got worse late can
+    be looked at. It is not what the training returns: there is no validation set to choose an
+    epoch by, the test frames must not be one, and the training loss does not show overfitting.
+
+    Attributes:
+        folder: is made when there is something to keep; None keeps nothing.
+        fingerprint: of the training, see `fingerprint`.
+    """
+
+    folder: Path | None
+    fingerprint: str
+
+    def load(self) -> TrainingState | None:
+        """Where the training was, None if it has not begun.
+
+        Raises:
+            ValueError: what is there is of another training, or cannot be read.
+        """
+        if self.folder is None or not (path := self.folder / LAST).exists():
+            return None
+        try:
+            content = torch.load(path, map_location="cpu", weights_only=True)
+            found = content.pop("fingerprint")
+            state = TrainingState(**content)
+        except (pickle.UnpicklingError, RuntimeError, EOFError, KeyError, TypeError) as error:
+            raise ValueError(f"{path} is no checkpoint of a training: {error}") from error
+        if found != self.fingerprint:
+            raise ValueError(
+                f"{path} is of a training with other settings, another seed or other data; "
+                "remove it, or use another folder"
+            )
+        return state
+
+    def save(self, state: TrainingState) -> None:
+        """Keep the state in place of the one before."""
+        if self.folder is None:
+            return
+        self.folder.mkdir(parents=True, exist_ok=True)
+        losses = [value for _, name, value in state.curve if name == "loss"]
+        if losses[-1] == min(losses):
+            best = {"model_state": state.model, "epoch": state.epoch, "loss": losses[-1]}
+            with replacing(self.folder / BEST) as partial:
+                torch.save(best, partial)
+        with replacing(self.folder / LAST) as partial:
+            torch.save(vars(state) | {"fingerprint": self.fingerprint}, partial)
+
+
+def fingerprint(settings: Mapping[str, Any], clouds: Clouds, ground_truth: pd.DataFrame) -> str:
+    """Hash of what a training depends on.
+
+    Clouds count by their frame numbers, their numbers of points and the sizes of their packed
+    frames, not by every point.
+
+    Args:
+        settings: names and values whose `repr` tells them apart.
+        clouds: what is trained on.
+        ground_truth: the objects in them.
+    """
+    digest = hashlib.sha256(repr(sorted(settings.items())).encode())
+    for part in clouds.parts if isinstance(clouds, JoinedClouds) else [clouds]:
+        for array in (part.frames, part.counts, part.offsets):
+            digest.update(np.ascontiguousarray(array).tobytes())
+    table = ground_truth[["frame", "class", *GEOMETRY]]
+    digest.update(pd.util.hash_pandas_object(table, index=False).to_numpy().tobytes())
+    return digest.hexdigest()
