@@ -31,7 +31,7 @@ from lidarplace.box_log import BoxLog
 from lidarplace.boxes import CLASSES, GEOMETRY
 from lidarplace.lidar.collect import collect
 from training import NETWORKS, PRESETS, build_detector
-from training.dataset import TrainingFrames
+from training.dataset import TrainingFrames, as_tensors
 from training.detectors.detector import Detector
 
 FRAMES, OBJECTS = 2, 30
@@ -110,12 +110,7 @@ def _batch(model: Detector) -> tuple[list[torch.Tensor], list[torch.Tensor], lis
     placement = PAPER_PLACEMENTS["line"].with_lidar(lidar)
     clouds = collect(log, np.arange(FRAMES), placement, (*low.tolist(), *high.tolist()))
     frames = TrainingFrames(CLASSES, clouds, log.boxes, model.sensor_height, min_points=5)
-    samples = [frames[i] for i in range(FRAMES)]
-    return (
-        [torch.from_numpy(sample.points) for sample in samples],
-        [torch.from_numpy(sample.boxes) for sample in samples],
-        [torch.from_numpy(sample.labels) for sample in samples],
-    )
+    return as_tensors([frames[i] for i in range(FRAMES)])
 
 
 def _traffic(low: np.ndarray, high: np.ndarray) -> BoxLog:

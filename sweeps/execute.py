@@ -57,7 +57,11 @@ def execute(
     Returns:
         Reasons by key of the tasks that failed or could not run.
     """
-    schedule = Schedule(tasks, {task.key for task in tasks if store.has(task)})
+    done = {task.key for task in tasks if store.has(task)}
+    for item in tasks:
+        if item.key in done and item.resumable:  # it was stopped after its last step
+            shutil.rmtree(store.unfinished(item), ignore_errors=True)
+    schedule = Schedule(tasks, done)
     running: dict[Any, Task] = {}
     try:
         while True:
@@ -91,7 +95,8 @@ def run_task(task: Task, store: Store) -> None:
     value = FUNCTIONS[task.stage](
         task.params, *inputs, **({"folder": unfinished} if task.resumable else {})
     )
-    store.save(task, value, time.perf_counter() - start)
+    earlier = value.get("earlier_seconds", 0.0)  # before a stop
+    store.save(task, value, earlier + time.perf_counter() - start)
     shutil.rmtree(unfinished, ignore_errors=True)
 
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from lidarplace.command_line import output, wrong
-from sweeps.grid import ConfigError, Sweep
+from sweeps.grid import ConfigError, Sweep, read_sweep
 from sweeps.plan import Plan, read_plan
+from sweeps.progress import StageProgress
 from sweeps.store import Store
 from sweeps.task import Task
+from sweeps.trial_log import write_failure
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
@@ -31,19 +35,27 @@ def pretrain(
     """Train the detector of a sweep on the training clouds of all its placements together.
 
     A sweep then starts every training from the same weights, which favour no placement, with
-    `training.checkpoint: base.pt`. All classes of the configuration are trained. Scenes and clouds
-    come from the sweep's store and stay there; one that is stopped goes on at its last epoch. Exit
-    code 0: the file is there; 1: something failed; 2: the configuration is wrong.
+    `training.checkpoint: base.pt`. All classes of the configuration are trained; where it names
+    the file to be written already, the base starts from scratch. Scenes and clouds come from the
+    sweep's store and stay there; one that is stopped goes on at its last epoch. Exit code 0: the
+    file is there; 1: something failed; 2: the configuration is wrong; 130: stopped by Ctrl-C.
 
     Example: python -m sweeps.pretrain grid.yaml --out base.pt --set training.epochs=80
     """
     from sweeps.execute import backend_for, execute
-    from sweeps.progress import StageProgress
     from training.checkpoints import write_checkpoint
 
+    overrides = set_ or []
     try:
-        sweep, plan = read_plan(config, set_ or [])
-    except ConfigError as error:
+        checkpoints = [
+            item.point.training.checkpoint for item in read_sweep(config, overrides).points
+        ]
+        if any(path is not None and path.resolve() == out.resolve() for path in checkpoints):
+            overrides = [*overrides, "training.checkpoint=null"]
+        sweep, plan = read_plan(config, overrides)
+        out.parent.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=out.parent).close()  # before hours of training, not after
+    except (ConfigError, OSError) as error:
         wrong(error)
     try:
         task = pretrain_task(sweep, plan)
@@ -58,19 +70,21 @@ def pretrain(
             backend_for(sweep.common.ray, store) as backend,
             StageProgress(console, tasks, cached) as progress,
         ):
-            failures = execute(tasks, store, backend, progress)
+            logs = sweep.common.output / sweep.common.name / "failed"
+            failures = execute(tasks, store, backend, _Listener(progress, logs))
     except KeyboardInterrupt:
         console.print("\nStopped. The same command goes on from the last epoch.")
         raise typer.Exit(130) from None
     if task.key in failures:
         console.print(f"failed: {task.label}: {failures[task.key]}", markup=False, soft_wrap=True)
+        console.print(f"see {logs}", markup=False, soft_wrap=True)
         raise typer.Exit(1)
     value = store.load(task)
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
         write_checkpoint(out, value["state_dict"], task.params["detector"], value["classes"])
     except OSError as error:
-        wrong(error)
+        console.print(f"failed: {error}", markup=False, soft_wrap=True)
+        raise typer.Exit(1) from None
     curve = value["curve"]
     losses = curve.loc[curve["metric"] == "loss", "value"].tolist()
     console.print(
@@ -80,6 +94,24 @@ def pretrain(
         highlight=False,
         soft_wrap=True,
     )
+
+
+@dataclass(frozen=True)
+class _Listener:
+    """Shows how far the tasks are, and keeps the tracebacks of those that fail."""
+
+    progress: StageProgress
+    folder: Path
+
+    def started(self, task: Task) -> None:
+        self.progress.started(task)
+
+    def finished(self, task: Task) -> None:
+        self.progress.finished(task)
+
+    def failed(self, task: Task, reason: str, log: str) -> None:
+        self.progress.failed(task, reason, log)
+        write_failure(self.folder, task, log)
 
 
 def pretrain_task(sweep: Sweep, plan: Plan) -> Task:

@@ -282,14 +282,19 @@ def _train(
         seed=params["seed"],
         point_range=params["point_range"],
         folder=folder,
+        checkpoint_digest=params["checkpoint"],
     )
-    return {
+    value = {
         "state_dict": result.state_dict,
         "curve": result.curve,
         "classes": list(classes),
         "batch_size": result.batch_size,
         "weights": result.weights,
+        "earlier_seconds": result.earlier_seconds,
     }
+    if result.best_state_dict is not None:
+        value["best_state_dict"] = result.best_state_dict
+    return value
 
 
 def _placement(params: Params) -> Placement:

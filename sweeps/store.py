@@ -55,7 +55,7 @@ class Store:
                     item.to_parquet(partial / f"{name}.parquet", index=False)
                 elif isinstance(item, np.ndarray):
                     np.save(partial / f"{name}.npy", item, allow_pickle=False)
-                elif name == "state_dict":
+                elif name.endswith("state_dict"):
                     import torch  # heavy, and only trainings have weights
 
                     torch.save(item, partial / f"{name}.pt")

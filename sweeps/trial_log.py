@@ -68,8 +68,7 @@ class TrialLog:
 
     def failed(self, task: Task, reason: str, log: str) -> None:
         self._progress.failed(task, reason, log)
-        self._failed_folder.mkdir(parents=True, exist_ok=True)
-        write_text(self._failed_folder / f"{task.stage}-{task.key}.log", f"{task.label}\n{log}")
+        write_failure(self._failed_folder, task, log)
 
     def _log_trial(self, trial: Trial) -> None:
         results = trial_results(trial, self._store, self._axes)
@@ -96,3 +95,9 @@ class TrialLog:
             **{f"training.{k}": v for k, v in point.training.model_dump(mode="json").items()},
             **{f"scene.{k}": v for k, v in point.scene.model_dump(mode="json").items()},
         }
+
+
+def write_failure(folder: Path, task: Task, log: str) -> None:
+    """Keep the traceback of a task that failed."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_text(folder / f"{task.stage}-{task.key}.log", f"{task.label}\n{log}")

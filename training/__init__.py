@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -60,9 +61,10 @@ def build_detector(
     if own is not None and preset not in (None, own):
         raise ValueError(f"{name} has preset {own!r}, found {preset!r}")
     if point_range is not None and not all(
-        low < high for low, high in zip(point_range[:3], point_range[3:], strict=True)
+        -math.inf < low < high < math.inf
+        for low, high in zip(point_range[:3], point_range[3:], strict=True)
     ):
-        raise ValueError(f"point_range needs low < high on every axis, found {point_range}")
+        raise ValueError(f"point_range needs finite low < high on every axis, found {point_range}")
     # torch takes seconds to import, and who only evaluates does not need it.
     module = importlib.import_module(f"training.detectors.{network}")
     return module.build(classes, own or preset or "openpcdet", point_range)

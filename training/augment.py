@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from training.dataset import Sample
 from training.detectors.detector import PointRange
@@ -58,11 +59,12 @@ def moved(sample: Sample, settings: TrainingSettings, random: np.random.Generato
 
 
 def within_range(sample: Sample, point_range: PointRange) -> Sample:
-    """The points in `point_range` and the boxes whose centre lies in it, seen from above."""
+    """The points and the boxes' centres in `point_range` as seen from above, at any height."""
     # In the points' own precision, which spares a copy of them in double.
-    low, high = np.array(point_range, np.float32).reshape(2, 3)
-    points = sample.points
-    inside = ((points[:, :3] >= low) & (points[:, :3] <= high)).all(axis=1)
-    centres = sample.boxes[:, :2]
-    kept = ((centres >= low[:2]) & (centres <= high[:2])).all(axis=1)
-    return Sample(points[inside], sample.boxes[kept], sample.labels[kept])
+    low, high = np.array(point_range, np.float32).reshape(2, 3)[:, :2]
+
+    def inside(rows: NDArray[np.float32]) -> NDArray[np.bool_]:
+        return ((rows[:, :2] >= low) & (rows[:, :2] <= high)).all(axis=1)
+
+    kept = inside(sample.boxes)
+    return Sample(sample.points[inside(sample.points)], sample.boxes[kept], sample.labels[kept])

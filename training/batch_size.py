@@ -50,5 +50,7 @@ def _fits(model: Detector, frames: TrainingFrames, settings: TrainingSettings, s
         trial.step(as_tensors(frames.largest(size)))
     except torch.OutOfMemoryError:
         return False
+    except ArithmeticError:
+        pass  # its memory is known all the same; the training will name the frames
     peak = torch.cuda.max_memory_reserved(model.device)
     return peak - before <= MEMORY_SHARE * free

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import io
 import pickle
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,6 +16,9 @@ from torch import Tensor
 from lidarplace.files import replacing
 from training.detectors.detector import Detector
 
+KITTI_ORDER = ("Car", "Pedestrian", "Cyclist")
+"""The classes of OpenPCDet's networks for KITTI, in the order of their labels."""
+
 
 @dataclass(frozen=True)
 class LoadReport:
@@ -23,11 +28,13 @@ class LoadReport:
         loaded: entries taken from the file.
         reinitialised: entries of heads for other classes, which keep the model's weights.
         converted: loaded entries that were in a layout of spconv 1.
+        digest: SHA-256 of the file.
     """
 
     loaded: tuple[str, ...]
     reinitialised: tuple[str, ...]
     converted: tuple[str, ...]
+    digest: str
 
 
 def load_checkpoint(model: Detector, path: Path, new_heads: bool = False) -> LoadReport:
@@ -35,19 +42,20 @@ def load_checkpoint(model: Detector, path: Path, new_heads: bool = False) -> Loa
 
     The file holds a state_dict, or a dict with one under "model_state" as OpenPCDet and
     `write_checkpoint` write it; nothing but tensors and plain values is ever unpickled. Sparse
-    convolutions may be in either layout of spconv 1.
+    convolutions may be in either layout of spconv 1. A file that does not name its classes is taken
+    for one of OpenPCDet, whose order is KITTI_ORDER.
 
     Args:
         new_heads: entries of the heads that do not fit, because the file is for other classes,
-            keep the model's weights. If it is for as many other classes, which only a file that
-            names them can tell, all entries of the heads do.
+            keep the model's weights. If it is for as many other classes, all entries of the
+            heads do.
 
     Raises:
         OSError: a file that cannot be read.
         ValueError: not a checkpoint, or one that does not fit; names the entries that are missing,
             unexpected, of another shape or not finite. The model is left as it was.
     """
-    content = _read(path)
+    content, digest = read_checkpoint(path)
     found = content.get("model_state", content)
     if (
         not isinstance(found, Mapping)
@@ -62,12 +70,14 @@ def load_checkpoint(model: Detector, path: Path, new_heads: bool = False) -> Loa
     if broken:
         raise ValueError(f"checkpoint {path} has numbers that are not finite in {_some(broken)}")
     differing = [key for key in own if own[key].shape != found[key].shape]
-    classes = content.get("classes", list(model.classes))
+    classes = content.get("classes", list(KITTI_ORDER[: len(model.classes)]))
     if classes != list(model.classes) and not differing:
         if not new_heads:
             raise ValueError(
-                f"checkpoint {path} is for the classes {classes}, the detector for "
-                f"{list(model.classes)}; new heads must be asked for"
+                f"checkpoint {path} is for the classes {classes}"
+                + " (it names none, and these are OpenPCDet's)" * ("classes" not in content)
+                + f", the detector for {list(model.classes)}; name the classes in the order of the "
+                "file, or ask for new heads"
             )
         differing = [key for key in own if _of_head(key)]
     elif differing and not (new_heads and all(map(_of_head, differing))):
@@ -86,6 +96,7 @@ def load_checkpoint(model: Detector, path: Path, new_heads: bool = False) -> Loa
         loaded=tuple(key for key in own if key not in fresh),
         reinitialised=tuple(differing),
         converted=converted,
+        digest=digest,
     )
 
 
@@ -98,26 +109,42 @@ def write_checkpoint(
     "classes", the names of the labels 1, 2, ….
     """
     content = {"model_state": dict(model_state), "detector": detector, "classes": list(classes)}
-    with replacing(path) as partial:
-        torch.save(content, partial)
+    save_checkpoint(path, content)
 
 
-def _read(path: Path) -> Mapping[str, Any]:
-    with path.open("rb") as file:  # says itself what is wrong with the path
-        try:
-            content = torch.load(file, map_location="cpu", weights_only=True)
-        except pickle.UnpicklingError as error:
-            raise ValueError(
-                f"{path} is no checkpoint, or holds objects other than tensors and plain values, "
-                "which are not loaded because they could run code; save its state_dict alone"
-            ) from error
-        # A damaged file raises almost anything, also KeyError and OSError.
-        except Exception as error:
-            reason = str(error).split("\n")[0]
-            raise ValueError(f"{path} is no checkpoint, or a damaged one: {reason}") from error
+def save_checkpoint(path: Path, content: Mapping[str, Any]) -> None:
+    """Write a dict of tensors and plain values for `read_checkpoint`, in one step.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    # Given a path, torch would raise a RuntimeError that says nothing of the disk.
+    with replacing(path) as partial, partial.open("wb") as file:
+        torch.save(dict(content), file)
+
+
+def read_checkpoint(path: Path) -> tuple[dict[str, Any], str]:
+    """The dict in a file, tensors on the CPU, and the SHA-256 of the file.
+
+    Raises:
+        OSError: a file that cannot be read.
+        ValueError: not a dict of tensors and plain values, or a damaged file.
+    """
+    data = path.read_bytes()
+    try:
+        content = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
+    except pickle.UnpicklingError as error:
+        raise ValueError(
+            f"{path} is no checkpoint, or holds objects other than tensors and plain values, "
+            "which are not loaded because they could run code; save its state_dict alone"
+        ) from error
+    # A damaged file raises almost anything, also KeyError and OSError.
+    except Exception as error:
+        reason = str(error).split("\n")[0]
+        raise ValueError(f"{path} is no checkpoint, or a damaged one: {reason}") from error
     if not isinstance(content, Mapping):
         raise ValueError(f"{path} is no checkpoint: it holds a {type(content).__name__}, no dict")
-    return content
+    return dict(content), hashlib.sha256(data).hexdigest()
 
 
 def _same_keys(path: Path, own: Mapping[str, Tensor], found: Mapping[str, Tensor]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -39,7 +38,10 @@ class FinetuneResult:
         steps: optimisation steps.
         batch_size: frames of a step.
         weights: what it started from: "scratch", or the checkpoint's name and digest, and the
-            parts of it that were not used.
+            entries of it that were not used.
+        best_state_dict: weights after the epoch with the lowest training loss; None if that is the
+            last one, or if no folder was there to keep them.
+        earlier_seconds: of the epochs before a stop, not spent in this call.
     """
 
     state_dict: dict[str, Tensor]
@@ -47,6 +49,8 @@ class FinetuneResult:
     steps: int
     batch_size: int
     weights: str
+    best_state_dict: dict[str, Tensor] | None
+    earlier_seconds: float
 
 
 def finetune(
@@ -59,6 +63,7 @@ def finetune(
     point_range: PointRange | None = None,
     on_epoch: Callable[[dict[str, float]], None] | None = None,
     folder: Path | None = None,
+    checkpoint_digest: str | None = None,
 ) -> FinetuneResult:
     """Train `detector` on the frames of `clouds`, on a GPU if there is one.
 
@@ -74,10 +79,11 @@ def finetune(
         on_epoch: called after each epoch with the epoch's number and its values in `curve`.
         folder: keeps the training after each epoch, see `TrainingFolder`; one that was stopped
             goes on from there and gives what it would have given.
+        checkpoint_digest: SHA-256 that the checkpoint of the settings must have.
 
     Raises:
         ValueError: no frames, unknown detector or class, bad ground truth, a checkpoint that does
-            not fit, or a folder of another training.
+            not fit or has another digest, or a folder of another training.
         OSError: a checkpoint that cannot be read.
         ArithmeticError: the loss or its gradient is no longer a finite number; names the frames.
     """
@@ -86,7 +92,7 @@ def finetune(
     with torch.random.fork_rng(range(torch.cuda.device_count())):
         torch.manual_seed(seed)
         model = build_detector(detector, classes, point_range=point_range)
-        weights = _load_weights(model, settings)
+        weights = _load_weights(model, settings, checkpoint_digest)
         model.to(device())
         frames = TrainingFrames(
             classes,
@@ -105,7 +111,7 @@ def finetune(
             "point_range": model.point_range,
             "weights": weights,
         }
-        kept = TrainingFolder(folder, fingerprint(identity, clouds, ground_truth))
+        kept = TrainingFolder(folder, fingerprint(identity, clouds, ground_truth), model.classes)
         state = kept.load()
         batch_size = state.batch_size if state else batch_size_for(model, frames, settings)
         steps = settings.epochs * -(-len(frames) // batch_size)
@@ -114,6 +120,7 @@ def finetune(
             model.load_state_dict(state.model)
             optimisation.load_state_dict(state.optimisation)
         curve = state.curve if state else []
+        earlier = sum(value for _, name, value in curve if name == "seconds")
         for epoch in range(state.epoch + 1 if state else 1, settings.epochs + 1):
             values = _train_epoch(
                 model, optimisation, frames, augmentation, batch_size, (seed, epoch)
@@ -126,12 +133,15 @@ def finetune(
             )
             if on_epoch is not None:
                 on_epoch({"epoch": epoch, **values})
+    losses = [value for _, name, value in curve if name == "loss"]
     return FinetuneResult(
         {name: value.detach().cpu().clone() for name, value in model.state_dict().items()},
         pd.DataFrame(curve, columns=["epoch", "metric", "value"]),
         optimisation.steps,
         batch_size,
         weights,
+        None if losses[-1] == min(losses) else kept.best(),
+        earlier,
     )
 
 
@@ -167,13 +177,15 @@ def _train_epoch(
     return values | {"lr": optimisation.lr, "seconds": time.perf_counter() - start}
 
 
-def _load_weights(model: Detector, settings: TrainingSettings) -> str:
+def _load_weights(model: Detector, settings: TrainingSettings, digest: str | None) -> str:
     """Load the checkpoint that training starts from. Returns what it starts from."""
     path = settings.checkpoint
     if path is None:
         return "scratch"
     report = load_checkpoint(model, path, settings.new_heads)
-    origin = f"{path.name} sha256:{hashlib.sha256(path.read_bytes()).hexdigest()[:12]}"
+    if digest not in (None, report.digest):
+        raise ValueError(f"checkpoint {path} has changed since the training was planned")
+    origin = f"{path.name} sha256:{report.digest[:12]}"
     if report.reinitialised:
-        origin += f", {len(report.reinitialised)} tensors of heads from scratch"
+        origin += f", from scratch: {', '.join(report.reinitialised)}"
     return origin

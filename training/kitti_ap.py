@@ -178,7 +178,7 @@ def evaluate_detections(
     Raises:
         ValueError: a column is missing, a number is not finite.
     """
-    wanted = np.unique(np.arange(frames) if isinstance(frames, int) else np.asarray(frames))
+    wanted = np.unique(frames if np.ndim(frames) else np.arange(int(np.asarray(frames))))
     truths = _rows_of(checked_labels(ground_truth, "ground truth", ()), wanted)
     found = _rows_of(checked_labels(detections, "detections", ("score",)), wanted)
     pairs = _pairs(truths, found, wanted)

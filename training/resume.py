@@ -7,7 +7,6 @@ what was logged are all that has to be kept.
 from __future__ import annotations
 
 import hashlib
-import pickle
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,12 +14,11 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import torch
 from torch import Tensor
 
 from lidarplace.boxes import GEOMETRY
-from lidarplace.files import replacing
 from lidarplace.lidar.clouds import Clouds, JoinedClouds
+from training.checkpoints import read_checkpoint, save_checkpoint
 
 LAST = "last.pt"
 BEST = "best.pt"
@@ -49,18 +47,20 @@ class TrainingState:
 class TrainingFolder:
     """Keeps `last.pt` and `best.pt` of one training.
 
-    last.pt is all that is needed to go on. best.pt has the weights ("model_state") of the epoch
-    with the lowest mean training loss and says which ("epoch"): a training that got worse late can
-    be looked at. It is not what the training returns: there is no validation set to choose an
-    epoch by, the test frames must not be one, and the training loss does not show overfitting.
+    last.pt is all that is needed to go on. best.pt is a checkpoint of the epoch with the lowest
+    mean training loss and says which ("epoch"): a training that got worse late can be looked at.
+    The detector that is evaluated is the last one: there is no validation set to choose an epoch
+    by, the test frames must not be one, and the training loss does not show overfitting.
 
     Attributes:
         folder: is made when there is something to keep; None keeps nothing.
         fingerprint: of the training, see `fingerprint`.
+        classes: of the network.
     """
 
     folder: Path | None
     fingerprint: str
+    classes: tuple[str, ...]
 
     def load(self) -> TrainingState | None:
         """Where the training was, None if it has not begun.
@@ -71,11 +71,13 @@ class TrainingFolder:
         if self.folder is None or not (path := self.folder / LAST).exists():
             return None
         try:
-            content = torch.load(path, map_location="cpu", weights_only=True)
+            content, _ = read_checkpoint(path)
             found = content.pop("fingerprint")
             state = TrainingState(**content)
-        except (pickle.UnpicklingError, RuntimeError, EOFError, KeyError, TypeError) as error:
-            raise ValueError(f"{path} is no checkpoint of a training: {error}") from error
+        except (ValueError, KeyError, TypeError) as error:
+            raise ValueError(
+                f"{path} is no checkpoint of a training; remove it to start again: {error}"
+            ) from error
         if found != self.fingerprint:
             raise ValueError(
                 f"{path} is of a training with other settings, another seed or other data; "
@@ -91,10 +93,15 @@ class TrainingFolder:
         losses = [value for _, name, value in state.curve if name == "loss"]
         if losses[-1] == min(losses):
             best = {"model_state": state.model, "epoch": state.epoch, "loss": losses[-1]}
-            with replacing(self.folder / BEST) as partial:
-                torch.save(best, partial)
-        with replacing(self.folder / LAST) as partial:
-            torch.save(vars(state) | {"fingerprint": self.fingerprint}, partial)
+            save_checkpoint(self.folder / BEST, best | {"classes": list(self.classes)})
+        save_checkpoint(self.folder / LAST, vars(state) | {"fingerprint": self.fingerprint})
+
+    def best(self) -> dict[str, Tensor] | None:
+        """The weights in best.pt, None if nothing is kept."""
+        if self.folder is None:
+            return None
+        content, _ = read_checkpoint(self.folder / BEST)
+        return dict(content["model_state"])
 
 
 def fingerprint(settings: Mapping[str, Any], clouds: Clouds, ground_truth: pd.DataFrame) -> str:

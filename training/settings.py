@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from lidarplace.boxes import CLASSES
 
+Moment = Annotated[float, Field(ge=0, lt=1)]
 Probability = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=0)]
 
@@ -36,10 +37,10 @@ class TrainingSettings(BaseModel):
         description="adam_onecycle: Adam with decoupled weight decay, learning rate and momentum "
         "on one cycle; sgd: stochastic gradient descent, same learning rates, fixed momentum",
     )
-    lr: float = Field(0.01, gt=0, description="highest learning rate")
+    lr: float = Field(0.01, gt=0, allow_inf_nan=False, description="highest learning rate")
     weight_decay: float = Field(0.01, ge=0, description="weight decay")
     momentum: float = Field(0.9, ge=0, lt=1, description="momentum of sgd")
-    moms: tuple[Probability, Probability] = Field(
+    moms: tuple[Moment, Moment] = Field(
         (0.95, 0.85), description="first Adam coefficient at the ends and at the top of the cycle"
     )
     pct_start: float = Field(0.1, ge=0, lt=1, description="share of the steps that warm up")
@@ -95,6 +96,6 @@ class TrainingSettings(BaseModel):
     @model_validator(mode="after")
     def _scales(self) -> TrainingSettings:
         low, high = self.scaling
-        if not 0 < low <= high:
-            raise ValueError(f"scaling needs 0 < low <= high, found {self.scaling}")
+        if not 0 < low <= high < math.inf:
+            raise ValueError(f"scaling needs 0 < low <= high, both finite, found {self.scaling}")
         return self

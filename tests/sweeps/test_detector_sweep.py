@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import torch
 import yaml
 from small_log import write_small_log
 
@@ -14,6 +13,8 @@ from sweeps.plan import make_plan
 from sweeps.store import Store
 from training import NETWORKS
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 SWEEP = {
     "classes": ["Car", "Pedestrian"],
     "lidar": {"azimuth_steps": 360},
@@ -22,14 +23,6 @@ SWEEP = {
     "grid": {"placement": ["center"], "detector": [f"{name}_tiny" for name in NETWORKS]},
     "ray": "debug",
 }
-
-
-@pytest.fixture(autouse=True)
-def _one_thread():
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 class Loud:

@@ -18,6 +18,8 @@ from sweeps.pretrain import app, pretrain_task, with_inputs
 from sweeps.store import Store
 from training import build_detector
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 TINY = {
     "lidar": {"azimuth_steps": 240},
     "surrogate": {"resolution": 0.4},
@@ -25,14 +27,6 @@ TINY = {
     "ray": "debug",
     "grid": {"placement": ["line", "center"], "seed": [1, 2], "lidar.range_noise": [0.0, 0.02]},
 }
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _one_thread():
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 @pytest.fixture(scope="module")
@@ -155,6 +149,22 @@ def test_a_mistake_is_one_line_and_exit_code_2(folder):
     assert done.stderr.count("\n") == 1
     assert done.stderr.startswith(f"{config}: grid.detector: a base is trained for one value")
     assert not (folder / "none.pt").exists()
+    done = CliRunner().invoke(app, [str(write(folder)), "--out", "/proc/none.pt"])
+    assert done.exit_code == 2
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_base_does_not_start_from_itself(folder):
+    out = folder / "own.pt"
+    small = {"training": {"epochs": 1, "batch_size": 2, "checkpoint": str(out)}}
+    config = write(folder, grid={"placement": ["line"]}, **small)
+    digests = set()
+    for _ in range(2):
+        done = CliRunner().invoke(app, [str(config), "--out", str(out)])
+        assert done.exit_code == 0, done.output
+        assert "from scratch" in done.output
+        digests.add(digest(out))
+    assert len(digests) == 1
 
 
 def test_a_training_that_fails_says_why(folder):
@@ -162,4 +172,6 @@ def test_a_training_that_fails_says_why(folder):
     done = CliRunner().invoke(app, [str(config), "--out", str(folder / "none.pt")])
     assert done.exit_code == 1
     assert "failed: pointpillars_tiny · 2 placements: ArithmeticError: the loss is" in done.output
+    (log,) = (folder / "runs" / "grid" / "failed").glob("pretrain-*.log")
+    assert "Traceback" in log.read_text()
     assert not (folder / "none.pt").exists()

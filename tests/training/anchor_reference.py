@@ -18,6 +18,17 @@ LOSSES = {
 """Our names of the losses and OpenPCDet's."""
 
 
+def assert_first_stage_is_openpcdets(data, first):
+    """Sites and features of the sparse backbone, the grid from above, the 2D backbone's image."""
+    encoded = first.scales["encoded"]
+    name = "eval/backbone_3d/encoded_spconv_tensor"
+    assert encoded.shape == tuple(data[f"{name}/spatial_shape"])
+    assert np.array_equal(encoded.coordinates.numpy(), data[f"{name}/coordinates"])
+    assert worst_error(data, f"{name}/features", encoded.features) < 1e-5
+    assert worst_error(data, "eval/map_to_bev_module/spatial_features", first.bev) < 1e-5
+    assert worst_error(data, "eval/backbone_2d/spatial_features_2d", first.image) < 1e-4
+
+
 def assert_head_is_openpcdets(model, data, output):
     """Raw outputs, decoded boxes, detections."""
     logits, boxes = model.dense_head.decode(output)

@@ -72,11 +72,11 @@ def test_mirrored_boxes_look_to_the_other_side():
 
 
 def test_what_leaves_the_range_is_dropped():
-    points = np.array([[1, 0, 1, 0], [-1, 0, 1, 0], [1, 0, 9, 0]], np.float32)
+    points = np.array([[1, 0, 9, 0], [-1, 0, 1, 0], [1, 21, 1, 0]], np.float32)
     boxes = np.array([[1, 0, 9, 1, 1, 1, 0], [41, 0, 1, 1, 1, 1, 0]], np.float32)
     kept = within_range(Sample(points, boxes, np.array([1, 2])), RANGE)
-    assert kept.points.tolist() == [[1, 0, 1, 0]]
-    assert kept.labels.tolist() == [1]  # seen from above: height does not matter
+    assert kept.points.tolist() == [[1, 0, 9, 0]]  # seen from above: height does not matter
+    assert kept.labels.tolist() == [1]
     assert kept.boxes.shape == (1, 7)
 
 

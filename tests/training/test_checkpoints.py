@@ -111,6 +111,18 @@ def test_heads_for_other_classes_stay_fresh_only_when_asked(tmp_path):
     assert same({key: source.state_dict()[key] for key in report.loaded}, after)
 
 
+def test_a_file_that_names_no_classes_has_openpcdets_order(tmp_path):
+    kitti, sorted_by_name = ("Car", "Pedestrian", "Cyclist"), ("Car", "Cyclist", "Pedestrian")
+    path = write(tmp_path / "pv_rcnn_8369.pth", {"model_state": Sparse(kitti).state_dict()})
+    assert not load_checkpoint(Sparse(kitti), path).reinitialised
+    with pytest.raises(
+        ValueError, match=r"names none, and these are OpenPCDet's.*order of the file"
+    ):
+        load_checkpoint(Sparse(sorted_by_name), path)
+    report = load_checkpoint(Sparse(sorted_by_name), path, new_heads=True)
+    assert report.reinitialised == ("dense_head.weight", "dense_head.bias")
+
+
 def test_as_many_other_classes_are_other_classes(tmp_path):
     source, target = Sparse(["Car", "Pedestrian"]), Sparse(["Pedestrian", "Car"])
     path = tmp_path / "base.pt"

@@ -26,15 +26,9 @@ from training.one_cycle import OneCycle
 from training.optimisation import Optimisation
 from training.settings import TrainingSettings
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 PLAIN = TrainingSettings(flip_y=False, rotation=0.0, scaling=(1.0, 1.0), sample_groups={})
-
-
-@pytest.fixture(autouse=True)
-def _one_thread():
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 def test_same_seed_same_result_and_the_callers_state_is_left_alone():
@@ -87,7 +81,12 @@ def test_frames_without_points_or_boxes_and_a_checkpoint(tmp_path):
         finetune("pointpillars_tiny", two, clouds, nothing, further, seed=1)
     further = further.model_copy(update={"new_heads": True})
     third = finetune("pointpillars_tiny", two, clouds, nothing, further, seed=1)
-    assert third.weights.endswith("6 tensors of heads from scratch")
+    assert ", from scratch: dense_head.conv_cls.weight, dense_head.conv_cls.bias," in third.weights
+    with pytest.raises(ValueError, match=r"weights\.pt has changed since"):
+        finetune(
+            "pointpillars_tiny", ["Car"], clouds, nothing,
+            settings.model_copy(update={"checkpoint": path}), seed=1, checkpoint_digest="0" * 64,
+        )  # fmt: skip
     none = PointClouds.from_frames([], [], crop)
     with pytest.raises(ValueError, match="at least one frame"):
         finetune("pointpillars_tiny", ["Car"], none, nothing, settings, seed=0)
@@ -196,7 +195,7 @@ def test_a_gradient_that_is_not_finite_leaves_the_weights():
     assert all(torch.equal(a, b) for a, b in zip(before, model.parameters(), strict=True))
 
 
-def test_float16_steps_are_those_of_float32_and_overflows_are_left_out():
+def test_scaled_losses_give_the_same_steps_and_overflows_are_left_out():
     """With the scaler that float16 needs on a GPU, here on float32, which it leaves as it is."""
     clouds, truth = scenes(2, seed=6)
     frames = TrainingFrames(["Car"], clouds, truth, 0.0, min_points=1)

@@ -71,9 +71,12 @@ def test_agrees_with_the_official_evaluation(run, row, iou, min_height):
                 continue
             for c, name in enumerate(CLASSES):
                 for d, difficulty in enumerate(DIFFICULTIES):
-                    assert value[name, ours.format(points), difficulty] == pytest.approx(
-                        data[key][c, d, row], abs=1e-9
+                    found, official = (
+                        value[name, ours.format(points), difficulty],
+                        data[key][c, d, row],
                     )
+                    print(f"{name} {ours.format(points)} {difficulty}: {found:.6f}, {official:.6f}")
+                    assert found == pytest.approx(official, abs=1e-9)
                     compared += 1
     assert compared == {"uniform_0.7_0.5": 54, "uniform_0.7_0.5_paper_fork": 27}.get(
         run, 72 if row == 0 else 36

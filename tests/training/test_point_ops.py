@@ -15,6 +15,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from torch.utils._python_dispatch import TorchDispatchMode
 
 from training.ops import ball_query, interpolation, sampling, voxel_query
 from training.ops.first_hits import first_hits
@@ -48,6 +49,32 @@ def clouds(least=1, most=60):
     lattice = arrays(np.int8, st.tuples(st.integers(least, most), st.just(3)),
                      elements=st.integers(-4, 4))  # fmt: skip
     return lattice.map(lambda grid: torch.from_numpy(grid * np.float32(0.5)))
+
+
+# Frames from empty to far larger than the others; a seed fills them from the lattice.
+sizes = st.lists(st.one_of(st.integers(0, 12), st.integers(0, 2500)), max_size=30)
+
+
+def lattice_points(count, seed):
+    grid = np.random.default_rng(seed).integers(-2, 3, (count, 3))
+    return torch.from_numpy(grid * np.float32(0.5))
+
+
+class Operations(TorchDispatchMode):
+    """Counts the operations in a block, and keeps the elements of their largest result."""
+
+    def __init__(self):
+        super().__init__()
+        self.names, self.largest = [], 0
+
+    def __torch_dispatch__(self, func, types, args=(), kwargs=None):
+        result = func(*args, **(kwargs or {}))
+        self.names.append(func.overloadpacket.__name__)
+        if isinstance(result, torch.Tensor):
+            # A view that only repeats its elements holds none.
+            elements = result.untyped_storage().nbytes() // result.element_size()
+            self.largest = max(self.largest, elements)
+        return result
 
 
 def distances(a, b):
@@ -121,6 +148,31 @@ def test_sampling_of_small_and_empty_frames(search):
     assert search(torch.zeros(5, 3), [5], 4).tolist() == [0, 0, 0, 0]
 
 
+@settings(max_examples=40, deadline=None)
+@given(sizes, st.integers(1, 40), st.integers(0, 2**32 - 1))
+def test_sampling_of_many_frames_is_the_same_on_both_paths(counts, samples, seed):
+    xyz = lattice_points(sum(counts), seed)
+    rows = sampling._furthest_torch(xyz, counts, samples)
+    assert torch.equal(rows, sampling._furthest_numba(xyz, counts, samples))
+
+
+def test_sampling_on_a_gpu_takes_as_many_operations_for_many_frames():
+    seen = []
+    for frames in (2, 500):
+        xyz = torch.rand(20 * frames, 3)
+        with Operations() as operations:
+            sampling._furthest_torch(xyz, [20] * frames, 8)
+        seen.append(operations.names)
+    assert seen[0] == seen[1]
+
+
+def test_sampling_on_a_gpu_does_not_pad_small_frames_to_the_largest():
+    counts = [3, 5] * 200 + [20_000]
+    with Operations() as operations:
+        sampling._furthest_torch(torch.rand(sum(counts), 3), counts, 4)
+    assert operations.largest <= 2 * 3 * sum(counts)
+
+
 def test_sampling_counts():
     counts = torch.tensor([0, 3, 0, 1])
     rows, chosen = sampling.furthest_point_sample(torch.rand(4, 3), counts, 5)
@@ -174,6 +226,47 @@ def test_ball_query_takes_the_first_within_the_radius(first, second, new, radius
             hits = near.nonzero().flatten().tolist()[:samples]
             assert own == (hits + [hits[0]] * (samples - len(hits)) if hits else [0] * samples)
             assert none == (not hits)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.data(), sizes, st.sampled_from([0.5, 1.0, 30.0]), st.integers(1, 9),
+       st.sampled_from([1, 500, 1 << 24]), st.integers(0, 2**32 - 1))  # fmt: skip
+def test_ball_query_of_many_frames_is_the_same_on_both_paths(
+    data, counts, radius, samples, chunk, seed
+):
+    new_counts = data.draw(st.lists(st.integers(0, 9), min_size=len(counts), max_size=len(counts)))
+    xyz, new = lattice_points(sum(counts), seed), lattice_points(sum(new_counts), seed + 1)
+    counts, new_counts = (torch.tensor(own, dtype=torch.int64) for own in (counts, new_counts))
+    expected = ball_query._query_numba(radius, samples, xyz, counts, new, new_counts)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ball_query, "_CHUNK", chunk)
+        result = ball_query._query_torch(radius, samples, xyz, counts, new, new_counts)
+    for numba, other in zip(expected, result, strict=True):
+        assert torch.equal(numba, other)
+
+
+def test_ball_query_on_a_gpu_takes_as_many_operations_for_many_frames():
+    seen = []
+    for frames in (2, 500):
+        xyz, counts = torch.rand(20 * frames, 3), torch.full((frames,), 20)
+        with Operations() as operations:
+            ball_query._query_torch(0.3, 4, xyz, counts, xyz, counts)
+        assert "nonzero" not in operations.names  # waits for the GPU
+        seen.append(operations.names)
+    assert seen[0] == seen[1]
+
+
+@pytest.mark.parametrize("chunk", [30_000, ball_query._CHUNK])
+def test_ball_query_on_a_gpu_holds_a_chunk_and_pads_little(chunk, monkeypatch):
+    monkeypatch.setattr(ball_query, "_CHUNK", chunk)
+    counts = torch.tensor([3, 5] * 200 + [20_000])
+    xyz = torch.rand(int(counts.sum()), 3)
+    new_counts = torch.tensor([9] * 400 + [30])
+    new = torch.rand(int(new_counts.sum()), 3)
+    with Operations() as operations:
+        ball_query._query_torch(0.3, 4, xyz, counts, new, new_counts)
+    work = int(counts @ new_counts)
+    assert operations.largest <= max(xyz.numel(), min(chunk, 2 * work))
 
 
 def test_ball_query_of_far_points():

@@ -168,10 +168,11 @@ def test_few_points_train(counts, half):
 
 
 def test_points_in_the_range():
-    border = torch.tensor([[0.0, -1.0, 2.0, 0.5], [4.0, 1.0, 3.0, 0.5]])
+    border = torch.tensor([[0.0, -1.0, 2.0, 0.5], [4.0, 1.0, 9.0, 0.5]])  # at any height
     outside = torch.tensor(
-        [[4.1, 0.0, 2.5, 0.5], [1.0, 0.0, 1.9, 0.5], [float("nan"), 0.0, 2.5, 0.5],
-         [1.0, 0.0, 2.5, float("inf")], [float("-inf"), 0.0, 2.5, 0.5]]
+        [[4.1, 0.0, 2.5, 0.5], [1.0, -1.1, 2.5, 0.5], [float("nan"), 0.0, 2.5, 0.5],
+         [1.0, 0.0, float("nan"), 0.5], [1.0, 0.0, 2.5, float("inf")],
+         [float("-inf"), 0.0, 2.5, 0.5]]
     )  # fmt: skip
     kept = within(torch.cat([border, outside]), (0.0, -1.0, 2.0, 4.0, 1.0, 3.0))
     assert kept.tolist() == border.tolist()

@@ -16,6 +16,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from anchor_reference import assert_first_stage_is_openpcdets
 from openpcdet_reference import DATA as REFERENCES
 from openpcdet_reference import points, reference, weights, worst_error
 from synthetic_scenes import scenes
@@ -28,16 +29,10 @@ from training.detectors.detector import Selection
 from training.detectors.heads.pv_rcnn_head import PvRcnnHead, PvRcnnHeadSettings
 from training.detectors.pv_rcnn import OPENPCDET
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 CLASSES = ("Car", "Pedestrian", "Cyclist")
 DATA = reference("pv_rcnn")
-
-
-@pytest.fixture(autouse=True)
-def _one_thread():
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 @pytest.fixture(scope="module")
@@ -56,9 +51,8 @@ def test_first_stage_and_proposals_are_openpcdets(openpcdet):
     with torch.no_grad():
         logits, boxes = model.dense_head.decode(first.head)
         found = model.roi_head.propose(logits, boxes)
+    assert_first_stage_is_openpcdets(DATA, first)
     for name, value in (
-        ("eval/map_to_bev_module/spatial_features", first.bev),
-        ("eval/backbone_2d/spatial_features_2d", first.image),
         ("eval/dense_head/batch_cls_preds", logits),
         ("eval/dense_head/batch_box_preds", boxes),
         ("eval/roi_head/roi_scores", found.scores),
@@ -110,7 +104,7 @@ def test_keypoints_are_openpcdets(openpcdet):
     for name, padding in paddings.items():
         order = in_openpcdets_order(order, padding, first.scales[name].shape)
         scales[name] = in_order(first.scales[name], order)
-    keypoints = model.keypoints(points(DATA), replace(first, scales=scales))
+    keypoints = model.pfe(points(DATA), scales, first.bev)
     frame = torch.repeat_interleave(keypoints.counts)[:, None]
     places = torch.cat([frame, keypoints.xyz], dim=1)
     assert worst_error(DATA, "eval/pfe/point_coords", places) == 0

@@ -10,19 +10,13 @@ from training.detectors.pointpillars import PointPillars
 from training.finetune import finetune
 from training.settings import TrainingSettings
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 SETTINGS = TrainingSettings(epochs=4, batch_size=2)
 
 
 class Stop(Exception):
     """Stands for a process that is killed."""
-
-
-@pytest.fixture(autouse=True)
-def _one_thread():
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +64,9 @@ def test_a_stopped_training_gives_what_it_would_have_given(data, tmp_path, optim
     rest, epochs = train(data, tmp_path, settings)
     assert epochs == [4]
     same(whole, rest)
+    seconds = rest.curve[rest.curve.metric == "seconds"].set_index("epoch")["value"]
+    assert rest.earlier_seconds == pytest.approx(seconds[:3].sum())
+    assert whole.earlier_seconds == 0
     done, epochs = train(data, tmp_path, settings)
     assert epochs == []
     same(whole, done)
@@ -94,7 +91,9 @@ def test_best_is_the_epoch_of_the_lowest_training_loss(data, tmp_path, monkeypat
     assert best["epoch"] == curve.idxmin() < 4
     assert best["loss"] == curve.min()
     assert best["model_state"]["global_step"] == 2 * best["epoch"]
+    assert best["classes"] == ["Pedestrian", "Car"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["best.pt", "last.pt"]
+    assert result.best_state_dict["global_step"] == 2 * best["epoch"]
 
 
 def test_a_checkpoint_to_start_from_is_one_of_ours_too(data, tmp_path):
@@ -120,13 +119,15 @@ def test_another_training_does_not_go_on_here(data, tmp_path):
             train(**({"data": data, "folder": tmp_path} | kind))
 
 
-@pytest.mark.parametrize("content", [b"", b"not a file of torch", "list", "half"])
+@pytest.mark.parametrize("content", [b"", b"not a file of torch", "list", "text", "half"])
 def test_a_file_of_something_else_is_an_error(data, tmp_path, content):
     path = tmp_path / "last.pt"
     if isinstance(content, bytes):
         path.write_bytes(content)
     elif content == "list":
         torch.save([1, 2], path)
+    elif content == "text":
+        torch.save("weights", path)
     else:
         train(data, tmp_path)
         path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])

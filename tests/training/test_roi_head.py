@@ -22,9 +22,9 @@ from training.detectors.heads.roi_head import (
     RoiOutput,
     RoiSettings,
     corner_loss,
-    row_layers,
 )
 from training.detectors.heads.roi_targets import RoiSampling, sample_rois, score_targets
+from training.detectors.layers import row_layers
 from training.ops.box_overlap import iou_3d
 
 SETTINGS = RoiSettings(

@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import torch
+from anchor_reference import assert_first_stage_is_openpcdets
 from openpcdet_reference import points, reference, weights, worst_error
 from synthetic_scenes import scenes
 
 from training import build_detector
-from training.detectors.backbones.voxels import VoxelGrid
 from training.detectors.heads.second_iou_head import bev_pool
 from training.ops.box_overlap import iou_bev
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 DATA = reference("second_iou")
 CLASSES = ("Car", "Pedestrian", "Cyclist")
-
-
-@pytest.fixture(autouse=True)
-def _one_thread():
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 @pytest.fixture(scope="module")
@@ -37,10 +32,12 @@ def expected(name):
     return torch.from_numpy(DATA[f"eval/roi_head/{name}/full"])
 
 
-def test_proposals_are_openpcdets(openpcdet):
+def test_first_stage_and_proposals_are_openpcdets(openpcdet):
     model, first = openpcdet
+    assert_first_stage_is_openpcdets(DATA, first)
     found = model.roi_head.propose(*model.dense_head.decode(first.head))
     assert torch.equal(found.labels, expected("roi_labels"))
+    assert worst_error(DATA, "eval/roi_head/rois", found.boxes) < 1e-3
     torch.testing.assert_close(found.scores, expected("roi_scores"), rtol=1e-5, atol=1e-5)
     # Sizes are exponentials of numbers up to 50, so noise is relative.
     torch.testing.assert_close(found.boxes, expected("rois"), rtol=1e-3, atol=1e-3)
@@ -80,11 +77,11 @@ def test_detections_are_openpcdets(openpcdet):
 
 
 def test_pooling_by_hand():
-    grid = VoxelGrid((0.0, -8.0, 0.0, 16.0, 8.0, 4.0), (0.25, 0.25, 0.5))
+    corner, cell = (0.0, -8.0), 2.0
     y, x = torch.meshgrid(torch.arange(8.0), torch.arange(8.0), indexing="ij")
-    image = torch.stack([x, y])[None]  # in cells of 2 m
+    image = torch.stack([x, y])[None]  # in cells
     rois = torch.tensor([[[6.0, 0.0, 1.0, 4.0, 4.0, 2.0, 0.0], [6.0, 0.0, 1, 4.0, 4.0, 2.0, 0.5]]])
-    found = bev_pool(image, rois, grid, 3)
+    found = bev_pool(image, rois, corner, cell, 3)
     assert found.shape == (2, 2, 3, 3)
     torch.testing.assert_close(found[0, 0, 1], torch.tensor([2.0, 3.0, 4.0]))
     torch.testing.assert_close(found[0, 1, :, 1], torch.tensor([3.0, 4.0, 5.0]))
@@ -92,7 +89,25 @@ def test_pooling_by_hand():
     ahead = ahead + torch.tensor([0.0, 1.0]) * torch.tensor(0.5).sin()
     torch.testing.assert_close(found[1, :, 1, 2], ahead)
     outside = rois + torch.tensor([100.0, 0, 0, 0, 0, 0, 0])
-    assert (bev_pool(image, outside, grid, 3) == 0).all()
+    assert (bev_pool(image, outside, corner, cell, 3) == 0).all()
+
+
+@pytest.mark.parametrize("preset", ["openpcdet", "tiny"])
+def test_the_head_knows_the_cells_of_its_image(preset):
+    """Pooled from an image of coordinates, a RoI without yaw finds its own places."""
+    model = build_detector("second_iou", ["Car"], preset=preset)
+    head = model.roi_head
+    with torch.no_grad():
+        image = model.eval().first_stage([torch.zeros(0, 4)]).image
+    ny, nx = image.shape[2:]
+    low, high = np.array(model.point_range[:2]), np.array(model.point_range[3:5])
+    np.testing.assert_allclose((high - low) / head.cell, [nx, ny])
+    y, x = torch.meshgrid(torch.arange(ny), torch.arange(nx), indexing="ij")
+    places = torch.stack([x, y])[None] * head.cell + torch.tensor(head.corner)[None, :, None, None]
+    roi = torch.tensor([[[30.0, 10.0, 0.0, 4.0, 2.0, 1.5, 0.0]]])
+    found = bev_pool(places.float(), roi, head.corner, head.cell, 3)[0]
+    torch.testing.assert_close(found[0], torch.tensor([28.0, 30.0, 32.0]).expand(3, 3))
+    torch.testing.assert_close(found[1], torch.tensor([9.0, 10.0, 11.0])[:, None].expand(3, 3))
 
 
 def test_losses_reach_all_parameters():

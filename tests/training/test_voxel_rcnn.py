@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from anchor_reference import assert_first_stage_is_openpcdets
 from openpcdet_reference import points, reference, weights, worst_error
 from synthetic_scenes import scenes
 
@@ -13,15 +14,9 @@ from training.detectors.heads.proposals import Proposals
 from training.detectors.heads.voxel_rcnn_head import NeighbourVoxelPool
 from training.ops.sparse_conv import SparseTensor
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 DATA = reference("voxel_rcnn_car")
-
-
-@pytest.fixture(autouse=True)
-def _one_thread():
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 @pytest.fixture(scope="module")
@@ -37,10 +32,12 @@ def expected(name):
     return torch.from_numpy(DATA[f"eval/roi_head/{name}/full"])
 
 
-def test_proposals_are_openpcdets(openpcdet):
+def test_first_stage_and_proposals_are_openpcdets(openpcdet):
     model, first = openpcdet
+    assert_first_stage_is_openpcdets(DATA, first)
     found = model.roi_head.propose(*model.dense_head.decode(first.head))
     assert torch.equal(found.labels, expected("roi_labels"))
+    assert worst_error(DATA, "eval/roi_head/rois", found.boxes) < 1e-3
     torch.testing.assert_close(found.scores, expected("roi_scores"), rtol=5e-5, atol=1e-5)
     # Sizes are exponentials of numbers up to 50, so noise is relative.
     torch.testing.assert_close(found.boxes, expected("rois"), rtol=1e-3, atol=1e-3)

@@ -13,6 +13,7 @@ from training.detectors.backbones.voxel_set_abstraction import (
     BallSettings,
     KeypointSettings,
     VoxelSetAbstraction,
+    mixed,
     sample_image,
 )
 from training.detectors.backbones.voxels import VoxelGrid
@@ -151,6 +152,21 @@ def test_gradients_are_finite_differences():
     assert torch.autograd.gradcheck(
         sources, [item.requires_grad_() for item in inputs], fast_mode=True
     )
+
+
+def test_mixed_voxels_are_the_same_in_an_order_of_their_places():
+    _, scales, _ = scene((30, 0, 40))
+    voxels = scales["x_conv1"]
+    found = mixed(voxels)
+    assert (found.coordinates[:, 0].diff() >= 0).all()
+    row = {tuple(site): i for i, site in enumerate(voxels.coordinates.tolist())}
+    rows = [row[tuple(site)] for site in found.coordinates.tolist()]
+    assert sorted(rows) == list(range(len(voxels.coordinates)))
+    assert torch.equal(found.features, voxels.features[rows])
+    # A ball keeps the first of them: those must not be the lowest.
+    first = found.coordinates[found.coordinates[:, 0] == 0]
+    half = len(first) // 2
+    assert abs(first[:half, 1].double().mean() - first[half:, 1].double().mean()) < 1
 
 
 def test_no_point_at_all_and_fewer_points_than_keypoints():

@@ -65,6 +65,20 @@ class Detector(nn.Module, ABC):
         """Where the weights are."""
         return self.global_step.device
 
+    def objects(
+        self, boxes: Sequence[Tensor], labels: Sequence[Tensor]
+    ) -> tuple[list[Tensor], list[Tensor]]:
+        """The objects of a batch where the weights are.
+
+        Raises:
+            ValueError: a label that is none of the network's. (A GPU would stop for good.)
+        """
+        known = range(1, len(self.classes) + 1)
+        strange = {label for item in labels for label in item.tolist()} - set(known)
+        if strange:
+            raise ValueError(f"labels must be 1 to {len(self.classes)}, found {sorted(strange)}")
+        return [item.to(self.device) for item in boxes], [item.to(self.device) for item in labels]
+
     @abstractmethod
     def loss(
         self, points: Sequence[Tensor], boxes: Sequence[Tensor], labels: Sequence[Tensor]
@@ -75,6 +89,9 @@ class Detector(nn.Module, ABC):
             points: per frame (N, 4) float32: x, y, z, intensity.
             boxes: per frame (M, 7) float32.
             labels: per frame (M,) int64, from 1.
+
+        Raises:
+            ValueError: a label that is none of the network's.
         """
 
     @abstractmethod

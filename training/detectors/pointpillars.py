@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
 from training.detectors.backbones.backbone_2d import Backbone2d, BackboneSettings
 from training.detectors.backbones.pillars import PillarEncoder, PillarGrid, group, scatter
-from training.detectors.detector import Detector, PointRange, Selection
+from training.detectors.detector import PointRange, Selection
 from training.detectors.heads.anchor_head import AnchorHead, HeadOutput
 from training.detectors.heads.anchors import (
     KITTI_ANCHORS,
@@ -18,7 +18,7 @@ from training.detectors.heads.anchors import (
     AnchorClass,
     anchor_grid,
 )
-from training.detectors.heads.selection import select_boxes
+from training.detectors.one_stage_detector import OneStageDetector
 from training.detectors.point_range import fitted_range
 
 
@@ -93,7 +93,7 @@ TINY = PointPillarsPreset(
 PRESETS = {"openpcdet": OPENPCDET, "paper": PAPER, "tiny": TINY}
 
 
-class PointPillars(Detector):
+class PointPillars(OneStageDetector):
     """Pillars, their image from above, a 2D backbone and an anchor head.
 
     Args:
@@ -108,7 +108,8 @@ class PointPillars(Detector):
         preset: PointPillarsPreset,
         point_range: PointRange | None = None,
     ) -> None:
-        cell = preset.pillar * preset.backbone.total_stride
+        backbone = preset.backbone
+        cell = preset.pillar * backbone.total_stride
         fitted = fitted_range(preset.point_range, preset.sensor_height, point_range, (cell, cell))
         grid = PillarGrid(
             fitted,
@@ -120,7 +121,7 @@ class PointPillars(Detector):
         self.grid = grid
         anchors = [preset.anchors[name] for name in self.classes]
         nx, ny = grid.shape
-        stride = preset.backbone.output_stride
+        stride = backbone.strides[0] // backbone.upsample_strides[0]
         places = anchor_grid(
             anchors, grid.point_range, (nx // stride, ny // stride), preset.centred_anchors
         )
@@ -129,32 +130,13 @@ class PointPillars(Detector):
         self.dense_head = AnchorHead(preset.backbone.outputs, anchors, places)
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
-    def forward(self, points: Sequence[Tensor]) -> HeadOutput:
+    def head_output(self, points: Sequence[Tensor]) -> HeadOutput:
         """Raw outputs of the head for frames of points (N, 4)."""
         batch = group(points, self.grid, self.training, self.device)
+        weight = self.dense_head.conv_cls.weight
+        batch = replace(batch, points=batch.points.to(weight.dtype))
         image = scatter(self.vfe(batch), batch, self.grid)
         return self.dense_head(self.backbone_2d(image))
-
-    def loss(
-        self, points: Sequence[Tensor], boxes: Sequence[Tensor], labels: Sequence[Tensor]
-    ) -> dict[str, Tensor]:
-        """Losses of the head: "loss", "classification", "location", "direction"."""
-        targets = self.dense_head.targets(
-            [item.to(self.device) for item in boxes], [item.to(self.device) for item in labels]
-        )
-        return self.dense_head.loss(self(points), targets)
-
-    @torch.no_grad()
-    def predict(
-        self, points: Sequence[Tensor], selection: Selection | None = None
-    ) -> list[dict[str, Tensor]]:
-        """Detections of every frame, see Detector."""
-        self.eval()
-        logits, boxes = self.dense_head.decode(self(points))
-        return [
-            select_boxes(frame.sigmoid(), frame_boxes, selection or self.selection)
-            for frame, frame_boxes in zip(logits, boxes, strict=True)
-        ]
 
 
 def build(classes: Sequence[str], preset: str, point_range: PointRange | None) -> PointPillars:

@@ -187,9 +187,9 @@ class PointRCNN(Detector):
         self, points: Sequence[Tensor], boxes: Sequence[Tensor], labels: Sequence[Tensor]
     ) -> dict[str, Tensor]:
         """ "loss" and its parts: point_cls, point_box, rcnn_cls, rcnn_reg, rcnn_corner."""
+        boxes, labels = self.objects(boxes, labels)
         scored, output = self.first_stage(points)
         boxes = [item.to(scored.xyz) for item in boxes]
-        labels = [item.to(self.device) for item in labels]
         targets = point_targets(scored.xyz, scored.counts, boxes, labels)
         rois = self.roi_head.sample(self.propose(scored, output), boxes, labels)
         losses = self.point_head.loss(output, targets, scored.xyz)

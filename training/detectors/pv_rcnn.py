@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import torch
 from torch import Tensor
 
 from training.detectors import second
@@ -16,14 +15,16 @@ from training.detectors.backbones.voxel_set_abstraction import (
     Keypoints,
     KeypointSettings,
     VoxelSetAbstraction,
+    mixed,
 )
 from training.detectors.detector import PointRange, Selection
 from training.detectors.heads.point_head import PointHeadSimple, point_targets
 from training.detectors.heads.proposals import Suppression
 from training.detectors.heads.pv_rcnn_head import PvRcnnHead, PvRcnnHeadSettings
-from training.detectors.heads.roi_head import RoiSettings
+from training.detectors.heads.roi_head import RoiOutput, RoiSettings
 from training.detectors.heads.roi_targets import RoiSampling
-from training.detectors.voxel_detector import FirstStage, VoxelDetector, VoxelPreset
+from training.detectors.two_stage_voxel_detector import TwoStageVoxelDetector
+from training.detectors.voxel_detector import FirstStage, VoxelPreset
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,15 @@ TINY = PvRcnnPreset(
 PRESETS = {"openpcdet": OPENPCDET, "paper": PAPER, "tiny": TINY}
 
 
-class PvRcnn(VoxelDetector):
+@dataclass(frozen=True)
+class ScoredKeypoints:
+    """Keypoints and the logits (K, 1) of their lying on an object."""
+
+    keypoints: Keypoints
+    logits: Tensor
+
+
+class PvRcnn(TwoStageVoxelDetector):
     """SECOND's first stage; keypoints with features of all its scales; RoIs refined from them.
 
     Args:
@@ -133,46 +142,23 @@ class PvRcnn(VoxelDetector):
         self.point_head = PointHeadSimple(self.pfe.inputs, preset.point_head)
         self.roi_head = PvRcnnHead(preset.keypoints.outputs, preset.roi_head)
 
-    def loss(
-        self, points: Sequence[Tensor], boxes: Sequence[Tensor], labels: Sequence[Tensor]
-    ) -> dict[str, Tensor]:
-        """ "loss" and its parts.
-
-        Of the first stage classification, location and direction, of the keypoints point_cls, of
-        the second stage rcnn_cls, rcnn_reg and rcnn_corner.
-        """
-        boxes = [item.to(self.device) for item in boxes]
-        labels = [item.to(self.device) for item in labels]
-        first = self.first_stage(points)
-        losses = self.dense_head.loss(first.head, self.dense_head.targets(boxes, labels))
-        keypoints = self.keypoints(points, first)
-        logits = self.point_head(keypoints.sources)
-        targets = point_targets(keypoints.xyz, keypoints.counts, boxes, labels)
-        second = self.point_head.loss(logits, targets)
-        proposals = self.roi_head.propose(*self.dense_head.decode(first.head))
-        sample = self.roi_head.sample(proposals, boxes, labels)
-        output = self.roi_head(keypoints, logits.sigmoid(), sample.rois.boxes)
-        second |= self.roi_head.loss(output, sample)
-        losses["loss"] = losses["loss"] + sum(second.values())
-        return losses | second
-
-    @torch.no_grad()
-    def predict(
-        self, points: Sequence[Tensor], selection: Selection | None = None
-    ) -> list[dict[str, Tensor]]:
-        """Detections of every frame and "refined", see Detector."""
-        self.eval()
-        first = self.first_stage(points)
-        keypoints = self.keypoints(points, first)
-        proposals = self.roi_head.propose(*self.dense_head.decode(first.head))
-        foreground = self.point_head(keypoints.sources).sigmoid()
-        output = self.roi_head(keypoints, foreground, proposals.boxes)
-        return self.roi_head.detections(output, proposals, selection or self.selection)
-
-    def keypoints(self, points: Sequence[Tensor], first: FirstStage) -> Keypoints:
-        """Keypoints of frames of points (N, 4) and the results of their first stage."""
+    def between(self, points: Sequence[Tensor], first: FirstStage) -> ScoredKeypoints:
+        """Keypoints of frames of points (N, 4), and whether they lie on objects."""
         inside = [within(frame.to(self.device), self.point_range) for frame in points]
-        return self.pfe(inside, first.scales, first.bev)
+        scales = {name: mixed(voxels) for name, voxels in first.scales.items()}
+        keypoints = self.pfe(inside, scales, first.bev)
+        return ScoredKeypoints(keypoints, self.point_head(keypoints.sources))
+
+    def between_loss(
+        self, seen: ScoredKeypoints, boxes: Sequence[Tensor], labels: Sequence[Tensor]
+    ) -> dict[str, Tensor]:
+        """ "point_cls" of the keypoints."""
+        targets = point_targets(seen.keypoints.xyz, seen.keypoints.counts, boxes, labels)
+        return self.point_head.loss(seen.logits, targets)
+
+    def second_stage(self, rois: Tensor, seen: ScoredKeypoints) -> RoiOutput:
+        """Scores and residuals of RoIs (B, R, 7)."""
+        return self.roi_head(seen.keypoints, seen.logits.sigmoid(), rois)
 
 
 def build(classes: Sequence[str], preset: str, point_range: PointRange | None) -> PvRcnn:

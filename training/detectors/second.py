@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import torch
 from torch import Tensor
 
 from training.detectors.backbones.backbone_2d import BackboneSettings
 from training.detectors.detector import PointRange, Selection
+from training.detectors.heads.anchor_head import HeadOutput
 from training.detectors.heads.anchors import KITTI_ANCHORS, PAPER_ANCHORS, TINY_ANCHORS
-from training.detectors.heads.selection import select_boxes
+from training.detectors.one_stage_detector import OneStageDetector
 from training.detectors.voxel_detector import VoxelDetector, VoxelPreset
 
 OPENPCDET = VoxelPreset(
@@ -59,29 +59,12 @@ TINY = VoxelPreset(
 PRESETS = {"openpcdet": OPENPCDET, "paper": PAPER, "tiny": TINY}
 
 
-class Second(VoxelDetector):
+class Second(OneStageDetector, VoxelDetector):
     """The first stage alone: its anchors are the detections."""
 
-    def loss(
-        self, points: Sequence[Tensor], boxes: Sequence[Tensor], labels: Sequence[Tensor]
-    ) -> dict[str, Tensor]:
-        """Losses of the head: "loss", "classification", "location", "direction"."""
-        targets = self.dense_head.targets(
-            [item.to(self.device) for item in boxes], [item.to(self.device) for item in labels]
-        )
-        return self.dense_head.loss(self.first_stage(points).head, targets)
-
-    @torch.no_grad()
-    def predict(
-        self, points: Sequence[Tensor], selection: Selection | None = None
-    ) -> list[dict[str, Tensor]]:
-        """Detections of every frame, see Detector."""
-        self.eval()
-        logits, boxes = self.dense_head.decode(self.first_stage(points).head)
-        return [
-            select_boxes(frame.sigmoid(), frame_boxes, selection or self.selection)
-            for frame, frame_boxes in zip(logits, boxes, strict=True)
-        ]
+    def head_output(self, points: Sequence[Tensor]) -> HeadOutput:
+        """Raw outputs of the head for frames of points (N, 4)."""
+        return self.first_stage(points).head
 
 
 def build(classes: Sequence[str], preset: str, point_range: PointRange | None) -> Second:

@@ -50,8 +50,7 @@ TINY = SecondIouPreset(
     first_stage=second.TINY,
     roi=RoiSettings(
         train=Suppression(nms=0.8, pre=512, post=128),
-        # One proposal per object: so small a second stage ranks objects, not the boxes of one.
-        test=Suppression(nms=0.1, pre=512, post=64),
+        test=Suppression(nms=0.7, pre=512, post=64),
         sampling=RoiSampling(rois=64),
     ),
     layers=SecondIouLayers(grid=5, shared=(64, 64), iou=(64, 64), dropout=0.0),
@@ -77,12 +76,15 @@ class SecondIou(TwoStageVoxelDetector):
         point_range: PointRange | None = None,
     ) -> None:
         super().__init__(classes, preset.first_stage, Selection(), point_range)
-        channels = preset.first_stage.backbone.outputs
-        self.roi_head = SecondIouHead(channels, self.grid, preset.roi, preset.layers)
+        first = preset.first_stage
+        cell = first.voxel[0] * first.image_stride
+        self.roi_head = SecondIouHead(
+            first.backbone.outputs, self.point_range[:2], cell, preset.roi, preset.layers
+        )
 
-    def second_stage(self, rois: Tensor, first: FirstStage) -> RoiOutput:
+    def second_stage(self, rois: Tensor, seen: FirstStage) -> RoiOutput:
         """Scores of RoIs (B, R, 7)."""
-        return self.roi_head(rois, first.image)
+        return self.roi_head(rois, seen.image)
 
 
 def build(classes: Sequence[str], preset: str, point_range: PointRange | None) -> SecondIou:

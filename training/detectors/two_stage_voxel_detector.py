@@ -1,9 +1,10 @@
-"""What detectors share whose second stage looks only at what a voxel network's first stage made."""
+"""What detectors share whose second stage starts from the proposals of a voxel network."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -18,21 +19,32 @@ class TwoStageVoxelDetector(VoxelDetector):
 
     roi_head: RoiHead
 
+    def between(self, points: Sequence[Tensor], first: FirstStage) -> Any:
+        """What the second stage looks at: the first stage, unless a network makes more of it."""
+        return first
+
+    def between_loss(
+        self, seen: Any, boxes: Sequence[Tensor], labels: Sequence[Tensor]
+    ) -> dict[str, Tensor]:
+        """Losses of what `between` made."""
+        return {}
+
     @abstractmethod
-    def second_stage(self, rois: Tensor, first: FirstStage) -> RoiOutput:
+    def second_stage(self, rois: Tensor, seen: Any) -> RoiOutput:
         """Outputs of the second stage for RoIs (B, R, 7)."""
 
     def loss(
         self, points: Sequence[Tensor], boxes: Sequence[Tensor], labels: Sequence[Tensor]
     ) -> dict[str, Tensor]:
-        """Losses of both heads: "loss" and those of AnchorHead and RoiHead."""
-        boxes = [item.to(self.device) for item in boxes]
-        labels = [item.to(self.device) for item in labels]
+        """Losses of both heads: "loss" and those of AnchorHead, `between_loss` and RoiHead."""
+        boxes, labels = self.objects(boxes, labels)
         first = self.first_stage(points)
         losses = self.dense_head.loss(first.head, self.dense_head.targets(boxes, labels))
+        seen = self.between(points, first)
+        second = self.between_loss(seen, boxes, labels)
         proposals = self.roi_head.propose(*self.dense_head.decode(first.head))
         targets = self.roi_head.sample(proposals, boxes, labels)
-        second = self.roi_head.loss(self.second_stage(targets.rois.boxes, first), targets)
+        second |= self.roi_head.loss(self.second_stage(targets.rois.boxes, seen), targets)
         losses["loss"] = losses["loss"] + sum(second.values())
         return losses | second
 
@@ -40,9 +52,10 @@ class TwoStageVoxelDetector(VoxelDetector):
     def predict(
         self, points: Sequence[Tensor], selection: Selection | None = None
     ) -> list[dict[str, Tensor]]:
-        """Detections of every frame, see Detector."""
+        """Detections of every frame and "refined", see Detector."""
         self.eval()
         first = self.first_stage(points)
+        seen = self.between(points, first)
         proposals = self.roi_head.propose(*self.dense_head.decode(first.head))
-        output = self.second_stage(proposals.boxes, first)
+        output = self.second_stage(proposals.boxes, seen)
         return self.roi_head.detections(output, proposals, selection or self.selection)

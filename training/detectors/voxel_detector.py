@@ -44,6 +44,11 @@ class VoxelPreset:
     anchors: Mapping[str, AnchorClass]
     centred_anchors: bool
 
+    @property
+    def image_stride(self) -> int:
+        """Voxels along x or y per cell of the 2D backbone's image."""
+        return STRIDE * self.backbone.strides[0] // self.backbone.upsample_strides[0]
+
 
 @dataclass(frozen=True)
 class FirstStage:
@@ -99,7 +104,7 @@ class VoxelDetector(Detector):
                 f"{fitted[5] - fitted[2]:g} m"
             )
         anchors = [preset.anchors[name] for name in self.classes]
-        stride = STRIDE * backbone.strides[0] // backbone.upsample_strides[0]
+        stride = preset.image_stride
         places = anchor_grid(anchors, fitted, (nx // stride, ny // stride), preset.centred_anchors)
         self.backbone_3d = VoxelBackBone8x(4, preset.channels, backbone.momentum)
         self.backbone_2d = Backbone2d(preset.channels[-1] * layers, backbone)

@@ -113,9 +113,9 @@ class VoxelRcnn(TwoStageVoxelDetector):
         _, two, three, four, _ = preset.first_stage.channels
         self.roi_head = VoxelRcnnHead((two, three, four), self.grid, preset.roi, preset.layers)
 
-    def second_stage(self, rois: Tensor, first: FirstStage) -> RoiOutput:
+    def second_stage(self, rois: Tensor, seen: FirstStage) -> RoiOutput:
         """Scores and residuals of RoIs (B, R, 7)."""
-        return self.roi_head(rois, first.scales)
+        return self.roi_head(rois, seen.scales)
 
 
 def build(classes: Sequence[str], preset: str, point_range: PointRange | None) -> VoxelRcnn:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
+
 import numpy as np
 import torch
 from numba import njit
@@ -123,20 +125,28 @@ def _query_numba(
 def _query_torch(
     radius: float, samples: int, xyz: Tensor, counts: Tensor, new_xyz: Tensor, new_counts: Tensor
 ) -> tuple[Tensor, Tensor]:
+    """New points of all frames in blocks, each against the points of its own frame.
+
+    The frames in a block are of similar size, so that padding at most doubles the work.
+    """
     idx = torch.zeros(len(new_xyz), samples, dtype=torch.int64, device=xyz.device)
     empty = torch.ones(len(new_xyz), dtype=torch.bool, device=xyz.device)
     squared = torch.tensor(radius, dtype=xyz.dtype, device=xyz.device).square()
-    start = new_start = 0
-    for count, new_count in zip(counts.tolist(), new_counts.tolist(), strict=True):
-        step = max(1, _CHUNK // max(1, count))
-        for low in range(new_start, new_start + new_count, step) if count else ():
-            own = slice(low, min(low + step, new_start + new_count))
-            dx, dy, dz = (
-                new_xyz[own, axis, None] - xyz[start : start + count, axis] for axis in range(3)
-            )
-            hits, found = first_hits(dx * dx + dy * dy + dz * dz < squared, samples)
-            empty[own] = found == 0
-            neighbours = start + padded_with_first(hits, found)
-            idx[own] = torch.where(empty[own, None], 0, neighbours)
-        start, new_start = start + count, new_start + new_count
+    frames = torch.repeat_interleave(new_counts, output_size=len(new_xyz))
+    sizes, order = counts[frames].sort(stable=True)
+    starts = (counts.cumsum(0) - counts)[frames[order]]
+    rising = sizes.tolist()
+    high = len(rising)
+    while high and rising[high - 1]:
+        width = rising[high - 1]
+        low = max(high - max(1, _CHUNK // width), bisect_left(rising, (width + 1) // 2))
+        columns, own = torch.arange(width, device=xyz.device), order[low:high]
+        rows = (starts[low:high, None] + columns).clamp_max_(len(xyz) - 1)
+        dx, dy, dz = (new_xyz[own, axis, None] - xyz[:, axis][rows] for axis in range(3))
+        near = dx * dx + dy * dy + dz * dz < squared
+        hits, found = first_hits(near & (columns < sizes[low:high, None]), samples)
+        neighbours = starts[low:high, None] + padded_with_first(hits, found)
+        empty[own] = found == 0
+        idx[own] = torch.where(found[:, None] > 0, neighbours, 0)
+        high = low
     return idx, empty

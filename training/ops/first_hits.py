@@ -12,13 +12,12 @@ def first_hits(mask: Tensor, samples: int) -> tuple[Tensor, Tensor]:
     Returns (M, samples) int64, of which row i has `counts[i]` columns in rising order, then 0, and
     counts (M,) int64, at most `samples`.
     """
-    counts = mask.sum(dim=1)
-    rows, columns = mask.nonzero(as_tuple=True)
-    rank = torch.arange(len(rows), device=mask.device) - (counts.cumsum(0) - counts)[rows]
-    early = rank < samples
-    idx = torch.zeros(len(mask), samples, dtype=torch.int64, device=mask.device)
-    idx[rows[early], rank[early]] = columns[early]
-    return idx, counts.clamp_max(samples)
+    # No nonzero(): a GPU's host would have to wait for the number of hits.
+    wanted = torch.arange(1, samples + 1, dtype=torch.int32, device=mask.device)
+    wanted = wanted.repeat(len(mask), 1)
+    idx = torch.searchsorted(mask.cumsum(dim=1, dtype=torch.int32), wanted)
+    counts = mask.sum(dim=1).clamp_max(samples)
+    return torch.where(wanted <= counts[:, None], idx, 0), counts
 
 
 def padded_with_first(idx: Tensor, counts: Tensor) -> Tensor:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
+
 import numpy as np
 import torch
 from numba import njit
@@ -36,7 +38,8 @@ def _tie_order(count: int, device: torch.device) -> Tensor:
     """Rows 0 … count - 1 sorted so that the first of equally far ones is upstream's choice.
 
     Thread t of a block looks at rows t, t + threads, … and keeps the first; a tree that halves the
-    block then prefers the thread whose number is smallest when its bits are read backwards.
+    block then prefers the thread whose number is smallest when its bits are read backwards. Fewer
+    points stand in the same order: a smaller block reads fewer bits, of smaller numbers.
     """
     threads = min(1 << (count.bit_length() - 1), _THREADS)
     backwards = torch.zeros(1, dtype=torch.int64, device=device)
@@ -117,28 +120,37 @@ def _furthest_numba(xyz: Tensor, counts: list[int], samples: int) -> Tensor:
 
 
 def _furthest_torch(xyz: Tensor, counts: list[int], samples: int) -> Tensor:
-    """All frames side by side: each step is a few kernels, whatever the number of frames."""
+    """Frames of similar size side by side, so that padding at most doubles the work."""
     filled = [count for count in counts if count]
-    if not filled:
-        return torch.empty(0, dtype=torch.int64, device=xyz.device)
-    starts = np.cumsum([0, *counts])[:-1][np.array(counts) > 0]
-    points = xyz.new_zeros(len(filled), max(filled), 3)
-    rows = torch.zeros(points.shape[:2], dtype=torch.int64, device=xyz.device)
-    # Padding is never the furthest.
-    distance = xyz.new_full(points.shape[:2], -1.0)
-    for frame, (start, count) in enumerate(zip(starts.tolist(), filled, strict=True)):
-        rows[frame, :count] = start + _tie_order(count, xyz.device)
-        points[frame, :count] = xyz[rows[frame, :count]]
-        distance[frame, :count] = torch.inf
-    frames = torch.arange(len(filled), device=xyz.device)
-    steps = min(samples, max(filled))
-    chosen = torch.zeros(steps, len(filled), dtype=torch.int64, device=xyz.device)
-    for step in range(1, steps):
-        offset = points - points[frames, chosen[step - 1]][:, None]
-        dx, dy, dz = offset.unbind(dim=2)
-        distance = torch.minimum(distance, dx * dx + dy * dy + dz * dz)
-        chosen[step] = distance.argmax(dim=1)
+    sizes = torch.tensor(filled, dtype=torch.int64, device=xyz.device)
+    starts, order = sizes.cumsum(0) - sizes, sizes.argsort()
+    rows = torch.empty(len(filled), samples, dtype=torch.int64, device=xyz.device)
+    filled.sort()
+    high = len(filled)
+    while high:
+        largest = filled[high - 1]
+        low = bisect_left(filled, (largest + 1) // 2)
+        own = order[low:high]
+        rows[own] = _furthest_side_by_side(xyz, starts[own], sizes[own], largest, samples)
+        high = low
+    return rows.flatten()
+
+
+def _furthest_side_by_side(
+    xyz: Tensor, starts: Tensor, sizes: Tensor, largest: int, samples: int
+) -> Tensor:
+    """Rows (B, samples); each step is a few kernels, whatever the number of frames."""
+    order = _tie_order(largest, xyz.device)
+    # Padding repeats the first point: chosen before all others, it is never further than they.
+    rows = starts[:, None] + torch.where(order < sizes[:, None], order, 0)
+    points = xyz.t()[:, rows]
+    distance = xyz.new_full(rows.shape, torch.inf)
+    chosen = [torch.zeros_like(starts)[:, None]]
+    for _ in range(1, min(samples, largest)):
+        newest = points.gather(2, chosen[-1].expand(3, -1, -1))
+        dx, dy, dz = (points - newest).square_()
+        distance = torch.minimum(distance, dx + dy + dz)
+        chosen.append(distance.argmax(dim=1, keepdim=True))
     # A frame with fewer points than samples starts again behind its last point.
-    own = torch.tensor(filled, device=xyz.device)[:, None]
-    turn = torch.arange(samples, device=xyz.device) % own.clamp_max(steps)
-    return rows.gather(1, chosen.t().gather(1, turn)).flatten()
+    turn = torch.arange(samples, device=xyz.device) % sizes[:, None]
+    return rows.gather(1, torch.cat(chosen, dim=1).gather(1, turn))

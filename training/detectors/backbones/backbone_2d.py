@@ -37,11 +37,6 @@ class BackboneSettings:
         return total
 
     @property
-    def output_stride(self) -> int:
-        """Cells of the input per cell of the output."""
-        return self.strides[0] // self.upsample_strides[0]
-
-    @property
     def outputs(self) -> int:
         """Channels of the output."""
         return sum(self.upsample_filters)
@@ -76,7 +71,7 @@ class Backbone2d(nn.Module):
             channels = filters
 
     def forward(self, image: Tensor) -> Tensor:
-        """(B, inputs, H, W) to (B, outputs, H / output_stride, W / output_stride)."""
+        """(B, inputs, H, W) to (B, outputs, h, w), h = H / strides[0] * upsample_strides[0]."""
         branches = []
         for block, deblock in zip(self.blocks, self.deblocks, strict=True):
             image = block(image)

@@ -18,6 +18,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from training.detectors.detector import PointRange
+from training.detectors.layers import PaddedBatchNorm
 
 
 @dataclass(frozen=True)
@@ -135,31 +136,6 @@ def group(
     )
 
 
-class PaddedBatchNorm(nn.BatchNorm1d):
-    """Batch norm over rows of which a known number is zero and not stored."""
-
-    def forward(self, rows: Tensor, zeros: int = 0) -> Tensor:
-        """Normalise `rows` (N, C); `zeros` further rows count in the statistics of training."""
-        total = len(rows) + zeros
-        if self.training and total < 2:  # one point in the whole batch has no variance
-            return functional.batch_norm(
-                rows, self.running_mean, self.running_var, self.weight, self.bias, eps=self.eps
-            )
-        if not self.training or zeros == 0:
-            return super().forward(rows)
-        mean = rows.sum(dim=0) / total
-        variance = ((rows - mean).square().sum(dim=0) + zeros * mean.square()) / total
-        with torch.no_grad():
-            assert self.running_mean is not None
-            assert self.running_var is not None
-            assert self.momentum is not None
-            assert self.num_batches_tracked is not None
-            self.running_mean.lerp_(mean, self.momentum)
-            self.running_var.lerp_(variance * (total / (total - 1)), self.momentum)
-            self.num_batches_tracked += 1
-        return (rows - mean) * torch.rsqrt(variance + self.eps) * self.weight + self.bias
-
-
 class PillarFeatureLayer(nn.Module):
     """Linear layer, batch norm, ReLU and the maximum over each pillar."""
 
@@ -170,7 +146,9 @@ class PillarFeatureLayer(nn.Module):
 
     def forward(self, features: Tensor, batch: PillarBatch, max_points: int | None) -> Tensor:
         """Features (N, inputs) of the points to features (P, outputs) of the pillars."""
-        rows = self.linear(features)
+        # Coordinates are among them, and 16 bits would round them to 25 cm at the far end.
+        with torch.autocast(features.device.type, enabled=False):
+            rows = self.linear(features)
         if max_points is None:
             return _pillar_max(functional.relu(self.norm(rows)), batch.counts)
         padding = len(batch.counts) * max_points - len(rows)

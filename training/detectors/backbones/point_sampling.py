@@ -12,13 +12,16 @@ NEAR = 40.0
 
 
 def within(points: Tensor, point_range: PointRange) -> Tensor:
-    """The rows of `points` (N, 4) in the range, its border included; NaN is outside."""
+    """The finite rows of `points` (N, 4) in the range of x and y, its border included.
+
+    At any height, as in OpenPCDet: only voxels end at the range's top and bottom.
+    """
     low, high = (
         torch.tensor(corner, dtype=points.dtype, device=points.device)
-        for corner in (point_range[:3], point_range[3:])
+        for corner in (point_range[:2], point_range[3:5])
     )
-    xyz = points[:, :3]
-    inside = ((xyz >= low) & (xyz <= high)).all(dim=1) & points.isfinite().all(dim=1)
+    place = points[:, :2]
+    inside = ((place >= low) & (place <= high)).all(dim=1) & points.isfinite().all(dim=1)
     return points[inside]
 
 

@@ -14,17 +14,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from training.detectors.backbones.pillars import PaddedBatchNorm
+from training.detectors.layers import PaddedBatchNorm, RowConv2d
 from training.ops.ball_query import ball_query
 from training.ops.grouping import group
-
-
-class RowConv2d(nn.Conv2d):
-    """A linear layer on rows (N, C) with the weight (out, in, 1, 1) of a 1 × 1 convolution."""
-
-    def forward(self, rows: Tensor) -> Tensor:
-        """(N, in) to (N, out)."""
-        return functional.linear(rows, self.weight.flatten(1), self.bias)
 
 
 class PointMlp(nn.Sequential):

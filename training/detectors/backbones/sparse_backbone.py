@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import torch
 from torch import nn
 
-from training.detectors.backbones.pillars import PaddedBatchNorm
+from training.detectors.layers import PaddedBatchNorm
 from training.ops.sparse_conv import SparseConv3d, SparseTensor, SubmanifoldConv3d, Triple
 
 STRIDE = 8
@@ -64,7 +65,10 @@ class VoxelBackBone8x(nn.Module):
 
     def forward(self, voxels: SparseTensor) -> dict[str, SparseTensor]:
         """ "x_conv1" … "x_conv4", strides 1, 2, 4, 8, and "encoded", stride 8, few layers high."""
-        scales = {"x_conv1": self.conv1(self.conv_input(voxels))}
+        # Coordinates are features here, and 16 bits would round them to 25 cm at the far end.
+        with torch.autocast(voxels.features.device.type, enabled=False):
+            first = self.conv_input(voxels)
+        scales = {"x_conv1": self.conv1(first)}
         scales["x_conv2"] = self.conv2(scales["x_conv1"])
         scales["x_conv3"] = self.conv3(scales["x_conv2"])
         scales["x_conv4"] = self.conv4(scales["x_conv3"])

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from training.detectors.backbones.pillars import PaddedBatchNorm
 from training.detectors.backbones.set_abstraction import SetAbstraction
 from training.detectors.backbones.voxels import VoxelGrid
+from training.detectors.layers import PaddedBatchNorm
 from training.ops.interpolation import interpolate
 from training.ops.sampling import furthest_point_sample
 from training.ops.sparse_conv import SparseTensor
@@ -150,6 +150,21 @@ class VoxelSetAbstraction(nn.Module):
         place = voxels.coordinates[:, [3, 2, 1]].to(dtype)
         size = place.new_tensor(self.grid.size) * stride
         return (place + 0.5) * size + place.new_tensor(self.grid.point_range[:3])
+
+
+def mixed(voxels: SparseTensor) -> SparseTensor:
+    """The voxels of each frame in another order, which depends on their places alone.
+
+    A ball keeps its first voxels. In the order of a SparseTensor they would be its lowest ones.
+    """
+    frame, z, y, x = voxels.coordinates.unbind(dim=1)
+    # Multiplicative hashing (Knuth, The art of computer programming 3).
+    key = ((z << 42) + (y << 21) + x) * -7046029254386353131
+    order = torch.argsort(key ^ (key >> 32), stable=True)
+    order = order[torch.argsort(frame[order], stable=True)]
+    return SparseTensor(
+        voxels.features[order], voxels.coordinates[order], voxels.shape, voxels.frames
+    )
 
 
 def sample_image(image: Tensor, frame: Tensor, place: Tensor) -> Tensor:

@@ -1,10 +1,13 @@
-"""Losses of an anchor head."""
+"""Losses of the heads."""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor
 from torch.nn import functional
+
+BETA = 1 / 9
+"""Where smooth L1 turns from a square into a line."""
 
 
 def sigmoid_focal_loss(logits: Tensor, targets: Tensor, alpha: float = 0.25) -> Tensor:
@@ -18,7 +21,7 @@ def sigmoid_focal_loss(logits: Tensor, targets: Tensor, alpha: float = 0.25) -> 
     return weight * functional.binary_cross_entropy_with_logits(logits, targets, reduction="none")
 
 
-def sine_smooth_l1(predicted: Tensor, target: Tensor, beta: float = 1 / 9) -> Tensor:
+def sine_smooth_l1(predicted: Tensor, target: Tensor) -> Tensor:
     """Smooth L1 loss of residuals (P, 7), shape (P, 7), with sin(Δyaw) in place of Δyaw.
 
     SECOND (Sensors 2018), section 3.2.2: a box turned by 180° costs nothing.
@@ -27,5 +30,5 @@ def sine_smooth_l1(predicted: Tensor, target: Tensor, beta: float = 1 / 9) -> Te
     # The form of upstream, sin a cos b - cos a sin b, loses digits that sin(a - b) keeps.
     difference = torch.cat([difference[:, :6], torch.sin(difference[:, 6:])], dim=1)
     return functional.smooth_l1_loss(
-        difference, torch.zeros_like(difference), reduction="none", beta=beta
+        difference, torch.zeros_like(difference), reduction="none", beta=BETA
     )

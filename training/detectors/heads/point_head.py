@@ -10,16 +10,13 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from training.detectors.backbones.pillars import PaddedBatchNorm
 from training.detectors.heads.box_coder import decode, encode
-from training.detectors.heads.losses import sigmoid_focal_loss
-from training.detectors.heads.roi_head import precise
+from training.detectors.heads.losses import BETA, sigmoid_focal_loss
+from training.detectors.layers import PaddedBatchNorm, precise
 from training.ops.points_in_boxes import box_of_points
 
 EXTRA = 0.2
 """Points this near outside an object, counting both sides, learn neither it nor background, m."""
-
-_BETA = 1 / 9
 
 
 @dataclass(frozen=True)
@@ -157,7 +154,7 @@ class PointHeadBox(nn.Module):
             backwards = (found * expected)[:, 6:].sum(dim=1, keepdim=True) < 0
             yaw = torch.where(backwards, -expected[:, 6:], expected[:, 6:])
             expected = torch.cat([expected[:, :6], yaw], dim=1)
-        box = functional.smooth_l1_loss(found, expected, reduction="sum", beta=_BETA)
+        box = functional.smooth_l1_loss(found, expected, reduction="sum", beta=BETA)
         return {
             "point_cls": segmentation_loss(output.logits, targets.labels),
             "point_box": box / max(1, len(targets.positive)),

@@ -19,14 +19,8 @@ from training.detectors.backbones.set_abstraction import (
     SetAbstraction,
 )
 from training.detectors.heads.roi_box_coder import turned
-from training.detectors.heads.roi_head import (
-    RoiHead,
-    RoiOutput,
-    RoiSettings,
-    RowConv1d,
-    precise,
-    row_layers,
-)
+from training.detectors.heads.roi_head import RoiHead, RoiOutput, RoiSettings
+from training.detectors.layers import RowConv1d, precise, row_layers
 from training.ops.roipoint_pool import roipoint_pool
 from training.ops.sampling import furthest_point_sample
 

@@ -13,14 +13,8 @@ from torch import Tensor, nn
 from training.detectors.backbones.set_abstraction import SetAbstraction
 from training.detectors.backbones.voxel_set_abstraction import BallSettings, Keypoints
 from training.detectors.heads.roi_box_coder import roi_grid
-from training.detectors.heads.roi_head import (
-    RoiHead,
-    RoiOutput,
-    RoiSettings,
-    RowConv1d,
-    precise,
-    row_layers,
-)
+from training.detectors.heads.roi_head import RoiHead, RoiOutput, RoiSettings
+from training.detectors.layers import RowConv1d, precise, row_layers
 
 
 @dataclass(frozen=True)

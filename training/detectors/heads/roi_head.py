@@ -5,19 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
 from training.detectors.detector import Selection
+from training.detectors.heads.losses import BETA
 from training.detectors.heads.proposals import Proposals, Suppression, propose
 from training.detectors.heads.roi_box_coder import decode_in_rois, encode_in_rois, turned
 from training.detectors.heads.roi_targets import RoiSampling, RoiTargets, sample_rois
 from training.ops.nms import nms
-
-_BETA = 1 / 9
 
 
 @dataclass(frozen=True)
@@ -82,7 +80,7 @@ class RoiHead(nn.Module):
         rois, boxes = targets.rois.boxes.flatten(0, 1)[own], targets.boxes.flatten(0, 1)[own]
         losses["rcnn_reg"] = (
             functional.smooth_l1_loss(
-                residuals, encode_in_rois(boxes, rois), reduction="sum", beta=_BETA
+                residuals, encode_in_rois(boxes, rois), reduction="sum", beta=BETA
             )
             / count
         )
@@ -142,37 +140,3 @@ def _corners(boxes: Tensor) -> Tensor:
     half = boxes.new_tensor([-0.5, 0.5])
     offsets = torch.cartesian_prod(half, half, half) * boxes[:, None, 3:6]
     return turned(offsets, boxes[:, 6]) + boxes[:, None, :3]
-
-
-class RowConv1d(nn.Linear):
-    """A linear layer on rows (N, C) with the weight (out, in, 1) of a 1 × 1 convolution."""
-
-    def __init__(self, inputs: int, outputs: int, bias: bool = True) -> None:
-        super().__init__(inputs, outputs, bias)
-        self.weight = nn.Parameter(self.weight.detach()[..., None])
-
-    def forward(self, rows: Tensor) -> Tensor:
-        """(N, in) to (N, out)."""
-        return functional.linear(rows, self.weight.flatten(1), self.bias)
-
-
-def row_layers(
-    inputs: int, hidden: Sequence[int], dropout: float, layer: type[nn.Linear] = RowConv1d
-) -> nn.Sequential:
-    """Layers with batch norm and ReLU on rows (N, inputs), dropout between them.
-
-    They are numbered as in OpenPCDet: 0, 1, 2, dropout 3, 4, 5, 6.
-    """
-    layers: list[nn.Module] = []
-    for before, after in pairwise([inputs, *hidden]):
-        if layers:
-            layers.append(nn.Dropout(dropout))
-        linear = layer(before, after, bias=False)
-        nn.init.xavier_normal_(linear.weight)
-        layers += [linear, nn.BatchNorm1d(after), nn.ReLU()]
-    return nn.Sequential(*layers)
-
-
-def precise(rows: Tensor) -> Tensor:
-    """`rows` in float32 if they have fewer digits: losses and geometry need them."""
-    return rows.to(torch.promote_types(rows.dtype, torch.float32))

@@ -8,16 +8,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from training.detectors.backbones.sparse_backbone import STRIDE
-from training.detectors.backbones.voxels import VoxelGrid
-from training.detectors.heads.roi_head import (
-    RoiHead,
-    RoiOutput,
-    RoiSettings,
-    RowConv1d,
-    precise,
-    row_layers,
-)
+from training.detectors.heads.roi_head import RoiHead, RoiOutput, RoiSettings
+from training.detectors.layers import RowConv1d, precise, row_layers
 
 
 @dataclass(frozen=True)
@@ -41,15 +33,22 @@ class SecondIouHead(RoiHead):
 
     Args:
         inputs: channels of the image.
-        grid: the voxels under the image.
+        corner: x and y of the image's first corner, metres.
+        cell: edge of its cells, metres.
         settings, layers: of the head.
     """
 
     def __init__(
-        self, inputs: int, grid: VoxelGrid, settings: RoiSettings, layers: SecondIouLayers
+        self,
+        inputs: int,
+        corner: tuple[float, float],
+        cell: float,
+        settings: RoiSettings,
+        layers: SecondIouLayers,
     ) -> None:
         super().__init__(settings)
-        self.grid = grid
+        self.corner = corner
+        self.cell = cell
         self.size = layers.grid
         self.shared_fc_layer = row_layers(inputs * layers.grid**2, layers.shared, layers.dropout)
         last = RowConv1d(layers.iou[-1], 1)
@@ -60,12 +59,14 @@ class SecondIouHead(RoiHead):
     def forward(self, rois: Tensor, image: Tensor) -> RoiOutput:
         """Logits of the IoU of RoIs (B, R, 7) from an image (B, C, ny, nx), without residuals."""
         # As upstream, the second stage does not train the first.
-        pooled = bev_pool(image.detach(), rois, self.grid, self.size)
+        pooled = bev_pool(image.detach(), rois, self.corner, self.cell, self.size)
         logits = self.iou_layers(self.shared_fc_layer(pooled.flatten(1)))
         return RoiOutput(precise(logits), None)
 
 
-def bev_pool(image: Tensor, rois: Tensor, grid: VoxelGrid, size: int) -> Tensor:
+def bev_pool(
+    image: Tensor, rois: Tensor, corner: tuple[float, float], cell: float, size: int
+) -> Tensor:
     """Features (B * R, C, size, size) of an image (B, C, ny, nx) on grids in RoIs (B, R, 7).
 
     The grids reach from edge to edge of the RoIs. Bilinear, zero outside the image. As OpenPCDet's
@@ -73,7 +74,7 @@ def bev_pool(image: Tensor, rois: Tensor, grid: VoxelGrid, size: int) -> Tensor:
     RoI's length, those along y by its width, after the turn and not before.
     """
     last = rois.new_tensor([image.shape[3] - 1, image.shape[2] - 1])
-    low, cell = rois.new_tensor(grid.point_range[:2]), rois.new_tensor(grid.size[:2]) * STRIDE
+    low = rois.new_tensor(corner)
     near, far = ((rois[..., :2] + end * rois[..., 3:5] - low) / cell for end in (-0.5, 0.5))
     extent, centre = (far - near) / last, (near + far - last) / last
     cos, sin = torch.cos(rois[..., 6]), torch.sin(rois[..., 6])

@@ -9,18 +9,10 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from training.detectors.backbones.pillars import PaddedBatchNorm
-from training.detectors.backbones.set_abstraction import RowConv2d
 from training.detectors.backbones.voxels import VoxelGrid
 from training.detectors.heads.roi_box_coder import roi_grid
-from training.detectors.heads.roi_head import (
-    RoiHead,
-    RoiOutput,
-    RoiSettings,
-    RowConv1d,
-    precise,
-    row_layers,
-)
+from training.detectors.heads.roi_head import RoiHead, RoiOutput, RoiSettings
+from training.detectors.layers import PaddedBatchNorm, RowConv1d, RowConv2d, precise, row_layers
 from training.ops.grouping import group
 from training.ops.sparse_conv import SparseTensor, Triple
 from training.ops.voxel_query import voxel_query

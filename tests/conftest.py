@@ -1,0 +1,26 @@
+"""Fixtures of all tests."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+
+@pytest.fixture
+def one_thread():
+    """Torch adds up in the same order on every machine."""
+    import torch  # slow, and most tests do without
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+@pytest.fixture(autouse=True)
+def on_cpu(monkeypatch):
+    """Networks train and detect on the CPU, also where there is a GPU; test_gpu overrides this."""
+    # A module whose tests need torch has imported it.
+    if "torch" in sys.modules:
+        monkeypatch.setattr("torch.cuda.is_available", lambda: False)

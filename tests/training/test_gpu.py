@@ -1,0 +1,292 @@
+"""Operations, networks and training on a GPU against the CPU; skipped where there is none."""
+
+from __future__ import annotations
+
+import copy
+from functools import cache
+
+import numpy as np
+import pytest
+import torch
+from synthetic_scenes import scenes
+
+from training import NETWORKS, build_detector
+from training.batch_size import batch_size_for
+from training.dataset import TrainingFrames, as_tensors
+from training.detectors.detector import Selection
+from training.ops.ball_query import ball_query
+from training.ops.box_overlap import iou_3d, iou_bev
+from training.ops.grouping import group
+from training.ops.interpolation import interpolate, inverse_distance_weights, three_nn
+from training.ops.nms import nms
+from training.ops.points_in_boxes import box_of_points
+from training.ops.roipoint_pool import roipoint_pool
+from training.ops.sampling import furthest_point_sample
+from training.ops.sparse_conv import InverseConv3d, SparseConv3d, SparseTensor, SubmanifoldConv3d
+from training.ops.voxel_query import voxel_query
+from training.optimisation import Optimisation
+from training.settings import TrainingSettings
+
+pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA GPU")
+
+GPU = torch.device("cuda")
+CPU = torch.device("cpu")
+GEOMETRY = (2, 2, 2), (2, 2, 2), (0, 0, 0)
+SHAPE = (6, 20, 20)
+
+
+@pytest.fixture(autouse=True)
+def on_cpu():
+    """Overrides the fixture that keeps other tests on the CPU."""
+
+
+@pytest.fixture(autouse=True)
+def _all_digits():
+    """Convolutions on a GPU round their input to 10 bits unless told not to."""
+    with torch.backends.cudnn.flags(enabled=True, allow_tf32=False):
+        yield
+
+
+# Operations: each takes a device, puts the same random input there, and returns its results.
+
+
+def uniform(low, high, count, seed=0):
+    random = np.random.default_rng(seed)
+    return torch.from_numpy(random.uniform(low, high, (count, len(low))).astype(np.float32))
+
+
+def some_points(count, device, seed=0):
+    """Points (count, 3) of two frames, and how many each has."""
+    xyz = uniform((0, 0, 0), (10, 10, 3), count, seed)
+    return xyz.to(device), torch.tensor([count // 3, count - count // 3], device=device)
+
+
+def some_boxes(count, device, seed=0):
+    low, high = (0, 0, 0, 0.5, 0.5, 0.5, -7), (10, 10, 3, 4, 2, 2, 7)
+    return uniform(low, high, count, seed).to(device)
+
+
+def some_voxels(device, channels=8):
+    random = torch.Generator().manual_seed(0)
+    coordinates = torch.nonzero(torch.rand(2, *SHAPE, generator=random) < 0.2)
+    features = torch.randn(len(coordinates), channels, generator=random)
+    return SparseTensor(features.to(device), coordinates.to(device), SHAPE, frames=2)
+
+
+def sampled(device):
+    return furthest_point_sample(*some_points(3000, device), 200)
+
+
+def in_balls(device):
+    return ball_query(1.0, 16, *some_points(3000, device), *some_points(500, device, seed=1))
+
+
+def in_voxels(device):
+    voxels = some_voxels(device)
+    edge = 0.5
+    places = (voxels.coordinates[:, [3, 2, 1]] + 0.5) * edge
+    new = uniform((0, 0, 0), (10, 10, 3), 500).to(device)
+    cells = torch.div(new[:, [2, 1, 0]], edge, rounding_mode="floor").long()
+    frame = torch.arange(len(new), device=device)[:, None] % 2
+    return voxel_query(
+        (2, 2, 2), 1.1, 16, places, voxels.coordinates, SHAPE, new, torch.cat([frame, cells], dim=1)
+    )
+
+
+def interpolated(device):
+    unknown, known = some_points(3000, device), some_points(500, device, seed=1)
+    distances, idx = three_nn(*unknown, *known)
+    features = known[0].clone().requires_grad_()
+    result = interpolate(features, idx, inverse_distance_weights(distances))
+    return distances, idx, result, *torch.autograd.grad(result.square().sum(), features)
+
+
+def grouped(device):
+    features = some_points(500, device)[0].requires_grad_()
+    idx = torch.arange(8000, device=device).view(1000, 8) % 499
+    result = group(features, idx)
+    return result, *torch.autograd.grad(result.square().sum(), features)
+
+
+def pooled(device):
+    points = some_points(3000, device)[0]
+    features = points.sin().requires_grad_()
+    result, empty = roipoint_pool(points, features, some_boxes(40, device), 64, 0.4)
+    return result, empty, *torch.autograd.grad(result.square().sum(), features)
+
+
+def boxes_of_points(device):
+    return (box_of_points(some_points(3000, device)[0], some_boxes(40, device)),)
+
+
+def overlaps(device):
+    a, b = some_boxes(60, device), some_boxes(80, device, seed=1)
+    return iou_bev(a, b), iou_3d(a, b)
+
+
+def unsuppressed(device):
+    boxes = some_boxes(600, device)
+    return tuple(nms(boxes, boxes[:, 0], threshold) for threshold in (0.01, 0.5, 0.8))
+
+
+def convolved(device):
+    """Three convolutions, and gradients of their input and weights."""
+    torch.manual_seed(0)
+    layers = (
+        SubmanifoldConv3d(8, 16),
+        SparseConv3d(16, 16, *GEOMETRY),
+        InverseConv3d(16, 4, *GEOMETRY),
+    )
+    same, down, up = (layer.to(device) for layer in layers)
+    voxels = some_voxels(device)
+    features = voxels.features.requires_grad_()
+    fine = same(voxels)
+    coarse = down(fine)
+    result = up(coarse, fine)
+    loss = result.features.square().mean() + result.dense().sum() / 1000 + coarse.bev().mean()
+    weights = [layer.weight for layer in layers]
+    gradients = torch.autograd.grad(loss, [features, *weights])
+    return fine.features, coarse.features, coarse.coordinates, result.features, *gradients
+
+
+OPERATIONS = (
+    sampled,
+    in_balls,
+    in_voxels,
+    interpolated,
+    grouped,
+    pooled,
+    boxes_of_points,
+    overlaps,
+    unsuppressed,
+    convolved,
+)
+
+
+def assert_close(found, expected, tolerance):
+    assert found.dtype == expected.dtype
+    exact = not found.is_floating_point()
+    torch.testing.assert_close(
+        found.detach().cpu(),
+        expected.detach(),
+        rtol=0 if exact else tolerance,
+        atol=0 if exact else tolerance,
+    )
+
+
+def check_operation(operation, device):
+    for found, expected in zip(operation(device), operation(CPU), strict=True):
+        assert found.device.type == device.type
+        assert expected.numel() > 0
+        assert_close(found, expected, 1e-5)
+
+
+@pytest.mark.parametrize("operation", OPERATIONS)
+def test_operations_are_those_of_the_cpu(operation):
+    check_operation(operation, GPU)
+
+
+# Networks
+
+
+def some_frames(dtype=torch.float32):
+    clouds, truth = scenes(2, seed=0, objects=8, fewest=6)
+    points, boxes, labels = as_tensors(
+        [TrainingFrames(["Car"], clouds, truth, 0.0, min_points=1)[i] for i in range(2)]
+    )
+    return points, [item.to(dtype) for item in boxes], labels
+
+
+@cache
+def trained(network):
+    """A tiny network after some steps: an untrained one sees little of the points."""
+    torch.manual_seed(0)
+    model = build_detector(network, ["Car"], preset="tiny").train()
+    optimisation = Optimisation(model, TrainingSettings(lr=0.003), steps=10)
+    for _ in range(10):
+        optimisation.step(some_frames())
+    return model
+
+
+def step(model, dtype):
+    """Losses, and the norms of their gradients."""
+    torch.manual_seed(1)
+    losses = model.train().loss(*some_frames(dtype))
+    losses["loss"].backward()
+    norms = {name: p.grad.norm() for name, p in model.named_parameters() if p.grad is not None}
+    return {name: value.item() for name, value in losses.items()}, norms
+
+
+def check_network(network, device, dtype, tolerance):
+    """One step and the best boxes of a trained network."""
+    here, there = (copy.deepcopy(trained(network)).to(place, dtype) for place in (CPU, device))
+    best, more = (Selection(score=0.0, nms=0.1, post=count) for count in (10, 20))
+    points = some_frames()[0]
+    for found, expected in zip(
+        there.predict(points, more), here.predict(points, best), strict=True
+    ):
+        assert found["boxes"].device.type == device.type
+        assert len(expected["boxes"]) == 10
+        # Scores that are alike but for rounding may change places.
+        nearest = torch.cdist(expected["boxes"], found["boxes"].cpu()).argmin(dim=1)
+        for name in ("boxes", "scores", "labels"):
+            assert_close(found[name].cpu()[nearest], expected[name], tolerance)
+    (losses, norms), (expected_losses, expected_norms) = step(there, dtype), step(here, dtype)
+    assert losses == pytest.approx(expected_losses, rel=tolerance, abs=tolerance)
+    assert norms.keys() == expected_norms.keys()
+    largest = max(expected_norms.values()).item()
+    for name, value in norms.items():
+        assert value.item() == pytest.approx(
+            expected_norms[name].item(), rel=10 * tolerance, abs=tolerance * largest
+        ), name
+
+
+@pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float32, 1e-2), (torch.float64, 1e-5)])
+@pytest.mark.parametrize("network", NETWORKS)
+def test_networks_are_those_of_the_cpu(network, dtype, tolerance):
+    check_network(network, GPU, dtype, tolerance)
+
+
+def check_mixed_precision(network, device):
+    """Losses and gradients are finite, and so are the boxes."""
+    torch.manual_seed(0)
+    model = build_detector(network, ["Car"], preset="tiny").to(device)
+    with torch.autocast(device.type, dtype=torch.bfloat16):
+        losses = model.train().loss(*some_frames())
+    assert losses["loss"].dtype == torch.float32
+    losses["loss"].backward()
+    for value in (*losses.values(), *(p.grad for p in model.parameters() if p.grad is not None)):
+        assert torch.isfinite(value).all()
+    with torch.autocast(device.type, dtype=torch.bfloat16):
+        found = model.predict(some_frames()[0], Selection(score=0.0, post=50))
+    for frame in found:
+        assert len(frame["boxes"]) > 0
+        assert all(torch.isfinite(value).all() for value in frame.values())
+
+
+@pytest.mark.parametrize("network", NETWORKS)
+def test_mixed_precision(network):
+    check_mixed_precision(network, GPU)
+
+
+# Training
+
+
+def check_training(device):
+    """A batch size, and one step with 16-bit floats."""
+    clouds, truth = scenes(3, seed=0)
+    frames = TrainingFrames(["Car"], clouds, truth, 0.0, min_points=1)
+    model = build_detector("second_tiny", ["Car"]).to(device)
+    settings = TrainingSettings(batch_size="auto", mixed_precision=True)
+    before = {name: value.clone() for name, value in model.state_dict().items()}
+    assert batch_size_for(model, frames, settings) in (1, 2, 4, 8, 16)
+    for name, value in model.state_dict().items():
+        assert torch.equal(value, before[name]), "a trial must leave the network alone"
+    losses = Optimisation(model.train(), settings, steps=1).step(as_tensors([frames[0], frames[1]]))
+    assert all(torch.isfinite(value) for value in losses.values())
+    assert all(torch.isfinite(p).all() for p in model.parameters())
+    assert any(not torch.equal(p, before[name]) for name, p in model.named_parameters())
+
+
+def test_training():
+    check_training(GPU)

@@ -1,0 +1,42 @@
+"""What detectors share whose anchors are the detections."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from training.detectors.detector import Detector, Selection
+from training.detectors.heads.anchor_head import AnchorHead, HeadOutput
+from training.detectors.heads.selection import select_boxes
+
+
+class OneStageDetector(Detector):
+    """A network that ends in an anchor head, `dense_head`, which derived classes make."""
+
+    dense_head: AnchorHead
+
+    @abstractmethod
+    def head_output(self, points: Sequence[Tensor]) -> HeadOutput:
+        """Raw outputs of the head for frames of points (N, 4)."""
+
+    def loss(
+        self, points: Sequence[Tensor], boxes: Sequence[Tensor], labels: Sequence[Tensor]
+    ) -> dict[str, Tensor]:
+        """Losses of the head: "loss", "classification", "location", "direction"."""
+        targets = self.dense_head.targets(*self.objects(boxes, labels))
+        return self.dense_head.loss(self.head_output(points), targets)
+
+    @torch.no_grad()
+    def predict(
+        self, points: Sequence[Tensor], selection: Selection | None = None
+    ) -> list[dict[str, Tensor]]:
+        """Detections of every frame, see Detector."""
+        self.eval()
+        logits, boxes = self.dense_head.decode(self.head_output(points))
+        return [
+            select_boxes(frame.sigmoid(), frame_boxes, selection or self.selection)
+            for frame, frame_boxes in zip(logits, boxes, strict=True)
+        ]
