@@ -29,6 +29,19 @@ def assert_first_stage_is_openpcdets(data, first):
     assert worst_error(data, "eval/backbone_2d/spatial_features_2d", first.image) < 1e-4
 
 
+def assert_proposals_are_openpcdets(data, found):
+    """Scores, labels and boxes of the proposals."""
+    expected = {
+        name: torch.from_numpy(data[f"eval/roi_head/{name}/full"])
+        for name in ("roi_labels", "roi_scores", "rois")
+    }
+    assert torch.equal(found.labels, expected["roi_labels"])
+    assert worst_error(data, "eval/roi_head/rois", found.boxes) < 1e-3
+    torch.testing.assert_close(found.scores, expected["roi_scores"], rtol=5e-5, atol=1e-5)
+    # Sizes are exponentials of numbers up to 50, so noise is relative.
+    torch.testing.assert_close(found.boxes, expected["rois"], rtol=1e-3, atol=1e-3)
+
+
 def assert_head_is_openpcdets(model, data, output):
     """Raw outputs, decoded boxes, detections."""
     logits, boxes = model.dense_head.decode(output)

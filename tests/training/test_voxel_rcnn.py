@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from anchor_reference import assert_first_stage_is_openpcdets
+from anchor_reference import (
+    assert_first_stage_is_openpcdets,
+    assert_proposals_are_openpcdets,
+)
 from openpcdet_reference import points, reference, weights, worst_error
 from synthetic_scenes import scenes
 
@@ -36,11 +39,7 @@ def test_first_stage_and_proposals_are_openpcdets(openpcdet):
     model, first = openpcdet
     assert_first_stage_is_openpcdets(DATA, first)
     found = model.roi_head.propose(*model.dense_head.decode(first.head))
-    assert torch.equal(found.labels, expected("roi_labels"))
-    assert worst_error(DATA, "eval/roi_head/rois", found.boxes) < 1e-3
-    torch.testing.assert_close(found.scores, expected("roi_scores"), rtol=5e-5, atol=1e-5)
-    # Sizes are exponentials of numbers up to 50, so noise is relative.
-    torch.testing.assert_close(found.boxes, expected("rois"), rtol=1e-3, atol=1e-3)
+    assert_proposals_are_openpcdets(DATA, found)
 
 
 @torch.no_grad()
