@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from lidarplace import Placement, Roi
+from lidarplace.lidar.clouds import Crop
 from lidarplace.lidar.collect import crop_for
 from lidarplace.lidar.profiles import with_tilt_in_degrees
 from lidarplace.lidar.recorded import check_rig, clouds_digest
@@ -107,12 +108,13 @@ def make_plan(sweep: Sweep) -> Plan:
     """Tasks and trials of a sweep.
 
     Raises:
-        ConfigError: a checkpoint to start from, a map or recorded clouds are not there or of
-            another rig; or two points of the grid are the same work.
+        ConfigError: a checkpoint to start from, a map or recorded clouds are not there or do not
+            fit; or two points of the grid are the same work.
     """
     tasks: dict[str, Task] = {}
     # Points of the grid share scenes and clouds, whose files are read once.
     parts_of, digest_of = cache(scene_parts), cache(clouds_digest)
+    checkpoint_digest = cache(_checkpoint_digest)
 
     def once(task: Task) -> Task:
         return tasks.setdefault(task.key, task)
@@ -192,11 +194,15 @@ def make_plan(sweep: Sweep) -> Plan:
             "training": point.training.model_dump(mode="json"),
             "point_range": crop,
         }
+        training = point.training
+        checkpoint = training.checkpoint and checkpoint_digest(
+            training.checkpoint, training.new_heads, point.detector, point.classes, crop
+        )
         finetune = once(
             Task(
                 "finetune",
                 trial_name,
-                network | {"seed": point.seed, "checkpoint": _checkpoint_hash(point)},
+                network | {"seed": point.seed, "checkpoint": checkpoint},
                 (*clouds["train"], *truths["train"]),
                 gpu=True,
                 resumable=True,
@@ -309,11 +315,17 @@ def _trial_label(point: Point, axes: Mapping[str, Any]) -> str:
     return " · ".join([point.placement, point.detector, f"seed {point.seed}", *further])
 
 
-def _checkpoint_hash(point: Point) -> str | None:
-    path: Path | None = point.training.checkpoint
-    if path is None:
-        return None
+def _checkpoint_digest(
+    path: Path, new_heads: bool, detector: str, classes: Sequence[str], point_range: Crop
+) -> str:
+    """SHA-256 of a checkpoint that fits; better told now than after hours of scenes."""
+    from training import build_detector  # torch, which a sweep from scratch need not wait for
+    from training.checkpoints import load_checkpoint
+
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
+        model = build_detector(detector, classes, point_range=point_range)
+        return load_checkpoint(model, path, new_heads).digest
     except OSError as error:
         raise ConfigError(f"training.checkpoint: {path}: {error.strerror}") from None
+    except ValueError as error:
+        raise ConfigError(f"training.checkpoint: {error}") from None

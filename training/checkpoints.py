@@ -140,7 +140,7 @@ def read_checkpoint(path: Path) -> tuple[dict[str, Any], str]:
         ) from error
     # A damaged file raises almost anything, also KeyError and OSError.
     except Exception as error:
-        reason = str(error).split("\n")[0]
+        reason = f"{type(error).__name__}: {error}".split("\n")[0]
         raise ValueError(f"{path} is no checkpoint, or a damaged one: {reason}") from error
     if not isinstance(content, Mapping):
         raise ValueError(f"{path} is no checkpoint: it holds a {type(content).__name__}, no dict")

@@ -10,6 +10,8 @@ from lidarplace.box_log import BoxLog, write_box_log
 from lidarplace.boxes import BOX_COLUMNS, GEOMETRY
 from sweeps.grid import ConfigError, read_sweep
 from sweeps.plan import make_plan
+from training import build_detector
+from training.checkpoints import write_checkpoint
 
 
 def plan_of(folder: Path, **changes):
@@ -78,12 +80,28 @@ def test_a_checkpoint_that_is_not_there(tmp_path):
         plan_of(tmp_path, training={"checkpoint": str(tmp_path / "none.pt")})
 
 
+def test_a_checkpoint_that_does_not_fit(tmp_path):
+    path = tmp_path / "weights.pt"
+    path.write_bytes(b"not a checkpoint")
+    with pytest.raises(ConfigError, match=r"training.checkpoint: .*weights.pt is no checkpoint"):
+        plan_of(tmp_path, training={"checkpoint": str(path)})
+    write_tiny(path, ["Car"])
+    with pytest.raises(ConfigError, match=r"training.checkpoint: .*other classes"):
+        plan_of(tmp_path, classes=["Car", "Cyclist"], training={"checkpoint": str(path)})
+
+
+def write_tiny(path, classes):
+    state = build_detector("pointpillars_tiny", classes).state_dict()
+    write_checkpoint(path, state, "pointpillars_tiny", classes)
+
+
 def test_a_checkpoint_counts_by_its_content(tmp_path):
     checkpoint = tmp_path / "weights.pt"
-    checkpoint.write_bytes(b"1")
-    first = plan_of(tmp_path, training={"checkpoint": str(checkpoint)}).trials[0]
-    checkpoint.write_bytes(b"2")
-    second = plan_of(tmp_path, training={"checkpoint": str(checkpoint)}).trials[0]
+    write_tiny(checkpoint, ["Car"])
+    settings = {"classes": ["Car"], "training": {"checkpoint": str(checkpoint)}}
+    first = plan_of(tmp_path, **settings).trials[0]
+    write_tiny(checkpoint, ["Car"])  # other random weights
+    second = plan_of(tmp_path, **settings).trials[0]
     assert first.finetune.key != second.finetune.key
     assert [task.key for task in first.collect_test] == [task.key for task in second.collect_test]
 

@@ -148,14 +148,11 @@ def test_debug_gives_the_same_without_ray(folder, first, tmp_path):
         pd.testing.assert_series_equal(ours["value"], theirs["value"], rtol=1e-6)
 
 
-def test_a_failed_trial_does_not_stop_the_others(folder, first, tmp_path):
-    broken = tmp_path / "broken.pt"
-    broken.write_bytes(b"not a checkpoint")
-    values = f"[null, '{broken}']"
-    result = sweep(folder, "--set", f"grid={{placement: [line], training.checkpoint: {values}}}")
+def test_a_failed_trial_does_not_stop_the_others(folder, first):
+    result = sweep(folder, "--set", "grid={placement: [line], training.lr: [0.01, 1.0e+30]}")
     assert result.returncode == 1
     assert "1 of 2 trials failed" in result.stdout
-    assert "broken.pt" in result.stdout
+    assert "in epoch 1, step 2, frames" in result.stdout
     trials = pd.read_parquet(folder / "runs/tiny/trials.parquet")
     assert sorted(trials["status"]) == ["failed", "finished"]
 
