@@ -77,7 +77,7 @@ def load_checkpoint(model: Detector, path: Path, new_heads: bool = False) -> Loa
                 f"checkpoint {path} is for the classes {classes}"
                 + " (it names none, and these are OpenPCDet's)" * ("classes" not in content)
                 + f", the detector for {list(model.classes)}; name the classes in the order of the "
-                "file, or ask for new heads"
+                "file, or train new ones with new_heads: true"
             )
         differing = [key for key in own if _of_head(key)]
     elif differing and not (new_heads and all(map(_of_head, differing))):
@@ -85,7 +85,7 @@ def load_checkpoint(model: Detector, path: Path, new_heads: bool = False) -> Loa
             f"{key} {list(found[key].shape)}, the detector's {list(own[key].shape)}"
             for key in differing
         )
-        hint = " (heads for other classes; new heads must be asked for)"
+        hint = " (heads for other classes; new_heads: true trains them afresh)"
         raise ValueError(
             f"checkpoint {path} does not fit the detector: {shapes}"
             + hint * all(map(_of_head, differing))
