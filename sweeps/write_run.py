@@ -117,13 +117,8 @@ def trial_seconds(trial: Trial, store: Store) -> float:
     return store.seconds(trial.finetune) + store.seconds(trial.evaluate)
 
 
-def trial_curve(trial: Trial, store: Store) -> pd.DataFrame:
-    """Learning curve of a trial: epoch, metric, value."""
-    return store.load(trial.finetune)["curve"]
-
-
 def _curve(trial: Trial, store: Store) -> pd.DataFrame:
-    return _with(trial_curve(trial, store), {"trial": trial.key})
+    return _with(store.load(trial.finetune)["curve"], {"trial": trial.key})
 
 
 def _of_placement(

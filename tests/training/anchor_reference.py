@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from openpcdet_reference import worst_error
+from openpcdet_reference import points, weights, worst_error
 
+from training import build_detector
 from training.detectors.heads.selection import select_boxes
 
 LOSSES = {
@@ -16,6 +17,14 @@ LOSSES = {
     "direction": "rpn_loss_dir",
 }
 """Our names of the losses and OpenPCDet's."""
+
+
+def network_and_first_stage(network, data):
+    """A voxel network with OpenPCDet's weights, and its first stage of the reference's frames."""
+    model = build_detector(network, [str(name) for name in data["classes"]]).eval()
+    model.load_state_dict(weights(model.state_dict(), data))
+    with torch.no_grad():
+        return model, model.first_stage(points(data))
 
 
 def assert_first_stage_is_openpcdets(data, first):

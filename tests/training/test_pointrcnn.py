@@ -1,4 +1,4 @@
-"""PointRCNN and PointRCNN-IoU against OpenPCDet, and whether they learn."""
+"""PointRCNN and PointRCNN-IoU against OpenPCDet."""
 
 from __future__ import annotations
 

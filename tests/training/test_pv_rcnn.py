@@ -16,9 +16,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from anchor_reference import assert_first_stage_is_openpcdets
+from anchor_reference import assert_first_stage_is_openpcdets, network_and_first_stage
 from openpcdet_reference import DATA as REFERENCES
-from openpcdet_reference import points, reference, weights, worst_error
+from openpcdet_reference import points, reference, worst_error
 from synthetic_scenes import scenes
 from torch.nn import functional
 
@@ -37,12 +37,7 @@ DATA = reference("pv_rcnn")
 
 @pytest.fixture(scope="module")
 def openpcdet():
-    """The network with OpenPCDet's weights and its first stage of the reference's frame."""
-    model = build_detector("pv_rcnn", CLASSES)
-    model.load_state_dict(weights(model.state_dict(), DATA))
-    model.eval()
-    with torch.no_grad():
-        return model, model.first_stage(points(DATA))
+    return network_and_first_stage("pv_rcnn", DATA)
 
 
 def test_first_stage_and_proposals_are_openpcdets(openpcdet):

@@ -1,4 +1,4 @@
-"""Voxel R-CNN against OpenPCDet, and whether its tiny preset learns."""
+"""Voxel R-CNN against OpenPCDet."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ import torch
 from anchor_reference import (
     assert_first_stage_is_openpcdets,
     assert_proposals_are_openpcdets,
+    network_and_first_stage,
 )
-from openpcdet_reference import points, reference, weights, worst_error
+from openpcdet_reference import reference, worst_error
 from synthetic_scenes import scenes
 
 from training import build_detector
@@ -24,11 +25,7 @@ DATA = reference("voxel_rcnn_car")
 
 @pytest.fixture(scope="module")
 def openpcdet():
-    """The network with OpenPCDet's weights and its first stage of the reference's frame."""
-    model = build_detector("voxel_rcnn", ["Car"], preset="openpcdet").eval()
-    model.load_state_dict(weights(model.state_dict(), DATA))
-    with torch.no_grad():
-        return model, model.first_stage(points(DATA))
+    return network_and_first_stage("voxel_rcnn", DATA)
 
 
 def expected(name):
