@@ -43,6 +43,9 @@ SurrogateName = Literal[
     "expected_ig",
 ]
 
+METRICS = ("AP_R40_3D", "AP_R40_BEV", "recall")
+"""Measured values that a rung of `promote` can rank by."""
+
 
 class _Settings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -149,6 +152,12 @@ class SurrogateSettings(_Settings):
         0.1, gt=0, le=1, description="q of expected_ig: chance that a ray detects what it crosses"
     )
     occlusion: bool = Field(False, description="expected_ig with rays weakened on their way")
+    accuracy: bool = Field(
+        True, description="work out error against run time: methods, resolutions, azimuth steps"
+    )
+    sampling_error: bool = Field(
+        True, description="work out how much the surrogates would change with other frames"
+    )
 
 
 def _source(scene: Any) -> str:
@@ -175,7 +184,9 @@ class Point(_Settings):
     """One point of the grid: what is trained and evaluated once."""
 
     placement: str
-    detector: Literal[DETECTORS] = "pointpillars_tiny"  # type: ignore[valid-type]
+    detector: Literal[DETECTORS] | None = Field(  # type: ignore[valid-type]
+        "pointpillars_tiny", description="null: surrogates alone, nothing is trained"
+    )
     seed: int = Field(0, ge=0)
     scene: SceneSettings = SumoScene()
     roi: RoiSettings = RoiSettings()
@@ -226,9 +237,9 @@ def _remedy(scene: SumoScene | LogScene, split: str) -> str:
     )
 
 
-def _from_shorthand(value: Any) -> Any:
-    """`ray: debug` is short for `ray: {address: debug}`."""
-    return {"address": value} if isinstance(value, str) else value
+def _short_for(key: str) -> BeforeValidator:
+    """A string in place of a mapping is the value of `key`: `ray: debug`."""
+    return BeforeValidator(lambda value: {key: value} if isinstance(value, str) else value)
 
 
 class RaySettings(_Settings):
@@ -241,8 +252,10 @@ class RaySettings(_Settings):
     )
     num_cpus: int | None = Field(None, ge=1, description="CPUs of a local run; all by default")
     num_gpus: int | None = Field(None, ge=0, description="GPUs of a local run; all by default")
-    gpus_per_training: float = Field(
-        1.0, ge=0, description="share of a GPU that one training takes, where there is a GPU"
+    gpus_per_training: Annotated[float, Field(ge=0)] | Literal["auto"] = Field(
+        1.0,
+        description="share of a GPU that one training takes, where there is a GPU; auto: by the "
+        "memory that one step was seen to need",
     )
 
     @field_validator("address")
@@ -259,6 +272,60 @@ class TrackingSettings(_Settings):
     uri: str | None = Field(None, description="tracking URI; sqlite in the output folder if null")
 
 
+class StoreSettings(_Settings):
+    """Where results are kept, for all machines that take part."""
+
+    url: str | None = Field(
+        None,
+        description="a folder that all machines share, or a URL that fsspec knows, such as "
+        "s3://bucket/folder; `store` in the output folder if null",
+    )
+    cache: Path | None = Field(None, description="folder on each machine for results of a URL")
+    quota_gb: float | None = Field(
+        None,
+        gt=0,
+        allow_inf_nan=False,
+        description="results that no sweep refers to are removed, oldest first, beyond this size",
+    )
+
+
+class Rung(_Settings):
+    """A step of `promote`: the best placements by one value go on to the next."""
+
+    by: Literal[get_args(SurrogateName) + METRICS]  # type: ignore[valid-type]
+    keep: int = Field(ge=1, description="placements that go on; equal ones go on together")
+    object_class: ClassName | None = Field(
+        None,
+        alias="class",
+        description="class that counts; by default the sum over classes for a surrogate, the "
+        "first class for AP, all objects for recall",
+    )
+    direction: Literal["maximize", "minimize"] | None = Field(
+        None, description="which values are best; maximize, but minimize for residual_entropy"
+    )
+    set: dict[str, Any] = Field(
+        default={}, description="key path -> value for the trainings of this rung: fewer epochs"
+    )
+
+    @model_validator(mode="after")
+    def _clear(self) -> Rung:
+        if self.by in METRICS and not self.set:
+            raise ValueError(f"set: a rung by {self.by} needs shorter trainings than the full ones")
+        if self.by not in METRICS and self.set:
+            raise ValueError(f"set: nothing is trained for a rung by {self.by}")
+        if self.by in ("s_mig", "ig") and self.direction is None:
+            raise ValueError(
+                f"direction: {self.by} is highest for a placement that sees nothing; say maximize "
+                "(the paper to the letter) or minimize"
+            )
+        return self
+
+    @property
+    def best(self) -> Literal["maximize", "minimize"]:
+        """Which values go on."""
+        return self.direction or ("minimize" if self.by == "residual_entropy" else "maximize")
+
+
 class Common(_Settings):
     """What is common to all points of the grid."""
 
@@ -266,9 +333,14 @@ class Common(_Settings):
     placements: dict[str, PlacementSettings] = Field(
         default={}, description="own placements by name, beside the paper's eight"
     )
-    ray: Annotated[RaySettings, BeforeValidator(_from_shorthand)] = RaySettings()
+    ray: Annotated[RaySettings, _short_for("address")] = RaySettings()
     tracking: TrackingSettings = TrackingSettings()
     output: Path = Path("runs")
+    store: Annotated[StoreSettings, _short_for("url")] = StoreSettings()
+    promote: tuple[Rung, ...] = Field(
+        default=(),
+        description="cheap values of all placements first, full trainings for the best alone",
+    )
 
     @field_validator("placements")
     @classmethod

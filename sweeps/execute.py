@@ -1,25 +1,19 @@
-"""Run the tasks of a plan, on Ray or in this process; results go to the store."""
+"""Run the tasks of a plan on a backend; results go to the store."""
 
 from __future__ import annotations
 
-import os
-import shutil
 import time
-import traceback
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
-from sweeps.config import RaySettings
+from sweeps.backends import Backend
+from sweeps.failures import Failure
+from sweeps.resources import need_of, probes_of
 from sweeps.schedule import Schedule
-from sweeps.stages import FUNCTIONS
-from sweeps.store import Store
+from sweeps.store import AnyStore
 from sweeps.task import Task
-
-# One thread a task: Ray runs as many tasks as there are CPUs.
-_THREADS = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+from sweeps.worker import Batch
 
 
 class Listener(Protocol):
@@ -27,178 +21,116 @@ class Listener(Protocol):
 
     def started(self, task: Task) -> None: ...
     def finished(self, task: Task) -> None: ...
-    def failed(self, task: Task, reason: str, log: str) -> None: ...
+    def failed(self, task: Task, failure: Failure) -> None: ...
 
 
-class Backend(Protocol):
-    """Where tasks run."""
+@dataclass
+class Outcome:
+    """What became of tasks that had no result.
 
-    @property
-    def slots(self) -> int:
-        """Tasks that can run at once."""
+    Attributes:
+        failures: by key, of the tasks that failed or could not run.
+        times: by key, when a task began and ended on its worker, seconds of the driver's clock that
+            never jumps.
+    """
 
-    def submit(self, task: Task) -> Any:
-        """Start a task. Returns a token for `wait`."""
-
-    def wait(self, tokens: Sequence[Any]) -> tuple[Any, tuple[str, str] | None]:
-        """One token whose task has ended, and (reason, traceback) if it failed."""
-
-    def cancel(self, tokens: Sequence[Any]) -> None:
-        """Stop the tasks."""
+    failures: dict[str, Failure] = field(default_factory=dict)
+    times: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
 def execute(
-    tasks: Sequence[Task], store: Store, backend: Backend, listener: Listener
-) -> dict[str, str]:
+    tasks: Sequence[Task],
+    store: AnyStore,
+    backend: Backend,
+    listener: Listener,
+    outcome: Outcome | None = None,
+    known: Mapping[str, Failure] | None = None,
+) -> Outcome:
     """Run all tasks that have no result in the store yet.
 
-    A task that fails takes down those that need its result; the others go on.
+    A task that fails takes down those that need its result; the others go on. A training for which
+    a GPU is too small is tried again with half the batch, and the GPU to itself.
+
+    Args:
+        tasks: each after its inputs.
+        outcome: of tasks that ran before; takes up what happens.
+        known: failures of earlier runs, by key; these tasks are not tried again.
 
     Returns:
-        Reasons by key of the tasks that failed or could not run.
+        `outcome`, or a new one.
     """
-    done = {task.key for task in tasks if store.has(task)}
+    outcome = Outcome() if outcome is None else outcome
+    done = store.finished(tasks)
     for item in tasks:
         if item.key in done and item.resumable:  # it was stopped after its last step
-            shutil.rmtree(store.unfinished(item), ignore_errors=True)
-    schedule = Schedule(tasks, done)
-    running: dict[Any, Task] = {}
+            store.discard(item)
+    probes = probes_of(task for task in tasks if task.key not in done) if backend.probes else {}
+    first = list(dict.fromkeys(probes.values()))
+    done |= store.finished(first)
+    # A probe comes right after its inputs, so that no training waits long for it.
+    schedule = Schedule(_with_probes(tasks, probes), done, probes)
+    running: dict[Any, tuple[Task, Batch]] = {}
+
+    def fail(failed: Task, failure: Failure) -> None:
+        for fallen in schedule.fail(failed, failure):
+            listener.failed(fallen, schedule.failed.get(fallen.key, failure))
+
+    for item in tasks:
+        if known and item.key in known and item.key not in done | schedule.failed.keys():
+            fail(item, known[item.key])
+    attempts: dict[str, Batch] = {}
     try:
         while True:
-            while len(running) < backend.slots and (task := schedule.next()):
+            while len(running) < backend.slots:
+                on_gpu = sum(task.gpu for task, _ in running.values())
+                if (task := schedule.next(gpu=on_gpu < backend.gpu_slots)) is None:
+                    break
+                if store.has(task):  # another driver was here in the meantime
+                    schedule.finish(task)
+                    listener.finished(task)
+                    continue
+                need = need_of(task, probes.get(task.key), store, backend.gpus_per_training)
+                how = attempts.get(task.key, Batch(need.batch_size))
+                if how.halvings:
+                    need = replace(need, gpu_share=max(1.0, need.gpu_share))
                 listener.started(task)
-                running[backend.submit(task)] = task
+                running[backend.submit(task, how, need)] = (task, how)
             if not running:
-                return schedule.failed
-            token, failure = backend.wait(list(running))
-            task = running.pop(token)
+                outcome.failures |= schedule.failed
+                return outcome
+            found = backend.wait(list(running))
+            if found is None:  # nothing has ended, but there may be more machines now
+                continue
+            token, ended = found
+            task, how = running.pop(token)
+            now, failure = time.monotonic(), ended.failure
+            outcome.times[task.key] = (now - ended.seconds, now)
             if failure is None:
                 schedule.finish(task)
                 listener.finished(task)
+            elif failure.out_of_gpu_memory and _can_be_halved(task, how):
+                attempts[task.key] = Batch(how.batch_size, how.halvings + 1)
+                schedule.again(task)
             else:
-                for fallen in schedule.fail(task, failure[0]):
-                    listener.failed(fallen, schedule.failed[fallen.key], failure[1])
+                fail(task, failure)
     except BaseException:
         backend.cancel(list(running))
         raise
 
 
-def run_task(task: Task, store: Store) -> None:
-    """Compute one result from those in the store, and store it.
-
-    Inputs are mapped from the store's files, not sent: workers on one machine share the pages, and
-    clouds larger than the memory can be trained on.
-    """
-    inputs = [store.load(needed) for needed in task.inputs]
-    unfinished = store.unfinished(task)
-    start = time.perf_counter()
-    value = FUNCTIONS[task.stage](
-        task.params, *inputs, **({"folder": unfinished} if task.resumable else {})
-    )
-    earlier = value.get("earlier_seconds", 0.0)  # before a stop
-    store.save(task, value, earlier + time.perf_counter() - start)
-    shutil.rmtree(unfinished, ignore_errors=True)
+def _with_probes(tasks: Sequence[Task], probes: Mapping[str, Task]) -> list[Task]:
+    """`tasks`, each probe before the first training that waits for it."""
+    ordered: dict[str, Task] = {}
+    for task in tasks:
+        if task.key in probes:
+            ordered.setdefault(probes[task.key].key, probes[task.key])
+        ordered[task.key] = task
+    return list(ordered.values())
 
 
-def reason_of(error: BaseException) -> str:
-    """One line that says what went wrong."""
-    text = " ".join(str(error).split())
-    return text if isinstance(error, ValueError) else f"{type(error).__name__}: {text}"
-
-
-@dataclass
-class InProcess:
-    """Runs every task at once in this process: `ray: debug`, for a debugger."""
-
-    store: Store
-    slots: int = 1
-
-    def submit(self, task: Task) -> Any:
-        try:
-            run_task(task, self.store)
-        except Exception as error:
-            return task.key, (reason_of(error), traceback.format_exc())
-        return task.key, None
-
-    def wait(self, tokens: Sequence[Any]) -> tuple[Any, tuple[str, str] | None]:
-        return tokens[0], tokens[0][1]
-
-    def cancel(self, tokens: Sequence[Any]) -> None:
-        """Nothing runs between two calls."""
-
-
-class OnRay:
-    """Runs tasks as Ray tasks."""
-
-    def __init__(self, store: Store, settings: RaySettings) -> None:
-        import ray
-
-        self._ray = ray
-        self._store = store
-        resources = ray.cluster_resources()
-        self.slots = max(1, int(resources.get("CPU", 1)))
-        self._gpus = settings.gpus_per_training if resources.get("GPU", 0) else 0.0
-        self._run: Any = ray.remote(num_cpus=1)(_run_remotely)
-
-    def submit(self, task: Task) -> Any:
-        run = self._run.options(
-            name=f"{task.stage}: {task.label}", num_gpus=self._gpus if task.gpu else 0
-        )
-        return run.remote(task, self._store)
-
-    def wait(self, tokens: Sequence[Any]) -> tuple[Any, tuple[str, str] | None]:
-        (token,), _ = self._ray.wait(list(tokens), num_returns=1)
-        try:
-            return token, self._ray.get(token)
-        except self._ray.exceptions.RayError as error:  # the worker died
-            return token, (f"the worker died: {reason_of(error)}", str(error))
-
-    def cancel(self, tokens: Sequence[Any]) -> None:
-        for token in tokens:
-            self._ray.cancel(token, force=True)
-
-
-def _run_remotely(task: Task, store: Store) -> tuple[str, str] | None:
-    """`run_task` in a worker. A mistake comes back as a note, not as Ray's nested traceback."""
-    import torch  # imported here to set its threads before anything uses them
-
-    torch.set_num_threads(1)
-    try:
-        run_task(task, store)
-    except Exception as error:
-        return reason_of(error), traceback.format_exc()
-    return None
-
-
-@contextmanager
-def backend_for(settings: RaySettings, store: Store) -> Iterator[Backend]:
-    """The backend that `ray:` asks for, shut down at the end."""
-    if settings.address == "debug":
-        yield InProcess(store)
-        return
-    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
-    import ray
-
-    local = settings.address == "local"
-    options: dict[str, Any] = (
-        {
-            "num_cpus": settings.num_cpus,
-            "num_gpus": settings.num_gpus,
-            "include_dashboard": False,
-            "_node_ip_address": "127.0.0.1",  # this machine alone
-        }
-        if local
-        else {}
-    )
-    paths = [str(Path(__file__).parents[1]), *filter(None, [os.environ.get("PYTHONPATH")])]
-    ray.init(
-        address=settings.address,
-        log_to_driver=False,
-        logging_level="ERROR",
-        runtime_env={"env_vars": {**_THREADS, "PYTHONPATH": os.pathsep.join(paths)}},
-        **options,
-    )
-    try:
-        yield OnRay(store, settings)
-    finally:
-        ray.shutdown()
+def _can_be_halved(task: Task, how: Batch) -> bool:
+    """Whether a training that was too large for a GPU had more than one frame in a step."""
+    if not task.resumable:
+        return False
+    size = how.batch_size or task.params["training"]["batch_size"]
+    return size == "auto" or size >> how.halvings > 1

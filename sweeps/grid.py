@@ -14,7 +14,7 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from lidarplace.yaml_loader import parse_yaml
-from sweeps.config import SCENES, Common, Point, SweepFile
+from sweeps.config import METRICS, SCENES, Common, Point, SweepFile
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -25,10 +25,19 @@ class ConfigError(ValueError):
 
 @dataclass(frozen=True)
 class GridPoint:
-    """A point of the grid and its place on the axes (key path -> value)."""
+    """A point of the grid.
+
+    Attributes:
+        point: what is trained and evaluated.
+        axes: its place on the axes, key path -> value.
+        rung: which rung of `promote` it is trained for; their number for the full training.
+        set_by_rungs: axes that rungs set, beside those of the grid.
+    """
 
     point: Point
     axes: Mapping[str, Any]
+    rung: int = 0
+    set_by_rungs: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -37,8 +46,9 @@ class Sweep:
 
     Attributes:
         common: what all points share.
-        points: the product of the axes less what is excluded, last axis fastest.
-        axes: key paths of the grid.
+        points: the product of the axes less what is excluded, last axis fastest; once for every
+            rung of `promote` that trains, the full trainings last.
+        axes: key paths of the grid, and those that rungs of `promote` set.
         source: the configuration after `--set`, as plain data.
     """
 
@@ -68,29 +78,72 @@ def read_sweep(path: Path, overrides: Sequence[str] = ()) -> Sweep:
     _check(Point, base, path, {axis: f"grid.{axis}[0]" for axis in grid})
     for axis, values in grid.items():
         for i, value in enumerate(values[1:], start=1):
-            point = deepcopy(base)
-            _put(point, axis, value, path)
-            _check(Point, point, path, {axis: f"grid.{axis}[{i}]", "": f"grid.{axis}[{i}]"})
+            varied = deepcopy(base)
+            _put(varied, axis, value, path)
+            _check(Point, varied, path, {axis: f"grid.{axis}[{i}]", "": f"grid.{axis}[{i}]"})
     exclude = _exclusions(raw.get("exclude", []), grid, path)
 
+    rungs = _trained_rungs(checked_common, grid, path)
     points = []
-    for combination in itertools.product(*grid.values()):
-        axes = dict(zip(grid, combination, strict=True))
-        if any(all(axes[key] in values for key, values in rule.items()) for rule in exclude):
-            continue
-        data = deepcopy(base)
-        for axis, value in axes.items():
-            _put(data, axis, value, path)
-        point_model = _check(Point, data, path)
-        try:
-            checked_common.placement_named(point_model.placement, point_model.lidar.lidar())
-        except ValueError as error:
-            key = "grid.placement" if "placement" in grid else "placement"
-            raise ConfigError(f"{path}: {key}: {error}") from None
-        points.append(GridPoint(point_model, axes))
+    for rung, settings in rungs:
+        for combination in itertools.product(*grid.values()):
+            axes = dict(zip(grid, combination, strict=True))
+            if any(all(axes[key] in values for key, values in rule.items()) for rule in exclude):
+                continue
+            data = deepcopy(base)
+            for key, value in (axes | settings).items():
+                _put(data, key, value, path)
+            names = {key: f"promote[{rung}].set.{key}" for key in settings}
+            point = _check(Point, data, path, names)
+            _check_rungs(checked_common, point, path)
+            try:
+                checked_common.placement_named(point.placement, point.lidar.lidar())
+            except ValueError as error:
+                key = "grid.placement" if "placement" in grid else "placement"
+                raise ConfigError(f"{path}: {key}: {error}") from None
+            set_by_rungs = {key: _value_at(point, key) for _, own in rungs for key in own}
+            points.append(GridPoint(point, axes | set_by_rungs, rung, tuple(set_by_rungs)))
     if not points:
         raise ConfigError(f"{path}: exclude: no point of the grid is left")
-    return Sweep(checked_common, tuple(points), tuple(grid), raw)
+    return Sweep(checked_common, tuple(points), tuple(points[0].axes), raw)
+
+
+def _trained_rungs(
+    common: Common, grid: Mapping[str, Any], path: Path
+) -> list[tuple[int, dict[str, Any]]]:
+    """Rungs that train, by their number, and what they set; at last the full trainings."""
+    rungs = []
+    for number, rung in enumerate(common.promote):
+        for key in rung.set:
+            if key in grid:
+                raise ConfigError(f"{path}: promote[{number}].set.{key}: is an axis of the grid")
+            if key.partition(".")[0] != "training":
+                raise ConfigError(
+                    f"{path}: promote[{number}].set.{key}: allowed are keys of training, such as "
+                    "training.epochs"
+                )
+        if rung.set:
+            rungs.append((number, rung.set))
+    return [*rungs, (len(common.promote), {})]
+
+
+def _check_rungs(common: Common, point: Point, path: Path) -> None:
+    """Refuse a rung that ranks by what the point has not."""
+    for number, rung in enumerate(common.promote):
+        key = f"{path}: promote[{number}]"
+        if rung.by in METRICS and point.detector is None:
+            raise ConfigError(f"{key}.by: {rung.by} needs a detector")
+        if rung.by not in METRICS and rung.by not in point.surrogate.names:
+            raise ConfigError(f"{key}.by: {rung.by} is not among surrogate.names")
+        if rung.object_class and rung.object_class not in point.classes:
+            raise ConfigError(f"{key}.class: {rung.object_class} is not among classes")
+
+
+def _value_at(point: Point, key_path: str) -> Any:
+    value: Any = point.model_dump(mode="json")
+    for key in key_path.split("."):
+        value = value[key]
+    return value
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:
@@ -202,8 +255,9 @@ def _check(
         first = error.errors()[0]
         loc = _without_tags(first["loc"])
         key_path = ".".join(str(part) for part in loc if isinstance(part, str))
+        written = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in loc).lstrip(".")
         index = "".join(f"[{part}]" for part in loc if isinstance(part, int))
-        key = (names or {}).get(key_path, key_path) + index
+        key = names[key_path] + index if names and key_path in names else written
         if first["type"] == "extra_forbidden":
             parent = _model_at(model, first["loc"][:-1])
             message = _unknown_key(str(loc[-1]), parent)
@@ -241,7 +295,7 @@ def _model_in(annotation: Any) -> type[BaseModel] | None:
 
 
 def _unknown_key(key: str, model: type[BaseModel]) -> str:
-    allowed = list(model.model_fields)
+    allowed = [field.alias or name for name, field in model.model_fields.items()]
     close = difflib.get_close_matches(key.partition(".")[0], allowed, n=1)
     hint = f" (did you mean {close[0]}?)" if close else ""
     return f"unknown key{hint}; allowed are {', '.join(allowed)}"

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from lidarplace.lidar.recorded import check_rig, clouds_digest
 from lidarplace.scenes.recorded import LogScene
 from sweeps.config import Point
 from sweeps.grid import ConfigError, GridPoint, Sweep, read_sweep
-from sweeps.scene_tasks import scene_name, scene_parts
+from sweeps.scene_tasks import ScenePart, scene_name, scene_parts
 from sweeps.task import Task
 
 ACCURACY_STEPS = (90, 360, 1440, 5760)
@@ -57,8 +57,9 @@ class Trial:
         scene_label: what its scene is called.
         scenes, ground_truths, collect_test: its tasks for every part of the scene, of those with
             test frames for the last.
-        pog, surrogates, accuracy, sampling_error, finetune, evaluate: its other tasks; many are
-            shared with other trials.
+        pog, surrogates: its cheap tasks, by which `promote` may rank.
+        accuracy, sampling_error: None if they are not asked for.
+        finetune, evaluate: None without a detector.
     """
 
     grid_point: GridPoint
@@ -69,22 +70,23 @@ class Trial:
     collect_test: tuple[Task, ...]
     pog: Task
     surrogates: Task
-    accuracy: Task
-    sampling_error: Task
-    finetune: Task
-    evaluate: Task
+    accuracy: Task | None
+    sampling_error: Task | None
+    finetune: Task | None
+    evaluate: Task | None
 
-    @property
+    @cached_property
     def key(self) -> str:
         """Names the trial: the same for the same work under the same name of the placement."""
-        parts = (self.grid_point.point.placement, self.evaluate.key, self.surrogates.key)
+        last = (self.evaluate or self.pog).key
+        parts = (self.grid_point.point.placement, last, self.surrogates.key)
         return hashlib.sha256("/".join(parts).encode()).hexdigest()[:12]
 
-    @property
+    @cached_property
     def results(self) -> tuple[Task, ...]:
         """The tasks whose results the trial reports."""
-        of_pog = (self.pog, self.surrogates, self.accuracy, self.sampling_error)
-        return (*of_pog, self.finetune, self.evaluate)
+        further = (self.accuracy, self.sampling_error, self.finetune, self.evaluate)
+        return (self.pog, self.surrogates, *filter(None, further))
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,17 @@ class Plan:
 
     tasks: tuple[Task, ...]
     trials: tuple[Trial, ...]
+
+    def needed_for(self, results: Iterable[Task]) -> list[Task]:
+        """The tasks that lead to `results`, and these, in the order of the plan."""
+        needed: set[str] = set()
+        open_ = list(results)
+        while open_:
+            task = open_.pop()
+            if task.key not in needed:
+                needed.add(task.key)
+                open_ += task.inputs
+        return [task for task in self.tasks if task.key in needed]
 
 
 def read_plan(path: Path, overrides: Sequence[str] = ()) -> tuple[Sweep, Plan]:
@@ -111,128 +124,8 @@ def make_plan(sweep: Sweep) -> Plan:
         ConfigError: a checkpoint to start from, a map or recorded clouds are not there or do not
             fit; or two points of the grid are the same work.
     """
-    tasks: dict[str, Task] = {}
-    # Points of the grid share scenes and clouds, whose files are read once.
-    parts_of, digest_of = cache(scene_parts), cache(clouds_digest)
-    checkpoint_digest = cache(_checkpoint_digest)
-
-    def once(task: Task) -> Task:
-        return tasks.setdefault(task.key, task)
-
-    trials = []
-    for grid_point in sweep.points:
-        point, axes = grid_point.point, grid_point.axes
-        roi = asdict(point.voxel_roi())
-        placement = sweep.common.placement_named(point.placement, point.lidar.lidar())
-        rig = _rig(placement)
-        names = {stage: _label(stage, point, axes) for stage in _USES}
-        trial_name = _trial_label(point, axes)
-
-        try:
-            parts = parts_of(point.scene)
-        except ValueError as error:
-            raise ConfigError(f"scene: {error}") from None
-        scenes = tuple(
-            once(Task("scene", _join(names["scene"], part.name), part.params)) for part in parts
-        )
-        # Without the resolution, which has no part in the ground truth.
-        edges = point.roi.model_dump(mode="json") | {"seed": point.scene.seed}
-        ground_truths = tuple(
-            once(Task("ground_truth", _join(names["ground_truth"], part.name), edges, (scene,)))
-            for part, scene in zip(parts, scenes, strict=True)
-        )
-        training_logs = tuple(
-            scene for part, scene in zip(parts, scenes, strict=True) if "train" in part.splits
-        )
-        pog = once(Task("pog", names["pog"], {"roi": roi, "classes": point.classes}, training_logs))
-        surrogates = once(
-            Task(
-                "surrogates",
-                names["surrogates"],
-                rig
-                | point.surrogate.model_dump(mode="json", exclude={"resolution"})
-                | {"fitted_q": FITTED_Q},
-                (pog,),
-            )
-        )
-        detection = {
-            "detection_probability": point.surrogate.detection_probability,
-            "occlusion": point.surrogate.occlusion,
-        }
-        compared = {
-            "object_class": point.classes[0],
-            "resolutions": _resolutions(point.voxel_roi()),
-            "azimuth_steps": ACCURACY_STEPS,
-            "frame_shares": ACCURACY_SHARES,
-        }
-        accuracy = once(
-            Task(
-                "accuracy",
-                names["accuracy"],
-                rig | detection | compared | {"roi": roi},
-                training_logs,
-            )
-        )
-        drawn = {"roi": roi, "classes": point.classes, "method": point.surrogate.method}
-        sampling_error = once(
-            Task("sampling_error", names["sampling_error"], rig | detection | drawn, training_logs)
-        )
-        crop = crop_for(
-            point.roi.x, point.roi.y, point.roi.z, placement, point.lidar.misaligned_heights
-        )
-        clouds: dict[str, list[Task]] = {"train": [], "test": []}
-        truths: dict[str, list[Task]] = {"train": [], "test": []}
-        for part, scene, truth in zip(parts, scenes, ground_truths, strict=True):
-            for split in part.splits:
-                label = _join(names["collect"], part.name, split)
-                params = _collection(point, placement, digest_of) | {"split": split, "crop": crop}
-                clouds[split].append(once(Task("collect", label, params, (scene,))))
-                truths[split].append(truth)
-        network = {
-            "detector": point.detector,
-            "classes": point.classes,
-            "training": point.training.model_dump(mode="json"),
-            "point_range": crop,
-        }
-        training = point.training
-        checkpoint = training.checkpoint and checkpoint_digest(
-            training.checkpoint, training.new_heads, point.detector, point.classes, crop
-        )
-        finetune = once(
-            Task(
-                "finetune",
-                trial_name,
-                network | {"seed": point.seed, "checkpoint": checkpoint},
-                (*clouds["train"], *truths["train"]),
-                gpu=True,
-                resumable=True,
-            )
-        )
-        evaluate = once(
-            Task(
-                "evaluate",
-                trial_name,
-                network,
-                (finetune, *clouds["test"], *truths["test"]),
-                gpu=True,
-            )
-        )
-        trials.append(
-            Trial(
-                grid_point=grid_point,
-                label=trial_name,
-                scene_label=names["scene"],
-                scenes=scenes,
-                ground_truths=ground_truths,
-                collect_test=tuple(clouds["test"]),
-                pog=pog,
-                surrogates=surrogates,
-                accuracy=accuracy,
-                sampling_error=sampling_error,
-                finetune=finetune,
-                evaluate=evaluate,
-            )
-        )
+    builder = _Builder(sweep)
+    trials = [builder.trial(grid_point) for grid_point in sweep.points]
     labels: dict[str, str] = {}
     for trial in trials:
         if trial.key in labels:
@@ -240,7 +133,136 @@ def make_plan(sweep: Sweep) -> Plan:
                 f"grid: '{labels[trial.key]}' and '{trial.label}' are the same work; exclude one"
             )
         labels[trial.key] = trial.label
-    return Plan(tuple(tasks.values()), tuple(trials))
+    return Plan(tuple(builder.tasks.values()), tuple(trials))
+
+
+class _Builder:
+    """Makes trials out of points; tasks and files that points share are there once."""
+
+    def __init__(self, sweep: Sweep) -> None:
+        self.tasks: dict[str, Task] = {}
+        self._common = sweep.common
+        self._parts_of = cache(scene_parts)
+        self._digest_of = cache(clouds_digest)
+        self._checkpoint_digest = cache(_checkpoint_digest)
+
+    def _once(self, task: Task) -> Task:
+        return self.tasks.setdefault(task.key, task)
+
+    def trial(self, grid_point: GridPoint) -> Trial:
+        """The trial of a point, with all its tasks."""
+        point = grid_point.point
+        names = {stage: _label(stage, point, grid_point.axes) for stage in _USES}
+        placement = self._common.placement_named(point.placement, point.lidar.lidar())
+        try:
+            parts = self._parts_of(point.scene)
+        except ValueError as error:
+            raise ConfigError(f"scene: {error}") from None
+        scenes = [
+            self._once(Task("scene", _join(names["scene"], part.name), part.params))
+            for part in parts
+        ]
+        for_pog = tuple(
+            scene for part, scene in zip(parts, scenes, strict=True) if "train" in part.splits
+        )
+        label = _trial_label(point, grid_point.axes)
+        return Trial(
+            grid_point=grid_point,
+            label=label,
+            scene_label=names["scene"],
+            scenes=tuple(scenes),
+            **self._surrogates(point, placement, names, for_pog),
+            **self._detection(point, placement, names, label, parts, scenes),
+        )
+
+    def _surrogates(
+        self, point: Point, placement: Placement, names: Mapping[str, str], logs: tuple[Task, ...]
+    ) -> dict[str, Any]:
+        """Tasks that need boxes alone."""
+        roi, settings = asdict(point.voxel_roi()), point.surrogate
+        pog = self._once(Task("pog", names["pog"], {"roi": roi, "classes": point.classes}, logs))
+        own = settings.model_dump(mode="json", exclude={"resolution", "accuracy", "sampling_error"})
+        params = _rig(placement) | own | {"fitted_q": FITTED_Q}
+        found: dict[str, Any] = {
+            "pog": pog,
+            "surrogates": self._once(Task("surrogates", names["surrogates"], params, (pog,))),
+            "accuracy": None,
+            "sampling_error": None,
+        }
+        studied = _rig(placement) | {
+            "roi": roi,
+            "detection_probability": settings.detection_probability,
+            "occlusion": settings.occlusion,
+        }
+        if settings.accuracy:
+            params = studied | {
+                "object_class": point.classes[0],
+                "resolutions": _resolutions(point.voxel_roi()),
+                "azimuth_steps": ACCURACY_STEPS,
+                "frame_shares": ACCURACY_SHARES,
+            }
+            found["accuracy"] = self._once(Task("accuracy", names["accuracy"], params, logs))
+        if settings.sampling_error:
+            params = studied | {"classes": point.classes, "method": settings.method}
+            found["sampling_error"] = self._once(
+                Task("sampling_error", names["sampling_error"], params, logs)
+            )
+        return found
+
+    def _detection(
+        self,
+        point: Point,
+        placement: Placement,
+        names: Mapping[str, str],
+        label: str,
+        parts: Sequence[ScenePart],
+        scenes: Sequence[Task],
+    ) -> dict[str, Any]:
+        """Tasks that a detector needs."""
+        if point.detector is None:
+            return {"ground_truths": (), "collect_test": (), "finetune": None, "evaluate": None}
+        # Without the resolution, which has no part in the ground truth.
+        edges = point.roi.model_dump(mode="json") | {"seed": point.scene.seed}
+        crop = crop_for(
+            point.roi.x, point.roi.y, point.roi.z, placement, point.lidar.misaligned_heights
+        )
+        clouds: dict[str, list[Task]] = {"train": [], "test": []}
+        truths: dict[str, list[Task]] = {"train": [], "test": []}
+        for part, scene in zip(parts, scenes, strict=True):
+            name = _join(names["ground_truth"], part.name)
+            truth = self._once(Task("ground_truth", name, edges, (scene,)))
+            for split in part.splits:
+                name = _join(names["collect"], part.name, split)
+                params = _collection(point, placement, self._digest_of)
+                params |= {"split": split, "crop": crop}
+                clouds[split].append(self._once(Task("collect", name, params, (scene,))))
+                truths[split].append(truth)
+        training = point.training
+        network = {
+            "detector": point.detector,
+            "classes": point.classes,
+            "training": training.model_dump(mode="json"),
+            "point_range": crop,
+        }
+        checkpoint = training.checkpoint and self._checkpoint_digest(
+            training.checkpoint, training.new_heads, point.detector, point.classes, crop
+        )
+        finetune = Task(
+            "finetune",
+            label,
+            network | {"seed": point.seed, "checkpoint": checkpoint},
+            (*clouds["train"], *truths["train"]),
+            gpu=True,
+            resumable=True,
+        )
+        finetune = self._once(finetune)
+        inputs = (finetune, *clouds["test"], *truths["test"])
+        return {
+            "ground_truths": tuple(dict.fromkeys(truths["train"] + truths["test"])),
+            "collect_test": tuple(clouds["test"]),
+            "finetune": finetune,
+            "evaluate": self._once(Task("evaluate", label, network, inputs, gpu=True)),
+        }
 
 
 def _rig(placement: Placement) -> dict[str, Any]:
@@ -312,7 +334,8 @@ def _trial_label(point: Point, axes: Mapping[str, Any]) -> str:
         for axis, value in axes.items()
         if axis not in ("placement", "detector", "seed")
     ]
-    return " · ".join([point.placement, point.detector, f"seed {point.seed}", *further])
+    detected = [point.detector, f"seed {point.seed}"] if point.detector else []
+    return " · ".join([point.placement, *detected, *further])
 
 
 def _checkpoint_digest(

@@ -11,12 +11,12 @@ from typing import Annotated
 import typer
 
 from lidarplace.command_line import output, wrong
+from sweeps.failures import Failure, FailureFolder
 from sweeps.grid import ConfigError, Sweep, read_sweep
 from sweeps.plan import Plan, read_plan
 from sweeps.progress import StageProgress
-from sweeps.store import Store
+from sweeps.sweep_store import store_of
 from sweeps.task import Task
-from sweeps.trial_log import write_failure
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
@@ -42,7 +42,9 @@ def pretrain(
 
     Example: python -m sweeps.pretrain grid.yaml --out base.pt --set training.epochs=80
     """
-    from sweeps.execute import backend_for, execute
+    from sweeps.backends import backend_for
+    from sweeps.execute import execute
+    from sweeps.ray_cluster import ClusterError
     from training.checkpoints import write_checkpoint
 
     overrides = set_ or []
@@ -59,25 +61,29 @@ def pretrain(
         wrong(error)
     try:
         task = pretrain_task(sweep, plan)
-    except ConfigError as error:
+        store = store_of(sweep)
+    except ValueError as error:
         wrong(f"{config}: {error}")
-    store = Store(sweep.common.output / "store")
     tasks = with_inputs(task)
-    cached = {needed.key for needed in tasks if store.has(needed)}
+    store.refer(f"{sweep.common.name}.pretrain", [needed.key for needed in tasks])
     console = output()
+    logs = FailureFolder(sweep.common.output / sweep.common.name / "failed")
     try:
         with (
+            store.in_use(),
             backend_for(sweep.common.ray, store) as backend,
-            StageProgress(console, tasks, cached) as progress,
+            StageProgress(console, tasks, store.finished(tasks)) as progress,
         ):
-            logs = sweep.common.output / sweep.common.name / "failed"
-            failures = execute(tasks, store, backend, _Listener(progress, logs))
+            failures = execute(tasks, store, backend, _Listener(progress, logs)).failures
+    except ClusterError as error:
+        wrong(error)
     except KeyboardInterrupt:
         console.print("\nStopped. The same command goes on from the last epoch.")
         raise typer.Exit(130) from None
     if task.key in failures:
-        console.print(f"failed: {task.label}: {failures[task.key]}", markup=False, soft_wrap=True)
-        console.print(f"see {logs}", markup=False, soft_wrap=True)
+        reason = failures[task.key].reason
+        console.print(f"failed: {task.label}: {reason}", markup=False, soft_wrap=True)
+        console.print(f"see {logs.folder}", markup=False, soft_wrap=True)
         raise typer.Exit(1)
     value = store.load(task)
     try:
@@ -101,7 +107,7 @@ class _Listener:
     """Shows how far the tasks are, and keeps the tracebacks of those that fail."""
 
     progress: StageProgress
-    folder: Path
+    failures: FailureFolder
 
     def started(self, task: Task) -> None:
         self.progress.started(task)
@@ -109,16 +115,17 @@ class _Listener:
     def finished(self, task: Task) -> None:
         self.progress.finished(task)
 
-    def failed(self, task: Task, reason: str, log: str) -> None:
-        self.progress.failed(task, reason, log)
-        write_failure(self.folder, task, log)
+    def failed(self, task: Task, failure: Failure) -> None:
+        self.progress.failed(task, failure)
+        self.failures.write(task, failure)
 
 
 def pretrain_task(sweep: Sweep, plan: Plan) -> Task:
     """The training on the clouds of all placements of a sweep, with the seed of its first point.
 
     Raises:
-        ConfigError: the grid has several detectors, trainings, scenes, ROIs or lists of classes.
+        ConfigError: there is no detector, or the grid has several detectors, trainings, scenes,
+            ROIs or lists of classes.
     """
     for axis in sweep.axes:
         # A value may be a list or a mapping.
@@ -128,7 +135,9 @@ def pretrain_task(sweep: Sweep, plan: Plan) -> Task:
                 f"grid.{axis}: a base is trained for one value, found {', '.join(sorted(values))}; "
                 f"choose with --set 'grid.{axis}=[…]'"
             )
-    trainings = [trial.finetune for trial in plan.trials]
+    trainings = [trial.finetune for trial in plan.trials if trial.finetune is not None]
+    if not trainings:
+        raise ConfigError("detector: null trains nothing; name the detector of the base")
     inputs = {needed.key: needed for training in trainings for needed in training.inputs}
     placements = {trial.grid_point.point.placement for trial in plan.trials}
     params = trainings[0].params

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from types import TracebackType
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Column
 
+from sweeps.failures import Failure
 from sweeps.task import Task
 
 
 class StageProgress:
-    """Shows how far every stage is. Use as a context manager and as the executor's listener."""
+    """Shows how far every stage is. Use as a context manager and as the executor's listener.
 
-    def __init__(self, console: Console, tasks: Sequence[Task], cached: set[str]) -> None:
+    Args:
+        tasks: those to expect; of a stage that is not among them nothing is shown.
+        cached: keys of those with a result.
+    """
+
+    def __init__(self, console: Console, tasks: Sequence[Task], cached: Collection[str]) -> None:
         self._console = console
         self._total = Counter(task.stage for task in tasks)
         self._done = Counter(task.stage for task in tasks if task.key in cached)
@@ -55,18 +61,22 @@ class StageProgress:
         self._progress.stop()
 
     def started(self, task: Task) -> None:
-        self._running[task.stage].append(task.label)
-        self._show(task.stage)
+        if task.stage in self._total:
+            self._running[task.stage].append(task.label)
+            self._show(task.stage)
 
     def finished(self, task: Task) -> None:
         self._ended(task)
 
-    def failed(self, task: Task, reason: str, log: str) -> None:
-        self._console.print(f"failed: {task.stage} '{task.label}': {reason}", markup=False)
+    def failed(self, task: Task, failure: Failure) -> None:
+        text = f"failed: {task.stage} '{task.label}': {failure.reason}"
+        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
         self._ended(task)
 
     def _ended(self, task: Task) -> None:
         stage = task.stage
+        if stage not in self._total:
+            return
         self._done[stage] += 1
         if task.label in self._running[stage]:  # not if it fell with a task that it needs
             self._running[stage].remove(task.label)

@@ -11,10 +11,9 @@ import typer
 from lidarplace.box_log import join_logs, write_box_log
 from lidarplace.command_line import output, wrong
 from lidarplace.describe import print_description
-from sweeps.grid import ConfigError
 from sweeps.plan import read_plan
 from sweeps.stages import box_log
-from sweeps.store import Store
+from sweeps.sweep_store import store_of
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
@@ -34,23 +33,29 @@ def record(
 
     Example: python -m sweeps.record examples/paper.yaml logs/paper
     """
-    from sweeps.execute import backend_for, execute
+    from sweeps.backends import backend_for
+    from sweeps.execute import execute
     from sweeps.progress import StageProgress
+    from sweeps.ray_cluster import ClusterError
 
     try:
         sweep, plan = read_plan(config, set_ or [])
-    except ConfigError as error:
+        store = store_of(sweep)
+    except ValueError as error:
         wrong(error)
-    store = Store(sweep.common.output / "store")
     scenes = {trial.scenes: trial.scene_label for trial in plan.trials}
     tasks = [task for task in plan.tasks if task.stage == "scene"]
-    cached = {task.key for task in tasks if store.has(task)}
+    store.refer(f"{sweep.common.name}.record", [task.key for task in tasks])
     console = output()
-    with (
-        backend_for(sweep.common.ray, store) as backend,
-        StageProgress(console, tasks, cached) as progress,
-    ):
-        failures = execute(tasks, store, backend, progress)
+    try:
+        with (
+            store.in_use(),
+            backend_for(sweep.common.ray, store) as backend,
+            StageProgress(console, tasks, store.finished(tasks)) as progress,
+        ):
+            failures = execute(tasks, store, backend, progress).failures
+    except ClusterError as error:
+        wrong(error)
     for parts, label in scenes.items():
         if any(part.key in failures for part in parts):
             continue

@@ -8,9 +8,8 @@ import os
 import shlex
 import sys
 import time
-from collections import Counter
-from collections.abc import Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -19,12 +18,21 @@ from rich.console import Console
 from rich.table import Table
 
 from lidarplace.command_line import output, wrong
+from sweeps.clean_store import clean_store
 from sweeps.config import SweepFile
-from sweeps.grid import ConfigError, Sweep
-from sweeps.plan import Plan, Trial, further_axes, read_plan
-from sweeps.store import Store
+from sweeps.failures import FailureFolder
+from sweeps.grid import Sweep
+from sweeps.plan import Plan, further_axes, read_plan
+from sweeps.print_plan import print_plan
+from sweeps.store import AnyStore
+from sweeps.store_lock import locked
+from sweeps.sweep_store import store_of
+from sweeps.task import Task
+from sweeps.trial_results import trial_failure
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+
+_GOES_ON = "What is finished is kept; the same command goes on from there."
 
 
 @app.command()
@@ -34,12 +42,18 @@ def run(
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override a key path")
     ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="print the plan and stop")] = False,
+    rerun_failed: Annotated[
+        bool, typer.Option("--rerun-failed", help="try again what failed for good")
+    ] = False,
     schema: Annotated[bool, typer.Option("--schema", help="print the JSON schema")] = False,
 ) -> None:
     """Run a sweep: scenes, surrogates, point clouds, detectors, MLflow, report.
 
-    The same command continues a sweep that was stopped. Exit code 0: all trials finished; 1: some
-    failed; 2: the configuration is wrong; 130: stopped by Ctrl-C.
+    The same command continues a sweep that was stopped. What failed because of its data or
+    settings is not tried again without --rerun-failed; what a machine was to blame for is.
+
+    Exit code 0: all trials finished; 1: some failed, or MLflow has not got all; 2: the
+    configuration is wrong; 130: stopped by Ctrl-C.
     """
     console = output()
     if schema:
@@ -49,102 +63,152 @@ def run(
         wrong("name a configuration file, such as examples/grid.yaml")
     try:
         sweep, plan = read_plan(config, set_ or [])
-    except ConfigError as error:
+        store = store_of(sweep)
+    except ValueError as error:
         wrong(error)
-    store = Store(sweep.common.output / "store")
-    cached = {task.key for task in plan.tasks if store.has(task)}
     if dry_run:
-        _print_plan(console, sweep, plan, cached)
+        print_plan(console, sweep, plan, store)
         return
+    from sweeps.backends import BackendLost
+
     try:
-        failed = _run(console, sweep, plan, store, cached)
-    except ConfigError as error:
-        wrong(error)
+        keep_to_quota(console, sweep, store)
+        complete = run_sweep(console, sweep, plan, store, rerun_failed)
+    except (BackendLost, OSError) as error:  # such as a full disk under the journal
+        console.print(f"\n{error}. {_GOES_ON}", markup=False, soft_wrap=True)
+        raise typer.Exit(1) from None
     except KeyboardInterrupt:
-        console.print("\nStopped. What is finished is kept; the same command goes on from there.")
+        console.print(f"\nStopped. {_GOES_ON}")
         raise typer.Exit(130) from None
-    if failed:
+    if not complete:
         raise typer.Exit(1)
 
 
-def _run(
-    console: Console, sweep: Sweep, plan: Plan, store: Store, cached: set[str]
-) -> Sequence[Trial]:
-    """Run the plan, log it, report it. Returns the trials that failed."""
-    from sweeps.execute import backend_for, execute
+def run_sweep(
+    console: Console, sweep: Sweep, plan: Plan, store: AnyStore, rerun_failed: bool
+) -> bool:
+    """Run the plan, log it, report it. Returns whether all trials finished and were logged.
+
+    Raises:
+        typer.Exit: another driver runs the sweep, or MLflow or Ray cannot be had.
+        BackendLost: Ray has gone.
+        OSError: the run folder cannot be written.
+    """
+    from sweeps.backends import backend_for
+    from sweeps.execute import Outcome, execute
     from sweeps.progress import StageProgress
+    from sweeps.promotion import at_most, promote
     from sweeps.trial_log import TrialLog
-    from sweeps.write_run import trial_failure, write_run
+    from sweeps.write_run import Run, write_run
     from tracking.mlflow_log import SweepLog, ui_command
     from tracking.report import build_report
 
     start = time.monotonic()
     folder = sweep.common.output / sweep.common.name
-    command = shlex.join(["python", "-m", "sweeps.run", *sys.argv[1:]])
-    keys = "".join(sorted(trial.key for trial in plan.trials))
-    key = hashlib.sha256(keys.encode()).hexdigest()[:12]
-    parameters = {
-        "placements": len({trial.grid_point.point.placement for trial in plan.trials}),
-        "trials": len(plan.trials),
-        "axes": ", ".join(sorted(sweep.axes)),
-    }
+    say = partial(console.print, markup=False, soft_wrap=True)
     with ExitStack() as stack:
+        workers = ExitStack()  # given back before the report is written
         try:
-            log = stack.enter_context(
-                SweepLog(sweep.common.tracking_uri, sweep.common.name, key, parameters)
+            stack.enter_context(locked(folder, alone=True))
+            stack.enter_context(store.in_use())
+            log = SweepLog(
+                sweep.common.tracking_uri,
+                sweep.common.name,
+                sweep_key(sweep, plan),
+                _parameters(sweep, plan),
+                journal=folder / "mlflow.jsonl",
+                say=say,
             )
-        except ValueError as error:  # the tracking server cannot take this sweep
-            raise ConfigError(f"tracking: {error}") from None
-        with (
-            backend_for(sweep.common.ray, store) as backend,
-            StageProgress(console, plan.tasks, cached) as progress,
-        ):
-            listener = TrialLog(progress, log, plan, store, further_axes(sweep), folder / "failed")
-            listener.log_finished()
-            failures = execute(plan.tasks, store, backend, listener)
-        listener.log_failed(failures)
-        failed = [trial for trial in plan.trials if trial_failure(trial, failures)]
-        write_run(folder, sweep, plan, store, failures, cached, command, time.monotonic() - start)
+            stack.enter_context(log)
+            stack.enter_context(workers)
+            backend = workers.enter_context(backend_for(sweep.common.ray, store))
+        except ValueError as error:  # in use, or MLflow or Ray cannot be had
+            wrong(error)
+        store.refer(sweep.common.name, [task.key for task in plan.tasks])
+        cached = store.finished(plan.tasks)
+        failures = FailureFolder(folder / "failed")
+        known = failures.known(rerun_failed, cached)
+        outcome = Outcome()
+        with workers, StageProgress(console, at_most(sweep, plan), cached) as progress:
+            listener = TrialLog(progress, log, plan, store, further_axes(sweep), failures)
+
+            def run_tasks(tasks: list[Task]) -> bool:
+                execute(tasks, store, backend, listener, outcome, known)
+                return True
+
+            promotion = promote(sweep, plan, store, run_tasks)
+            cores = backend.cores
+        listener.log_rest(promotion, outcome.failures)
+        command = shlex.join(["python", "-m", "sweeps.run", *sys.argv[1:]])
+        seconds = time.monotonic() - start
+        run = Run(outcome, promotion, cached, cores, command, start, seconds)
+        write_run(folder, sweep, plan, store, run)
+        failed = [
+            (trial, failure)
+            for trial in plan.trials
+            if trial.key not in promotion.pruned
+            and (failure := trial_failure(trial, outcome.failures))
+        ]
         if len(failed) < len(plan.trials):
             report = build_report(folder)
             for path in (report, *sorted(folder.glob("*.parquet")), folder / "config.yaml"):
                 log.artifact(path)
             _print_summary(console, folder)
-            console.print(f"\nReport  {report}", soft_wrap=True)
-        console.print(f"MLflow  {ui_command(sweep.common.tracking_uri)}", soft_wrap=True)
+            say(f"\nReport  {report}")
+        say(f"MLflow  {ui_command(sweep.common.tracking_uri)}")
     console.print(f"{time.monotonic() - start:.0f} s", highlight=False)
-    for trial in failed:
-        reason = trial_failure(trial, failures)
-        console.print(f"failed: {trial.label}: {reason}", markup=False, soft_wrap=True)
+    for trial, failure in failed:
+        say(f"failed: {trial.label}: {failure.reason}")
     if failed:
-        console.print(f"{len(failed)} of {len(plan.trials)} trials failed; see {folder / 'failed'}")
-    return failed
+        console.print(
+            f"{len(failed)} of {len(plan.trials)} trials failed; see {failures.folder}. "
+            "--rerun-failed tries all of them again."
+        )
+    return not failed and not log.undelivered and not log.refused
 
 
-def _print_plan(console: Console, sweep: Sweep, plan: Plan, cached: set[str]) -> None:
-    table = Table(title=f"{sweep.common.name}: {len(plan.trials)} trials")
-    for column in ("stage", "tasks", "cached", "to do"):
-        table.add_column(column, justify="left" if column == "stage" else "right")
-    total = Counter(task.stage for task in plan.tasks)
-    there = Counter(task.stage for task in plan.tasks if task.key in cached)
-    for stage, count in total.items():
-        table.add_row(stage, str(count), str(there[stage]), str(count - there[stage]))
-    console.print(table)
-    scenes = {trial.scene_label: trial.grid_point.point.scene for trial in plan.trials}
-    for label, scene in scenes.items():
-        train, test = scene.frame_counts()
-        console.print(f"scene {label}: {train} frames to train, {test} to test")
-    for trial in plan.trials:
-        done = all(task.key in cached for task in trial.results)
-        console.print(f"trial {trial.key}  {trial.label}{'  (cached)' if done else ''}")
+def keep_to_quota(console: Console, sweep: Sweep, store: AnyStore) -> None:
+    """Remove results that no sweep refers to, oldest first, beyond the quota of the store."""
+    quota_gb = sweep.common.store.quota_gb
+    if quota_gb is None:
+        return
+    try:
+        with store.exclusive():
+            cleaned = clean_store(store, int(quota_gb * 1e9))
+    except ValueError as error:
+        console.print(f"store: not cleaned: {error}", markup=False, soft_wrap=True)
+        return
+    if cleaned.kept_bytes > quota_gb * 1e9:
+        console.print(
+            f"store: {cleaned.kept_bytes / 1e9:.3g} GB belong to sweeps, more than quota_gb "
+            f"{quota_gb:g}; python -m sweeps.clean --forget NAME gives up a sweep"
+        )
+
+
+def sweep_key(sweep: Sweep, plan: Plan) -> str:
+    """Tells a sweep from others of its name: the same while its trials and rungs are."""
+    rungs = [rung.model_dump(mode="json") for rung in sweep.common.promote]
+    content = json.dumps([sorted(trial.key for trial in plan.trials), rungs])
+    return hashlib.sha256(content.encode()).hexdigest()[:12]
+
+
+def _parameters(sweep: Sweep, plan: Plan) -> dict[str, object]:
+    """Parameters of the parent run."""
+    return {
+        "placements": len({trial.grid_point.point.placement for trial in plan.trials}),
+        "trials": len(plan.trials),
+        "axes": ", ".join(sorted(sweep.axes)),
+    }
 
 
 def _print_summary(console: Console, folder: Path) -> None:
     from tracking.run_folder import RunFolder
     from tracking.summary import summary_table
 
-    summary = summary_table(RunFolder.read(folder))
-    table = Table(title=f"{folder.name}: best placement first, means over seeds, percent")
+    run = RunFolder.read(folder)
+    summary = summary_table(run)
+    what = "surrogates in nats" if run.results.empty else "means over seeds, percent"
+    table = Table(title=f"{folder.name}: best placement first, {what}")
     for column in summary.columns:
         table.add_column(str(column), justify="left" if column == "placement" else "right")
     for row in summary.itertuples(index=False):

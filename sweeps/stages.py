@@ -7,6 +7,7 @@ scene -> ground_truth, pog -> surrogates
 scene -> accuracy, sampling_error
 scene -> collect -> finetune -> evaluate
 scene -> collect -> pretrain
+scene -> collect -> probe: how much memory a training needs
 
 A scene may be recorded in parts; `*logs` are all of them.
 """
@@ -30,7 +31,6 @@ from lidarplace import (
     expected_ig_by_q,
 )
 from lidarplace.box_log import BoxLog, join_logs
-from lidarplace.coverage import coverage
 from lidarplace.lidar.clouds import JoinedClouds, PointClouds
 from lidarplace.surrogate import RAY_SURROGATES
 
@@ -82,33 +82,34 @@ def pog(params: Params, *logs: Value) -> Value:
 
 
 def surrogates(params: Params, pog: Value) -> Value:
-    """All surrogates asked for, for every class, and the coverage seen from above.
+    """All surrogates asked for, for every class.
 
-    `by_q` is `expected_ig` without occlusion for many q, from which one is fitted to measured AP.
+    `by_q` is `expected_ig` without occlusion for many q, from which one is fitted to measured AP;
+    it is there if `expected_ig` is asked for.
     """
     placement = _placement(params)
-    covered = coverage(placement, Roi(**pog["roi"]), params["method"])
-    grids = {object_class: _grid(pog, object_class) for object_class in pog["classes"]}
+    grids = _grids(pog)
+    names = params["names"]
     results = evaluate_classes(
         grids,
         placement,
         method=params["method"],
-        surrogates=[name for name in params["names"] if name in RAY_SURROGATES],
+        surrogates=[name for name in names if name in RAY_SURROGATES],
         detection_probability=params["detection_probability"],
         occlusion=params["occlusion"],
     )
     rows = [
         (object_class, name, float(getattr(result, name)), params["method"], result.seconds)
         for object_class, result in results.items()
-        for name in (*params["names"], "covered_voxels")
+        for name in (*names, *(["covered_voxels"] if "m_sog" in names else []))
     ]
-    by_q = expected_ig_by_q(grids, placement, params["fitted_q"])
-    by_q = by_q.rename_axis("class").reset_index()
-    return {
-        "table": pd.DataFrame(rows, columns=["class", "surrogate", "value", "method", "seconds"]),
-        "by_q": by_q.melt("class", var_name="q", value_name="expected_ig"),
-        "from_above": covered.mean(axis=2, dtype=np.float32),
-    }
+    columns = ["class", "surrogate", "value", "method", "seconds"]
+    value: Value = {"table": pd.DataFrame(rows, columns=columns)}
+    if "expected_ig" in names:
+        by_q = expected_ig_by_q(grids, placement, params["fitted_q"])
+        by_q = by_q.rename_axis("class").reset_index()
+        value["by_q"] = by_q.melt("class", var_name="q", value_name="expected_ig")
+    return value
 
 
 def accuracy(params: Params, *logs: Value) -> Value:
@@ -178,7 +179,29 @@ def collect(params: Params, log: Value) -> Value:
     return clouds.arrays() | {"points_per_object": count_points_per_object(recorded.boxes, clouds)}
 
 
-def finetune(params: Params, *inputs: Value, folder: Path) -> Value:
+def probe(params: Params, *inputs: Value) -> Value:
+    """What a step of a training needs: frames in it, and the share of a GPU's memory.
+
+    Parameters and inputs as of the training.
+    """
+    from training.probe import probe as probe_training
+    from training.settings import TrainingSettings
+
+    clouds, objects = _clouds_and_objects(inputs)
+    found = probe_training(
+        params["detector"],
+        params["classes"],
+        clouds,
+        objects,
+        TrainingSettings.model_validate(params["training"]),
+        point_range=params["point_range"],
+    )
+    return {"batch_size": found.batch_size, "gpu_share": found.gpu_share}
+
+
+def finetune(
+    params: Params, *inputs: Value, folder: Path, batch_size: int | None = None, halvings: int = 0
+) -> Value:
     """Train one detector on the clouds of one placement.
 
     From scratch it is trained for the classes that occur; a checkpoint's heads stay.
@@ -187,6 +210,8 @@ def finetune(params: Params, *inputs: Value, folder: Path) -> Value:
         params: the network, how to train it, and the seed.
         inputs: clouds, and the objects in them.
         folder: where it goes on after a stop.
+        batch_size: frames of a step where the settings leave it open; None: it is found out.
+        halvings: how often the batch size is halved, after the GPU's memory was too small.
     """
     from training.dataset import occurring_classes
 
@@ -195,16 +220,18 @@ def finetune(params: Params, *inputs: Value, folder: Path) -> Value:
     if params["training"]["checkpoint"] is None:
         share = params["training"]["frame_share"]
         classes = occurring_classes(classes, clouds, objects, share)
-    return _train(params, classes, clouds, objects, folder)
+    return _train(params, classes, clouds, objects, folder, batch_size, halvings)
 
 
-def pretrain(params: Params, *inputs: Value, folder: Path) -> Value:
+def pretrain(
+    params: Params, *inputs: Value, folder: Path, batch_size: int | None = None, halvings: int = 0
+) -> Value:
     """Train one detector on the clouds of many placements, for all classes.
 
     Arguments as of `finetune`, which starts from the result.
     """
     clouds, objects = _clouds_and_objects(inputs)
-    return _train(params, params["classes"], clouds, objects, folder)
+    return _train(params, params["classes"], clouds, objects, folder, batch_size, halvings)
 
 
 def evaluate_detector(params: Params, weights: Value, *inputs: Value) -> Value:
@@ -235,6 +262,7 @@ FUNCTIONS: dict[str, Callable[..., Value]] = {
     "accuracy": accuracy,
     "sampling_error": sampling_error,
     "collect": collect,
+    "probe": probe,
     "pretrain": pretrain,
     "finetune": finetune,
     "evaluate": evaluate_detector,
@@ -269,6 +297,8 @@ def _train(
     clouds: JoinedClouds,
     objects: pd.DataFrame,
     folder: Path,
+    batch_size: int | None,
+    halvings: int,
 ) -> Value:
     from training.finetune import finetune as train
     from training.settings import TrainingSettings
@@ -283,12 +313,15 @@ def _train(
         point_range=params["point_range"],
         folder=folder,
         checkpoint_digest=params["checkpoint"],
+        batch_size=batch_size,
+        halvings=halvings,
     )
     value = {
         "state_dict": result.state_dict,
         "curve": result.curve,
         "classes": list(classes),
         "batch_size": result.batch_size,
+        "batch_size_reduced": result.batch_size_reduced,
         "weights": result.weights,
         "earlier_seconds": result.earlier_seconds,
     }
@@ -303,7 +336,18 @@ def _placement(params: Params) -> Placement:
     )
 
 
-def _grid(pog: Value, object_class: str) -> OccupancyGrid:
-    return OccupancyGrid(
-        Roi(**pog["roi"]), object_class, pog[f"counts_{object_class}"], pog["frames"]
-    )
+_grids_of_last: list[Any] = []
+
+
+def _grids(pog: Value) -> dict[str, OccupancyGrid]:
+    """The grids in a result of `pog`; those of the last one are kept, with all they work out."""
+    if not (_grids_of_last and _grids_of_last[0] is pog):
+        roi, frames = Roi(**pog["roi"]), pog["frames"]
+        _grids_of_last[:] = [
+            pog,
+            {
+                name: OccupancyGrid(roi, name, pog[f"counts_{name}"], frames)
+                for name in pog["classes"]
+            },
+        ]
+    return _grids_of_last[1]

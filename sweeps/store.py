@@ -3,28 +3,60 @@
 from __future__ import annotations
 
 import json
+import os
+import re
 import shutil
-import tempfile
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-import numpy as np
-import pandas as pd
-
-from lidarplace.files import replacing
+from lidarplace.files import replacing, sync, temporary
+from sweeps.attempt import new_attempt
+from sweeps.result_folder import Value, read_content, read_value, write_result
+from sweeps.store_lock import locked
 from sweeps.task import Task
 
-Value = dict[str, Any]
-"""A result: DataFrames, arrays, `state_dict`s of tensors and plain data, by name."""
+if TYPE_CHECKING:
+    from sweeps.remote_store import RemoteStore
 
-_MAPPED_BYTES = 1_000_000  # smaller arrays are not worth an open file
+AnyStore: TypeAlias = "Store | RemoteStore"
+"""What results are kept in; the two have the same methods."""
+
+SWEEPS = "sweeps"
+"""Folder beside the stages: one file a sweep, with the keys that the sweep refers to."""
+
+_NAMES = re.compile(
+    r"(?P<result>[0-9a-f]{24})"
+    r"|\.(?P<working>[0-9a-f]{24})\.working"
+    r"|\.(?P<running>[0-9a-f]{24})\.running"
+    r"|\.(?P<partial>.+)-\d+-[0-9a-f]{8}\.part"
+)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What lies in a stage's folder.
+
+    Attributes:
+        kind: "result"; "working", the checkpoints of an unfinished training; "running", a note
+            that a task runs; or "partial", what a killed process was writing.
+        name: of the folder or file.
+        key: of the task; of "partial" any text.
+        size: bytes.
+    """
+
+    stage: str
+    kind: Literal["result", "working", "running", "partial"]
+    name: str
+    key: str
+    size: int
 
 
 @dataclass(frozen=True)
 class Store:
-    """A folder of results.
+    """A folder of results: `STAGE/KEY/`, and hidden beside them what belongs to running tasks.
 
     A result is written under a temporary name and renamed, so what is there is whole.
     """
@@ -35,35 +67,63 @@ class Store:
         """Folder of the task's result."""
         return self.folder / task.stage / task.key
 
-    def unfinished(self, task: Task) -> Path:
-        """Folder in which the task may keep what it has so far."""
-        return self.folder / task.stage / f".{task.key}.unfinished"
+    def finished(self, tasks: Iterable[Task]) -> set[str]:
+        """Keys of the tasks whose results are there."""
+        tasks = tuple(tasks)
+        names = {stage: self._names(stage) for stage in {task.stage for task in tasks}}
+        return {task.key for task in tasks if task.key in names[task.stage]}
 
     def has(self, task: Task) -> bool:
         """Whether the result is there."""
         return self.path(task).is_dir()
 
-    def save(self, task: Task, value: Mapping[str, Any], seconds: float) -> None:
-        """Write a result and the seconds that it took. A result that is there already stays."""
+    def save(self, task: Task, value: Mapping[str, Any], seconds: float, **about: Any) -> None:
+        """Write a result. One that is there already stays.
+
+        Args:
+            seconds: that it took.
+            about: further plain data for `record`.
+
+        Raises:
+            OSError: it cannot be written; nothing of it is left.
+            TypeError: an entry that is neither table, array, weights nor plain data.
+        """
+        with self.incoming(task) as folder:
+            write_result(folder, value, {"label": task.label, "seconds": seconds} | about)
+
+    def load(self, task: Task, names: Collection[str] | None = None) -> Value:
+        """Read a result, or its entries of these names. Large arrays are mapped, read-only.
+
+        Raises:
+            FileNotFoundError: there is no result.
+            KeyError: it has no entries of these names.
+            ValueError: it is damaged.
+        """
+        folder = self.path(task)
+        value = read_value(folder, names)
+        with suppress(OSError):  # a disk may be read-only; the time is for cleaning alone
+            os.utime(folder)
+        return value
+
+    def record(self, task: Task) -> Mapping[str, Any]:
+        """What `save` was told about the result: "label", "seconds" and the rest."""
+        record: Mapping[str, Any] = read_content(self.path(task))["record"]
+        return record
+
+    def seconds(self, task: Task) -> float:
+        """Seconds that the result took when it was computed."""
+        return float(self.record(task)["seconds"])
+
+    @contextmanager
+    def incoming(self, task: Task) -> Iterator[Path]:
+        """An empty folder that becomes the task's result, unless that is there by then."""
         target = self.path(task)
         target.parent.mkdir(parents=True, exist_ok=True)
-        partial = Path(tempfile.mkdtemp(prefix=f".{task.key}-", dir=target.parent))
+        partial = temporary(target)
         try:
-            plain = {}
-            for name, item in value.items():
-                if isinstance(item, pd.DataFrame):
-                    item.to_parquet(partial / f"{name}.parquet", index=False)
-                elif isinstance(item, np.ndarray):
-                    np.save(partial / f"{name}.npy", item, allow_pickle=False)
-                elif name.endswith("state_dict"):
-                    import torch  # heavy, and only trainings have weights
-
-                    torch.save(item, partial / f"{name}.pt")
-                else:
-                    plain[name] = item
-            (partial / "result.json").write_text(
-                json.dumps({"label": task.label, "seconds": seconds, "value": plain})
-            )
+            partial.mkdir()
+            yield partial
+            sync(partial)
             try:
                 partial.rename(target)
             except OSError:
@@ -72,33 +132,156 @@ class Store:
         finally:
             shutil.rmtree(partial, ignore_errors=True)
 
-    def load(self, task: Task) -> Value:
-        """Read a result. Large arrays are mapped from the disk, read-only."""
-        folder = self.path(task)
-        value: Value = dict(self._record(task)["value"])
-        for path in sorted(folder.iterdir()):
-            if path.suffix == ".parquet":
-                value[path.stem] = pd.read_parquet(path)
-            elif path.suffix == ".npy":
-                large = path.stat().st_size > _MAPPED_BYTES
-                value[path.stem] = np.load(
-                    path, mmap_mode="r" if large else None, allow_pickle=False
-                )
-            elif path.suffix == ".pt":
-                import torch
+    @contextmanager
+    def working_folder(self, task: Task) -> Iterator[Path]:
+        """A new folder for a task's checkpoints, with those of the latest attempt in it.
 
-                value[path.stem] = torch.load(path, weights_only=True)
-        return value
+        What the block leaves there is kept until `discard`. Files have to be replaced in one step,
+        as `replacing` does.
+        """
+        yield new_attempt(self._hidden(task, "working"))
 
-    def seconds(self, task: Task) -> float:
-        """Seconds that the result took when it was computed."""
-        return float(self._record(task)["seconds"])
+    def discard(self, task: Task) -> None:
+        """Remove the checkpoints and the note of a task whose result is there."""
+        _remove(self._hidden(task, "working"))
+        self._hidden(task, "running").unlink(missing_ok=True)
 
-    def _record(self, task: Task) -> dict[str, Any]:
-        return json.loads((self.path(task) / "result.json").read_text())
+    @contextmanager
+    def running(self, task: Task, about: Mapping[str, Any]) -> Iterator[None]:
+        """Leave a note while the block runs. It stays if the process is killed."""
+        note = self.note(task)
+        note.parent.mkdir(parents=True, exist_ok=True)
+        partial = temporary(note)  # as `write_text` does, but a note need not outlast the machine
+        partial.write_text(json.dumps(dict(about)), encoding="utf-8")
+        partial.replace(note)
+        try:
+            yield
+        finally:
+            note.unlink(missing_ok=True)
+
+    def note(self, task: Task) -> Path:
+        """File of the note that a task runs."""
+        return self._hidden(task, "running")
+
+    def running_notes(self, tasks: Iterable[Task]) -> dict[str, Mapping[str, Any]]:
+        """Notes by key, also those of killed processes."""
+        tasks = tuple(tasks)
+        names = {stage: self._names(stage) for stage in {task.stage for task in tasks}}
+        notes = {}
+        for task in tasks:
+            if self.note(task).name in names[task.stage]:
+                with suppress(FileNotFoundError):  # it has ended since
+                    notes[task.key] = json.loads(self.note(task).read_text(encoding="utf-8"))
+        return notes
+
+    def refer(self, name: str, keys: Collection[str]) -> None:
+        """Note what the sweep `name` refers to, in place of what it referred to before."""
+        path = self.sweep_file(name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_text(path, json.dumps(sorted(keys)))
+
+    def sweep_file(self, name: str) -> Path:
+        """File of what the sweep `name` refers to."""
+        return self.folder / SWEEPS / f"{name}.json"
+
+    def references(self) -> dict[str, set[str]]:
+        """Keys that each sweep refers to. Raises ValueError that names a damaged file."""
+        paths = sorted((self.folder / SWEEPS).glob("*.json"))
+        return {path.stem: keys_in(path.read_bytes(), path) for path in paths}
+
+    def forget(self, name: str) -> None:
+        """Refer to nothing in the name of a sweep. Raises ValueError if there is none."""
+        try:
+            self.sweep_file(name).unlink()
+        except FileNotFoundError:
+            raise unknown_sweep(name, self.folder, self.references()) from None
+
+    def contents(self) -> list[Entry]:
+        """All that lies in the folders of the stages, with sizes; nothing that is not a store's."""
+        return [
+            Entry(stage.name, *named, _size(path))
+            for stage in sorted(self.folder.glob("[!.]*/"))
+            for path in sorted(stage.iterdir())
+            if (named := entry_of(path.name))
+        ]
+
+    def last_used(self, entry: Entry) -> float:
+        """When a result was last loaded or stored, in seconds of this machine's clock."""
+        return (self.folder / entry.stage / entry.name).stat().st_mtime
+
+    def remove(self, entry: Entry) -> None:
+        """Remove an entry, in one step for who looks for it."""
+        _remove(self.folder / entry.stage / entry.name)
+
+    def in_use(self) -> AbstractContextManager[None]:
+        """Keep cleaning away while the block runs; drivers may be many."""
+        return locked(self.folder, alone=False)
+
+    def exclusive(self) -> AbstractContextManager[None]:
+        """Keep drivers away while the block runs. Raises ValueError while there is one."""
+        return locked(self.folder, alone=True)
+
+    def _hidden(self, task: Task, kind: str) -> Path:
+        return self.folder / task.stage / f".{task.key}.{kind}"
+
+    def _names(self, stage: str) -> set[str]:
+        """All names in a stage's folder: one listing, however many tasks."""
+        try:
+            return set(os.listdir(self.folder / stage))
+        except FileNotFoundError:
+            return set()
+
+
+def entry_of(
+    name: str,
+) -> tuple[Literal["result", "working", "running", "partial"], str, str] | None:
+    """Kind, name and key that a name in a stage's folder stands for; None if it is no store's."""
+    found = _NAMES.fullmatch(name)
+    if not found:
+        return None
+    kind: Any = found.lastgroup
+    return kind, name, found[kind]
+
+
+def keys_in(data: bytes, named: object) -> set[str]:
+    """The keys in a sweep's file. Raises ValueError: as good as none would remove its results."""
+    try:
+        keys = json.loads(data)
+    except ValueError:
+        keys = None
+    if not isinstance(keys, list):
+        raise ValueError(
+            f"{named}: expected a list of keys, found {data[:40]!r}; run the sweep again to mend it"
+        )
+    return set(keys)
+
+
+def unknown_sweep(name: str, store: object, known: Collection[str]) -> ValueError:
+    """The error for a sweep of which the store knows nothing."""
+    return ValueError(f"{store}: no sweep {name!r}; there are {', '.join(known) or 'none'}")
 
 
 def write_text(path: Path, text: str) -> None:
     """Write a file under a temporary name and rename it."""
     with replacing(path) as partial:
         partial.write_text(text, encoding="utf-8")
+
+
+def _remove(path: Path) -> None:
+    """Rename a folder or file away, then remove it: nobody finds half of it under its name."""
+    away = path if path.suffix == ".part" else temporary(path)
+    try:
+        path.rename(away)
+    except FileNotFoundError:
+        return
+    if away.is_dir():
+        shutil.rmtree(away)
+    else:
+        away.unlink()
+
+
+def _size(path: Path) -> int:
+    """Bytes of a file, or of all files under a folder."""
+    if path.is_dir():
+        return sum(item.stat().st_size for item in path.rglob("*") if item.is_file())
+    return path.stat().st_size

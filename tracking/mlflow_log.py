@@ -2,94 +2,130 @@
 
 from __future__ import annotations
 
-import logging
-import os
 import re
-import shlex
-import sys
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from tracking.delivery import Away, Delivery
+from tracking.journal import (
+    ArtifactEntry,
+    Journal,
+    RefusedEntry,
+    StatusEntry,
+    SweepEntry,
+    TrialEntry,
+)
 from tracking.labels import in_order
+from tracking.mlflow_runs import SweepRuns
+from tracking.mlflow_uri import absolute_uri, hide_password, public_uri, sqlite_file, ui_command
 from tracking.summary import surrogates_of
 
-SWEEP_TAG = "lidarplace.sweep"
-TRIAL_TAG = "lidarplace.trial"
-ERROR_TAG = "lidarplace.error"
+__all__ = ["SweepLog", "public_uri", "trial_metrics", "ui_command"]
 
-_METRICS_A_BATCH = 1000  # MLflow's limits of one call
-_PARAMS_A_BATCH = 100
+ERROR_TAG = "lidarplace.error"
+_AFTER_CTRL_C_S = 3.0
 
 
 class SweepLog:
     """Writes a sweep to MLflow. Only one process may do so at a time: the driver.
 
+    Every entry is in the journal, a file, before a thread sends it. So a server that goes away
+    does not hold up the sweep, and a driver killed at any moment loses and doubles nothing: the
+    next one sends what has not arrived first. Once all has arrived the journal is removed.
+
     The parent run and the trials are found again by tags. A resumed sweep continues its parent
     run; a trial that is finished is left alone; one that was cut half way, or failed, continues in
     its run, and what was logged of it is not logged again.
 
-        with SweepLog("sqlite:///runs/mlflow.db", "demo", key, params) as log:
+        with SweepLog(uri, "demo", key, params, journal=folder / "mlflow.jsonl") as log:
             log.trial("3f2a", "line · pointpillars_tiny · seed 1", params, metrics, curve)
             log.artifact(run / "report.html")
 
-    At the end of the `with` block the parent is FINISHED; FAILED after an exception, KILLED after
-    Ctrl-C.
+    The parent is RUNNING in the `with` block. At its end the parent is FINISHED; FAILED after an
+    exception, KILLED after Ctrl-C.
 
     Args:
         uri: MLflow's tracking URI. For `sqlite:///FILE` the folder is made, and artifacts go to
-            `artifacts` beside the file.
+            `artifacts` beside the file; for other databases beside the journal.
         name: of the experiment and of the parent run.
         sweep_key: tells this sweep from others of the experiment; the same when it is resumed.
         params: of the parent run.
+        journal: the file of the journal.
+        say: prints a line for the user; called from another thread too.
+        patience_s: how long the end of the `with` block waits while nothing can be delivered.
 
     Raises:
-        ValueError: the URI cannot hold runs, `sweep_key` has odd characters, the experiment was
+        ValueError: the URI cannot hold runs, `sweep_key` has odd characters, or `journal` is no
+            journal. From the `with` statement: the server is there, but the experiment was
             deleted, or a parameter is not what it was when the sweep began.
     """
 
-    def __init__(self, uri: str, name: str, sweep_key: str, params: Mapping[str, object]) -> None:
+    def __init__(
+        self,
+        uri: str,
+        name: str,
+        sweep_key: str,
+        params: Mapping[str, object],
+        *,
+        journal: Path,
+        say: Callable[[str], None] = print,
+        patience_s: float = 60.0,
+    ) -> None:
         if not re.fullmatch(r"[\w.-]+", sweep_key):  # MLflow's filters know no escape
             raise ValueError(
                 f"sweep_key may have letters, digits, '_', '-' and '.', found {sweep_key!r}"
             )
-        self.uri = _absolute(uri)
-        self.name = name
-        self.sweep_key = sweep_key
-        self._params = dict(params)
-        self._client: Any = None
-        self._experiment = ""
-        self._parent = ""
-        self._trials: dict[str, Any] = {}
+        self.refused = 0
+        """Entries that MLflow does not take."""
+        self._uri = absolute_uri(uri)
+        self._sweep = SweepEntry(sweep=sweep_key, name=name, params=_texts(params))
+        self._print = say
+        self._patience_s = patience_s
+        self._journal = Journal(journal)
+        self._delivery: Delivery[TrialEntry | ArtifactEntry | StatusEntry] = Delivery(
+            self._send, self._refuse, self._away, self._back
+        )
+        self._runs: dict[str, SweepRuns] = {}
+        self._settled: set[str] = set()
 
     @property
-    def parent_run_id(self) -> str:
-        """MLflow's id of the parent run; empty before the `with` block."""
-        return self._parent
+    def undelivered(self) -> int:
+        """Entries that are in the journal only."""
+        return len(self._delivery)
 
     def __enter__(self) -> SweepLog:
-        os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"
-        from mlflow import MlflowClient  # heavy, and reads the environment when imported
-
-        # The steps of creating a database are no news for a reader of the sweep's output.
-        for logger in ("mlflow.store.db.utils", "alembic"):
-            logging.getLogger(logger).setLevel(logging.WARNING)
-        database = _sqlite_file(self.uri)
+        database = sqlite_file(self._uri)
         if database is not None:
-            database.parent.mkdir(parents=True, exist_ok=True)
-        self._client = MlflowClient(tracking_uri=self.uri)
-        self._experiment = self._find_experiment(database)
-        runs = self._sweep_runs()
-        self._trials = {r.data.tags[TRIAL_TAG]: r for r in runs if TRIAL_TAG in r.data.tags}
-        parents = [run for run in runs if TRIAL_TAG not in run.data.tags]
-        parent = parents[0] if parents else self._create(self.name, {})
-        self._parent = parent.info.run_id
-        self._log_params(parent, self._params)
-        self._client.update_run(self._parent, status="RUNNING")
+            try:
+                database.parent.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise ValueError(f"{self._uri}: {error.strerror}") from error
+        place = (database or self._journal.path).parent / "artifacts"
+        own = self._runs[self._sweep.sweep] = SweepRuns(self._uri, self._sweep, place)
+        away = None
+        try:
+            own.open()
+        except Away as error:
+            away = error
+        except ValueError as error:
+            raise ValueError(hide_password(str(error), self._uri)) from None
+        self._settled = set(own.finished)
+        for entry in self._journal.entries:
+            if isinstance(entry, SweepEntry):
+                # An earlier configuration of this sweep may have left entries too.
+                if entry.sweep != self._sweep.sweep:
+                    self._runs[entry.sweep] = SweepRuns(self._uri, entry, place)
+            elif not isinstance(entry, RefusedEntry):
+                self._put(entry)
+        self._journal.append(self._sweep)
+        self._log(StatusEntry(sweep=self._sweep.sweep, status="RUNNING"))
+        self._delivery.start(away)
         return self
 
     def __exit__(
@@ -98,10 +134,22 @@ class SweepLog:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        status = "FINISHED"
+        status, patience_s = "FINISHED", self._patience_s
         if kind is not None:
-            status = "KILLED" if issubclass(kind, KeyboardInterrupt) else "FAILED"
-        self._client.set_terminated(self._parent, status)
+            status = "FAILED"
+            if issubclass(kind, KeyboardInterrupt):
+                status, patience_s = "KILLED", min(patience_s, _AFTER_CTRL_C_S)
+        self._log(StatusEntry(sweep=self._sweep.sweep, status=status))
+        try:
+            self._delivery.finish(patience_s)
+        finally:
+            if self.undelivered:
+                self._say(
+                    f"MLflow: {self.undelivered} entries wait in {self._journal.path}; "
+                    "the same command delivers them"
+                )
+        if not self.undelivered and not self.refused:
+            self._journal.discard()
 
     def trial(
         self,
@@ -111,8 +159,9 @@ class SweepLog:
         metrics: Mapping[str, float],
         curve: pd.DataFrame | None = None,
         error: str | None = None,
-    ) -> bool:
-        """Log one trial as a child run.
+        tags: Mapping[str, str] | None = None,
+    ) -> None:
+        """Log one trial as a child run. Returns at once, also if it is finished already.
 
         Args:
             key: tells the trial from others of the sweep; the same when the sweep is resumed.
@@ -120,97 +169,65 @@ class SweepLog:
             metrics: one value each; those that are not finite are left out.
             curve: epoch, metric, value; the epoch becomes MLflow's step.
             error: why the trial failed; its run gets the status FAILED.
+            tags: further tags of the run, named `lidarplace.…`.
 
-        Returns:
-            False if the trial was finished already and nothing was written.
+        Raises:
+            OSError: the journal cannot be written.
         """
-        run = self._trials.get(key)
-        if run is not None and run.info.status == "FINISHED":
-            return False
-        if run is None:
-            run = self._create(run_name, {TRIAL_TAG: key, "mlflow.parentRunId": self._parent})
-        run_id = run.info.run_id
-        self._log_params(run, params)
-        self._log_metrics(run, _points(metrics, curve))
-        if error is None:
-            if ERROR_TAG in run.data.tags:
-                self._client.delete_tag(run_id, ERROR_TAG)
-            self._client.set_terminated(run_id, "FINISHED")
-        else:
-            self._client.set_tag(run_id, ERROR_TAG, error[:5000])
-            self._client.set_terminated(run_id, "FAILED")
-        self._trials[key] = self._client.get_run(run_id)
-        return True
-
-    def artifact(self, path: Path, folder: str | None = None) -> None:
-        """Copy a file to the artifacts of the parent run, into `folder` of them."""
-        self._client.log_artifact(self._parent, str(path), folder)
-
-    def _find_experiment(self, database: Path | None) -> str:
-        experiment = self._client.get_experiment_by_name(self.name)
-        if experiment is None:
-            place = None if database is None else (database.parent / "artifacts").as_uri()
-            # The kind decides which of its two faces the UI shows: this is model training.
-            tags = {"mlflow.experimentKind": "custom_model_development"}
-            return str(self._client.create_experiment(self.name, place, tags))
-        if experiment.lifecycle_stage != "active":
-            raise ValueError(
-                f"the MLflow experiment {self.name!r} was deleted: restore it, or give the sweep "
-                "another name"
+        if key in self._settled:
+            return
+        own_tags = {} if error is None else {ERROR_TAG: error[:5000]}
+        self._log(
+            TrialEntry(
+                sweep=self._sweep.sweep,
+                key=key,
+                run_name=run_name,
+                time=time.time_ns() // 1_000_000,
+                params=_texts(params),
+                points=_points(metrics, curve),
+                tags={**(tags or {}), **own_tags},
+                failed=error is not None,
             )
-        return str(experiment.experiment_id)
-
-    def _sweep_runs(self) -> list[Any]:
-        """All runs of this sweep, the parent among them."""
-        runs: list[Any] = []
-        token = None
-        while True:
-            page = self._client.search_runs(
-                [self._experiment],
-                filter_string=f"tags.`{SWEEP_TAG}` = '{self.sweep_key}'",
-                max_results=1000,
-                page_token=token,
-            )
-            runs += page
-            token = page.token
-            if not token:
-                return runs
-
-    def _create(self, name: str, tags: dict[str, str]) -> Any:
-        return self._client.create_run(
-            self._experiment, run_name=name, tags={SWEEP_TAG: self.sweep_key, **tags}
         )
 
-    def _log_params(self, run: Any, params: Mapping[str, object]) -> None:
-        from mlflow.entities import Param
+    def artifact(self, path: Path, folder: str | None = None) -> None:
+        """Copy a file to the artifacts of the parent run, into `folder` of them.
 
-        wanted = {name: str(value) for name, value in params.items()}
-        for name, value in run.data.params.items():
-            if wanted.get(name, value) != value:
-                raise ValueError(
-                    f"run {run.info.run_name!r} in MLflow has {name} = {value}, now it is "
-                    f"{wanted[name]}: a resumed sweep cannot change it, give it another name"
-                )
-        new = [Param(name, wanted[name]) for name in wanted if name not in run.data.params]
-        for start in range(0, len(new), _PARAMS_A_BATCH):
-            self._client.log_batch(run.info.run_id, params=new[start : start + _PARAMS_A_BATCH])
+        Returns at once: the file must stay as it is until the end of the `with` block.
+        """
+        self._log(ArtifactEntry(sweep=self._sweep.sweep, path=str(path.resolve()), folder=folder))
 
-    def _log_metrics(self, run: Any, points: Sequence[tuple[str, int, float]]) -> None:
-        from mlflow.entities import Metric
+    def _log(self, entry: TrialEntry | ArtifactEntry | StatusEntry) -> None:
+        self._journal.append(entry)
+        self._put(entry)
 
-        run_id = run.info.run_id
-        there = {
-            (name, point.step)
-            for name in run.data.metrics
-            for point in self._client.get_metric_history(run_id, name)
-        }
-        new = [
-            Metric(name, value, run.info.start_time, step)
-            for name, step, value in points
-            if (name, step) not in there
-        ]
-        for start in range(0, len(new), _METRICS_A_BATCH):
-            self._client.log_batch(run_id, metrics=new[start : start + _METRICS_A_BATCH])
+    def _put(self, entry: TrialEntry | ArtifactEntry | StatusEntry) -> None:
+        if isinstance(entry, TrialEntry) and entry.sweep == self._sweep.sweep and not entry.failed:
+            self._settled.add(entry.key)
+        self._delivery.put(entry)
+
+    def _send(self, entry: TrialEntry | ArtifactEntry | StatusEntry) -> None:
+        self._runs[entry.sweep].write(entry)
+
+    def _refuse(self, entry: TrialEntry | ArtifactEntry | StatusEntry, error: Exception) -> None:
+        self.refused += 1
+        reason = hide_password(" ".join(str(error).split()), self._uri)
+        what = entry.run_name if isinstance(entry, TrialEntry) else entry.kind
+        self._say(f"MLflow refuses {what!r}, kept in {self._journal.path}: {reason}")
+        with suppress(OSError):  # the entry itself is there, this is for the reader only
+            self._journal.append(RefusedEntry(entry=entry, reason=reason))
+
+    def _away(self, reason: Away) -> None:
+        self._say(
+            f"MLflow at {public_uri(self._uri)} is away, the sweep goes on, entries wait in "
+            f"{self._journal.path}: {reason}"
+        )
+
+    def _back(self) -> None:
+        self._say(f"MLflow at {public_uri(self._uri)} is back")
+
+    def _say(self, line: str) -> None:
+        self._print(hide_password(line, self._uri))
 
 
 def trial_metrics(
@@ -233,18 +250,13 @@ def trial_metrics(
     return named
 
 
-def ui_command(uri: str) -> str:
-    """The command line that opens the experiments in a browser of this machine."""
-    store = shlex.quote(_absolute(uri))
-    return (
-        f"MLFLOW_DISABLE_TELEMETRY=true {shlex.quote(sys.executable)} -m mlflow ui "
-        f"--backend-store-uri {store} --host 127.0.0.1 --port 5000"
-    )
+def _texts(params: Mapping[str, object]) -> dict[str, str]:
+    return {name: str(value) for name, value in params.items()}
 
 
 def _points(
     metrics: Mapping[str, float], curve: pd.DataFrame | None
-) -> list[tuple[str, int, float]]:
+) -> tuple[tuple[str, int, float], ...]:
     """(name, step, value) of all finite values."""
     points = [(name, 0, float(value)) for name, value in metrics.items()]
     if curve is not None:
@@ -252,25 +264,4 @@ def _points(
             (str(row["metric"]), int(row["epoch"]), float(row["value"]))
             for row in curve.to_dict("records")
         ]
-    return [point for point in points if np.isfinite(point[2])]
-
-
-def _sqlite_file(uri: str) -> Path | None:
-    """The database file of a `sqlite:///` URI, None for other URIs."""
-    match = re.fullmatch(r"sqlite:///(.+)", uri)
-    return Path(match[1]) if match else None
-
-
-def _absolute(uri: str) -> str:
-    """`uri`, a database file in it as an absolute path: MLflow stores places for later.
-
-    Raises:
-        ValueError: MLflow cannot keep runs there.
-    """
-    if "://" not in uri or uri.startswith("file:"):
-        raise ValueError(
-            f"MLflow keeps runs in a database or on a server, for example sqlite:///runs/mlflow.db "
-            f"or http://host:5000; found {uri!r}"
-        )
-    database = _sqlite_file(uri)
-    return uri if database is None else f"sqlite:///{database.resolve()}"
+    return tuple(point for point in points if np.isfinite(point[2]))

@@ -30,8 +30,20 @@ _OPTIONAL_TABLES: dict[str, tuple[str, ...]] = {
     ),
     "sampling_error": ("placement", "class", "surrogate", "value", "sd", "bias", "low", "high"),
     "pog_resamples": ("placement", "class", "surrogate", "resample", "value"),
-    "tasks": ("stage", "seconds", "cached"),
+    "tasks": ("stage", "label", "seconds", "cached"),
+    "promotions": (
+        *("rung", "detector", "placement", "by", "class", "value", "rank", "kept", "seconds"),
+        "setting",
+    ),
 }
+_LATER_TASK_COLUMNS: dict[str, float | str | bool] = {
+    "started": np.nan,
+    "ended": np.nan,
+    "node": "",
+    "peak_memory": np.nan,
+    "batch_size_reduced": False,
+}
+"""Columns that older run folders lack, and what stands for not known."""
 _SWEEP_KEYS = ("name", "command", "axes", "placements", "classes", "roi", "frames")
 
 
@@ -70,7 +82,8 @@ class RunFolder:
     """Everything that a sweep left in `path`.
 
     `config.yaml`, `sweep.json`, `results.parquet`, `surrogates.parquet` and `trials.parquet` must
-    be there. The others are None when the sweep did not make them.
+    be there. The others are None when the sweep did not make them. A sweep of surrogates alone has
+    no results, and trials whose detector is "".
 
     Attributes:
         config: text of the resolved configuration.
@@ -78,6 +91,8 @@ class RunFolder:
         roi: the region of interest.
         placements: mounts by the placement's name.
         axes: further axes of the grid, columns of `results` and `trials`.
+        tasks: with started, ended, node, peak_memory and batch_size_reduced, unknown in old runs.
+        promotions: how every rung of `promote:` ranked the placements.
     """
 
     path: Path
@@ -95,6 +110,7 @@ class RunFolder:
     sampling_error: pd.DataFrame | None
     pog_resamples: pd.DataFrame | None
     tasks: pd.DataFrame | None
+    promotions: pd.DataFrame | None
     maps: Maps | None
     frame: Frame | None
 
@@ -127,7 +143,15 @@ class RunFolder:
         reserved = {*RESULT_KEYS, "value", "ground_truths"}
         axes = tuple(axis for axis in sweep["axes"] if axis not in reserved)
         # An axis over placements, detectors or seeds is one of the fixed columns already.
-        axes = tuple(axis for axis in axes if axis in tables["results"].columns)
+        axes = tuple(axis for axis in axes if axis in tables["trials"].columns)
+        missing_axes = [axis for axis in axes if axis not in tables["results"].columns]
+        if missing_axes and len(tables["results"]):
+            raise ValueError(
+                f"{path / 'results.parquet'} has no column {', '.join(missing_axes)}, an axis of "
+                f"trials.parquet; found {', '.join(map(str, tables['results'].columns))}"
+            )
+        results = tables["results"].reindex(columns=[*tables["results"].columns, *missing_axes])
+        tasks, promotions = optional["tasks"], optional["promotions"]
         return cls(
             path=path,
             config=(path / "config.yaml").read_text(encoding="utf-8"),
@@ -138,15 +162,16 @@ class RunFolder:
                 for name, mounts in sweep["placements"].items()
             },
             axes=axes,
-            results=tables["results"],
+            results=results,
             surrogates=tables["surrogates"],
-            trials=tables["trials"],
+            trials=_detector_named(tables["trials"]),
             expected_ig_by_q=optional["expected_ig_by_q"],
             curves=optional["curves"],
             accuracy=optional["accuracy"],
             sampling_error=optional["sampling_error"],
             pog_resamples=optional["pog_resamples"],
-            tasks=optional["tasks"],
+            tasks=None if tasks is None else _with_later_columns(tasks),
+            promotions=None if promotions is None else _detector_named(promotions),
             maps=_read_maps(path / "maps.npz"),
             frame=_read_frame(path / "frame.npz"),
         )
@@ -175,6 +200,16 @@ def _read_table(path: Path, name: str, columns: tuple[str, ...]) -> pd.DataFrame
             f"{file} has no column {', '.join(missing)}; found {', '.join(map(str, table.columns))}"
         )
     return table
+
+
+def _detector_named(table: pd.DataFrame) -> pd.DataFrame:
+    """`table` with the detector "" where there is none."""
+    return table.assign(detector=table["detector"].fillna(""))
+
+
+def _with_later_columns(tasks: pd.DataFrame) -> pd.DataFrame:
+    missing = {k: v for k, v in _LATER_TASK_COLUMNS.items() if k not in tasks.columns}
+    return tasks.assign(**missing)
 
 
 def _read_maps(path: Path) -> Maps | None:

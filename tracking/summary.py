@@ -6,7 +6,13 @@ from collections.abc import Sequence
 
 import pandas as pd
 
+from tracking.labels import in_order, surrogate_name
 from tracking.run_folder import RunFolder
+
+TERMINAL_ROWS = 20
+"""Rows of the summary of a sweep without results: a terminal shows the best."""
+
+_SHORT = {"s_mig": "S-MIG", "expected_ig": "E-IG"}
 
 KITTI_IOU = {"Car": 0.7}
 """IoU at which KITTI counts a detection as true; 0.5 for the classes not named."""
@@ -58,8 +64,28 @@ def surrogates_of(
     return surrogates[match].pivot(index="placement", columns=columns, values=values)
 
 
+def deciding_surrogate(surrogates: pd.DataFrame) -> str:
+    """What orders placements without results, the highest first.
+
+    Expected IG, or covered entropy if that was not computed: both only rise when a LiDAR is added,
+    which S-MIG does not. Then expected points, which do too, then any that was computed.
+    """
+    computed = in_order(surrogates.loc[surrogates["value"].notna(), "surrogate"].unique())
+    rising = ("expected_ig", "covered_entropy", "expected_points")
+    return next((name for name in (*rising, *computed) if name in computed), rising[0])
+
+
+def by_surrogate(surrogates: pd.DataFrame) -> list[str]:
+    """Placements by `deciding_surrogate`, summed over classes and settings, the highest first."""
+    own = surrogates[surrogates["surrogate"] == deciding_surrogate(surrogates)]
+    total = own.groupby("placement", sort=False)["value"].sum()
+    return [str(name) for name in total.sort_values(ascending=False, kind="stable").index]
+
+
 def summary_table(run: RunFolder) -> pd.DataFrame:
     """A table of a sweep that fits a terminal, best placement first.
+
+    Without results, those of `_surrogate_summary`. With results:
 
     One row per placement, or per (placement, detector, axes) where these vary. Columns: `seeds`;
     S-MIG and expected IG of the first class; `covered entropy`, summed over classes; of the first
@@ -67,6 +93,8 @@ def summary_table(run: RunFolder) -> pd.DataFrame:
     IoU; BEV AP of the other classes at theirs; `recall` of all objects. Percent, means over seeds.
     A column that the sweep has no number for is left out.
     """
+    if run.results.empty:
+        return _surrogate_summary(run)
     first, *others = run.classes
     detectors = run.results["detector"].unique()
     varying = [axis for axis in run.axes if run.results[axis].nunique(dropna=False) > 1]
@@ -89,23 +117,58 @@ def summary_table(run: RunFolder) -> pd.DataFrame:
         row["seeds"] = group["seed"].nunique()
         setting = {axis: row[axis] for axis in varying}
         own = surrogates_of(run.surrogates, setting, first)
-        for title, surrogate in ((f"{first} S-MIG", "s_mig"), (f"{first} E-IG", "expected_ig")):
+        for surrogate, title in _SHORT.items():
             if surrogate in own.columns:
-                row[title] = own[surrogate].get(row["placement"])
+                row[f"{first} {title}"] = own[surrogate].get(row["placement"])
         covered = [surrogates_of(run.surrogates, setting, name) for name in run.classes]
-        row["covered entropy"] = sum(
-            table["covered_entropy"].get(row["placement"], float("nan")) for table in covered
-        )
+        if all("covered_entropy" in table.columns for table in covered):
+            row["covered entropy"] = sum(
+                table["covered_entropy"].get(row["placement"], float("nan")) for table in covered
+            )
         for title, name, metric, iou in columns:
             match = (group["class"] == name) & (group["metric"] == metric) & (group["iou"] == iou)
             row[title] = group.loc[match, "value"].mean()
             if title == columns[0][0]:
                 row["sd"] = group.loc[match, "value"].std()
         rows.append(row)
-    if not rows:
-        return pd.DataFrame(columns=[*keys, "seeds"])
     table = pd.DataFrame(rows).dropna(axis="columns", how="all")
     best = columns[0][0]
     if best in table.columns:
         table = table.sort_values(best, ascending=False, kind="stable", na_position="last")
     return table.reset_index(drop=True)
+
+
+def _surrogate_summary(run: RunFolder) -> pd.DataFrame:
+    """The best TERMINAL_ROWS placements of each setting by `deciding_surrogate`.
+
+    Columns: placement; the axes that surrogates vary over; that surrogate of every class, if there
+    are several; it, covered entropy and S-MIG summed over classes. What was not computed is left
+    out.
+    """
+    order = by_surrogate(run.surrogates)
+    if not order:
+        return pd.DataFrame(columns=["placement"])
+    decides = deciding_surrogate(run.surrogates)
+    varying = [
+        axis
+        for axis in run.axes
+        if axis in run.surrogates.columns and run.surrogates[axis].nunique() > 1
+    ]
+    settings = run.surrogates[varying].drop_duplicates().to_dict("records") if varying else [{}]
+    tables = []
+    for row in settings:
+        setting = {str(axis): value for axis, value in row.items()}
+        own = {name: surrogates_of(run.surrogates, setting, name) for name in run.classes}
+        columns = {"placement": pd.Series(order, index=order)}
+        columns |= {axis: pd.Series(value, index=order) for axis, value in setting.items()}
+        for surrogate in dict.fromkeys((decides, "covered_entropy", "s_mig")):
+            known = {k: table[surrogate] for k, table in own.items() if surrogate in table.columns}
+            title = _SHORT.get(surrogate, surrogate_name(surrogate))
+            if surrogate == decides and len(run.classes) > 1:
+                columns |= {f"{name} {title}": values for name, values in known.items()}
+            columns[title] = pd.DataFrame(known, index=order).sum(axis=1, min_count=1)
+        table = pd.DataFrame(columns).dropna(axis="columns", how="all")
+        best = _SHORT.get(decides, surrogate_name(decides))
+        table = table.sort_values(best, ascending=False, kind="stable")
+        tables.append(table.head(TERMINAL_ROWS))
+    return pd.concat(tables, ignore_index=True)

@@ -39,18 +39,31 @@ def largest_that_fits(fits: Callable[[int], bool]) -> int:
     return size
 
 
-def _fits(model: Detector, frames: TrainingFrames, settings: TrainingSettings, size: int) -> bool:
-    """Whether one step with `size` frames stays within the share of the memory."""
-    torch.cuda.empty_cache()
-    free, _ = torch.cuda.mem_get_info(model.device)
-    before = torch.cuda.memory_reserved(model.device)
-    torch.cuda.reset_peak_memory_stats(model.device)
+def step_bytes(
+    model: Detector, frames: TrainingFrames, settings: TrainingSettings, size: int
+) -> int | None:
+    """GPU memory that one step with the `size` largest frames adds to what is taken already.
+
+    0 on a CPU, where it is not counted; None if the step does not fit.
+    """
+    on_gpu = model.device.type == "cuda"
+    if on_gpu:
+        torch.cuda.empty_cache()
+        torch.cuda.reset_peak_memory_stats(model.device)
+    before = torch.cuda.memory_reserved(model.device) if on_gpu else 0
     try:
         trial = Optimisation(copy.deepcopy(model).train(), settings, steps=1)
         trial.step(as_tensors(frames.largest(size)))
     except torch.OutOfMemoryError:
-        return False
+        return None
     except ArithmeticError:
         pass  # its memory is known all the same; the training will name the frames
-    peak = torch.cuda.max_memory_reserved(model.device)
-    return peak - before <= MEMORY_SHARE * free
+    return torch.cuda.max_memory_reserved(model.device) - before if on_gpu else 0
+
+
+def _fits(model: Detector, frames: TrainingFrames, settings: TrainingSettings, size: int) -> bool:
+    """Whether one step with `size` frames stays within the share of the memory."""
+    torch.cuda.empty_cache()
+    free, _ = torch.cuda.mem_get_info(model.device)
+    taken = step_bytes(model, frames, settings, size)
+    return taken is not None and taken <= MEMORY_SHARE * free

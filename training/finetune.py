@@ -37,6 +37,7 @@ class FinetuneResult:
             over the epoch's steps, "lr" of its last step, "seconds" it took.
         steps: optimisation steps.
         batch_size: frames of a step.
+        batch_size_reduced: whether these are fewer than there should be, for want of GPU memory.
         weights: what it started from: "scratch", or the checkpoint's name and digest, and the
             entries of it that were not used.
         best_state_dict: weights after the epoch with the lowest training loss; None if that is the
@@ -48,6 +49,7 @@ class FinetuneResult:
     curve: pd.DataFrame
     steps: int
     batch_size: int
+    batch_size_reduced: bool
     weights: str
     best_state_dict: dict[str, Tensor] | None
     earlier_seconds: float
@@ -64,6 +66,8 @@ def finetune(
     on_epoch: Callable[[dict[str, float]], None] | None = None,
     folder: Path | None = None,
     checkpoint_digest: str | None = None,
+    batch_size: int | None = None,
+    halvings: int = 0,
 ) -> FinetuneResult:
     """Train `detector` on the frames of `clouds`, on a GPU if there is one.
 
@@ -80,6 +84,9 @@ def finetune(
         folder: keeps the training after each epoch, see `TrainingFolder`; one that was stopped
             goes on from there and gives what it would have given.
         checkpoint_digest: SHA-256 that the checkpoint of the settings must have.
+        batch_size: frames of a step where the settings say "auto"; None: what the memory holds.
+        halvings: how often the batch size is halved, to at least 1. A training that was stopped
+            with as many frames or fewer goes on with those, one with more starts again.
 
     Raises:
         ValueError: no frames, unknown detector or class, bad ground truth, a checkpoint that does
@@ -112,8 +119,17 @@ def finetune(
             "weights": weights,
         }
         kept = TrainingFolder(folder, fingerprint(identity, clouds, ground_truth), model.classes)
+        if settings.batch_size != "auto":
+            batch_size = settings.batch_size
         state = kept.load()
-        batch_size = state.batch_size if state else batch_size_for(model, frames, settings)
+        if batch_size is None:  # what was found before a stop stays
+            batch_size = state.batch_size if state else batch_size_for(model, frames, settings)
+        wanted = batch_size
+        batch_size = max(1, wanted >> halvings)
+        if state is not None and state.batch_size <= batch_size:
+            batch_size = state.batch_size
+        else:
+            state = None
         steps = settings.epochs * -(-len(frames) // batch_size)
         optimisation = Optimisation(model, settings, steps)
         if state is not None:
@@ -139,6 +155,7 @@ def finetune(
         pd.DataFrame(curve, columns=["epoch", "metric", "value"]),
         optimisation.steps,
         batch_size,
+        batch_size < wanted,
         weights,
         None if losses[-1] == min(losses) else kept.best(),
         earlier,

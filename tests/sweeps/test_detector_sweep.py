@@ -7,7 +7,8 @@ import pytest
 import yaml
 from small_log import write_small_log
 
-from sweeps.execute import InProcess, execute
+from sweeps.backends import InProcess
+from sweeps.execute import execute
 from sweeps.grid import read_sweep
 from sweeps.plan import make_plan
 from sweeps.store import Store
@@ -28,8 +29,8 @@ SWEEP = {
 class Loud:
     def started(self, task): ...
     def finished(self, task): ...
-    def failed(self, task, reason, log):
-        raise AssertionError(f"{task.label}: {reason}\n{log}")
+    def failed(self, task, failure):
+        raise AssertionError(f"{task.label}: {failure.reason}\n{failure.log}")
 
 
 def test_every_network_trains_and_is_evaluated(tmp_path):

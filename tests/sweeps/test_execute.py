@@ -1,9 +1,10 @@
-import numpy as np
-import pandas as pd
 import pytest
 
-from sweeps import execute as execute_module
-from sweeps.execute import InProcess, execute
+from sweeps import worker
+from sweeps.backends import InProcess
+from sweeps.execute import execute
+from sweeps.failures import Failure, FailureFolder
+from sweeps.resources import Need, need_of, probes_of, rounded_share
 from sweeps.schedule import Schedule
 from sweeps.store import Store
 from sweeps.task import Task
@@ -19,8 +20,8 @@ class Recorder:
     def finished(self, task):
         self.log.append(("finished", task.label))
 
-    def failed(self, task, reason, log):
-        self.log.append(("failed", task.label, reason))
+    def failed(self, task, failure):
+        self.log.append(("failed", task.label, failure.reason))
 
 
 @pytest.fixture
@@ -35,9 +36,9 @@ def stages(monkeypatch):
     def fail(params, *inputs):
         raise ValueError("no such thing")
 
-    monkeypatch.setitem(execute_module.FUNCTIONS, "scene", add)
-    monkeypatch.setitem(execute_module.FUNCTIONS, "collect", add)
-    monkeypatch.setitem(execute_module.FUNCTIONS, "finetune", fail)
+    monkeypatch.setitem(worker.FUNCTIONS, "scene", add)
+    monkeypatch.setitem(worker.FUNCTIONS, "collect", add)
+    monkeypatch.setitem(worker.FUNCTIONS, "finetune", fail)
     return calls
 
 
@@ -48,10 +49,15 @@ def diamond():
     return [scene, left, right, Task("collect", "d", {"n": 1000}, (left, right))]
 
 
-def run(tasks, folder):
+def run(tasks, folder, known=None, backend=InProcess):
     recorder = Recorder()
     store = Store(folder)
-    return execute(tasks, store, InProcess(store), recorder), recorder, store
+    outcome = execute(tasks, store, backend(store), recorder, known=known)
+    return outcome.failures, recorder, store
+
+
+def reasons(failures):
+    return {key: failure.reason for key, failure in failures.items()}
 
 
 def test_results_flow_from_task_to_task(tmp_path, stages):
@@ -72,24 +78,44 @@ def test_what_is_in_the_store_is_not_computed_again(tmp_path, stages):
     assert recorder.log == [("started", "e"), ("finished", "e")]
 
 
-def test_a_task_that_was_stopped_finds_what_it_had(tmp_path, monkeypatch):
-    def twice(params, folder):
-        if not folder.exists():
-            folder.mkdir(parents=True)
-            raise ValueError("stopped")
-        return {"n": params["n"]}
+def test_times_are_kept_of_what_ran(tmp_path, stages):
+    tasks = diamond()
+    store = Store(tmp_path)
+    outcome = execute(tasks, store, InProcess(store), Recorder())
+    assert set(outcome.times) == {task.key for task in tasks}
+    ends = [outcome.times[task.key][1] for task in tasks]
+    assert all(start <= end for start, end in outcome.times.values())
+    assert outcome.times[tasks[-1].key][0] >= max(ends[:-1])
 
-    monkeypatch.setitem(execute_module.FUNCTIONS, "finetune", twice)
+
+def test_a_clock_that_jumps_changes_nothing(tmp_path, stages, monkeypatch):
+    hours = iter(range(10**6, 0, -1))
+    for name in ("time", "time_ns"):
+        monkeypatch.setattr(f"time.{name}", lambda: 3600 * next(hours))
+    tasks = diamond()
+    store = Store(tmp_path)
+    outcome = execute(tasks, store, InProcess(store), Recorder())
+    assert store.load(tasks[-1])["sum"] == 1112
+    assert all(0 <= end - start < 3600 for start, end in outcome.times.values())
+    assert all(0 <= store.seconds(task) < 3600 for task in tasks)
+
+
+def test_a_task_that_was_stopped_finds_what_it_had(tmp_path, monkeypatch):
+    def twice(params, folder, batch_size, halvings):
+        if not list(folder.iterdir()):
+            (folder / "last.pt").write_text("half way")
+            raise ValueError("stopped")
+        return {"n": params["n"], "found": (folder / "last.pt").read_text()}
+
+    monkeypatch.setitem(worker.FUNCTIONS, "finetune", twice)
     task, other = (Task("finetune", "a", {"n": n}, resumable=True) for n in (1, 2))
     failures, _, store = run([task, other], tmp_path)
     assert len(failures) == 2, "each has its own folder"
-    assert store.unfinished(task).is_dir()
     assert not store.has(task)
     failures, _, store = run([task], tmp_path)
     assert not failures
-    assert store.load(task) == {"n": 1}
-    assert not store.unfinished(task).exists()
-    assert store.unfinished(other).exists()
+    assert store.load(task) == {"n": 1, "found": "half way"}
+    assert [entry.key for entry in store.contents() if entry.kind == "working"] == [other.key]
 
 
 def test_a_failure_takes_down_what_needs_it_and_nothing_else(tmp_path, stages):
@@ -97,60 +123,235 @@ def test_a_failure_takes_down_what_needs_it_and_nothing_else(tmp_path, stages):
     broken = Task("finetune", "broken", {}, (tasks[1],))
     needs = Task("collect", "needs", {"n": 1}, (broken,))
     failures, recorder, store = run([*tasks[:2], broken, needs, *tasks[2:]], tmp_path)
-    assert failures == {
+    assert reasons(failures) == {
         broken.key: "no such thing",
         needs.key: "needs finetune 'broken', which failed",
     }
+    assert [failures[task.key].follows for task in (broken, needs)] == [False, True]
     assert store.has(tasks[-1])
     assert ("failed", "broken", "no such thing") in recorder.log
     assert ("started", "needs") not in recorder.log
 
 
-def test_late_stages_come_first(tmp_path, stages):
+def test_what_failed_for_good_is_not_tried_again(tmp_path, stages):
+    tasks = diamond()
+    known = {tasks[1].key: Failure("the data are wrong", lasting=True)}
+    failures, recorder, store = run(tasks, tmp_path, known)
+    assert reasons(failures) == {
+        tasks[1].key: "the data are wrong",
+        tasks[3].key: "needs collect 'b', which failed",
+    }
+    assert ("started", "b") not in recorder.log
+    assert store.has(tasks[2])
+    failures, _, store = run(tasks, tmp_path)
+    assert not failures
+    failures, recorder, _ = run(tasks, tmp_path, known)
+    assert not failures, "what is there is no failure"
+    assert not recorder.log
+
+
+@pytest.mark.parametrize(
+    ("error", "lasting"),
+    [
+        (ValueError("a bad box"), True),
+        (ArithmeticError("the loss is nan"), True),
+        (OSError(28, "No space left on device"), False),
+        (MemoryError(), False),
+        (RuntimeError("CUDA error: unspecified launch failure"), False),
+    ],
+)
+def test_only_data_and_settings_fail_for_good(tmp_path, monkeypatch, error, lasting):
+    def fail(params):
+        raise error
+
+    monkeypatch.setitem(worker.FUNCTIONS, "scene", fail)
+    task = Task("scene", "a", {})
+    failures, _, _ = run([task], tmp_path / "store")
+    folder = FailureFolder(tmp_path / "failed")
+    folder.write(task, failures[task.key])
+    assert folder.read() == failures
+    assert failures[task.key].lasting is lasting
+    assert type(error).__name__ in folder.log(task).read_text()
+    folder.forget(task.key)
+    assert not folder.read()
+    assert not folder.log(task).exists()
+
+
+def test_another_driver_may_finish_a_task_first(tmp_path, monkeypatch):
+    """It tidies up under this one, whose attempt then fails: no harm is done."""
+    task = Task("scene", "a", {})
+
+    def overtaken(params):
+        Store(tmp_path).save(task, {"n": 1}, 0.0)
+        raise FileNotFoundError("last.pt")
+
+    monkeypatch.setitem(worker.FUNCTIONS, "scene", overtaken)
+    failures, _, store = run([task], tmp_path)
+    assert not failures
+    assert store.load(task) == {"n": 1}
+
+
+def test_what_another_driver_did_since_the_start_is_not_done_again(tmp_path, monkeypatch):
+    first, second = Task("scene", "a", {"n": 1}), Task("scene", "b", {"n": 2})
+
+    def with_the_other(params):
+        Store(tmp_path).save(second, {"n": "theirs"}, 0.0)
+        return {"n": "ours"}
+
+    monkeypatch.setitem(worker.FUNCTIONS, "scene", with_the_other)
+    failures, recorder, store = run([first, second], tmp_path)
+    assert not failures
+    assert store.load(second) == {"n": "theirs"}
+    assert ("started", "b") not in recorder.log
+    assert ("finished", "b") in recorder.log
+
+
+class Probing(InProcess):
+    """A backend that looks at needs and remembers them."""
+
+    probes = True
+    needs: dict
+
+    def __init__(self, store):
+        super().__init__(store)
+        self.needs = {}
+
+    def submit(self, task, how, need):
+        self.needs.setdefault(task.key, []).append(need)
+        return super().submit(task, how, need)
+
+
+def training(n, detector="second", batch_size=8, inputs=()):
+    params = {"n": n, "detector": detector, "training": {"batch_size": batch_size}}
+    return Task("finetune", f"{detector} {n}", params, inputs, gpu=True, resumable=True)
+
+
+def test_a_training_that_is_too_large_for_a_gpu_is_tried_alone_with_half_the_batch(
+    tmp_path, monkeypatch
+):
+    class OutOfMemoryError(RuntimeError):
+        """Of the same name as torch's."""
+
+    tried = []
+
+    def train(params, *inputs, folder, batch_size, halvings):
+        size = params["training"]["batch_size"] >> halvings
+        tried.append((params["n"], size))
+        if size > params["n"]:
+            raise OutOfMemoryError("CUDA out of memory")
+        return {"batch_size": size}
+
+    monkeypatch.setitem(worker.FUNCTIONS, "finetune", train)
+    monkeypatch.setitem(
+        worker.FUNCTIONS, "probe", lambda params, *inputs: {"batch_size": 8, "gpu_share": 0.2}
+    )
+    fits, fits_not = training(2), training(0)
+    store, recorder = Store(tmp_path), Recorder()
+    backend = Probing(store)
+    outcome = execute([fits, fits_not], store, backend, recorder)
+    assert store.load(fits) == {"batch_size": 2}
+    assert [size for n, size in tried if n == 2] == [8, 4, 2]
+    assert [size for n, size in tried if n == 0] == [8, 4, 2, 1], "not less than one frame"
+    assert "CUDA out of memory" in outcome.failures[fits_not.key].reason
+    assert not outcome.failures[fits_not.key].lasting
+    assert [need.gpu_share for need in backend.needs[fits.key]] == [1.0, 1.0, 1.0]
+
+
+def test_the_memory_of_a_training_is_that_of_its_probe(tmp_path, monkeypatch):
+    held = []
+
+    def probe(params, *inputs):
+        held.append(b"x" * 200_000_000)
+        held.clear()
+        return {"batch_size": 4, "gpu_share": None}
+
+    monkeypatch.setitem(worker.FUNCTIONS, "probe", probe)
+    monkeypatch.setitem(
+        worker.FUNCTIONS, "finetune", lambda params, **how: {"batch_size": how["batch_size"]}
+    )
+    tasks = [training(1, batch_size="auto"), training(2, batch_size="auto")]
+    store, recorder = Store(tmp_path), Recorder()
+    backend = Probing(store)
+    assert not execute(tasks, store, backend, recorder).failures
+    assert [label for kind, label in recorder.log if kind == "started"].count("second") == 1
+    for task in tasks:
+        (need,) = backend.needs[task.key]
+        assert need.memory > 200e6
+        assert store.load(task) == {"batch_size": 4}
+    (probed,) = set(probes_of(tasks).values())
+    assert need.memory == int(store.record(probed)["peak_memory"] * 1.25)
+    later = execute([training(3, batch_size="auto")], store, backend, recorder)
+    assert not later.failures
+    assert [label for kind, label in recorder.log if kind == "started"].count("second") == 2
+
+
+def test_trainings_go_on_if_their_probe_fails(tmp_path, stages, monkeypatch):
+    def fail(params, *inputs):
+        raise RuntimeError("no memory to look at")
+
+    monkeypatch.setitem(worker.FUNCTIONS, "probe", fail)
+    monkeypatch.setitem(worker.FUNCTIONS, "finetune", lambda params, *inputs, **how: {"n": 1})
+    clouds = Task("collect", "clouds", {"n": 1})
+    task = training(1, inputs=(clouds,))
+    failures, recorder, store = run([clouds, task], tmp_path, backend=Probing)
+    assert not failures
+    assert store.has(task)
+    assert ("failed", "second", "RuntimeError: no memory to look at") in recorder.log
+
+
+def test_trainings_of_other_placements_go_on_if_the_clouds_of_the_probe_fail(
+    tmp_path, stages, monkeypatch
+):
+    def collect(params):
+        if params["n"] == 1:
+            raise ValueError("no clouds")
+        return {"sum": 0}
+
+    monkeypatch.setitem(worker.FUNCTIONS, "collect", collect)
+    monkeypatch.setitem(worker.FUNCTIONS, "finetune", lambda params, *inputs, **how: {"n": 1})
+    clouds = [Task("collect", f"clouds {n}", {"n": n}) for n in (1, 2)]
+    tasks = [training(n, inputs=(c,)) for n, c in zip((1, 2), clouds, strict=True)]
+    failures, _, store = run([*clouds, *tasks], tmp_path, backend=Probing)
+    assert set(failures) == {clouds[0].key, tasks[0].key}
+    assert store.has(tasks[1])
+
+
+@pytest.mark.parametrize(
+    ("share", "rounded"),
+    [
+        (0.0, 0.01),
+        (0.1, 0.1),
+        (0.3, 1 / 3),
+        (0.34, 0.5),
+        (0.5, 0.5),
+        (0.6, 1.0),
+        (1.0, 1.0),
+        (1.3, 1.0),
+    ],
+)
+def test_trainings_fill_a_gpu(share, rounded):
+    assert rounded_share(share) == pytest.approx(rounded)
+
+
+def test_needs_without_a_probe(tmp_path):
+    store = Store(tmp_path)
+    assert need_of(training(1), None, store, 0.5) == Need(gpu_share=0.5)
+    assert need_of(training(1), None, store, "auto") == Need(gpu_share=1.0)
+    assert need_of(Task("scene", "a", {}), None, store, 0.5) == Need()
+
+
+def test_late_stages_come_first():
     scene = Task("scene", "s", {"n": 0})
     other = Task("scene", "s2", {"n": 1})
     late = Task("collect", "late", {"n": 2}, (scene,))
-    schedule = Schedule([scene, other, late], done={scene.key})
+    schedule = Schedule([scene, other, late], {scene.key}, {})
     assert schedule.next() is late
 
 
-def test_store_round_trip(tmp_path):
-    import torch
-
-    store, task = Store(tmp_path), Task("scene", "a", {})
-    value = {
-        "table": pd.DataFrame({"a": [1, 2]}),
-        "array": np.arange(6.0).reshape(2, 3),
-        "state_dict": {"w": torch.ones(2)},
-        "n": 3,
-        "roi": {"x": [0, 1]},
-    }
-    assert not store.has(task)
-    store.save(task, value, seconds=1.5)
-    found = store.load(task)
-    assert set(found) == set(value)
-    pd.testing.assert_frame_equal(found["table"], value["table"])
-    np.testing.assert_array_equal(found["array"], value["array"])
-    assert torch.equal(found["state_dict"]["w"], value["state_dict"]["w"])
-    assert (found["n"], found["roi"]) == (3, {"x": [0, 1]})
-    assert store.seconds(task) == 1.5
-    store.save(task, value | {"n": 4}, seconds=9.0)
-    assert store.load(task)["n"] == 3, "what is there stays"
-    assert [p.name for p in store.path(task).parent.iterdir()] == [task.key], "no leftovers"
-
-
-def test_large_arrays_stay_on_disk(tmp_path):
-    store, task = Store(tmp_path), Task("scene", "a", {})
-    store.save(task, {"large": np.arange(200_000), "small": np.arange(5)}, seconds=0.0)
-    found = store.load(task)
-    assert isinstance(found["large"], np.memmap)
-    assert not isinstance(found["small"], np.memmap)
-    np.testing.assert_array_equal(found["large"], np.arange(200_000))
-
-
-def test_a_result_that_cannot_be_written_leaves_nothing(tmp_path):
-    store, task = Store(tmp_path), Task("scene", "a", {})
-    with pytest.raises(TypeError):
-        store.save(task, {"n": object()}, seconds=0.0)
-    assert not store.has(task)
-    assert not list(store.path(task).parent.iterdir())
+def test_work_for_a_gpu_does_not_block_the_rest():
+    on_gpu = training(1)
+    scene = Task("scene", "s", {"n": 0})
+    schedule = Schedule([on_gpu, scene], set(), {})
+    assert schedule.next(gpu=False) is scene
+    assert schedule.next(gpu=False) is None
+    assert schedule.next(gpu=True) is on_gpu

@@ -11,7 +11,8 @@ import yaml
 from small_log import write_small_log
 from typer.testing import CliRunner
 
-from sweeps.execute import InProcess, execute
+from sweeps.backends import InProcess
+from sweeps.execute import execute
 from sweeps.grid import ConfigError, read_sweep
 from sweeps.plan import make_plan
 from sweeps.pretrain import app, pretrain_task, with_inputs
@@ -133,7 +134,7 @@ def test_the_command_writes_weights_to_start_from(folder):
         (f"training.checkpoint={out}", f"base.pt sha256:{digest(out)}", content["classes"]),
     ):
         trial = make_plan(read_sweep(config, [override])).trials[0]
-        failures = execute(with_inputs(trial.evaluate), store, InProcess(store), Quiet())
+        failures = execute(with_inputs(trial.evaluate), store, InProcess(store), Quiet()).failures
         assert not failures
         training = store.load(trial.finetune)
         assert (training["weights"], training["classes"]) == (weights, classes)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,7 @@ def write_run(
     """Write a run folder with `names` as placements.
 
     `densities` adds an axis "scene.density", `trainings` those of epochs and share of the frames.
+    Without `detectors` it is a sweep of surrogates alone: no results, no frame, maps of some.
     """
     rng = np.random.default_rng(seed)
     path.mkdir(parents=True)
@@ -58,6 +60,12 @@ def write_run(
                     )
                     results += _results(rng, common, number, setting, quality[name])
                     curves += _curve(rng, trial, setting)
+    if not detectors:
+        trials = [
+            {"trial": f"t{i:03d}", "placement": name, "detector": None, "seed": 0, **scene}
+            | {"seconds": np.nan, "status": "finished", "error": ""}
+            for i, (scene, name) in enumerate(product(scenes, names))
+        ]
     estimates, resamples = _sampling_error(rng, quality, scenes)
     tables = {
         "trials": trials,
@@ -84,11 +92,14 @@ def write_run(
         "roi": roi,
         "frames": {"train": 400, "test": 100},
         "seconds": 1234.5,
+        "cores": 2,
         "versions": {"lidarplace": "0.1.0", "numpy": np.__version__},
     }
     (path / "sweep.json").write_text(json.dumps(sweep), encoding="utf-8")
     (path / "config.yaml").write_text("scene:\n  density: 40\n", encoding="utf-8")
-    _write_arrays(rng, path, names, roi, points)
+    _write_maps(path, names if detectors else names[:12], roi)
+    if detectors:
+        _write_frame(rng, path, names, points)
     return path
 
 
@@ -244,24 +255,29 @@ def _sampling_error(
 
 
 def _tasks(trials: list[dict[str, object]]) -> list[dict[str, object]]:
+    """Tasks of two workers, 10 ms beyond the work of each."""
     rows: list[dict[str, object]] = [
         {"stage": "scene", "label": "town01", "key": "a", "seconds": 31.0, "cached": True},
         {"stage": "pog", "label": "Car", "key": "b", "seconds": 4.0, "cached": False},
     ]
     for trial in trials:
-        common = {"label": trial["placement"], "key": trial["trial"]}
-        rows.append({"stage": "simulate", **common, "seconds": 9.0, "cached": False})
-        rows.append({"stage": "train", **common, "seconds": trial["seconds"], "cached": False})
+        common = {"label": trial["placement"], "key": trial["trial"], "cached": False}
+        rows.append({"stage": "simulate", **common, "seconds": 9.0})
+        if trial["detector"] is not None:
+            rows.append({"stage": "train", **common, "seconds": trial["seconds"]})
+    free = [2.0, 2.0]
+    for row in rows:
+        own = {"started": np.nan, "ended": np.nan, "node": "", "peak_memory": np.nan}
+        if not row["cached"]:
+            worker = int(np.argmin(free))
+            own |= {"started": free[worker], "ended": free[worker] + row["seconds"] + 0.01}
+            own |= {"node": "node-1", "peak_memory": 2.5e8 + len(str(row["label"]))}
+            free[worker] = own["ended"]
+        row |= own | {"batch_size_reduced": False}
     return rows
 
 
-def _write_arrays(
-    rng: np.random.Generator,
-    path: Path,
-    names: Sequence[str],
-    roi: dict[str, object],
-    points: int,
-) -> None:
+def _write_maps(path: Path, names: Sequence[str], roi: dict[str, object]) -> None:
     edge = float(roi["resolution"])
     (x0, x1), (y0, y1) = roi["x"], roi["y"]
     x = np.arange(x0 + edge / 2, x1, edge)[:, None]
@@ -273,6 +289,8 @@ def _write_arrays(
         maps[f"coverage/{name}"] = share.astype(np.float32)
     np.savez_compressed(path / "maps.npz", **maps)
 
+
+def _write_frame(rng: np.random.Generator, path: Path, names: Sequence[str], points: int) -> None:
     boxes = np.array([[12, 3, 0.8, 4.2, 1.8, 1.6, 0.1], [8, -5, 0.9, 0.8, 0.8, 1.8, 0.0]])
     frame: dict[str, np.ndarray] = {"boxes": boxes, "labels": np.array(["Car", "Pedestrian"])}
     for name in names:

@@ -3,34 +3,31 @@
 from __future__ import annotations
 
 import shlex
-import shutil
+import sys
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
-import pandas as pd
 import pytest
+from mlflow_runs_of import (
+    CURVE,
+    assert_logged_once,
+    log_trial,
+    new_store,
+    runs_of,
+    until,
+)
 
-from tracking.mlflow_log import SweepLog, trial_metrics, ui_command
+from tracking.journal import Journal, RefusedEntry
+from tracking.mlflow_log import SweepLog, public_uri, trial_metrics, ui_command
 from tracking.run_folder import RunFolder
-
-CURVE = pd.DataFrame({"epoch": [1, 2, 3], "metric": "loss", "value": [3.0, 2.0, 1.5]})
-
-
-@pytest.fixture(scope="session")
-def empty_database(tmp_path_factory) -> Path:
-    """A database with MLflow's tables: making one costs seconds, copying it nothing."""
-    import mlflow
-
-    path = tmp_path_factory.mktemp("mlflow") / "template.db"
-    mlflow.MlflowClient(tracking_uri=f"sqlite:///{path}").search_experiments()
-    return path
 
 
 @pytest.fixture
-def uri(empty_database, tmp_path) -> str:
-    (tmp_path / "store").mkdir()
-    shutil.copy(empty_database, tmp_path / "store" / "mlflow.db")
-    return f"sqlite:///{tmp_path}/store/mlflow.db"
+def uri(tmp_path) -> str:
+    return new_store(tmp_path / "store")
 
 
 def client(uri):
@@ -39,38 +36,32 @@ def client(uri):
     return MlflowClient(tracking_uri=uri)
 
 
-def runs_of(uri, name="demo"):
-    mlflow = client(uri)
-    experiment = mlflow.get_experiment_by_name(name)
-    return {run.info.run_name: run for run in mlflow.search_runs([experiment.experiment_id])}
+@pytest.fixture
+def journal(tmp_path) -> Path:
+    return tmp_path / "demo" / "mlflow.jsonl"
 
 
-def log_two(uri, key="k1"):
-    with SweepLog(uri, "demo", key, {"epochs": 3}) as log:
-        return [
-            log.trial(
-                f"t{seed}",
-                f"line · tiny · seed {seed}",
-                {"seed": seed},
-                {"AP_R40_3D.Car.0.70": 60.0 + seed, "recall.all.0.50": np.nan},
-                CURVE,
-            )
-            for seed in (1, 2)
-        ]
+def log_two(uri, journal, key="k1"):
+    with SweepLog(uri, "demo", key, {"epochs": 3}, journal=journal) as log:
+        for seed in (1, 2):
+            log_trial(log, seed)
+    assert (log.undelivered, log.refused) == (0, 0)
+    assert not journal.exists()
 
 
-def test_a_sweep_is_a_parent_and_a_child_a_trial(uri, tmp_path):
+def test_a_sweep_is_a_parent_and_a_child_a_trial(uri, journal, tmp_path):
     figure = tmp_path / "report.html"
     figure.write_text("<p>report</p>")
-    with SweepLog(uri, "demo", "k1", {"epochs": 3}) as log:
-        log.trial("t1", "line · tiny · seed 1", {"seed": 1}, {"seconds": 2.5}, CURVE)
+    with SweepLog(uri, "demo", "k1", {"epochs": 3}, journal=journal) as log:
+        tags = {"lidarplace.status": "pruned"}
+        metrics = {"seconds": 2.5, "recall.all.0.50": np.nan}
+        log.trial("t1", "line · tiny · seed 1", {"seed": 1}, metrics, CURVE, tags=tags)
         log.artifact(figure)
-        parent_id = log.parent_run_id
     runs = runs_of(uri)
     parent, child = runs["demo"], runs["line · tiny · seed 1"]
-    assert parent.info.run_id == parent_id
     assert parent.data.params == {"epochs": "3"}
-    assert child.data.tags["mlflow.parentRunId"] == parent_id
+    assert child.data.tags["mlflow.parentRunId"] == parent.info.run_id
+    assert child.data.tags["lidarplace.status"] == "pruned"
     assert child.data.metrics == {"seconds": 2.5, "loss": 1.5}
     assert {run.info.status for run in runs.values()} == {"FINISHED"}
     history = client(uri).get_metric_history(child.info.run_id, "loss")
@@ -79,119 +70,222 @@ def test_a_sweep_is_a_parent_and_a_child_a_trial(uri, tmp_path):
     assert files == ["report.html"]
 
 
-def test_a_resumed_sweep_doubles_nothing(uri):
-    assert log_two(uri) == [True, True]
+def test_the_parent_runs_in_the_block(uri, journal):
+    log_two(uri, journal)
+    with SweepLog(uri, "demo", "k1", {"epochs": 3}, journal=journal) as log:
+        until(lambda: not log.undelivered)
+        assert runs_of(uri)["demo"].info.status == "RUNNING"
+
+
+def test_a_resumed_sweep_doubles_nothing(uri, journal):
+    log_two(uri, journal)
     before = runs_of(uri)
-    assert log_two(uri) == [False, False]
-    after = runs_of(uri)
-    assert {name: run.info.run_id for name, run in after.items()} == {
-        name: run.info.run_id for name, run in before.items()
+    log_two(uri, journal)
+    assert_logged_once(uri, range(1, 3))
+    assert {run.info.run_id for run in runs_of(uri).values()} == {
+        run.info.run_id for run in before.values()
     }
-    child = after["line · tiny · seed 1"]
-    assert len(client(uri).get_metric_history(child.info.run_id, "loss")) == 3
-    assert "recall.all.0.50" not in child.data.metrics
 
 
-@pytest.mark.parametrize("stops_before", ["log_batch", "set_terminated"])
-def test_a_trial_cut_half_way_is_continued(uri, monkeypatch, stops_before):
-    log_two(uri)
+@pytest.mark.parametrize("fails_in", ["create_run", "log_batch", "set_terminated"])
+def test_a_trial_cut_half_way_is_continued(uri, journal, monkeypatch, fails_in):
+    """The connection breaks when a call has been carried out, in part, and not been answered."""
+    log_two(uri, journal)
     from mlflow import MlflowClient
 
-    whole = getattr(MlflowClient, stops_before)
-    written: list[str] = []
-    parent = ""
+    whole = getattr(MlflowClient, fails_in)
+    said, broken = [], []
 
-    def stop(self, run_id, *arguments, **named):
-        if named.get("metrics") or (stops_before == "set_terminated" and run_id != parent):
-            if stops_before == "log_batch":
-                whole(self, run_id, metrics=named["metrics"][:2])
-            written.append(run_id)
-            raise KeyboardInterrupt
-        return whole(self, run_id, *arguments, **named)
+    def breaks(self, *arguments, **named):
+        if broken:
+            return whole(self, *arguments, **named)
+        broken.append(fails_in)
+        if fails_in == "log_batch":
+            run_id, metrics, params, tags = arguments
+            arguments = (run_id, metrics[:2], params, tags)
+        whole(self, *arguments, **named)
+        raise ConnectionError("reset by peer")
 
-    name = "center · tiny · seed 1"
-    metrics = {"seconds": 1.0, "recall.all.0.50": 70.0}
-    monkeypatch.setattr(MlflowClient, stops_before, stop)
-
-    def cut():
-        nonlocal parent
-        with SweepLog(uri, "demo", "k1", {"epochs": 3}) as log:
-            parent = log.parent_run_id
-            log.trial("t3", name, {"seed": 1}, metrics, CURVE)
-
-    with pytest.raises(KeyboardInterrupt):
-        cut()
-    monkeypatch.undo()
-    assert runs_of(uri)["demo"].info.status == "KILLED"
-    assert runs_of(uri)[name].info.status == "RUNNING"
-
-    again = {**metrics, "seconds": 9.0}  # measured anew
-    with SweepLog(uri, "demo", "k1", {"epochs": 3}) as log:
-        assert log.trial("t3", name, {"seed": 1}, again, CURVE)
-    runs = runs_of(uri)
-    assert len(runs) == 4
-    assert runs[name].info.run_id == written[0]
-    assert runs[name].info.status == "FINISHED"
-    for metric, points in (("loss", 3), ("seconds", 1), ("recall.all.0.50", 1)):
-        assert len(client(uri).get_metric_history(written[0], metric)) == points
+    with SweepLog(uri, "demo", "k1", {"epochs": 3}, journal=journal, say=said.append) as log:
+        until(lambda: not log.undelivered)
+        monkeypatch.setattr(MlflowClient, fails_in, breaks)
+        log_trial(log, 3)
+    assert broken
+    assert len(said) == 2
+    assert "is away, the sweep goes on, entries wait in" in said[0]
+    assert "reset by peer" in said[0]
+    assert said[1] == f"MLflow at {uri} is back"
+    assert_logged_once(uri, range(1, 4))
 
 
-def test_a_failed_trial_is_marked_and_may_succeed_later(uri):
-    with SweepLog(uri, "demo", "k1", {}) as log:
+def test_of_two_runs_of_a_trial_one_stays(uri, journal):
+    """A server that answers too late may carry out a call that was given up and made again."""
+    log_two(uri, journal)
+    mlflow = client(uri)
+    first = runs_of(uri)["line · tiny · seed 1"]
+    tags = {k: v for k, v in first.data.tags.items() if k.startswith(("lidarplace", "mlflow.p"))}
+    mlflow.create_run(first.info.experiment_id, 1, tags, first.info.run_name)
+    log_two(uri, journal)
+    assert runs_of(uri)["line · tiny · seed 1"].info.run_id == first.info.run_id
+
+
+def test_a_failed_trial_is_marked_and_may_succeed_later(uri, journal):
+    with SweepLog(uri, "demo", "k1", {}, journal=journal) as log:
         log.trial("t1", "line", {}, {}, error="ValueError: no box")
     failed = runs_of(uri)["line"]
     assert failed.info.status == "FAILED"
     assert failed.data.tags["lidarplace.error"] == "ValueError: no box"
-    with SweepLog(uri, "demo", "k1", {}) as log:
-        assert log.trial("t1", "line", {}, {"seconds": 1.0})
+    with SweepLog(uri, "demo", "k1", {}, journal=journal) as log:
+        log.trial("t1", "line", {}, {}, error="ValueError: no box")  # fails once more
+        log.trial("t1", "line", {"seed": 1}, {"seconds": 1.0})
     run = runs_of(uri)["line"]
     assert run.info.run_id == failed.info.run_id
     assert run.info.status == "FINISHED"
+    assert run.data.params == {"seed": "1"}
     assert "lidarplace.error" not in run.data.tags
 
 
-def test_an_exception_leaves_the_parent_failed(uri):
-    with pytest.raises(RuntimeError), SweepLog(uri, "demo", "k1", {}):
-        raise RuntimeError
-    assert runs_of(uri)["demo"].info.status == "FAILED"
+@pytest.mark.parametrize(
+    ("error", "status"), [(RuntimeError, "FAILED"), (KeyboardInterrupt, "KILLED")]
+)
+def test_an_exception_shows_at_the_parent(uri, journal, error, status):
+    with pytest.raises(error), SweepLog(uri, "demo", "k1", {}, journal=journal):
+        raise error
+    assert runs_of(uri)["demo"].info.status == status
 
 
-def test_more_params_and_metrics_than_one_batch_takes(uri):
+def test_more_params_and_metrics_than_one_batch_takes(uri, journal):
     params = {f"p{i}": i for i in range(150)}
     metrics = {f"m{i}": float(i) for i in range(1100)}
-    with SweepLog(uri, "demo", "k1", params) as log:
-        log.trial("t1", "line", params, metrics)
+    for _ in range(2):
+        with SweepLog(uri, "demo", "k1", params, journal=journal) as log:
+            log.trial("t1", "line", params, metrics)
     run = runs_of(uri)["line"]
     assert len(run.data.params) == 150
     assert run.data.metrics == metrics
-    with SweepLog(uri, "demo", "k1", params) as log:
-        assert not log.trial("t1", "line", params, metrics)
 
 
-def test_two_sweeps_share_an_experiment(uri):
-    log_two(uri, "k1")
-    assert log_two(uri, "k2") == [True, True]
+def test_what_mlflow_refuses_does_not_hold_up_the_rest(uri, journal):
+    said = []
+    with SweepLog(uri, "demo", "k1", {}, journal=journal, say=said.append) as log:
+        log.trial("worse", "worse", {}, {"no such\nname": 1.0})
+        log.trial("bad", "bad", {}, {}, error="ValueError: no box")
+        log.trial("bad", "bad", {}, {"no such\nname": 1.0})
+        log.artifact(journal.parent / "missing.html")
+        log_trial(log, 1)
+    assert (log.undelivered, log.refused) == (0, 3)
+    assert [line.split(", kept in")[0] for line in said] == [
+        "MLflow refuses 'worse'",
+        "MLflow refuses 'bad'",
+        "MLflow refuses 'artifact'",
+    ]
+    assert "Invalid value" in said[0]
+    assert "missing.html is gone" in said[2]
+    runs = runs_of(uri)
+    assert runs["line · tiny · seed 1"].info.status == "FINISHED"
+    assert runs["demo"].info.status == "FINISHED"
+    assert runs["worse"].info.status == "FAILED"
+    refused = [entry for entry in Journal(journal).entries if isinstance(entry, RefusedEntry)]
+    assert [entry.entry.kind for entry in refused] == ["trial", "trial", "artifact"]
+    # The cause was mended: the next driver delivers them, and the journal goes.
+    journal.write_text(journal.read_text().replace("no such\\nname", "a name"))
+    (journal.parent / "missing.html").touch()
+    log_two(uri, journal, "k2")
+    assert runs_of_key(uri, "k1")["bad"].data.metrics == {"a name": 1.0}
 
 
-def test_mistakes_have_clear_errors(uri):
+def runs_of_key(uri, key):
+    mlflow = client(uri)
+    experiment = mlflow.get_experiment_by_name("demo")
+    found = mlflow.search_runs([experiment.experiment_id], f"tags.`lidarplace.sweep` = '{key}'")
+    return {run.info.run_name: run for run in found}
+
+
+def test_two_sweeps_share_an_experiment(uri, journal):
+    log_two(uri, journal, "k1")
+    log_two(uri, journal, "k2")
+    for key in ("k1", "k2"):
+        assert len(runs_of_key(uri, key)) == 3
+
+
+@contextmanager
+def answering(status):
+    """The address of a server that answers everything with this status."""
+
+    class Answer(BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.send_response(status)
+            self.end_headers()
+
+        do_POST = do_GET
+
+        def log_message(self, *_):
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Answer) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://me:s3cret@127.0.0.1:{server.server_port}"
+        server.shutdown()
+
+
+@pytest.mark.parametrize("status", [429, 500, 502, 503])
+def test_a_server_in_trouble_is_away(journal, status):
+    said = []
+    with (
+        answering(status) as address,
+        SweepLog(address, "demo", "k1", {}, journal=journal, say=said.append, patience_s=0) as log,
+    ):
+        log_trial(log, 1)
+    assert log.undelivered == 3
+    assert " is away, the sweep goes on, entries wait in " in said[0]
+    assert "s3cret" not in "".join(said)
+    kinds = [entry.kind for entry in Journal(journal).entries]
+    assert kinds == ["sweep", "status", "trial", "status"]
+
+
+@pytest.mark.parametrize("status", [401, 403, 404])
+def test_a_server_that_will_not_have_the_sweep_is_a_mistake(journal, status):
+    with (
+        answering(status) as address,
+        pytest.raises(ValueError, match=f"me:\\*\\*\\*@127.*{status}"),
+        SweepLog(address, "demo", "k1", {}, journal=journal),
+    ):
+        pass
+    assert not journal.exists()
+
+
+def test_mistakes_have_clear_errors(uri, journal, tmp_path, monkeypatch):
+    def opened(uri, key="k1", params=None):
+        with SweepLog(uri, "demo", key, params or {}, journal=journal):
+            pass
+
     with pytest.raises(
         ValueError, match=r"for example sqlite:///runs/mlflow.db .* found './mlruns'"
     ):
-        SweepLog("./mlruns", "demo", "k1", {})
+        opened("./mlruns")
     with pytest.raises(ValueError, match="found 'file:mlruns'"):
         ui_command("file:mlruns")
     with pytest.raises(ValueError, match="sweep_key may have letters"):
-        SweepLog(uri, "demo", "k'1", {})
-    log_two(uri)
-    with (
-        pytest.raises(ValueError, match="has epochs = 3, now it is 4: a resumed sweep cannot"),
-        SweepLog(uri, "demo", "k1", {"epochs": 4}),
-    ):
-        pass
+        opened(uri, "k'1")
+    (tmp_path / "file").write_text("no database, and longer than a header of one " * 9)
+    with pytest.raises(ValueError, match="file: file is not a database"):
+        opened(f"sqlite:///{tmp_path}/file")
+    with pytest.raises(ValueError, match=r"file/mlflow\.db: File exists"):
+        opened(f"sqlite:///{tmp_path}/file/mlflow.db")
+    with pytest.raises(ValueError, match=r"u:\*\*\*@host/db.*dialects:nosuch"):
+        opened("nosuch://u:secret@host/db")
+    with pytest.raises(ValueError, match=r"^http://a b:\*\*\*@:5000"):
+        opened("http://a b:secret@:5000")
+    monkeypatch.setitem(sys.modules, "psycopg2", None)
+    with pytest.raises(ValueError, match=r"u:\*\*\*@h/db needs the package psycopg2: pip install"):
+        opened("postgresql://u:secret@h/db")
+    log_two(uri, journal)
+    with pytest.raises(ValueError, match="has epochs = 3, now it is 4: a resumed sweep cannot"):
+        opened(uri, params={"epochs": 4})
     mlflow = client(uri)
     mlflow.delete_experiment(mlflow.get_experiment_by_name("demo").experiment_id)
-    with pytest.raises(ValueError, match="'demo' was deleted"), SweepLog(uri, "demo", "k1", {}):
-        pass
+    with pytest.raises(ValueError, match="'demo' was deleted"):
+        opened(uri)
 
 
 def test_the_command_opens_the_database_on_this_machine_only(tmp_path, monkeypatch):
@@ -203,6 +297,21 @@ def test_the_command_opens_the_database_on_this_machine_only(tmp_path, monkeypat
         words[words.index("--backend-store-uri") + 1] == f"sqlite:///{tmp_path}/my runs/mlflow.db"
     )
     assert words[words.index("--host") + 1] == "127.0.0.1"
+
+
+@pytest.mark.parametrize(
+    ("uri", "shown"),
+    [
+        ("sqlite:////runs/a:b@c.db", "sqlite:////runs/a:b@c.db"),
+        ("http://host:5000", "http://host:5000"),
+        ("https://me:s3cret@host:5000/x", "https://me:***@host:5000/x"),
+        ("postgresql://me:s@cr/t@host:5432/db", "postgresql://me:***@host:5432/db"),
+        ("postgresql://me@host/db?password=s3cret&x=1", "postgresql://me@host/db?password=***&x=1"),
+    ],
+)
+def test_passwords_are_masked(uri, shown):
+    assert public_uri(uri) == shown
+    assert shown in ui_command(uri).replace("+psycopg2", "")
 
 
 def test_metrics_of_a_trial(made_up_run):

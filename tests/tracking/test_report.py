@@ -8,15 +8,19 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 from made_up_run import NAMES, write_run
 
 from tracking.report import build_report
 from tracking.report.__main__ import main
+from tracking.report.where_time_went import where_time_went
+from tracking.run_folder import RunFolder
 
 VOID = {"meta", "link", "img", "br", "hr", "input", "base", "source"}
 
@@ -122,6 +126,7 @@ def test_the_sections_are_in_order(page):
         "Configuration and command",
     ]
     assert [word for word in page.words if word in titles] == titles
+    assert not {"Promotion", "Do the surrogates agree?"} & {*page.words}
     assert "python -m sweeps.run examples/grid.yaml" in page.words
 
 
@@ -189,6 +194,82 @@ def test_what_the_sweep_did_not_make_is_said(made_up_run, tmp_path):
     page = Page(build_report(folder).read_text(encoding="utf-8"))
     for name in optional:
         assert name in page.text
+
+
+def test_efficiency_is_told_by_stage(built, page):
+    tasks = pd.read_parquet(built.parent / "tasks.parquet")
+    ran = tasks[tasks["ended"].notna()]
+    share = ran["seconds"].sum() / (2 * ran["ended"].max())
+    assert f"parallel efficiency {share:.2f}." in page.text
+    table = page.words[page.words.index("Parallel efficiency on 2 cores") :]
+    cells = [word.strip() for word in table if word.strip()]
+    assert cells[1:8] == [
+        *("stage", "tasks", "task seconds", "wall seconds", "parallel efficiency"),
+        *("overhead a task (ms)", "peak memory (MB)"),
+    ]
+    stages = cells[8::7][:4]
+    assert stages == ["pog", "simulate", "train", "whole sweep"]
+    assert cells[13::7][:4] == ["10.0"] * 4
+
+
+def test_without_times_or_cores_there_is_no_efficiency(made_up_run):
+    run = RunFolder.read(made_up_run)
+    before = replace(run, tasks=run.tasks.assign(started=np.nan, ended=np.nan))
+    assert "no task ran, so no efficiency" in where_time_went(before).notes[-1]
+    older = replace(run, sweep={k: v for k, v in run.sweep.items() if k != "cores"})
+    assert "does not say how many cores" in where_time_went(older).notes[-1]
+    assert not where_time_went(older).tables
+
+
+def test_a_smaller_batch_is_a_warning(tmp_path):
+    folder = write_run(tmp_path / "reduced", names=["line", "center"], seeds=(1,))
+    tasks = pd.read_parquet(folder / "tasks.parquet")
+    tasks["batch_size_reduced"] = (tasks["stage"] == "train") & (tasks["label"] == "center")
+    tasks.to_parquet(folder / "tasks.parquet")
+    page = Page(build_report(folder).read_text(encoding="utf-8"))
+    assert "1 training ran with a smaller batch than configured" in page.text
+    assert "for lack of memory: center." in page.text
+
+
+def test_a_sweep_of_surrogates_alone_ranks_placements(tmp_path):
+    names = [f"p{i:03d}" for i in range(60)]
+    folder = write_run(tmp_path / "alone", names=names, detectors=())
+    page = Page(build_report(folder).read_text(encoding="utf-8"))
+    surrogates = pd.read_parquet(folder / "surrogates.parquet")
+    gain = surrogates.query("surrogate == 'expected_ig'")
+    of_car = gain[gain["class"] == "Car"].set_index("placement")["value"]
+    cards = page.words[page.words.index("Best for Car") :]
+    assert next(word for word in cards if word in names) == of_car.idxmax()
+    assert "the sweep has no detector" in page.text
+    caption = next(word for word in page.words if word.startswith("Car · H_POG"))
+    assert caption.endswith("the first 50 of 60 rows, all in surrogates.parquet")
+    table = page.words[page.words.index(caption) :]
+    total = gain.groupby("placement")["value"].sum().sort_values(ascending=False)
+    assert [word for word in table if word in names][:50] == total.index[:50].tolist()
+    for shown, rank in ((total.index[0], of_car.rank(ascending=False)[total.index[0]]),):
+        assert f"{of_car[shown]:,.1f} ({rank:.0f})" in table
+    assert "Do the surrogates agree?" in page.words
+    assert "Learning curves" not in page.words
+    assert sum(title.startswith("Coverage ·") for title in page.titles) == 12
+    assert "12 of 60 placements are drawn." in page.text
+
+
+@pytest.mark.parametrize("detectors", [("tiny",), ()])
+def test_a_sweep_with_one_placement_has_a_report(tmp_path, detectors):
+    folder = write_run(tmp_path / "one", names=["line"], detectors=detectors)
+    page = Page(build_report(folder).read_text(encoding="utf-8"))
+    assert page.words[page.words.index("Best for Car") :].count("line") > 0
+    said = "One placement" if detectors else "Fewer than 3 placements: no rank agreement"
+    assert said in page.text
+
+
+def test_a_page_of_2000_placements_stays_small(tmp_path):
+    names = [f"p{i:04d}" for i in range(2000)]
+    built = build_report(write_run(tmp_path / "many", names=names, detectors=()))
+    page = Page(built.read_text(encoding="utf-8"))
+    assert built.stat().st_size < 15e6
+    assert sum(len(json.dumps(figure)) for figure in page.figures) < 3e6
+    assert page.tags.count("tr") < 1000
 
 
 @pytest.mark.parametrize("has_columns", [True, False])

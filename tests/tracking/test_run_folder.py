@@ -12,7 +12,13 @@ from made_up_run import NAMES, write_run
 
 from lidarplace.boxes import CLASSES
 from tracking.run_folder import RunFolder
-from tracking.summary import headline_iou, seed_means, summary_table
+from tracking.summary import (
+    by_surrogate,
+    deciding_surrogate,
+    headline_iou,
+    seed_means,
+    summary_table,
+)
 
 
 @pytest.fixture
@@ -61,6 +67,37 @@ def test_optional_files_may_be_missing(copy):
     assert run.tasks is not None
 
 
+def test_older_tasks_are_of_unknown_times(copy):
+    assert RunFolder.read(copy).tasks["started"].notna().any()
+    tasks = pd.read_parquet(copy / "tasks.parquet")
+    tasks[["stage", "label", "seconds", "cached"]].to_parquet(copy / "tasks.parquet")
+    read = RunFolder.read(copy).tasks
+    assert read[["started", "ended", "peak_memory"]].isna().all(axis=None)
+    assert (read["node"] == "").all()
+    assert not read["batch_size_reduced"].any()
+
+
+def test_a_sweep_without_detectors_keeps_its_axes(tmp_path):
+    folder = write_run(tmp_path / "alone", names=["a", "b"], detectors=(), densities=(40, 120))
+    run = RunFolder.read(folder)
+    assert run.axes == ("scene.density",)
+    assert run.results.empty
+    assert "scene.density" in run.results.columns
+    assert (run.trials["detector"] == "").all()
+    assert run.frame is None
+    assert run.maps is not None
+
+
+def test_an_axis_of_the_trials_is_one_of_the_results(copy):
+    trials = pd.read_parquet(copy / "trials.parquet")
+    trials.assign(**{"scene.density": 40}).to_parquet(copy / "trials.parquet")
+    sweep = json.loads((copy / "sweep.json").read_text())
+    sweep["axes"].append("scene.density")
+    (copy / "sweep.json").write_text(json.dumps(sweep))
+    with pytest.raises(ValueError, match=r"results.parquet has no column scene.density, an axis"):
+        RunFolder.read(copy)
+
+
 def test_means_over_seeds(made_up_run):
     run = RunFolder.read(made_up_run)
     means = seed_means(run.results)
@@ -105,6 +142,53 @@ def test_the_summary_tells_axes_and_detectors_apart(tmp_path):
         "placement == 'a' and `class` == 'Car' and surrogate == 's_mig' and `scene.density` == 120"
     )
     assert row["Car S-MIG"] == s_mig["value"].item()
+
+
+def test_without_results_the_summary_ranks_by_expected_ig(tmp_path):
+    names = [f"p{i:02d}" for i in range(30)]
+    run = RunFolder.read(
+        write_run(tmp_path / "alone", names=names, detectors=(), densities=(40, 120))
+    )
+    table = summary_table(run)
+    assert table.columns.tolist() == [
+        *("placement", "scene.density", "Car E-IG", "Cyclist E-IG", "Pedestrian E-IG", "E-IG"),
+        *("covered entropy", "S-MIG"),
+    ]
+    for density, part in table.groupby("scene.density"):
+        own = run.surrogates[run.surrogates["scene.density"] == density]
+        sums = own.groupby(["surrogate", "placement"])["value"].sum()
+        best = sums["expected_ig"].nlargest(20)
+        assert part["placement"].tolist() == best.index.tolist()
+        assert part["E-IG"].tolist() == pytest.approx(best.tolist())
+        assert part["S-MIG"].tolist() == pytest.approx(sums["s_mig"][best.index].tolist())
+
+
+@pytest.mark.parametrize(
+    ("computed", "decides"),
+    [
+        (["s_mig", "covered_entropy"], "covered_entropy"),
+        (["s_mig", "expected_points"], "expected_points"),
+        (["s_mig"], "s_mig"),
+        ([], "expected_ig"),
+    ],
+)
+def test_what_was_computed_decides(tmp_path, computed, decides):
+    folder = write_run(tmp_path / "alone", names=["a", "b", "c"], detectors=())
+    surrogates = pd.read_parquet(folder / "surrogates.parquet")
+    own = surrogates[surrogates["surrogate"].isin(computed)]
+    own.to_parquet(folder / "surrogates.parquet")
+    run = RunFolder.read(folder)
+    assert deciding_surrogate(run.surrogates) == decides
+    total = own[own["surrogate"] == decides].groupby("placement")["value"].sum()
+    order = total.sort_values(ascending=False).index.tolist()
+    assert by_surrogate(run.surrogates) == summary_table(run)["placement"].tolist() == order
+
+
+def test_results_need_no_covered_entropy(copy):
+    surrogates = pd.read_parquet(copy / "surrogates.parquet")
+    surrogates[surrogates["surrogate"] == "s_mig"].to_parquet(copy / "surrogates.parquet")
+    table = summary_table(RunFolder.read(copy))
+    assert table.columns[:4].tolist() == ["placement", "seeds", "Car S-MIG", "Car 3D@0.7"]
 
 
 def test_the_headline_iou_is_kittis_where_it_was_evaluated():

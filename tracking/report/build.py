@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import jinja2
@@ -22,17 +22,23 @@ from tracking.figures.learning_curves import learning_curves
 from tracking.figures.point_cloud import point_clouds
 from tracking.figures.scatter import scatter
 from tracking.figures.style import text, theme
-from tracking.figures.times import times
+from tracking.figures.surrogate_agreement import surrogate_agreement
 from tracking.figures.training_cost import training_cost_figure
+from tracking.labels import surrogate_name
+from tracking.promotion import is_full
 from tracking.report.groups import Group, by_setting, groups
 from tracking.report.headline import (
     HEADLINE_METRIC,
+    HEADLINE_SURROGATES,
     separation_sentences,
+    surrogate_verdicts,
     verdicts,
     warnings,
 )
+from tracking.report.promotion import promotion_section
+from tracking.report.section import Section
 from tracking.report.tables import (
-    Table,
+    MOST_ROWS,
     accuracy_table,
     correlation_table,
     fitted_q_table,
@@ -41,12 +47,18 @@ from tracking.report.tables import (
     training_cost_table,
     trial_table,
 )
+from tracking.report.where_time_went import reduced_batches, where_time_went
 from tracking.run_folder import RunFolder
 from tracking.sampling_error import paired_differences
-from tracking.summary import headline_iou, seed_means, surrogates_of
+from tracking.summary import (
+    by_surrogate,
+    deciding_surrogate,
+    headline_iou,
+    seed_means,
+    surrogates_of,
+)
 from tracking.training_cost import (
     COST_AXES,
-    is_longest,
     summarise_cost,
     training_cost,
     varied_cost_axes,
@@ -54,17 +66,8 @@ from tracking.training_cost import (
 
 MOST_MAPS = 12
 """Placements drawn in maps and clouds: a page must stay small."""
-
-
-@dataclass
-class Section:
-    """A heading with sentences, figures in `columns` and tables below it."""
-
-    title: str
-    notes: list[str] = field(default_factory=list)
-    figures: list[go.Figure] = field(default_factory=list)
-    tables: list[Table] = field(default_factory=list)
-    columns: int = 3
+MOST_INTERVALS = 20
+"""Placements whose sampling errors are shown: every pair of them is compared."""
 
 
 def build_report(run: Path) -> Path:
@@ -78,22 +81,29 @@ def build_report(run: Path) -> Path:
     """
     whole = RunFolder.read(run)
     # Placements are compared after the longest training; shorter ones show what they cost.
-    folder = replace(whole, results=whole.results[is_longest(whole.results, whole.axes)])
+    full = is_full(whole.results, whole.axes, whole.sweep.get("promote", ()))
+    folder = replace(whole, results=whole.results[full])
     means = seed_means(folder.results, folder.axes)
     correlations = correlate(folder.results, folder.surrogates, folder.axes)
     found = list(groups(folder))
     ranked = _best_first(folder, means)
+    # A sweep of surrogates alone trains no detector.
+    detectors = bool((folder.trials["detector"] != "").any())
+    promotions = folder.promotions
     sections = [
         _placements(folder, found, means),
-        _correlation(folder, found, means, correlations),
+        *([] if detectors else [_surrogates_agree(folder, found)]),
+        *([] if promotions is None or promotions.empty else [promotion_section(whole, promotions)]),
+        *([_correlation(folder, found, means, correlations)] if detectors else []),
         _from_above(folder, ranked),
-        _clouds(folder, ranked),
+        *([_clouds(folder, ranked)] if detectors else []),
         _accuracy(folder),
-        _sampling_error(folder),
+        _sampling_error(folder, ranked),
         *([_training_cost(whole)] if varied_cost_axes(whole.results) else []),
-        _curves(folder, found),
-        _times(folder),
+        *([_curves(folder, found)] if detectors else []),
+        where_time_went(folder),
     ]
+    cards = [v for group in found for v in verdicts(folder, group, means, correlations)]
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent),
         autoescape=True,
@@ -103,9 +113,10 @@ def build_report(run: Path) -> Path:
     )
     page = environment.get_template("report.html").render(
         run=folder,
-        verdicts=[v for group in found for v in verdicts(folder, group, means, correlations)],
+        verdicts=cards or [v for group in found for v in surrogate_verdicts(folder, group)],
         several=len(found) > 1,
-        warnings=warnings(folder, means),
+        warnings=[*warnings(folder, means), *reduced_batches(folder.tasks)],
+        pruned=int((folder.trials["status"] == "pruned").sum()),
         sections=sections,
         sweep=json.dumps(
             {k: v for k, v in folder.sweep.items() if k != "placements"}, indent=2, default=str
@@ -126,7 +137,7 @@ def _as_json(figure: go.Figure) -> str:
 
 
 def _best_first(run: RunFolder, means: pd.DataFrame) -> list[str]:
-    """Placements by headline AP of the first class, over all groups; at most `MOST_MAPS`."""
+    """Placements by headline AP of the first class, over all groups; then by a surrogate."""
     first = run.classes[0]
     own = means[
         (means["class"] == first)
@@ -134,22 +145,46 @@ def _best_first(run: RunFolder, means: pd.DataFrame) -> list[str]:
         & (means["iou"] == headline_iou(run.results, first))
     ]
     order = own.groupby("placement")["mean"].mean().sort_values(ascending=False).index.tolist()
-    return [*order, *(name for name in run.placements if name not in order)][:MOST_MAPS]
+    return list(dict.fromkeys((*order, *by_surrogate(run.surrogates), *run.placements)))
 
 
 def _placements(run: RunFolder, found: list[Group], means: pd.DataFrame) -> Section:
-    section = Section(
-        "Placements",
-        ["Mean ± standard deviation over seeds, best AP first; the highest of a column is bold."],
+    with_results = (
+        "Mean ± standard deviation over seeds, best AP first; the highest of a column is bold."
     )
+    alone = (
+        f"No detector was evaluated. Order: {surrogate_name(deciding_surrogate(run.surrogates))}. "
+        "Ranks in brackets, 1 the highest value. The ranks of S-MIG, IG and residual entropy run "
+        "against those of covered entropy: which way round is better is for a detector to tell."
+    )
+    section = Section("Placements", [alone if run.results.empty else with_results])
     for group in found:
         for name in (*run.classes, "all"):
             table = placement_table(run, group, means, name)
             if table is not None:
-                section.tables.append(table)
-    failed = run.trials[run.trials["status"] != "finished"]
+                files = "surrogates.parquet" if run.results.empty else "results.parquet"
+                section.tables.append(table.first(MOST_ROWS, files))
+    failed = run.trials[run.trials["status"] == "failed"]
     if len(failed):
-        section.tables.append(trial_table(failed, run.axes))
+        section.tables.append(trial_table(failed, run.axes).first(MOST_ROWS, "trials.parquet"))
+    return section
+
+
+def _surrogates_agree(run: RunFolder, found: list[Group]) -> Section:
+    section = Section(
+        "Do the surrogates agree?", ["Spearman's ρ between surrogates, over all placements."]
+    )
+    sums = with_sums(run.surrogates, run.axes)
+    names = (*run.classes, "all") if len(run.classes) > 1 else run.classes
+    for group in found:
+        for name in names:
+            title = "Sum of the classes" if name == "all" else text(name)
+            title += f" · {text(group.title)}" if group.varies else ""
+            plot = surrogate_agreement(surrogates_of(sums, group.setting, name), title)
+            if plot is not None:
+                section.figures.append(plot)
+    if not section.figures:
+        section.notes = ["Fewer than 3 placements: no rank agreement."]
     return section
 
 
@@ -169,6 +204,11 @@ def _correlation(
             "round: they are one test, not four.",
         ],
     )
+    if run.promotions is not None and len(run.promotions):
+        section.notes.append(
+            "Only placements that were promoted were trained in full. A surrogate that chose them "
+            "varies less among them than among all: its coefficient here is not that over all."
+        )
     surrogates = with_sums(run.surrogates, run.axes)
     order = list(run.placements)
     for group in found:
@@ -213,7 +253,7 @@ def _from_above(run: RunFolder, ranked: list[str]) -> Section:
     for name, entropy in run.maps.pog.items():
         plot = pog_from_above(entropy, run.roi, f"POG · {text(name)}")
         section.figures.append(plot)
-    shown = [name for name in ranked if name in run.maps.coverage]
+    shown = [name for name in ranked if name in run.maps.coverage][:MOST_MAPS]
     for name in shown:
         plot = coverage_from_above(
             run.maps.coverage[name], run.roi, f"Coverage · {text(name)}", run.placements[name]
@@ -222,14 +262,15 @@ def _from_above(run: RunFolder, ranked: list[str]) -> Section:
     for plot in section.figures:
         add_vehicle(plot)
         metres(plot, run.roi)
-    if len(shown) < len(run.maps.coverage):
-        section.notes.append(f"The best {len(shown)} of {len(run.maps.coverage)} placements.")
+    if len(shown) < len(run.placements):
+        section.notes.append(f"{len(shown)} of {len(run.placements):,} placements are drawn.")
     return section
 
 
 def _clouds(run: RunFolder, ranked: list[str]) -> Section:
     section = Section("One frame, as each placement sees it", columns=2)
     shown = [name for name in ranked if run.frame is not None and name in run.frame.points]
+    shown = shown[:MOST_MAPS]
     if run.frame is None or not shown:
         section.notes.append("The run folder has no frame.npz.")
         return section
@@ -264,7 +305,7 @@ def _accuracy(run: RunFolder) -> Section:
     return section
 
 
-def _sampling_error(run: RunFolder) -> Section:
+def _sampling_error(run: RunFolder, ranked: list[str]) -> Section:
     section = Section("Surrogates: sampling error of the POG", columns=2)
     tables = {"sampling_error": run.sampling_error, "pog_resamples": run.pog_resamples}
     missing = [name for name, table in tables.items() if table is None or table.empty]
@@ -279,13 +320,26 @@ def _sampling_error(run: RunFolder) -> Section:
         "with few blocks. Entropies from few frames are too low; the estimated bias is taken off "
         "the interval, not off the value."
     )
-    resamples = dict(by_setting(run.pog_resamples, run.axes))
-    for title, part in by_setting(run.sampling_error, run.axes):
-        pairs = paired_differences(part, resamples[title])
+    known = set(run.sampling_error["placement"])
+    shown = [name for name in ranked if name in known][:MOST_INTERVALS]
+    if len(shown) < len(known):
+        section.notes.append(
+            f"The best {len(shown)} of {len(known):,} placements; sampling_error.parquet has all."
+        )
+    best, draws = (
+        table[table["placement"].isin(shown)] for table in (run.sampling_error, run.pog_resamples)
+    )
+    resamples = dict(by_setting(draws, run.axes))
+    for title, part in by_setting(best, run.axes):
+        pairs = paired_differences(
+            part[part["surrogate"].isin(HEADLINE_SURROGATES)], resamples[title]
+        )
         for name, own in part.groupby("class", sort=False):
             label = f"{name} · {title}" if title else str(name)
             section.notes += separation_sentences(pairs[pairs["class"] == name], label)
-            section.figures.append(intervals(own, label, list(run.placements)))
+            section.figures.append(
+                intervals(own, label, [name for name in run.placements if name in shown])
+            )
             section.tables.append(sampling_error_table(own, label))
     return section
 
@@ -306,7 +360,8 @@ def _training_cost(run: RunFolder) -> Section:
     varied = varied_cost_axes(run.results)
     further = [axis for axis in run.axes if axis not in COST_AXES]
     for title, part in by_setting(cost, further):
-        summary = summarise_cost(part, varied)
+        # Means are over the same placements; promotion trains more of them short than long.
+        summary = summarise_cost(part[part["reference_ap"].notna()], varied)
         for name, own in part.groupby("class", sort=False):
             label = f"{name} · {title}" if title else str(name)
             section.figures.append(training_cost_figure(own, text(label), list(run.placements)))
@@ -329,15 +384,4 @@ def _curves(run: RunFolder, found: list[Group]) -> Section:
             )
             section.figures.append(plot)
     section.columns = min(2, len(section.figures))
-    return section
-
-
-def _times(run: RunFolder) -> Section:
-    section = Section("Where the time went", columns=1)
-    if run.tasks is None or run.tasks.empty:
-        section.notes.append("The run folder has no tasks.parquet.")
-        return section
-    if "seconds" in run.sweep:
-        section.notes.append(f"The sweep took {float(run.sweep['seconds']):,.0f} s on the clock.")
-    section.figures.append(times(run.tasks))
     return section

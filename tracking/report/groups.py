@@ -17,7 +17,7 @@ class Group:
     """One detector at one setting of the further axes.
 
     Attributes:
-        detector: its name.
+        detector: its name, "" for surrogates alone.
         setting: value of every further axis, by key path.
         varies: whether the sweep has other groups, so that a title must name this one.
     """
@@ -30,7 +30,7 @@ class Group:
     def title(self) -> str:
         """Detector and setting, for example "second, density = 40"."""
         axes = setting_label(self.setting, self.setting.values())
-        return f"{self.detector}, {axes}" if axes else self.detector
+        return ", ".join(part for part in (self.detector, axes) if part)
 
     def of(self, table: pd.DataFrame) -> pd.DataFrame:
         """The rows of `table` that belong to this group."""
@@ -51,9 +51,13 @@ def by_setting(table: pd.DataFrame, axes: Sequence[str]) -> Iterator[tuple[str, 
 
 
 def groups(run: RunFolder) -> Iterator[Group]:
-    """All groups with a result, in the order of the results."""
-    keys = ["detector", *run.axes]
-    found = run.results[keys].drop_duplicates().to_dict("records")
+    """All groups with a result, in the order of the results; without any, those of surrogates."""
+    if run.results.empty:
+        own = [axis for axis in run.axes if axis in run.surrogates.columns]
+        table = run.surrogates[own].assign(detector="")
+    else:
+        table = run.results[["detector", *run.axes]]
+    found = table.drop_duplicates().to_dict("records")
     for row in found:
         detector = str(row.pop("detector"))
         yield Group(detector, {str(axis): value for axis, value in row.items()}, len(found) > 1)

@@ -10,12 +10,12 @@ import numpy as np
 import pandas as pd
 
 from tracking.correlation import FEW_PLACEMENTS
-from tracking.labels import interval, metric_label, signed, surrogate_name
+from tracking.labels import SURROGATES, interval, metric_label, signed, surrogate_name
 from tracking.permutation import smallest_p
 from tracking.report.groups import Group
 from tracking.run_folder import RunFolder
 from tracking.sampling_error import separated
-from tracking.summary import headline_iou
+from tracking.summary import deciding_surrogate, headline_iou, surrogates_of
 
 HEADLINE_METRIC = "AP_R40_3D"
 HEADLINE_SURROGATES = ("s_mig", "expected_ig", "m_sog", "expected_points", "covered_voxels")
@@ -76,6 +76,39 @@ def verdicts(
     return found
 
 
+def surrogate_verdicts(run: RunFolder, group: Group) -> list[Verdict]:
+    """One verdict for every class of a sweep without results, by `deciding_surrogate`."""
+    decides = deciding_surrogate(run.surrogates)
+    found = []
+    for name in run.classes:
+        table = surrogates_of(run.surrogates, group.setting, name)
+        if decides not in table.columns or not table[decides].notna().any():
+            continue
+        ranked = table[decides].dropna().sort_values(ascending=False, kind="stable")
+        best, unit = str(ranked.index[0]), SURROGATES[decides][1]
+        lead = f"{ranked.iloc[0]:,.5g} {unit}"
+        if len(ranked) > 1 and ranked.iloc[1] > 0:
+            ahead = 100 * (ranked.iloc[0] / ranked.iloc[1] - 1)
+            lead += f", {ahead:.2g} % ahead of {ranked.index[1]}, of {len(ranked):,} placements"
+        ranks = table.rank(ascending=False, method="min").loc[best]
+        others = [s for s in HEADLINE_SURROGATES if s in table.columns and s != decides]
+        found.append(
+            Verdict(
+                name,
+                group.title,
+                surrogate_name(decides),
+                best,
+                lead,
+                tuple(
+                    f"{surrogate_name(other)}: rank {ranks[other]:,.0f} from the highest"
+                    for other in others
+                    if not np.isnan(ranks[other])
+                ),
+            )
+        )
+    return found
+
+
 def plus_minus(mean: float, sd: float) -> str:
     """Mean and standard deviation, "71.3 ± 0.9"; a dash for no number, no ± for a single seed."""
     if np.isnan(mean):
@@ -115,16 +148,20 @@ def _agreement(row: Mapping[Hashable, Any]) -> str:
 def warnings(run: RunFolder, means: pd.DataFrame) -> list[str]:
     """What makes the numbers of this run weak, one plain sentence each."""
     said = []
-    failed = run.trials[run.trials["status"] != "finished"]
+    failed = run.trials[run.trials["status"] == "failed"]
     if len(failed):
         first = str(failed["error"].iloc[0]).strip().splitlines()
         reason = f" The first error: {first[-1]}" if first else ""
         said.append(f"{len(failed)} of {len(run.trials)} trials did not finish.{reason}")
     if run.results.empty:
-        return [*said, "There are no results: no detector was evaluated."]
+        detectors = (run.trials["detector"] != "").any()
+        reason = "no detector was evaluated" if detectors else "the sweep has no detector"
+        return [*said, f"There are no results: {reason}. Surrogates alone do not tell AP."]
     n = run.results["placement"].nunique()
-    if n < 3:
-        said.append(f"{n} placement(s): a correlation needs at least 3.")
+    if n == 1:
+        said.append("One placement: there is nothing to compare it with.")
+    elif n < 3:
+        said.append(f"{n} placements: a correlation needs at least 3.")
     elif n < FEW_PLACEMENTS:
         said.append(
             f"Only {n} placements: no two-sided p-value can be below {smallest_p(n):.2g}, and "

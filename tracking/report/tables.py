@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -20,12 +20,15 @@ from tracking.labels import (
 from tracking.report.groups import Group
 from tracking.report.headline import HEADLINE_METRIC, plus_minus
 from tracking.run_folder import RunFolder
-from tracking.summary import headline_iou, surrogates_of
+from tracking.summary import by_surrogate, headline_iou, surrogates_of
+
+MOST_ROWS = 50
+"""Placements and trials that a table shows; a page must stay small."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """Text cells under a caption.
+    """Text cells under a caption; many rows are shown in a box that scrolls.
 
     Attributes:
         caption: one line above the table.
@@ -33,7 +36,7 @@ class Table:
         rows: cells, as many in each row as in `head`.
         best: (row, column) of cells to stress.
         words: columns of words, the others hold numbers.
-        tall: shown in a box that scrolls.
+        wide: its head is not broken into lines.
     """
 
     caption: str
@@ -41,7 +44,15 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
     best: frozenset[tuple[int, int]] = frozenset()
     words: frozenset[int] = frozenset({0})
-    tall: bool = False
+    wide: bool = False
+
+    def first(self, most: int, file: str) -> Table:
+        """The first `most` rows; the caption then says so, and that `file` has all of them."""
+        if len(self.rows) <= most:
+            return self
+        caption = f"{self.caption} · the first {most} of {len(self.rows):,} rows, all in {file}"
+        best = frozenset(cell for cell in self.best if cell[0] < most)
+        return replace(self, caption=caption, rows=self.rows[:most], best=best)
 
 
 def placement_table(
@@ -49,7 +60,9 @@ def placement_table(
 ) -> Table | None:
     """Surrogates, AP and recall of every placement for one class, best headline AP first.
 
-    Class "all" has recall only. None if there is neither a result nor a surrogate.
+    Placements without AP follow in the order of `by_surrogate`; where none has any result, ranks
+    stand behind the surrogates. Class "all" has recall only. None if there is neither a result nor
+    a surrogate.
     """
     own = group.of(means)
     own = own[own["class"] == object_class]
@@ -57,7 +70,9 @@ def placement_table(
     metrics = own[["metric", "iou"]].drop_duplicates().sort_values(["metric", "iou"])
     if own.empty and surrogates.empty:
         return None
-    names = [name for name in run.placements if name in {*own["placement"], *surrogates.index}]
+    known = {*own["placement"], *surrogates.index}
+    in_sequence = dict.fromkeys((*by_surrogate(run.surrogates), *run.placements))
+    names = [name for name in in_sequence if name in known]
     columns: list[tuple[str, list[str], np.ndarray]] = []
     order = None
     for metric, iou in metrics.itertuples(index=False):
@@ -77,7 +92,7 @@ def placement_table(
         columns.append(
             (
                 surrogate_label(surrogate),
-                [number(value) for value in of_placement],
+                _with_ranks(of_placement) if own.empty else [number(v) for v in of_placement],
                 np.full(len(names), np.nan),
             )
         )
@@ -91,6 +106,15 @@ def placement_table(
             best.add((sequence.index(int(np.nanargmax(values))), column))
     head = ("placement", *(title for title, _, _ in columns))
     return Table(caption, head, rows, frozenset(best))
+
+
+def _with_ranks(values: pd.Series) -> list[str]:
+    """Numbers with their rank in brackets, 1 the highest."""
+    ranks = values.rank(ascending=False, method="min")
+    return [
+        number(value) if np.isnan(rank) else f"{number(value)} ({rank:.0f})"
+        for value, rank in zip(values, ranks, strict=True)
+    ]
 
 
 def correlation_table(correlations: pd.DataFrame, axes: Sequence[str]) -> Table:
@@ -117,7 +141,7 @@ def correlation_table(correlations: pd.DataFrame, axes: Sequence[str]) -> Table:
         )
     words = frozenset({*range(4 + len(axes)), len(head) - 1})
     return Table(
-        "All coefficients, 95 % intervals in brackets", head, tuple(rows), words=words, tall=True
+        "All coefficients, 95 % intervals in brackets", head, tuple(rows), words=words, wide=True
     )
 
 
@@ -154,7 +178,7 @@ def accuracy_table(summary: pd.DataFrame, title: str) -> Table:
             )
         )
     caption = f"Rank agreement with the reference and errors · {title}"
-    return Table(caption, head, tuple(rows), words=frozenset({0, 1}), tall=True)
+    return Table(caption, head, tuple(rows), words=frozenset({0, 1}), wide=True)
 
 
 def training_cost_table(summary: pd.DataFrame, axes: Sequence[str], title: str) -> Table:
@@ -179,6 +203,26 @@ def training_cost_table(summary: pd.DataFrame, axes: Sequence[str], title: str) 
     return Table(caption, head, rows)
 
 
+def efficiency_table(efficiency: pd.DataFrame, cores: int) -> Table:
+    """`tracking.efficiency.stage_efficiency` as text."""
+    head = (
+        *("stage", "tasks", "task seconds", "wall seconds", "parallel efficiency"),
+        *("overhead a task (ms)", "peak memory (MB)"),
+    )
+    rows = tuple(
+        (
+            str(row["stage"]),
+            f"{row['tasks']:,}",
+            *(f"{row[key]:,.1f}" for key in ("task_seconds", "wall")),
+            "–" if np.isnan(row["efficiency"]) else f"{row['efficiency']:.2f}",
+            f"{1000 * row['overhead']:,.1f}".replace("-", "−"),
+            "–" if np.isnan(row["peak_memory"]) else f"{row['peak_memory'] / 1e6:,.0f}",
+        )
+        for row in efficiency.to_dict("records")
+    )
+    return Table(f"Parallel efficiency on {cores} cores", head, rows)
+
+
 def sampling_error_table(estimates: pd.DataFrame, title: str) -> Table:
     """Estimates of `lidarplace.sampling_error` of one class as text."""
     head = ("surrogate", "placement", "value", "sd", "bias", "95 % low", "95 % high")
@@ -198,7 +242,7 @@ def sampling_error_table(estimates: pd.DataFrame, title: str) -> Table:
         caption += (
             f" · {estimates['resamples'].iloc[0]} draws of {estimates['blocks'].iloc[0]} blocks"
         )
-    return Table(caption, head, rows, words=frozenset({0, 1}), tall=True)
+    return Table(caption, head, rows, words=frozenset({0, 1}), wide=True)
 
 
 def fitted_q_table(

@@ -1,0 +1,189 @@
+"""Is everything there that a sweep needs? `python -m sweeps.doctor [grid.yaml]`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from sweeps import checks
+from sweeps.checks import Finding
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+
+_SIGNS = {
+    "good": "[green]✓[/]",
+    "weak": "[yellow]![/]",
+    "optional": "[dim]–[/]",
+    "missing": "[red]✗[/]",
+}
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a configuration asks of the machine; the defaults without one.
+
+    Attributes:
+        path: the file.
+        store: URL of a remote store, None for a folder.
+    """
+
+    path: Path | None = None
+    output: Path = Path("runs")
+    folder: Path = Path("runs/store")
+    store: str | None = None
+    tracking_uri: str = "sqlite:///runs/mlflow.db"
+    ray: str = "local"
+    sumo: bool = True
+
+
+@app.command()
+def doctor(
+    config: Annotated[Path | None, typer.Argument(help="YAML file of a sweep")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print the findings as JSON")] = False,
+) -> None:
+    """Look whether everything is there that a sweep needs, and say how to mend what is not.
+
+    Exit code 0: all that is needed is there; 1: something is missing; 2: the configuration is
+    wrong. Servers are asked only if the configuration names them.
+    """
+    try:
+        findings = look(asked_of(config) if config else Asked())
+    except ImportError as error:  # a package is missing without which no file can be read
+        findings = [
+            *look(Asked()),
+            Finding(str(config), f"cannot be read: {error}", "this sweep", "missing", "make setup"),
+        ]
+    if as_json:
+        print(json.dumps([asdict(finding) for finding in findings], indent=1))
+    else:
+        # As `lidarplace.command_line.output`, which needs packages that may be missing.
+        _print(Console() if sys.stdout.isatty() else Console(width=160), findings)
+    if any(finding.state == "missing" for finding in findings):
+        raise typer.Exit(1)
+
+
+def asked_of(config: Path) -> Asked:
+    """What the file asks for. Ends the program with exit code 2 if it is wrong."""
+    from lidarplace.command_line import wrong
+    from lidarplace.scenes.settings import SumoScene
+    from sweeps.grid import ConfigError, read_sweep
+
+    try:
+        sweep = read_sweep(config)
+    except ConfigError as error:
+        wrong(error)
+    common = sweep.common
+    url = common.store.url
+    remote = url is not None and "://" in url
+    return Asked(
+        path=config,
+        output=common.output,
+        folder=Path(url) if url and not remote else common.output / "store",
+        store=url if remote else None,
+        tracking_uri=common.tracking_uri,
+        ray=common.ray.address,
+        sumo=any(isinstance(point.point.scene, SumoScene) for point in sweep.points),
+    )
+
+
+def look(asked: Asked) -> list[Finding]:
+    """All findings, in the order in which things are needed. One check does not stop the others."""
+    client = asked.ray.startswith("ray://")
+    postgres = asked.tracking_uri.startswith("postgres")
+    s3 = (asked.store or "").startswith("s3")
+    wanted: list[tuple[str, Callable[[], Finding]]] = [
+        ("Python", checks.python_version),
+        ("packages", partial(checks.packages, None, "packages", "everything", True)),
+        ("GPU", checks.gpu),
+        ("memory", checks.memory),
+        ("shared memory", checks.shared_memory),
+        ("Ray", partial(checks.ray, asked.ray)),
+        ("SUMO", partial(checks.sumo, asked.sumo)),
+        ("disk", partial(checks.disk, asked.output, "output")),
+    ]
+    if asked.store:
+        wanted.append(("store", partial(checks.remote_store, asked.store)))
+    else:
+        wanted.append(("disk", partial(checks.disk, asked.folder, "store")))
+    wanted.append(("MLflow", partial(checks.mlflow, asked.tracking_uri)))
+    if asked.path:
+        wanted.append(("scenes", partial(scenes, asked.path)))
+    for extra, name, needed_for, needed in (
+        ("cluster", "Ray client", "ray: ray://…", client),
+        ("postgres", "PostgreSQL driver", "MLflow in PostgreSQL", postgres),
+        ("s3", "S3 client", "store: s3://…", s3),
+        ("carla", "CARLA client", "point clouds from a CARLA server", False),
+    ):
+        wanted.append((name, partial(checks.packages, extra, name, needed_for, needed)))
+    return [_tried(name, check) for name, check in wanted]
+
+
+def scenes(config: Path) -> Finding:
+    """The maps, logs and checkpoints that the file names are there."""
+    from sweeps.grid import ConfigError
+    from sweeps.plan import read_plan
+
+    try:
+        _, plan = read_plan(config)
+    except ConfigError as error:
+        text = " ".join(str(error).split())
+        return Finding("scenes", text, "this sweep", "missing", f"mend {config}")
+    return Finding("scenes", f"{len(plan.trials)} trials, {len(plan.tasks)} tasks", "this sweep")
+
+
+def _tried(name: str, check: Callable[[], Finding]) -> Finding:
+    """What the check found; its failure is a finding too."""
+    try:
+        return check()
+    except Exception as error:
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+        return Finding(name, text, "see the message", "missing", "make setup")
+
+
+def _print(console: Console, findings: list[Finding]) -> None:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for column in ("", "check", "found", "needed for"):
+        table.add_column(column, overflow="fold")
+    for finding in findings:
+        table.add_row(
+            _SIGNS[finding.state], *map(_plain, (finding.check, finding.found, finding.needed_for))
+        )
+    console.print(table)
+    # Below the table, where a command is one line that can be copied.
+    for state, title in (
+        ("missing", "Missing"),
+        ("weak", "Could be better"),
+        ("optional", "Not asked for"),
+    ):
+        mends = [f for f in findings if f.state == state and f.remedy]
+        if mends:
+            console.print(f"\n{_SIGNS[state]} [bold]{title}[/]")
+        for finding in mends:
+            console.print(
+                f"  {_plain(finding.check)}: [cyan]{_plain(finding.remedy)}[/]",
+                soft_wrap=True,
+                highlight=False,
+            )
+    missing = [f.check for f in findings if f.state == "missing"]
+    console.print(
+        f"\nMissing: {', '.join(missing)}" if missing else "\nAll that is needed is there.",
+        highlight=False,
+    )
+
+
+def _plain(text: str) -> str:
+    """Text whose brackets are no markup."""
+    return text.replace("[", "\\[")
+
+
+if __name__ == "__main__":
+    app()

@@ -1,0 +1,100 @@
+"""Copy checkpoints to a remote place while a task writes them, so that another machine can go on.
+
+Every version of a file has a name of its own there. `files.json`, replaced in one step, says which
+versions belong together.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from fsspec import AbstractFileSystem
+
+from sweeps.attempt import Versions, snapshot, versions
+from sweeps.remote_files import put_whole
+
+SECONDS = 5.0
+"""Between two looks at the folder."""
+
+_FILES = "files.json"
+_TRIES = 3  # to read what another attempt is replacing
+
+
+@contextmanager
+def mirrored(folder: Path, filesystem: AbstractFileSystem, target: str) -> Iterator[None]:
+    """Copy the files of `folder` to `target` when they have changed, and at the end.
+
+    A remote place that does not answer is logged and tried again: the work goes on without it.
+
+    Args:
+        folder: of an attempt.
+        target: an empty folder on `filesystem`.
+    """
+    stop = threading.Event()
+
+    def watch() -> None:
+        there: Versions = {}
+        last = False
+        while not last:
+            last = stop.wait(SECONDS)
+            try:
+                there = _copy_changed(folder, filesystem, target, there)
+            except Exception as error:  # each remote place has errors of its own
+                logging.getLogger(__name__).warning("%s: cannot be written: %r", target, error)
+
+    thread = threading.Thread(target=watch, name=f"mirror {folder}", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join()
+
+
+def fetch(filesystem: AbstractFileSystem, place: str, folder: Path) -> None:
+    """Copy what the latest of the attempts at `place` left into `folder`, in place of its files."""
+    found = [path for path in filesystem.find(place) if path.endswith(f"/{_FILES}")]
+    if not found:
+        return
+    latest = max(found, key=filesystem.modified)
+    for left in reversed(range(_TRIES)):
+        for name in versions(folder):
+            (folder / name).unlink()
+        try:
+            for name, version in json.loads(filesystem.cat_file(latest)).items():
+                filesystem.get_file(f"{latest.removesuffix(_FILES)}{version}", str(folder / name))
+            return
+        except FileNotFoundError:
+            if not left:
+                raise
+
+
+def _copy_changed(
+    folder: Path, filesystem: AbstractFileSystem, target: str, there: Versions
+) -> Versions:
+    """Copy files that are not `there` in this version. Returns the versions that are then."""
+    if versions(folder) == there:
+        return there
+    with TemporaryDirectory(dir=folder, prefix=".") as moment:
+        here = snapshot(folder, Path(moment))
+        for name, version in here.items():
+            if there.get(name) != version:
+                filesystem.put_file(f"{moment}/{name}", f"{target}/{_named(name, version)}")
+        listed = Path(moment) / _FILES
+        names = {name: _named(name, version) for name, version in here.items()}
+        listed.write_text(json.dumps(names), encoding="utf-8")
+        put_whole(filesystem, listed, f"{target}/{_FILES}")
+    for name, version in there.items():
+        if here.get(name) != version:
+            filesystem.rm_file(f"{target}/{_named(name, version)}")
+    return here
+
+
+def _named(name: str, version: tuple[int, int]) -> str:
+    return "-".join(map(str, (name, *version)))

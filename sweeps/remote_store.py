@@ -1,0 +1,282 @@
+"""Results at a URL that fsspec knows (s3://, gs://, az://, …), with a folder of copies here."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from fsspec import AbstractFileSystem, get_filesystem_class
+from fsspec.core import url_to_fs
+
+from sweeps.mirror import fetch, mirrored
+from sweeps.remote_files import put_whole
+from sweeps.result_folder import RECORD, Value, check_files, damaged, read_content
+from sweeps.store import SWEEPS, AnyStore, Entry, Store, entry_of, keys_in, unknown_sweep
+from sweeps.task import Task
+
+
+@dataclass(frozen=True)
+class RemoteStore:
+    """A store at a URL. What is loaded is copied to `cache` first and read from there.
+
+    An object store cannot rename, so a result's files lie at `STAGE/KEY/ID/`, with an ID of their
+    own for every writer, and `STAGE/KEY/result.json` comes last: with it the result is there.
+
+    Attributes:
+        url: of the store; the same for all machines.
+        cache: folder on the machine at hand.
+    """
+
+    url: str
+    cache: Path
+
+    @property
+    def local(self) -> Store:
+        """The copies on this machine."""
+        return Store(self.cache)
+
+    def path(self, task: Task) -> Path:
+        """Folder of the copy of the task's result."""
+        return self.local.path(task)
+
+    def finished(self, tasks: Iterable[Task]) -> set[str]:
+        """Keys of the tasks whose results are there."""
+        tasks = tuple(tasks)
+        names = {stage: self._find(stage) for stage in {task.stage for task in tasks}}
+        return {task.key for task in tasks if f"{task.key}/{RECORD}" in names[task.stage]}
+
+    def has(self, task: Task) -> bool:
+        """Whether the result is there; a copy alone does not count, others cannot read it."""
+        filesystem, root = self._remote()
+        return bool(filesystem.exists(f"{root}/{task.stage}/{task.key}/{RECORD}"))
+
+    def save(self, task: Task, value: Mapping[str, Any], seconds: float, **about: Any) -> None:
+        """Write a result here and there, see `Store.save`. One that is there already stays."""
+        self.local.save(task, value, seconds, **about)
+        if self.has(task):
+            return
+        filesystem, root = self._remote()
+        folder, target = self.path(task), f"{root}/{task.stage}/{task.key}"
+        content = read_content(folder)
+        if content["files"]:
+            filesystem.put(
+                [str(folder / name) for name in content["files"]],
+                [f"{target}/{content['id']}/{name}" for name in content["files"]],
+            )
+        put_whole(filesystem, folder / RECORD, f"{target}/{RECORD}")
+
+    def load(self, task: Task, names: Collection[str] | None = None) -> Value:
+        """Read a result, see `Store.load`; all its files are copied here first."""
+        self._copy_here(task)
+        return self.local.load(task, names)
+
+    def record(self, task: Task) -> Mapping[str, Any]:
+        """What `save` was told about the result."""
+        if self.local.has(task):
+            return self.local.record(task)
+        filesystem, root = self._remote()
+        path = f"{root}/{task.stage}/{task.key}/{RECORD}"
+        record: Mapping[str, Any] = json.loads(filesystem.cat_file(path))["record"]
+        return record
+
+    def seconds(self, task: Task) -> float:
+        """Seconds that the result took when it was computed."""
+        return float(self.record(task)["seconds"])
+
+    @contextmanager
+    def working_folder(self, task: Task) -> Iterator[Path]:
+        """A new folder here for a task's checkpoints, see `Store.working_folder`.
+
+        It is copied there every few seconds, so that another machine can go on.
+        """
+        place = f"{task.stage}/.{task.key}.working"
+        filesystem, root = self._remote()
+        with self.local.working_folder(task) as folder:
+            fetch(filesystem, f"{root}/{place}", folder)
+            with mirrored(folder, filesystem, f"{root}/{place}/{folder.name}"):
+                yield folder
+
+    def discard(self, task: Task) -> None:
+        """Remove the checkpoints and the note of a task whose result is there."""
+        self.local.discard(task)
+        if task.resumable:
+            self._remove(f"{task.stage}/.{task.key}.working")
+        self._remove_file(f"{task.stage}/{self.local.note(task).name}")
+
+    @contextmanager
+    def running(self, task: Task, about: Mapping[str, Any]) -> Iterator[None]:
+        """Leave a note while the block runs. It stays if the process is killed."""
+        note = self.local.note(task)
+        with self.local.running(task, about):
+            self._put(note, f"{task.stage}/{note.name}")
+            try:
+                yield
+            finally:
+                self._remove_file(f"{task.stage}/{note.name}")
+
+    def running_notes(self, tasks: Iterable[Task]) -> dict[str, Mapping[str, Any]]:
+        """Notes by key, also those of killed processes."""
+        tasks = tuple(tasks)
+        names = {stage: self._find(stage) for stage in {task.stage for task in tasks}}
+        notes = {}
+        for task in tasks:
+            name = self.local.note(task).name
+            if name in names[task.stage]:
+                with suppress(FileNotFoundError):  # it has ended since
+                    notes[task.key] = json.loads(self._read(f"{task.stage}/{name}"))
+        return notes
+
+    def refer(self, name: str, keys: Collection[str]) -> None:
+        """Note what the sweep `name` refers to, in place of what it referred to before."""
+        self.local.refer(name, keys)
+        self._put(self.local.sweep_file(name), f"{SWEEPS}/{name}.json")
+
+    def references(self) -> dict[str, set[str]]:
+        """Keys that each sweep refers to. Raises ValueError that names a damaged file."""
+        return {
+            path.removesuffix(".json"): keys_in(
+                self._read(f"{SWEEPS}/{path}"), f"{self.url}/{SWEEPS}/{path}"
+            )
+            for path in self._find(SWEEPS)
+            if path.endswith(".json")
+        }
+
+    def forget(self, name: str) -> None:
+        """Refer to nothing in the name of a sweep. Raises ValueError if there is none."""
+        known = self.references()
+        if name not in known:
+            raise unknown_sweep(name, self.url, known)
+        self._remove_file(f"{SWEEPS}/{name}.json")
+        self.local.sweep_file(name).unlink(missing_ok=True)
+
+    def contents(self) -> list[Entry]:
+        """All that lies in the folders of the stages, with sizes; nothing that is not a store's."""
+        sizes: dict[tuple[str, str], int] = {}
+        files = self._find("")
+        for path, size in files.items():
+            stage, _, rest = path.partition("/")
+            place = stage, rest.partition("/")[0]
+            sizes[place] = sizes.get(place, 0) + size
+        entries = []
+        for (stage, name), size in sorted(sizes.items()):
+            if not (named := entry_of(name)):
+                continue
+            entry = Entry(stage, *named, size)
+            whole = entry.kind != "result" or f"{stage}/{name}/{RECORD}" in files
+            entries.append(entry if whole else replace(entry, kind="partial"))
+        return entries
+
+    def last_used(self, entry: Entry) -> float:
+        """When a result was stored, in seconds of the remote clock; loading leaves no trace."""
+        filesystem, root = self._remote()
+        modified = filesystem.modified(f"{root}/{entry.stage}/{entry.name}/{RECORD}")
+        return float(modified.timestamp())
+
+    def remove(self, entry: Entry) -> None:
+        """Remove an entry; of a result first what says that it is there."""
+        place = f"{entry.stage}/{entry.name}"
+        if entry.kind == "result":
+            self._remove_file(f"{place}/{RECORD}")
+        self._remove(place)
+
+    def in_use(self) -> AbstractContextManager[None]:
+        """Keep cleaning away from the copies on this machine while the block runs."""
+        return self.local.in_use()
+
+    def exclusive(self) -> AbstractContextManager[None]:
+        """Always raises ValueError: sweeps on other machines cannot be seen."""
+        raise ValueError(
+            f"{self.url} has no lock that tells whether a sweep uses it; "
+            "if none does, say so with --unlocked"
+        )
+
+    def _remote(self) -> tuple[AbstractFileSystem, str]:
+        """The filesystem and the store's place on it. Each thread gets its own from fsspec."""
+        filesystem, root = url_to_fs(self.url)
+        filesystem.invalidate_cache()  # other machines write too
+        return filesystem, root.rstrip("/")
+
+    def _find(self, place: str) -> dict[str, int]:
+        """Sizes of all files under a place, by path from there; one listing."""
+        filesystem, root = self._remote()
+        prefix = f"{root}/{place}".rstrip("/") + "/"
+        found = filesystem.find(prefix, detail=True)
+        return {path.removeprefix(prefix): int(info["size"]) for path, info in found.items()}
+
+    def _copy_here(self, task: Task) -> None:
+        if self.local.has(task):
+            return
+        filesystem, root = self._remote()
+        place = f"{task.stage}/{task.key}"
+        with self.local.incoming(task) as folder:
+            filesystem.get_file(f"{root}/{place}/{RECORD}", str(folder / RECORD))
+            content = read_content(folder)
+            names = list(content["files"])
+            try:
+                if names:
+                    filesystem.get(
+                        [f"{root}/{place}/{content['id']}/{name}" for name in names],
+                        [str(folder / name) for name in names],
+                    )
+            except FileNotFoundError:
+                raise damaged(f"{self.url}/{place}", "a file is missing") from None
+            check_files(folder, content["files"], f"{self.url}/{place}")
+
+    def _put(self, path: Path, place: str) -> None:
+        filesystem, root = self._remote()
+        put_whole(filesystem, path, f"{root}/{place}")
+
+    def _read(self, place: str) -> bytes:
+        filesystem, root = self._remote()
+        data: bytes = filesystem.cat_file(f"{root}/{place}")
+        return data
+
+    def _remove_file(self, place: str) -> None:
+        filesystem, root = self._remote()
+        with suppress(FileNotFoundError):
+            filesystem.rm_file(f"{root}/{place}")
+
+    def _remove(self, place: str) -> None:
+        filesystem, root = self._remote()
+        with suppress(FileNotFoundError):
+            filesystem.rm(f"{root}/{place}", recursive=True)
+
+
+def open_store(url: str | None, output: Path, cache: Path | None = None) -> AnyStore:
+    """The store that a configuration names. Nothing is written; a URL is tried out.
+
+    Args:
+        url: a folder, or a URL that fsspec knows; `output/store` by default.
+        cache: where copies from a URL are kept; `output/store` by default.
+
+    Raises:
+        ValueError: the protocol is not known, its package is not installed, or the place cannot be
+            read.
+    """
+    own = (output / "store").absolute()
+    if url is None:
+        return Store(own)
+    protocol, separator, path = url.partition("://")
+    if not separator:
+        return Store(Path(url).absolute())
+    if protocol == "file":
+        return Store(Path(path).absolute())
+    try:
+        get_filesystem_class(protocol)
+    except ImportError as error:
+        needed = getattr(error.__cause__, "name", None)
+        raise ValueError(
+            f"store: {protocol}:// needs the package {needed}: pip install {needed}"
+        ) from None
+    except ValueError:
+        raise ValueError(f"store: {url}: fsspec knows no protocol {protocol!r}") from None
+    store = RemoteStore(url.rstrip("/"), (cache or own).absolute())
+    try:
+        store._find(SWEEPS)
+    except Exception as error:  # each remote place has errors of its own
+        raise ValueError(f"store: {url}: cannot be read: {type(error).__name__}: {error}") from None
+    return store

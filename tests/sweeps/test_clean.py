@@ -1,0 +1,219 @@
+"""Cleaning removes what no sweep refers to, and nothing else."""
+
+import os
+import tempfile
+import uuid
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from sweeps.clean import app
+from sweeps.clean_store import clean_store, size_of
+from sweeps.remote_store import RemoteStore
+from sweeps.store import Store
+from sweeps.task import Task
+
+
+def tasks_of(*names):
+    return [Task("scene", name, {"name": name}) for name in names]
+
+
+def saved(store, *names, size=1000):
+    tasks = tasks_of(*names)
+    for task in tasks:
+        store.save(task, {"array": np.zeros(size, np.uint8)}, seconds=0.0)
+    return tasks
+
+
+@pytest.fixture(params=["folder", "memory"])
+def store(request, tmp_path):
+    if request.param == "folder":
+        return Store(tmp_path / "store")
+    return RemoteStore(f"memory://{uuid.uuid4().hex}", tmp_path / "cache")
+
+
+def kinds(entries):
+    return sorted(entry.kind for entry in entries)
+
+
+def test_what_no_sweep_refers_to_is_removed(store):
+    a, b, c, d = saved(store, "a", "b", "c", "d")
+    store.refer("one", [a.key])
+    store.refer("two", [a.key, b.key, "not computed yet"])
+    told = clean_store(store, dry_run=True)
+    assert store.finished([a, b, c, d]) == {a.key, b.key, c.key, d.key}
+    cleaned = clean_store(store)
+    assert cleaned == told
+    assert {entry.key for entry in cleaned.removed} == {c.key, d.key}
+    assert store.finished([a, b, c, d]) == {a.key, b.key}
+    assert cleaned.kept_bytes == size_of(store.contents()) > 2000
+    store.refer("two", [a.key])  # its configuration has changed
+    assert [entry.key for entry in clean_store(store).removed] == [b.key]
+    assert not clean_store(store).removed
+
+
+def test_what_killed_processes_left_is_removed(store):
+    done, going, gone = tasks_of("done", "going", "gone")
+    saved(store, "done")
+    store.refer("one", [done.key, going.key])
+    for task in (done, going, gone):
+        with store.working_folder(task) as folder:
+            (folder / "last.pt").write_text("1")
+    lost = store.running(going, {"host": "n1"})
+    lost.__enter__()  # and never left
+    half = store.folder / "scene" if isinstance(store, Store) else None
+    if half:
+        (half / f".{gone.key}.n1-7-0123abcd.part").mkdir()
+    cleaned = clean_store(store)
+    expected = ["running", "working", "working"]
+    assert kinds(cleaned.leftovers) == (["partial", *expected] if half else expected)
+    assert cleaned.removed == cleaned.leftovers
+    assert kinds(store.contents()) == ["result", "working"]
+    with store.working_folder(going) as folder:
+        assert (folder / "last.pt").read_text() == "1"
+
+
+def test_an_upload_that_broke_off_is_a_leftover(tmp_path, monkeypatch):
+    store = RemoteStore(f"memory://{uuid.uuid4().hex}", tmp_path / "cache")
+    with monkeypatch.context() as patch:
+        patch.setattr("fsspec.implementations.memory.MemoryFileSystem.put_file", None)
+        with pytest.raises(TypeError):
+            saved(store, "a")
+    filesystem, root = store._remote()
+    filesystem.pipe_file(f"{root}/scene/{tasks_of('a')[0].key}/0123/array.npy", b"some")
+    store.refer("one", [tasks_of("a")[0].key])
+    assert kinds(clean_store(store).removed) == ["partial"]
+    assert store.contents() == []
+
+
+def test_a_quota_spares_what_was_used_last(tmp_path):
+    store = Store(tmp_path)
+    a, b, c, d = saved(store, "a", "b", "c", "d")
+    store.refer("one", [d.key])
+    for age, task in enumerate((d, c, b, a)):
+        os.utime(store.path(task), (1e9 - age, 1e9 - age))
+    total = size_of(store.contents())
+    assert not clean_store(store, total).removed
+    store.load(a)  # the oldest becomes the newest
+    assert [entry.key for entry in clean_store(store, total - 1).removed] == [b.key]
+    assert [entry.key for entry in clean_store(store, 0).removed] == [c.key, a.key]
+    assert store.finished([a, b, c, d]) == {d.key}
+
+
+def test_a_remote_quota_spares_what_was_stored_last(tmp_path, monkeypatch):
+    store = RemoteStore(f"memory://{uuid.uuid4().hex}", tmp_path / "cache")
+    a, b = saved(store, "a", "b")
+    assert [entry.key for entry in clean_store(store, size_of(store.contents()) - 1).removed] == [
+        a.key
+    ]
+    assert store.finished([a, b]) == {b.key}
+
+
+NAMES = st.sets(st.sampled_from("abcdefg"))
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    there=NAMES,
+    sweeps=st.dictionaries(st.sampled_from(["one", "two", "three"]), NAMES),
+    quota=st.none() | st.integers(0, 12_000),
+    times=st.lists(st.floats(0, 4e9), min_size=7, max_size=7),  # a clock that jumps
+)
+def test_what_a_sweep_refers_to_is_never_removed(there, sweeps, quota, times):
+    with tempfile.TemporaryDirectory() as folder:
+        store = Store(Path(folder))
+        tasks = dict(zip("abcdefg", tasks_of(*"abcdefg"), strict=True))
+        saved(store, *sorted(there))
+        for name, time in zip("abcdefg", times, strict=True):
+            if name in there:
+                os.utime(store.path(tasks[name]), (time, time))
+        for name, names in sweeps.items():
+            store.refer(name, [tasks[n].key for n in names])
+        size = size_of(store.contents())
+        cleaned = clean_store(store, quota)
+        left = {name for name in there if store.has(tasks[name])}
+        referred = set().union(*sweeps.values()) & there
+        assert referred <= left
+        assert size_of(store.contents()) == cleaned.kept_bytes
+        if quota is None:
+            assert left == referred
+        elif size <= quota:
+            assert left == there
+        else:
+            assert left == referred or cleaned.kept_bytes <= quota
+            last = cleaned.removed[-1:]
+            assert not last or cleaned.kept_bytes + last[0].size > quota, "no more than needed"
+
+
+def run(*arguments):
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    return result.exit_code, " ".join(result.output.split())
+
+
+def test_the_command_shows_sizes_and_makes_room(tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "160")
+    config = tmp_path / "tiny.yaml"
+    config.write_text(yaml.safe_dump({"placement": "line", "output": str(tmp_path / "runs")}))
+    code, told = run(config)
+    assert code == 2
+    assert told == f"{tmp_path}/runs/store is no store: no sweep has left its results there"
+    store = Store(tmp_path / "runs" / "store")
+    a, b = saved(store, "a", "b", size=1_000_000)
+    store.refer("tiny", [a.key])
+    with store.in_use():
+        assert run(config) == (2, f"{store.folder} is in use by a running sweep")
+    code, told = run(config, "--dry-run")
+    assert code == 0
+    assert "would be removed: 1 (1.0 MB); left: 1.0 MB" in told
+    assert store.has(b)
+    assert run(store.folder, "--quota", "10MB")[0] == 0
+    assert store.has(b)
+    code, told = run(store.folder, "--quota", "1MB")
+    assert code == 1
+    assert "removed: 1 (1.0 MB); left: 1.0 MB" in told
+    assert "what sweeps refer to is larger than 1.0 MB" in told
+    assert store.finished([a, b]) == {a.key}
+    assert "no sweep 'other'; there are tiny" in run(config, "--forget", "other")[1]
+    assert run(config, "--forget", "tiny")[0] == 0
+    assert not store.has(a)
+
+
+def test_the_command_at_a_url_has_to_be_told_that_no_sweep_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    store = RemoteStore(f"memory://{uuid.uuid4().hex}", tmp_path / "cache")
+    (a,) = saved(store, "a")
+    code, told = run(store.url)
+    assert code == 2
+    assert "--unlocked" in told
+    assert run(store.url, "--unlocked")[0] == 0
+    assert not store.has(a)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("--quota", "much"), "--quota much: expected a size such as 500MB or 50GB"),
+        (("--dry-run", "--forget", "x"), "--forget: leave it out with --dry-run"),
+    ],
+)
+def test_mistakes_are_told_in_one_line(tmp_path, arguments, told):
+    Store(tmp_path).refer("one", [])
+    code, output = run(tmp_path, *arguments)
+    assert code == 2
+    assert told in output
+
+
+def test_what_is_not_a_store_is_left_alone(tmp_path):
+    folder = tmp_path / "photos" / "summer"
+    folder.mkdir(parents=True)
+    code, told = run(tmp_path)
+    assert code == 2
+    assert "is no store" in told
+    Store(tmp_path).refer("one", [])
+    assert run(tmp_path)[0] == 0
+    assert folder.is_dir()

@@ -1,0 +1,161 @@
+"""Sweeps on clusters: nodes on this machine, which die and come, and which have no code."""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import yaml
+from small_log import write_small_log
+
+from sweeps.config import RaySettings
+from sweeps.ray_cluster import enter_folder, ray_session
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("lidarplace", "training", "tracking", "sweeps")
+
+
+def free_port() -> int:
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return int(listener.getsockname()[1])
+
+
+def environment(**more: str) -> dict[str, str]:
+    """Of drivers and nodes; only they know the token."""
+    return os.environ | {
+        "RAY_AUTH_MODE": "token",
+        "RAY_AUTH_TOKEN": secrets.token_hex(16),
+        "RAY_USAGE_STATS_ENABLED": "0",
+        "OMP_NUM_THREADS": "1",
+        "COLUMNS": "200",
+        **more,
+    }
+
+
+def test_a_node_dies_under_load_and_another_comes(tmp_path):
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "tests/sweeps/lose_a_node.py"), str(tmp_path)],
+        cwd=tmp_path,
+        env=environment(PYTHONPATH=str(ROOT)),
+        capture_output=True,
+        text=True,
+        timeout=180,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    seen = json.loads(done.stdout.splitlines()[-1])
+    assert seen["finished"] == 4 * [seen["survivor"]]
+    assert set(seen["both"]) == {seen["survivor"], seen["added"]}
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    """A head and a worker node by `ray start`, on which this project cannot be imported.
+
+    Returns the address, that of the client server, and the environment of drivers.
+    """
+    folder, without = tmp_path_factory.mktemp("ray"), tmp_path_factory.mktemp("without")
+    for package in PACKAGES:
+        (without / f"{package}.py").write_text(f"raise ImportError('{package} of this node')")
+    head, client, env = free_port(), free_port(), environment()
+    node_env = env | {"PYTHONPATH": str(without), "GRPC_ENABLE_FORK_SUPPORT": "0"}
+    start = [sys.executable, "-m", "ray.scripts.scripts", "start", "--block", "--num-cpus=1"]
+    start += ["--object-store-memory=100000000", "--disable-usage-stats"]
+    of_head = ["--head", f"--port={head}", f"--ray-client-server-port={client}"]
+    of_head += ["--include-dashboard=false", f"--temp-dir={folder}/tmp"]
+    address = f"127.0.0.1:{head}"
+    nodes = []
+    try:
+        for options in (of_head, [f"--address={address}"]):
+            node = subprocess.Popen(
+                [*start, *options],
+                cwd=folder,
+                env=node_env,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+            )
+            nodes.append(node)
+            said = []
+            for line in node.stdout:
+                said.append(line)
+                if "runtime started" in line:
+                    break
+            assert node.poll() is None, "".join(said)
+        yield address, f"ray://127.0.0.1:{client}", env
+    finally:
+        for node in reversed(nodes):
+            node.send_signal(signal.SIGTERM)
+            node.communicate(timeout=60)
+
+
+def sweep(folder: Path, address: str, env: dict[str, str]) -> subprocess.CompletedProcess[str]:
+    """A sweep of surrogates alone, whose scene is a log at a relative path."""
+    write_small_log(folder / "log")
+    config = {
+        "scene": {"source": "log", "folder": "log"},
+        "detector": None,
+        "classes": ["Car"],
+        "surrogate": {"resolution": 0.8, "names": ["ig"]},
+        "grid": {"placement": ["line"]},
+        "ray": address,
+    }
+    (folder / "small.yaml").write_text(yaml.safe_dump(config))
+    return subprocess.run(
+        [sys.executable, "-m", "sweeps.run", "small.yaml"],
+        cwd=folder,
+        env=env | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=240,
+    )
+
+
+@pytest.mark.parametrize("client", [False, True], ids=["host:port", "ray://"])
+def test_a_sweep_on_nodes_that_have_not_its_code(cluster, tmp_path, client):
+    address, of_client, env = cluster
+    done = sweep(tmp_path, of_client if client else address, env)
+    assert done.returncode == 0, done.stdout + done.stderr
+    found = pd.read_parquet(tmp_path / "runs/small/surrogates.parquet")
+    assert found["value"].gt(0).all()
+    assert len(found) == 1
+
+
+def test_a_wrong_token_is_one_line(cluster, tmp_path):
+    address, _, env = cluster
+    done = sweep(tmp_path, address, env | {"RAY_AUTH_TOKEN": secrets.token_hex(16)})
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert done.stderr.count("\n") == 1
+    assert "refuses the token" in done.stderr
+
+
+@pytest.mark.parametrize("scheme", ["", "ray://"])
+def test_a_cluster_that_is_not_there(scheme):
+    address = f"{scheme}127.0.0.1:{free_port()}"
+    with (
+        pytest.raises(ValueError, match=f"ray.address {address}: cannot be reached"),
+        ray_session(RaySettings(address=address)),
+    ):
+        pytest.fail("there is no such cluster")
+
+
+def test_the_client_needs_grpc(monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with (
+        pytest.raises(ValueError, match="needs grpcio"),
+        ray_session(RaySettings(address="ray://127.0.0.1:1")),
+    ):
+        pytest.fail("there is no client")
+
+
+def test_a_node_without_the_folder_of_the_driver(tmp_path):
+    with pytest.raises(ValueError, match=f"has no folder {tmp_path / 'none'}, in which"):
+        enter_folder(str(tmp_path / "none"))

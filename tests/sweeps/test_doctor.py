@@ -1,0 +1,223 @@
+"""What sweeps.doctor says where something is missing, and on this machine."""
+
+import json
+import os
+import subprocess
+import sys
+from collections import namedtuple
+from importlib.metadata import PackageNotFoundError
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from sweeps import checks, doctor
+from sweeps.checks import Finding
+
+ROOT = Path(__file__).parents[2]
+Usage = namedtuple("Usage", "total used free")
+
+
+def test_this_machine(tmp_path):
+    config = tmp_path / "grid.yaml"
+    config.write_text("ray: debug\ngrid:\n  placement: [line]\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "sweeps.doctor", str(config), "--json"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    found = {item["check"]: item for item in json.loads(done.stdout)}
+    assert found["Python"]["state"] == "good"
+    assert found["SUMO"]["found"].startswith("Eclipse SUMO")
+    assert found["scenes"]["found"].startswith("1 trials")
+    assert found["Ray"]["found"] == "not used: ray is debug"
+    missing = any(item["state"] == "missing" for item in found.values())
+    assert done.returncode == missing
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["grid.yaml"], "it leaves nothing behind"
+
+
+def test_ray_runs_a_task_on_one_thread():
+    found = checks.ray("local")
+    assert found.state == "good"
+    assert "a task has 1 thread" in found.found
+
+
+def test_a_cluster_that_is_not_there_is_one_line():
+    found = checks.ray("127.0.0.1:1")
+    assert found.state == "missing"
+    assert found.found == "ray.address 127.0.0.1:1: cannot be reached: Connection refused"
+
+
+def test_a_ray_that_hangs(monkeypatch):
+    monkeypatch.setattr(checks, "_RAY_TASK", "import time; time.sleep(600)")
+    monkeypatch.setattr(checks, "_RAY_S", 0.2)
+    assert checks.ray("local").found == "no task ended within 0 s"
+
+
+def test_a_missing_and_an_old_package(monkeypatch):
+    def version(name):
+        if name == "numba":
+            raise PackageNotFoundError(name)
+        return "1.0" if name == "numpy" else "999"
+
+    monkeypatch.setattr(checks, "version", version)
+    found = checks.packages(None, "packages", "everything", needed=True)
+    assert found.state == "missing"
+    assert "numba is missing" in found.found
+    assert "numpy 1.0, needed >=2.0" in found.found
+    assert "-m pip install" in found.remedy
+    assert "'numba>=0.61'" in found.remedy
+
+
+def test_an_extra_that_nobody_asked_for(monkeypatch):
+    monkeypatch.setattr(checks, "requires", lambda name: ["carla>=0.9.15; extra == 'carla'"])
+
+    def version(name):
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr(checks, "version", version)
+    assert checks.packages("carla", "CARLA client", "x", needed=False).state == "optional"
+    assert checks.packages("carla", "CARLA client", "x", needed=True).state == "missing"
+
+
+def test_the_extra_of_a_package_counts(monkeypatch):
+    lines = {
+        "lidarplace": ["ray[client]>=2.40; extra == 'cluster'"],
+        "ray": ["click", "grpcio; extra == 'client'"],
+    }
+    monkeypatch.setattr(checks, "requires", lines.get)
+    monkeypatch.setattr(checks, "version", lambda name: "2.60")
+    found = checks.packages("cluster", "Ray client", "x", needed=True)
+    assert found.found == "ray 2.60, grpcio 2.60"
+
+
+def test_a_gpu_that_torch_was_not_built_for(monkeypatch):
+    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+    monkeypatch.setattr("torch.version.cuda", None)
+    monkeypatch.setattr("shutil.which", lambda name: "/usr/bin/nvidia-smi")
+    found = checks.gpu()
+    assert found.state == "weak"
+    assert found.remedy == "make clean && make setup TORCH_BACKEND=auto"
+
+
+def test_a_machine_without_sumo(monkeypatch):
+    def sumo_home():
+        raise ImportError("simulated traffic needs it") from ImportError("No module named 'sumo'")
+
+    monkeypatch.setattr("lidarplace.scenes.town.sumo_home", sumo_home)
+    found = checks.sumo(needed=True)
+    assert (found.state, found.found) == ("missing", "No module named 'sumo'")
+    assert "eclipse-sumo>=1.20" in found.remedy
+    assert checks.sumo(needed=False).state == "optional"
+
+
+@pytest.mark.parametrize(("free", "state"), [(5e8, "missing"), (5e9, "weak"), (5e11, "good")])
+def test_a_disk(monkeypatch, tmp_path, free, state):
+    monkeypatch.setattr("shutil.disk_usage", lambda path: Usage(1e12, 1e12 - free, free))
+    found = checks.disk(tmp_path / "runs", "output")
+    assert found.state == state
+    assert bool(found.remedy) == (state != "good")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_cannot_be_written(monkeypatch, tmp_path):
+    def refuse(dir):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("tempfile.TemporaryFile", refuse)
+    found = checks.disk(tmp_path / "runs", "output")
+    assert (found.state, found.found) == ("missing", f"{tmp_path}: Permission denied")
+
+
+@pytest.mark.parametrize(
+    ("free", "state", "remedy"),
+    [
+        (1e9, "missing", "--set ray.num_cpus=1"),
+        (9e9, "weak", "--set ray.num_cpus=4"),
+        (99e9, "good", ""),
+    ],
+)
+def test_memory(monkeypatch, free, state, remedy):
+    monkeypatch.setattr(checks, "_memory", lambda: (int(1e11), int(free)))
+    monkeypatch.setattr("os.cpu_count", lambda: 8)
+    found = checks.memory()
+    assert (found.state, found.remedy) == (state, remedy)
+
+
+def test_little_shared_memory(monkeypatch):
+    monkeypatch.setattr("shutil.disk_usage", lambda path: Usage(6.4e7, 0, 6.4e7))
+    assert checks.shared_memory().state == "weak"
+
+
+def test_mlflow_in_a_file(tmp_path):
+    found = checks.mlflow(f"sqlite:///{tmp_path}/runs/mlflow.db")
+    assert found.state == "good"
+    assert found.found.endswith("made at need")
+
+
+def test_a_tracking_server_that_is_not_there():
+    found = checks.mlflow("http://127.0.0.1:1")
+    assert found.state == "missing"
+    assert "refused" in found.found
+
+
+def test_a_database_that_is_not_there_does_not_show_its_password(monkeypatch):
+    found = checks.mlflow("postgresql://me:sesame@127.0.0.1:1/runs")
+    assert found.state == "missing"
+    assert "sesame" not in found.found + found.remedy
+
+
+def test_a_remote_store():
+    assert checks.remote_store("memory://bucket/store").state == "good"
+    found = checks.remote_store("nonsense://bucket")
+    assert (found.state, found.remedy) == ("missing", "mend store.url in the file")
+
+
+def test_one_failing_check_does_not_stop_the_others(monkeypatch):
+    def broken():
+        raise OSError("no such thing")
+
+    monkeypatch.setattr(checks, "memory", broken)
+    monkeypatch.setattr(checks, "ray", lambda address: Finding("Ray", "there", "x"))
+    found = {finding.check: finding for finding in doctor.look(doctor.Asked())}
+    assert found["memory"].state == "missing"
+    assert found["memory"].found == "OSError: no such thing"
+    assert "MLflow" in found
+
+
+def call(monkeypatch, findings, *arguments):
+    monkeypatch.setattr(doctor, "look", lambda asked: findings)
+    return CliRunner().invoke(doctor.app, list(arguments))
+
+
+def test_exit_code_and_remedies(monkeypatch):
+    good = Finding("Python", "3.11", "everything")
+    weak = Finding("disk: output", "5 GB free", "results", "weak", "clean it")
+    missing = Finding("SUMO", "No module named 'sumo'", "traffic", "missing", "install 'it[all]'")
+    done = call(monkeypatch, [good, weak])
+    assert done.exit_code == 0
+    assert "disk: output: clean it" in done.output
+    assert done.output.endswith("All that is needed is there.\n")
+    done = call(monkeypatch, [good, weak, missing])
+    assert done.exit_code == 1
+    assert "SUMO: install 'it[all]'" in done.output
+    done = call(monkeypatch, [missing], "--json")
+    assert (done.exit_code, json.loads(done.output)[0]["check"]) == (1, "SUMO")
+
+
+def test_a_wrong_configuration(tmp_path):
+    config = tmp_path / "grid.yaml"
+    config.write_text("grid: {placement: [nowhere]}\n")
+    done = CliRunner().invoke(doctor.app, [str(config)])
+    assert done.exit_code == 2
+
+
+def test_files_that_a_configuration_names(tmp_path):
+    config = tmp_path / "grid.yaml"
+    config.write_text("training: {checkpoint: nothing.pt}\ngrid: {placement: [line]}\n")
+    found = doctor.scenes(config)
+    assert found.state == "missing"
+    assert "nothing.pt" in found.found

@@ -1,0 +1,265 @@
+"""`promote`: who goes on, who is pruned, and that nothing else decides it."""
+
+from __future__ import annotations
+
+import math
+
+import pandas as pd
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+from small_log import write_small_log
+
+from sweeps.backends import InProcess
+from sweeps.execute import Outcome, execute
+from sweeps.failures import Failure
+from sweeps.grid import ConfigError, read_sweep
+from sweeps.plan import make_plan
+from sweeps.promotion import at_most, promote, survivors
+from sweeps.store import Store
+from sweeps.worker import FUNCTIONS
+
+PLACEMENTS = ["line", "center", "square", "pyramid"]
+SWEEP = {
+    "classes": ["Car", "Pedestrian"],
+    "surrogate": {
+        "names": ["s_mig", "covered_entropy", "m_sog"],
+        "resolution": 0.4,
+        "accuracy": False,
+        "sampling_error": False,
+    },
+    "training": {"epochs": 10, "batch_size": 2},
+    "grid": {"placement": PLACEMENTS, "seed": [1, 2]},
+    "ray": "debug",
+    "promote": [
+        {"by": "covered_entropy", "keep": 3},
+        {"by": "AP_R40_3D", "keep": 1, "set": {"training.epochs": 2}},
+    ],
+}
+
+
+class Quiet:
+    def started(self, task): ...
+    def finished(self, task): ...
+    def failed(self, task, failure): ...
+
+
+@pytest.fixture
+def log(tmp_path):
+    write_small_log(tmp_path / "log")
+    return tmp_path
+
+
+def read(folder, **changes):
+    scene = {"source": "log", "folder": str(folder / "log")}
+    path = folder / "grid.yaml"
+    path.write_text(yaml.safe_dump(SWEEP | {"scene": scene} | changes))
+    sweep = read_sweep(path)
+    return sweep, make_plan(sweep)
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Trainings and evaluations of no work; AP is what the test says, by placement and epochs."""
+    ap, trained = {}, []
+
+    def finetune(params, *inputs, **how):
+        mounts = params["seed"], params["training"]["epochs"], params["point_range"]
+        trained.append(mounts)
+        return {"seed": params["seed"], "epochs": params["training"]["epochs"]}
+
+    def evaluate(params, weights, clouds, *inputs):
+        value = ap[clouds["name"]](weights["seed"], weights["epochs"])
+        columns = ["class", "metric", "iou", "difficulty", "value", "ground_truths"]
+        return {
+            "metrics": pd.DataFrame([("Car", "AP_R40_3D", 0.7, "all", value, 9)], columns=columns)
+        }
+
+    def collect(params, log):
+        return {"name": repr(params["mounts"])}
+
+    for name, function in (("finetune", finetune), ("evaluate", evaluate), ("collect", collect)):
+        monkeypatch.setitem(FUNCTIONS, name, function)
+    return ap, trained
+
+
+def set_ap(ap, plan, values):
+    for trial in plan.trials:
+        name = trial.grid_point.point.placement
+        mounts = repr(trial.collect_test[0].params["mounts"])
+        ap[mounts] = lambda seed, epochs, name=name: values[name] + seed + epochs / 10
+
+
+def run(sweep, plan, folder):
+    store, outcome = Store(folder / "store"), Outcome()
+
+    def run_tasks(tasks):
+        execute(tasks, store, InProcess(store), Quiet(), outcome)
+        return True
+
+    return promote(sweep, plan, store, run_tasks), store, outcome
+
+
+def test_cheap_stages_for_all_and_full_trainings_for_the_best(log, quick):
+    ap, trained = quick
+    sweep, plan = read(log)
+    set_ap(ap, plan, {"line": 1.0, "center": 2.0, "square": 3.0, "pyramid": 0.0})
+    promotion, store, outcome = run(sweep, plan, log)
+    assert not outcome.failures
+    assert promotion.complete
+    table = promotion.table()
+    first, second = (table[table["rung"] == number] for number in (0, 1))
+    assert sorted(first["placement"]) == sorted(PLACEMENTS)
+    values = {}
+    for trial in plan.trials:
+        surrogates = store.load(trial.surrogates)["table"]
+        own = surrogates[surrogates["surrogate"] == "covered_entropy"]["value"]
+        values[trial.grid_point.point.placement] = math.fsum(own)
+    assert dict(zip(first["placement"], first["value"], strict=True)) == values
+    best = sorted(values, key=values.get, reverse=True)
+    assert set(first.loc[first["kept"], "placement"]) == set(best[:3])
+    assert set(second["placement"]) == set(best[:3])
+    ap_of = {"line": 1.0, "center": 2.0, "square": 3.0, "pyramid": 0.0}
+    expected = [ap_of[name] + 1.5 + 0.2 for name in second["placement"]]
+    assert second["value"].tolist() == pytest.approx(expected), "mean over seeds, after two epochs"
+    (winner,) = second.loc[second["kept"], "placement"]
+    assert sorted((seed, epochs) for seed, epochs, _ in trained) == sorted(
+        [(seed, 2) for seed in (1, 2)] * 3 + [(1, 10), (2, 10)]
+    )
+    for trial in plan.trials:
+        name, rung = trial.grid_point.point.placement, trial.grid_point.rung
+        expected = name not in best[:3] or (rung == 2 and name != winner)
+        assert (trial.key in promotion.pruned) == expected
+    loser = next(t for t in plan.trials if t.grid_point.point.placement == best[3])
+    assert promotion.pruned[loser.key] == "rank 4 of 4 by covered_entropy (all), 3 kept"
+
+
+def test_the_outcome_is_the_same_after_a_stop(log, quick):
+    ap, trained = quick
+    sweep, plan = read(log)
+    set_ap(ap, plan, dict.fromkeys(PLACEMENTS, 1.0) | {"center": 2.0})
+    store, outcome, given = Store(log / "stopped"), Outcome(), 0
+
+    def stop_soon(tasks):
+        nonlocal given
+        given += 1
+        execute(tasks[: 5 if given > 1 else None], store, InProcess(store), Quiet(), outcome)
+        return given < 2
+
+    stopped = promote(sweep, plan, store, stop_soon)
+    assert not stopped.complete
+    whole, _, _ = run(sweep, plan, log)
+    trained.clear()
+
+    def go_on(tasks):
+        execute(tasks, store, InProcess(store), Quiet(), outcome)
+        return True
+
+    again = promote(sweep, plan, store, go_on)
+    assert again.pruned == whole.pruned
+    columns = ["rung", "placement", "value", "rank", "kept"]
+    pd.testing.assert_frame_equal(again.table()[columns], whole.table()[columns])
+
+
+def test_a_placement_whose_trainings_fail_does_not_go_on(log, quick, monkeypatch):
+    ap, _ = quick
+    sweep, plan = read(log, promote=SWEEP["promote"][1:])
+    set_ap(ap, plan, {"line": 1.0, "center": 9.0, "square": 3.0, "pyramid": 0.0})
+    center = repr(
+        next(t for t in plan.trials if t.grid_point.point.placement == "center")
+        .collect_test[0]
+        .params["mounts"]
+    )
+
+    def diverged(seed, epochs):
+        raise ArithmeticError("the loss is nan")
+
+    ap[center] = diverged
+    promotion, _, outcome = run(sweep, plan, log)
+    table = promotion.table().set_index("placement")
+    assert table.loc["square", "kept"]
+    assert math.isnan(table.loc["center", "value"])
+    assert table.loc["center", "rank"] == 4
+    full = [t for t in plan.trials if t.grid_point.point.placement == "center"][-1]
+    assert promotion.pruned[full.key] == "has no AP_R40_3D (Car) to be ranked by"
+    assert any(isinstance(f, Failure) for f in outcome.failures.values())
+
+
+def test_placements_compete_within_a_detector(log, quick):
+    ap, _ = quick
+    grid = SWEEP["grid"] | {"detector": ["pointpillars_tiny", "second_tiny"]}
+    sweep, plan = read(log, grid=grid)
+    set_ap(ap, plan, dict(zip(PLACEMENTS, (4.0, 3.0, 2.0, 1.0), strict=True)))
+    table = run(sweep, plan, log)[0].table()
+    kept = table[table["kept"]].groupby(["rung", "detector"]).size()
+    assert kept.to_dict() == {
+        (0, "pointpillars_tiny"): 3,
+        (0, "second_tiny"): 3,
+        (1, "pointpillars_tiny"): 1,
+        (1, "second_tiny"): 1,
+    }
+
+
+def test_the_plan_counts_what_promotion_leaves(log):
+    sweep, plan = read(log)
+    trainings = [task for task in at_most(sweep, plan) if task.stage == "finetune"]
+    assert len(trainings) == 3 * 2 + 1 * 2
+    assert sum(task.stage == "finetune" for task in plan.tasks) == 2 * 4 * 2
+
+
+def test_without_a_detector_nothing_is_trained(log):
+    sweep, plan = read(log, detector=None, grid={"placement": PLACEMENTS}, promote=[])
+    assert {task.stage for task in plan.tasks} == {"scene", "pog", "surrogates"}
+    promotion, store, outcome = run(sweep, plan, log)
+    assert not outcome.failures
+    assert all(store.has(trial.surrogates) for trial in plan.trials)
+    assert promotion.pruned == {}
+
+
+@pytest.mark.parametrize(
+    ("rungs", "message"),
+    [
+        ([{"by": "s_mig", "keep": 1}], r"promote\[0\]: direction: s_mig is highest"),
+        ([{"by": "m_sog", "keep": 0}], r"promote\[0\].keep: found 0"),
+        ([{"by": "AP", "keep": 1}], r"promote\[0\].by: found 'AP'"),
+        ([{"by": "recall", "keep": 1}], r"promote\[0\]: set: a rung by recall needs shorter"),
+        ([{"by": "m_sog", "keep": 1, "class": "Cyclist"}], r"promote\[0\].class: Cyclist is not"),
+        (
+            [{"by": "m_sog", "keep": 1, "set": {"training.epochs": 1}}],
+            r"promote\[0\]: set: nothing is trained",
+        ),
+        (
+            [{"by": "recall", "keep": 1, "set": {"training.epoch": 1}}],
+            r"promote\[0\].set.training.epoch: unknown key \(did you mean epochs\?\)",
+        ),
+        (
+            [{"by": "recall", "keep": 1, "set": {"seed": 1}}],
+            r"promote\[0\].set.seed: is an axis of the grid",
+        ),
+        (
+            [{"by": "recall", "keep": 1, "set": {"lidar.beams": 1}}],
+            r"promote\[0\].set.lidar.beams: allowed are keys of training",
+        ),
+    ],
+)
+def test_mistakes(log, rungs, message):
+    with pytest.raises(ConfigError, match=message):
+        read(log, promote=rungs)
+
+
+finite = st.floats(-1e300, 1e300)
+
+
+@given(st.lists(finite | st.just(math.nan), max_size=30), st.integers(1, 12), st.booleans())
+def test_survivors_are_the_best(values, keep, highest):
+    named = {str(i): value for i, value in enumerate(values)}
+    found = survivors(named, keep, "maximize" if highest else "minimize")
+    known = {name: value for name, value in named.items() if math.isfinite(value)}
+    assert found <= set(known)
+    assert len(found) >= min(keep, len(known))
+    order = sorted(known.values(), reverse=highest)
+    if len(known) > keep:
+        last = order[keep - 1]
+        better = (lambda v: v >= last) if highest else (lambda v: v <= last)
+        assert found == {name for name, value in known.items() if better(value)}

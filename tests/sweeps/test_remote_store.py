@@ -1,0 +1,232 @@
+"""The store at a URL: two caches stand for two machines."""
+
+import errno
+import pickle
+import time
+import uuid
+from pathlib import Path
+
+import fsspec
+import numpy as np
+import pandas as pd
+import pytest
+from fsspec.registry import known_implementations
+
+from lidarplace.files import replacing
+from sweeps import mirror
+from sweeps.remote_store import RemoteStore, open_store
+from sweeps.store import Store
+from sweeps.task import Task
+
+TASK = Task("finetune", "a", {"n": 1}, resumable=True)
+
+
+@pytest.fixture(params=["memory", "folder"])
+def url(request, tmp_path, monkeypatch):
+    """A store's URL on two kinds of filesystems."""
+    if request.param == "folder":
+        monkeypatch.setitem(fsspec.config.conf, "file", {"auto_mkdir": True})
+        return f"file://{tmp_path / 'remote'}"
+    return f"memory://{uuid.uuid4().hex}"
+
+
+@pytest.fixture
+def machine(url, tmp_path):
+    """Makes the store as a machine of that name sees it."""
+    return lambda name: RemoteStore(url, tmp_path / name)
+
+
+def value(n=3):
+    return {"table": pd.DataFrame({"a": [1, n]}), "array": np.full(4, n), "n": n}
+
+
+def files_at(url):
+    filesystem, root = fsspec.url_to_fs(url)
+    return [path.removeprefix(f"{root}/") for path in filesystem.find(root)]
+
+
+def test_what_one_machine_saves_another_loads(machine):
+    one, other = machine("one"), pickle.loads(pickle.dumps(machine("other")))
+    saved = value() | {"large": np.arange(200_000)}
+    assert not other.has(TASK)
+    assert other.finished([TASK]) == set()
+    one.save(TASK, saved, seconds=1.5, node="n1")
+    assert other.has(TASK)
+    assert other.finished([TASK, Task("finetune", "b", {})]) == {TASK.key}
+    assert other.record(TASK) == {"label": "a", "seconds": 1.5, "node": "n1"}
+    assert other.seconds(TASK) == 1.5
+    assert not other.path(TASK).exists(), "what is asked about a result is not copied"
+    found = other.load(TASK)
+    assert isinstance(found["large"], np.memmap)
+    np.testing.assert_array_equal(found["array"], saved["array"])
+    pd.testing.assert_frame_equal(found["table"], saved["table"])
+    assert other.load(TASK, ["n"]) == {"n": 3}
+    assert other.record(TASK) == one.record(TASK)
+
+
+def test_what_is_here_is_not_copied_again(machine, url):
+    machine("one").save(TASK, value(), seconds=0.0)
+    machine("other").load(TASK)
+    filesystem, root = fsspec.url_to_fs(url)
+    filesystem.rm(root, recursive=True)
+    assert machine("other").load(TASK)["n"] == 3
+    assert not machine("other").has(TASK), "others would not find it"
+    with pytest.raises(FileNotFoundError):
+        machine("third").load(TASK)
+    assert not any(machine("third").local.contents())
+
+
+@pytest.mark.parametrize("step", ["put", "put_file"])
+def test_a_copy_that_breaks_off_makes_no_result(machine, url, monkeypatch, step):
+    def broken(*args, **kwargs):
+        raise OSError(errno.ENETUNREACH, "Network is unreachable")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(type(fsspec.url_to_fs(url)[0]), step, broken)
+        with pytest.raises(OSError, match="unreachable"):
+            machine("one").save(TASK, value(), seconds=0.0)
+    other = machine("other")
+    assert not other.has(TASK)
+    assert other.finished([TASK]) == set()
+    machine("one").save(TASK, value(4), seconds=0.0)
+    assert other.load(TASK)["n"] == 3, "what had been saved already was copied"
+
+
+def test_two_machines_that_save_at_once_leave_one_whole_result(machine, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(RemoteStore, "has", lambda store, task: False)  # neither sees the other's
+        for n, name in enumerate(("one", "other")):
+            machine(name).save(TASK, value(n), seconds=float(n))
+    found = machine("third").load(TASK)
+    n = found["n"]
+    assert found["array"].tolist() == [n] * 4
+    assert found["table"]["a"].tolist() == [1, n]
+    assert machine("third").seconds(TASK) == n
+
+
+@pytest.mark.parametrize("cut", [True, False])
+def test_a_damaged_result_is_refused_by_name(machine, url, cut):
+    machine("one").save(TASK, value(), seconds=0.0)
+    filesystem, root = fsspec.url_to_fs(url)
+    (path,) = (path for path in filesystem.find(root) if path.endswith("array.npy"))
+    filesystem.rm_file(path)
+    if cut:
+        filesystem.pipe_file(path, b"few")
+    with pytest.raises(ValueError, match=f"{TASK.key} is damaged: .*remove it to compute it again"):
+        machine("other").load(TASK)
+    assert not machine("other").path(TASK).exists()
+
+
+def write(path, text):
+    with replacing(path) as partial:
+        partial.write_text(text)
+
+
+def texts(folder):
+    return {path.name: path.read_text() for path in folder.glob("[!.]*")}
+
+
+def test_another_machine_goes_on_with_a_task(machine, url):
+    one, other = machine("one"), machine("other")
+    with pytest.raises(KeyError):
+        train_until_stopped(one)
+    with other.working_folder(TASK) as folder:
+        assert texts(folder) == {"best.pt": "1", "last.pt": "2"}
+        write(folder / "last.pt", "3")
+    with one.working_folder(TASK) as folder:
+        assert texts(folder) == {"best.pt": "1", "last.pt": "3"}, "not its own older ones"
+    one.save(TASK, value(), seconds=0.0)
+    one.discard(TASK)
+    assert not any("working" in path for path in files_at(url))
+    with machine("third").working_folder(TASK) as folder:
+        assert texts(folder) == {}
+
+
+def train_until_stopped(store):
+    with store.working_folder(TASK) as folder:
+        write(folder / "best.pt", "1")
+        write(folder / "last.pt", "1")
+        write(folder / "last.pt", "2")
+        raise KeyError
+
+
+def test_checkpoints_are_copied_while_the_task_runs(machine, url, tmp_path, monkeypatch):
+    monkeypatch.setattr(mirror, "SECONDS", 0.01)
+    store = machine("one")
+    filesystem, root = fsspec.url_to_fs(url)
+    place = f"{root}/{TASK.stage}/.{TASK.key}.working"
+    there = tmp_path / "there"
+    there.mkdir()
+    with store.working_folder(TASK) as folder:
+        for n in ("1", "2", "3"):
+            write(folder / "last.pt", n)
+            give_up = time.monotonic() + 60
+            while texts(there) != {"last.pt": n}:
+                assert time.monotonic() < give_up
+                mirror.fetch(filesystem, place, there)
+    versions = [path for path in files_at(url) if folder.name in path and "last.pt" in path]
+    assert len(versions) == 1, "what was replaced is removed"
+
+
+def test_a_remote_place_that_does_not_answer_stops_no_training(machine, monkeypatch, caplog):
+    def broken(*args):
+        raise ConnectionError("no route")
+
+    monkeypatch.setattr(mirror, "_copy_changed", broken)
+    with machine("one").working_folder(TASK) as folder:
+        write(folder / "last.pt", "1")
+    assert "no route" in caplog.text
+
+
+def test_notes_and_references_are_seen_by_all(machine):
+    one, other = machine("one"), machine("other")
+    with one.running(TASK, {"host": "n1"}):
+        assert other.running_notes([TASK]) == {TASK.key: {"host": "n1"}}
+    assert other.running_notes([TASK]) == {}
+    assert other.references() == {}
+    one.refer("tiny", {"b", "a"})
+    assert other.references() == {"tiny": {"a", "b"}}
+    other.forget("tiny")
+    assert one.references() == {}
+    with pytest.raises(ValueError, match="no sweep 'tiny'; there are none"):
+        other.forget("tiny")
+
+
+def test_a_sweep_at_a_url_cannot_be_locked_out(machine):
+    store = machine("one")
+    with store.in_use(), pytest.raises(ValueError, match="in use"):
+        store.local.exclusive().__enter__()
+    with pytest.raises(ValueError, match="--unlocked"):
+        store.exclusive()
+
+
+def test_the_store_of_a_configuration(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    own = tmp_path / "runs" / "store"
+    runs = own.parent.relative_to(tmp_path)
+    assert open_store(None, runs) == Store(own)
+    assert open_store("shared", runs) == Store(tmp_path / "shared")
+    assert open_store("file:///data/store", runs) == Store(Path("/data/store"))
+    assert open_store("memory://a/b/", runs) == RemoteStore("memory://a/b", own)
+    assert open_store("memory://a", runs, runs / "c") == RemoteStore("memory://a", own.parent / "c")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_missing_package_is_named(tmp_path, monkeypatch):
+    known = {"class": "no_such_package.Files", "err": "Install it"}
+    monkeypatch.setitem(known_implementations, "odd", known)
+    told = r"odd:// needs the package no_such_package: pip install no_such_package$"
+    with pytest.raises(ValueError, match=told):
+        open_store("odd://bucket/a", tmp_path)
+    with pytest.raises(ValueError, match="fsspec knows no protocol 's33'"):
+        open_store("s33://bucket/a", tmp_path)
+
+
+def test_a_place_that_cannot_be_read_is_named(tmp_path, monkeypatch):
+    def refused(*args, **kwargs):
+        raise PermissionError("no credentials")
+
+    monkeypatch.setattr("fsspec.implementations.memory.MemoryFileSystem.find", refused)
+    told = "store: memory://a: cannot be read: PermissionError: no credentials"
+    with pytest.raises(ValueError, match=told):
+        open_store("memory://a", tmp_path)

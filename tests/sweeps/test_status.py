@@ -1,0 +1,127 @@
+"""Where a sweep stands, told from what lies on the disk."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+from small_log import write_small_log
+from typer.testing import CliRunner
+
+from sweeps.failures import Failure, FailureFolder
+from sweeps.grid import read_sweep
+from sweeps.plan import make_plan
+from sweeps.state import sweep_state
+from sweeps.status import app
+from sweeps.store import Store
+from sweeps.store_lock import locked
+
+SWEEP = {
+    "classes": ["Car"],
+    "surrogate": {"accuracy": False, "sampling_error": False},
+    "grid": {"placement": ["line", "center"], "seed": [1, 2]},
+}
+
+
+@pytest.fixture
+def sweep(tmp_path):
+    write_small_log(tmp_path / "log")
+    scene = {"source": "log", "folder": str(tmp_path / "log")}
+    path = tmp_path / "grid.yaml"
+    path.write_text(yaml.safe_dump(SWEEP | {"scene": scene, "output": str(tmp_path / "runs")}))
+    found = read_sweep(path)
+    return path, found, make_plan(found), Store(tmp_path / "runs/store")
+
+
+def finish(store, *tasks):
+    for task in tasks:
+        store.save(task, {"n": 1}, 1.0)
+
+
+def test_nothing_has_begun(sweep):
+    _, found, plan, store = sweep
+    state = sweep_state(found, plan, store)
+    assert not state.alive
+    assert {trial.status for trial in state.trials} == {"waiting"}
+    assert state.stages["finetune"] == {"waiting": 4}
+    assert not found.common.output.exists(), "a look leaves no trace"
+
+
+def test_every_status(sweep):
+    path, found, plan, store = sweep
+    done, running, failed, _waiting = plan.trials
+    finish(store, *plan.needed_for(done.results))
+    finish(store, *running.finetune.inputs, *failed.finetune.inputs)
+    folder = found.common.output / "grid"
+    failures = FailureFolder(folder / "failed")
+    failures.write(failed.finetune, Failure("the loss is nan", "Traceback …", lasting=True))
+    why = f"needs finetune '{failed.label}', which failed"
+    failures.write(failed.evaluate, Failure(why, lasting=True, follows=True))
+    note = {"node": "node7", "pid": 42, "since": "2026-01-02 03:04:05"}
+    with locked(folder, alone=True), store.running(running.finetune, note):
+        state = sweep_state(found, plan, store)
+        assert state.alive
+        told = CliRunner().invoke(app, [str(path)])
+        assert told.exit_code == 0
+        as_json = json.loads(CliRunner().invoke(app, [str(path), "--json"]).output)
+    assert [trial.status for trial in state.trials] == ["done", "running", "failed", "waiting"]
+    assert state.trials[1].detail == "finetune on node7, process 42, since 2026-01-02 03:04:05"
+    assert state.trials[2].detail == "the loss is nan"
+    assert "Traceback …" in Path(state.trials[2].log).read_text()
+    assert state.stages["finetune"] == {"done": 1, "running": 1, "failed": 1, "waiting": 1}
+    assert state.stages["evaluate"] == {"done": 1, "waiting": 2, "failed": 1}
+    for text in ("grid: running; 4 trials: 1 done, 1 running", "node7", "the loss is nan"):
+        assert text in told.output
+    assert as_json["trials"][1]["status"] == "running"
+
+
+def test_what_ran_when_the_driver_was_killed(sweep):
+    _, found, plan, store = sweep
+    trial = plan.trials[0]
+    (found.common.output / "grid").mkdir(parents=True)
+    with store.running(trial.scenes[0], {"node": "a", "pid": 1, "since": "then"}):
+        state = sweep_state(found, plan, store)
+    assert not state.alive
+    assert {t.status for t in state.trials} == {"stopped"}
+    assert state.stages["scene"] == {"stopped": 1}
+
+
+def test_the_reason_is_that_of_the_first_task_that_failed(sweep):
+    _, found, plan, store = sweep
+    scene = plan.trials[0].scenes[0]
+    failures = FailureFolder(found.common.output / "grid/failed")
+    failures.write(scene, Failure("no such town", "Traceback …", lasting=True))
+    for task in plan.tasks:
+        if task is not scene:
+            failures.write(task, Failure("needs …", lasting=True, follows=True))
+    state = sweep_state(found, plan, store)
+    assert {t.status for t in state.trials} == {"failed"}
+    assert {t.detail for t in state.trials} == {f"scene '{scene.label}': no such town"}
+    assert {t.log for t in state.trials} == {str(failures.log(scene))}
+
+
+def test_a_result_outweighs_an_old_failure(sweep):
+    _, found, plan, store = sweep
+    FailureFolder(found.common.output / "grid/failed").write(
+        plan.trials[0].evaluate, Failure("once")
+    )
+    finish(store, *plan.needed_for(plan.trials[0].results))
+    assert sweep_state(found, plan, store).trials[0].status == "done"
+
+
+def test_many_trials_are_summed_up(sweep, monkeypatch):
+    path, _, plan, store = sweep
+    monkeypatch.setattr("sweeps.status._MOST_TRIALS", 3)
+    finish(store, *plan.needed_for(plan.trials[0].results))
+    short = CliRunner().invoke(app, [str(path)]).output
+    assert "4 more trials: --all lists them" in short
+    assert plan.trials[0].label not in short
+    assert plan.trials[0].label in CliRunner().invoke(app, [str(path), "--all"]).output
+
+
+def test_a_mistake_is_one_line(tmp_path):
+    told = CliRunner().invoke(app, [str(tmp_path / "none.yaml")])
+    assert told.exit_code == 2
+    assert "none.yaml: cannot be read" in told.output

@@ -1,0 +1,321 @@
+"""The store on a disk: results are whole or not there, whoever dies or writes beside."""
+
+import errno
+import json
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import threading
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from lidarplace.files import replacing
+from sweeps.attempt import snapshot
+from sweeps.store import Store
+from sweeps.task import Task
+
+ROOT = Path(__file__).parents[2]
+TASK = Task("scene", "a", {"n": 1})
+
+
+def value(n=3):
+    return {"table": pd.DataFrame({"a": [1, n]}), "array": np.full(4, n), "n": n, "roi": {"x": [0]}}
+
+
+@pytest.fixture
+def store(tmp_path):
+    return Store(tmp_path / "store")
+
+
+def names(store):
+    """All that lies beside the results."""
+    folder = store.folder / TASK.stage
+    return sorted(path.name for path in folder.iterdir()) if folder.exists() else []
+
+
+def test_what_was_saved_is_loaded(store):
+    import torch
+
+    saved = value() | {"state_dict": {"w": torch.ones(2)}}
+    assert not store.has(TASK)
+    store.save(TASK, saved, seconds=1.5, node="n1", peak_memory=12)
+    found = store.load(TASK)
+    assert set(found) == set(saved)
+    pd.testing.assert_frame_equal(found["table"], saved["table"])
+    np.testing.assert_array_equal(found["array"], saved["array"])
+    assert torch.equal(found["state_dict"]["w"], torch.ones(2))
+    assert (found["n"], found["roi"]) == (3, {"x": [0]})
+    assert store.seconds(TASK) == 1.5
+    assert store.record(TASK) == {"label": "a", "seconds": 1.5, "node": "n1", "peak_memory": 12}
+    store.save(TASK, value(4), seconds=9.0)
+    assert store.load(TASK)["n"] == 3, "what is there stays"
+    assert names(store) == [TASK.key]
+
+
+def test_only_what_is_asked_for_is_loaded(store, monkeypatch):
+    store.save(TASK, value(), seconds=0.0)
+    monkeypatch.delattr("pandas.read_parquet")
+    assert store.load(TASK, ["n"]) == {"n": 3}
+    assert set(store.load(TASK, ["n", "array"])) == {"n", "array"}
+    with pytest.raises(KeyError, match="no such, other"):
+        store.load(TASK, ["n", "such", "other"])
+
+
+def test_large_arrays_stay_on_disk(store):
+    store.save(TASK, {"large": np.arange(200_000), "small": np.arange(5)}, seconds=0.0)
+    found = store.load(TASK)
+    assert isinstance(found["large"], np.memmap)
+    assert not found["large"].flags.writeable
+    assert not isinstance(found["small"], np.memmap)
+
+
+def test_a_stage_is_listed_once_for_all_its_tasks(store, monkeypatch):
+    tasks = [Task("scene", str(n), {"n": n}) for n in range(50)]
+    for task in tasks[:3]:
+        store.save(task, {"n": 1}, seconds=0.0)
+    calls = []
+    listdir = os.listdir
+    monkeypatch.setattr("os.listdir", lambda path: (calls.append(path), listdir(path))[1])
+    assert store.finished([*tasks, Task("pog", "p", {})]) == {task.key for task in tasks[:3]}
+    assert len(calls) == 2
+
+
+def full_disk(*args, **kwargs):
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+@pytest.mark.parametrize(
+    "step",
+    [
+        "pathlib.Path.mkdir",
+        "pandas.DataFrame.to_parquet",
+        "numpy.save",
+        "torch.save",
+        "pathlib.Path.write_text",
+        "sweeps.result_folder.sync",
+        "sweeps.store.sync",
+        "pathlib.Path.rename",
+    ],
+)
+def test_a_full_disk_at_any_step_leaves_nothing(store, monkeypatch, step):
+    import torch
+
+    saved = value() | {"state_dict": {"w": torch.ones(2)}}
+    with monkeypatch.context() as patch:
+        patch.setattr(step, full_disk)
+        with pytest.raises(OSError, match="No space left"):
+            store.save(TASK, saved, seconds=0.0)
+    assert not store.has(TASK)
+    assert store.finished([TASK]) == set()
+    assert names(store) == []
+    store.save(TASK, saved, seconds=0.0)
+    assert store.load(TASK)["n"] == 3
+
+
+def test_what_cannot_be_stored_leaves_nothing(store):
+    with pytest.raises(TypeError):
+        store.save(TASK, value() | {"odd": object()}, seconds=0.0)
+    assert names(store) == []
+
+
+def killed_while_saving(folder):
+    os.fsync = lambda descriptor: os.kill(os.getpid(), signal.SIGKILL)
+    Store(folder).save(TASK, value(), seconds=0.0)
+
+
+def test_a_process_killed_while_it_saves_leaves_no_result(store):
+    process = multiprocessing.get_context("spawn").Process(
+        target=killed_while_saving, args=(store.folder,)
+    )
+    process.start()
+    process.join(60)
+    assert process.exitcode == -signal.SIGKILL
+    assert not store.has(TASK)
+    assert [entry.kind for entry in store.contents()] == ["partial"]
+    store.save(TASK, value(), seconds=0.0)
+    assert store.load(TASK)["n"] == 3
+
+
+@pytest.mark.parametrize(
+    ("harm", "told"),
+    [
+        (lambda folder: (folder / "array.npy").unlink(), "array.npy is missing"),
+        (lambda folder: os.truncate(folder / "array.npy", 100), "array.npy has 100 bytes, 160"),
+        (lambda folder: (folder / "result.json").unlink(), "result.json is missing"),
+        (lambda folder: os.truncate(folder / "result.json", 30), "result.json is not what"),
+        (lambda folder: (folder / "result.json").write_text("[]"), "result.json is not what"),
+    ],
+)
+def test_a_damaged_result_is_refused_by_name(store, harm, told):
+    store.save(TASK, value(), seconds=0.0)
+    harm(store.path(TASK))
+    with pytest.raises(ValueError, match=told) as error:
+        store.load(TASK)
+    assert str(error.value).startswith(f"{store.path(TASK)} is damaged")
+    assert str(error.value).endswith("remove it to compute it again")
+
+
+def test_no_result_is_no_damaged_one(store):
+    with pytest.raises(FileNotFoundError):
+        store.load(TASK)
+
+
+def many_tasks():
+    return [Task("scene", str(n), {"n": n}) for n in range(15)]
+
+
+def save_all(folder, writer, gate):
+    gate.wait()
+    for task in many_tasks():
+        Store(folder).save(task, value(writer), seconds=float(writer))
+
+
+def test_two_processes_save_the_same_tasks_while_a_third_loads_them(store):
+    context = multiprocessing.get_context("spawn")
+    gate = context.Barrier(2)
+    writers = [context.Process(target=save_all, args=(store.folder, n, gate)) for n in (1, 2)]
+    for process in writers:
+        process.start()
+    open_tasks = {task.key: task for task in many_tasks()}
+    while open_tasks:
+        for key in store.finished(open_tasks.values()):
+            task = open_tasks.pop(key)
+            found = store.load(task)
+            writer = found["n"]
+            assert found["array"].tolist() == [writer] * 4
+            assert found["table"]["a"].tolist() == [1, writer]
+            assert store.seconds(task) == writer
+        alive = any(process.is_alive() for process in writers)
+        assert alive or store.finished(open_tasks.values()) == set(open_tasks)
+    for process in writers:
+        process.join(60)
+        assert process.exitcode == 0
+    assert names(store) == sorted(task.key for task in many_tasks())
+
+
+def write(path, text):
+    with replacing(path) as partial:
+        partial.write_text(text)
+
+
+def texts(folder):
+    return {path.name: path.read_text() for path in folder.glob("[!.]*")}
+
+
+def test_a_stopped_task_finds_its_checkpoints(store):
+    with suppress(KeyError), store.working_folder(TASK) as folder:
+        assert texts(folder) == {}
+        write(folder / "last.pt", "1")
+        raise KeyError
+    with store.working_folder(TASK) as folder:
+        assert texts(folder) == {"last.pt": "1"}
+        write(folder / "last.pt", "2")
+    with store.working_folder(TASK) as folder:
+        assert texts(folder) == {"last.pt": "2"}, "the latest attempt counts"
+    store.discard(TASK)
+    assert names(store) == []
+    with store.working_folder(TASK) as folder:
+        assert texts(folder) == {}
+
+
+def test_two_attempts_at_once_do_not_disturb_each_other(store):
+    with store.working_folder(TASK) as one:
+        write(one / "best.pt", "1")
+        write(one / "last.pt", "1")
+        with store.working_folder(TASK) as other:
+            write(one / "best.pt", "2")
+            write(one / "last.pt", "2")
+            assert texts(other) == {"best.pt": "1", "last.pt": "1"}
+            write(other / "last.pt", "slow")
+            assert texts(one) == {"best.pt": "2", "last.pt": "2"}
+            store.discard(TASK)
+            with pytest.raises(FileNotFoundError):
+                write(other / "last.pt", "3")
+
+
+def test_checkpoints_are_taken_over_as_of_one_moment(tmp_path):
+    source = tmp_path / "source"
+    source.mkdir()
+    stop = threading.Event()
+
+    def train():
+        n = 0
+        while not stop.is_set():
+            n += 1
+            for name in ("best.pt", "last.pt"):
+                write(source / name, str(n))
+            stop.wait(0.001)
+
+    thread = threading.Thread(target=train)
+    thread.start()
+    try:
+        for n in range(200):
+            target = tmp_path / str(n)
+            target.mkdir()
+            snapshot(source, target)
+            if len(found := texts(target)) == 2:
+                assert int(found["best.pt"]) - int(found["last.pt"]) in (0, 1)
+    finally:
+        stop.set()
+        thread.join()
+    assert len(found) == 2
+
+
+def test_a_note_tells_that_a_task_runs(store):
+    other = Task("pog", "b", {})
+    with suppress(KeyError), store.running(TASK, {"host": "n1", "pid": 7}):
+        assert store.running_notes([TASK, other]) == {TASK.key: {"host": "n1", "pid": 7}}
+        raise KeyError
+    assert store.running_notes([TASK, other]) == {}
+    with store.running(TASK, {}):
+        store.discard(TASK)
+        assert store.running_notes([TASK]) == {}
+
+
+def test_a_sweep_refers_to_its_last_configuration(store):
+    assert store.references() == {}
+    store.refer("one", ["a", "b"])
+    store.refer("two", ["b"])
+    store.refer("one", ["c"])
+    assert store.references() == {"one": {"c"}, "two": {"b"}}
+    store.forget("two")
+    assert store.references() == {"one": {"c"}}
+    with pytest.raises(ValueError, match=r"no sweep 'two'; there are one"):
+        store.forget("two")
+
+
+@pytest.mark.parametrize("text", ["", '["a"', json.dumps({"a": 1})])
+def test_a_damaged_reference_is_not_taken_for_none(store, text):
+    store.refer("one", ["a"])
+    store.sweep_file("one").write_text(text)
+    with pytest.raises(ValueError, match=r"one\.json: expected a list of keys"):
+        store.references()
+
+
+def test_a_killed_driver_holds_no_lock(store):
+    code = f"""
+import sys, time
+from pathlib import Path
+from sweeps.store_lock import locked
+with locked(Path({str(store.folder)!r}), alone=False):
+    print("held", flush=True)
+    time.sleep(60)
+"""
+    driver = subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, stdout=subprocess.PIPE)
+    try:
+        assert driver.stdout.readline() == b"held\n"
+        with store.in_use():
+            pass
+        with pytest.raises(ValueError, match="store is in use by a running sweep"):
+            store.exclusive().__enter__()
+    finally:
+        driver.kill()
+        driver.communicate(timeout=60)
+    with store.exclusive(), pytest.raises(ValueError, match="in use"):
+        store.exclusive().__enter__()

@@ -1,0 +1,127 @@
+"""What a tracking server has of a sweep, to compare with what was logged."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.request
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+CURVE = pd.DataFrame({"epoch": [1, 2, 3], "metric": "loss", "value": [3.0, 2.0, 1.5]})
+
+
+@cache
+def _empty_database() -> bytes:
+    """A database with MLflow's tables: making one costs seconds, copying it nothing."""
+    from mlflow import MlflowClient
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "mlflow.db"
+        MlflowClient(tracking_uri=f"sqlite:///{path}").search_experiments()
+        return path.read_bytes()
+
+
+def new_store(folder: Path) -> str:
+    """The URI of a new database in a new folder."""
+    folder.mkdir()
+    (folder / "mlflow.db").write_bytes(_empty_database())
+    return f"sqlite:///{folder}/mlflow.db"
+
+
+def log_trial(log: Any, seed: int) -> None:
+    log.trial(
+        f"t{seed}",
+        f"line · tiny · seed {seed}",
+        {"seed": seed, "detector": "tiny"},
+        {"AP_R40_3D.Car.0.70": 60.0 + seed, "recall.all.0.50": float("nan")},
+        CURVE,
+    )
+
+
+def runs_of(uri: str, name: str = "demo") -> dict[str, Any]:
+    """The runs of an experiment by name. Fails if two have one name."""
+    from mlflow import MlflowClient
+
+    client = MlflowClient(tracking_uri=uri)
+    experiment = client.get_experiment_by_name(name)
+    runs = client.search_runs([experiment.experiment_id], max_results=1000)
+    by_name = {run.info.run_name: run for run in runs}
+    assert len(by_name) == len(runs)
+    return by_name
+
+
+def points_of(uri: str, run: Any) -> list[tuple[str, int, float]]:
+    from mlflow import MlflowClient
+
+    client = MlflowClient(tracking_uri=uri)
+    return sorted(
+        (name, point.step, point.value)
+        for name in run.data.metrics
+        for point in client.get_metric_history(run.info.run_id, name)
+    )
+
+
+def assert_logged_once(uri: str, seeds: range, name: str = "demo") -> None:
+    """The parent and exactly one run for each of the `log_trial`s."""
+    runs = runs_of(uri, name)
+    parent = runs.pop(name)
+    assert parent.info.status == "FINISHED"
+    assert set(runs) == {f"line · tiny · seed {seed}" for seed in seeds}
+    for seed in seeds:
+        run = runs[f"line · tiny · seed {seed}"]
+        assert run.info.status == "FINISHED"
+        assert run.data.params == {"seed": str(seed), "detector": "tiny"}
+        assert run.data.tags["mlflow.parentRunId"] == parent.info.run_id
+        assert points_of(uri, run) == [
+            ("AP_R40_3D.Car.0.70", 0, 60.0 + seed),
+            ("loss", 1, 3.0),
+            ("loss", 2, 2.0),
+            ("loss", 3, 1.5),
+        ]
+
+
+def until(condition: Callable[[], bool]) -> None:
+    """Wait for it, a minute at most."""
+    for _ in range(6000):
+        if condition():
+            return
+        time.sleep(0.01)
+    raise AssertionError("a minute passed")
+
+
+def free_port() -> int:
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return int(listener.getsockname()[1])
+
+
+def start_server(store: str, port: int, folder: Path) -> subprocess.Popen[bytes]:
+    """`mlflow server` on this machine, ready to answer. Kill its process group to end it."""
+    command = [sys.executable, "-m", "mlflow", "server", "--backend-store-uri", store]
+    command += ["--artifacts-destination", str(folder / "artifacts"), "--workers", "1"]
+    with (folder / "server.log").open("ab") as log:
+        server = subprocess.Popen(
+            [*command, "--host", "127.0.0.1", "--port", str(port)],
+            stdout=log,
+            stderr=log,
+            start_new_session=True,
+            # Eight more processes that this needs not.
+            env={**os.environ, "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"},
+        )
+    for _ in range(600):
+        try:
+            urllib.request.urlopen(f"http://127.0.0.1:{port}/health", timeout=5).close()
+            return server
+        except OSError:
+            assert server.poll() is None, (folder / "server.log").read_text()
+            time.sleep(0.2)
+    raise AssertionError((folder / "server.log").read_text())

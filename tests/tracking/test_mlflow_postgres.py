@@ -1,0 +1,151 @@
+"""PostgreSQL as MLflow's database, written by the driver itself and through a tracking server."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import tempfile
+from pathlib import Path
+
+import pytest
+from mlflow_runs_of import (
+    assert_logged_once,
+    free_port,
+    log_trial,
+    start_server,
+    until,
+)
+
+from tracking.mlflow_log import SweepLog
+from tracking.mlflow_uri import absolute_uri
+
+PASSWORD = "s3c@ret"
+# The server refuses to run as root.
+ACCOUNT = "nobody" if os.getuid() == 0 else None
+
+
+class Postgres:
+    """A PostgreSQL server on this machine, in a folder of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.port = free_port()
+        self.uri = f"postgresql://postgres:s3c%40ret@127.0.0.1:{self.port}/postgres"
+        folder.chmod(0o755)
+        (folder / "password").write_text(PASSWORD)
+        (folder / "data").mkdir(mode=0o700)
+        if ACCOUNT:
+            shutil.chown(folder / "data", ACCOUNT)
+        self._run(
+            "initdb", "-D", "data", "-U", "postgres", "-A", "scram-sha-256", "--pwfile", "password"
+        ).wait(120)
+        self.start()
+
+    def start(self) -> None:
+        self._server = self._run(
+            *("postgres", "-D", "data", "-p", str(self.port)),
+            *("-c", "listen_addresses=127.0.0.1", "-c", "unix_socket_directories="),
+        )
+        until(self._ready)
+
+    def kill(self) -> None:
+        """End the server at once, as a power cut would."""
+        self._server.send_signal(signal.SIGQUIT)
+        self._server.wait(60)
+
+    def _ready(self) -> bool:
+        import psycopg2
+
+        try:
+            psycopg2.connect(self.uri).close()
+        except psycopg2.OperationalError:
+            assert self._server.poll() is None, (self.folder / "log").read_text()
+            return False
+        return True
+
+    def _run(self, program: str, *arguments: str) -> subprocess.Popen[bytes]:
+        path = shutil.which(program)
+        assert path is not None
+        with (self.folder / "log").open("ab") as log:
+            return subprocess.Popen(
+                [path, *arguments], cwd=self.folder, user=ACCOUNT, stdout=log, stderr=log
+            )
+
+
+@pytest.fixture(scope="module")
+def postgres():
+    pytest.importorskip(
+        "psycopg2", reason="psycopg2 is missing: pip install 'lidarplace[postgres]'"
+    )
+    for program in ("initdb", "postgres"):
+        if shutil.which(program) is None:
+            pytest.skip(f"{program} is not in PATH: install PostgreSQL's server")
+    # Not in pytest's folder, which other accounts cannot enter.
+    with tempfile.TemporaryDirectory() as folder:
+        server = Postgres(Path(folder))
+        yield server
+        server.kill()
+
+
+def test_a_database_that_is_killed_gets_everything_once(postgres, tmp_path):
+    journal = tmp_path / "demo" / "mlflow.jsonl"
+    report = tmp_path / "report.html"
+    report.write_text("<p>report</p>")
+    said: list[str] = []
+
+    def log(seeds, patience_s=60.0):
+        with SweepLog(
+            *(postgres.uri, "demo", "k1", {}),
+            journal=journal,
+            say=said.append,
+            patience_s=patience_s,
+        ) as log:
+            for seed in seeds:
+                log_trial(log, seed)
+            if 4 in seeds:
+                until(lambda: log.undelivered <= len(seeds) - 2)
+                postgres.kill()
+                until(lambda: bool(said))
+                postgres.start()
+                log.artifact(report)
+        return log.undelivered
+
+    assert log(range(1, 3)) == 0
+    assert said == []
+    assert log(range(1, 12)) == 0
+    assert [line.split(" is ")[1].split(",")[0] for line in said] == ["away", "back"]
+    postgres.kill()
+    assert log([12], patience_s=0.2) == 3
+    postgres.start()
+    assert log([13]) == 0
+    assert_logged_once(absolute_uri(postgres.uri), range(1, 14))
+    assert not journal.exists()
+    assert len(list((tmp_path / "demo" / "artifacts").rglob("report.html"))) == 1
+    assert PASSWORD not in "".join(said)
+    assert "s3c%40ret" not in "".join(said)
+
+
+def test_a_tracking_server_keeps_its_runs_there(postgres, tmp_path):
+    port = free_port()
+    server = start_server(absolute_uri(postgres.uri), port, tmp_path)
+    try:
+        address = f"http://127.0.0.1:{port}"
+        with SweepLog(address, "through", "k2", {}, journal=tmp_path / "mlflow.jsonl") as log:
+            log_trial(log, 1)
+        assert_logged_once(absolute_uri(postgres.uri), range(1, 2), name="through")
+    finally:
+        os.killpg(server.pid, signal.SIGKILL)
+        server.wait(60)
+
+
+def test_a_wrong_password_is_an_error_without_it(postgres, tmp_path):
+    uri = postgres.uri.replace("s3c%40ret", "other")
+    said: list[str] = []
+    with SweepLog(
+        uri, "demo", "k3", {}, journal=tmp_path / "mlflow.jsonl", say=said.append, patience_s=0.1
+    ):
+        pass
+    assert "password authentication failed" in said[0]
+    assert "other@" not in said[0]

@@ -1,0 +1,233 @@
+"""What promotion saved and risked, by hand for a made-up run."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from made_up_promotion import EPOCHS, FULL, SHORT, write_promotion
+
+from tracking.figures.promotion import error_over_seconds, ranks_by_stage
+from tracking.promotion import FULL_TRAINING, is_full, promoted, stage_ranks
+from tracking.promotion_agreement import agreement
+from tracking.promotion_savings import rung_costs, savings
+from tracking.report import build_report
+from tracking.report.promotion import promotion_section
+from tracking.run_folder import RunFolder
+from tracking.training_cost import summarise_cost, training_cost
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("promotion") / "promotion"
+    return write_promotion(path, detectors=("tiny", "second"))
+
+
+@pytest.fixture(scope="module")
+def run(folder):
+    return RunFolder.read(folder)
+
+
+@pytest.fixture(scope="module")
+def group(run):
+    return next(_groups(run))
+
+
+@pytest.fixture(scope="module")
+def page(folder):
+    return build_report(folder).read_text(encoding="utf-8")
+
+
+def _groups(run):
+    return promoted(run.promotions, run.trials, run.results, run.axes, run.sweep["promote"])
+
+
+def _full(run, detector="tiny"):
+    own = run.trials[(run.trials["detector"] == detector) & (run.trials[EPOCHS] == FULL)]
+    return own[own["status"] == "finished"]
+
+
+def test_a_group_has_its_rungs_and_its_full_trainings(run, group):
+    assert group.title == "tiny"
+    assert group.stages == (
+        "expected IG (Car)",
+        "3D AP @ 0.7 (Car), epochs = 2",
+        FULL_TRAINING,
+    )
+    assert (group.placements, group.seeds) == (40, 2)
+    assert set(group.trials["trial"]) == set(_full(run)["trial"])
+    own = run.results.query(
+        "detector == 'tiny' and `class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7"
+    )
+    means = own[own[EPOCHS] == FULL].groupby("placement")["value"].mean()
+    assert group.ap.to_dict() == pytest.approx(means.to_dict())
+    assert len(means) == 3
+
+
+def test_the_ap_of_all_classes_is_the_mean_of_those_with_ground_truth(run):
+    promotions = run.promotions.assign(**{"class": "all"})
+    group = next(promoted(promotions, run.trials, run.results, run.axes, run.sweep["promote"]))
+    own = run.results.query("detector == 'tiny' and metric == 'AP_R40_3D'")
+    own = own[own[EPOCHS] == FULL].set_index(["class", "iou"])["value"]
+    best = group.ap.index
+    assert group.ap[best].mean() == pytest.approx(
+        (own["Car", 0.7].mean() + own["Pedestrian", 0.5].mean()) / 2
+    )
+
+
+def test_ranks_end_where_a_placement_was_pruned(group):
+    ranks = stage_ranks(group)
+    assert ranks.notna().sum().tolist() == [40, 8, 3]
+    for column in ranks:
+        known = ranks[column].dropna()
+        assert sorted(known) == list(range(1, len(known) + 1))
+    assert (ranks[0] <= 8).equals(ranks[1].notna())
+    assert (ranks[1] <= 3).equals(ranks[FULL_TRAINING].notna())
+
+
+def test_costs_and_savings_add_up(run, group):
+    costs = rung_costs(group).set_index("stage")
+    assert costs["placements"].tolist() == [40, 8, 3]
+    assert costs["kept"].tolist() == [8, 3, 0]
+    full = _full(run)["seconds"]
+    assert costs.loc[FULL_TRAINING, "seconds"] == pytest.approx(full.sum())
+    assert costs.loc[FULL_TRAINING, "seconds_each"] == pytest.approx(2 * full.mean())
+    own = run.trials[(run.trials["detector"] == "tiny") & (run.trials["status"] == "finished")]
+    row = savings([group], ()).iloc[0]
+    assert row["surrogates"] == pytest.approx(40 * 0.05)
+    assert row["short"] == pytest.approx(own.loc[own[EPOCHS] == SHORT, "seconds"].sum())
+    assert row["spent"] == pytest.approx(own["seconds"].sum() + 2)
+    assert row["without"] == pytest.approx(full.mean() * 40 * 2 + 2)
+    assert row["saved"] == pytest.approx(row["without"] - row["spent"])
+
+
+def test_detectors_share_the_surrogates(run):
+    table = savings(list(_groups(run)), ()).set_index("group")
+    total, parts = table.loc["all groups"], table.drop(index="all groups")
+    assert parts["surrogates"].tolist() == pytest.approx([2, 2])
+    assert total["surrogates"] == pytest.approx(2)
+    assert total["spent"] == pytest.approx(parts["spent"].sum() - 2)
+    assert total["without"] == pytest.approx(parts["without"].sum() - 2)
+    assert total["saved"] == pytest.approx(parts["saved"].sum())
+
+
+def test_agreement_of_stages_by_hand(group):
+    pairs = agreement(group)
+    assert pairs["n"].tolist() == [8, 3, 3]
+    assert pairs["to_full"].tolist() == [False, True, True]
+    ranks = stage_ranks(group)
+    for row, (i, j) in zip(pairs.to_dict("records"), [(0, 1), (0, 2), (1, 2)], strict=True):
+        both = ranks.iloc[:, [i, j]].dropna()
+        assert row["spearman"] == pytest.approx(both.corr("spearman").iloc[0, 1])
+        assert row["kendall"] == pytest.approx(both.corr("kendall").iloc[0, 1])
+        assert row["best"] == both.iloc[:, 1].idxmin()
+        assert row["best_rank"] == both.iloc[:, 0][row["best"]]
+        assert row["first"] == both.iloc[:, 0].idxmin()
+        assert row["first_rank"] == both.iloc[:, 0].min()
+        value = (
+            group.ap if j == 2 else group.rungs.query("rung == 1").set_index("placement")["value"]
+        )
+        assert row["regret"] == pytest.approx(value[row["best"]] - value[row["first"]])
+        assert row["regret"] >= 0
+        assert row["kendall_p"] >= 2 / np.prod(range(1, len(both) + 1)) - 1e-12
+    assert pairs["ranked"].tolist() == [40, 40, 8]
+    assert pairs["kept"].tolist() == [8, 8, 3]
+
+
+def test_many_placements_have_p_values_too(tmp_path):
+    run = RunFolder.read(write_promotion(tmp_path / "many", kept=(20, 10), seeds=(1,)))
+    pairs = agreement(next(_groups(run)))
+    assert pairs["n"].tolist() == [20, 10, 10]
+    assert pairs[["spearman_p", "kendall_p"]].stack().between(0, 1).all()
+    low = pairs["kendall"].abs().idxmin()
+    assert pairs.loc[low, "kendall_p"] == pairs["kendall_p"].max()
+
+
+def test_a_placement_without_a_value_has_no_rank(run):
+    promotions = run.promotions.copy()
+    lost = promotions.query("detector == 'tiny' and rung == 1 and rank == 8").index
+    promotions.loc[lost, "value"] = np.nan
+    group = next(promoted(promotions, run.trials, run.results, run.axes, run.sweep["promote"]))
+    assert stage_ranks(group)[1].notna().sum() == 7
+    assert rung_costs(group)["without_value"].tolist() == [0, 1, 0]
+    assert agreement(group)["n"].tolist() == [7, 3, 3]
+
+
+def test_equal_full_trainings_judge_no_rung(run):
+    results = run.results.copy()
+    results.loc[results[EPOCHS] == FULL, "value"] = 0.0
+    section = promotion_section(replace(run, results=results), run.promotions)
+    assert sum("Several full trainings are equally best" in note for note in section.notes) == 2
+    assert not any("was ranked" in note for note in section.notes)
+    assert len(section.figures) == 2 * 2  # no share of pairs without a coefficient
+
+
+def test_short_trainings_are_told_by_what_their_rung_sets():
+    trials = pd.DataFrame(
+        {"detector": "a", EPOCHS: [2, 10, 10, 10], "training.flip_y": [False, True, True, False]}
+    )
+    axes = [EPOCHS, "training.flip_y"]
+    rungs = [{"set": {}}, {"set": {"training.flip_y": False}}]
+    assert is_full(trials, axes, rungs).tolist() == [False, True, True, False]
+    assert is_full(trials, axes[:1]).tolist() == [False, True, True, True]
+
+
+def test_nothing_is_estimated_when_no_full_training_finished(run):
+    trials = run.trials.copy()
+    full = trials[EPOCHS] == FULL
+    trials.loc[full & (trials["status"] == "finished"), ["status", "error"]] = "failed", "no memory"
+    results = run.results[run.results[EPOCHS] == SHORT]
+    groups = list(promoted(run.promotions, trials, results, run.axes, run.sweep["promote"]))
+    assert [len(group.ap) for group in groups] == [0, 0]
+    assert savings(groups, ())["without"].isna().all()
+    assert agreement(groups[0])["to_full"].tolist() == [False]
+    section = promotion_section(replace(run, trials=trials, results=results), run.promotions)
+    assert len(section.figures) == 2  # ranks of both detectors
+    assert any("No full training finished" in note for note in section.notes)
+
+
+def test_the_figures_show_ranks_and_errors(group):
+    plot = ranks_by_stage(stage_ranks(group), [8, 3], "title")
+    assert [trace.name for trace in plot.data if trace.name] == [
+        *group.ap.sort_values(ascending=False).index,
+        "kept up to here",
+    ]
+    pruned = np.array(plot.data[0].y)
+    assert np.isfinite(pruned).sum() == 37 + 5
+    pairs = agreement(group)
+    to_full = pairs[pairs["to_full"]]
+    share, lost = (plot.data[0] for plot in error_over_seconds(to_full, 100.0, ""))
+    assert share.y == pytest.approx([*(50 * (1 - to_full["kendall"])), 0])
+    assert lost.y == pytest.approx([*to_full["regret"], 0])
+    assert share.x == pytest.approx([*to_full["seconds"], 100])
+
+
+def test_the_report_tells_what_was_saved_and_risked(run, page):
+    row = savings(list(_groups(run)), ()).iloc[0]
+    share = 100 * row["saved"] / row["without"]
+    assert f"tiny: Promotion spent {row['spent']:,.0f} s, {share:.0f} % less than" in page
+    pruned = (run.trials["status"] == "pruned").sum()
+    assert f"{len(run.trials)} trials, {pruned} of them pruned by promotion" in page
+    assert "did not finish" not in page
+    assert "Whether a pruned placement would have been best cannot be seen here" in page
+    assert "Agreement of stages, among placements of both · second" in page
+    # Other placements are compared after the full training alone.
+    assert "second, epochs = 10" in page
+    assert "second, epochs = 2" not in page
+
+
+def test_short_trainings_are_compared_with_the_long_ones_of_the_same_placements(run):
+    cost = training_cost(run.results, run.curves, run.axes)
+    known = cost[cost["reference_ap"].notna()]
+    summary = summarise_cost(known, [EPOCHS])
+    assert (summary["trials"] == 3 * 2).all()
+    short = summary[summary[EPOCHS] == SHORT]
+    for row in short.to_dict("records"):
+        long = summary[
+            summary["reference"]
+            & (summary["class"] == row["class"])
+            & (summary["detector"] == row["detector"])
+        ]
+        assert row["error"] == pytest.approx(long["ap"].item() - row["ap"])

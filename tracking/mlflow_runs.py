@@ -1,0 +1,200 @@
+"""The runs of one sweep at MLflow: found again by tags, so that nothing is written twice."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from tracking.delivery import Away
+from tracking.journal import ArtifactEntry, Entry, StatusEntry, SweepEntry, TrialEntry
+from tracking.mlflow_connection import connect, is_away, is_forbidden, reason
+from tracking.mlflow_uri import is_server, public_uri
+
+SWEEP_TAG = "lidarplace.sweep"
+TRIAL_TAG = "lidarplace.trial"
+
+
+class SweepRuns:
+    """Writes entries to the parent run and the child runs of a sweep.
+
+    A trial that is finished is left alone; one that was cut half way, or failed, continues in its
+    run, and what was logged of it is not logged again. So any entry may be written again.
+
+    Args:
+        uri: absolute.
+        artifacts: where a new experiment keeps artifacts if MLflow writes to a database itself.
+    """
+
+    def __init__(self, uri: str, sweep: SweepEntry, artifacts: Path) -> None:
+        self._uri = uri
+        self._sweep = sweep
+        self._artifacts = artifacts
+        self._client: Any = None
+        self._experiment = ""
+        self._parent: Any = None
+        self._trials: dict[str, Any] = {}
+        self.finished: set[str] = set()
+        """Keys of the trials that are finished."""
+
+    def open(self) -> None:
+        """Find, or make, the experiment and the parent run, and find the trials.
+
+        Raises:
+            ValueError: the server cannot take this sweep.
+            Away: there is no connection now.
+        """
+        try:
+            self._client = connect(self._uri)
+            self._experiment = self._find_experiment()
+            runs = self._find_runs()
+            self._trials = self._one_each([r for r in runs if TRIAL_TAG in r.data.tags])
+            self.finished = {k for k, r in self._trials.items() if r.info.status == "FINISHED"}
+            parents = [run for run in runs if TRIAL_TAG not in run.data.tags]
+            self._parent = parents[0] if parents else self._create(self._sweep.name, {}, None)
+            self._log_params()
+        except ValueError:
+            self._client = None
+            raise
+        except Exception as error:
+            self._client = None
+            if is_away(error, self._uri) and not is_forbidden(error):
+                raise Away(reason(error)) from error
+            raise ValueError(f"{public_uri(self._uri)}: {reason(error)}") from error
+
+    def write(self, entry: Entry) -> None:
+        """Write one entry, after `open` if need be.
+
+        Raises:
+            Away: it may or may not be written; the next call finds out.
+            Exception: MLflow does not take it.
+        """
+        try:
+            if self._client is None:
+                self.open()
+        except ValueError as error:  # a person may mend it, until then everything waits
+            raise Away(str(error)) from error
+        try:
+            if isinstance(entry, TrialEntry):
+                self._write_trial(entry)
+            elif isinstance(entry, ArtifactEntry):
+                self._write_artifact(entry)
+            elif isinstance(entry, StatusEntry):
+                self._write_status(entry.status)
+        except Exception as error:
+            if is_away(error, self._uri):
+                self._client = None
+                raise Away(reason(error)) from error
+            if isinstance(entry, TrialEntry) and entry.key in self._trials:
+                # A run without its data must not look as if it were still going on.
+                self._client.set_terminated(self._trials[entry.key].info.run_id, "FAILED")
+            raise
+
+    def _write_trial(self, entry: TrialEntry) -> None:
+        from mlflow.entities import Metric, Param, RunTag
+
+        if entry.key in self.finished:
+            return
+        run = self._trials.get(entry.key)
+        points = entry.points
+        params, tags = dict(entry.params), dict(entry.tags)
+        if run is None:
+            names = {TRIAL_TAG: entry.key, "mlflow.parentRunId": self._parent.info.run_id}
+            run = self._create(entry.run_name, {**tags, **names}, entry.time)
+            self._trials[entry.key] = run
+            tags = {}
+        else:
+            run = self._client.get_run(run.info.run_id)
+            there = self._points_of(run)
+            points = tuple(point for point in points if point[:2] not in there)
+            params = {k: v for k, v in params.items() if run.data.params.get(k) != v}
+            for tag in run.data.tags:
+                if tag.startswith("lidarplace.") and tag not in {SWEEP_TAG, TRIAL_TAG, *tags}:
+                    self._client.delete_tag(run.info.run_id, tag)
+        run_id = run.info.run_id
+        self._client.log_batch(
+            run_id,
+            [Metric(name, value, run.info.start_time, step) for name, step, value in points],
+            [Param(name, value) for name, value in params.items()],
+            [RunTag(name, value) for name, value in tags.items()],
+        )
+        self._client.set_terminated(run_id, "FAILED" if entry.failed else "FINISHED", entry.time)
+        if not entry.failed:
+            self.finished.add(entry.key)
+
+    def _write_artifact(self, entry: ArtifactEntry) -> None:
+        if not Path(entry.path).is_file():
+            raise ValueError(f"{entry.path} is gone")
+        self._client.log_artifact(self._parent.info.run_id, entry.path, entry.folder)
+
+    def _write_status(self, status: str) -> None:
+        run_id = self._parent.info.run_id
+        if status == "RUNNING":
+            self._client.update_run(run_id, status=status)
+        else:
+            self._client.set_terminated(run_id, status)
+
+    def _find_experiment(self) -> str:
+        name = self._sweep.name
+        experiment = self._client.get_experiment_by_name(name)
+        if experiment is None:
+            place = None if is_server(self._uri) else self._artifacts.resolve().as_uri()
+            # The kind decides which of its two faces the UI shows: this is model training.
+            tags = {"mlflow.experimentKind": "custom_model_development"}
+            return str(self._client.create_experiment(name, place, tags))
+        if experiment.lifecycle_stage != "active":
+            raise ValueError(
+                f"the MLflow experiment {name!r} was deleted: restore it, or give the sweep "
+                "another name"
+            )
+        return str(experiment.experiment_id)
+
+    def _find_runs(self) -> list[Any]:
+        """All runs of this sweep, the parent among them, oldest first."""
+        runs: list[Any] = []
+        token = None
+        while True:
+            page = self._client.search_runs(
+                [self._experiment],
+                filter_string=f"tags.`{SWEEP_TAG}` = '{self._sweep.sweep}'",
+                max_results=1000,
+                order_by=["attributes.start_time ASC"],
+                page_token=token,
+            )
+            runs += page
+            token = page.token
+            if not token:
+                return runs
+
+    def _one_each(self, runs: list[Any]) -> dict[str, Any]:
+        """The run of each trial. A server that answered too late may have made a second one."""
+        trials: dict[str, Any] = {}
+        for run in sorted(runs, key=lambda run: run.info.status != "FINISHED"):
+            if run is not trials.setdefault(run.data.tags[TRIAL_TAG], run):
+                self._client.delete_run(run.info.run_id)
+        return trials
+
+    def _create(self, name: str, tags: dict[str, str], time: int | None) -> Any:
+        return self._client.create_run(
+            self._experiment, time, {SWEEP_TAG: self._sweep.sweep, **tags}, name
+        )
+
+    def _log_params(self) -> None:
+        from mlflow.entities import Param
+
+        wanted, run = self._sweep.params, self._parent
+        for name, value in run.data.params.items():
+            if wanted.get(name, value) != value:
+                raise ValueError(
+                    f"run {run.info.run_name!r} in MLflow has {name} = {value}, now it is "
+                    f"{wanted[name]}: a resumed sweep cannot change it, give it another name"
+                )
+        new = [Param(name, wanted[name]) for name in wanted if name not in run.data.params]
+        self._client.log_batch(run.info.run_id, params=new)
+
+    def _points_of(self, run: Any) -> set[tuple[str, int]]:
+        """(metric, step) of all that was logged."""
+        return {
+            (name, point.step)
+            for name in run.data.metrics
+            for point in self._client.get_metric_history(run.info.run_id, name)
+        }

@@ -1,0 +1,66 @@
+"""Where MLflow keeps runs: an address that can be checked, shown and opened."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import sys
+from pathlib import Path
+from urllib.parse import unquote
+
+
+def absolute_uri(uri: str) -> str:
+    """`uri` with the driver of its database, and a file as an absolute path for later.
+
+    Raises:
+        ValueError: MLflow cannot keep runs there.
+    """
+    if "://" not in uri or uri.startswith("file:"):
+        raise ValueError(
+            f"MLflow keeps runs in a database or on a server, for example sqlite:///runs/mlflow.db "
+            f"or http://host:5000; found {public_uri(uri)!r}"
+        )
+    # Which driver a plain postgresql:// means depends on the version of SQLAlchemy.
+    uri = re.sub("^postgresql://", "postgresql+psycopg2://", uri)
+    database = sqlite_file(uri)
+    return uri if database is None else f"sqlite:///{database.resolve()}"
+
+
+def sqlite_file(uri: str) -> Path | None:
+    """The database file of a `sqlite:///` URI, None for other URIs."""
+    match = re.fullmatch(r"sqlite:///(.+)", uri)
+    return Path(match[1]) if match else None
+
+
+def is_server(uri: str) -> bool:
+    """Whether `uri` is a tracking server, not a database."""
+    return uri.startswith(("http://", "https://"))
+
+
+def public_uri(uri: str) -> str:
+    """`uri` with *** for its password: what may be printed and stored."""
+    # Up to the last @: a password in which @ or / was not escaped must not show its end.
+    masked = re.sub(r"://([^:/@]*):.*@", r"://\1:***@", uri)
+    return re.sub(r"([?&]password=)[^&]*", r"\1***", masked)
+
+
+def hide_password(text: str, uri: str) -> str:
+    """`text`, such as a library's message, without the password of `uri`."""
+    found = re.findall(r"://[^:/@]*:(.*)@", uri) + re.findall(r"[?&]password=([^&]+)", uri)
+    for password in filter(None, found):
+        text = text.replace(password, "***").replace(unquote(password), "***")
+    return text
+
+
+def ui_command(uri: str) -> str:
+    """What opens the experiments in a browser: a command line, of a server its address.
+
+    The password of a database is masked, the user has to write it.
+    """
+    if is_server(uri):
+        return public_uri(uri)
+    store = shlex.quote(public_uri(absolute_uri(uri)))
+    return (
+        f"MLFLOW_DISABLE_TELEMETRY=true {shlex.quote(sys.executable)} -m mlflow ui "
+        f"--backend-store-uri {store} --host 127.0.0.1 --port 5000"
+    )

@@ -1,0 +1,68 @@
+"""The section about run time: seconds by stage and parallel efficiency."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from tracking.efficiency import WHOLE_SWEEP, stage_efficiency
+from tracking.figures.times import times
+from tracking.report.section import Section
+from tracking.report.tables import efficiency_table
+from tracking.run_folder import RunFolder
+
+MOST_NAMES = 5
+"""Labels named in a sentence; the others are counted."""
+
+
+def where_time_went(run: RunFolder) -> Section:
+    """Task seconds of every stage, and how well the cores were kept at work."""
+    section = Section("Where the time went", columns=1)
+    if run.tasks is None or run.tasks.empty:
+        section.notes.append("The run folder has no tasks.parquet.")
+        return section
+    if "seconds" in run.sweep:
+        section.notes.append(f"The sweep took {float(run.sweep['seconds']):,.0f} s on the clock.")
+    section.figures.append(times(run.tasks))
+    if "cores" not in run.sweep:
+        section.notes.append("The run folder does not say how many cores it had: no efficiency.")
+        return section
+    cores = int(run.sweep["cores"])
+    efficiency = stage_efficiency(run.tasks, cores)
+    if efficiency.empty:
+        section.notes.append("All results were there before: no task ran, so no efficiency.")
+        return section
+    section.notes += _sentences(efficiency, cores, run.tasks)
+    section.tables.append(efficiency_table(efficiency, cores))
+    return section
+
+
+def _sentences(efficiency: pd.DataFrame, cores: int, tasks: pd.DataFrame) -> list[str]:
+    whole = efficiency[efficiency["stage"] == WHOLE_SWEEP].iloc[0]
+    stages = efficiency[efficiency["stage"] != WHOLE_SWEEP]
+    idle = whole["wall"] - stages["wall"].sum()
+    nodes = tasks.loc[tasks["started"].notna() & (tasks["node"] != ""), "node"].nunique()
+    where = f"{cores} cores" + (f" of {nodes} nodes" if nodes > 1 else "")
+    costly = stages.sort_values("wall").iloc[-1]
+    return [
+        f"{whole['tasks']:,} tasks did {whole['task_seconds']:,.0f} s of work on {where} in "
+        f"{whole['wall']:,.0f} s: parallel efficiency {whole['efficiency']:.2f}. Nothing ran for "
+        f"{idle:,.1f} s of these. Most of the clock went to {costly['stage']}, at an efficiency of "
+        f"{costly['efficiency']:.2f}.",
+        "Parallel efficiency is task seconds / (wall seconds × cores). Stages that run side by "
+        "side share the clock by the number of their tasks. Overhead is what a task took from "
+        "start to end beyond its own work: fetching inputs, storing results.",
+    ]
+
+
+def reduced_batches(tasks: pd.DataFrame | None) -> list[str]:
+    """A warning if trainings ran out of memory and went on with smaller batches."""
+    if tasks is None or not tasks["batch_size_reduced"].any():
+        return []
+    labels = tasks.loc[tasks["batch_size_reduced"].astype(bool), "label"].unique().tolist()
+    named = ", ".join(labels[:MOST_NAMES])
+    rest = f" and {len(labels) - MOST_NAMES} more" if len(labels) > MOST_NAMES else ""
+    return [
+        f"{len(labels)} training{'s' * (len(labels) > 1)} ran with a smaller batch than "
+        f"configured, for lack of memory: {named}{rest}. Batch size changes what is learned, so "
+        "the comparison with the others is not quite fair."
+    ]

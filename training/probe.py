@@ -1,0 +1,65 @@
+"""What one step of a training needs of a machine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import pandas as pd
+import torch
+
+from lidarplace.lidar.clouds import Clouds
+from training import build_detector
+from training.batch_size import batch_size_for, step_bytes
+from training.dataset import TrainingFrames
+from training.detectors.detector import PointRange
+from training.device import device
+from training.ground_truth_sampling import ObjectDatabase
+from training.settings import TrainingSettings
+
+
+@dataclass(frozen=True)
+class Probe:
+    """What a step needs.
+
+    Attributes:
+        batch_size: frames in it.
+        gpu_share: of a GPU's memory, at its peak, in [0, 1]; None without a GPU, and if the step
+            did not fit.
+    """
+
+    batch_size: int
+    gpu_share: float | None
+
+
+def probe(
+    detector: str,
+    classes: Sequence[str],
+    clouds: Clouds,
+    ground_truth: pd.DataFrame,
+    settings: TrainingSettings,
+    point_range: PointRange | None = None,
+) -> Probe:
+    """Take one step of a training, on the largest frames, and look at its memory.
+
+    All that a training builds beside the network is built here too, so that the peak of this
+    process's memory is that of a training. Arguments as of `finetune`, which raises the same.
+    """
+    torch.manual_seed(0)
+    model = build_detector(detector, classes, point_range=point_range).to(device())
+    frames = TrainingFrames(
+        classes,
+        clouds,
+        ground_truth,
+        model.sensor_height,
+        settings.min_points,
+        settings.frame_share,
+    )
+    database = ObjectDatabase.of(frames, classes, settings.sample_groups, settings.min_points)
+    batch_size = batch_size_for(model, frames, settings)
+    taken = step_bytes(model, frames, settings, batch_size)
+    del database  # it had to be there until now
+    if model.device.type != "cuda" or taken is None:
+        return Probe(batch_size, None)
+    _, total = torch.cuda.mem_get_info(model.device)
+    return Probe(batch_size, min(1.0, taken / total))
