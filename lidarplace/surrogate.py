@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numba import njit
@@ -63,12 +63,18 @@ class Surrogates:
 
         The other surrogates do not look at those; they are covered when this is first read.
         """
-        return count_covered(self.placement, self.roi, self.method)
+        return _count_once(self.placement, self.roi, self.method)
 
     @property
     def m_sog(self) -> float:
         """`s_mig / covered_voxels` (Place3D, NeurIPS 2024); NaN if nothing is covered."""
         return self.s_mig / self.covered_voxels if self.covered_voxels else math.nan
+
+
+@lru_cache(maxsize=1)
+def _count_once(placement: Placement, roi: Roi, method: Method) -> int:
+    """Classes are evaluated one after the other, and cover the same voxels."""
+    return count_covered(placement, roi, method)
 
 
 def sum_over_classes(results: Mapping[str, Surrogates]) -> Surrogates:

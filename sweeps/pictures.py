@@ -15,25 +15,27 @@ from lidarplace.lidar.clouds import PointClouds
 from sweeps.grid import Sweep
 from sweeps.plan import Trial
 from sweeps.store import AnyStore, Value
-from sweeps.trial_results import trial_surrogates
 
 MOST_UNTESTED = 12
 """Placements drawn of a sweep that trained nothing, best first."""
 
 
-def drawn(known: Sequence[Trial], tested: Sequence[Trial], store: AnyStore) -> list[Trial]:
-    """A trial of every placement to draw: those that were tested, else the best by a surrogate."""
+def drawn(known: Sequence[Trial], tested: Sequence[Trial], surrogates: pd.DataFrame) -> list[Trial]:
+    """A trial of every placement to draw: those that were tested, else the best by a surrogate.
+
+    Args:
+        surrogates: placement, surrogate, value of all `known`.
+    """
     by_name: dict[str, Trial] = {}
     for trial in tested or known:
         by_name.setdefault(trial.grid_point.point.placement, trial)
     if tested or len(by_name) <= MOST_UNTESTED:
         return list(by_name.values())
-    table = pd.concat([trial_surrogates(trial, store, ()) for trial in by_name.values()])
-    for surrogate in ("expected_ig", "covered_entropy", "expected_points"):
-        own = table[table["surrogate"] == surrogate]
+    for name in ("expected_ig", "covered_entropy", "expected_points"):
+        own = surrogates[surrogates["surrogate"] == name]
         if len(own):
             best = own.groupby("placement")["value"].sum().nlargest(MOST_UNTESTED)
-            return [by_name[name] for name in best.index]
+            return [by_name[placement] for placement in best.index]
     return list(by_name.values())[:MOST_UNTESTED]
 
 

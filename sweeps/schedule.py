@@ -22,6 +22,9 @@ class Schedule:
         tasks: all tasks, each after its inputs.
         done: keys of those whose results are in the store already.
         probes: probe that a task waits for, by the task's key; it goes on if the probe fails.
+
+    Raises:
+        ValueError: a task needs one that is neither done nor before it.
     """
 
     def __init__(
@@ -39,6 +42,8 @@ class Schedule:
             missing = [t for t in needed if t.key not in done]
             self._waiting[task.key] = len(missing)
             for item in missing:
+                if item.key not in self._waiting:
+                    raise ValueError(f"{task.stage} '{task.label}' comes before its input")
                 self._dependents[item.key].append(task)
             if not missing:
                 self._push(task)

@@ -31,11 +31,6 @@ def trial_results(trial: Trial, store: AnyStore, axes: Sequence[str]) -> pd.Data
     return with_columns(store.load(trial.evaluate, ("metrics",))["metrics"], identity(trial, axes))
 
 
-def trial_surrogates(trial: Trial, store: AnyStore, axes: Sequence[str]) -> pd.DataFrame:
-    """Surrogates of a trial's placement: placement, axes that matter, class, surrogate, value."""
-    return of_placement(trial, trial.surrogates, "table", store, axes)
-
-
 def trial_seconds(trial: Trial, store: AnyStore) -> float:
     """Seconds of training and evaluation; of the surrogates without a detector."""
     tasks = [task for task in (trial.finetune, trial.evaluate) if task is not None]

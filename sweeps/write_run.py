@@ -79,12 +79,13 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
                     tables[place] = of_placement(trial, task, name, store, axes)
         return _stack(list(tables.values()))
 
+    surrogates = gathered("surrogates", "table", known)
     with_rays = [t for t in known if "expected_ig" in t.grid_point.point.surrogate.names]
     write_text(folder / "config.yaml", yaml.safe_dump(dict(sweep.source), sort_keys=False))
     for name, table in (
         ("trials", trials_table(plan, store, run, axes)),
         ("results", _stack([trial_results(trial, store, axes) for trial in tested])),
-        ("surrogates", gathered("surrogates", "table", known)),
+        ("surrogates", surrogates),
         ("expected_ig_by_q", gathered("surrogates", "by_q", with_rays)),
         ("curves", _stack([_curve(trial, store) for trial in tested])),
         ("accuracy", gathered("accuracy", "table", known)),
@@ -101,7 +102,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
             splits = store.load(scene, ("frames",))["frames"]["split"]
             for split, count in splits.value_counts().items():
                 frames[str(split)] += int(count)
-        pictured = drawn(known, tested, store)
+        pictured = drawn(known, tested, surrogates)
         save_arrays(folder / "maps.npz", maps(sweep, pictured, store))
         if tested:
             save_arrays(folder / "frame.npz", one_frame(pictured, store))

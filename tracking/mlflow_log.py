@@ -21,10 +21,8 @@ from tracking.journal import (
     SweepEntry,
     TrialEntry,
 )
-from tracking.labels import in_order
 from tracking.mlflow_runs import SweepRuns
 from tracking.mlflow_uri import absolute_uri, hide_password, public_uri, sqlite_file, ui_command
-from tracking.summary import surrogates_of
 
 __all__ = ["SweepLog", "public_uri", "trial_metrics", "ui_command"]
 
@@ -174,7 +172,7 @@ class SweepLog:
         Raises:
             OSError: the journal cannot be written.
         """
-        if key in self._settled:
+        if self.is_settled(key):
             return
         own_tags = {} if error is None else {ERROR_TAG: error[:5000]}
         self._log(
@@ -189,6 +187,10 @@ class SweepLog:
                 failed=error is not None,
             )
         )
+
+    def is_settled(self, key: str) -> bool:
+        """Whether a trial is finished in MLflow, or on its way there."""
+        return key in self._settled
 
     def artifact(self, path: Path, folder: str | None = None) -> None:
         """Copy a file to the artifacts of the parent run, into `folder` of them.
@@ -230,24 +232,23 @@ class SweepLog:
         self._print(hide_password(line, self._uri))
 
 
-def trial_metrics(
-    results: pd.DataFrame, surrogates: pd.DataFrame, placement: str, setting: Mapping[str, object]
-) -> dict[str, float]:
+def trial_metrics(results: pd.DataFrame, surrogates: pd.DataFrame) -> dict[str, float]:
     """Metrics of one trial by their names in MLflow.
 
-    `AP_R40_3D.Car.0.70` for every row of `results`, the rows of one trial; and
-    `surrogate.s_mig.Car` for the surrogates of its placement at its `setting` of the further axes.
+    Args:
+        results: rows of this trial: `AP_R40_3D.Car.0.70`; may be empty.
+        surrogates: rows of its placement at its setting of the further axes:
+            `surrogate.s_mig.Car`.
     """
     named = {
         f"{row['metric']}.{row['class']}.{row['iou']:.2f}": float(row["value"])
         for row in results.to_dict("records")
     }
-    for object_class in surrogates["class"].unique():
-        own = surrogates_of(surrogates, dict(setting), object_class)
-        if placement in own.index:
-            for name in in_order(own.columns):
-                named[f"surrogate.{name}.{object_class}"] = own[name].astype(float)[placement]
-    return named
+    columns = (surrogates[name].tolist() for name in ("surrogate", "class", "value"))
+    return named | {
+        f"surrogate.{name}.{object_class}": float(value)
+        for name, object_class, value in zip(*columns, strict=True)
+    }
 
 
 def _texts(params: Mapping[str, object]) -> dict[str, str]:

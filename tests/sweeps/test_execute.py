@@ -348,6 +348,14 @@ def test_late_stages_come_first():
     assert schedule.next() is late
 
 
+def test_a_task_without_its_input_is_refused():
+    scene = Task("scene", "s", {"n": 0})
+    late = Task("collect", "late", {"n": 2}, (scene,))
+    for tasks in ([late], [late, scene]):
+        with pytest.raises(ValueError, match="collect 'late' comes before its input"):
+            Schedule(tasks, set(), {})
+
+
 def test_work_for_a_gpu_does_not_block_the_rest():
     on_gpu = training(1)
     scene = Task("scene", "s", {"n": 0})

@@ -317,7 +317,8 @@ def test_passwords_are_masked(uri, shown):
 def test_metrics_of_a_trial(made_up_run):
     run = RunFolder.read(made_up_run)
     rows = run.results[run.results["trial"] == "t000"]
-    metrics = trial_metrics(rows, run.surrogates, "line", {})
+    own = run.surrogates[run.surrogates["placement"] == "line"]
+    metrics = trial_metrics(rows, own)
     assert (
         metrics["AP_R40_3D.Car.0.70"]
         == rows.query("`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7")["value"].item()
