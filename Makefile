@@ -31,7 +31,7 @@ demo: setup
 	$(BIN)/python -m sweeps.run examples/grid.yaml
 
 test: setup
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 lint: setup
 	$(BIN)/ruff format --check .

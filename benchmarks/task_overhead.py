@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 from statistics import median
 
-import numpy as np
+from random_placements import random_placements
 
 from sweeps.backends import backend_for
 from sweeps.config import RaySettings
@@ -43,18 +43,9 @@ class Loud:
         raise RuntimeError(f"{task.label}: {failure.reason}")
 
 
-def placements(number: int) -> Plan:
+def plan_of(number: int) -> Plan:
     """A plan of random placements."""
-    random = np.random.default_rng(0)
-    rigs = {}
-    for i in range(number):
-        mounts = random.uniform((-1, -0.7, 1.6, -0.3, -0.3), (1, 0.7, 2.2, 0.3, 0.3), (4, 5))
-        rigs[f"p{i}"] = {
-            "mounts": [
-                dict(zip(("x", "y", "z", "roll", "pitch"), map(float, row), strict=True))
-                for row in mounts
-            ]
-        }
+    rigs = random_placements(number)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "grid.yaml"
         path.write_text(SWEEP.format(placements=rigs, names=list(rigs)))
@@ -89,7 +80,7 @@ def main() -> None:
     parser.add_argument("--placements", type=int, default=64)
     parser.add_argument("--cpus", type=int, default=2)
     arguments = parser.parse_args()
-    plan = placements(arguments.placements)
+    plan = plan_of(arguments.placements)
     with tempfile.TemporaryDirectory() as folder:
         store = open_store(folder, Path(folder))
         with backend_for(RaySettings(num_cpus=arguments.cpus), store) as backend:

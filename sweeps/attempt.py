@@ -9,7 +9,8 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-from lidarplace.files import unique
+from lidarplace.files import sync, unique
+from sweeps.whole_folder import whole_folder
 
 Versions = dict[str, tuple[int, int]]
 """By name of a file."""
@@ -17,13 +18,18 @@ Versions = dict[str, tuple[int, int]]
 
 def new_attempt(folder: Path) -> Path:
     """A new folder in `folder`, with the files of the attempt that wrote last."""
-    folder.mkdir(parents=True, exist_ok=True)
-    earlier = [path for path in folder.iterdir() if versions(path)]
+    written = {path: max(found) for path in attempts(folder) if (found := versions(path).values())}
     own = folder / unique()
-    own.mkdir()
-    if earlier:
-        snapshot(max(earlier, key=lambda path: max(versions(path).values())), own)
+    with whole_folder(own) as partial:
+        if written:
+            for name in snapshot(max(written, key=written.__getitem__), partial):
+                sync(partial / name)
     return own
+
+
+def attempts(folder: Path) -> list[Path]:
+    """The attempts in `folder`; hidden are those that a killed process was filling."""
+    return list(folder.glob("[!.]*"))
 
 
 def snapshot(source: Path, target: Path) -> Versions:

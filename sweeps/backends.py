@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -24,6 +26,14 @@ class BackendLost(RuntimeError):
     """There is nothing left to run tasks on."""
 
 
+@dataclass(frozen=True)
+class Room:
+    """What the machines have for trainings together: GPUs, and memory in bytes."""
+
+    gpus: float = math.inf
+    memory: float = math.inf
+
+
 class Backend(Protocol):
     """Where tasks run."""
 
@@ -40,8 +50,12 @@ class Backend(Protocol):
         """Tasks to hand out at once."""
 
     @property
-    def gpu_slots(self) -> int:
-        """How many of them may be for a GPU."""
+    def room(self) -> Room:
+        """What trainings share."""
+
+    @property
+    def device(self) -> str:
+        """What trainings run on."""
 
     @property
     def cores(self) -> int:
@@ -67,7 +81,8 @@ class InProcess:
 
     store: AnyStore
     slots: ClassVar[int] = 1
-    gpu_slots: ClassVar[int] = 1
+    room: ClassVar[Room] = Room()
+    device: ClassVar[str] = "this process"
     cores: ClassVar[int] = 1
     probes: ClassVar[bool] = False
     gpus_per_training: ClassVar[float | Literal["auto"]] = 1.0
@@ -104,14 +119,17 @@ class OnRay:
         return self.cores + 1  # one more waits at Ray's door: no core idles while the driver thinks
 
     @property
-    def gpu_slots(self) -> int:
+    def room(self) -> Room:
         self._look()
-        gpus = self._resources.get("GPU", 0)
-        if not gpus or not self.gpus_per_training:
-            return self.slots
-        if self.gpus_per_training == "auto":
-            return self.slots
-        return int(gpus / self.gpus_per_training) + 1
+        return Room(self._resources.get("GPU", 0) or math.inf, self._resources.get("memory", 0))
+
+    @property
+    def device(self) -> str:
+        self._look()
+        if not self._resources.get("GPU", 0):
+            return "CPU"
+        # Ray names the kinds of accelerators as resources.
+        return ", ".join(sorted(n for n in self._resources if n.startswith("accelerator_type:")))
 
     def submit(self, task: Task, how: Batch, need: Need) -> Any:
         self._look()
@@ -149,9 +167,9 @@ class OnRay:
         if now - self._looked > _LOOK_S:
             self._looked = now
             alive = [node["Resources"] for node in self._ray.nodes() if node["Alive"]]
-            self._resources = {
-                name: sum(node.get(name, 0) for node in alive) for name in ("CPU", "GPU")
-            }
+            self._resources: Counter[str] = Counter()
+            for node in alive:
+                self._resources.update(node)
             self._largest_memory = max((int(node.get("memory", 0)) for node in alive), default=0)
 
 

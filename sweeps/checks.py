@@ -10,8 +10,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import urllib.error
-import urllib.request
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -177,8 +175,12 @@ def sumo(needed: bool) -> Finding:
     return Finding(name, done.stdout.splitlines()[0].strip(), needed_for)
 
 
-def disk(folder: Path, what: str) -> Finding:
-    """Space, inodes and the right to write where results lie."""
+def disk(folder: Path, what: str, cleaned: str) -> Finding:
+    """Space, inodes and the right to write where results lie.
+
+    Args:
+        cleaned: the argument with which `sweeps.clean` makes room.
+    """
     name, needed_for = f"disk: {what}", f"results in {folder}"
     existing = _existing(folder)
     try:
@@ -197,8 +199,10 @@ def disk(folder: Path, what: str) -> Finding:
         state = "weak"
     if free < _GB or (inodes.f_files and inodes.f_favail < 5_000):
         state = "missing"
-    remedy = "" if state == "good" else "python -m sweeps.clean, or another output in the file"
-    return Finding(name, found, needed_for, state, remedy)
+    if state == "good":
+        return Finding(name, found, needed_for)
+    clean = shlex.join(["python", "-m", "sweeps.clean", cleaned])
+    return Finding(name, found, needed_for, state, f"{clean}, or another output in the file")
 
 
 def memory() -> Finding:
@@ -232,13 +236,18 @@ def mlflow(uri: str) -> Finding:
     except ValueError as error:
         return Finding(name, str(error), needed_for, "missing", "mend tracking.uri in the file")
     if is_server(uri):
+        import requests  # as MLflow does: it sends the user and the password of the address
+
+        from tracking.mlflow_connection import reason
+
         try:
-            with urllib.request.urlopen(f"{uri.rstrip('/')}/health", timeout=_SERVER_S):
+            answer = requests.get(f"{uri.rstrip('/')}/health", timeout=_SERVER_S)
+        except requests.RequestException as error:
+            found = f"{shown}: {hide_password(reason(error), uri)}"
+        else:
+            if answer.ok:
                 return Finding(name, f"{shown} answers", needed_for)
-        except urllib.error.HTTPError as error:
-            found = f"{shown}: HTTP {error.code}"
-        except OSError as error:
-            found = f"{shown}: {getattr(error, 'reason', error)}"
+            found = f"{shown}: HTTP {answer.status_code}"
         return Finding(name, found, needed_for, "missing", "start the server, or mend tracking.uri")
     file = sqlite_file(absolute)
     if file is not None:
@@ -273,8 +282,8 @@ def remote_store(url: str) -> Finding:
     try:
         filesystem, root = fsspec.core.url_to_fs(url)
     except ImportError as error:
-        package = "s3fs" if url.startswith("s3") else str(error)
-        return Finding(name, str(error), needed_for, "missing", _install([package]))
+        package = getattr(error.__cause__, "name", None)
+        return Finding(name, str(error), needed_for, "missing", _install([str(package)]))
     except ValueError as error:
         return Finding(name, str(error), needed_for, "missing", "mend store.url in the file")
     probe = f"{root}/.doctor-{platform.node()}-{os.getpid()}"

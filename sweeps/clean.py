@@ -36,22 +36,22 @@ def clean(
         typer.Option(metavar="NAME", help="a sweep whose results are needed no more"),
     ] = None,
     unlocked: Annotated[
-        bool, typer.Option("--unlocked", help="no sweep uses the store: trust me")
+        bool, typer.Option("--unlocked", help="no sweep uses the store: trust me; needed for a URL")
     ] = False,
 ) -> None:
     """Show the sizes of a store and remove what no sweep refers to.
 
-    A sweep refers to the results of its last configuration. Exit code 0: done; 1: what sweeps refer
-    to is larger than the quota; 2: the store is in use, or an option is wrong.
+    A sweep refers to the results of its last configuration. A store at a URL needs --unlocked,
+    because no lock tells whether a sweep uses it; --dry-run locks nothing. Exit code 0: done; 1:
+    what sweeps refer to is larger than the quota; 2: the store is in use, or an option is wrong.
     """
     try:
         if dry_run and forget:
             raise ValueError("--forget: leave it out with --dry-run, which changes nothing")
         limit = None if quota is None else _bytes(quota)
         opened = _store_of(store)
-        with nullcontext() if unlocked else opened.exclusive():
-            for name in forget or ():
-                opened.forget(name)
+        with nullcontext() if unlocked or dry_run else opened.exclusive():
+            opened.forget(*forget or ())
             cleaned = clean_store(opened, limit, dry_run)
     except (OSError, ValueError) as error:
         wrong(error)

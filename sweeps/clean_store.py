@@ -37,7 +37,9 @@ class Cleaned:
 
 
 def clean_store(store: AnyStore, quota_bytes: int | None = None, dry_run: bool = False) -> Cleaned:
-    """Remove leftovers and results that no sweep refers to. The caller holds `store.exclusive()`.
+    """Remove leftovers and results that no sweep refers to.
+
+    The caller holds `store.exclusive()`, except for a dry run.
 
     Args:
         quota_bytes: keep results, most recently used first, as long as all of the store is no

@@ -252,7 +252,7 @@ class RaySettings(_Settings):
     )
     num_cpus: int | None = Field(None, ge=1, description="CPUs of a local run; all by default")
     num_gpus: int | None = Field(None, ge=0, description="GPUs of a local run; all by default")
-    gpus_per_training: Annotated[float, Field(ge=0)] | Literal["auto"] = Field(
+    gpus_per_training: Annotated[float, Field(ge=0, le=1)] | Literal["auto"] = Field(
         1.0,
         description="share of a GPU that one training takes, where there is a GPU; auto: by the "
         "memory that one step was seen to need",
@@ -329,7 +329,7 @@ class Rung(_Settings):
 class Common(_Settings):
     """What is common to all points of the grid."""
 
-    name: str = Field(pattern=r"^[\w.-]+$", description="names the run folder and the experiment")
+    name: str = Field(pattern=r"^\w[\w.-]*$", description="names the run folder and the experiment")
     placements: dict[str, PlacementSettings] = Field(
         default={}, description="own placements by name, beside the paper's eight"
     )

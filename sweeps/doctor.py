@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -33,10 +33,12 @@ class Asked:
 
     Attributes:
         path: the file.
+        overrides: KEY=VALUE in place of what the file says.
         store: URL of a remote store, None for a folder.
     """
 
     path: Path | None = None
+    overrides: tuple[str, ...] = ()
     output: Path = Path("runs")
     folder: Path = Path("runs/store")
     store: str | None = None
@@ -44,10 +46,20 @@ class Asked:
     ray: str = "local"
     sumo: bool = True
 
+    @property
+    def cleaned(self) -> str:
+        """What `sweeps.clean` takes: the file, or the store, as it knows no overrides."""
+        if self.path and not self.overrides:
+            return str(self.path)
+        return self.store or str(self.folder)
+
 
 @app.command()
 def doctor(
     config: Annotated[Path | None, typer.Argument(help="YAML file of a sweep")] = None,
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override a key path")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="print the findings as JSON")] = False,
 ) -> None:
     """Look whether everything is there that a sweep needs, and say how to mend what is not.
@@ -55,8 +67,12 @@ def doctor(
     Exit code 0: all that is needed is there; 1: something is missing; 2: the configuration is
     wrong. Servers are asked only if the configuration names them.
     """
+    if set_ and config is None:
+        from lidarplace.command_line import wrong  # needs packages that may be missing
+
+        wrong("--set: name the configuration file too")
     try:
-        findings = look(asked_of(config) if config else Asked())
+        findings = look(asked_of(config, set_ or []) if config else Asked())
     except ImportError as error:  # a package is missing without which no file can be read
         findings = [
             *look(Asked()),
@@ -65,20 +81,20 @@ def doctor(
     if as_json:
         print(json.dumps([asdict(finding) for finding in findings], indent=1))
     else:
-        # As `lidarplace.command_line.output`, which needs packages that may be missing.
+        # As `lidarplace.command_line.output`, which needs them too.
         _print(Console() if sys.stdout.isatty() else Console(width=160), findings)
     if any(finding.state == "missing" for finding in findings):
         raise typer.Exit(1)
 
 
-def asked_of(config: Path) -> Asked:
-    """What the file asks for. Ends the program with exit code 2 if it is wrong."""
+def asked_of(config: Path, overrides: Sequence[str] = ()) -> Asked:
+    """What the file and `overrides` ask for. Ends the program with exit code 2 if it is wrong."""
     from lidarplace.command_line import wrong
     from lidarplace.scenes.settings import SumoScene
     from sweeps.grid import ConfigError, read_sweep
 
     try:
-        sweep = read_sweep(config)
+        sweep = read_sweep(config, overrides)
     except ConfigError as error:
         wrong(error)
     common = sweep.common
@@ -86,6 +102,7 @@ def asked_of(config: Path) -> Asked:
     remote = url is not None and "://" in url
     return Asked(
         path=config,
+        overrides=tuple(overrides),
         output=common.output,
         folder=Path(url) if url and not remote else common.output / "store",
         store=url if remote else None,
@@ -108,15 +125,15 @@ def look(asked: Asked) -> list[Finding]:
         ("shared memory", checks.shared_memory),
         ("Ray", partial(checks.ray, asked.ray)),
         ("SUMO", partial(checks.sumo, asked.sumo)),
-        ("disk", partial(checks.disk, asked.output, "output")),
+        ("disk", partial(checks.disk, asked.output, "output", asked.cleaned)),
     ]
     if asked.store:
         wanted.append(("store", partial(checks.remote_store, asked.store)))
     else:
-        wanted.append(("disk", partial(checks.disk, asked.folder, "store")))
+        wanted.append(("disk", partial(checks.disk, asked.folder, "store", asked.cleaned)))
     wanted.append(("MLflow", partial(checks.mlflow, asked.tracking_uri)))
     if asked.path:
-        wanted.append(("scenes", partial(scenes, asked.path)))
+        wanted.append(("scenes", partial(scenes, asked.path, asked.overrides)))
     for extra, name, needed_for, needed in (
         ("cluster", "Ray client", "ray: ray://…", client),
         ("postgres", "PostgreSQL driver", "MLflow in PostgreSQL", postgres),
@@ -127,13 +144,13 @@ def look(asked: Asked) -> list[Finding]:
     return [_tried(name, check) for name, check in wanted]
 
 
-def scenes(config: Path) -> Finding:
+def scenes(config: Path, overrides: Sequence[str] = ()) -> Finding:
     """The maps, logs and checkpoints that the file names are there."""
     from sweeps.grid import ConfigError
     from sweeps.plan import read_plan
 
     try:
-        _, plan = read_plan(config)
+        _, plan = read_plan(config, overrides)
     except ConfigError as error:
         text = " ".join(str(error).split())
         return Finding("scenes", text, "this sweep", "missing", f"mend {config}")

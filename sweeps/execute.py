@@ -9,11 +9,14 @@ from typing import Any, Protocol
 
 from sweeps.backends import Backend
 from sweeps.failures import Failure
-from sweeps.resources import need_of, probes_of
+from sweeps.resources import Need, largest_share, need_of, probes_of
 from sweeps.schedule import Schedule
 from sweeps.store import AnyStore
 from sweeps.task import Task
 from sweeps.worker import Batch
+
+LARGEST = 16
+"""Frames of a step that `batch_size: auto` may come to, `training.batch_size.LARGEST`."""
 
 
 class Listener(Protocol):
@@ -32,10 +35,12 @@ class Outcome:
         failures: by key, of the tasks that failed or could not run.
         times: by key, when a task began and ended on its worker, seconds of the driver's clock that
             never jumps.
+        probes: tasks, by key, that were looked at beside those of the plan.
     """
 
     failures: dict[str, Failure] = field(default_factory=dict)
     times: dict[str, tuple[float, float]] = field(default_factory=dict)
+    probes: dict[str, Task] = field(default_factory=dict)
 
 
 def execute(
@@ -64,26 +69,32 @@ def execute(
     for item in tasks:
         if item.key in done and item.resumable:  # it was stopped after its last step
             store.discard(item)
-    probes = probes_of(task for task in tasks if task.key not in done) if backend.probes else {}
-    first = list(dict.fromkeys(probes.values()))
-    done |= store.finished(first)
+    share = largest_share(backend.gpus_per_training)
+    known = dict(known or {}) | {k: f for k, f in outcome.failures.items() if f.lasting}
+    every = probes_of(tasks, backend.device, share) if backend.probes else {}
+    probes = {key: every[key] for key in every if key not in done and key not in known}
+    outcome.probes |= {probe.key: probe for probe in probes.values()}
+    done |= store.finished(probes.values())
     # A probe comes right after its inputs, so that no training waits long for it.
     schedule = Schedule(_with_probes(tasks, probes), done, probes)
-    running: dict[Any, tuple[Task, Batch]] = {}
+    running: dict[Any, tuple[Task, Batch, Need]] = {}
 
     def fail(failed: Task, failure: Failure) -> None:
         for fallen in schedule.fail(failed, failure):
             listener.failed(fallen, schedule.failed.get(fallen.key, failure))
 
     for item in tasks:
-        if known and item.key in known and item.key not in done | schedule.failed.keys():
+        if item.key in known and item.key not in done | schedule.failed.keys():
             fail(item, known[item.key])
     attempts: dict[str, Batch] = {}
     try:
         while True:
             while len(running) < backend.slots:
-                on_gpu = sum(task.gpu for task, _ in running.values())
-                if (task := schedule.next(gpu=on_gpu < backend.gpu_slots)) is None:
+                needs = [need for *_, need in running.values()]
+                fits = sum(need.gpu_share for need in needs) < backend.room.gpus
+                fits &= sum(need.memory for need in needs) < backend.room.memory
+                # What would wait for a GPU or for memory must not keep others from the CPUs.
+                if (task := schedule.next(gpu=fits)) is None:
                     break
                 if store.has(task):  # another driver was here in the meantime
                     schedule.finish(task)
@@ -94,7 +105,7 @@ def execute(
                 if how.halvings:
                     need = replace(need, gpu_share=max(1.0, need.gpu_share))
                 listener.started(task)
-                running[backend.submit(task, how, need)] = (task, how)
+                running[backend.submit(task, how, need)] = (task, how, need)
             if not running:
                 outcome.failures |= schedule.failed
                 return outcome
@@ -102,10 +113,11 @@ def execute(
             if found is None:  # nothing has ended, but there may be more machines now
                 continue
             token, ended = found
-            task, how = running.pop(token)
+            task, how, _ = running.pop(token)
             now, failure = time.monotonic(), ended.failure
             outcome.times[task.key] = (now - ended.seconds, now)
             if failure is None:
+                outcome.failures.pop(task.key, None)  # of a rung before
                 schedule.finish(task)
                 listener.finished(task)
             elif failure.out_of_gpu_memory and _can_be_halved(task, how):
@@ -133,4 +145,4 @@ def _can_be_halved(task: Task, how: Batch) -> bool:
     if not task.resumable:
         return False
     size = how.batch_size or task.params["training"]["batch_size"]
-    return size == "auto" or size >> how.halvings > 1
+    return (LARGEST if size == "auto" else size) >> how.halvings > 1

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from lidarplace.files import replacing
+from sweeps.result_folder import DamagedResult
 from sweeps.task import Task
 
 
@@ -18,10 +19,10 @@ class Failure:
 
     Attributes:
         reason: one line.
-        log: the traceback; may be empty.
+        log: the traceback.
         lasting: data or settings are to blame, so trying again gives the same; else the machine.
         out_of_gpu_memory: a smaller batch may help.
-        follows: the task was not run, as one that it needs had failed.
+        follows: the task was not run, as one that it needs had failed; reason and log are of that.
     """
 
     reason: str
@@ -38,7 +39,8 @@ class Failure:
         return cls(
             text if isinstance(error, ValueError) else f"{name}: {text}",
             traceback.format_exc(),
-            lasting=isinstance(error, (ValueError, ArithmeticError)),
+            lasting=isinstance(error, (ValueError, ArithmeticError))
+            and not isinstance(error, DamagedResult),
             out_of_gpu_memory=name == "OutOfMemoryError",  # torch's, which may not be imported
         )
 
@@ -75,7 +77,8 @@ class FailureFolder:
         """
         known = {}
         for key, failure in self.read().items():
-            if failure.lasting and not rerun and key not in there:
+            # What followed comes again with what it follows, if that fails again.
+            if failure.lasting and not failure.follows and not rerun and key not in there:
                 known[key] = failure
             else:
                 self.forget(key)

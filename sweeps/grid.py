@@ -15,6 +15,7 @@ from pydantic import BaseModel, ValidationError
 
 from lidarplace.yaml_loader import parse_yaml
 from sweeps.config import METRICS, SCENES, Common, Point, SweepFile
+from training.settings import TrainingSettings
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -95,7 +96,8 @@ def read_sweep(path: Path, overrides: Sequence[str] = ()) -> Sweep:
                 _put(data, key, value, path)
             names = {key: f"promote[{rung}].set.{key}" for key in settings}
             point = _check(Point, data, path, names)
-            _check_rungs(checked_common, point, path)
+            if not settings:  # the full trainings
+                _check_rungs(checked_common, point, path)
             try:
                 checked_common.placement_named(point.placement, point.lidar.lidar())
             except ValueError as error:
@@ -117,7 +119,7 @@ def _trained_rungs(
         for key in rung.set:
             if key in grid:
                 raise ConfigError(f"{path}: promote[{number}].set.{key}: is an axis of the grid")
-            if key.partition(".")[0] != "training":
+            if not key.startswith("training."):
                 raise ConfigError(
                     f"{path}: promote[{number}].set.{key}: allowed are keys of training, such as "
                     "training.epochs"
@@ -135,8 +137,21 @@ def _check_rungs(common: Common, point: Point, path: Path) -> None:
             raise ConfigError(f"{key}.by: {rung.by} needs a detector")
         if rung.by not in METRICS and rung.by not in point.surrogate.names:
             raise ConfigError(f"{key}.by: {rung.by} is not among surrogate.names")
+        shorter = point.training.model_copy(
+            update={key.removeprefix("training."): value for key, value in rung.set.items()}
+        )
+        if rung.set and _effort(shorter) >= _effort(point.training):
+            raise ConfigError(
+                f"{key}.set: these trainings see as many frames as the full ones; "
+                "lower training.epochs or training.frame_share"
+            )
         if rung.object_class and rung.object_class not in point.classes:
             raise ConfigError(f"{key}.class: {rung.object_class} is not among classes")
+
+
+def _effort(training: TrainingSettings) -> float:
+    """How often a training sees a frame of the data."""
+    return training.epochs * training.frame_share
 
 
 def _value_at(point: Point, key_path: str) -> Any:
@@ -163,7 +178,7 @@ def _read_yaml(path: Path) -> dict[str, Any]:
         raise ConfigError(f"{path}: found {type(raw).__name__}; a mapping of keys is expected")
     for key in raw:
         if key not in SweepFile.model_fields:
-            raise ConfigError(f"{path}: {key}: {_unknown_key(key, SweepFile)}")
+            raise ConfigError(f"{path}: {key}: {_unknown_key(str(key), SweepFile)}")
     return raw
 
 
@@ -181,7 +196,7 @@ def _override(raw: dict[str, Any], override: str, path: Path) -> None:
             raise ConfigError(f"{path}: grid: found {raw['grid']!r}; allowed is a mapping")
         raw["grid"][key.removeprefix("grid.")] = value
         return
-    if key in raw.get("grid", {}):
+    if key in (raw.get("grid") or {}):
         raise ConfigError(f"--set {override}: {key} is an axis of the grid; use grid.{key}=[…]")
     if key.partition(".")[0] not in SweepFile.model_fields:
         raise ConfigError(f"--set {override}: {_unknown_key(key, SweepFile)}")

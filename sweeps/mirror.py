@@ -6,18 +6,21 @@ versions belong together.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import logging
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 
 from fsspec import AbstractFileSystem
 
+from lidarplace.files import sync
 from sweeps.attempt import Versions, snapshot, versions
 from sweeps.remote_files import put_whole
+from sweeps.whole_folder import whole_folder
 
 SECONDS = 5.0
 """Between two looks at the folder."""
@@ -58,21 +61,40 @@ def mirrored(folder: Path, filesystem: AbstractFileSystem, target: str) -> Itera
 
 
 def fetch(filesystem: AbstractFileSystem, place: str, folder: Path) -> None:
-    """Copy what the latest of the attempts at `place` left into `folder`, in place of its files."""
-    found = [path for path in filesystem.find(place) if path.endswith(f"/{_FILES}")]
-    if not found:
-        return
-    latest = max(found, key=filesystem.modified)
+    """Copy what the latest of the attempts at `place` left into a new one in `folder`.
+
+    Nothing is copied if it was this machine that left it, or fetched it earlier: what is here is
+    that or went on from there, also while the remote place did not answer. Names tell, not the
+    clocks of two machines: an attempt is called the same here and there, and what was fetched after
+    its list of files.
+
+    Args:
+        folder: of this machine's attempts at the task.
+    """
     for left in reversed(range(_TRIES)):
-        for name in versions(folder):
-            (folder / name).unlink()
+        filesystem.invalidate_cache()
         try:
-            for name, version in json.loads(filesystem.cat_file(latest)).items():
-                filesystem.get_file(f"{latest.removesuffix(_FILES)}{version}", str(folder / name))
+            _fetch_latest(filesystem, place, folder)
             return
         except FileNotFoundError:
             if not left:
                 raise
+
+
+def _fetch_latest(filesystem: AbstractFileSystem, place: str, folder: Path) -> None:
+    found = [path for path in filesystem.find(place) if path.endswith(f"/{_FILES}")]
+    if not found:
+        return
+    latest = PurePosixPath(max(found, key=filesystem.modified))
+    listed = filesystem.cat_file(str(latest))
+    own = folder / latest.parent.name
+    fetched = own.with_name(f"{own.name}-{hashlib.sha256(listed).hexdigest()[:16]}")
+    if own.exists() or fetched.exists():
+        return
+    with whole_folder(fetched) as partial:
+        for name, version in json.loads(listed).items():
+            filesystem.get_file(str(latest.with_name(version)), str(partial / name))
+            sync(partial / name)
 
 
 def _copy_changed(

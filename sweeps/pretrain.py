@@ -15,7 +15,7 @@ from sweeps.failures import Failure, FailureFolder
 from sweeps.grid import ConfigError, Sweep, read_sweep
 from sweeps.plan import Plan, read_plan
 from sweeps.progress import StageProgress
-from sweeps.sweep_store import store_of
+from sweeps.sweep_store import reference, store_of
 from sweeps.task import Task
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
@@ -42,7 +42,7 @@ def pretrain(
 
     Example: python -m sweeps.pretrain grid.yaml --out base.pt --set training.epochs=80
     """
-    from sweeps.backends import backend_for
+    from sweeps.backends import BackendLost, backend_for
     from sweeps.execute import execute
     from sweeps.ray_cluster import ClusterError
     from training.checkpoints import write_checkpoint
@@ -65,7 +65,7 @@ def pretrain(
     except ValueError as error:
         wrong(f"{config}: {error}")
     tasks = with_inputs(task)
-    store.refer(f"{sweep.common.name}.pretrain", [needed.key for needed in tasks])
+    store.refer(reference(sweep, "pretrain"), [needed.key for needed in tasks])
     console = output()
     logs = FailureFolder(sweep.common.output / sweep.common.name / "failed")
     try:
@@ -77,6 +77,9 @@ def pretrain(
             failures = execute(tasks, store, backend, _Listener(progress, logs)).failures
     except ClusterError as error:
         wrong(error)
+    except (BackendLost, OSError) as error:
+        console.print(f"{error}. The same command goes on.", markup=False, soft_wrap=True)
+        raise typer.Exit(1) from None
     except KeyboardInterrupt:
         console.print("\nStopped. The same command goes on from the last epoch.")
         raise typer.Exit(130) from None

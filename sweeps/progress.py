@@ -26,6 +26,7 @@ class StageProgress:
         self._console = console
         self._total = Counter(task.stage for task in tasks)
         self._done = Counter(task.stage for task in tasks if task.key in cached)
+        self._failed: Counter[str] = Counter()
         self._running: dict[str, list[str]] = {stage: [] for stage in self._total}
         self._progress = Progress(
             TextColumn("{task.description}", table_column=Column(min_width=17, no_wrap=True)),
@@ -71,6 +72,7 @@ class StageProgress:
     def failed(self, task: Task, failure: Failure) -> None:
         text = f"failed: {task.stage} '{task.label}': {failure.reason}"
         self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+        self._failed[task.stage] += 1
         self._ended(task)
 
     def _ended(self, task: Task) -> None:
@@ -82,7 +84,9 @@ class StageProgress:
             self._running[stage].remove(task.label)
         self._show(stage)
         if self._progress.disable and self._done[stage] == self._total[stage]:
-            self._console.print(f"{stage}: {self._total[stage]} done", markup=False)
+            failed = self._failed[stage]
+            text = f"{stage}: {self._total[stage] - failed} done"
+            self._console.print(text + (f", {failed} failed" if failed else ""), markup=False)
 
     def _show(self, stage: str) -> None:
         self._progress.update(

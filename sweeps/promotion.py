@@ -55,7 +55,7 @@ def promote(
             go on.
     """
 
-    def decide(number: int, rung: Rung, group: Mapping[str, list[Trial]]) -> dict[str, str]:
+    def decide(number: int, rung: Rung, group: Mapping[str, list[Trial]]) -> dict[str, str | None]:
         rows = _standings(number, rung, group, store)
         promotion.standings += rows
         kept = sum(row["kept"] for row in rows)
@@ -74,8 +74,8 @@ def at_most(sweep: Sweep, plan: Plan) -> list[Task]:
         tasks.update((task.key, task) for task in needed)
         return True
 
-    def first_ones(number: int, rung: Rung, group: Mapping[str, list[Trial]]) -> dict[str, str]:
-        return dict.fromkeys(list(group)[rung.keep :], "")
+    def first_ones(number: int, rung: Rung, group: Mapping[str, list[Trial]]) -> dict[str, None]:
+        return dict.fromkeys(list(group)[rung.keep :])
 
     _climb(sweep, plan, note, first_ones, {})
     return list(tasks.values())
@@ -109,16 +109,17 @@ def _climb(
     sweep: Sweep,
     plan: Plan,
     run: Callable[[list[Task]], bool],
-    decide: Callable[[int, Rung, Mapping[str, list[Trial]]], dict[str, str]],
+    decide: Callable[[int, Rung, Mapping[str, list[Trial]]], Mapping[str, str | None]],
     pruned: dict[str, str],
 ) -> bool:
     """Run and decide rung by rung. Returns whether `run` went on to the end.
 
     Args:
         decide: gets the trials of one group by placement; returns the placements that are out,
-            with the reason.
+            with the reason, None if they are not pruned but have failed.
         pruned: takes up the reasons by the trial's key.
     """
+    out: set[str] = set()
     groups: dict[str, list[Trial]] = {}
     for trial in plan.trials:
         groups.setdefault(_group(trial), []).append(trial)
@@ -129,19 +130,21 @@ def _climb(
         for trials in groups.values():
             contest: dict[str, list[Trial]] = {}
             for trial in trials:
-                if trial.grid_point.rung == own and trial.key not in pruned:
+                if trial.grid_point.rung == own and trial.key not in out:
                     contest.setdefault(trial.grid_point.point.placement, []).append(trial)
             contests.append((trials, contest))
         compared = (t for _, contest in contests for same in contest.values() for t in same)
         if not run(plan.needed_for(task for t in compared for task in _looked_at(t, rung))):
             return False
         for trials, contest in contests:
-            out = decide(number, rung, contest)
+            verdicts = decide(number, rung, contest)
             for trial in trials:
-                reason = out.get(trial.grid_point.point.placement)
-                if reason is not None and trial.grid_point.rung > number:
-                    pruned.setdefault(trial.key, reason)
-    left = [t for t in plan.trials if t.grid_point.rung == rungs[-1] and t.key not in pruned]
+                name = trial.grid_point.point.placement
+                if name in verdicts and trial.grid_point.rung > number and trial.key not in out:
+                    out.add(trial.key)
+                    if (reason := verdicts[name]) is not None:
+                        pruned[trial.key] = reason
+    left = [t for t in plan.trials if t.grid_point.rung == rungs[-1] and t.key not in out]
     return run(plan.needed_for(task for trial in left for task in trial.results))
 
 
@@ -191,9 +194,11 @@ def _standings(
     ]
 
 
-def _reason(row: Mapping[str, Any], of: int, kept: int) -> str:
+def _reason(row: Mapping[str, Any], of: int, kept: int) -> str | None:
+    """Why a placement is out; None if a surrogate failed, which is no verdict on the placement."""
     if not math.isfinite(row["value"]):
-        return f"has no {row['by']} ({row['class']}) to be ranked by"
+        measured = row["by"] in METRICS
+        return f"rung {row['rung']} has no {row['by']} of every seed" if measured else None
     return f"rank {row['rank']} of {of} by {row['by']} ({row['class']}), {kept} kept"
 
 
@@ -210,12 +215,13 @@ def _value(trials: Sequence[Trial], rung: Rung, object_class: str, store: AnySto
         return math.fsum(own["value"])
     values: list[float] = []
     for trial in trials:
-        if trial.evaluate is not None and store.has(trial.evaluate):
-            metrics = store.load(trial.evaluate, ("metrics",))["metrics"]
-            match = (metrics["metric"] == rung.by) & (metrics["class"] == object_class)
-            match &= metrics["iou"] == headline_iou(metrics, object_class)
-            values += metrics.loc[match, "value"].dropna().tolist()
-    return math.fsum(values) / len(values) if values else math.nan
+        if trial.evaluate is None or not store.has(trial.evaluate):
+            return math.nan  # a mean over the other seeds would compare unlike things
+        metrics = store.load(trial.evaluate, ("metrics",))["metrics"]
+        match = (metrics["metric"] == rung.by) & (metrics["class"] == object_class)
+        match &= metrics["iou"] == headline_iou(metrics, object_class)
+        values += metrics.loc[match, "value"].tolist()
+    return math.fsum(values) / len(values)
 
 
 def _seconds(trials: Sequence[Trial], rung: Rung, store: AnyStore) -> float:

@@ -38,6 +38,7 @@ def ray_session(settings: RaySettings) -> Iterator[ModuleType]:
     """Ray, initialised as `settings` ask, and shut down at the end.
 
     Raises:
+        ConnectionError: Ray cannot be started here.
         ClusterError: the cluster cannot be joined, or one of its nodes cannot work for this driver;
             one line that says what to mend.
     """
@@ -47,6 +48,18 @@ def ray_session(settings: RaySettings) -> Iterator[ModuleType]:
     import ray
 
     if settings.address == "local":
+        _start(ray, settings)
+    else:
+        _join(ray, settings.address)
+    try:
+        yield ray
+    finally:
+        ray.shutdown()
+
+
+def _start(ray: ModuleType, settings: RaySettings) -> None:
+    """Start Ray on this machine."""
+    try:
         ray.init(
             address="local",
             num_cpus=settings.num_cpus,
@@ -57,12 +70,8 @@ def ray_session(settings: RaySettings) -> Iterator[ModuleType]:
             logging_level="ERROR",
             runtime_env={"env_vars": THREADS | {"PYTHONPATH": _python_path()}},
         )
-    else:
-        _join(ray, settings.address)
-    try:
-        yield ray
-    finally:
-        ray.shutdown()
+    except Exception as error:  # Ray raises no narrower one
+        raise ConnectionError(f"Ray did not start: {_last_line(str(error))}") from error
 
 
 def enter_folder(folder: str) -> None:

@@ -13,7 +13,7 @@ from lidarplace.command_line import output, wrong
 from lidarplace.describe import print_description
 from sweeps.plan import read_plan
 from sweeps.stages import box_log
-from sweeps.sweep_store import store_of
+from sweeps.sweep_store import reference, store_of
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
@@ -33,7 +33,7 @@ def record(
 
     Example: python -m sweeps.record examples/paper.yaml logs/paper
     """
-    from sweeps.backends import backend_for
+    from sweeps.backends import BackendLost, backend_for
     from sweeps.execute import execute
     from sweeps.progress import StageProgress
     from sweeps.ray_cluster import ClusterError
@@ -45,7 +45,7 @@ def record(
         wrong(error)
     scenes = {trial.scenes: trial.scene_label for trial in plan.trials}
     tasks = [task for task in plan.tasks if task.stage == "scene"]
-    store.refer(f"{sweep.common.name}.record", [task.key for task in tasks])
+    store.refer(reference(sweep, "record"), [task.key for task in tasks])
     console = output()
     try:
         with (
@@ -56,6 +56,9 @@ def record(
             failures = execute(tasks, store, backend, progress).failures
     except ClusterError as error:
         wrong(error)
+    except (BackendLost, OSError) as error:
+        console.print(f"{error}. The same command goes on.", markup=False, soft_wrap=True)
+        raise typer.Exit(1) from None
     for parts, label in scenes.items():
         if any(part.key in failures for part in parts):
             continue

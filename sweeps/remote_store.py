@@ -15,7 +15,7 @@ from fsspec.core import url_to_fs
 from sweeps.mirror import fetch, mirrored
 from sweeps.remote_files import put_whole
 from sweeps.result_folder import RECORD, Value, check_files, damaged, read_content
-from sweeps.store import SWEEPS, AnyStore, Entry, Store, entry_of, keys_in, unknown_sweep
+from sweeps.store import SWEEPS, AnyStore, Entry, Store, check_sweeps, entry_of, keys_in
 from sweeps.task import Task
 
 
@@ -93,18 +93,21 @@ class RemoteStore:
 
         It is copied there every few seconds, so that another machine can go on.
         """
-        place = f"{task.stage}/.{task.key}.working"
         filesystem, root = self._remote()
-        with self.local.working_folder(task) as folder:
-            fetch(filesystem, f"{root}/{place}", folder)
-            with mirrored(folder, filesystem, f"{root}/{place}/{folder.name}"):
-                yield folder
+        attempts = self.local.attempts(task)
+        place = f"{root}/{task.stage}/{attempts.name}"
+        fetch(filesystem, place, attempts)
+        with (
+            self.local.working_folder(task) as folder,
+            mirrored(folder, filesystem, f"{place}/{folder.name}"),
+        ):
+            yield folder
 
     def discard(self, task: Task) -> None:
         """Remove the checkpoints and the note of a task whose result is there."""
         self.local.discard(task)
         if task.resumable:
-            self._remove(f"{task.stage}/.{task.key}.working")
+            self._remove(f"{task.stage}/{self.local.attempts(task).name}")
         self._remove_file(f"{task.stage}/{self.local.note(task).name}")
 
     @contextmanager
@@ -119,16 +122,19 @@ class RemoteStore:
                 self._remove_file(f"{task.stage}/{note.name}")
 
     def running_notes(self, tasks: Iterable[Task]) -> dict[str, Mapping[str, Any]]:
-        """Notes by key, also those of killed processes."""
-        tasks = tuple(tasks)
-        names = {stage: self._find(stage) for stage in {task.stage for task in tasks}}
+        """Notes by key, also those of killed processes. One that is not whole is left out."""
         notes = {}
-        for task in tasks:
-            name = self.local.note(task).name
-            if name in names[task.stage]:
-                with suppress(FileNotFoundError):  # it has ended since
-                    notes[task.key] = json.loads(self._read(f"{task.stage}/{name}"))
+        for key, place in self._noted(tasks).items():
+            with suppress(FileNotFoundError, ValueError):  # see `Store.running_notes`
+                notes[key] = json.loads(self._read(place))
         return notes
+
+    def end_running(self, tasks: Iterable[Task]) -> None:
+        """Remove the notes of tasks: what a killed process left."""
+        tasks = tuple(tasks)
+        self.local.end_running(tasks)
+        for place in self._noted(tasks).values():
+            self._remove_file(place)
 
     def refer(self, name: str, keys: Collection[str]) -> None:
         """Note what the sweep `name` refers to, in place of what it referred to before."""
@@ -138,20 +144,16 @@ class RemoteStore:
     def references(self) -> dict[str, set[str]]:
         """Keys that each sweep refers to. Raises ValueError that names a damaged file."""
         return {
-            path.removesuffix(".json"): keys_in(
-                self._read(f"{SWEEPS}/{path}"), f"{self.url}/{SWEEPS}/{path}"
-            )
-            for path in self._find(SWEEPS)
-            if path.endswith(".json")
+            name: keys_in(self._read(f"{SWEEPS}/{name}.json"), f"{self.url}/{SWEEPS}/{name}.json")
+            for name in self._sweeps()
         }
 
-    def forget(self, name: str) -> None:
-        """Refer to nothing in the name of a sweep. Raises ValueError if there is none."""
-        known = self.references()
-        if name not in known:
-            raise unknown_sweep(name, self.url, known)
-        self._remove_file(f"{SWEEPS}/{name}.json")
-        self.local.sweep_file(name).unlink(missing_ok=True)
+    def forget(self, *names: str) -> None:
+        """Refer to nothing in the names of sweeps, see `Store.forget`."""
+        check_sweeps(names, self.url, self._sweeps())
+        for name in names:
+            self._remove_file(f"{SWEEPS}/{name}.json")
+            self.local.sweep_file(name).unlink(missing_ok=True)
 
     def contents(self) -> list[Entry]:
         """All that lies in the folders of the stages, with sizes; nothing that is not a store's."""
@@ -206,6 +208,18 @@ class RemoteStore:
         prefix = f"{root}/{place}".rstrip("/") + "/"
         found = filesystem.find(prefix, detail=True)
         return {path.removeprefix(prefix): int(info["size"]) for path, info in found.items()}
+
+    def _sweeps(self) -> list[str]:
+        """Names of the sweeps that refer to something."""
+        found = self._find(SWEEPS)
+        return [path.removesuffix(".json") for path in found if path.endswith(".json")]
+
+    def _noted(self, tasks: Iterable[Task]) -> dict[str, str]:
+        """Places of the notes of those of the tasks that have one, by key."""
+        places = {task: f"{task.stage}/{self.local.note(task).name}" for task in tasks}
+        stages = {task.stage for task in places}
+        there = {f"{stage}/{name}" for stage in stages for name in self._find(stage)}
+        return {task.key: place for task, place in places.items() if place in there}
 
     def _copy_here(self, task: Task) -> None:
         if self.local.has(task):

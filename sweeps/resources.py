@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from sweeps.store import AnyStore
 from sweeps.task import Task
 
 _TRAININGS = ("finetune", "pretrain")
+_OF_PLACEMENT = ("mounts", "crop", "recorded", "digest")
+"""Parameters of a collection that differ between placements."""
+
 _MARGIN = 1.25
 """A training's frames differ from step to step; this much more than the probe's is asked for."""
 
@@ -30,30 +34,43 @@ class Need:
     batch_size: int | None = None
 
 
-def probes_of(tasks: Iterable[Task]) -> dict[str, Task]:
+def probes_of(tasks: Iterable[Task], device: str, gpu_share: float) -> dict[str, Task]:
     """For every training the probe that tells its needs, by the training's key.
 
     Trainings that differ in placement and seed alone need the same: the first one's clouds are
     tried.
+
+    Args:
+        tasks: all of a sweep, also those that are done: a resumed sweep has the same probes.
+        device: what trainings run on; what was seen on another tells nothing.
+        gpu_share: of a GPU's memory that a training may take.
     """
-    probes: dict[tuple[str, str], Task] = {}
+    probes: dict[str, Task] = {}
     found = {}
     for task in tasks:
         if task.stage in _TRAININGS:
-            detector, training = task.params["detector"], task.params["training"]
-            kind = (detector, repr(training))
-            probe = probes.setdefault(
-                kind, Task("probe", detector, dict(task.params), task.inputs, gpu=True)
-            )
-            found[task.key] = probe
+            params = {key: value for key, value in task.params.items() if key != "seed"}
+            params |= {"device": device, "gpu_share": gpu_share}
+            probe = Task("probe", params["detector"], params, task.inputs, gpu=True)
+            found[task.key] = probes.setdefault(_kind(params, task), probe)
     return found
+
+
+def _kind(params: Mapping[str, Any], task: Task) -> str:
+    """What trainings of the same needs have in common: all but the seed and where LiDARs are."""
+    clouds = [
+        ({k: v for k, v in item.params.items() if k not in _OF_PLACEMENT}, scene.key)
+        for item in task.inputs
+        for scene in item.inputs
+    ]
+    return json.dumps([params, clouds], sort_keys=True)
 
 
 def need_of(
     task: Task, probe: Task | None, store: AnyStore, gpus_per_training: float | Literal["auto"]
 ) -> Need:
     """What a task asks for, by what its probe found. A failed probe tells nothing."""
-    share = 1.0 if gpus_per_training == "auto" else gpus_per_training
+    share = largest_share(gpus_per_training)
     if probe is None or not store.has(probe):
         return Need(gpu_share=share if task.gpu else 0.0)
     found = store.load(probe, ("batch_size", "gpu_share"))
@@ -61,6 +78,11 @@ def need_of(
         share = rounded_share(found["gpu_share"] * _MARGIN)
     memory = int(store.record(probe)["peak_memory"] * _MARGIN)
     return Need(memory, share, found["batch_size"])
+
+
+def largest_share(gpus_per_training: float | Literal["auto"]) -> float:
+    """Share of a GPU that a training may take at most."""
+    return 1.0 if gpus_per_training == "auto" else gpus_per_training
 
 
 def rounded_share(share: float) -> float:

@@ -97,7 +97,7 @@ def read_value(folder: Path, names: Collection[str] | None = None) -> Value:
     Raises:
         FileNotFoundError: the folder is not there.
         KeyError: the result has no entries of these names.
-        ValueError: the result is damaged.
+        DamagedResult: the result is not whole.
     """
     content = read_content(folder)
     check_files(folder, content["files"], folder)
@@ -110,9 +110,13 @@ def read_value(folder: Path, names: Collection[str] | None = None) -> Value:
     return {name: _read(files[name]) if name in files else plain[name] for name in wanted}
 
 
-def damaged(named: object, fault: str) -> ValueError:
+class DamagedResult(ValueError):
+    """A result is not whole."""
+
+
+def damaged(named: object, fault: str) -> DamagedResult:
     """The error for a result that is not whole."""
-    return ValueError(f"{named} is damaged: {fault}; remove it to compute it again")
+    return DamagedResult(f"{named} is damaged: {fault}; remove it to compute it again")
 
 
 def _read(path: Path) -> Any:

@@ -24,9 +24,10 @@ from sweeps.failures import FailureFolder
 from sweeps.grid import Sweep
 from sweeps.plan import Plan, further_axes, read_plan
 from sweeps.print_plan import print_plan
+from sweeps.result_folder import DamagedResult
 from sweeps.store import AnyStore
 from sweeps.store_lock import locked
-from sweeps.sweep_store import store_of
+from sweeps.sweep_store import reference, store_of
 from sweeps.task import Task
 from sweeps.trial_results import trial_failure
 
@@ -72,9 +73,8 @@ def run(
     from sweeps.backends import BackendLost
 
     try:
-        keep_to_quota(console, sweep, store)
         complete = run_sweep(console, sweep, plan, store, rerun_failed)
-    except (BackendLost, OSError) as error:  # such as a full disk under the journal
+    except (BackendLost, DamagedResult, OSError) as error:  # such as a disk that is full
         console.print(f"\n{error}. {_GOES_ON}", markup=False, soft_wrap=True)
         raise typer.Exit(1) from None
     except KeyboardInterrupt:
@@ -110,6 +110,8 @@ def run_sweep(
         workers = ExitStack()  # given back before the report is written
         try:
             stack.enter_context(locked(folder, alone=True))
+            store.refer(reference(sweep), [task.key for task in plan.tasks])
+            keep_to_quota(console, sweep, store)
             stack.enter_context(store.in_use())
             log = SweepLog(
                 sweep.common.tracking_uri,
@@ -124,7 +126,7 @@ def run_sweep(
             backend = workers.enter_context(backend_for(sweep.common.ray, store))
         except ValueError as error:  # in use, or MLflow or Ray cannot be had
             wrong(error)
-        store.refer(sweep.common.name, [task.key for task in plan.tasks])
+        store.end_running(plan.tasks)  # what a killed driver left
         cached = store.finished(plan.tasks)
         failures = FailureFolder(folder / "failed")
         known = failures.known(rerun_failed, cached)
@@ -138,7 +140,8 @@ def run_sweep(
 
             promotion = promote(sweep, plan, store, run_tasks)
             cores = backend.cores
-        listener.log_failed(outcome.failures)
+        store.refer(reference(sweep), [*(task.key for task in plan.tasks), *outcome.probes])
+        listener.log_rest(outcome.failures)
         command = shlex.join(["python", "-m", "sweeps.run", *sys.argv[1:]])
         seconds = time.monotonic() - start
         run = Run(outcome, promotion, cached, cores, command, start, seconds)
@@ -186,9 +189,10 @@ def keep_to_quota(console: Console, sweep: Sweep, store: AnyStore) -> None:
 
 
 def sweep_key(sweep: Sweep, plan: Plan) -> str:
-    """Tells a sweep from others of its name: the same while its trials and rungs are."""
+    """Tells a sweep from others of its name: the same while its trials, axes and rungs are."""
     rungs = [rung.model_dump(mode="json") for rung in sweep.common.promote]
-    content = json.dumps([sorted(trial.key for trial in plan.trials), rungs])
+    keys = sorted(trial.key for trial in plan.trials)
+    content = json.dumps([keys, rungs, sorted(sweep.axes)])
     return hashlib.sha256(content.encode()).hexdigest()[:12]
 
 

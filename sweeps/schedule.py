@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 
 from sweeps.failures import Failure
 from sweeps.stages import FUNCTIONS
@@ -31,6 +32,7 @@ class Schedule:
         self, tasks: Sequence[Task], done: Collection[str], probes: Mapping[str, Task]
     ) -> None:
         self.failed: dict[str, Failure] = {}
+        self._let_go: set[str] = set()
         self._waiting: dict[str, int] = {}
         self._dependents: dict[str, list[Task]] = defaultdict(list)
         self._ready: dict[bool, list[tuple[int, int, Task]]] = {False: [], True: []}
@@ -58,8 +60,13 @@ class Schedule:
         Args:
             gpu: whether it may be one that runs on a GPU.
         """
-        queues = [queue for kind, queue in self._ready.items() if queue and (gpu or not kind)]
-        return heapq.heappop(min(queues, key=lambda queue: queue[0][:2]))[-1] if queues else None
+        while queues := [
+            queue for kind, queue in self._ready.items() if queue and (gpu or not kind)
+        ]:
+            *_, task = heapq.heappop(min(queues, key=lambda queue: queue[0][:2]))
+            if task.key not in self.failed:
+                return task
+        return None
 
     def again(self, task: Task) -> None:
         """Put a task back that was handed out."""
@@ -75,16 +82,18 @@ class Schedule:
     def fail(self, task: Task, failure: Failure) -> list[Task]:
         """Note that a task failed; returns it with all that cannot run without it."""
         fallen: list[Task] = []
-        falling = [(task, failure)]
-        for current, why in falling:
+        reason = f"{task.stage} '{task.label}' failed: {failure.reason}"
+        because = replace(failure, reason=reason, follows=True)
+        falling = [task]
+        for current in falling:
             if current.key in self.failed:
                 continue
             if current.stage == "probe":
-                self.finish(current)  # trainings go on without what it would have told
+                if current.key not in self._let_go:
+                    self._let_go.add(current.key)
+                    self.finish(current)  # trainings go on without what it would have told
                 continue
-            self.failed[current.key] = why
+            self.failed[current.key] = failure if current is task else because
             fallen.append(current)
-            reason = f"needs {current.stage} '{current.label}', which failed"
-            because = Failure(reason, lasting=why.lasting, follows=True)
-            falling += [(dependent, because) for dependent in self._dependents[current.key]]
+            falling += self._dependents[current.key]
         return fallen or [task]

@@ -195,6 +195,7 @@ def probe(params: Params, *inputs: Value) -> Value:
         objects,
         TrainingSettings.model_validate(params["training"]),
         point_range=params["point_range"],
+        gpu_share=params["gpu_share"] or 1.0,
     )
     return {"batch_size": found.batch_size, "gpu_share": found.gpu_share}
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal
 
 from sweeps.failures import Failure, FailureFolder
@@ -13,7 +12,7 @@ from sweeps.grid import Sweep
 from sweeps.plan import Plan, Trial
 from sweeps.promotion import Promotion, at_most, promote
 from sweeps.store import AnyStore
-from sweeps.store_lock import locked
+from sweeps.store_lock import is_locked
 from sweeps.task import Task
 from sweeps.trial_results import trial_failure
 
@@ -57,7 +56,7 @@ class SweepState:
 def sweep_state(sweep: Sweep, plan: Plan, store: AnyStore) -> SweepState:
     """Look at everything that a sweep has left so far."""
     folder = sweep.common.output / sweep.common.name
-    alive = _is_locked(folder)
+    alive = is_locked(folder)
     failed = FailureFolder(folder / "failed")
     there = store.finished(plan.tasks)
     failures = {key: why for key, why in failed.read().items() if key not in there}
@@ -85,16 +84,6 @@ def sweep_state(sweep: Sweep, plan: Plan, store: AnyStore) -> SweepState:
     return SweepState(sweep.common.name, alive, stages, trials)
 
 
-def _is_locked(folder: Path) -> bool:
-    if not folder.is_dir():
-        return False
-    try:
-        with locked(folder, alone=True):
-            return False
-    except ValueError:
-        return True
-
-
 def _task_status(
     task: Task,
     there: set[str],
@@ -104,9 +93,11 @@ def _task_status(
 ) -> Status:
     if task.key in there:
         return "done"
+    if task.key in failures:
+        return "failed"
     if task.key in notes:
         return "running" if alive else "stopped"
-    return "failed" if task.key in failures else "waiting"
+    return "waiting"
 
 
 def _trial_state(
@@ -125,15 +116,8 @@ def _trial_state(
         return TrialState(trial.label, "done")
     failure = trial_failure(trial, failures)
     if failure is not None:
-        culprit = next(
-            task
-            for task in plan.needed_for(trial.results)
-            if task.key in failures and not failures[task.key].follows
-        )
-        reason = failures[culprit.key].reason
-        if culprit not in trial.results:
-            reason = f"{culprit.stage} '{culprit.label}': {reason}"
-        return TrialState(trial.label, "failed", reason, str(failed.log(culprit)))
+        task = next(task for task in trial.results if task.key in failures)
+        return TrialState(trial.label, "failed", failure.reason, str(failed.log(task)))
     for task in plan.needed_for(trial.results):
         if task.key in notes and task.key not in there:
             note = notes[task.key]

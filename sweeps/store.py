@@ -12,11 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-from lidarplace.files import replacing, sync, temporary
+from lidarplace.files import replacing, temporary
 from sweeps.attempt import new_attempt
 from sweeps.result_folder import Value, read_content, read_value, write_result
 from sweeps.store_lock import locked
 from sweeps.task import Task
+from sweeps.whole_folder import whole_folder
 
 if TYPE_CHECKING:
     from sweeps.remote_store import RemoteStore
@@ -114,23 +115,9 @@ class Store:
         """Seconds that the result took when it was computed."""
         return float(self.record(task)["seconds"])
 
-    @contextmanager
-    def incoming(self, task: Task) -> Iterator[Path]:
+    def incoming(self, task: Task) -> AbstractContextManager[Path]:
         """An empty folder that becomes the task's result, unless that is there by then."""
-        target = self.path(task)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        partial = temporary(target)
-        try:
-            partial.mkdir()
-            yield partial
-            sync(partial)
-            try:
-                partial.rename(target)
-            except OSError:
-                if not self.has(task):  # else another process was faster with the same result
-                    raise
-        finally:
-            shutil.rmtree(partial, ignore_errors=True)
+        return whole_folder(self.path(task))
 
     @contextmanager
     def working_folder(self, task: Task) -> Iterator[Path]:
@@ -139,11 +126,15 @@ class Store:
         What the block leaves there is kept until `discard`. Files have to be replaced in one step,
         as `replacing` does.
         """
-        yield new_attempt(self._hidden(task, "working"))
+        yield new_attempt(self.attempts(task))
+
+    def attempts(self, task: Task) -> Path:
+        """Folder of the attempts at an unfinished task, see `attempt`."""
+        return self._hidden(task, "working")
 
     def discard(self, task: Task) -> None:
         """Remove the checkpoints and the note of a task whose result is there."""
-        _remove(self._hidden(task, "working"))
+        _remove(self.attempts(task))
         self._hidden(task, "running").unlink(missing_ok=True)
 
     @contextmanager
@@ -164,15 +155,18 @@ class Store:
         return self._hidden(task, "running")
 
     def running_notes(self, tasks: Iterable[Task]) -> dict[str, Mapping[str, Any]]:
-        """Notes by key, also those of killed processes."""
-        tasks = tuple(tasks)
-        names = {stage: self._names(stage) for stage in {task.stage for task in tasks}}
+        """Notes by key, also those of killed processes. One that is not whole is left out."""
         notes = {}
-        for task in tasks:
-            if self.note(task).name in names[task.stage]:
-                with suppress(FileNotFoundError):  # it has ended since
-                    notes[task.key] = json.loads(self.note(task).read_text(encoding="utf-8"))
+        for task in self._noted(tasks):
+            # It has ended since, or its machine lost power before the note was on the disk.
+            with suppress(FileNotFoundError, ValueError):
+                notes[task.key] = json.loads(self.note(task).read_text(encoding="utf-8"))
         return notes
+
+    def end_running(self, tasks: Iterable[Task]) -> None:
+        """Remove the notes of tasks: what a killed process left."""
+        for task in self._noted(tasks):
+            self.note(task).unlink(missing_ok=True)
 
     def refer(self, name: str, keys: Collection[str]) -> None:
         """Note what the sweep `name` refers to, in place of what it referred to before."""
@@ -189,12 +183,16 @@ class Store:
         paths = sorted((self.folder / SWEEPS).glob("*.json"))
         return {path.stem: keys_in(path.read_bytes(), path) for path in paths}
 
-    def forget(self, name: str) -> None:
-        """Refer to nothing in the name of a sweep. Raises ValueError if there is none."""
-        try:
-            self.sweep_file(name).unlink()
-        except FileNotFoundError:
-            raise unknown_sweep(name, self.folder, self.references()) from None
+    def forget(self, *names: str) -> None:
+        """Refer to nothing in the names of sweeps.
+
+        Raises:
+            ValueError: there is no sweep of one of the names; all stay as they are.
+        """
+        known = sorted(path.stem for path in (self.folder / SWEEPS).glob("*.json"))
+        check_sweeps(names, self.folder, known)
+        for name in names:
+            self.sweep_file(name).unlink(missing_ok=True)
 
     def contents(self) -> list[Entry]:
         """All that lies in the folders of the stages, with sizes; nothing that is not a store's."""
@@ -223,6 +221,12 @@ class Store:
 
     def _hidden(self, task: Task, kind: str) -> Path:
         return self.folder / task.stage / f".{task.key}.{kind}"
+
+    def _noted(self, tasks: Iterable[Task]) -> list[Task]:
+        """Those of the tasks that have a note."""
+        tasks = tuple(tasks)
+        names = {stage: self._names(stage) for stage in {task.stage for task in tasks}}
+        return [task for task in tasks if self.note(task).name in names[task.stage]]
 
     def _names(self, stage: str) -> set[str]:
         """All names in a stage's folder: one listing, however many tasks."""
@@ -256,9 +260,11 @@ def keys_in(data: bytes, named: object) -> set[str]:
     return set(keys)
 
 
-def unknown_sweep(name: str, store: object, known: Collection[str]) -> ValueError:
-    """The error for a sweep of which the store knows nothing."""
-    return ValueError(f"{store}: no sweep {name!r}; there are {', '.join(known) or 'none'}")
+def check_sweeps(names: Iterable[str], store: object, known: Collection[str]) -> None:
+    """Raise ValueError that names the first sweep of which the store knows nothing."""
+    for name in names:
+        if name not in known:
+            raise ValueError(f"{store}: no sweep {name!r}; there are {', '.join(known) or 'none'}")
 
 
 def write_text(path: Path, text: str) -> None:
@@ -281,7 +287,11 @@ def _remove(path: Path) -> None:
 
 
 def _size(path: Path) -> int:
-    """Bytes of a file, or of all files under a folder."""
+    """Bytes of a file, or of all files under a folder. What goes meanwhile counts nothing."""
     if path.is_dir():
-        return sum(item.stat().st_size for item in path.rglob("*") if item.is_file())
-    return path.stat().st_size
+        found = os.walk(path)
+        return sum(_size(Path(folder, name)) for folder, _, names in found for name in names)
+    try:
+        return path.stat().st_size
+    except FileNotFoundError:
+        return 0

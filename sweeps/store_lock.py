@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import fcntl
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
+
+_FILE = ".lock"
+_PATIENCE_S = 1.0
+_STEP_S = 0.05
 
 
 @contextmanager
 def locked(folder: Path, alone: bool) -> Iterator[None]:
     """Hold the lock of a store while the block runs. The kernel drops it when the process dies.
 
-    Waits while cleaning has the store alone.
+    Waits while cleaning has the store alone; `alone` waits a second, as `is_locked` holds the lock
+    for a moment.
 
     Args:
         folder: the store; made if it is not there.
@@ -23,12 +30,36 @@ def locked(folder: Path, alone: bool) -> Iterator[None]:
         OSError: the filesystem has no locks.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / ".lock"
-    with path.open("ab") as file:  # NFS locks only what is open for writing
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB if alone else fcntl.LOCK_SH)
-        except BlockingIOError:
-            raise ValueError(f"{folder} is in use by a running sweep") from None
-        except OSError as error:
-            raise OSError(error.errno, f"cannot be locked: {error.strerror}", str(path)) from None
+    # NFS shares a lock only on what is open for reading, and gives it alone only for writing.
+    with (folder / _FILE).open("a+b") as file:
+        give_up = time.monotonic() + _PATIENCE_S
+        while not _taken(file, fcntl.LOCK_EX | fcntl.LOCK_NB if alone else fcntl.LOCK_SH):
+            if time.monotonic() >= give_up:
+                raise ValueError(f"{folder} is in use by a running sweep")
+            time.sleep(_STEP_S)
         yield
+
+
+def is_locked(folder: Path) -> bool:
+    """Whether somebody has the lock alone. Looks do not see each other, and make no file.
+
+    Raises:
+        OSError: the filesystem has no locks, or the lock cannot be read.
+    """
+    try:
+        file = (folder / _FILE).open("rb")
+    except FileNotFoundError:
+        return False
+    with file:
+        return not _taken(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+
+
+def _taken(file: BinaryIO, how: int) -> bool:
+    """Lock a file; the lock goes when it is closed. False if others are in the way."""
+    try:
+        fcntl.flock(file, how)
+    except BlockingIOError:
+        return False
+    except OSError as error:
+        raise OSError(error.errno, f"cannot be locked: {error.strerror}", file.name) from None
+    return True

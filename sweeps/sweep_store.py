@@ -1,13 +1,40 @@
-"""The store that a configuration names."""
+"""The store that a configuration names, and the name of its sweep there."""
 
 from __future__ import annotations
 
-from sweeps.grid import Sweep
-from sweeps.remote_store import open_store
+import hashlib
+
+from sweeps.grid import ConfigError, Sweep
+from sweeps.remote_store import RemoteStore, open_store
 from sweeps.store import AnyStore
 
 
 def store_of(sweep: Sweep) -> AnyStore:
-    """The store of a sweep. Raises ValueError if its URL is of no known kind."""
+    """The store of a sweep.
+
+    Raises:
+        ConfigError: its URL is of no known kind or cannot be had, a quota is given for a URL, or
+            the store is the run folder.
+    """
     settings = sweep.common.store
-    return open_store(settings.url, sweep.common.output, settings.cache)
+    try:
+        store = open_store(settings.url, sweep.common.output, settings.cache)
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+    remote = isinstance(store, RemoteStore)
+    if remote and settings.quota_gb is not None:
+        raise ConfigError("store.quota_gb: is for folders; a URL has no lock that keeps it safe")
+    folder = store.cache if isinstance(store, RemoteStore) else store.folder
+    if folder.absolute() == (sweep.common.output / sweep.common.name).absolute():
+        raise ConfigError(f"name: the run folder would be the store {folder}; choose another name")
+    return store
+
+
+def reference(sweep: Sweep, purpose: str = "") -> str:
+    """The name under which a sweep refers to results; sweeps of other output folders have others.
+
+    Args:
+        purpose: tells what else is made of a sweep from it, such as "pretrain".
+    """
+    place = hashlib.sha256(str(sweep.common.output.resolve()).encode()).hexdigest()[:6]
+    return ".".join(filter(None, [sweep.common.name, purpose, place]))

@@ -16,7 +16,7 @@ import training
 _ROOTS = {package.__name__: Path(package.__path__[0]) for package in (lidarplace, training)}
 _STAGES_FILE = Path(__file__).with_name("stages.py")
 
-PACKAGES = dict.fromkeys(("pretrain", "finetune", "evaluate"), ("lidarplace", "training"))
+PACKAGES = dict.fromkeys(("probe", "pretrain", "finetune", "evaluate"), ("lidarplace", "training"))
 """Packages whose code decides a stage's result; `lidarplace` alone for the others."""
 
 

@@ -52,9 +52,12 @@ class TrialLog:
             if not self._missing[trial.key]:
                 self._log_finished(trial)
 
-    def log_failed(self, failures: Mapping[str, Failure]) -> None:
-        """Log the trials that failed, with the reason."""
-        for trial in self._open.values():
+    def log_rest(self, failures: Mapping[str, Failure]) -> None:
+        """Log the trials that failed, with the reason, and those that another driver finished."""
+        for trial in list(self._open.values()):
+            if all(self._store.has(task) for task in trial.results):
+                self._log_finished(trial)
+                continue
             failure = trial_failure(trial, failures)
             if failure is not None:
                 known = self._store.has(trial.surrogates)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import socket
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -76,13 +77,13 @@ def run_task(task: Task, store: AnyStore, how: Batch) -> None:
             value = function(task.params, *inputs)
         earlier = value.get("earlier_seconds", 0.0)  # before a stop
         seconds = earlier + time.perf_counter() - start
-        reduced = value.get("batch_size_reduced", False)
         store.save(
             task,
             value,
             seconds,
             peak_memory=peak_memory(),
-            batch_size_reduced=reduced,
+            batch_size_reduced=value.get("batch_size_reduced", False),
+            earlier_seconds=earlier,
             **where,
         )
         if task.resumable:
@@ -109,5 +110,6 @@ def peak_memory() -> int:
 
 
 def _reset_peak_memory() -> None:
-    """Linux forgets the peak of earlier tasks of this process."""
-    Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+    """Linux forgets the peak of earlier tasks of this process, where it lets itself be told so."""
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")

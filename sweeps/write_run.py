@@ -31,7 +31,7 @@ from sweeps.trial_results import (
     trial_seconds,
     with_columns,
 )
-from tracking.mlflow_uri import public_uri
+from tracking.mlflow_uri import hide_password, public_uri
 
 _VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas")
 
@@ -81,7 +81,8 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
 
     surrogates = gathered("surrogates", "table", known)
     with_rays = [t for t in known if "expected_ig" in t.grid_point.point.surrogate.names]
-    write_text(folder / "config.yaml", yaml.safe_dump(dict(sweep.source), sort_keys=False))
+    config = yaml.safe_dump(dict(sweep.source), sort_keys=False)
+    write_text(folder / "config.yaml", hide_password(config, sweep.common.tracking_uri))
     for name, table in (
         ("trials", trials_table(plan, store, run, axes)),
         ("results", _stack([trial_results(trial, store, axes) for trial in tested])),
@@ -92,7 +93,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
         ("sampling_error", gathered("sampling_error", "estimates", known)),
         ("pog_resamples", gathered("sampling_error", "resamples", known)),
         ("promotions", run.promotion.table()),
-        ("tasks", _tasks_table([task for task in plan.tasks if task.key in there], store, run)),
+        ("tasks", _tasks_table([*plan.tasks, *run.outcome.probes.values()], store, run)),
     ):
         with replacing(folder / f"{name}.parquet") as partial:
             table.to_parquet(partial, index=False)
@@ -139,15 +140,21 @@ def _curve(trial: Trial, store: AnyStore) -> pd.DataFrame:
 def _tasks_table(tasks: Sequence[Task], store: AnyStore, run: Run) -> pd.DataFrame:
     """One row a task: what `tracking.run_folder` lists, times from the start of this run."""
     rows = []
+    there = store.finished(tasks)
     for task in tasks:
+        if task.key not in there:
+            continue
         record = store.record(task)
         started, ended = run.outcome.times.get(task.key, (np.nan, np.nan))
+        seconds = record["seconds"]
+        if task.key in run.outcome.times:  # those before a stop were spent in another run
+            seconds -= record["earlier_seconds"]
         rows.append(
             {
                 "stage": task.stage,
                 "label": task.label,
                 "key": task.key,
-                "seconds": record["seconds"],
+                "seconds": seconds,
                 "cached": task.key in run.cached,
                 "started": started - run.started,
                 "ended": ended - run.started,
@@ -169,7 +176,7 @@ def _about(sweep: Sweep, frames: Mapping[str, int], run: Run) -> dict[str, Any]:
     roi = first.roi.model_dump(mode="json") | {"resolution": first.surrogate.resolution}
     return {
         "name": sweep.common.name,
-        "command": run.command,
+        "command": hide_password(run.command, sweep.common.tracking_uri),
         "axes": list(further_axes(sweep)),
         "placements": placements,
         "classes": list(first.classes),

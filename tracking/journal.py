@@ -37,8 +37,8 @@ class TrialEntry(_Line):
     params: dict[str, str]
     points: tuple[tuple[str, int, float], ...]
     """Metric, step, value."""
-    tags: dict[str, str]
-    failed: bool
+    error: str | None
+    """Why it failed."""
 
 
 class ArtifactEntry(_Line):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import socket
 import sqlite3
 from collections.abc import Iterator
 from contextlib import suppress
@@ -93,18 +94,38 @@ def _causes(error: BaseException | None) -> Iterator[BaseException]:
 
 
 def is_away(error: Exception, uri: str) -> bool:
-    """Whether the same call may succeed later."""
+    """Whether the same call may succeed later.
+
+    A folder that cannot be written is not away: nobody may ever mend it, and others would wait.
+    """
     from mlflow.exceptions import InvalidUrlException, MlflowException
+    from requests import HTTPError, RequestException
     from sqlalchemy.exc import InterfaceError, OperationalError
 
     if isinstance(error, InvalidUrlException):
         return False
-    if any(isinstance(e, OperationalError | InterfaceError | OSError) for e in _causes(error)):
+    if isinstance(error, HTTPError) and error.response is not None:  # of an artifact
+        return error.response.status_code in (401, 403)
+    lost = (
+        *(OperationalError, InterfaceError),
+        *(ConnectionError, TimeoutError, socket.gaierror, RequestException),
+    )
+    if any(isinstance(cause, lost) for cause in _causes(error)):
         return True
     if not isinstance(error, MlflowException) or not is_server(uri):
         return False
     status = error.get_http_status_code()
     return status >= 500 or status in (408, 429) or is_forbidden(error)
+
+
+def is_server_error(error: Exception) -> bool:
+    """Whether the server answered 500, as it does if it cannot write an artifact.
+
+    While its database is away it answers 503.
+    """
+    from urllib3.exceptions import ResponseError
+
+    return reason(error) == ResponseError.SPECIFIC_ERROR.format(status_code=500)
 
 
 def is_forbidden(error: Exception) -> bool:

@@ -26,7 +26,6 @@ from tracking.mlflow_uri import absolute_uri, hide_password, public_uri, sqlite_
 
 __all__ = ["SweepLog", "public_uri", "trial_metrics", "ui_command"]
 
-ERROR_TAG = "lidarplace.error"
 _AFTER_CTRL_C_S = 3.0
 
 
@@ -119,6 +118,8 @@ class SweepLog:
                 # An earlier configuration of this sweep may have left entries too.
                 if entry.sweep != self._sweep.sweep:
                     self._runs[entry.sweep] = SweepRuns(self._uri, entry, place)
+            elif isinstance(entry, ArtifactEntry) and not Path(entry.path).is_file():
+                self._say(f"MLflow: {entry.path} is gone, it is no longer logged")
             elif not isinstance(entry, RefusedEntry):
                 self._put(entry)
         self._journal.append(self._sweep)
@@ -157,7 +158,6 @@ class SweepLog:
         metrics: Mapping[str, float],
         curve: pd.DataFrame | None = None,
         error: str | None = None,
-        tags: Mapping[str, str] | None = None,
     ) -> None:
         """Log one trial as a child run. Returns at once, also if it is finished already.
 
@@ -166,15 +166,14 @@ class SweepLog:
             run_name: shown in the UI, such as "line · pointpillars_tiny · seed 1".
             metrics: one value each; those that are not finite are left out.
             curve: epoch, metric, value; the epoch becomes MLflow's step.
-            error: why the trial failed; its run gets the status FAILED.
-            tags: further tags of the run, named `lidarplace.…`.
+            error: why the trial failed; its run gets the status FAILED. The tag takes the first
+                5,000 characters.
 
         Raises:
             OSError: the journal cannot be written.
         """
         if self.is_settled(key):
             return
-        own_tags = {} if error is None else {ERROR_TAG: error[:5000]}
         self._log(
             TrialEntry(
                 sweep=self._sweep.sweep,
@@ -183,8 +182,7 @@ class SweepLog:
                 time=time.time_ns() // 1_000_000,
                 params=_texts(params),
                 points=_points(metrics, curve),
-                tags={**(tags or {}), **own_tags},
-                failed=error is not None,
+                error=None if error is None else error[:5000],
             )
         )
 
@@ -204,7 +202,11 @@ class SweepLog:
         self._put(entry)
 
     def _put(self, entry: TrialEntry | ArtifactEntry | StatusEntry) -> None:
-        if isinstance(entry, TrialEntry) and entry.sweep == self._sweep.sweep and not entry.failed:
+        if (
+            isinstance(entry, TrialEntry)
+            and entry.sweep == self._sweep.sweep
+            and entry.error is None
+        ):
             self._settled.add(entry.key)
         self._delivery.put(entry)
 

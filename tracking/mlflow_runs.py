@@ -7,11 +7,19 @@ from typing import Any
 
 from tracking.delivery import Away
 from tracking.journal import ArtifactEntry, Entry, StatusEntry, SweepEntry, TrialEntry
-from tracking.mlflow_connection import connect, is_away, is_forbidden, reason
+from tracking.mlflow_connection import (
+    connect,
+    is_away,
+    is_forbidden,
+    is_server_error,
+    reason,
+)
 from tracking.mlflow_uri import is_server, public_uri
 
 SWEEP_TAG = "lidarplace.sweep"
 TRIAL_TAG = "lidarplace.trial"
+ERROR_TAG = "lidarplace.error"
+PARENT_TAG = "mlflow.parentRunId"
 
 
 class SweepRuns:
@@ -49,8 +57,7 @@ class SweepRuns:
             runs = self._find_runs()
             self._trials = self._one_each([r for r in runs if TRIAL_TAG in r.data.tags])
             self.finished = {k for k, r in self._trials.items() if r.info.status == "FINISHED"}
-            parents = [run for run in runs if TRIAL_TAG not in run.data.tags]
-            self._parent = parents[0] if parents else self._create(self._sweep.name, {}, None)
+            self._parent = self._one_parent([r for r in runs if TRIAL_TAG not in r.data.tags])
             self._log_params()
         except ValueError:
             self._client = None
@@ -81,7 +88,8 @@ class SweepRuns:
             elif isinstance(entry, StatusEntry):
                 self._write_status(entry.status)
         except Exception as error:
-            if is_away(error, self._uri):
+            unwritable = isinstance(entry, ArtifactEntry) and is_server_error(error)
+            if is_away(error, self._uri) and not unwritable:
                 self._client = None
                 raise Away(reason(error)) from error
             if isinstance(entry, TrialEntry) and entry.key in self._trials:
@@ -96,9 +104,10 @@ class SweepRuns:
             return
         run = self._trials.get(entry.key)
         points = entry.points
-        params, tags = dict(entry.params), dict(entry.tags)
+        params = entry.params
+        tags = {} if entry.error is None else {ERROR_TAG: entry.error}
         if run is None:
-            names = {TRIAL_TAG: entry.key, "mlflow.parentRunId": self._parent.info.run_id}
+            names = {TRIAL_TAG: entry.key, PARENT_TAG: self._parent.info.run_id}
             run = self._create(entry.run_name, {**tags, **names}, entry.time)
             self._trials[entry.key] = run
             tags = {}
@@ -107,9 +116,8 @@ class SweepRuns:
             there = self._points_of(run)
             points = tuple(point for point in points if point[:2] not in there)
             params = {k: v for k, v in params.items() if run.data.params.get(k) != v}
-            for tag in run.data.tags:
-                if tag.startswith("lidarplace.") and tag not in {SWEEP_TAG, TRIAL_TAG, *tags}:
-                    self._client.delete_tag(run.info.run_id, tag)
+            if entry.error is None and ERROR_TAG in run.data.tags:
+                self._client.delete_tag(run.info.run_id, ERROR_TAG)
         run_id = run.info.run_id
         self._client.log_batch(
             run_id,
@@ -117,8 +125,10 @@ class SweepRuns:
             [Param(name, value) for name, value in params.items()],
             [RunTag(name, value) for name, value in tags.items()],
         )
-        self._client.set_terminated(run_id, "FAILED" if entry.failed else "FINISHED", entry.time)
-        if not entry.failed:
+        self._client.set_terminated(
+            run_id, "FINISHED" if entry.error is None else "FAILED", entry.time
+        )
+        if entry.error is None:
             self.finished.add(entry.key)
 
     def _write_artifact(self, entry: ArtifactEntry) -> None:
@@ -172,6 +182,16 @@ class SweepRuns:
             if run is not trials.setdefault(run.data.tags[TRIAL_TAG], run):
                 self._client.delete_run(run.info.run_id)
         return trials
+
+    def _one_parent(self, parents: list[Any]) -> Any:
+        """The parent run: the oldest, for the same reason. All trials become its children."""
+        parent, *others = parents or [self._create(self._sweep.name, {}, None)]
+        for run in others:
+            self._client.delete_run(run.info.run_id)
+        for run in self._trials.values():
+            if run.data.tags.get(PARENT_TAG) != parent.info.run_id:
+                self._client.set_tag(run.info.run_id, PARENT_TAG, parent.info.run_id)
+        return parent
 
     def _create(self, name: str, tags: dict[str, str], time: int | None) -> Any:
         return self._client.create_run(

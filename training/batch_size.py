@@ -18,8 +18,12 @@ MEMORY_SHARE = 0.8
 """Of the GPU memory that others leave; the rest is for frames that grow by augmentation."""
 
 
-def batch_size_for(model: Detector, frames: TrainingFrames, settings: TrainingSettings) -> int:
+def batch_size_for(
+    model: Detector, frames: TrainingFrames, settings: TrainingSettings, gpu_share: float = 1.0
+) -> int:
     """The batch size of the settings; for "auto", 4 on a CPU and what its memory holds on a GPU.
+
+    Of a GPU's memory no more than `gpu_share` is taken.
 
     On a GPU one step is tried on the largest frames, with a copy of `model`. Networks may draw
     random numbers in it.
@@ -28,7 +32,7 @@ def batch_size_for(model: Detector, frames: TrainingFrames, settings: TrainingSe
         return settings.batch_size
     if model.device.type != "cuda":
         return ON_CPU
-    return largest_that_fits(lambda size: _fits(model, frames, settings, size))
+    return largest_that_fits(lambda size: _fits(model, frames, settings, size, gpu_share))
 
 
 def largest_that_fits(fits: Callable[[int], bool]) -> int:
@@ -61,9 +65,11 @@ def step_bytes(
     return torch.cuda.max_memory_reserved(model.device) - before if on_gpu else 0
 
 
-def _fits(model: Detector, frames: TrainingFrames, settings: TrainingSettings, size: int) -> bool:
+def _fits(
+    model: Detector, frames: TrainingFrames, settings: TrainingSettings, size: int, share: float
+) -> bool:
     """Whether one step with `size` frames stays within the share of the memory."""
     torch.cuda.empty_cache()
-    free, _ = torch.cuda.mem_get_info(model.device)
+    free, total = torch.cuda.mem_get_info(model.device)
     taken = step_bytes(model, frames, settings, size)
-    return taken is not None and taken <= MEMORY_SHARE * free
+    return taken is not None and taken <= MEMORY_SHARE * min(free, share * total)

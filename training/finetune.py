@@ -86,7 +86,7 @@ def finetune(
         checkpoint_digest: SHA-256 that the checkpoint of the settings must have.
         batch_size: frames of a step where the settings say "auto"; None: what the memory holds.
         halvings: how often the batch size is halved, to at least 1. A training that was stopped
-            with as many frames or fewer goes on with those, one with more starts again.
+            goes on with the frames that it had, unless these are more than are left now.
 
     Raises:
         ValueError: no frames, unknown detector or class, bad ground truth, a checkpoint that does
@@ -122,14 +122,14 @@ def finetune(
         if settings.batch_size != "auto":
             batch_size = settings.batch_size
         state = kept.load()
-        if batch_size is None:  # what was found before a stop stays
-            batch_size = state.batch_size if state else batch_size_for(model, frames, settings)
-        wanted = batch_size
-        batch_size = max(1, wanted >> halvings)
-        if state is not None and state.batch_size <= batch_size:
-            batch_size = state.batch_size
+        if state is not None and not halvings:  # what was found before a stop stays
+            batch_size, reduced = state.batch_size, state.batch_size_reduced
         else:
-            state = None
+            wanted = batch_size or batch_size_for(model, frames, settings)
+            batch_size = max(1, wanted >> halvings)
+            reduced = batch_size < wanted
+            if state is not None and state.batch_size > batch_size:
+                state = None  # it ran out of memory
         steps = settings.epochs * -(-len(frames) // batch_size)
         optimisation = Optimisation(model, settings, steps)
         if state is not None:
@@ -144,7 +144,12 @@ def finetune(
             curve.extend((epoch, name, value) for name, value in values.items())
             kept.save(
                 TrainingState(
-                    epoch, batch_size, model.state_dict(), optimisation.state_dict(), curve
+                    epoch,
+                    batch_size,
+                    reduced,
+                    model.state_dict(),
+                    optimisation.state_dict(),
+                    curve,
                 )
             )
             if on_epoch is not None:
@@ -155,7 +160,7 @@ def finetune(
         pd.DataFrame(curve, columns=["epoch", "metric", "value"]),
         optimisation.steps,
         batch_size,
-        batch_size < wanted,
+        reduced,
         weights,
         None if losses[-1] == min(losses) else kept.best(),
         earlier,

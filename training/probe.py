@@ -39,11 +39,13 @@ def probe(
     ground_truth: pd.DataFrame,
     settings: TrainingSettings,
     point_range: PointRange | None = None,
+    gpu_share: float = 1.0,
 ) -> Probe:
     """Take one step of a training, on the largest frames, and look at its memory.
 
     All that a training builds beside the network is built here too, so that the peak of this
-    process's memory is that of a training. Arguments as of `finetune`, which raises the same.
+    process's memory is that of a training. Arguments as of `finetune`, which raises the same, and
+    the share of a GPU's memory that a training may take.
     """
     torch.manual_seed(0)
     model = build_detector(detector, classes, point_range=point_range).to(device())
@@ -56,10 +58,11 @@ def probe(
         settings.frame_share,
     )
     database = ObjectDatabase.of(frames, classes, settings.sample_groups, settings.min_points)
-    batch_size = batch_size_for(model, frames, settings)
+    batch_size = batch_size_for(model, frames, settings, gpu_share)
     taken = step_bytes(model, frames, settings, batch_size)
     del database  # it had to be there until now
     if model.device.type != "cuda" or taken is None:
         return Probe(batch_size, None)
     _, total = torch.cuda.mem_get_info(model.device)
-    return Probe(batch_size, min(1.0, taken / total))
+    peak = torch.cuda.max_memory_reserved(model.device)  # with the network itself
+    return Probe(batch_size, min(1.0, peak / total))

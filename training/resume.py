@@ -31,6 +31,7 @@ class TrainingState:
     Attributes:
         epoch: how many are done.
         batch_size: frames per step.
+        batch_size_reduced: whether these are fewer than there should be.
         model: state_dict.
         optimisation: state_dict of `Optimisation`.
         curve: epoch, metric, value of all epochs that are done.
@@ -38,6 +39,7 @@ class TrainingState:
 
     epoch: int
     batch_size: int
+    batch_size_reduced: bool
     model: Mapping[str, Tensor]
     optimisation: Mapping[str, Any]
     curve: list[tuple[int, str, float]]

@@ -167,7 +167,7 @@ def test_the_command_shows_sizes_and_makes_room(tmp_path, monkeypatch):
     store.refer("tiny", [a.key])
     with store.in_use():
         assert run(config) == (2, f"{store.folder} is in use by a running sweep")
-    code, told = run(config, "--dry-run")
+        code, told = run(config, "--dry-run")
     assert code == 0
     assert "would be removed: 1 (1.0 MB); left: 1.0 MB" in told
     assert store.has(b)
@@ -190,6 +190,10 @@ def test_the_command_at_a_url_has_to_be_told_that_no_sweep_runs(tmp_path, monkey
     code, told = run(store.url)
     assert code == 2
     assert "--unlocked" in told
+    code, told = run(store.url, "--dry-run")
+    assert code == 0
+    assert "would be removed: 1 " in told
+    assert store.has(a)
     assert run(store.url, "--unlocked")[0] == 0
     assert not store.has(a)
 
@@ -217,3 +221,14 @@ def test_what_is_not_a_store_is_left_alone(tmp_path):
     Store(tmp_path).refer("one", [])
     assert run(tmp_path)[0] == 0
     assert folder.is_dir()
+
+
+def test_sweeps_are_given_up_all_or_none(tmp_path):
+    store = Store(tmp_path)
+    for name in ("one", "two"):
+        store.refer(name, [])
+    code, told = run(tmp_path, "--forget", "one", "--forget", "odd")
+    assert (code, told) == (2, f"{tmp_path}: no sweep 'odd'; there are one, two")
+    assert set(store.references()) == {"one", "two"}
+    assert run(tmp_path, "--forget", "one", "--forget", "two")[0] == 0
+    assert store.references() == {}

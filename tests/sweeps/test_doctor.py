@@ -4,9 +4,13 @@ import json
 import os
 import subprocess
 import sys
+from base64 import b64encode
 from collections import namedtuple
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
+from threading import Thread
+from urllib.parse import quote
 
 import pytest
 from typer.testing import CliRunner
@@ -117,9 +121,10 @@ def test_a_machine_without_sumo(monkeypatch):
 @pytest.mark.parametrize(("free", "state"), [(5e8, "missing"), (5e9, "weak"), (5e11, "good")])
 def test_a_disk(monkeypatch, tmp_path, free, state):
     monkeypatch.setattr("shutil.disk_usage", lambda path: Usage(1e12, 1e12 - free, free))
-    found = checks.disk(tmp_path / "runs", "output")
+    found = checks.disk(tmp_path / "runs", "output", "my grid.yaml")
     assert found.state == state
-    assert bool(found.remedy) == (state != "good")
+    clean = "python -m sweeps.clean 'my grid.yaml', or another output in the file"
+    assert found.remedy == ("" if state == "good" else clean)
     assert not list(tmp_path.iterdir())
 
 
@@ -128,7 +133,7 @@ def test_a_folder_that_cannot_be_written(monkeypatch, tmp_path):
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr("tempfile.TemporaryFile", refuse)
-    found = checks.disk(tmp_path / "runs", "output")
+    found = checks.disk(tmp_path / "runs", "output", "grid.yaml")
     assert (found.state, found.found) == ("missing", f"{tmp_path}: Permission denied")
 
 
@@ -164,6 +169,37 @@ def test_a_tracking_server_that_is_not_there():
     assert "refused" in found.found
 
 
+@pytest.mark.parametrize("password", ["s3s@me", "other"])
+def test_a_tracking_server_behind_a_password(password):
+    """The password of an address, and never in the answer."""
+    wanted = f"Basic {b64encode(b'me:s3s@me').decode()}"
+
+    class Guarded(BaseHTTPRequestHandler):
+        def do_GET(self):
+            allowed = self.path == "/health" and self.headers["Authorization"] == wanted
+            self.send_response(200 if allowed else 401)
+            self.end_headers()
+
+        def log_message(self, *_):
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Guarded) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        address = f"127.0.0.1:{server.server_port}"
+        found = checks.mlflow(f"http://me:{quote(password)}@{address}/")
+        server.shutdown()
+    shown = f"http://me:***@{address}/"
+    if password == "s3s@me":
+        assert (found.state, found.found) == ("good", f"{shown} answers")
+    else:
+        assert (found.state, found.found) == ("missing", f"{shown}: HTTP 401")
+    gone = checks.mlflow(f"http://me:{quote(password)}@127.0.0.1:1")
+    assert gone.found == "http://me:***@127.0.0.1:1: [Errno 111] Connection refused"
+    wrong = checks.mlflow(f"http://me:{password}@:a port")
+    assert wrong.state == "missing"
+    assert password not in str(wrong)
+
+
 def test_a_database_that_is_not_there_does_not_show_its_password(monkeypatch):
     found = checks.mlflow("postgresql://me:sesame@127.0.0.1:1/runs")
     assert found.state == "missing"
@@ -174,6 +210,14 @@ def test_a_remote_store():
     assert checks.remote_store("memory://bucket/store").state == "good"
     found = checks.remote_store("nonsense://bucket")
     assert (found.state, found.remedy) == ("missing", "mend store.url in the file")
+
+
+@pytest.mark.parametrize(("protocol", "package"), [("gs", "gcsfs"), ("abfs", "adlfs")])
+def test_the_package_of_a_remote_store(monkeypatch, protocol, package):
+    monkeypatch.setitem(sys.modules, package, None)
+    found = checks.remote_store(f"{protocol}://bucket/store")
+    assert found.state == "missing"
+    assert found.remedy.endswith(f"-m pip install {package}")
 
 
 def test_one_failing_check_does_not_stop_the_others(monkeypatch):
@@ -206,6 +250,35 @@ def test_exit_code_and_remedies(monkeypatch):
     assert "SUMO: install 'it[all]'" in done.output
     done = call(monkeypatch, [missing], "--json")
     assert (done.exit_code, json.loads(done.output)[0]["check"]) == (1, "SUMO")
+
+
+def test_overrides(monkeypatch, tmp_path):
+    config = tmp_path / "grid.yaml"
+    config.write_text("grid: {placement: [line]}\n")
+    asked = []
+    monkeypatch.setattr(doctor, "look", lambda found: asked.append(found) or [])
+
+    def called(*overrides):
+        done = CliRunner().invoke(doctor.app, [str(config), *overrides])
+        assert done.exit_code == 0
+        return asked.pop()
+
+    assert (called().ray, called().cleaned) == ("local", str(config))
+    found = called("--set", "ray=10.0.0.1:6379", "--set", f"store={tmp_path}/other")
+    assert found.ray == "10.0.0.1:6379"
+    assert found.cleaned == f"{tmp_path}/other"
+    found = called("--set", "store=s3://bucket/store")
+    assert found.cleaned == found.store == "s3://bucket/store"
+
+
+def test_overrides_of_the_scenes_and_of_nothing(tmp_path):
+    config = tmp_path / "grid.yaml"
+    config.write_text("grid: {placement: [line]}\n")
+    assert doctor.scenes(config, ["grid.placement=[line, center]"]).found.startswith("2 trials")
+    done = CliRunner().invoke(doctor.app, ["--set", "ray=debug"])
+    assert (done.exit_code, done.stderr) == (2, "--set: name the configuration file too\n")
+    done = CliRunner().invoke(doctor.app, [str(config), "--set", "nonsense=1"])
+    assert done.exit_code == 2
 
 
 def test_a_wrong_configuration(tmp_path):

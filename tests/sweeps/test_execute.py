@@ -2,9 +2,10 @@ import pytest
 
 from sweeps import worker
 from sweeps.backends import InProcess
-from sweeps.execute import execute
+from sweeps.execute import Outcome, execute
 from sweeps.failures import Failure, FailureFolder
 from sweeps.resources import Need, need_of, probes_of, rounded_share
+from sweeps.result_folder import DamagedResult
 from sweeps.schedule import Schedule
 from sweeps.store import Store
 from sweeps.task import Task
@@ -125,7 +126,7 @@ def test_a_failure_takes_down_what_needs_it_and_nothing_else(tmp_path, stages):
     failures, recorder, store = run([*tasks[:2], broken, needs, *tasks[2:]], tmp_path)
     assert reasons(failures) == {
         broken.key: "no such thing",
-        needs.key: "needs finetune 'broken', which failed",
+        needs.key: "finetune 'broken' failed: no such thing",
     }
     assert [failures[task.key].follows for task in (broken, needs)] == [False, True]
     assert store.has(tasks[-1])
@@ -139,7 +140,7 @@ def test_what_failed_for_good_is_not_tried_again(tmp_path, stages):
     failures, recorder, store = run(tasks, tmp_path, known)
     assert reasons(failures) == {
         tasks[1].key: "the data are wrong",
-        tasks[3].key: "needs collect 'b', which failed",
+        tasks[3].key: "collect 'b' failed: the data are wrong",
     }
     assert ("started", "b") not in recorder.log
     assert store.has(tasks[2])
@@ -156,6 +157,7 @@ def test_what_failed_for_good_is_not_tried_again(tmp_path, stages):
         (ValueError("a bad box"), True),
         (ArithmeticError("the loss is nan"), True),
         (OSError(28, "No space left on device"), False),
+        (DamagedResult("table.parquet is missing; remove it"), False),
         (MemoryError(), False),
         (RuntimeError("CUDA error: unspecified launch failure"), False),
     ],
@@ -171,10 +173,27 @@ def test_only_data_and_settings_fail_for_good(tmp_path, monkeypatch, error, last
     folder.write(task, failures[task.key])
     assert folder.read() == failures
     assert failures[task.key].lasting is lasting
-    assert type(error).__name__ in folder.log(task).read_text()
+    assert str(error).split(";")[0] in folder.log(task).read_text()
     folder.forget(task.key)
     assert not folder.read()
     assert not folder.log(task).exists()
+
+
+def test_which_failures_the_next_run_knows(tmp_path):
+    folder = FailureFolder(tmp_path / "failed")
+    kinds = {"a": Failure("bad data", lasting=True), "b": Failure("the worker died")}
+    tasks = {name: Task("scene", name, {"n": name}) for name in "abc"}
+
+    def fill():
+        for name, task in tasks.items():
+            folder.write(task, kinds.get(name, kinds["a"]))
+
+    fill()
+    assert folder.known(rerun=False, there={tasks["c"].key}) == {tasks["a"].key: kinds["a"]}
+    assert set(folder.read()) == {tasks["a"].key}, "the others are tried again, or there"
+    fill()
+    assert folder.known(rerun=True, there=set()) == {}
+    assert not list(folder.folder.iterdir())
 
 
 def test_another_driver_may_finish_a_task_first(tmp_path, monkeypatch):
@@ -222,8 +241,48 @@ class Probing(InProcess):
 
 
 def training(n, detector="second", batch_size=8, inputs=()):
-    params = {"n": n, "detector": detector, "training": {"batch_size": batch_size}}
+    params = {"seed": n, "detector": detector, "training": {"batch_size": batch_size}}
     return Task("finetune", f"{detector} {n}", params, inputs, gpu=True, resumable=True)
+
+
+def test_a_gpu_that_is_too_small_for_one_frame_is_not_tried_for_ever(tmp_path, monkeypatch):
+    class OutOfMemoryError(RuntimeError):
+        """Of the same name as torch's."""
+
+    tried = []
+
+    def fail(params, *inputs, **how):
+        tried.append(how)
+        raise OutOfMemoryError("CUDA out of memory")
+
+    for stage in ("probe", "finetune"):
+        monkeypatch.setitem(worker.FUNCTIONS, stage, fail)
+    for backend in (InProcess, Probing):
+        tried.clear()
+        failures, _, _ = run([training(1, batch_size="auto")], tmp_path, backend=backend)
+        assert len(failures) == 1
+        assert [how["halvings"] for how in tried if how] == [0, 1, 2, 3, 4]
+
+
+def test_what_failed_in_a_rung_may_succeed_later(tmp_path, monkeypatch):
+    """And what failed for good there is not tried again."""
+    asked = []
+
+    def flaky(params):
+        asked.append(params["n"])
+        if params["n"] == "bad":
+            raise ValueError("the data are wrong")
+        if asked.count(params["n"]) == 1:
+            raise OSError(28, "No space left on device")
+        return {"n": 1}
+
+    monkeypatch.setitem(worker.FUNCTIONS, "scene", flaky)
+    tasks = [Task("scene", name, {"n": name}) for name in ("bad", "unlucky")]
+    store, outcome = Store(tmp_path), Outcome()
+    for _ in range(2):
+        execute(tasks, store, InProcess(store), Recorder(), outcome)
+    assert set(outcome.failures) == {tasks[0].key}
+    assert asked == ["bad", "unlucky", "unlucky"]
 
 
 def test_a_training_that_is_too_large_for_a_gpu_is_tried_alone_with_half_the_batch(
@@ -236,8 +295,8 @@ def test_a_training_that_is_too_large_for_a_gpu_is_tried_alone_with_half_the_bat
 
     def train(params, *inputs, folder, batch_size, halvings):
         size = params["training"]["batch_size"] >> halvings
-        tried.append((params["n"], size))
-        if size > params["n"]:
+        tried.append((params["seed"], size))
+        if size > params["seed"]:
             raise OutOfMemoryError("CUDA out of memory")
         return {"batch_size": size}
 
@@ -278,11 +337,13 @@ def test_the_memory_of_a_training_is_that_of_its_probe(tmp_path, monkeypatch):
         (need,) = backend.needs[task.key]
         assert need.memory > 200e6
         assert store.load(task) == {"batch_size": 4}
-    (probed,) = set(probes_of(tasks).values())
+    (probed,) = set(probes_of(tasks, "this process", 1.0).values())
     assert need.memory == int(store.record(probed)["peak_memory"] * 1.25)
-    later = execute([training(3, batch_size="auto")], store, backend, recorder)
-    assert not later.failures
-    assert [label for kind, label in recorder.log if kind == "started"].count("second") == 2
+    more = [*tasks, training(3, batch_size="auto")]
+    assert not execute(more, store, backend, recorder).failures
+    assert [label for kind, label in recorder.log if kind == "started"].count("second") == 1, (
+        "a resumed sweep has the same probe"
+    )
 
 
 def test_trainings_go_on_if_their_probe_fails(tmp_path, stages, monkeypatch):
@@ -297,6 +358,27 @@ def test_trainings_go_on_if_their_probe_fails(tmp_path, stages, monkeypatch):
     assert not failures
     assert store.has(task)
     assert ("failed", "second", "RuntimeError: no memory to look at") in recorder.log
+
+
+def test_a_probe_that_fell_with_two_inputs_lets_go_once():
+    """A scene takes down clouds and ground truth of one training; the other waits for its own."""
+    towns, parts, trainings = {}, {}, {}
+    for n in (1, 2):
+        towns[n] = Task("scene", f"town {n}", {"n": n})
+        stages = ("collect", "ground_truth")
+        parts[n] = tuple(Task(stage, f"{n}", {"n": n}, (towns[n],)) for stage in stages)
+        trainings[n] = training(n, inputs=parts[n])
+    probe = Task("probe", "second", {}, parts[1])
+    tasks = [towns[1], *parts[1], probe, trainings[1], towns[2], *parts[2], trainings[2]]
+    schedule = Schedule(tasks, set(), {item.key: probe for item in trainings.values()})
+    assert schedule.next() is towns[1]
+    schedule.fail(towns[1], Failure("no such town"))
+    started = []
+    while (task := schedule.next()) is not None:
+        started.append(task)
+        assert all(item in started for item in task.inputs), task.label
+        schedule.finish(task)
+    assert started == [towns[2], *parts[2], trainings[2]]
 
 
 def test_trainings_of_other_placements_go_on_if_the_clouds_of_the_probe_fail(

@@ -18,6 +18,7 @@ from sweeps.grid import ConfigError, read_sweep
 from sweeps.plan import make_plan
 from sweeps.promotion import at_most, promote, survivors
 from sweeps.store import Store
+from sweeps.trial_results import trial_failure
 from sweeps.worker import FUNCTIONS
 
 PLACEMENTS = ["line", "center", "square", "pyramid"]
@@ -182,8 +183,48 @@ def test_a_placement_whose_trainings_fail_does_not_go_on(log, quick, monkeypatch
     assert math.isnan(table.loc["center", "value"])
     assert table.loc["center", "rank"] == 4
     full = [t for t in plan.trials if t.grid_point.point.placement == "center"][-1]
-    assert promotion.pruned[full.key] == "has no AP_R40_3D (Car) to be ranked by"
+    assert promotion.pruned[full.key] == "rung 0 has no AP_R40_3D of every seed"
     assert any(isinstance(f, Failure) for f in outcome.failures.values())
+
+
+def test_a_mean_over_fewer_seeds_does_not_count(log, quick):
+    ap, _ = quick
+    sweep, plan = read(log, promote=SWEEP["promote"][1:])
+    set_ap(ap, plan, {"line": 1.0, "center": 2.0, "square": 3.0, "pyramid": 0.0})
+    line = next(t for t in plan.trials if t.grid_point.point.placement == "line")
+
+    def lucky(seed, epochs):
+        if seed == 1:
+            raise OSError(28, "No space left on device")
+        return 99.0
+
+    ap[repr(line.collect_test[0].params["mounts"])] = lucky
+    promotion, _, _ = run(sweep, plan, log)
+    table = promotion.table().set_index("placement")
+    assert math.isnan(table.loc["line", "value"])
+    assert table["kept"].to_dict() == dict.fromkeys(PLACEMENTS, False) | {"square": True}
+
+
+def test_a_failed_surrogate_is_a_failure_and_no_verdict(log, quick, monkeypatch):
+    ap, trained = quick
+    sweep, plan = read(log)
+    set_ap(ap, plan, dict.fromkeys(PLACEMENTS, 1.0))
+    true = FUNCTIONS["surrogates"]
+    first = plan.trials[0]
+
+    def fail(params, pog):
+        if params["mounts"] == first.surrogates.params["mounts"]:
+            raise OSError(28, "No space left on device")
+        return true(params, pog)
+
+    monkeypatch.setitem(FUNCTIONS, "surrogates", fail)
+    promotion, _, outcome = run(sweep, plan, log)
+    name = first.grid_point.point.placement
+    own = [t for t in plan.trials if t.grid_point.point.placement == name]
+    assert not any(trial.key in promotion.pruned for trial in own)
+    assert all(trial_failure(trial, outcome.failures) for trial in own)
+    assert trained, "the others go on"
+    assert not {t.finetune.key for t in own} & set(outcome.times)
 
 
 def test_placements_compete_within_a_detector(log, quick):
@@ -221,6 +262,10 @@ def test_without_a_detector_nothing_is_trained(log):
     ("rungs", "message"),
     [
         ([{"by": "s_mig", "keep": 1}], r"promote\[0\]: direction: s_mig is highest"),
+        (
+            [{"by": "recall", "keep": 1, "set": {"training.epochs": 10}}],
+            r"promote\[0\].set: these trainings see as many frames as the full ones",
+        ),
         ([{"by": "m_sog", "keep": 0}], r"promote\[0\].keep: found 0"),
         ([{"by": "AP", "keep": 1}], r"promote\[0\].by: found 'AP'"),
         ([{"by": "recall", "keep": 1}], r"promote\[0\]: set: a rung by recall needs shorter"),
@@ -240,6 +285,10 @@ def test_without_a_detector_nothing_is_trained(log):
         (
             [{"by": "recall", "keep": 1, "set": {"lidar.beams": 1}}],
             r"promote\[0\].set.lidar.beams: allowed are keys of training",
+        ),
+        (
+            [{"by": "recall", "keep": 1, "set": {"training": {"epochs": 1}}}],
+            r"promote\[0\].set.training: allowed are keys of training",
         ),
     ],
 )

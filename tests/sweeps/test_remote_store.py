@@ -14,6 +14,7 @@ from fsspec.registry import known_implementations
 
 from lidarplace.files import replacing
 from sweeps import mirror
+from sweeps.attempt import attempts
 from sweeps.remote_store import RemoteStore, open_store
 from sweeps.store import Store
 from sweeps.task import Task
@@ -156,26 +157,63 @@ def test_checkpoints_are_copied_while_the_task_runs(machine, url, tmp_path, monk
     filesystem, root = fsspec.url_to_fs(url)
     place = f"{root}/{TASK.stage}/.{TASK.key}.working"
     there = tmp_path / "there"
-    there.mkdir()
+    found = []
     with store.working_folder(TASK) as folder:
         for n in ("1", "2", "3"):
             write(folder / "last.pt", n)
             give_up = time.monotonic() + 60
-            while texts(there) != {"last.pt": n}:
+            while {"last.pt": n} not in found:
                 assert time.monotonic() < give_up
                 mirror.fetch(filesystem, place, there)
+                found = [texts(attempt) for attempt in attempts(there)]
     versions = [path for path in files_at(url) if folder.name in path and "last.pt" in path]
     assert len(versions) == 1, "what was replaced is removed"
 
 
 def test_a_remote_place_that_does_not_answer_stops_no_training(machine, monkeypatch, caplog):
-    def broken(*args):
-        raise ConnectionError("no route")
-
     monkeypatch.setattr(mirror, "_copy_changed", broken)
     with machine("one").working_folder(TASK) as folder:
         write(folder / "last.pt", "1")
     assert "no route" in caplog.text
+
+
+def broken(*args, **kwargs):
+    raise ConnectionError("no route")
+
+
+def test_what_was_trained_without_the_remote_place_is_kept(machine, monkeypatch):
+    """It does not answer while both machines go on with what they have of an attempt."""
+    one, other = machine("one"), machine("other")
+    with one.working_folder(TASK) as folder:
+        write(folder / "last.pt", "1")
+    for store, begun in ((one, "1"), (other, "1"), (one, "1, one"), (other, "1, other")):
+        with monkeypatch.context() as patch, store.working_folder(TASK) as folder:
+            assert texts(folder) == {"last.pt": begun}
+            patch.setattr(mirror, "_copy_changed", broken)
+            name = "one" if store is one else "other"
+            write(folder / "last.pt", f"1, {name}")
+    with one.working_folder(TASK) as folder:
+        write(folder / "last.pt", "2")
+    with other.working_folder(TASK) as folder:
+        assert texts(folder) == {"last.pt": "2"}, "what another machine left last counts"
+
+
+def test_a_fetch_that_breaks_off_spoils_nothing(machine, url, monkeypatch):
+    one, other = machine("one"), machine("other")
+    with one.working_folder(TASK) as folder:
+        write(folder / "last.pt", "whole")
+
+    def half(filesystem, place, path, **kwargs):
+        Path(path).write_text("wh")
+        raise ConnectionError("no route")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(type(fsspec.url_to_fs(url)[0]), "get_file", half)
+        with pytest.raises(ConnectionError):
+            other.working_folder(TASK).__enter__()
+    assert list(other.local.attempts(TASK).iterdir()) == []
+    with other.working_folder(TASK) as folder:
+        assert texts(folder) == {"last.pt": "whole"}
 
 
 def test_notes_and_references_are_seen_by_all(machine):
@@ -183,6 +221,11 @@ def test_notes_and_references_are_seen_by_all(machine):
     with one.running(TASK, {"host": "n1"}):
         assert other.running_notes([TASK]) == {TASK.key: {"host": "n1"}}
     assert other.running_notes([TASK]) == {}
+    lost = one.running(TASK, {})
+    lost.__enter__()  # and never left
+    assert other.running_notes([TASK]) == {TASK.key: {}}
+    other.end_running(iter([TASK]))
+    assert one.running_notes([TASK]) == {}
     assert other.references() == {}
     one.refer("tiny", {"b", "a"})
     assert other.references() == {"tiny": {"a", "b"}}
@@ -190,6 +233,18 @@ def test_notes_and_references_are_seen_by_all(machine):
     assert one.references() == {}
     with pytest.raises(ValueError, match="no sweep 'tiny'; there are none"):
         other.forget("tiny")
+    one.refer("tiny", {"a"})
+    with pytest.raises(ValueError, match="no sweep 'odd'; there are tiny"):
+        other.forget("tiny", "odd")
+    assert one.references() == {"tiny": {"a"}}
+
+
+def test_a_note_that_is_not_whole_is_left_out(machine, url):
+    store = machine("one")
+    filesystem, root = fsspec.url_to_fs(url)
+    with store.running(TASK, {"host": "n1"}):
+        filesystem.pipe_file(f"{root}/{TASK.stage}/{store.local.note(TASK).name}", b'{"host": ')
+        assert store.running_notes([TASK]) == {}
 
 
 def test_a_sweep_at_a_url_cannot_be_locked_out(machine):

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from sweeps.failures import Failure, FailureFolder
 from sweeps.grid import read_sweep
 from sweeps.plan import make_plan
+from sweeps.schedule import Schedule
 from sweeps.state import sweep_state
 from sweeps.status import app
 from sweeps.store import Store
@@ -92,14 +93,16 @@ def test_the_reason_is_that_of_the_first_task_that_failed(sweep):
     _, found, plan, store = sweep
     scene = plan.trials[0].scenes[0]
     failures = FailureFolder(found.common.output / "grid/failed")
-    failures.write(scene, Failure("no such town", "Traceback …", lasting=True))
-    for task in plan.tasks:
-        if task is not scene:
-            failures.write(task, Failure("needs …", lasting=True, follows=True))
+    schedule = Schedule(plan.tasks, set(), {})
+    for task in schedule.fail(scene, Failure("no such town", "Traceback …", lasting=True)):
+        failures.write(task, schedule.failed[task.key])
     state = sweep_state(found, plan, store)
     assert {t.status for t in state.trials} == {"failed"}
-    assert {t.detail for t in state.trials} == {f"scene '{scene.label}': no such town"}
-    assert {t.log for t in state.trials} == {str(failures.log(scene))}
+    assert {t.detail for t in state.trials} == {f"scene '{scene.label}' failed: no such town"}
+    assert all("Traceback …" in Path(t.log).read_text() for t in state.trials)
+    finish(store, scene)  # by another sweep that shares the store
+    assert failures.known(rerun=False, there={scene.key}) == {}
+    assert {t.status for t in sweep_state(found, plan, store).trials} == {"waiting"}
 
 
 def test_a_result_outweighs_an_old_failure(sweep):

@@ -4,11 +4,12 @@ import errno
 import json
 import multiprocessing
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import threading
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ import pytest
 from lidarplace.files import replacing
 from sweeps.attempt import snapshot
 from sweeps.store import Store
+from sweeps.store_lock import is_locked, locked
 from sweeps.task import Task
 
 ROOT = Path(__file__).parents[2]
@@ -99,7 +101,7 @@ def full_disk(*args, **kwargs):
         "torch.save",
         "pathlib.Path.write_text",
         "sweeps.result_folder.sync",
-        "sweeps.store.sync",
+        "sweeps.whole_folder.sync",
         "pathlib.Path.rename",
     ],
 )
@@ -239,6 +241,42 @@ def test_two_attempts_at_once_do_not_disturb_each_other(store):
                 write(other / "last.pt", "3")
 
 
+def killed_while_copying(folder):
+    def half(source, target):
+        Path(target).write_bytes(Path(source).read_bytes()[:2])
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    shutil.copy2 = half
+    Store(folder).working_folder(TASK).__enter__()
+
+
+def test_a_process_killed_while_it_takes_over_checkpoints_spoils_none(store):
+    with store.working_folder(TASK) as folder:
+        write(folder / "last.pt", "whole")
+    process = multiprocessing.get_context("spawn").Process(
+        target=killed_while_copying, args=(store.folder,)
+    )
+    process.start()
+    process.join(60)
+    assert process.exitcode == -signal.SIGKILL
+    for _ in range(2):
+        with store.working_folder(TASK) as folder:
+            assert texts(folder) == {"last.pt": "whole"}
+    store.discard(TASK)
+    assert names(store) == []
+
+
+@pytest.mark.parametrize("step", ["shutil.copy2", "sweeps.attempt.sync", "pathlib.Path.rename"])
+def test_a_full_disk_while_checkpoints_are_taken_over_leaves_nothing(store, monkeypatch, step):
+    with store.working_folder(TASK) as folder:
+        write(folder / "last.pt", "whole")
+    with monkeypatch.context() as patch:
+        patch.setattr(step, full_disk)
+        with pytest.raises(OSError, match="No space left"):
+            store.working_folder(TASK).__enter__()
+    assert list(store.attempts(TASK).iterdir()) == [folder]
+
+
 def test_checkpoints_are_taken_over_as_of_one_moment(tmp_path):
     source = tmp_path / "source"
     source.mkdir()
@@ -278,6 +316,27 @@ def test_a_note_tells_that_a_task_runs(store):
         assert store.running_notes([TASK]) == {}
 
 
+@pytest.mark.parametrize("text", ["", '{"host": "n', "\0\0\0"])
+def test_a_note_that_is_not_whole_is_left_out(store, text):
+    with store.running(TASK, {"host": "n1"}):
+        store.note(TASK).write_text(text)
+        assert store.running_notes([TASK]) == {}
+
+
+def test_a_driver_ends_what_a_killed_one_ran(store, monkeypatch):
+    tasks = [Task("scene", str(n), {"n": n}) for n in range(20)]
+    lost = [store.running(task, {}) for task in tasks[:3]]
+    for block in lost:
+        block.__enter__()  # and never left
+    calls = []
+    listdir = os.listdir
+    with monkeypatch.context() as patch:
+        patch.setattr("os.listdir", lambda path: (calls.append(path), listdir(path))[1])
+        store.end_running(iter([*tasks[1:], Task("pog", "p", {})]))
+    assert len(calls) == 2
+    assert store.running_notes(tasks) == {tasks[0].key: {}}
+
+
 def test_a_sweep_refers_to_its_last_configuration(store):
     assert store.references() == {}
     store.refer("one", ["a", "b"])
@@ -287,7 +346,8 @@ def test_a_sweep_refers_to_its_last_configuration(store):
     store.forget("two")
     assert store.references() == {"one": {"c"}}
     with pytest.raises(ValueError, match=r"no sweep 'two'; there are one"):
-        store.forget("two")
+        store.forget("one", "two")
+    assert store.references() == {"one": {"c"}}, "all or none"
 
 
 @pytest.mark.parametrize("text", ["", '["a"', json.dumps({"a": 1})])
@@ -296,6 +356,8 @@ def test_a_damaged_reference_is_not_taken_for_none(store, text):
     store.sweep_file("one").write_text(text)
     with pytest.raises(ValueError, match=r"one\.json: expected a list of keys"):
         store.references()
+    store.forget("one")
+    assert store.references() == {}
 
 
 def test_a_killed_driver_holds_no_lock(store):
@@ -319,3 +381,34 @@ with locked(Path({str(store.folder)!r}), alone=False):
         driver.communicate(timeout=60)
     with store.exclusive(), pytest.raises(ValueError, match="in use"):
         store.exclusive().__enter__()
+
+
+def test_a_look_at_the_lock_refuses_no_driver(tmp_path, monkeypatch):
+    look = ExitStack()
+    look.enter_context(locked(tmp_path, alone=False))
+    monkeypatch.setattr("time.sleep", lambda seconds: look.close())  # it ends while a driver waits
+    with locked(tmp_path, alone=True):
+        assert is_locked(tmp_path)
+
+
+def test_looks_do_not_see_each_other(tmp_path):
+    assert not is_locked(tmp_path / "none")
+    assert not is_locked(tmp_path)
+    assert not list(tmp_path.iterdir()), "a look makes nothing"
+    with locked(tmp_path, alone=True):
+        assert is_locked(tmp_path)
+    with locked(tmp_path, alone=False):
+        assert not is_locked(tmp_path)
+
+
+def test_sizes_are_told_while_a_task_ends(store, monkeypatch):
+    with store.running(TASK, {}):
+        note, stat = store.note(TASK), Path.stat
+
+        def gone(path, **kwargs):
+            if path == note:
+                raise FileNotFoundError(errno.ENOENT, "gone", path)
+            return stat(path, **kwargs)
+
+        monkeypatch.setattr(Path, "stat", gone)
+        assert [entry.size for entry in store.contents()] == [0]

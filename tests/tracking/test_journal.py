@@ -24,8 +24,7 @@ TRIAL = TrialEntry(
     time=1_700_000_000_000,
     params={"seed": "1"},
     points=(("loss", 1, 0.1 + 0.2), ("AP", 0, 1e-300)),
-    tags={"lidarplace.status": "pruned"},
-    failed=False,
+    error=None,
 )
 ARTIFACT = ArtifactEntry(sweep="k1", path="/runs/demo/report.html", folder=None)
 STATUS = StatusEntry(sweep="k1", status="FINISHED")

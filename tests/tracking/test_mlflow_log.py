@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import socket
 import sys
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -11,6 +12,7 @@ from threading import Thread
 
 import numpy as np
 import pytest
+import requests
 from mlflow_runs_of import (
     CURVE,
     assert_logged_once,
@@ -21,6 +23,7 @@ from mlflow_runs_of import (
 )
 
 from tracking.journal import Journal, RefusedEntry
+from tracking.mlflow_connection import is_away
 from tracking.mlflow_log import SweepLog, public_uri, trial_metrics, ui_command
 from tracking.run_folder import RunFolder
 
@@ -34,6 +37,12 @@ def client(uri):
     from mlflow import MlflowClient
 
     return MlflowClient(tracking_uri=uri)
+
+
+def http_error(status):
+    response = requests.Response()
+    response.status_code = status
+    return requests.HTTPError(response=response)
 
 
 @pytest.fixture
@@ -53,15 +62,13 @@ def test_a_sweep_is_a_parent_and_a_child_a_trial(uri, journal, tmp_path):
     figure = tmp_path / "report.html"
     figure.write_text("<p>report</p>")
     with SweepLog(uri, "demo", "k1", {"epochs": 3}, journal=journal) as log:
-        tags = {"lidarplace.status": "pruned"}
         metrics = {"seconds": 2.5, "recall.all.0.50": np.nan}
-        log.trial("t1", "line · tiny · seed 1", {"seed": 1}, metrics, CURVE, tags=tags)
+        log.trial("t1", "line · tiny · seed 1", {"seed": 1}, metrics, CURVE)
         log.artifact(figure)
     runs = runs_of(uri)
     parent, child = runs["demo"], runs["line · tiny · seed 1"]
     assert parent.data.params == {"epochs": "3"}
     assert child.data.tags["mlflow.parentRunId"] == parent.info.run_id
-    assert child.data.tags["lidarplace.status"] == "pruned"
     assert child.data.metrics == {"seconds": 2.5, "loss": 1.5}
     assert {run.info.status for run in runs.values()} == {"FINISHED"}
     history = client(uri).get_metric_history(child.info.run_id, "loss")
@@ -129,6 +136,21 @@ def test_of_two_runs_of_a_trial_one_stays(uri, journal):
     assert runs_of(uri)["line · tiny · seed 1"].info.run_id == first.info.run_id
 
 
+def test_of_two_parents_the_oldest_stays_and_has_all_trials(uri, journal):
+    """The lost call was carried out late: what was made in its place has the trials."""
+    log_two(uri, journal)
+    mlflow = client(uri)
+    second = runs_of(uri)["demo"]
+    mine = {"lidarplace.sweep": "k1"}
+    first = mlflow.create_run(second.info.experiment_id, 1, mine, "demo")
+    log_two(uri, journal)
+    runs = runs_of(uri)
+    assert runs.pop("demo").info.run_id == first.info.run_id
+    assert {run.data.tags["mlflow.parentRunId"] for run in runs.values()} == {first.info.run_id}
+    assert mlflow.get_run(first.info.run_id).info.status == "FINISHED"
+    assert mlflow.get_run(second.info.run_id).info.lifecycle_stage == "deleted"
+
+
 def test_a_failed_trial_is_marked_and_may_succeed_later(uri, journal):
     with SweepLog(uri, "demo", "k1", {}, journal=journal) as log:
         log.trial("t1", "line", {}, {}, error="ValueError: no box")
@@ -192,6 +214,65 @@ def test_what_mlflow_refuses_does_not_hold_up_the_rest(uri, journal):
     (journal.parent / "missing.html").touch()
     log_two(uri, journal, "k2")
     assert runs_of_key(uri, "k1")["bad"].data.metrics == {"a name": 1.0}
+
+
+def test_artifacts_that_cannot_be_written_hold_up_nothing(uri, journal, tmp_path):
+    root = tmp_path / "store" / "artifacts"
+    root.write_text("a file where a folder should be")
+    report = tmp_path / "report.html"
+    report.write_text("<p>report</p>")
+    said = []
+    for seed in (1, 2):  # the second driver tries the artifact again, and goes on
+        with SweepLog(uri, "demo", "k1", {}, journal=journal, say=said.append, patience_s=5) as log:
+            log.artifact(report)
+            log_trial(log, seed)
+        assert (log.undelivered, log.refused) == (0, seed)
+    assert_logged_once(uri, range(1, 3))
+    assert len(said) == 3
+    assert all(line.startswith("MLflow refuses 'artifact', kept in") for line in said)
+    assert "Errno" in said[0]
+    root.unlink()
+    with SweepLog(uri, "demo", "k1", {}, journal=journal) as log:
+        pass
+    assert not journal.exists()
+    assert [path.name for path in root.rglob("*.html")] == ["report.html"]
+
+
+@pytest.mark.parametrize(
+    ("error", "away"),
+    [
+        (PermissionError(13, "Permission denied"), False),
+        (NotADirectoryError(20, "Not a directory"), False),
+        (OSError(28, "No space left on device"), False),
+        (ConnectionResetError(104, "reset by peer"), True),
+        (TimeoutError("timed out"), True),
+        (socket.gaierror(-2, "Name or service not known"), True),
+        (requests.exceptions.ChunkedEncodingError("cut"), True),
+        (http_error(403), True),
+        (http_error(413), False),
+    ],
+)
+def test_what_stops_an_artifact_for_a_while_and_what_for_good(error, away):
+    assert is_away(error, "http://host:5000") == away
+
+
+def test_an_artifact_that_is_gone_is_dropped_when_the_journal_is_opened(uri, journal, tmp_path):
+    report = tmp_path / "report.html"
+    report.write_text("<p>report</p>")
+    with (
+        answering(503) as address,
+        SweepLog(address, "demo", "k1", {}, journal=journal, say=str, patience_s=0) as log,
+    ):
+        log.artifact(report)
+        log_trial(log, 1)
+    report.unlink()
+    said = []
+    with SweepLog(uri, "demo", "k1", {}, journal=journal, say=said.append) as log:
+        pass
+    assert said == [f"MLflow: {report} is gone, it is no longer logged"]
+    assert (log.undelivered, log.refused) == (0, 0)
+    assert not journal.exists()
+    assert_logged_once(uri, range(1, 2))
 
 
 def runs_of_key(uri, key):

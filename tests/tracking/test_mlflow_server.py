@@ -71,11 +71,14 @@ def test_a_server_comes_and_goes_and_gets_everything_once(tmp_path):
         assert_logged_once(address, range(1, MORE.stop))
         assert len(list((tmp_path / "artifacts").rglob("report.html"))) == 1
 
-        # A request that the server does not take, and a sweep that it does not take.
+        # A request and a file that the server does not take, and a sweep that it does not take.
+        (tmp_path / "artifacts").rename(tmp_path / "moved")
+        (tmp_path / "artifacts").write_text("a file where a folder should be")
         with log() as refused:
+            refused.artifact(report)
             refused.trial("bad", "bad", {}, {"no such\nname": 1.0})
             log_trial(refused, MORE.stop)
-        assert refused.refused == 1
+        assert (refused.undelivered, refused.refused) == (0, 2)
         assert runs_of(address)[f"line · tiny · seed {MORE.stop}"].info.status == "FINISHED"
         with (
             pytest.raises(ValueError, match="has x = 1, now it is 2"),

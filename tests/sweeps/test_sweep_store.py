@@ -1,0 +1,62 @@
+"""The store of a configuration, and what a sweep is called there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from sweeps.grid import ConfigError, read_sweep
+from sweeps.remote_store import RemoteStore
+from sweeps.store import Store
+from sweeps.sweep_store import reference, store_of
+
+
+def sweep(folder, **settings):
+    path = folder / "grid.yaml"
+    path.write_text(
+        yaml.safe_dump({"placement": "line", "output": str(folder / "runs")} | settings)
+    )
+    return read_sweep(path)
+
+
+def test_the_default_is_a_folder_beside_the_runs(tmp_path):
+    assert store_of(sweep(tmp_path)) == Store(tmp_path / "runs/store")
+
+
+def test_folders_and_urls(tmp_path):
+    assert store_of(sweep(tmp_path, store=str(tmp_path / "a"))) == Store(tmp_path / "a")
+    found = store_of(sweep(tmp_path, store={"url": "memory://b/", "cache": str(tmp_path / "c")}))
+    assert isinstance(found, RemoteStore)
+    assert found.cache == tmp_path / "c"
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"name": "store"}, "name: the run folder would be the store"),
+        ({"name": "runs", "output": ".", "store": "runs"}, "name: the run folder would be the"),
+        ({"store": "nosuch://a"}, "nosuch"),
+        ({"store": {"url": "memory://b", "quota_gb": 1}}, "store.quota_gb: is for folders"),
+    ],
+)
+def test_mistakes(tmp_path, monkeypatch, settings, message):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ConfigError, match=message):
+        store_of(sweep(tmp_path, **settings))
+
+
+@pytest.mark.parametrize("name", ["..", ".hidden", "a/b", ""])
+def test_a_name_is_no_path(tmp_path, name):
+    with pytest.raises(ConfigError, match="name"):
+        sweep(tmp_path, name=name)
+
+
+def test_sweeps_of_one_name_in_two_folders_refer_apart(tmp_path):
+    here, there = sweep(tmp_path), sweep(tmp_path, output=str(tmp_path / "other"))
+    assert reference(here) != reference(there)
+    assert reference(here) == reference(sweep(tmp_path, output=f"{tmp_path}/./runs"))
+    assert reference(here).startswith("grid.")
+    assert reference(here, "pretrain") != reference(here)
+    assert Path(reference(here)).name == reference(here)
