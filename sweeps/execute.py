@@ -91,9 +91,11 @@ def execute(
         while True:
             while len(running) < backend.slots:
                 needs = [need for *_, need in running.values()]
-                fits = sum(need.gpu_share for need in needs) < backend.room.gpus
-                fits &= sum(need.memory for need in needs) < backend.room.memory
                 # What would wait for a GPU or for memory must not keep others from the CPUs.
+                fits = not needs or (
+                    sum(need.gpu_share for need in needs) < backend.room.gpus
+                    and sum(need.memory for need in needs) < backend.room.memory
+                )
                 if (task := schedule.next(gpu=fits)) is None:
                     break
                 if store.has(task):  # another driver was here in the meantime

@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import os
 import secrets
+import shutil
 import signal
 import socket
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pandas as pd
@@ -62,7 +64,8 @@ def cluster(tmp_path_factory):
 
     Returns the address, that of the client server, and the environment of drivers.
     """
-    folder, without = tmp_path_factory.mktemp("ray"), tmp_path_factory.mktemp("without")
+    without = tmp_path_factory.mktemp("without")
+    folder = Path(tempfile.mkdtemp(prefix="ray"))  # sockets need short paths
     for package in PACKAGES:
         (without / f"{package}.py").write_text(f"raise ImportError('{package} of this node')")
     head, client, env = free_port(), free_port(), environment()
@@ -89,12 +92,14 @@ def cluster(tmp_path_factory):
                 said.append(line)
                 if "runtime started" in line:
                     break
-            assert node.poll() is None, "".join(said)
+            else:
+                raise AssertionError("".join(said))
         yield address, f"ray://127.0.0.1:{client}", env
     finally:
         for node in reversed(nodes):
             node.send_signal(signal.SIGTERM)
             node.communicate(timeout=60)
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def sweep(folder: Path, address: str, env: dict[str, str]) -> subprocess.CompletedProcess[str]:
@@ -157,5 +162,5 @@ def test_the_client_needs_grpc(monkeypatch):
 
 
 def test_a_node_without_the_folder_of_the_driver(tmp_path):
-    with pytest.raises(ValueError, match=f"has no folder {tmp_path / 'none'}, in which"):
+    with pytest.raises(FileNotFoundError, match=f"has no folder {tmp_path / 'none'}, in which"):
         enter_folder(str(tmp_path / "none"))

@@ -1,7 +1,7 @@
 import pytest
 
 from sweeps import worker
-from sweeps.backends import InProcess
+from sweeps.backends import InProcess, Room
 from sweeps.execute import Outcome, execute
 from sweeps.failures import Failure, FailureFolder
 from sweeps.resources import Need, need_of, probes_of, rounded_share
@@ -436,6 +436,19 @@ def test_a_task_without_its_input_is_refused():
     for tasks in ([late], [late, scene]):
         with pytest.raises(ValueError, match="collect 'late' comes before its input"):
             Schedule(tasks, set(), {})
+
+
+def test_trainings_are_handed_out_though_no_machine_is_there_now(tmp_path, stages, monkeypatch):
+    """One may come; to return would be to forget them."""
+
+    class Empty(InProcess):
+        room = Room(gpus=1.0, memory=0.0)
+
+    monkeypatch.setitem(worker.FUNCTIONS, "finetune", lambda params, *inputs, **how: {"n": 1})
+    tasks = [training(1), training(2)]
+    failures, _, store = run(tasks, tmp_path, backend=Empty)
+    assert not failures
+    assert store.finished(tasks) == {task.key for task in tasks}
 
 
 def test_work_for_a_gpu_does_not_block_the_rest():

@@ -12,7 +12,7 @@ from collections import Counter
 import pytest
 from killing import GUARD_S, Sweep, descendants, differences, kill_once, wait_for_end
 
-LONG_KILLS = 24
+LONG_KILLS = 21
 
 
 @pytest.fixture(scope="module")
