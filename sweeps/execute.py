@@ -14,9 +14,7 @@ from sweeps.schedule import Schedule
 from sweeps.store import AnyStore
 from sweeps.task import Task
 from sweeps.worker import Batch
-
-LARGEST = 16
-"""Frames of a step that `batch_size: auto` may come to, `training.batch_size.LARGEST`."""
+from training.settings import LARGEST_BATCH
 
 
 class Listener(Protocol):
@@ -147,4 +145,4 @@ def _can_be_halved(task: Task, how: Batch) -> bool:
     if not task.resumable:
         return False
     size = how.batch_size or task.params["training"]["batch_size"]
-    return (LARGEST if size == "auto" else size) >> how.halvings > 1
+    return (LARGEST_BATCH if size == "auto" else size) >> how.halvings > 1

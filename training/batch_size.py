@@ -10,10 +10,9 @@ import torch
 from training.dataset import TrainingFrames, as_tensors
 from training.detectors.detector import Detector
 from training.optimisation import Optimisation
-from training.settings import TrainingSettings
+from training.settings import LARGEST_BATCH, TrainingSettings
 
 ON_CPU = 4
-LARGEST = 16
 MEMORY_SHARE = 0.8
 """Of the GPU memory that others leave; the rest is for frames that grow by augmentation."""
 
@@ -38,7 +37,7 @@ def batch_size_for(
 def largest_that_fits(fits: Callable[[int], bool]) -> int:
     """The largest power of two up to 16 below which all fit; 1 if none does."""
     size = 1
-    while size < LARGEST and fits(2 * size):
+    while size < LARGEST_BATCH and fits(2 * size):
         size *= 2
     return size
 

@@ -101,15 +101,7 @@ def finetune(
         model = build_detector(detector, classes, point_range=point_range)
         weights = _load_weights(model, settings, checkpoint_digest)
         model.to(device())
-        frames = TrainingFrames(
-            classes,
-            clouds,
-            ground_truth,
-            model.sensor_height,
-            settings.min_points,
-            settings.frame_share,
-        )
-        database = ObjectDatabase.of(frames, classes, settings.sample_groups, settings.min_points)
+        frames, database = training_data(model, classes, clouds, ground_truth, settings)
         augmentation = Augmentation(settings, model.point_range, database)
         identity = settings.model_dump(mode="json") | {
             "detector": detector,
@@ -165,6 +157,26 @@ def finetune(
         None if losses[-1] == min(losses) else kept.best(),
         earlier,
     )
+
+
+def training_data(
+    model: Detector,
+    classes: Sequence[str],
+    clouds: Clouds,
+    ground_truth: pd.DataFrame,
+    settings: TrainingSettings,
+) -> tuple[TrainingFrames, ObjectDatabase]:
+    """The frames that `model` is trained on, and the objects that are put into them."""
+    frames = TrainingFrames(
+        classes,
+        clouds,
+        ground_truth,
+        model.sensor_height,
+        settings.min_points,
+        settings.frame_share,
+    )
+    database = ObjectDatabase.of(frames, classes, settings.sample_groups, settings.min_points)
+    return frames, database
 
 
 def _train_epoch(

@@ -11,10 +11,9 @@ import torch
 from lidarplace.lidar.clouds import Clouds
 from training import build_detector
 from training.batch_size import batch_size_for, step_bytes
-from training.dataset import TrainingFrames
 from training.detectors.detector import PointRange
 from training.device import device
-from training.ground_truth_sampling import ObjectDatabase
+from training.finetune import training_data
 from training.settings import TrainingSettings
 
 
@@ -49,15 +48,7 @@ def probe(
     """
     torch.manual_seed(0)
     model = build_detector(detector, classes, point_range=point_range).to(device())
-    frames = TrainingFrames(
-        classes,
-        clouds,
-        ground_truth,
-        model.sensor_height,
-        settings.min_points,
-        settings.frame_share,
-    )
-    database = ObjectDatabase.of(frames, classes, settings.sample_groups, settings.min_points)
+    frames, database = training_data(model, classes, clouds, ground_truth, settings)
     batch_size = batch_size_for(model, frames, settings, gpu_share)
     taken = step_bytes(model, frames, settings, batch_size)
     del database  # it had to be there until now

@@ -15,6 +15,10 @@ Probability = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=0)]
 
 
+LARGEST_BATCH = 16
+"""Frames of a step that `batch_size: auto` comes to at most."""
+
+
 class TrainingSettings(BaseModel):
     """Settings of one fine-tuning; the defaults are the paper's, augmentation is KITTI's.
 
