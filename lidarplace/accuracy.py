@@ -54,7 +54,7 @@ class _Variant:
         """Whether no other variant is more accurate."""
         if not self.rays:
             return self.method == "cone"
-        return self.method == "dda" and self.azimuth_steps == placement.lidar.azimuth_steps
+        return self.method == "dda" and self.azimuth_steps == _azimuth_steps(placement)
 
 
 def accuracy(
@@ -144,7 +144,7 @@ def scale(surrogate: str, resolution: float) -> float:
 
 def _variants(placement: Placement, azimuth_steps: Collection[int]) -> Iterator[_Variant]:
     """The most accurate ways, and further methods and steps if there are `azimuth_steps`."""
-    own = placement.lidar.azimuth_steps
+    own = _azimuth_steps(placement)
     yield _Variant("cone", 0, rays=False)
     if not azimuth_steps:
         yield _Variant("dda", own, rays=True)
@@ -159,13 +159,18 @@ def _variants(placement: Placement, azimuth_steps: Collection[int]) -> Iterator[
             yield _Variant(method, round(own / stride), rays=True)
 
 
+def _azimuth_steps(placement: Placement) -> int:
+    """Those of the LiDAR that has most."""
+    return max(lidar.azimuth_steps for lidar in placement.lidars)
+
+
 def _timed(
     grid: OccupancyGrid, placement: Placement, variant: _Variant, options: dict[str, Any]
 ) -> pd.DataFrame:
     """Rows of a variant: names, values and seconds of its surrogates."""
     sensor_bits.cache_clear()  # kept coverage would be free
     if variant.rays:
-        stride = round(placement.lidar.azimuth_steps / variant.azimuth_steps)
+        stride = round(_azimuth_steps(placement) / variant.azimuth_steps)
         # With "cone" the rays are those of dda, and they are not traced for coverage as well.
         method: Method = "cone" if variant.method == "dda" else variant.method
         options = options | {"surrogates": RAY_SURROGATES, "azimuth_stride": stride}

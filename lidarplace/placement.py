@@ -41,20 +41,33 @@ class Mount:
 
 @dataclass(frozen=True)
 class Placement:
-    """A named rig: one LiDAR model on one or more mounts.
+    """A named rig: LiDARs on one or more mounts.
+
+    Attributes:
+        lidar: the model of every mount, or a sequence with one for each.
 
     Raises:
-        ValueError: there is no mount, or two LiDARs sit in one place.
+        ValueError: there is no mount, two LiDARs sit in one place, or there are not as many models
+            as mounts.
     """
 
     name: str
     mounts: Sequence[Mount]
-    lidar: Lidar
+    lidar: Lidar | Sequence[Lidar]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "mounts", tuple(self.mounts))
         if not self.mounts:
             raise ValueError(f"placement {self.name!r} has no LiDAR")
+        if not isinstance(self.lidar, Lidar):
+            models = tuple(self.lidar)
+            if len(models) != len(self.mounts):
+                raise ValueError(
+                    f"placement {self.name!r}: expected one LiDAR model or one for each of "
+                    f"{len(self.mounts)} mounts, found {len(models)}"
+                )
+            # Rigs that are alike shall be equal.
+            object.__setattr__(self, "lidar", models[0] if len(set(models)) == 1 else models)
         for i, a in enumerate(self.mounts):
             for j, b in enumerate(self.mounts[:i]):
                 if (a.x, a.y, a.z) == (b.x, b.y, b.z):
@@ -63,8 +76,15 @@ class Placement:
                         f"({a.x}, {a.y}, {a.z}); two LiDARs cannot sit in one place"
                     )
 
-    def with_lidar(self, lidar: Lidar) -> Placement:
-        """The same mounts with another LiDAR model."""
+    @property
+    def lidars(self) -> tuple[Lidar, ...]:
+        """The model of every mount."""
+        if isinstance(self.lidar, Lidar):
+            return (self.lidar,) * len(self.mounts)
+        return tuple(self.lidar)
+
+    def with_lidar(self, lidar: Lidar | Sequence[Lidar]) -> Placement:
+        """The same mounts with another LiDAR model, or with one for each."""
         return replace(self, lidar=lidar)
 
 

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 from lidarplace.placement import PAPER_PLACEMENTS, Mount, Placement
 from lidarplace.pose import from_carla
 from lidarplace.sensor import Lidar
+from lidarplace.sensor_settings import SensorSettings
 from lidarplace.yaml_loader import parse_yaml
 
 
@@ -25,6 +26,9 @@ class MountSettings(BaseModel):
     roll: FiniteFloat = 0.0
     pitch: FiniteFloat = 0.0
     yaw: FiniteFloat = 0.0
+    lidar: SensorSettings | None = Field(
+        None, description="this mount's own LiDAR model; by default that of the whole placement"
+    )
 
 
 class PlacementSettings(BaseModel):
@@ -40,11 +44,16 @@ class PlacementSettings(BaseModel):
     mounts: tuple[MountSettings, ...]
 
     def placement(self, name: str, lidar: Lidar) -> Placement:
-        """The placement in our ego frame. Raises ValueError as `Placement` does."""
+        """The placement in our ego frame, `lidar` on mounts that have none of their own.
+
+        Raises ValueError as `Placement` does.
+        """
         poses = [(m.x, m.y, m.z, m.roll, m.pitch, m.yaw) for m in self.mounts]
         if self.convention == "carla":
             poses = [from_carla(*pose) for pose in poses]
-        return Placement(name, [Mount(*pose) for pose in poses], lidar=lidar)
+        lidars = [lidar if m.lidar is None else m.lidar.lidar() for m in self.mounts]
+        # `Placement` names the mistake of a rig without mounts.
+        return Placement(name, [Mount(*pose) for pose in poses], lidar=lidars or lidar)
 
 
 def named_placement(name: str, lidar: Lidar) -> Placement:

@@ -112,7 +112,9 @@ def evaluate_classes(
     _check_probability(detection_probability)
     roi = _common_roi(grids)
     if azimuth_steps is not None:
-        placement = placement.with_lidar(replace(placement.lidar, azimuth_steps=azimuth_steps))
+        placement = placement.with_lidar(
+            [replace(lidar, azimuth_steps=azimuth_steps) for lidar in placement.lidars]
+        )
     tiles = functools.reduce(Tiles.__or__, (grid.levels.tiles for grid in grids.values()))
     h_pog = {object_class: grid.h_pog for object_class, grid in grids.items()}
 
@@ -125,7 +127,7 @@ def evaluate_classes(
         covered = pack(rays > 0)  # the same rays
     else:
         covered = covered_bits(placement, roi, method, tiles)
-    weight = ray_weight(placement.lidar, azimuth_stride)
+    weight = ray_weight(placement, azimuth_stride)
     common = time.perf_counter() - start
 
     results = {}
@@ -183,7 +185,7 @@ def expected_ig_by_q(
     for q in detection_probabilities:
         _check_probability(q)
     rays = ray_counts(placement, _common_roi(grids), "dda", azimuth_stride)
-    weight = ray_weight(placement.lidar, azimuth_stride)
+    weight = ray_weight(placement, azimuth_stride)
     gains = {}
     for object_class, grid in grids.items():
         crossings = Crossings.of_grid(grid, rays)

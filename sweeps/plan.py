@@ -268,7 +268,7 @@ class _Builder:
 def _rig(placement: Placement) -> dict[str, Any]:
     return {
         "mounts": [astuple(mount) for mount in placement.mounts],
-        "lidar": asdict(placement.lidar),
+        "lidars": [asdict(lidar) for lidar in placement.lidars],
     }
 
 

@@ -333,7 +333,9 @@ def _train(
 
 def _placement(params: Params) -> Placement:
     return Placement(
-        "placement", [Mount(*pose) for pose in params["mounts"]], lidar=Lidar(**params["lidar"])
+        "placement",
+        [Mount(*pose) for pose in params["mounts"]],
+        lidar=[Lidar(**lidar) for lidar in params["lidars"]],
     )
 
 

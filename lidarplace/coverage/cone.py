@@ -49,8 +49,8 @@ def covered_by_cones(placement: Placement, roi: Roi) -> NDArray[np.bool_]:
 def cone_bits(placement: Placement, roi: Roi, tiles: Tiles) -> Bits:
     """Voxels that the beams of `placement` cover, right for those that matter by `tiles`."""
     bits = empty(roi.shape)
-    for mount in placement.mounts:
-        bits |= sensor_bits(placement.lidar, mount, roi, tiles)
+    for mount, lidar in zip(placement.mounts, placement.lidars, strict=True):
+        bits |= sensor_bits(lidar, mount, roi, tiles)
     return bits
 
 
@@ -100,14 +100,14 @@ def _farthest(mount: Mount, roi: Roi) -> float:
 def covered_voxel_by_voxel(placement: Placement, roi: Roi) -> NDArray[np.bool_]:
     """The same as `covered_by_cones`, by the test of every single voxel: slower, always valid."""
     covered = np.zeros(roi.shape, np.bool_)
-    for mount in placement.mounts:
-        frame, sines, azimuth = _upright(placement.lidar, mount)
+    for mount, lidar in zip(placement.mounts, placement.lidars, strict=True):
+        frame, sines, azimuth = _upright(lidar, mount)
         cover_voxels(
             mount.position,
             frame,
             sines,
             azimuth,
-            placement.lidar.range,
+            lidar.range,
             roi.minimum,
             roi.resolution,
             covered,

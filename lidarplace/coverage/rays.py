@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 from typing import Literal
 
 import numpy as np
@@ -40,7 +41,7 @@ def ray_counts(
     for `ray_weight` rays.
     """
     counts = _in_layers(roi, np.int32)
-    thin = placement.with_lidar(thinned(placement.lidar, azimuth_stride))
+    thin = thinned(placement, azimuth_stride)
     for voxels, _ in _chunks(thin, roi, method):
         _count(voxels, counts.reshape(-1))
     return _by_voxel(counts)
@@ -67,29 +68,38 @@ def log_miss(
             integers 1 - p is as exact as p.
         detection_probability: q, in (0, 1].
     """
-    thin = placement.with_lidar(thinned(placement.lidar, azimuth_stride))
+    thin = thinned(placement, azimuth_stride)
     layers = np.ascontiguousarray(counts.transpose(2, 0, 1)).reshape(-1)
     result = _in_layers(roi, np.float64)
     for voxels, offsets in _chunks(thin, roi, method):
         _add_log_miss(voxels, offsets, layers, frames, detection_probability, result.reshape(-1))
-    result *= ray_weight(placement.lidar, azimuth_stride)
+    result *= ray_weight(placement, azimuth_stride)
     return _by_voxel(result)
 
 
-def thinned(lidar: Lidar, azimuth_stride: int) -> Lidar:
-    """`lidar` with `round(azimuth_steps / azimuth_stride)` azimuth steps in a turn, at least one.
+def thinned(placement: Placement, azimuth_stride: int) -> Placement:
+    """Every LiDAR with `round(azimuth_steps / azimuth_stride)` azimuth steps, at least one.
 
     Raises:
         ValueError: the stride is below 1, or none of the remaining steps is in the field of view.
     """
     if azimuth_stride < 1:
         raise ValueError(f"azimuth_stride must be at least 1, found {azimuth_stride}")
-    return replace(lidar, azimuth_steps=max(1, round(lidar.azimuth_steps / azimuth_stride)))
+    return placement.with_lidar(
+        [
+            replace(lidar, azimuth_steps=max(1, round(lidar.azimuth_steps / azimuth_stride)))
+            for lidar in placement.lidars
+        ]
+    )
 
 
-def ray_weight(lidar: Lidar, azimuth_stride: int) -> float:
-    """Rays of `lidar` that one ray of `thinned(lidar, azimuth_stride)` stands for."""
-    return lidar.rays / thinned(lidar, azimuth_stride).rays
+def ray_weight(placement: Placement, azimuth_stride: int) -> float:
+    """Rays of `placement` that one of `thinned(placement, azimuth_stride)` stands for.
+
+    The mean over the LiDARs, whose models may differ a little in what rounding makes of the stride.
+    """
+    thin = thinned(placement, azimuth_stride)
+    return sum(lidar.rays for lidar in placement.lidars) / sum(lidar.rays for lidar in thin.lidars)
 
 
 def _in_layers(roi: Roi, dtype: type[np.generic]) -> NDArray:
@@ -119,10 +129,9 @@ def _chunks(
     index: type[np.unsignedinteger] = np.uint32 if nx * ny * nz < 2**32 else np.uint64
     voxels = np.empty(max(_CHUNK, 2 * (nx + ny + nz)), index)
     offsets = np.empty(_CHUNK // 8, np.int64)
-    reach = placement.lidar.range
-    in_sensor_frame = placement.lidar.directions()
-    for mount in placement.mounts:
-        directions = in_sensor_frame @ mount.rotation.T
+    directions_of = cache(Lidar.directions)
+    for mount, lidar in zip(placement.mounts, placement.lidars, strict=True):
+        reach, directions = lidar.range, directions_of(lidar) @ mount.rotation.T
         grid = (roi.minimum, roi.resolution, shape)
         spans = clip_rays(mount.position, directions, reach, *grid)
         hit = spans[:, 0] < np.inf

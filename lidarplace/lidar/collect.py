@@ -78,25 +78,27 @@ def _clouds(
     misaligned_heights: bool,
 ) -> Iterator[tuple[NDArray[np.float32], NDArray[np.int32]]]:
     """Points of each frame, and how many come from each LiDAR; memory is used again."""
-    lidar, mounts = placement.lidar, placement.mounts
+    lidars, mounts = placement.lidars, placement.mounts
     lifts = [mounts[0].z - mount.z if misaligned_heights else 0.0 for mount in mounts]
     # A point may err into the crop from outside, so what is cast is a little larger.
-    slack = LARGEST_ERROR * lidar.range_noise
+    slack = LARGEST_ERROR * max(lidar.range_noise for lidar in lidars)
     low, high = np.array(crop[:3]) - slack, np.array(crop[3:]) + slack
     wide = [(*(low - [0, 0, lift]), *(high - [0, 0, lift])) for lift in lifts]
     # A building matters if it can stand before a point of the crop: as seen from above, neither
     # farther than the crop's farthest corner nor than the sensor itself.
     corners = np.maximum(np.abs(low), np.abs(high))
     away = max(math.hypot(mount.x, mount.y) for mount in mounts)
-    reach = min(max(math.hypot(*corners[:2]), away), lidar.range + slack + away)
+    longest = max(lidar.range for lidar in lidars)
+    reach = min(max(math.hypot(*corners[:2]), away), longest + slack + away)
 
-    points = np.empty((len(mounts) * lidar.rays, 4), np.float32)
-    hits: Hits | None = None
+    points = np.empty((sum(lidar.rays for lidar in lidars), 4), np.float32)
+    memory: dict[int, Hits] = {}
     for frame in frames.tolist():
         parts = surroundings.parts(frame, reach)
         counts = np.zeros(len(mounts), np.int32)
-        for m, mount in enumerate(mounts):
-            hits = cast(mount, lidar, parts, wide[m], into=hits)
+        for m, (mount, lidar) in enumerate(zip(mounts, lidars, strict=True)):
+            hits = cast(mount, lidar, parts, wide[m], into=memory.get(lidar.rays))
+            memory[lidar.rays] = hits
             free, key = points[counts.sum() :], (seed, frame, m)
             counts[m] = sample_points(mount, lidar, hits, crop, key, free, lifts[m])
         yield points[: counts.sum()], counts

@@ -34,9 +34,8 @@ class Profile:
     misaligned_heights: bool = False
 
     def placement(self, placement: Placement) -> Placement:
-        """`placement` as this profile mounts it: with its LiDAR, and its tilts."""
-        mounted = placement.with_lidar(self.lidar)
-        return with_tilt_in_degrees(mounted) if self.tilt_in_degrees else mounted
+        """`placement` as this profile tilts it."""
+        return with_tilt_in_degrees(placement) if self.tilt_in_degrees else placement
 
 
 def with_tilt_in_degrees(placement: Placement) -> Placement:

@@ -24,7 +24,7 @@ def rig_record(placement: Placement) -> dict[str, Any]:
     """What `placement.json` beside recorded clouds says of their placement."""
     return {
         "mounts": [asdict(mount) for mount in placement.mounts],
-        "lidar": asdict(placement.lidar),
+        "lidars": [asdict(lidar) for lidar in placement.lidars],
     }
 
 
@@ -40,10 +40,14 @@ def check_rig(folder: Path, placement: Placement) -> None:
     mounts, own = ([list(m.values()) for m in rig["mounts"]] for rig in (recorded, asked))
     if len(mounts) != len(own) or not np.allclose(mounts, own, rtol=0, atol=1e-9):
         raise ValueError(f"{path}: clouds of other mounts than those of {placement.name}")
-    for key, value in asked["lidar"].items():
-        found = recorded["lidar"][key]
-        if np.shape(found) != np.shape(value) or not np.allclose(found, value, rtol=0, atol=1e-9):
-            raise ValueError(f"{path}: clouds of a LiDAR with {key} {found}, not {value}")
+    # A rig of one model may be told of once.
+    models = recorded.get("lidars") or [recorded["lidar"]] * len(own)
+    for n, (model, asked_model) in enumerate(zip(models, asked["lidars"], strict=True)):
+        for key, value in asked_model.items():
+            found = model[key]
+            same = np.shape(found) == np.shape(value)
+            if not (same and np.allclose(found, value, rtol=0, atol=1e-9)):
+                raise ValueError(f"{path}: LiDAR {n} was one with {key} {found}, not {value}")
 
 
 def recorded_clouds(folder: Path, frames: NDArray[np.int64], crop: Crop) -> PointClouds:

@@ -4,7 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement
+from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement, Roi
+from lidarplace.coverage import coverage
+from lidarplace.coverage.rays import ray_counts
 from lidarplace.pose import from_carla
 
 TABLE = pd.read_csv(Path(__file__).parents[1] / "data/paper_placements.csv")
@@ -51,3 +53,30 @@ def test_bad_sensors():
         Lidar((0.0,), azimuth_steps=0)
     with pytest.raises(ValueError, match="drop_off"):
         Lidar((0.0,), azimuth_steps=1, drop_off=1.0)
+
+
+def test_every_mount_may_have_a_model_of_its_own():
+    few, many = Lidar((0.0,), 10), Lidar((-0.1, 0.1), 20)
+    mounts = [Mount(z=1), Mount(z=2)]
+    mixed = Placement("mixed", mounts, lidar=[few, many])
+    assert mixed.lidars == (few, many)
+    assert mixed != Placement("mixed", mounts, lidar=[many, few])
+    alike = Placement("mixed", mounts, lidar=[few, few])
+    assert alike == Placement("mixed", mounts, lidar=few)
+    assert alike.lidars == (few, few)
+    assert mixed.with_lidar(few) == alike
+    with pytest.raises(ValueError, match=r"one for each of 2 mounts, found 1"):
+        Placement("mixed", mounts, lidar=[few])
+
+
+def test_a_mixed_rig_covers_what_its_lidars_cover_alone():
+    roi = Roi((0, 8), (-4, 4), (0, 2), 0.5)
+    models = [Lidar((-0.3, 0.0), 90), Lidar((-0.2,), 200, range=5.0)]
+    mounts = [Mount(z=1.5), Mount(x=1, y=0.5, z=1.8, roll=0.2)]
+    alone = [Placement("one", [m], lidar=model) for m, model in zip(mounts, models, strict=True)]
+    mixed = Placement("mixed", mounts, lidar=models)
+    for method in ("cone", "dda"):
+        parts = [coverage(rig, roi, method) for rig in alone]
+        np.testing.assert_array_equal(coverage(mixed, roi, method), parts[0] | parts[1])
+    counts = [ray_counts(rig, roi, "dda") for rig in alone]
+    np.testing.assert_array_equal(ray_counts(mixed, roi, "dda"), counts[0] + counts[1])

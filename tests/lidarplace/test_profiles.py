@@ -31,11 +31,10 @@ def test_tilts_are_taken_for_degrees():
 def test_a_quirk_alone():
     placement = PAPER_PLACEMENTS["line_roll"]
     assert PROFILES["paper"].placement(placement) == placement
-    sparse = Profile(PROFILES["released-code"].lidar).placement(placement)
-    assert sparse.mounts == placement.mounts
-    assert sparse.lidar.rays == 4_000
+    sparse = Profile(PROFILES["released-code"].lidar)
+    assert sparse.placement(placement) == placement
     tilted = Profile(Lidar.paper(), tilt_in_degrees=True).placement(placement)
     assert tilted == with_tilt_in_degrees(placement)
     everything = PROFILES["released-code"]
     assert everything.misaligned_heights
-    assert everything.placement(placement) == tilted.with_lidar(everything.lidar)
+    assert everything.placement(placement) == tilted

@@ -103,10 +103,10 @@ def test_clouds_belong_to_the_rig_that_recorded_them(tmp_path):
     with pytest.raises(ValueError, match=r"clouds of other mounts than those of line$"):
         check_rig(tmp_path, PAPER_PLACEMENTS["line"])
     other = rig.with_lidar(replace(rig.lidar, range_noise=0.02))
-    with pytest.raises(ValueError, match=r"a LiDAR with range_noise 0\.0, not 0\.02"):
+    with pytest.raises(ValueError, match=r"LiDAR 0 was one with range_noise 0\.0, not 0\.02"):
         check_rig(tmp_path, other)
     other = rig.with_lidar(replace(rig.lidar, elevations=(0.0,)))
-    with pytest.raises(ValueError, match="a LiDAR with elevations"):
+    with pytest.raises(ValueError, match="LiDAR 0 was one with elevations"):
         check_rig(tmp_path, other)
 
 

@@ -120,7 +120,8 @@ def test_a_frame_holds_what_may_reach_into_the_roi():
 
 
 def test_a_scene_shows_clouds_by_lidar_boxes_by_class_and_what_stands_around():
-    placement = PROFILES["released-code"].placement(PAPER_PLACEMENTS["pyramid"])
+    profile = PROFILES["released-code"]
+    placement = profile.placement(PAPER_PLACEMENTS["pyramid"].with_lidar(profile.lidar))
     figure = draw_frame(LOG, 5, placement, CROP, misaligned_heights=True)
     clouds, mounts = marks(figure, 1.2), marks(figure, 4)
     assert [trace.name for trace in clouds] == [f"LiDAR {i}" for i in range(4)]
@@ -235,3 +236,14 @@ def test_a_bad_placement_file_is_named_with_key_and_value(tmp_path, text, messag
     with pytest.raises(ValueError, match=message) as error:
         read_placement(path, PROFILES["paper"].lidar)
     assert "own.yaml" in str(error.value)
+
+
+def test_a_mount_of_a_file_keeps_its_own_lidar(tmp_path):
+    path = tmp_path / "mixed.yaml"
+    path.write_text("mounts: [{z: 2}, {z: 1, lidar: {beams: 4, azimuth_steps: 90}}]")
+    paper = PROFILES["paper"].lidar
+    rig = read_placement(path, paper)
+    assert [lidar.rays for lidar in rig.lidars] == [90_000, 360]
+    path.write_text("mounts: [{z: 1, lidar: {beems: 4}}]")
+    with pytest.raises(ValueError, match=r"mixed.yaml: mounts.0.lidar.beems: Extra inputs"):
+        read_placement(path, paper)

@@ -118,12 +118,11 @@ class Rig:
         self._arrived: queue.SimpleQueue[tuple[int, int, Points]] = queue.SimpleQueue()
         self._mount_of: list[int] = []
         centre = ego.bounding_box.location
-        fans = even_fans(placement.lidar.elevations)
-        for m, mount in enumerate(placement.mounts):
-            for fan in fans:
+        for m, (mount, lidar) in enumerate(zip(placement.mounts, placement.lidars, strict=True)):
+            for fan in even_fans(lidar.elevations):
                 blueprint = library.find(BLUEPRINT)
                 number = len(self._mount_of)
-                for name, value in attributes(placement.lidar, fan, seed + number).items():
+                for name, value in attributes(lidar, fan, seed + number).items():
                     if name != "noise_seed" or blueprint.has_attribute(name):
                         blueprint.set_attribute(name, value)
                 sensor = own.spawn(blueprint, mount_transform(mount, (centre.x, centre.y)), ego)
@@ -155,7 +154,7 @@ class Rig:
         clouds: list[list[Points]] = [[] for _ in self._placement.mounts]
         for number in sorted(returns):
             m = self._mount_of[number]
-            mount, lidar = self._placement.mounts[m], self._placement.lidar
+            mount, lidar = self._placement.mounts[m], self._placement.lidars[m]
             clouds[m].append(ego_points(returns[number], mount, lidar, self._crop, self._body))
         return [np.concatenate(parts) for parts in clouds]
 
