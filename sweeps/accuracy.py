@@ -18,7 +18,8 @@ from lidarplace.boxes import CLASSES, check_boxes, frame_keys
 from lidarplace.command_line import output, wrong
 from lidarplace.files import replacing
 from lidarplace.surrogate import RAY_SURROGATES
-from sweeps.grid import ConfigError, read_sweep
+from sweeps.config_file import ConfigError
+from sweeps.grid import read_sweep
 from sweeps.store import write_text
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)

@@ -91,7 +91,8 @@ def asked_of(config: Path, overrides: Sequence[str] = ()) -> Asked:
     """What the file and `overrides` ask for. Ends the program with exit code 2 if it is wrong."""
     from lidarplace.command_line import wrong
     from lidarplace.scenes.settings import SumoScene
-    from sweeps.grid import ConfigError, read_sweep
+    from sweeps.config_file import ConfigError
+    from sweeps.grid import read_sweep
 
     try:
         sweep = read_sweep(config, overrides)
@@ -146,7 +147,7 @@ def look(asked: Asked) -> list[Finding]:
 
 def scenes(config: Path, overrides: Sequence[str] = ()) -> Finding:
     """The maps, logs and checkpoints that the file names are there."""
-    from sweeps.grid import ConfigError
+    from sweeps.config_file import ConfigError
     from sweeps.plan import read_plan
 
     try:

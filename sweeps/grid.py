@@ -2,26 +2,16 @@
 
 from __future__ import annotations
 
-import difflib
 import itertools
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-import yaml
-from pydantic import BaseModel, ValidationError
-
-from lidarplace.yaml_loader import parse_yaml
-from sweeps.config import METRICS, SCENES, Common, Point, SweepFile
+from sweeps.config import METRICS, Common, Point, SweepFile
+from sweeps.config_file import ConfigError, check, override, put, read_yaml, unknown_key
 from training.settings import TrainingSettings
-
-Model = TypeVar("Model", bound=BaseModel)
-
-
-class ConfigError(ValueError):
-    """A mistake in the configuration: one line with file, key, value and what is allowed."""
 
 
 @dataclass(frozen=True)
@@ -65,23 +55,23 @@ def read_sweep(path: Path, overrides: Sequence[str] = ()) -> Sweep:
     Raises:
         ConfigError: anything wrong with the file, a key or a value.
     """
-    raw = _read_yaml(path)
+    raw = read_yaml(path, SweepFile)
     raw.setdefault("name", path.stem)
-    for override in overrides:
-        _override(raw, override, path)
+    for pair in overrides:
+        override(raw, pair, path, SweepFile)
     grid = _axes(raw, path)
     common = {key: value for key, value in raw.items() if key in Common.model_fields}
     base = {key: value for key, value in raw.items() if key not in (*common, "grid", "exclude")}
     for axis, values in grid.items():
-        _put(base, axis, values[0], path)
+        put(base, axis, values[0], path)
     # Every value of every axis by itself first: the error can then name it.
-    checked_common = _check(Common, common, path)
-    _check(Point, base, path, {axis: f"grid.{axis}[0]" for axis in grid})
+    checked_common = check(Common, common, path)
+    check(Point, base, path, {axis: f"grid.{axis}[0]" for axis in grid})
     for axis, values in grid.items():
         for i, value in enumerate(values[1:], start=1):
             varied = deepcopy(base)
-            _put(varied, axis, value, path)
-            _check(Point, varied, path, {axis: f"grid.{axis}[{i}]", "": f"grid.{axis}[{i}]"})
+            put(varied, axis, value, path)
+            check(Point, varied, path, {axis: f"grid.{axis}[{i}]", "": f"grid.{axis}[{i}]"})
     exclude = _exclusions(raw.get("exclude", []), grid, path)
 
     rungs = _trained_rungs(checked_common, grid, path)
@@ -93,9 +83,9 @@ def read_sweep(path: Path, overrides: Sequence[str] = ()) -> Sweep:
                 continue
             data = deepcopy(base)
             for key, value in (axes | settings).items():
-                _put(data, key, value, path)
+                put(data, key, value, path)
             names = {key: f"promote[{rung}].set.{key}" for key in settings}
-            point = _check(Point, data, path, names)
+            point = check(Point, data, path, names)
             if not settings:  # the full trainings
                 _check_rungs(checked_common, point, path)
             try:
@@ -161,65 +151,13 @@ def _value_at(point: Point, key_path: str) -> Any:
     return value
 
 
-def _read_yaml(path: Path) -> dict[str, Any]:
-    try:
-        raw = parse_yaml(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise ConfigError(f"{path}: is not UTF-8 text") from None
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
-        raise ConfigError(f"{path}: {where}{error.problem}") from None
-    except yaml.YAMLError as error:
-        raise ConfigError(f"{path}: is not YAML: {' '.join(str(error).split())}") from None
-    if not isinstance(raw, dict):
-        raise ConfigError(f"{path}: found {type(raw).__name__}; a mapping of keys is expected")
-    for key in raw:
-        if key not in SweepFile.model_fields:
-            raise ConfigError(f"{path}: {key}: {_unknown_key(str(key), SweepFile)}")
-    return raw
-
-
-def _override(raw: dict[str, Any], override: str, path: Path) -> None:
-    key, equals, text = override.partition("=")
-    key = key.strip()
-    if not equals or not key:
-        raise ConfigError(f"--set {override}: expected KEY=VALUE")
-    try:
-        value = parse_yaml(text)
-    except yaml.YAMLError:
-        raise ConfigError(f"--set {override}: the value is not YAML") from None
-    if key.startswith("grid."):  # axes are key paths themselves: grid."training.lr"
-        if not isinstance(raw.setdefault("grid", {}), dict):
-            raise ConfigError(f"{path}: grid: found {raw['grid']!r}; allowed is a mapping")
-        raw["grid"][key.removeprefix("grid.")] = value
-        return
-    if key in (raw.get("grid") or {}):
-        raise ConfigError(f"--set {override}: {key} is an axis of the grid; use grid.{key}=[…]")
-    if key.partition(".")[0] not in SweepFile.model_fields:
-        raise ConfigError(f"--set {override}: {_unknown_key(key, SweepFile)}")
-    _put(raw, key, value, path)
-
-
-def _put(data: dict[str, Any], key_path: str, value: Any, path: Path) -> None:
-    """Set the value at a dotted key path, making mappings on the way."""
-    *parents, last = key_path.split(".")
-    for key in parents:
-        data = data.setdefault(key, {})
-        if not isinstance(data, dict):
-            raise ConfigError(f"{path}: {key_path}: {key} is {data!r}, not a mapping of keys")
-    data[last] = value
-
-
 def _axes(raw: Mapping[str, Any], path: Path) -> dict[str, list[Any]]:
     grid = raw.get("grid") or {}
     if not isinstance(grid, dict):
         raise ConfigError(f"{path}: grid: found {grid!r}; allowed is a mapping of key paths")
     for axis, values in grid.items():
         if str(axis).partition(".")[0] not in Point.model_fields:
-            raise ConfigError(f"{path}: grid.{axis}: {_unknown_key(str(axis), Point)}")
+            raise ConfigError(f"{path}: grid.{axis}: {unknown_key(str(axis), Point)}")
         if not isinstance(values, list) or not values:
             raise ConfigError(
                 f"{path}: grid.{axis}: found {values!r}; allowed is a list with a value or more"
@@ -255,62 +193,3 @@ def _exclusions(
                     )
         checked.append(lists)
     return checked
-
-
-def _check(
-    model: type[Model], data: Mapping[str, Any], path: Path, names: Mapping[str, str] | None = None
-) -> Model:
-    """Validate, and turn the first error into one line.
-
-    `names` maps a key path to what the user wrote it as; the empty path is the model as a whole.
-    """
-    try:
-        return model.model_validate(data)
-    except ValidationError as error:
-        first = error.errors()[0]
-        loc = _without_tags(first["loc"])
-        key_path = ".".join(str(part) for part in loc if isinstance(part, str))
-        written = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in loc).lstrip(".")
-        index = "".join(f"[{part}]" for part in loc if isinstance(part, int))
-        key = names[key_path] + index if names and key_path in names else written
-        if first["type"] == "extra_forbidden":
-            parent = _model_at(model, first["loc"][:-1])
-            message = _unknown_key(str(loc[-1]), parent)
-        elif first["type"] == "missing":
-            message = "is missing"
-        else:
-            text = first["msg"].removeprefix("Value error, ").removeprefix("Input ")
-            found = first["input"]
-            message = text if isinstance(found, (dict, BaseModel)) else f"found {found!r}; {text}"
-        raise ConfigError(f"{path}: {key}: {message}" if key else f"{path}: {message}") from None
-
-
-def _without_tags(loc: Sequence[int | str]) -> list[int | str]:
-    """A place as the user wrote it: pydantic adds which kind of scene it is."""
-    return [p for i, p in enumerate(loc) if not (loc[i - 1 : i] == ("scene",) and p in SCENES)]
-
-
-def _model_at(model: type[BaseModel], loc: Sequence[int | str]) -> type[BaseModel]:
-    """The model that a key path of `model` leads to."""
-    for part in loc:
-        if isinstance(part, str) and part in model.model_fields:
-            found = _model_in(model.model_fields[part].annotation)
-            model = found or model
-        elif part in SCENES:
-            model = SCENES[part]
-    return model
-
-
-def _model_in(annotation: Any) -> type[BaseModel] | None:
-    """The model in an annotation such as `dict[str, Model]` or `tuple[Model, ...]`."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
-    inner = (_model_in(argument) for argument in getattr(annotation, "__args__", ()))
-    return next((model for model in inner if model), None)
-
-
-def _unknown_key(key: str, model: type[BaseModel]) -> str:
-    allowed = [field.alias or name for name, field in model.model_fields.items()]
-    close = difflib.get_close_matches(key.partition(".")[0], allowed, n=1)
-    hint = f" (did you mean {close[0]}?)" if close else ""
-    return f"unknown key{hint}; allowed are {', '.join(allowed)}"

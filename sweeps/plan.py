@@ -19,7 +19,8 @@ from lidarplace.lidar.profiles import with_tilt_in_degrees
 from lidarplace.lidar.recorded import check_rig, clouds_digest
 from lidarplace.scenes.recorded import LogScene
 from sweeps.config import Point
-from sweeps.grid import ConfigError, GridPoint, Sweep, read_sweep
+from sweeps.config_file import ConfigError
+from sweeps.grid import GridPoint, Sweep, read_sweep
 from sweeps.scene_tasks import ScenePart, scene_name, scene_parts
 from sweeps.task import Task
 

@@ -11,8 +11,9 @@ from typing import Annotated
 import typer
 
 from lidarplace.command_line import output, wrong
+from sweeps.config_file import ConfigError
 from sweeps.failures import Failure, FailureFolder
-from sweeps.grid import ConfigError, Sweep, read_sweep
+from sweeps.grid import Sweep, read_sweep
 from sweeps.plan import Plan, read_plan
 from sweeps.progress import StageProgress
 from sweeps.sweep_store import reference, store_of

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 
-from sweeps.grid import ConfigError, Sweep
+from sweeps.config_file import ConfigError
+from sweeps.grid import Sweep
 from sweeps.remote_store import RemoteStore, open_store
 from sweeps.store import AnyStore
 

@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidarplace import Lidar
-from sweeps.grid import ConfigError, read_sweep
+from sweeps.config_file import ConfigError
+from sweeps.grid import read_sweep
 
 EXAMPLE = Path(__file__).parents[2] / "examples/grid.yaml"
 BASE = {"placement": "line", "grid": {"placement": ["line", "center"], "seed": [1, 2]}}

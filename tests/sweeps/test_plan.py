@@ -8,7 +8,8 @@ import yaml
 
 from lidarplace.box_log import BoxLog, write_box_log
 from lidarplace.boxes import BOX_COLUMNS, GEOMETRY
-from sweeps.grid import ConfigError, read_sweep
+from sweeps.config_file import ConfigError
+from sweeps.grid import read_sweep
 from sweeps.plan import make_plan
 from training import build_detector
 from training.checkpoints import write_checkpoint

@@ -12,8 +12,9 @@ from small_log import write_small_log
 from typer.testing import CliRunner
 
 from sweeps.backends import InProcess
+from sweeps.config_file import ConfigError
 from sweeps.execute import execute
-from sweeps.grid import ConfigError, read_sweep
+from sweeps.grid import read_sweep
 from sweeps.plan import make_plan
 from sweeps.pretrain import app, pretrain_task, with_inputs
 from sweeps.store import Store

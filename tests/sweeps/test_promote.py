@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from small_log import write_small_log
 
 from sweeps.backends import InProcess
+from sweeps.config_file import ConfigError
 from sweeps.execute import Outcome, execute
 from sweeps.failures import Failure
-from sweeps.grid import ConfigError, read_sweep
+from sweeps.grid import read_sweep
 from sweeps.plan import make_plan
 from sweeps.promotion import at_most, promote, survivors
 from sweeps.store import Store

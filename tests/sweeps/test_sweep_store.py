@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from sweeps.grid import ConfigError, read_sweep
+from sweeps.config_file import ConfigError
+from sweeps.grid import read_sweep
 from sweeps.remote_store import RemoteStore
 from sweeps.store import Store
 from sweeps.sweep_store import reference, store_of

@@ -1,0 +1,133 @@
+"""A configuration file as plain data, checked against its model: one line for a mistake."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from lidarplace.yaml_loader import parse_yaml
+from sweeps.config import SCENES
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+class ConfigError(ValueError):
+    """A mistake in the configuration: one line with file, key, value and what is allowed."""
+
+
+def read_yaml(path: Path, model: type[BaseModel]) -> dict[str, Any]:
+    """The mapping in `path`, whose keys are fields of `model`. Raises ConfigError."""
+    try:
+        raw = parse_yaml(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise ConfigError(f"{path}: is not UTF-8 text") from None
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
+        raise ConfigError(f"{path}: {where}{error.problem}") from None
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{path}: is not YAML: {' '.join(str(error).split())}") from None
+    if not isinstance(raw, dict):
+        raise ConfigError(f"{path}: found {type(raw).__name__}; a mapping of keys is expected")
+    for key in raw:
+        if key not in model.model_fields:
+            raise ConfigError(f"{path}: {key}: {unknown_key(str(key), model)}")
+    return raw
+
+
+def override(raw: dict[str, Any], pair: str, path: Path, model: type[BaseModel]) -> None:
+    """Put the `KEY=VALUE` of a `--set` into `raw`; values are YAML. Raises ConfigError."""
+    key, equals, text = pair.partition("=")
+    key = key.strip()
+    if not equals or not key:
+        raise ConfigError(f"--set {pair}: expected KEY=VALUE")
+    try:
+        value = parse_yaml(text)
+    except yaml.YAMLError:
+        raise ConfigError(f"--set {pair}: the value is not YAML") from None
+    if key.partition(".")[0] not in model.model_fields:
+        raise ConfigError(f"--set {pair}: {unknown_key(key, model)}")
+    if key.startswith("grid."):  # axes are key paths themselves: grid."training.lr"
+        if not isinstance(raw.setdefault("grid", {}), dict):
+            raise ConfigError(f"{path}: grid: found {raw['grid']!r}; allowed is a mapping")
+        raw["grid"][key.removeprefix("grid.")] = value
+        return
+    if key in (raw.get("grid") or {}):
+        raise ConfigError(f"--set {pair}: {key} is an axis of the grid; use grid.{key}=[…]")
+    put(raw, key, value, path)
+
+
+def put(data: dict[str, Any], key_path: str, value: Any, path: Path) -> None:
+    """Set the value at a dotted key path, making mappings on the way."""
+    *parents, last = key_path.split(".")
+    for key in parents:
+        data = data.setdefault(key, {})
+        if not isinstance(data, dict):
+            raise ConfigError(f"{path}: {key_path}: {key} is {data!r}, not a mapping of keys")
+    data[last] = value
+
+
+def check(
+    model: type[Model], data: Mapping[str, Any], path: Path, names: Mapping[str, str] | None = None
+) -> Model:
+    """Validate, and turn the first error into one line.
+
+    `names` maps a key path to what the user wrote it as; the empty path is the model as a whole.
+    """
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        loc = _without_tags(first["loc"])
+        key_path = ".".join(str(part) for part in loc if isinstance(part, str))
+        written = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in loc).lstrip(".")
+        index = "".join(f"[{part}]" for part in loc if isinstance(part, int))
+        key = names[key_path] + index if names and key_path in names else written
+        if first["type"] == "extra_forbidden":
+            parent = _model_at(model, first["loc"][:-1])
+            message = unknown_key(str(loc[-1]), parent)
+        elif first["type"] == "missing":
+            message = "is missing"
+        else:
+            text = first["msg"].removeprefix("Value error, ").removeprefix("Input ")
+            found = first["input"]
+            message = text if isinstance(found, (dict, BaseModel)) else f"found {found!r}; {text}"
+        raise ConfigError(f"{path}: {key}: {message}" if key else f"{path}: {message}") from None
+
+
+def _without_tags(loc: Sequence[int | str]) -> list[int | str]:
+    """A place as the user wrote it: pydantic adds which kind of scene it is."""
+    return [p for i, p in enumerate(loc) if not (loc[i - 1 : i] == ("scene",) and p in SCENES)]
+
+
+def _model_at(model: type[BaseModel], loc: Sequence[int | str]) -> type[BaseModel]:
+    """The model that a key path of `model` leads to."""
+    for part in loc:
+        if isinstance(part, str) and part in model.model_fields:
+            found = _model_in(model.model_fields[part].annotation)
+            model = found or model
+        elif part in SCENES:
+            model = SCENES[part]
+    return model
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    """The model in an annotation such as `dict[str, Model]` or `tuple[Model, ...]`."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    inner = (_model_in(argument) for argument in getattr(annotation, "__args__", ()))
+    return next((model for model in inner if model), None)
+
+
+def unknown_key(key: str, model: type[BaseModel]) -> str:
+    allowed = [field.alias or name for name, field in model.model_fields.items()]
+    close = difflib.get_close_matches(key.partition(".")[0], allowed, n=1)
+    hint = f" (did you mean {close[0]}?)" if close else ""
+    return f"unknown key{hint}; allowed are {', '.join(allowed)}"
