@@ -1,0 +1,74 @@
+"""How much of the space right around the vehicle its LiDARs see."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from lidarplace.coverage.cone import sensor_bits
+from lidarplace.coverage.tiles import Tiles
+from lidarplace.mounting.sight import stopped
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.placement import Placement
+from lidarplace.roi import Roi
+
+
+def near_field_coverage(placement: Placement, vehicle: Vehicle, roi: Roi) -> float:
+    """Share of the voxels of a near field that the placement sees, in [0, 1].
+
+    A voxel counts if its centre lies outside of the body. It is seen if some LiDAR covers it, by
+    the exact cones of `lidarplace.coverage.cone`, and the straight line from that LiDAR to its
+    centre does not pass through the body.
+
+    Args:
+        roi: the near field; it may hold the vehicle.
+
+    Raises:
+        ValueError: every voxel has its centre inside of the body.
+    """
+    tiles = Tiles.whole(roi.shape)
+    bits = np.stack(
+        [
+            sensor_bits(lidar, mount, roi, tiles)
+            for lidar, mount in zip(placement.lidars, placement.mounts, strict=True)
+        ]
+    )
+    seen, outside = _count_seen(
+        *(bits, np.array([mount.position for mount in placement.mounts])),
+        *(roi.centres(0), roi.centres(1), roi.centres(2)),
+        vehicle.interior,
+    )
+    if outside == 0:
+        raise ValueError(
+            f"the near field x {list(roi.x)}, y {list(roi.y)}, z {list(roi.z)} m needs a voxel "
+            f"outside of the body of vehicle {vehicle.name!r}, found none"
+        )
+    return seen / outside
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _count_seen(bits, origins, xs, ys, zs, boxes):  # pragma: no cover - compiled
+    """Voxels that are covered and in sight of a sensor, and voxels outside of the boxes."""
+    seen = outside = 0
+    for i in range(len(xs)):
+        for j in range(len(ys)):
+            for k in range(len(zs)):
+                x, y, z = xs[i], ys[j], zs[k]
+                inside = False
+                for box in boxes:
+                    inside |= (
+                        box[0, 0] < x < box[1, 0]
+                        and box[0, 1] < y < box[1, 1]
+                        and box[0, 2] < z < box[1, 2]
+                    )
+                if inside:
+                    continue
+                outside += 1
+                for s in range(len(origins)):
+                    covered = bits[s, k >> 6, i, j] >> np.uint64(k & 63) & np.uint64(1)
+                    origin = origins[s]
+                    dx, dy, dz = x - origin[0], y - origin[1], z - origin[2]
+                    if covered and not stopped(origin, dx, dy, dz, 1.0, boxes):
+                        seen += 1
+                        break
+    return seen, outside

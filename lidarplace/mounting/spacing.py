@@ -1,0 +1,14 @@
+"""How far apart the LiDARs of a placement sit."""
+
+from __future__ import annotations
+
+import math
+from itertools import combinations
+
+from lidarplace.placement import Placement
+
+
+def least_distance(placement: Placement) -> float:
+    """Between the positions of the two closest LiDARs, metres; `inf` for a single one."""
+    places = [(mount.x, mount.y, mount.z) for mount in placement.mounts]
+    return min((math.dist(a, b) for a, b in combinations(places, 2)), default=math.inf)

@@ -1,0 +1,72 @@
+"""The body of the vehicle that carries the LiDARs, made of boxes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+_HAIR = 1e-9  # a sensor mounted on a face is outside, and a ray along a face passes
+
+
+@dataclass(frozen=True, eq=False)
+class Vehicle:
+    """A body that stops rays.
+
+    Attributes:
+        name: for messages.
+        boxes: lower and upper corners in the ego frame, metres, shape (n, 2, 3); n may be 0. A box
+            without volume stops no ray. Between boxes that only touch rays pass along the common
+            face: let boxes overlap.
+
+    Raises:
+        ValueError: another shape, a coordinate that is not finite, or a lower corner above the
+            upper one.
+    """
+
+    name: str
+    boxes: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        boxes = np.array(self.boxes, np.float64)
+        if boxes.size == 0:
+            boxes = np.empty((0, 2, 3))
+        if boxes.ndim != 3 or boxes.shape[1:] != (2, 3):
+            raise ValueError(
+                f"vehicle {self.name!r}: boxes need a lower and an upper corner (x, y, z) each, "
+                f"shape (n, 2, 3), found shape {boxes.shape}"
+            )
+        bad = ~(np.isfinite(boxes).all(axis=(1, 2)) & (boxes[:, 0] <= boxes[:, 1]).all(axis=1))
+        if bad.any():
+            number = int(bad.argmax())
+            raise ValueError(
+                f"vehicle {self.name!r}: box {number} needs finite corners, the lower one first, "
+                f"found {boxes[number].tolist()}"
+            )
+        object.__setattr__(self, "boxes", boxes)
+
+    @classmethod
+    def car(cls) -> Vehicle:
+        """A middle-class car, 4.7 m by 1.9 m by 1.5 m: hull and cabin, both down to the ground."""
+        hull = [[-2.35, -0.95, 0.0], [2.35, 0.95, 0.95]]
+        cabin = [[-1.75, -0.8, 0.0], [0.9, 0.8, 1.5]]
+        return cls("car", np.array([hull, cabin]))
+
+    @property
+    def height(self) -> float:
+        """Of the highest top above the ground, metres; 0 without boxes."""
+        return float(self.boxes[:, 1, 2].max(initial=0.0))
+
+    @property
+    def interior(self) -> NDArray[np.float64]:
+        """The boxes with volume, their faces moved inwards by a nanometre; shape (m, 2, 3)."""
+        shrunk = self.boxes + np.array([[_HAIR], [-_HAIR]])
+        return shrunk[(shrunk[:, 0] < shrunk[:, 1]).all(axis=1)]
+
+
+def inside(vehicle: Vehicle, point: Sequence[float]) -> bool:
+    """Whether the point (x, y, z) is within the body; its surface is not."""
+    low, high = vehicle.interior[:, 0], vehicle.interior[:, 1]
+    return bool(((low < point) & (point < high)).all(axis=1).any())

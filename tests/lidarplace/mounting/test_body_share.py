@@ -1,0 +1,166 @@
+"""The own body in view: against every ray on its own, embreex, and cases known by hand."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lidarplace import Lidar, Mount
+from lidarplace.mounting.body_share import body_share
+from lidarplace.mounting.vehicle import Vehicle
+
+CAR = Vehicle.car()
+SMALL = Lidar(tuple(np.radians([-90.0, -40.0, -25.0, -9.0, 0.0, 5.0, 90.0])), azimuth_steps=72)
+ALL = 10**6  # azimuth steps: all that are fired
+
+angle = st.sampled_from([0.0, math.pi / 2, -math.pi / 2, math.pi]) | st.floats(-math.pi, math.pi)
+mounts = st.builds(
+    Mount,
+    x=st.floats(-4, 4) | st.sampled_from([-2.35, 2.35, 0.0]),
+    y=st.floats(-2, 2) | st.sampled_from([-0.95, 0.95, 0.0]),
+    z=st.floats(0, 3) | st.sampled_from([0.95, 1.5]),
+    roll=angle,
+    pitch=angle,
+    yaw=angle,
+)
+lidars = st.builds(
+    Lidar,
+    st.just(SMALL.elevations),
+    st.just(72),
+    range=st.floats(0.01, 5) | st.just(math.inf),
+    azimuth=st.tuples(st.floats(-4, 4), st.floats(0.1, 2 * math.pi)).map(
+        lambda view: (view[0], view[0] + view[1])
+    ),
+)
+
+
+def body(seed, number):
+    rng = np.random.default_rng(seed)
+    middle = rng.uniform([-3, -1, 0], [3, 1, 1.5], (number, 3))
+    half = rng.uniform(0, [2, 0.7, 0.6], (number, 3))
+    return Vehicle("random", np.stack([middle - half, middle + half], axis=1))
+
+
+def one_by_one(mount, lidar, vehicle):
+    """Each ray against each box: an open interval of distances for each axis."""
+    met = np.zeros(lidar.rays, bool)
+    for r, ray in enumerate(lidar.directions() @ mount.rotation.T):
+        for low, high in vehicle.interior:
+            spans = [(0.0, lidar.range)]
+            for place, d, a, b in zip(mount.position, ray, low, high, strict=True):
+                if d == 0:
+                    spans.append((0.0, math.inf) if a < place < b else (0.0, 0.0))
+                else:
+                    spans.append(tuple(sorted(((a - place) / d, (b - place) / d))))
+            met[r] |= max(span[0] for span in spans) < min(span[1] for span in spans)
+    return met.mean()
+
+
+@given(mount=mounts, lidar=lidars, seed=st.integers(0, 10**6))
+@settings(max_examples=60, deadline=None, derandomize=True)
+def test_agrees_with_ray_by_ray(mount, lidar, seed):
+    vehicle = body(seed, 3)
+    assert body_share(mount, lidar, vehicle, ALL) == one_by_one(mount, lidar, vehicle)
+
+
+def test_agrees_with_embreex():
+    trimesh = pytest.importorskip("trimesh")
+    pytest.importorskip("embreex")
+    lidar = replace(Lidar.paper(), azimuth_steps=720, range=2.0)
+    rng = np.random.default_rng(5)
+    shares = []
+    for seed in range(12):
+        vehicle = body(seed, 3) if seed % 3 else CAR
+        place = rng.uniform([-3, -2, 0.1, -2, -2, -3], [3, 2, 2.5, 2, 2, 3])
+        mount = Mount(*place.tolist())
+        mesh = trimesh.util.concatenate([trimesh.creation.box(bounds=b) for b in vehicle.boxes])
+        rays = lidar.directions() @ mount.rotation.T
+        places, which, _ = trimesh.ray.ray_pyembree.RayMeshIntersector(mesh).intersects_location(
+            np.tile(mount.position, (len(rays), 1)), rays, multiple_hits=False
+        )
+        within = np.linalg.norm(places - mount.position, axis=1) < lidar.range
+        met = np.zeros(len(rays), bool)
+        met[which[within]] = True
+        inside = ((vehicle.boxes[:, 0] < place[:3]) & (place[:3] < vehicle.boxes[:, 1])).all(1)
+        expected = 1.0 if inside.any() else met.mean()
+        # embreex computes in single precision: rays along an edge may differ.
+        assert body_share(mount, lidar, vehicle, ALL) == pytest.approx(expected, abs=2e-3)
+        shares.append(expected)
+    assert sum(0.02 < share < 0.98 for share in shares) >= 6
+
+
+def test_inside_a_box_every_ray_meets_it():
+    assert body_share(Mount(2.0, 0.5, 0.5, 0.3, 0.2, 0.1), Lidar.paper(), CAR) == 1
+
+
+def test_on_a_face_only_rays_into_it_meet_the_body():
+    up = Lidar(tuple(np.radians([0.0, 1.0, 45.0, 90.0])), azimuth_steps=360)
+    down = Lidar(tuple(np.radians([-1e-4, -1.0, -45.0, -90.0])), azimuth_steps=360)
+    on_roof = Mount(0.0, 0.0, CAR.height)
+    assert body_share(on_roof, up, CAR) == 0
+    assert body_share(on_roof, down, CAR) == 1
+    assert body_share(replace(on_roof, roll=math.pi), up, CAR) == 0.75  # not what runs along it
+    # On the front face and along the axes half of the turn looks forward, or aside.
+    flat = Lidar((0.0,), azimuth_steps=360)
+    assert body_share(Mount(2.35, 0.0, 0.5), flat, CAR) == 179 / 360
+
+
+@pytest.mark.parametrize("tilt", [{"roll": math.pi / 2}, {"roll": -math.pi / 2},
+                                  {"pitch": math.pi / 2}, {"pitch": -math.pi / 2}])  # fmt: skip
+def test_on_its_side(tilt):
+    """A plane of rays that stands upright on a wide roof: half of it goes down."""
+    roof = Vehicle("roof", np.array([[[-50, -50, 0], [50, 50, 1]]]))
+    flat = Lidar((0.0,), azimuth_steps=360)
+    assert body_share(Mount(z=1.0, **tilt), flat, roof) == 179 / 360
+    assert body_share(Mount(z=1.2, **tilt), replace(flat, range=0.1), roof) == 0
+
+
+def test_a_cube_above_the_sensor():
+    """Within 45 degrees of the vertical the rays of a sensor under a plate one metre away."""
+    plate = Vehicle("plate", np.array([[[-1, -1, 1], [1, 1, 2]]]))
+    below, beside = math.radians(55), math.radians(35)
+    assert body_share(Mount(), Lidar((below,), 360), plate) == 1
+    assert body_share(Mount(), Lidar((beside,), 360), plate) == 0
+    # At 45 degrees the cone meets the plate where |cos| and |sin| are below 1: not on the axes.
+    assert body_share(Mount(), Lidar((math.pi / 4,), 360), plate) == pytest.approx(356 / 360)
+
+
+def test_range_ends_before_the_body():
+    mount, lidar = Mount(0.0, 0.0, 2.5), Lidar((-math.pi / 2, -math.radians(45.0)), 360)
+    assert body_share(mount, replace(lidar, range=0.99), CAR) == 0
+    assert body_share(mount, replace(lidar, range=1.01), CAR) == 0.5
+    assert body_share(mount, replace(lidar, range=2.0), CAR) > 0.5
+
+
+def test_a_field_of_view_that_crosses_half_a_turn():
+    """Backwards over the boot, or forwards over the bonnet, from the edge of the cabin's roof."""
+    lidar = Lidar((math.radians(-25.0),), azimuth_steps=3600, azimuth=(3.0, 3.3))
+    behind, front = Mount(-1.75, 0.0, 1.6), Mount(0.9, 0.0, 1.6)
+    assert body_share(behind, lidar, CAR) == 0
+    assert body_share(front, lidar, CAR) == 1
+    turned = replace(lidar, azimuth=(3.0 - 2 * math.pi, 3.3 - 2 * math.pi))
+    assert (body_share(behind, turned, CAR), body_share(front, turned, CAR)) == (0, 1)
+    narrow = replace(lidar, azimuth=(3.14, 3.1417))
+    assert narrow.fired_steps == 1
+    assert body_share(front, narrow, CAR) == 1
+
+
+def test_no_body_and_a_flat_one():
+    mount = Mount(0.0, 0.0, 1.6)
+    assert body_share(mount, Lidar.paper(), Vehicle("nothing", np.empty((0, 2, 3)))) == 0
+    plate = Vehicle("plate", np.array([[[-1, -1, 1.6], [1, 1, 1.6]]]))
+    assert body_share(mount, Lidar.paper(), plate) == 0
+
+
+def test_fewer_azimuth_steps_change_little():
+    lidar, rng = Lidar.paper(), np.random.default_rng(0)
+    for _ in range(30):
+        place = rng.uniform([-2, -0.9, 1.52, -0.5, -0.5, -3], [2, 0.9, 2.2, 0.5, 0.5, 3])
+        mount = Mount(*place.tolist())
+        exact = body_share(mount, lidar, CAR, ALL)
+        assert body_share(mount, lidar, CAR) == pytest.approx(exact, abs=2e-3)
+    with pytest.raises(ValueError, match="azimuth_steps must be at least 1, found 0"):
+        body_share(mount, lidar, CAR, 0)

@@ -1,0 +1,217 @@
+"""Zones: a map from the unit cube onto them and back, candidate grids, halves."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from polygon_examples import polygons, some_points
+
+from lidarplace.mounting.zone import (
+    Zone,
+    contains,
+    distance,
+    grid,
+    left_half,
+    on_centre_line,
+    position,
+    shares,
+)
+
+ROOF = Zone("roof", ((-1, -0.6), (1, -0.4), (1, 0.4), (-1, 0.6)), (1.6, 2.0))
+FORK = Zone("fork", ((0, -2), (2, -2), (2, -1), (1, -1), (1, 0), (3, 0), (3, 2), (0, 2)), (1, 1))
+
+share = st.floats(0, 1) | st.sampled_from([0.0, 0.5, 1.0, 1e-300, 1 / 3, math.nextafter(1, 0)])
+points = st.tuples(st.floats(-3, 3), st.floats(-3, 3))
+degenerate = st.lists(points, min_size=1, max_size=2).map(tuple)
+heights = st.tuples(st.floats(-1, 3), st.floats(0, 2) | st.just(0.0)).map(
+    lambda z: (z[0], z[0] + z[1])
+)
+zones = st.builds(Zone, st.just("any"), polygons | degenerate, heights)
+
+
+@given(zone=zones, u=share, v=share, w=share)
+@settings(max_examples=300, deadline=None, derandomize=True)
+def test_positions_lie_in_the_zone_and_come_back(zone, u, v, w):
+    place = position(zone, u, v, w)
+    assert contains(zone, *place)
+    back = shares(zone, *place)
+    assert position(zone, *back) == pytest.approx(place, abs=2e-9)
+
+
+@given(zone=zones, seed=st.integers(0, 10**6))
+@settings(max_examples=150, deadline=None, derandomize=True)
+def test_every_point_of_the_zone_is_reached(zone, seed):
+    if len(zone.polygon) < 3:
+        inside = list(zone.polygon)
+    else:
+        inside = [p for p in some_points(zone.polygon, seed) if distance(zone, *p, zone.z[0]) == 0]
+        inside += list(zone.polygon)  # corners, also where the width jumps
+    for x, y in inside:
+        for z in zone.z:
+            assert position(zone, *shares(zone, x, y, z)) == pytest.approx((x, y, z), abs=3e-9)
+
+
+@given(zone=zones, low=st.tuples(share, share, share), high=st.tuples(share, share, share))
+@settings(max_examples=200, deadline=None, derandomize=True)
+def test_each_coordinate_grows_with_its_share(zone, low, high):
+    u, v, w = low
+    for axis in range(3):
+        a, b = sorted((low[axis], high[axis]))
+        first, second = [u, v, w], [u, v, w]
+        first[axis], second[axis] = a, b
+        assert position(zone, *first)[axis] <= position(zone, *second)[axis]
+
+
+def test_shares_run_over_length_width_and_height():
+    assert position(ROOF, 0.5, 0.5, 0.25) == pytest.approx((0, 0, 1.7))
+    assert position(ROOF, 0.25, 0, 0) == pytest.approx((-0.5, -0.55, 1.6))
+    assert position(ROOF, 1, 1, 1) == (1, 0.4, 2.0)
+    assert shares(ROOF, -0.5, 0.55, 1.8) == pytest.approx((0.25, 1, 0.5))
+    # Across the fork's two arms, one and two metres wide, the gap is left out.
+    assert position(FORK, 0.5, 0.25, 0.5) == pytest.approx((1.5, -1.25, 1))
+    assert position(FORK, 0.5, 0.5, 0.5) == pytest.approx((1.5, 0.5, 1))
+    # Both ends of the gap come back, and not as each other.
+    for y in (-1.0, 0.0):
+        assert position(FORK, *shares(FORK, 1.5, y, 1.0)) == pytest.approx((1.5, y, 1), abs=1e-9)
+
+
+def test_a_fork_is_whole_where_its_gap_begins():
+    for x in (1.0, math.nextafter(1.0, 2.0)):
+        place = shares(FORK, x, -0.5, 1.0)
+        assert position(FORK, *place) == pytest.approx((1, -0.5, 1), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "zone",
+    [
+        Zone.box("point", (1, 1), (0.5, 0.5), (2, 2)),
+        Zone.box("across", (1, 1), (-0.5, 0.5), (2, 2)),
+        Zone.box("along", (-1, 1), (0, 0), (2, 2)),
+        Zone.box("mast", (0, 0), (0, 0), (1.6, 3)),
+        Zone("slanted", ((0, 0.1), (0.7, 0.4)), (1, 2)),
+    ],
+)
+def test_zones_without_width(zone):
+    for place in np.random.default_rng(0).random((50, 3)):
+        found = position(zone, *place)
+        assert contains(zone, *found)
+        free = [zone.x[0] < zone.x[1], len({y for _, y in zone.polygon}) > 1, zone.z[0] < zone.z[1]]
+        free[1] &= not free[0]  # on a slanted segment x decides y
+        np.testing.assert_allclose(shares(zone, *found), np.where(free, place, 0.5), atol=1e-9)
+
+
+def test_a_point_outside_is_moved_by_a_millimetre_at_most():
+    assert shares(ROOF, 1.0009, 0, 1.8) == pytest.approx((1, 0.5, 0.5))
+    assert shares(ROOF, 0, 0, 2.0009) == pytest.approx((0.5, 0.5, 1))
+    # The tip of a needle: the nearest point, not that at the same x.
+    needle = Zone("needle", ((0, 0), (1, -0.001), (1, 0.001)), (0, 0))
+    assert position(needle, *shares(needle, -0.0005, 0.0005, 0)) == pytest.approx((0, 0, 0))
+    message = r"\(1\.3, 0, 2\.4\) lies 0\.5 m outside of zone 'roof', expected a point of the zone"
+    with pytest.raises(ValueError, match=message):
+        shares(ROOF, 1.3, 0.0, 2.4)
+    with pytest.raises(ValueError, match="outside of zone"):
+        shares(ROOF, math.nan, 0.0, 1.8)
+    assert not contains(ROOF, 1.0001, 0, 1.8)
+    assert contains(ROOF, 1.0, 0.4, 2.0)
+
+
+@given(zone=zones, step=st.floats(0.05, 3))
+@settings(max_examples=150, deadline=None, derandomize=True)
+def test_grids_lie_in_the_zone(zone, step):
+    found = grid(zone, step)
+    assert found.shape[1] == 3
+    assert len(found) > 0
+    assert all(contains(zone, *point) for point in found.tolist())
+    assert len(np.unique(found, axis=0)) == len(found)
+
+
+@given(zone=zones, step=st.floats(0.1, 3))
+@settings(max_examples=100, deadline=None, derandomize=True)
+def test_grids_of_mirrored_zones_are_mirrored(zone, step):
+    mirrored = Zone("other", tuple((x, -y) for x, y in zone.polygon), zone.z)
+    flip = grid(mirrored, step) * (1, -1, 1)
+    here = grid(zone, step)
+    order = [np.lexsort(np.round(points, 6).T) for points in (here, flip)]
+    np.testing.assert_allclose(here[order[0]], flip[order[1]], atol=1e-9)
+
+
+def test_grid_of_a_box():
+    found = grid(Zone.box("roof", (-1, 1), (-0.5, 0.5), (1.6, 2.0)), 0.2)
+    assert len(found) == 11 * 5 * 3
+    # The ends in x are multiples of the step, those in y are not.
+    np.testing.assert_allclose(found.min(axis=0), [-1, -0.4, 1.6], atol=1e-12)
+    np.testing.assert_allclose(found.max(axis=0), [1, 0.4, 2.0], atol=1e-12)
+    np.testing.assert_array_equal(grid(ROOF, 9.0), [[0, 0, 1.8]])
+    # Arms that are narrower than the step still get their middles.
+    rails = Zone("rails", ((0, -1), (2, -1), (2, -0.9), (0.1, -0.9), (0.1, 0.9), (2, 0.9),
+                           (2, 1), (0, 1)), (1, 1))  # fmt: skip
+    np.testing.assert_allclose(grid(rails, 3.0), [[1, -0.95, 1], [1, 0.95, 1]])
+
+
+@pytest.mark.parametrize("step", [0.0, -1.0, math.nan, math.inf])
+def test_a_grid_needs_a_step(step):
+    with pytest.raises(ValueError, match="zone 'roof': step must be a positive length"):
+        grid(ROOF, step)
+
+
+@given(zone=zones, u=share, v=share, w=share)
+@settings(max_examples=200, deadline=None, derandomize=True)
+def test_halves_hold_what_is_left_and_what_is_central(zone, u, v, w):
+    x, y, z = position(zone, u, v, w)
+    try:
+        left, centre = left_half(zone), on_centre_line(zone)
+    except ValueError:  # in pieces, which `test_parts_in_pieces_are_refused` looks at
+        return
+    if y > 2e-9:
+        assert distance(left, x, y, z) < 2e-9
+    for part in filter(None, (left, centre)):
+        place = position(part, u, v, w)
+        assert contains(zone, *place)
+        assert place[1] >= 0
+        assert part is left or place[1] == 0
+
+
+def test_halves():
+    half = left_half(ROOF)
+    assert set(half.polygon) == {(-1, 0), (1, 0), (1, 0.4), (-1, 0.6)}
+    assert (half.name, half.z) == ("roof", (1.6, 2.0))
+    assert on_centre_line(ROOF).polygon == ((-1, 0), (1, 0))
+    right = Zone.box("right", (0, 1), (-1, -0.5), (1, 2))
+    assert left_half(right) is on_centre_line(right) is None
+    beside = Zone.box("beside", (0, 1), (-1, 0), (1, 2))
+    assert left_half(beside).polygon == on_centre_line(beside).polygon == ((0, 0), (1, 0))
+    mast = Zone.box("mast", (0, 0), (0, 0), (1, 2))
+    assert left_half(mast) == on_centre_line(mast) == mast
+
+
+def test_parts_in_pieces_are_refused():
+    arms = Zone(
+        "arms", ((0, 1), (0, -2), (3, -2), (3, 1), (2, 1), (2, -1), (1, -1), (1, 1)), (0, 1)
+    )
+    with pytest.raises(ValueError, match=r"zone 'arms': .* in several pieces, expected one"):
+        left_half(arms)
+    with pytest.raises(ValueError, match="zone 'arms': the part with y = 0 is in 2 pieces"):
+        on_centre_line(arms)
+
+
+@pytest.mark.parametrize(
+    ("vertices", "z", "message"),
+    [
+        ((), (0, 1), "zone 'z': a polygon needs at least one vertex"),
+        (((0, 0), (1, 1), (1, 0), (0, 1)), (0, 1), "zone 'z': a polygon needs edges that meet"),
+        (((0, 0),), (2, 1), r"zone 'z': z needs finite low <= high, found \[2\.0, 1\.0\]"),
+        (((0, 0),), (0, math.inf), "z needs finite low <= high"),
+        (((0, 0),), (math.nan, 1), "z needs finite low <= high"),
+    ],
+)
+def test_bad_zones(vertices, z, message):
+    with pytest.raises(ValueError, match=message):
+        Zone("z", vertices, z)
+
+
+@pytest.mark.parametrize("bad", [-1e-9, 1.0001, math.nan])
+def test_bad_shares(bad):
+    with pytest.raises(ValueError, match="shares must lie within"):
+        position(ROOF, 0.5, bad, 0.5)
