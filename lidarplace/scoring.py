@@ -15,7 +15,7 @@ import pandas as pd
 
 from lidarplace.coverage import Method, check_method, covered_bits, rays_of
 from lidarplace.coverage.bits import pack
-from lidarplace.coverage.rays import log_miss, ray_counts, ray_weight
+from lidarplace.coverage.rays import RayMethod, log_miss, ray_counts, ray_weight
 from lidarplace.coverage.tiles import Tiles
 from lidarplace.occupancy import OccupancyGrid
 from lidarplace.placement import Placement
@@ -115,16 +115,18 @@ def evaluate_classes(
         placement = placement.with_lidar(
             [replace(lidar, azimuth_steps=azimuth_steps) for lidar in placement.lidars]
         )
-    tiles = functools.reduce(Tiles.__or__, (grid.levels.tiles for grid in grids.values()))
+    tiles = occupied_tiles(grids)
     h_pog = {object_class: grid.h_pog for object_class, grid in grids.items()}
 
     start = time.perf_counter()
     ray_method = rays_of(method)
     needs_counts = bool(set(surrogates) - ({"expected_ig"} if occlusion else set()))
+    same_rays = method == ray_method and azimuth_stride == 1
+    occupied = occupied_layers(roi, tiles, ray_method)
     if needs_counts:
-        rays = ray_counts(placement, roi, ray_method, azimuth_stride)
-    if needs_counts and method == ray_method and azimuth_stride == 1:
-        covered = pack(rays > 0)  # the same rays
+        rays = ray_counts(placement, roi if same_rays else occupied, ray_method, azimuth_stride)
+    if needs_counts and same_rays:
+        covered = pack(rays > 0)
     else:
         covered = covered_bits(placement, roi, method, tiles)
     weight = ray_weight(placement, azimuth_stride)
@@ -142,7 +144,8 @@ def evaluate_classes(
             gain = expected_ig(grid, crossings, weight * log_miss_of_ray(detection_probability))
         elif "expected_ig" in surrogates:
             log_misses = log_miss(
-                *(placement, roi, ray_method, grid.counts, grid.frames),
+                *(placement, occupied, ray_method),
+                *(grid.counts[..., : occupied.shape[2]], grid.frames),
                 *(detection_probability, azimuth_stride),
             )
             gain = expected_ig_with_occlusion(grid, log_misses)
@@ -184,7 +187,8 @@ def expected_ig_by_q(
     """
     for q in detection_probabilities:
         _check_probability(q)
-    rays = ray_counts(placement, _common_roi(grids), "dda", azimuth_stride)
+    roi = occupied_layers(_common_roi(grids), occupied_tiles(grids), "dda")
+    rays = ray_counts(placement, roi, "dda", azimuth_stride)
     weight = ray_weight(placement, azimuth_stride)
     gains = {}
     for object_class, grid in grids.items():
@@ -201,6 +205,22 @@ def _common_roi(grids: Mapping[str, OccupancyGrid]) -> Roi:
     if len(rois) != 1:
         raise ValueError(f"the grids must share one ROI, found {len(rois)}")
     return rois.pop()
+
+
+def occupied_tiles(grids: Mapping[str, OccupancyGrid]) -> Tiles:
+    """Where any of the classes is."""
+    return functools.reduce(Tiles.__or__, (grid.levels.tiles for grid in grids.values()))
+
+
+def occupied_layers(roi: Roi, tiles: Tiles, method: RayMethod) -> Roi:
+    """`roi` up to the highest layer that matters: rays need not be followed above it.
+
+    The whole `roi` for `bresenham`, whose lines depend on where they leave it.
+    """
+    if method == "bresenham":
+        return roi
+    layers = max(1, int(tiles.highest.max()) + 1)
+    return replace(roi, z=(roi.z[0], roi.z[0] + layers * roi.resolution))
 
 
 def _check_probability(q: float) -> None:

@@ -19,6 +19,8 @@ from lidarplace.roi import Roi
 RAY_SURROGATES = ("expected_points", "expected_ig")
 """Surrogates that need the number of rays through every voxel; computed when asked for."""
 
+_TABLE = 2**20  # entries: 8 MB
+
 
 @dataclass(frozen=True)
 class Surrogates:
@@ -144,14 +146,56 @@ class Crossings:
 
     @classmethod
     def of_grid(cls, grid: OccupancyGrid, rays: NDArray[np.integer]) -> Crossings:
-        """`rays` through every voxel of the grid, shape (nx, ny, nz)."""
-        crossed = (grid.counts > 0) & (rays > 0)
-        base = int(rays.max(initial=0)) + 1
-        pairs, voxels = np.unique(
-            grid.counts[crossed].astype(np.int64) * base + rays[crossed], return_counts=True
+        """`rays` through the voxels of the grid, shape (nx, ny, layers).
+
+        Layers above the highest occupied voxel may be missing.
+
+        Raises:
+            ValueError: the shape of `rays` does not fit the grid.
+        """
+        levels = grid.levels
+        highest = int(levels.tiles.highest.max())
+        if rays.shape[:2] != grid.roi.shape[:2] or rays.shape[2] <= highest:
+            raise ValueError(
+                f"rays of shape {rays.shape} do not fit a grid of shape {grid.roi.shape} that is "
+                f"occupied up to layer {highest}"
+            )
+        occupied = int(levels.total.sum())
+        level, rays_of_voxel = np.empty(occupied + 1, np.int32), np.empty(occupied + 1, np.int32)
+        crossed = _list_crossed(
+            rays, levels.first, levels.voxels, levels.level, level, rays_of_voxel
         )
-        counts, rays_of_pair = np.divmod(pairs, base)
-        return cls(counts, rays_of_pair, voxels)
+        level, rays_of_voxel = level[:crossed], rays_of_voxel[:crossed]
+        base = int(rays_of_voxel.max(initial=0)) + 1
+        pair_of_voxel = level * np.int64(base) + rays_of_voxel
+        if len(levels.counts) * base <= max(_TABLE, occupied):
+            table = np.bincount(pair_of_voxel)  # no sorting
+            pairs = np.flatnonzero(table)
+            voxels = table[pairs]
+        else:
+            pairs, voxels = np.unique(pair_of_voxel, return_counts=True)
+        level_of_pair, rays_of_pair = np.divmod(pairs, base)
+        return cls(levels.counts[level_of_pair].astype(np.int64), rays_of_pair, voxels)
+
+
+@njit(cache=True, nogil=True)
+def _list_crossed(
+    rays, first, voxels, level, level_of_voxel, rays_of_voxel
+):  # pragma: no cover - compiled
+    """List the occupied voxels that rays cross, and return their number; room for one more."""
+    nx, ny, _ = rays.shape
+    size, one = np.int64(0), np.uint64(1)
+    for column in range(len(first) - 1):
+        i, j = column // ny % nx, column % ny
+        for n in range(first[column], first[column + 1]):
+            left, k = voxels[n], column // (nx * ny) * 64
+            while left:
+                m = rays[i, j, k]
+                level_of_voxel[size], rays_of_voxel[size] = level[n], m
+                size += np.int64(left & one) & np.int64(m > 0)  # no branch, which none could guess
+                left >>= one
+                k += 1
+    return size
 
 
 def expected_points(grid: OccupancyGrid, crossings: Crossings, ray_weight: float) -> float:
@@ -189,10 +233,12 @@ def expected_ig_with_occlusion(grid: OccupancyGrid, log_miss: NDArray[np.float64
     """`expected_ig` with `1 - d = prod over rays of (1 - q w)` of every voxel.
 
     Args:
-        log_miss: `ln(1 - d)`, shape (nx, ny, nz), see `lidarplace.coverage.rays.log_miss`.
+        log_miss: `ln(1 - d)`, shape (nx, ny, layers), see `lidarplace.coverage.rays.log_miss`;
+            layers above the highest occupied voxel may be missing.
     """
-    crossed = (grid.counts > 0) & (log_miss < 0)
-    counts = grid.counts[crossed]
+    counts = grid.counts[..., : log_miss.shape[2]]
+    crossed = (counts > 0) & (log_miss < 0)
+    counts = counts[crossed]
     p, rest = counts / grid.frames, (grid.frames - counts) / grid.frames
     return float(np.sum(information(p, rest, log_miss[crossed])))
 
@@ -202,12 +248,12 @@ def information(p, rest, log_miss):  # pragma: no cover - compiled
     """I(v) of `expected_ig` for arrays of p > 0, rest = 1 - p and log_miss = ln(1 - d) < 0."""
     result = np.empty(len(p))
     for i in range(len(p)):
-        result[i] = _information(p[i], rest[i], log_miss[i])
+        result[i] = information_at(p[i], rest[i], log_miss[i])
     return result
 
 
 @njit(cache=True, nogil=True)
-def _information(p, rest, log_miss):  # pragma: no cover - compiled
+def information_at(p, rest, log_miss):  # pragma: no cover - compiled
     """I(v) without the difference of two entropies, which cancels where d, p or 1 - p is small.
 
     With g(x) = (1 - x) ln(1 - x) + x, and 1 - p d the probability that nothing is detected:

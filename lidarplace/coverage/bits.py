@@ -22,7 +22,7 @@ def pack(mask: NDArray[np.bool_]) -> Bits:
     """The voxels of a mask of shape (nx, ny, nz)."""
     nx, ny, nz = mask.shape
     octets = np.zeros((nx, ny, -(-nz // 64) * 8), np.uint8)
-    octets[..., : -(-nz // 8)] = np.packbits(mask, axis=-1, bitorder="little")
+    octets[..., : -(-nz // 8)] = np.packbits(np.ascontiguousarray(mask), axis=-1, bitorder="little")
     words = octets.view("<u8").astype(np.uint64, copy=False)
     return np.ascontiguousarray(np.moveaxis(words, 2, 0))
 

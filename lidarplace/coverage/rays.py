@@ -29,13 +29,13 @@ def covered_by_rays(placement: Placement, roi: Roi, method: RayMethod) -> NDArra
     covered = _in_layers(roi, np.bool_)
     for voxels, _ in _chunks(placement, roi, method):
         _cover(voxels, covered.reshape(-1))
-    return _by_voxel(covered)
+    return np.ascontiguousarray(_by_voxel(covered))
 
 
 def ray_counts(
     placement: Placement, roi: Roi, method: RayMethod, azimuth_stride: int = 1
 ) -> NDArray[np.int32]:
-    """m(v), the number of rays through every voxel, shape (nx, ny, nz).
+    """m(v), the number of rays through every voxel, shape (nx, ny, nz), not in C order.
 
     With `azimuth_stride` the rays of fewer azimuth steps are counted, see `thinned`; each stands
     for `ray_weight` rays.
@@ -113,8 +113,8 @@ def _in_layers(roi: Roi, dtype: type[np.generic]) -> NDArray:
 
 
 def _by_voxel(layers: NDArray) -> NDArray:
-    """From layers to shape (nx, ny, nz), C order."""
-    return np.ascontiguousarray(layers.transpose(1, 2, 0))
+    """A view of layers with shape (nx, ny, nz): the order in memory stays."""
+    return layers.transpose(1, 2, 0)
 
 
 def _chunks(

@@ -16,9 +16,14 @@ _CELLS = 200
 """Maps are averaged to at most this many cells along the longer side: a page holds many."""
 
 
-def pog_from_above(entropy: NDArray[np.float32], roi: Roi, title: str) -> go.Figure:
-    """Entropy of each column of voxels, nats. `entropy` has shape (nx, ny)."""
-    cells, x, y = _averaged(entropy, roi)
+def pog_from_above(
+    entropy: NDArray[np.float32], roi: Roi, title: str, most: int = _CELLS
+) -> go.Figure:
+    """Entropy of each column of voxels, nats. `entropy` has shape (nx, ny).
+
+    It is averaged to at most `most` cells along the longer side.
+    """
+    cells, x, y = _averaged(entropy, roi, most)
     return _map(cells.astype(np.float32), x, y, title, "nats", None, "%{z:.3g} nats")
 
 
@@ -26,7 +31,7 @@ def coverage_from_above(
     share: NDArray[np.float32], roi: Roi, title: str, mounts: Sequence[Mount]
 ) -> go.Figure:
     """Covered share of each column of voxels, 0 to 100 %. `share` has shape (nx, ny), in [0, 1]."""
-    cells, x, y = _averaged(share, roi)
+    cells, x, y = _averaged(share, roi, _CELLS)
     percent = np.rint(100 * cells).astype(np.uint8)
     plot = _map(percent, x, y, title, "%", (0, 100), "%{z} % covered")
     plot.add_scatter(
@@ -99,10 +104,10 @@ def _map(
 
 
 def _averaged(
-    columns: NDArray[np.float32], roi: Roi
+    columns: NDArray[np.float32], roi: Roi, most: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Means over blocks of columns, and the edges of the blocks along x and y in metres."""
-    step = -(-max(columns.shape) // _CELLS)
+    step = -(-max(columns.shape) // most)
     cells = columns.astype(np.float64)
     edges = []
     for axis, (low, high) in enumerate((roi.x, roi.y)):

@@ -8,6 +8,7 @@ from typing import Any
 import plotly.graph_objects as go
 
 from lidarplace.viewing.style import COLOURS, OUTLINE
+from lidarplace.viewing.style import theme as theme_of_scenes
 
 SYMBOLS = ("circle", "diamond", "square", "triangle-up", "x", "cross")
 SEQUENTIAL = "Cividis"
@@ -77,6 +78,7 @@ def theme(dark: bool) -> dict[str, Any]:
             "font": {"color": ink, "size": 12, "family": "system-ui, sans-serif"},
             "xaxis": axis,
             "yaxis": axis,
+            "scene": theme_of_scenes(dark)["layout"]["scene"],
             "legend": {"bgcolor": "rgba(0,0,0,0)"},
             "updatemenudefaults": {
                 "bgcolor": menu,

@@ -6,12 +6,8 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import jinja2
 import pandas as pd
-import plotly.graph_objects as go
-from plotly.offline import get_plotlyjs
 
-from lidarplace.files import replacing
 from tracking.accuracy import relative_errors, summarise
 from tracking.correlation import correlate, with_sums
 from tracking.figures.accuracy import accuracy_figure
@@ -21,7 +17,7 @@ from tracking.figures.intervals import intervals
 from tracking.figures.learning_curves import learning_curves
 from tracking.figures.point_cloud import point_clouds
 from tracking.figures.scatter import scatter
-from tracking.figures.style import text, theme
+from tracking.figures.style import text
 from tracking.figures.surrogate_agreement import surrogate_agreement
 from tracking.figures.training_cost import training_cost_figure
 from tracking.labels import surrogate_name
@@ -35,6 +31,7 @@ from tracking.report.headline import (
     verdicts,
     warnings,
 )
+from tracking.report.page import write_page
 from tracking.report.promotion import promotion_section
 from tracking.report.section import Section
 from tracking.report.tables import (
@@ -73,8 +70,7 @@ MOST_INTERVALS = 20
 def build_report(run: Path) -> Path:
     """Write `report.html` into the run folder `run` and return its path.
 
-    One file: plotly's program is in it, nothing is loaded from a network. It appears in one
-    step, so that a reader never meets half a report.
+    One file that loads nothing from a network, see `tracking.report.page`.
 
     Raises:
         ValueError: `run` is no run folder, see `RunFolder.read`.
@@ -104,14 +100,10 @@ def build_report(run: Path) -> Path:
         where_time_went(folder),
     ]
     cards = [v for group in found for v in verdicts(folder, group, means, correlations)]
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    page = environment.get_template("report.html").render(
+    return write_page(
+        folder.path / "report.html",
+        Path(__file__).with_name("report.html"),
+        name=folder.sweep["name"],
         run=folder,
         verdicts=cards or [v for group in found for v in surrogate_verdicts(folder, group)],
         several=len(found) > 1,
@@ -121,19 +113,7 @@ def build_report(run: Path) -> Path:
         sweep=json.dumps(
             {k: v for k, v in folder.sweep.items() if k != "placements"}, indent=2, default=str
         ),
-        plotlyjs=get_plotlyjs(),
-        themes=json.dumps({"light": theme(False), "dark": theme(True)}),
-        as_json=_as_json,
     )
-    target = folder.path / "report.html"
-    with replacing(target) as partial:
-        partial.write_text(page, encoding="utf-8")
-    return target
-
-
-def _as_json(figure: go.Figure) -> str:
-    """A figure as JSON that no text in it can end the script element around it."""
-    return str(figure.to_json()).replace("<", "\\u003c")
 
 
 def _best_first(run: RunFolder, means: pd.DataFrame) -> list[str]:

@@ -1,0 +1,148 @@
+"""An upper bound of the value of every feasible set, by cutting planes (Kelley 1960).
+
+`Majorant` gives linear functions of the chosen candidates that no set exceeds, the cuts. A linear
+program takes the largest value that all cuts allow on the polytope of `Limits`, at shares of the
+candidates between 0 and 1; where it lies a new cut is made. Blocks of voxels have cuts of their
+own, since the sum of their least cuts is lower than the least of their sums.
+
+The first cuts are those of greedy's prefixes. One of them alone, over the same polytope, is the
+bound by marginal gains (Leskovec et al. 2007, Cost-effective outbreak detection in networks).
+
+Every bound holds whatever the solver's tolerances are: not its optimum is taken, but its dual
+multipliers, made feasible. By weak duality any multipliers give a bound.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+
+from lidarplace.selection.exposure import Exposure
+from lidarplace.selection.limits import Limits
+from lidarplace.selection.majorant import Majorant
+
+_ROUNDING = 1e-10
+"""Relative; sums of float64 are right to 1e-12, see `Majorant`."""
+
+
+@dataclass(frozen=True, eq=False)
+class UpperBound:
+    """No feasible set has a larger value.
+
+    Attributes:
+        value: the bound.
+        by_gains: the best bound by marginal gains alone.
+        history: the best bound so far after every round; columns `seconds`, `bound`, `kind`
+            (`gains` or `cuts`).
+    """
+
+    value: float
+    by_gains: float
+    history: pd.DataFrame
+
+
+@dataclass(frozen=True, eq=False)
+class _Cut:
+    """`constant[b] + slopes[b] @ x` is at least the value of block b at any set x."""
+
+    constant: NDArray[np.float64]
+    slopes: NDArray[np.float64]
+
+
+def upper_bound(
+    exposure: Exposure,
+    limits: Limits,
+    chosen: Sequence[int] = (),
+    seconds: float = 60.0,
+    relative_gap: float = 1e-4,
+    blocks: int = 32,
+) -> UpperBound:
+    """Bound the value of every set of candidates that `limits` allow.
+
+    Args:
+        chosen: candidates in the order of `greedy`, whose prefixes give the first cuts.
+        seconds: no round starts later.
+        relative_gap: stop when the bound is this close to the best that cuts can reach.
+        blocks: of voxels, as many cuts a round.
+
+    Raises:
+        ValueError: `limits` are of another number of candidates.
+    """
+    start = time.perf_counter()
+    if limits.candidates != exposure.candidates:
+        raise ValueError(
+            f"limits are for {limits.candidates} candidates, exposure has {exposure.candidates}"
+        )
+    edges = np.linspace(0, len(exposure.gain.profile), blocks + 1).astype(np.int64)
+    history: list[tuple[float, float, str]] = []
+    cuts = []
+
+    def note(bound: float, kind: str) -> float:
+        best = min([bound * (1 + _ROUNDING), *(known for _, known, _ in history)])
+        history.append((time.perf_counter() - start, best, kind))
+        return best
+
+    for size in range(len(chosen) + 1):
+        cuts.append(_of_majorant(Majorant.of_set(exposure, chosen[:size]), edges))
+        cuts[-1].slopes[:, list(chosen[:size])] = 0.0  # these add nothing more
+        whole = _Cut(cuts[-1].constant.sum(keepdims=True), cuts[-1].slopes.sum(0, keepdims=True))
+        by_gains = note(_highest([whole], limits)[0], "gains")
+    best = by_gains
+    middle, reached = np.zeros(exposure.candidates), 0.0
+    while time.perf_counter() - start < seconds:
+        bound, share = _highest(cuts, limits)
+        best = note(bound, "cuts")
+        if best - reached <= relative_gap * best:
+            break
+        # Halfway to the best point known the cuts settle sooner than at the corner.
+        share = (share + middle) / 2
+        cuts.append(_of_majorant(Majorant.at(exposure, share), edges))
+        value = float((cuts[-1].constant + cuts[-1].slopes @ share).sum())
+        if value > reached:
+            middle, reached = share, value
+    return UpperBound(best, by_gains, pd.DataFrame(history, columns=["seconds", "bound", "kind"]))
+
+
+def _of_majorant(majorant: Majorant, edges: NDArray[np.int64]) -> _Cut:
+    constant = [majorant.constant[a:b].sum() for a, b in itertools.pairwise(edges)]
+    return _Cut(np.array(constant), majorant.added_by_all(edges))
+
+
+def _highest(cuts: Sequence[_Cut], limits: Limits) -> tuple[float, NDArray[np.float64]]:
+    """Bound of the sum over the blocks of the least cut of each; and where the solver found it.
+
+    Variables are the shares and the value of every block, in units of the largest cut.
+    """
+    rows, capacity = limits.polytope
+    blocks, candidates = cuts[0].slopes.shape
+    constant = np.concatenate([cut.constant for cut in cuts])
+    slopes = np.concatenate([cut.slopes for cut in cuts])
+    unit = max(constant.max(), slopes.max(initial=0.0)) or 1.0
+    value_of_block = np.tile(np.eye(blocks), (len(cuts), 1))
+    solution = linprog(
+        np.concatenate([np.zeros(candidates), -np.ones(blocks)]),
+        A_ub=np.block([[-slopes / unit, value_of_block], [rows, np.zeros((len(rows), blocks))]]),
+        b_ub=np.concatenate([constant / unit, capacity]),
+        bounds=[(0, 1)] * candidates + [(None, None)] * blocks,
+        method="highs",
+    )
+    if solution.status != 0:
+        raise RuntimeError(f"HiGHS found no bound: {solution.message}")
+    duals = np.maximum(-solution.ineqlin.marginals, 0.0)
+    of_cut, of_row = (
+        duals[: len(constant)].reshape(len(cuts), blocks),
+        duals[len(constant) :] * unit,
+    )
+    # Multipliers of a block's cuts add up to 1: then the cuts hold for their mean.
+    of_cut[0, of_cut.sum(axis=0) == 0] = 1.0
+    of_cut = (of_cut / of_cut.sum(axis=0)).reshape(-1)
+    left = of_cut @ slopes - of_row @ rows
+    bound = of_cut @ constant + of_row @ capacity + np.maximum(left, 0.0).sum()
+    return float(bound), np.clip(solution.x[:candidates], 0.0, 1.0)

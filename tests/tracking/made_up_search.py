@@ -1,0 +1,310 @@
+"""A made-up folder of a search: every file that it leaves, small, with known structure."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from lidarplace import PAPER_PLACEMENTS, OccupancyGrid, Roi
+from lidarplace.placement import Mount
+
+ROI = {"x": [0.0, 20.0], "y": [-10.0, 10.0], "z": [0.0, 4.0], "resolution": 0.5}
+ROOF = {
+    "name": "roof",
+    "polygon": [[-0.8, -0.6], [0.6, -0.5], [0.6, 0.5], [-0.8, 0.6]],
+    "z": [1.7, 2.2],
+}
+NOSE = {
+    "name": "nose",
+    "polygon": [[2.2, -0.7], [2.3, -0.7], [2.3, 0.7], [2.2, 0.7]],
+    "z": [0.6, 0.6],
+}
+CLASSES = ("Car", "Cyclist")
+BASE = 1000.0
+"""Value of the best of the paper's eight; the others are below."""
+
+
+def write_search(
+    path: Path,
+    trials: int = 60,
+    lidars: int = 4,
+    feasible: bool = True,
+    several: bool = False,
+    complete: bool = True,
+    found: str = "found_1",
+    model: str = "paper",
+    zone: str = "roof",
+    seed: int = 0,
+    **changes: Any,
+) -> Path:
+    """Write a folder of a search with one objective, expected_ig, or with the price as well.
+
+    The best found rig is trial 7. Without `complete` only the two required files are written.
+    `changes` replace keys of search.json.
+    """
+    rng = np.random.default_rng(seed)
+    path.mkdir(parents=True)
+    table = _trials(rng, trials, lidars, feasible, several, model, zone)
+    table.to_parquet(path / "trials.parquet")
+    best = _rig(table.iloc[min(7, trials - 1)], lidars, several)
+    front = {found: best} if feasible else {}
+    if several:  # of each lower price the trial of the largest value, if that is larger than below
+        cheap = table[table["feasible"] & (table["value.price"] < best["values"]["price"])]
+        top = cheap.loc[cheap.groupby("value.price")["value.expected_ig"].idxmax()]
+        top = top[top["value.expected_ig"] == top["value.expected_ig"].cummax()]
+        for i, (_, row) in enumerate(top[::-1].iterrows(), start=2):
+            front[f"found_{i}"] = _rig(row, lidars, several)
+    papers = {
+        name: {
+            "role": "paper",
+            "mounts": [_pose(mount) for mount in placement.mounts],
+            "models": ["paper"] * 4,
+            "zones": [None] * 4,
+            "values": {"expected_ig": BASE - 40 * i} | ({"price": 4000.0} if several else {}),
+            "measures": {"distance": 0.2, "own body": 3.0 + i},
+        }
+        for i, (name, placement) in enumerate(PAPER_PLACEMENTS.items())
+    }
+    greedy = best | {"role": "greedy", "values": best["values"] | {"expected_ig": 1100.0}}
+    rigs = front | {"greedy": greedy} | papers
+    search = {
+        "name": "made up",
+        "command": "python -m sweeps.search examples/search.yaml",
+        "seconds": 41.5,
+        "objectives": _objectives(several),
+        "sampler": "tpe",
+        "seed": seed,
+        "batch_size": 8,
+        "trials": trials,
+        "evaluations": trials - 2,
+        "repeated": 2,
+        "feasible": int(table["feasible"].sum()),
+        "sampler_seconds": 10.0,
+        "evaluation_seconds": 30.0,
+        "constraints": [
+            {"name": "distance", "unit": "m", "limit": 0.2, "sense": "at least"},
+            {"name": "own body", "unit": "%", "limit": 5.0, "sense": "at most"},
+        ],
+        "classes": list(CLASSES),
+        "roi": ROI,
+        "frames": 200,
+        "zones": [ROOF | {"name": zone}, NOSE],
+        "vehicle": [[[-2.3, -0.95, 0.2], [2.3, 0.95, 0.9]], [[-1.6, -0.8, 0.9], [1.0, 0.8, 1.5]]],
+        "models": {model: {"price": 1000.0, "beams": 16, "azimuth_steps": 5625}},
+        "bound": {
+            "value": 1250.0,
+            "by_gains": 1300.0,
+            "greedy": 1100.0,
+            "gap_percent": 4.0,
+            "candidates": 480,
+            "best_value": 1200.0,
+            "reason": None,
+        },
+        "best": list(front),
+        "baseline": next(iter(papers)),
+        "rigs": rigs,
+        "commands": [
+            {
+                "what": "train detectors on it",
+                "line": "python -m sweeps.run runs/made_up/sweep.yaml",
+            }
+        ],
+        "tracking_uri": None,
+        "versions": {"optuna": "5.0.0"},
+        "stride": {"azimuth_stride": 4, "relative_error": 0.002},
+        "importance": {"lidar_1.z": 0.6, "lidar_1.roll": 0.4},
+    } | changes
+    (path / "search.json").write_text(json.dumps(search))
+    if complete:
+        _write_optional(path, rng, search)
+    return path
+
+
+def _objectives(several: bool) -> list[dict[str, Any]]:
+    gain = {
+        "name": "expected_ig",
+        "by": "expected_ig",
+        "unit": "nats",
+        "direction": "maximize",
+        "weights": {"Car": 1.0, "Cyclist": 1.0},
+    }
+    price = {"name": "price", "by": "price", "unit": "€", "direction": "minimize", "weights": None}
+    return [gain, price] if several else [gain]
+
+
+def _trials(
+    rng: np.random.Generator,
+    n: int,
+    lidars: int,
+    feasible: bool,
+    several: bool,
+    model: str,
+    zone: str,
+) -> pd.DataFrame:
+    """Values rise to 1,200 at trial 7. Without `feasible` every trial breaks "own body"."""
+    value = rng.uniform(700, 1150, n)
+    value[min(7, n - 1)] = 1200.0
+    body = rng.uniform(-3, -0.1, n) if feasible else rng.uniform(0.5, 3, n)
+    distance = rng.uniform(-0.2, 0.05, n)
+    distance[min(7, n - 1)] = -0.1
+    if not feasible:
+        body[min(3, n - 1)], distance[min(3, n - 1)] = 0.25, -0.1
+    columns: dict[str, Any] = {
+        "number": np.arange(n),
+        "state": "COMPLETE",
+        "feasible": (body <= 0) & (distance <= 0),
+        "value.expected_ig": value,
+        "violation.distance": distance,
+        "violation.own body": body,
+        "seconds": rng.uniform(0.01, 0.05, n),
+    }
+    if several:
+        columns["value.price"] = rng.integers(1, 6, n) * 1000.0
+    if not feasible:  # a rig that breaks a constraint is not evaluated
+        columns |= {"state": "PRUNED", "value.expected_ig": np.nan}
+    for i in range(1, lidars + 1):
+        columns[f"lidar_{i}.model"] = model
+        columns[f"lidar_{i}.zone"] = zone
+        for axis, low, high in (("x", -0.7, 0.5), ("y", -0.4, 0.4), ("z", 1.75, 2.15)):
+            columns[f"lidar_{i}.{axis}_m"] = rng.uniform(low, high, n)
+        for axis in ("roll", "pitch", "yaw"):
+            columns[f"lidar_{i}.{axis}_deg"] = rng.uniform(-20, 20, n)
+    columns["param.training.lr"] = 10 ** rng.uniform(-4, -2, n)
+    return pd.DataFrame(columns)
+
+
+def _pose(mount: Mount) -> list[float]:
+    return [mount.x, mount.y, mount.z, mount.roll, mount.pitch, mount.yaw]
+
+
+def _rig(trial: pd.Series, lidars: int, several: bool) -> dict[str, Any]:
+    lengths, angles = ("x_m", "y_m", "z_m"), ("roll_deg", "pitch_deg", "yaw_deg")
+    return {
+        "role": "found",
+        "mounts": [
+            [
+                *(float(trial[f"lidar_{i}.{key}"]) for key in lengths),
+                *(float(np.radians(trial[f"lidar_{i}.{key}"])) for key in angles),
+            ]
+            for i in range(1, lidars + 1)
+        ],
+        "models": [trial["lidar_1.model"]] * lidars,
+        "zones": [trial["lidar_1.zone"]] * lidars,
+        "values": {"expected_ig": float(trial["value.expected_ig"])}
+        | ({"price": float(trial["value.price"])} if several else {}),
+        "measures": {"distance": 0.3, "own body": 2.5},
+    }
+
+
+def _write_optional(path: Path, rng: np.random.Generator, search: dict[str, Any]) -> None:
+    seconds = np.arange(1.0, 6.0)
+    bounds = [
+        pd.DataFrame({"seconds": seconds, "bound": last + 200 / seconds, "kind": kind})
+        for kind, last in (("gains", 1260.0), ("linear programme", 1210.0))
+    ]
+    pd.concat(bounds).to_parquet(path / "bound.parquet")
+    pd.DataFrame(
+        {
+            "step": [1, 2],
+            "gain": [800.0, 300.0],
+            "value": [800.0, 1100.0],
+            "zone": "roof",
+            "x_m": 0.1,
+        }
+    ).to_parquet(path / "greedy.parquet")
+    names = [*search["best"][:1], search["baseline"]]
+    cases = (("as designed", 1.0), ("mount off", 0.99), ("LiDAR 1 fails", 0.8))
+    rows = [
+        (rig, case, "expected_ig", 20, BASE * share, 0.97 * BASE * share, share)
+        for rig in names
+        for case, share in (*cases, ("scene: Town05, 120 cars", 1.2))
+    ]
+    columns = ["rig", "case", "objective", "draws", "value", "worst", "share"]
+    pd.DataFrame(rows, columns=columns).to_parquet(path / "robustness.parquet")
+    _verified(search, names).to_parquet(path / "verified.parquet")
+    _write_maps(path, rng, names)
+    _write_optuna(path / "optuna", search["trials"], len(search["rigs"]["greedy"]["mounts"]))
+
+
+def _verified(search: dict[str, Any], names: list[str]) -> pd.DataFrame:
+    return pd.DataFrame(
+        [
+            {
+                "rig": rig,
+                "role": search["rigs"][rig]["role"],
+                "class": name,
+                "metric": "AP_R40_3D",
+                "iou": iou,
+                "seeds": 3,
+                "value": 60 + 2.5 * (i == 0),
+                "low": 58.0,
+                "high": 64.0,
+                "difference": 2.5 * (i == 0),
+                "difference_low": 0.5,
+                "difference_high": 4.5,
+                "surrogate": search["rigs"][rig]["values"]["expected_ig"],
+            }
+            for name, iou in (("Car", 0.7), ("Cyclist", 0.5))
+            for i, rig in enumerate(names)
+        ]
+    )
+
+
+def _write_maps(path: Path, rng: np.random.Generator, names: list[str]) -> None:
+    """The POG of made-up boxes, and a share of it unseen, more under the baseline (the last)."""
+    roi = Roi(**ROI)  # type: ignore[arg-type]
+    maps = {}
+    for name in CLASSES:
+        n = 300
+        boxes = pd.DataFrame(
+            {
+                "scene": 0,
+                "frame": np.arange(n) % 40,
+                "class": name,
+                "x": rng.uniform(0, 20, n),
+                "y": rng.choice([-4, 0, 4], n) + rng.normal(0, 0.5, n),
+                "z": 0.8,
+                "length": 4.5,
+                "width": 1.9,
+                "height": 1.6,
+                "yaw": 0.0,
+            }
+        )
+        grid = OccupancyGrid.from_boxes(boxes, roi, object_class=name, frames=40)
+        pog = grid.entropy.sum(axis=2).astype(np.float32)
+        maps[f"pog/{name}"] = pog
+        for i, rig in enumerate(names):
+            share = np.clip(rng.uniform(0.1, 0.3, pog.shape) + 0.2 * (i == len(names) - 1), 0, 1)
+            maps[f"unseen/{name}/{rig}"] = (pog * share).astype(np.float32)
+    np.savez_compressed(path / "maps.npz", **maps)
+
+
+def _write_optuna(path: Path, trials: int, lidars: int) -> None:
+    """Optuna's own figures of a study with as many parameters as a search has."""
+    import optuna
+
+    rng = np.random.default_rng(0)
+    names = [f"lidar_{i}.{k}" for i in range(1, lidars + 1) for k in ("x", "y", "z", "roll")]
+    uniform = optuna.distributions.FloatDistribution(0, 1)
+    study = optuna.create_study(direction="maximize")
+    study.add_trials(
+        [
+            optuna.trial.create_trial(
+                params=dict(zip(names, rng.random(len(names)).tolist(), strict=True)),
+                distributions=dict.fromkeys(names, uniform),
+                value=float(rng.uniform(700, 1200)),
+            )
+            for _ in range(trials)
+        ]
+    )
+    path.mkdir()
+    for title, plot in (
+        ("optimization_history", optuna.visualization.plot_optimization_history(study)),
+        ("slice", optuna.visualization.plot_slice(study)),
+        ("parallel_coordinate", optuna.visualization.plot_parallel_coordinate(study, names[:4])),
+    ):
+        (path / f"{title}.json").write_text(plot.to_json())

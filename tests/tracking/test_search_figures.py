@@ -1,0 +1,160 @@
+"""What the figures of a search show, in numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+import pytest
+
+from lidarplace.roi import Roi
+from tracking.figures.from_optuna import from_optuna
+from tracking.figures.pareto import pareto_fronts
+from tracking.figures.rig_picture import rig_picture
+from tracking.figures.robustness import robustness_figure
+from tracking.figures.search_history import search_history
+from tracking.figures.unseen import unseen
+from tracking.figures.verified import verified_figure
+from tracking.search_report.edges import at_the_edge
+from tracking.search_result import Objective, Rig, Zone
+
+GAIN = Objective(name="gain", by="expected_ig", unit="nats", direction="maximize")
+PRICE = Objective(name="price", by="price", unit="€", direction="minimize")
+ROOF = Zone(name="roof", polygon=((0, 0), (1, 0), (0, 1)), z=(1.5, 2.0))
+
+
+def rig(*mounts: tuple[float, ...], role: str = "found", **values: float) -> Rig:
+    count = len(mounts)
+    return Rig.model_validate(
+        {"role": role, "mounts": mounts, "models": ["a"] * count, "zones": ["roof"] * count}
+        | {"values": values, "measures": {}}
+    )
+
+
+def trace(plot: go.Figure, name: str):
+    return next(trace for trace in plot.data if trace.name == name)
+
+
+@pytest.mark.parametrize(
+    ("objective", "best"), [(GAIN, [np.nan, 3, 3, 5, 5]), (PRICE, [np.nan, 3, 2, 2, 1])]
+)
+def test_the_best_so_far_counts_feasible_trials_alone(objective, best):
+    values = [9.0, 3.0, 2.0, 5.0, 1.0] if objective is GAIN else [0.5, 3.0, 2.0, 5.0, 1.0]
+    trials = pd.DataFrame(
+        {
+            "number": [4, 5, 6, 8, 9],
+            f"value.{objective.name}": values,
+            "feasible": [False, True, True, True, True],
+        }
+    )
+    plot = search_history(trials, objective, None, 4.0, {"line": 3.0, "center": 2.0})
+    np.testing.assert_array_equal(trace(plot, "best so far").y, best)
+    assert trace(plot, "trial that breaks a constraint").customdata.tolist() == [4]
+    assert [*trace(plot, "greedy").y] == [4.0, 4.0]
+    assert [*trace(plot, "line, best of the paper").y] == [3.0, 3.0]
+    assert "upper bound" not in [t.name for t in plot.data]
+
+
+def test_maps_share_a_scale_and_the_difference_is_about_zero():
+    roi = Roi(x=(0, 2), y=(0, 1), z=(0, 1), resolution=0.5)
+    before = np.array([[4.0, 0.0], [1.0, 1.0], [0.0, 0.0], [0.0, 0.0]], np.float32)
+    after = np.array([[1.0, 2.0], [1.0, 1.0], [0.0, 0.0], [0.0, 0.0]], np.float32)
+    first, second, less = (plot.data[0] for plot in unseen(before, after, roi, ("Car", "a", "b")))
+    assert (first.zmin, first.zmax) == (second.zmin, second.zmax) == (0, 4)
+    assert (less.zmin, less.zmax) == (-3, 3)
+    np.testing.assert_array_equal(less.z, (after - before).T)
+
+
+def test_equal_maps_have_a_scale():
+    roi = Roi(x=(0, 1), y=(0, 1), z=(0, 1), resolution=0.5)
+    nothing = np.zeros((2, 2), np.float32)
+    plots = unseen(nothing, nothing, roi, ("Car", "a", "b"))
+    assert [(plot.data[0].zmin, plot.data[0].zmax) for plot in plots] == [(0, 1), (0, 1), (-1, 1)]
+
+
+def test_the_menu_shows_one_rig_and_its_axes_turn_with_it():
+    turned = rig((1.0, 0.0, 2.0, 0.0, 0.0, np.pi / 2))
+    plot = rig_picture({"a": turned, "b": rig((0, 0, 3, 0, 0, 0), (0, 1, 3, 0, 0, 0))}, [], [ROOF])
+    forward = trace(plot, "sensor's x")
+    ends = np.stack([forward.x, forward.y, forward.z], axis=1)
+    np.testing.assert_allclose(ends[:2], [[1, 0, 2], [1, 0.3, 2]], atol=1e-6)
+    buttons = plot.layout.updatemenus[0].buttons
+    assert [button.label for button in buttons] == ["a", "b"]
+    assert list(buttons[0].args[0]["visible"]) == [t.visible for t in plot.data]
+    shown = [
+        [t for t, on in zip(plot.data, b.args[0]["visible"], strict=True) if on] for b in buttons
+    ]
+    assert [len(next(t for t in own if t.name == "LiDAR").x) for own in shown] == [1, 2]
+    assert all(any(t.name == "zones" for t in own) for own in shown)
+    low, high = plot.layout.scene.zaxis.range
+    assert low < 1.5
+    assert high > 3  # the rig that is not shown fits as well
+
+
+def test_each_pair_of_objectives_has_a_front_in_order():
+    other = Objective(name="near", by="near", unit="", direction="maximize")
+    rigs = {
+        "dear": rig((0, 0, 2, 0, 0, 0), gain=9, price=5, near=1),
+        "cheap": rig((0, 0, 2, 0, 0, 0), gain=4, price=1, near=2),
+        "line": rig((0, 0, 2, 0, 0, 0), role="paper", gain=3, price=4, near=1),
+    }
+    trials = pd.DataFrame(
+        {"number": [0], "feasible": [True], "value.gain": [1.0], "value.price": [2.0]}
+        | {"value.near": [1.0]}
+    )
+    plots = pareto_fronts(trials, (GAIN, PRICE, other), rigs, ["dear", "cheap"])
+    assert len(plots) == 3
+    front = trace(plots[0], "Pareto front")
+    assert [*front.text] == ["cheap", "dear"]
+    assert ([*front.x], [*front.y]) == ([4, 9], [1, 5])
+    assert [*trace(plots[0], "the paper's eight").text] == ["line"]
+
+
+def test_robustness_is_in_percent_of_the_value_as_designed_with_the_worst():
+    rows = pd.DataFrame(
+        {"rig": "a", "case": ["as designed", "mount off"], "value": [200.0, 180.0]}
+        | {"worst": [200.0, 150.0], "share": [1.0, 0.9]}
+    )
+    points = trace(robustness_figure(rows, "gain"), "a")
+    np.testing.assert_allclose(points.x, [100, 90])
+    np.testing.assert_allclose(points.error_x.arrayminus, [0, 15])
+
+
+def test_verified_rigs_are_drawn_as_differences_to_the_baseline_at_the_origin():
+    rows = pd.DataFrame(
+        {"rig": ["line", "new"], "role": ["paper", "found"], "surrogate": [100.0, 120.0]}
+        | {"difference": [np.nan, 3.0]}
+        | {"difference_low": [np.nan, 1.0], "difference_high": [np.nan, 4.0]}
+    )
+    plot = verified_figure(rows, "line", 100.0, GAIN, "Car")
+    new, line = trace(plot, "found"), trace(plot, "the paper's")
+    np.testing.assert_allclose([*new.x, *new.y], [20, 3])
+    np.testing.assert_allclose([*new.error_y.arrayminus, *new.error_y.array], [2, 1])
+    assert ([*line.x], [*line.y]) == ([0], [0])
+
+
+def test_long_lists_of_optuna_are_packed_and_their_texts_left_out():
+    drawn = go.Figure(layout={"title": "Theirs", "width": 2400, "template": "plotly"})
+    numbers = list(range(200))
+    drawn.add_scatter(x=numbers, y=numbers, text=["x"] * 200, hovertemplate="%{text}")
+    drawn.add_scatter(x=[1, 2], y=[3, 4], text=["p", "q"])
+    plot = from_optuna(drawn, "Slice")
+    assert plot.layout.title.text == "Slice"
+    assert plot.layout.width == 2400
+    assert not plot.layout.template.to_plotly_json()
+    assert np.asarray(plot.data[0].x).dtype == np.float32
+    np.testing.assert_array_equal(plot.data[0].x, numbers)
+    assert plot.data[0].text is None
+    assert plot.data[0].hovertemplate is None
+    assert [*plot.data[1].text] == ["p", "q"]
+
+
+def test_edges_of_zones_and_of_tried_angles():
+    trials = pd.DataFrame({"lidar_1.roll_deg": [-20.0, 0, 20], "lidar_1.yaw_deg": [3.0, 3, 3]})
+    inside = rig((0.2, 0.2, 1.7, 0.1, 0.0, np.radians(3)))
+    assert at_the_edge(inside, (ROOF,), trials) == []
+    # On the slanted side of the polygon, at its top, and with the largest roll that was tried.
+    out = rig((0.5, 0.499, 2.0, np.radians(20), 0.0, np.radians(3)))
+    assert at_the_edge(out, (ROOF,), trials) == ["LiDAR 1: x, y, z, roll"]
+    point = Zone(name="roof", polygon=((0.2, 0.2),), z=(1.7, 1.7))
+    assert at_the_edge(inside, (point,), trials) == []

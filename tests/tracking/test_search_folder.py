@@ -1,0 +1,82 @@
+"""What the reader of a search's folder refuses, and how."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from made_up_search import write_search
+
+from tracking.search_folder import SearchFolder
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return write_search(tmp_path / "made_up", trials=10, complete=False)
+
+
+def change(folder, **keys):
+    file = folder / "search.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | keys))
+
+
+def test_a_complete_folder_is_read_whole(tmp_path):
+    run = SearchFolder.read(write_search(tmp_path / "whole", trials=10))
+    for table in (run.bound, run.greedy, run.robustness, run.verified):
+        assert len(table) > 0
+    assert [*run.pog] == [*run.unseen] == ["Car", "Cyclist"]
+    assert [*run.unseen["Car"]] == ["found_1", "line"]
+    assert [*run.optuna] == ["Optimization history", "Parallel coordinate", "Slice"]
+    rig = run.rig_of(run.trials.loc[7])
+    found = run.search.rigs["found_1"]
+    np.testing.assert_allclose(rig.mounts, found.mounts, atol=1e-12)
+    assert (rig.models, rig.zones, rig.values) == (found.models, found.zones, found.values)
+
+
+def test_absent_parts_are_none_or_empty(folder):
+    run = SearchFolder.read(folder)
+    assert (run.bound, run.greedy, run.robustness, run.verified) == (None,) * 4
+    assert (run.pog, run.unseen, run.optuna) == ({}, {}, {})
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"objectives": []}, "needs at least one"),
+        ({"best": ["nobody"]}, "has no 'nobody'"),
+        ({"seed": "first"}, "seed"),
+        ({"rigs": {}}, "rigs: has no"),
+    ],
+)
+def test_a_bad_key_is_named_with_the_file(folder, keys, words):
+    change(folder, **keys)
+    with pytest.raises(ValueError, match=words) as caught:
+        SearchFolder.read(folder)
+    assert "search.json" in str(caught.value)
+
+
+def test_a_rig_needs_a_model_for_each_mount(folder):
+    search = json.loads((folder / "search.json").read_text())
+    search["rigs"]["line"]["models"] = ["paper"]
+    change(folder, rigs=search["rigs"])
+    with pytest.raises(ValueError, match="4 mounts, 1 models, 4 zones"):
+        SearchFolder.read(folder)
+
+
+def test_a_missing_column_is_named_with_those_found(folder):
+    table = pd.read_parquet(folder / "trials.parquet").drop(columns="value.expected_ig")
+    table.to_parquet(folder / "trials.parquet")
+    with pytest.raises(ValueError, match=r"trials.parquet has no column value.expected_ig; found"):
+        SearchFolder.read(folder)
+
+
+def test_what_is_no_json_or_no_figure_is_named(folder):
+    (folder / "optuna").mkdir()
+    (folder / "optuna" / "slice.json").write_text("{}{")
+    with pytest.raises(ValueError, match=r"slice.json is no figure"):
+        SearchFolder.read(folder)
+    (folder / "search.json").write_text("{")
+    with pytest.raises(ValueError, match=r"search.json is no JSON"):
+        SearchFolder.read(folder)

@@ -1,0 +1,219 @@
+"""The page of a made-up search."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from made_up_search import BASE, write_search
+from test_report import Page
+
+from lidarplace import PAPER_PLACEMENTS
+from tracking.search_report import build_search_report
+
+
+def page_of(folder: Path) -> Page:
+    return Page(build_search_report(folder).read_text(encoding="utf-8"))
+
+
+def sections(page: Page) -> list[str]:
+    titles = {
+        *("Where the LiDARs sit", "In three dimensions", "What stays unseen"),
+        *("How the search went", "Pareto front", "Constraints", "Robustness"),
+        *("Did the gain become AP?", "Optuna's figures", "Trials", "Configuration and command"),
+    }
+    return [word for word in page.words if word in titles]
+
+
+def menu(page: Page) -> list[str]:
+    """The rigs that the 3D picture offers."""
+    plot = next(f for f in page.figures if any(t["type"] == "scatter3d" for t in f["data"]))
+    return [button["label"] for button in plot["layout"]["updatemenus"][0]["buttons"]]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_search(tmp_path_factory.mktemp("search") / "made_up")
+
+
+@pytest.fixture(scope="module")
+def page(folder: Path) -> Page:
+    return page_of(folder)
+
+
+def test_the_first_screen_tells_value_peers_bound_mounts_and_commands(folder, page):
+    assert "expected_ig 1,200.0 nats" in page.words
+    assert "+20.0 % against line, the best of the paper's eight (1,000.0 nats)." in page.words
+    below = "At most 4.0 % below the best possible of 480 candidate mounts"
+    assert f"{below} (upper bound 1,250.0 nats)." in page.words
+    assert "Feasible: it keeps all 2 constraints." in page.words
+    assert "the sampler's share is 25 %." in page.text
+    assert "python -m sweeps.run runs/made_up/sweep.yaml" in page.words
+    trial = pd.read_parquet(folder / "trials.parquet").loc[7]
+    table = page.words[page.words.index("found_1 · expected_ig 1,200.0 nats") :]
+    cells = [word.strip() for word in table if word.strip()]
+    assert (
+        cells[3:10]
+        == [
+            *("zone", "x (m)", "y (m)", "z (m)", "roll (°)", "pitch (°)", "yaw (°)"),
+        ][:7]
+    )
+    shown = [float(cell.replace("−", "-")) for cell in cells[13:19]]
+    assert shown[:3] == pytest.approx([trial[f"lidar_1.{k}_m"] for k in "xyz"], abs=5e-4)
+    angles = [trial[f"lidar_1.{k}_deg"] for k in ("roll", "pitch", "yaw")]
+    assert shown[3:] == pytest.approx(angles, abs=5e-3)
+
+
+def test_it_is_one_file_that_loads_nothing(folder, page):
+    assert page.loads == []
+    assert page.csp.startswith("default-src 'none'")
+    assert [path.name for path in folder.iterdir() if "part" in path.name] == []
+
+
+def test_every_part_has_its_place(page):
+    assert sections(page) == [
+        *("Where the LiDARs sit", "In three dimensions", "What stays unseen"),
+        *("How the search went", "Constraints", "Robustness", "Did the gain become AP?"),
+        *("Optuna's figures", "Trials", "Configuration and command"),
+    ]
+    assert menu(page) == ["found_1", "greedy", *PAPER_PLACEMENTS]
+    assert "19 of 60 (32 %)" in page.words
+    assert "lidar_1.z 60 %" in page.text
+
+
+def test_trials_are_listed_feasible_and_best_first(folder, page):
+    trials = pd.read_parquet(folder / "trials.parquet")
+    best = trials[trials["feasible"]].sort_values("value.expected_ig", ascending=False)
+    start = next(i for i, word in enumerate(page.words) if word.startswith("The best 20 of 60"))
+    numbers = [word for word in page.words[start:] if word.isdigit()]
+    assert numbers[:20] == [str(number) for number in best["number"][:20]]
+
+
+def test_what_the_search_did_not_make_is_left_out(tmp_path):
+    bare = write_search(tmp_path / "bare", complete=False, constraints=[], importance=None)
+    page = page_of(bare)
+    assert sections(page) == [
+        *("Where the LiDARs sit", "In three dimensions", "How the search went", "Trials"),
+        "Configuration and command",
+    ]
+    assert "Feasible: there were no constraints." in page.words
+
+
+def test_a_missing_bound_has_a_reason(tmp_path):
+    reason = "two models of LiDAR differ in price"
+    folder = write_search(tmp_path / "x", complete=False, bound={"value": None, "reason": reason})
+    assert f"No upper bound: {reason}" in page_of(folder).words
+
+
+def test_without_a_feasible_rig_it_tells_the_nearest_and_what_none_kept(tmp_path):
+    page = page_of(write_search(tmp_path / "none", feasible=False))
+    assert "No feasible rig" in page.words
+    assert "None of 60 trials kept every constraint." in page.words
+    assert "is trial 3. It breaks own body by 0.25 % (at most 5 %)." in page.text
+    assert "No trial at all kept own body, which the best of them broke by 0.25 %." in page.words
+    assert menu(page)[:2] == ["trial 3, infeasible", "greedy"]
+    start = next(i for i, word in enumerate(page.words) if word.startswith("The best 20 of 60"))
+    assert next(word for word in page.words[start:] if word.isdigit()) == "3"
+
+
+def test_constraints_that_each_can_be_kept_but_not_together(tmp_path):
+    folder = write_search(tmp_path / "clash", complete=False, feasible=False)
+    trials = pd.read_parquet(folder / "trials.parquet")
+    trials["violation.own body"] = np.where(trials.index % 2, -1.0, 1.0)
+    trials["violation.distance"] = np.where(trials.index % 2, 0.1, -0.1)
+    trials.loc[0, ["violation.own body", "violation.distance"]] = [0.5, 0.01]
+    trials.to_parquet(folder / "trials.parquet")
+    page = page_of(folder)
+    # 0.5 of 5 % and 0.01 of 0.2 m: the distance is the lesser fault.
+    assert (
+        "is trial 0. It breaks distance by 0.01 m (at least 0.2 m), own body by 0.5 %" in page.text
+    )
+    assert "it is all together that none kept." in page.text
+
+
+def test_no_trial_at_all(tmp_path):
+    folder = write_search(tmp_path / "none", complete=False, feasible=False)
+    pd.DataFrame().to_parquet(folder / "trials.parquet")
+    assert "No trial was evaluated." in page_of(folder).words
+
+
+def test_names_cannot_become_tags(tmp_path):
+    evil = '<b>"it\'s"</b><script>alert(1)</script>'
+    folder = write_search(tmp_path / "evil", found=evil, model=evil, zone=evil, name=evil)
+    page = page_of(folder)
+    assert page.loads == []
+    assert evil in page.words
+    assert not any(text.strip() == "alert(1)" for _, text in page.scripts)
+    ours = [f for f in page.figures if f["layout"]["title"]["text"] not in ("Slice",)]
+    assert "<b>" not in json.dumps(ours)
+    assert "&lt;b&gt;" in json.dumps(ours)
+
+
+@pytest.mark.parametrize("lidars", [1, 12])
+def test_one_and_twelve_lidars(tmp_path, lidars):
+    page = page_of(write_search(tmp_path / "x", lidars=lidars, complete=False))
+    assert f"{lidars} LiDAR{'s' * (lidars > 1)}: paper." in page.words
+    assert page.words.count(f"LiDAR {lidars}") == 1  # the last column of the trials
+    assert f"LiDAR {lidars + 1}" not in page.words
+
+
+def test_several_objectives_have_a_front(tmp_path):
+    folder = write_search(tmp_path / "front", several=True, trials=200)
+    best = json.loads((folder / "search.json").read_text())["best"]
+    assert len(best) > 1
+    page = page_of(folder)
+    assert "Pareto front" in sections(page)
+    assert f"Pareto front of {len(best)}, the first is found_1" in page.words
+    plot = next(f for f in page.figures if f["layout"]["title"]["text"] == "expected_ig and price")
+    front = next(trace for trace in plot["data"] if trace["name"] == "Pareto front")
+    assert set(front["text"]) == {*best}
+    assert sum(word.startswith("found_") and " · " in word for word in page.words) == len(best)
+
+
+def test_a_page_of_2000_trials_stays_small(tmp_path):
+    built = build_search_report(write_search(tmp_path / "big", trials=2000))
+    assert built.stat().st_size < 8e6
+    page = Page(built.read_text(encoding="utf-8"))
+    assert any("too many for a page" in word for word in page.words)
+
+
+def test_warnings_name_bound_edges_failures_and_few_evaluations(tmp_path):
+    bound = {"value": 1150.0, "candidates": 10, "best_value": 1200.0, "gap_percent": -4.3}
+    folder = write_search(tmp_path / "warned", complete=False, bound=bound)
+    search = json.loads((folder / "search.json").read_text())
+    search["rigs"]["found_1"]["mounts"][1][:3] = [0.6, 0.1, 2.2]
+    (folder / "search.json").write_text(json.dumps(search))
+    trials = pd.read_parquet(folder / "trials.parquet")
+    trials.loc[5, "state"] = "FAIL"
+    trials.to_parquet(folder / "trials.parquet")
+    page = page_of(folder)
+    assert "The best rig is above the upper bound." in page.text
+    assert "Above the upper bound of any rig of 10 candidate mounts" in page.text
+    assert "LiDAR 2: x, y, z" in page.text
+    assert "1 of 60 trials failed." in page.words
+    assert "58 evaluations are few for 25 varied parameters" in page.text
+
+
+def test_a_search_that_did_not_beat_the_paper_says_so(tmp_path):
+    folder = write_search(tmp_path / "worse", complete=False)
+    search = json.loads((folder / "search.json").read_text())
+    search["rigs"]["found_1"]["values"]["expected_ig"] = BASE - 1
+    (folder / "search.json").write_text(json.dumps(search))
+    page = page_of(folder)
+    assert "The best rig is not better than line, the best of the paper's eight." in page.words
+    assert "−0.1 % against line, the best of the paper's eight (1,000.0 nats)." in page.words
+
+
+def test_the_command_rebuilds_it_or_says_what_is_wrong(folder, tmp_path):
+    command = [sys.executable, "-m", "tracking.search_report"]
+    done = subprocess.run([*command, folder], capture_output=True, text=True, timeout=120)
+    assert done.stdout.strip() == str(folder / "search.html")
+    wrong = subprocess.run([*command, tmp_path], capture_output=True, text=True, timeout=120)
+    assert wrong.returncode == 2
+    assert "it has no search.json, trials.parquet" in wrong.stderr
+    assert "Traceback" not in wrong.stderr

@@ -1,0 +1,254 @@
+"""Build `search.html` from the run folder of a search."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from tracking.figures.from_optuna import from_optuna
+from tracking.figures.pareto import pareto_fronts
+from tracking.figures.rig_picture import rig_picture
+from tracking.figures.robustness import robustness_figure
+from tracking.figures.search_history import bound_over_seconds, search_history
+from tracking.figures.style import text
+from tracking.figures.unseen import unseen
+from tracking.figures.verified import verified_figure
+from tracking.labels import metric_label
+from tracking.report.page import write_page
+from tracking.report.section import Section
+from tracking.report.tables import Table, number
+from tracking.search_folder import SearchFolder
+from tracking.search_report.cautions import cautions
+from tracking.search_report.feasibility import constraint_table, infeasible_sentences, nearest_trial
+from tracking.search_report.headline import cards, summary, with_unit
+from tracking.search_report.tables import (
+    greedy_table,
+    mount_table,
+    rig_table,
+    robustness_table,
+    trial_table,
+    verified_table,
+)
+from tracking.search_result import Rig
+
+MOST_RIGS = 12
+"""Rigs in the picture's menu, and rigs of a front whose mounts are listed."""
+MOST_TRACES = 300
+"""Lines of a figure of Optuna's: it draws one for each trial in parallel coordinates."""
+
+
+def build_search_report(folder: Path) -> Path:
+    """Write `search.html` into the run folder of a search and return its path.
+
+    One file that loads nothing from a network, see `tracking.report.page`. What the search did
+    not make is left out.
+
+    Raises:
+        ValueError: `folder` is no folder of a search, see `SearchFolder.read`.
+    """
+    run = SearchFolder.read(folder)
+    search = run.search
+    sections = [
+        _mounts(run),
+        _picture(run),
+        _unseen(run),
+        _history(run),
+        _pareto(run),
+        _constraints(run),
+        _robustness(run),
+        _verified(run),
+        _optuna(run),
+        Section("Trials", tables=[trial_table(run)]),
+    ]
+    return write_page(
+        run.path / "search.html",
+        Path(__file__).with_name("search.html"),
+        name=search.name,
+        summary=summary(search),
+        search=search,
+        cards=cards(run),
+        warnings=cautions(run),
+        sections=[section for section in sections if section is not None],
+        config=run.config,
+        facts=json.dumps(search.model_dump(exclude={"rigs", "commands"}), indent=2),
+    )
+
+
+def _mounts(run: SearchFolder) -> Section | None:
+    search = run.search
+    section = Section("Where the LiDARs sit")
+    shown = _best(run)
+    if not shown:
+        return None
+    for name, rig in list(shown.items())[:MOST_RIGS]:
+        values = [(o, rig.value(o)) for o in search.objectives]
+        known = [f"{o.name} {with_unit(o, value)}" for o, value in values if not np.isnan(value)]
+        caption = f"{name} · {', '.join(known)}" if known else name
+        section.tables.append(mount_table(caption, rig))
+    if len(search.best) > MOST_RIGS:
+        section.notes.append(
+            f"The first {MOST_RIGS} of {len(search.best):,} rigs of the Pareto front; all are in "
+            "search.json."
+        )
+    section.notes.append(
+        "Ego frame: x forward, y left, z up, origin on the ground under the middle of the vehicle. "
+        "Pitch > 0 tips the nose down, roll > 0 lifts the left side."
+    )
+    return section
+
+
+def _best(run: SearchFolder) -> dict[str, Rig]:
+    """The best rigs; where none is feasible the nearest, and nothing where no trial has a rig."""
+    if run.search.best:
+        return {name: run.search.rigs[name] for name in run.search.best}
+    trial = nearest_trial(run)
+    rig = None if trial is None else run.rig_of(trial)
+    return {} if trial is None or rig is None else {f"trial {trial['number']}, infeasible": rig}
+
+
+def _picture(run: SearchFolder) -> Section | None:
+    search = run.search
+    shown = _best(run)
+    shown |= {name: rig for name, rig in search.rigs.items() if rig.role == "greedy"}
+    shown |= {search.baseline: search.rigs[search.baseline]} if search.baseline else {}
+    shown |= search.rigs
+    if not shown:
+        return None
+    section = Section("In three dimensions", columns=1)
+    section.notes.append(
+        "Drag to turn. The menu chooses the rig: the best, greedy's, the paper's. Lines at a LiDAR "
+        "are the sensor's axes, 0.3 m long."
+    )
+    menu = dict(list(shown.items())[:MOST_RIGS])
+    section.figures.append(rig_picture(menu, search.vehicle, search.zones))
+    return section
+
+
+def _unseen(run: SearchFolder) -> Section | None:
+    before, after = run.search.baseline, run.search.best[0] if run.search.best else None
+    if before is None or after is None or before == after:
+        return None
+    section = Section("What stays unseen")
+    rows = []
+    for name, maps in run.unseen.items():
+        if before not in maps or after not in maps:
+            continue
+        section.figures += unseen(maps[before], maps[after], run.roi, (name, before, after))
+        whole = float(run.pog[name].sum(dtype=float)) if name in run.pog else float("nan")
+        left = [float(maps[rig].sum(dtype=float)) for rig in (before, after)]
+        rows.append(
+            (
+                name,
+                number(whole),
+                *(f"{number(value)} ({100 * value / whole:.1f} %)" for value in left),
+                f"{100 * (left[1] / left[0] - 1):+.1f} %".replace("-", "−") if left[0] else "–",
+            )
+        )
+    if not rows:
+        return None
+    section.notes.append(
+        "Entropy that no beam reaches, of each column of voxels from above. Both rigs on one "
+        "scale; the third map is their difference: blue is what the best rig sees better, orange "
+        "what it sees worse."
+    )
+    head = ("class", "entropy (nats)", f"unseen by {before}", f"unseen by {after}", "change")
+    section.tables.append(Table("Unseen entropy", head, tuple(rows)))
+    return section
+
+
+def _history(run: SearchFolder) -> Section:
+    search = run.search
+    section = Section("How the search went", columns=2)
+    bound = search.bound
+    for objective in search.objectives:
+        paper = {n: rig.value(objective) for n, rig in search.rigs.items() if rig.role == "paper"}
+        known = {n: v for n, v in paper.items() if v == v}
+        ranked = dict(sorted(known.items(), key=lambda item: -objective.sign * item[1]))
+        own = bound if objective is search.first else None
+        section.figures.append(
+            search_history(
+                run.evaluated,
+                objective,
+                own.value if own else None,
+                own.greedy if own else None,
+                ranked,
+            )
+        )
+    if run.bound is not None and len(run.bound):
+        best = search.rigs[search.best[0]].value(search.first) if search.best else None
+        section.figures.append(bound_over_seconds(run.bound, search.first, best))
+    section.tables.append(rig_table("Rigs", search.rigs, search.objectives, search.first))
+    if run.greedy is not None and len(run.greedy):
+        section.tables.append(greedy_table(run.greedy))
+    return section
+
+
+def _pareto(run: SearchFolder) -> Section | None:
+    search = run.search
+    if len(search.objectives) < 2:
+        return None
+    note = "No rig of the front is better than another in every objective."
+    plots = pareto_fronts(run.evaluated, search.objectives, search.rigs, search.best)
+    return Section("Pareto front", [note], plots, columns=2)
+
+
+def _constraints(run: SearchFolder) -> Section | None:
+    if not run.search.constraints:
+        return None
+    notes = [] if run.search.best else infeasible_sentences(run)
+    return Section("Constraints", notes, tables=[constraint_table(run)])
+
+
+def _robustness(run: SearchFolder) -> Section | None:
+    rows = run.robustness
+    if rows is None or rows.empty:
+        return None
+    section = Section("Robustness", columns=1)
+    section.notes.append(
+        "The same rig in another case: the mean over draws, in percent of the value as designed; "
+        "the bar ends at the worst draw."
+    )
+    for name, own in rows.groupby("objective", sort=False):
+        section.figures.append(robustness_figure(own, text(name)))
+    section.tables.append(robustness_table(rows))
+    return section
+
+
+def _verified(run: SearchFolder) -> Section | None:
+    rows, search = run.verified, run.search
+    if rows is None or rows.empty or search.baseline is None:
+        return None
+    section = Section("Did the gain become AP?")
+    section.notes.append(
+        f"Differences to {search.baseline} in {search.first.name} and in what detectors measured, "
+        "with 95 % intervals over seeds. Up and to the right of the dotted lines, the "
+        "gain became AP."
+    )
+    base = search.rigs[search.baseline].value(search.first)
+    for _, own in rows.groupby(["class", "metric", "iou"], sort=False):
+        what = own.iloc[0]
+        label = f"{text(what['class'])} · {text(metric_label(what['metric'], what['iou']))}"
+        section.figures.append(verified_figure(own, search.baseline, base, search.first, label))
+    section.tables.append(verified_table(rows, search.baseline, search.first))
+    return section
+
+
+def _optuna(run: SearchFolder) -> Section | None:
+    shares = run.search.importance
+    if not run.optuna and not shares:
+        return None
+    section = Section("Optuna's figures", columns=2)
+    if shares:
+        largest = sorted(shares.items(), key=lambda item: -item[1])[:5]
+        parts = ", ".join(f"{name} {100 * share:.0f} %" for name, share in largest)
+        section.notes.append(
+            f"Share of the parameters in the variation of {run.search.first.name}: {parts}."
+        )
+    for title, plot in run.optuna.items():
+        if len(plot.data) <= MOST_TRACES:
+            section.figures.append(from_optuna(plot, title))
+        else:
+            section.notes.append(f"{title} has {len(plot.data):,} lines, too many for a page.")
+    return section

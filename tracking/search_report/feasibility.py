@@ -1,0 +1,95 @@
+"""Which constraints the trials of a search kept, and how near the nearest came."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from tracking.report.tables import Table
+from tracking.search_folder import SearchFolder
+
+
+def excess(run: SearchFolder) -> pd.DataFrame:
+    """How far trials break constraints, in shares of the limits: what the nearest is judged by.
+
+    Rows are trials with every violation known, columns constraints. Of a limit of 0 there is no
+    share, so it counts in its own unit.
+    """
+    constraints = run.search.constraints
+    columns = {c.name: run.trials[f"violation.{c.name}"] / (abs(c.limit) or 1) for c in constraints}
+    return pd.DataFrame(columns, index=run.trials.index).dropna().clip(lower=0)
+
+
+def nearest_trial(run: SearchFolder) -> pd.Series | None:
+    """The trial that breaks its constraints by the smallest sum of shares; None without trials."""
+    over = excess(run)
+    if over.empty:
+        return None
+    least = over.sum(axis=1).sort_values(kind="stable").index[:1]
+    return run.trials.loc[least].iloc[0]
+
+
+def infeasible_sentences(run: SearchFolder) -> list[str]:
+    """Why no trial is feasible: the nearest one, what it breaks, what none kept."""
+    nearest = nearest_trial(run)
+    if nearest is None:
+        return ["No trial was evaluated."]
+    over = excess(run).loc[[nearest.name]].iloc[0].sort_values()
+    by_name = {constraint.name: constraint for constraint in run.search.constraints}
+    broken = [by_name[str(name)] for name in over.index[over > 0]]
+    said = [f"None of {len(run.trials):,} trials kept every constraint."]
+    if broken:
+        parts = [
+            f"{c.name} by {_amount(nearest[f'violation.{c.name}'], c.unit)} "
+            f"({c.sense} {_amount(c.limit, c.unit)})"
+            for c in broken
+        ]
+        said.append(
+            f"Nearest, in shares of the limits, is trial {nearest['number']}. It breaks "
+            f"{', '.join(parts)}{'; the least broken first' if len(parts) > 1 else ''}."
+        )
+    never = [c for c in run.search.constraints if run.trials[f"violation.{c.name}"].min() > 0]
+    if never:
+        parts = [
+            f"{c.name}, which the best of them broke by "
+            f"{_amount(run.trials[f'violation.{c.name}'].min(), c.unit)}"
+            for c in never
+        ]
+        said.append(f"No trial at all kept {', nor '.join(parts)}.")
+    else:
+        said.append("Some trial kept each of them: it is all together that none kept.")
+    return said
+
+
+def constraint_table(run: SearchFolder) -> Table:
+    """Limits, what the best rig and the baseline measure, and how often trials broke them."""
+    search = run.search
+    shown = list(dict.fromkeys([*search.best[:1], *([search.baseline] if search.baseline else [])]))
+    head = ("constraint", "limit", *shown, "broken by trials")
+    rows = tuple(
+        (
+            constraint.name,
+            f"{constraint.sense} {_amount(constraint.limit, constraint.unit)}",
+            *(_measure(search.rigs[name].measures.get(constraint.name)) for name in shown),
+            _broken(run.trials[f"violation.{constraint.name}"].dropna()),
+        )
+        for constraint in search.constraints
+    )
+    return Table("Limits and measures", head, rows, words=frozenset({0, 1}), wide=True)
+
+
+def _broken(violation: pd.Series) -> str:
+    if violation.empty:
+        return "–"
+    count = int((violation > 0).sum())
+    return f"{count:,} of {len(violation):,} ({100 * count / len(violation):.0f} %)"
+
+
+def _measure(value: float | None) -> str:
+    return "–" if value is None else _amount(value, "")
+
+
+def _amount(value: float, unit: str) -> str:
+    """A value that keeps no more digits than it has, with its unit."""
+    shown = f"{value:,.4g}" if abs(value) < 1e4 or not np.isfinite(value) else f"{value:,.0f}"
+    return f"{shown} {unit}".rstrip().replace("-", "−")

@@ -1,0 +1,194 @@
+"""The tables of a search's page, as cells of text."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from tracking.report.tables import Table, number
+from tracking.search_folder import SearchFolder
+from tracking.search_report.feasibility import excess
+from tracking.search_result import Objective, Rig
+
+MOST_TRIALS = 20
+_MOUNT_HEAD = (
+    *("LiDAR", "model", "zone", "x (m)", "y (m)", "z (m)", "roll (°)", "pitch (°)", "yaw (°)"),
+)
+
+
+def mount_table(caption: str, rig: Rig) -> Table:
+    """Where the LiDARs of a rig sit, metres and degrees."""
+    rows = tuple(
+        (
+            str(i),
+            model,
+            zone or "–",
+            *(_fixed(value, 3) for value in mount[:3]),
+            *(_fixed(value, 2) for value in np.degrees(mount[3:])),
+        )
+        for i, (model, zone, mount) in enumerate(
+            zip(rig.models, rig.zones, rig.mounts, strict=True), start=1
+        )
+    )
+    return Table(caption, _MOUNT_HEAD, rows, words=frozenset({0, 1, 2}), wide=True)
+
+
+def rig_table(
+    caption: str, rigs: Mapping[str, Rig], objectives: Sequence[Objective], first: Objective
+) -> Table:
+    """Values of rigs, the best by `first` on top; the best of each column is bold."""
+    names = sorted(rigs, key=lambda name: _rank(-first.sign * rigs[name].value(first)))
+    head = ("rig", "role", "LiDARs", *(objective.label for objective in objectives))
+    rows = tuple(
+        (
+            name,
+            rigs[name].role,
+            str(len(rigs[name].mounts)),
+            *(number(rigs[name].value(objective)) for objective in objectives),
+        )
+        for name in names
+    )
+    best = set()
+    for column, objective in enumerate(objectives, start=3):
+        values = np.array([objective.sign * rigs[name].value(objective) for name in names])
+        if np.isfinite(values).any():
+            best.add((int(np.nanargmax(values)), column))
+    return Table(caption, head, rows, frozenset(best), words=frozenset({0, 1}))
+
+
+def trial_table(run: SearchFolder) -> Table:
+    """The best trials by the first objective, feasible ones first; then the nearest to feasible.
+
+    Trials that failed are left out.
+    """
+    search = run.search
+    done = run.trials[run.trials["state"] != "FAIL"]
+    feasible = done["feasible"].astype(bool)
+    over = excess(run).sum(axis=1).reindex(done.index, fill_value=np.inf)
+    keys = pd.DataFrame(
+        {
+            "over": over.where(~feasible, -1.0),
+            "value": -search.first.sign * done[f"value.{search.first.name}"],
+        }
+    )
+    best = done.loc[keys.sort_values(list(keys.columns), kind="stable").index[:MOST_TRIALS]]
+    further = [column for column in done.columns if column.startswith("param.")]
+    rigs = [run.rig_of(trial) for _, trial in best.iterrows()]
+    mounts = [[] if rig is None else _mount_words(rig) for rig in rigs]
+    most = max(map(len, mounts), default=0)
+    head = (
+        *("trial", *(objective.label for objective in search.objectives), "feasible", "seconds"),
+        *(column.removeprefix("param.") for column in further),
+        *(f"LiDAR {i}" for i in range(1, most + 1)),
+    )
+    rows = tuple(
+        (
+            str(row["number"]),
+            *(number(row[f"value.{objective.name}"]) for objective in search.objectives),
+            "yes" if row["feasible"] else "no",
+            f"{row['seconds']:.3g}",
+            *(_cell(row[column]) for column in further),
+            *(*words, *[""] * (most - len(words))),
+        )
+        for row, words in zip(best.to_dict("records"), mounts, strict=True)
+    )
+    caption = (
+        f"The best {len(rows)} of {len(done):,} trials by {search.first.name}, feasible first · "
+        "LiDARs as model, zone: x, y, z in m; roll, pitch, yaw in ° · all in trials.parquet"
+    )
+    words = frozenset({0, *range(len(head) - most, len(head))})
+    return Table(caption, head, rows, words=words, wide=True)
+
+
+def greedy_table(greedy: pd.DataFrame) -> Table:
+    """What every LiDAR that greedy took added, with its mount."""
+    head = tuple(str(column) for column in greedy.columns)
+    rows = tuple(tuple(_cell(cell) for cell in row) for row in greedy.itertuples(index=False))
+    words = {
+        i for i, c in enumerate(greedy.columns) if not pd.api.types.is_numeric_dtype(greedy[c])
+    }
+    return Table("Greedy, step by step", head, rows, words=frozenset(words), wide=True)
+
+
+def robustness_table(rows: pd.DataFrame) -> Table:
+    """`robustness.parquet` as text."""
+    head = ("rig", "case", "objective", "draws", "mean", "worst", "mean of as designed (%)")
+    cells = tuple(
+        (
+            *(str(row[key]) for key in ("rig", "case", "objective")),
+            f"{row['draws']:,}",
+            number(row["value"]),
+            number(row["worst"]),
+            "–" if np.isnan(row["share"]) else f"{100 * row['share']:.2f}",
+        )
+        for row in rows.to_dict("records")
+    )
+    return Table("Mean and worst over draws", head, cells, words=frozenset({0, 1, 2}), wide=True)
+
+
+def verified_table(rows: pd.DataFrame, baseline: str, objective: Objective) -> Table:
+    """`verified.parquet` as text."""
+    head = (
+        *("rig", "role", "class", "metric", "seeds", objective.label, "value (%)", "95 %"),
+        *(f"difference to {baseline}", "95 %"),
+    )
+    cells = tuple(
+        (
+            *(str(row[key]) for key in ("rig", "role", "class")),
+            f"{row['metric']} @ {row['iou']:g}",
+            str(row["seeds"]),
+            number(row["surrogate"]),
+            f"{row['value']:.2f}",
+            _between(row["low"], row["high"], ".2f"),
+            *_difference(row, baseline),
+        )
+        for row in rows.to_dict("records")
+    )
+    words = frozenset({0, 1, 2, 3})
+    return Table("Means over seeds", head, cells, words=words, wide=True)
+
+
+def _difference(row: Mapping[Hashable, Any], baseline: str) -> tuple[str, str]:
+    if row["rig"] == baseline or np.isnan(row["difference"]):
+        return "–", "–"
+    return (
+        f"{row['difference']:+.2f}".replace("-", "−"),
+        _between(row["difference_low"], row["difference_high"], "+.2f"),
+    )
+
+
+def _between(low: float, high: float, form: str) -> str:
+    """An interval; a dash for that of a single seed."""
+    return "–" if np.isnan(low) else f"{low:{form}} to {high:{form}}".replace("-", "−")
+
+
+def _mount_words(rig: Rig) -> list[str]:
+    words = []
+    for model, zone, mount in zip(rig.models, rig.zones, rig.mounts, strict=True):
+        where = ", ".join(_fixed(value, 2) for value in mount[:3])
+        angles = ", ".join(_fixed(value, 1) for value in np.degrees(mount[3:]))
+        words.append(f"{model}{f', {zone}' if zone else ''}: {where}; {angles}")
+    return words
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, str):
+        return value
+    if value is None or pd.isna(value):
+        return "–"
+    if isinstance(value, float | np.floating):
+        return f"{value:.5g}".replace("-", "−")
+    return str(value)
+
+
+def _fixed(value: float, digits: int) -> str:
+    """Zero has no minus."""
+    return f"{round(float(value), digits) + 0.0:.{digits}f}".replace("-", "−")
+
+
+def _rank(value: float) -> tuple[bool, float]:
+    """Sorts NaN last."""
+    return bool(np.isnan(value)), value

@@ -1,0 +1,229 @@
+"""What a search writes as `search.json`: what was searched, what was found, how good it can be."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+
+from lidarplace.placement import Mount
+
+Point = tuple[float, float, float]
+
+
+class _Part(BaseModel):
+    """Frozen; keys that a page does not show are ignored."""
+
+    model_config = ConfigDict(frozen=True)
+
+
+class Objective(_Part):
+    """A value that the search makes large or small.
+
+    Attributes:
+        by: the surrogate or metric, in words of the configuration.
+        weights: of each class, None where classes do not count.
+    """
+
+    name: str
+    by: str
+    unit: str
+    direction: Literal["maximize", "minimize"]
+    weights: dict[str, float] | None = None
+
+    @property
+    def sign(self) -> int:
+        """1 if larger is better, else -1."""
+        return 1 if self.direction == "maximize" else -1
+
+    @property
+    def label(self) -> str:
+        """Name and unit, for an axis."""
+        return f"{self.name} ({self.unit})" if self.unit else self.name
+
+
+class Constraint(_Part):
+    """A measure of a rig that must be at most, or at least, `limit`."""
+
+    name: str
+    unit: str
+    limit: float
+    sense: Literal["at most", "at least"]
+
+
+class Zone(_Part):
+    """Where LiDARs may sit: a polygon from above, corners in metres, between two heights."""
+
+    name: str
+    polygon: tuple[tuple[float, float], ...]
+    z: tuple[float, float]
+
+
+class Model(_Part):
+    """A LiDAR model that the search could choose."""
+
+    price: float | None
+    beams: int
+    azimuth_steps: int
+
+
+class Rig(_Part):
+    """A placement with what it measures.
+
+    Attributes:
+        role: found by the sampler, by greedy, or one of the paper's eight.
+        mounts: x, y, z in metres, roll, pitch, yaw in radians.
+        models, zones: names, one a mount.
+        values: by objective; measures: by constraint. None or absent if it was not evaluated.
+    """
+
+    role: Literal["found", "greedy", "paper"]
+    mounts: tuple[tuple[float, float, float, float, float, float], ...]
+    models: tuple[str, ...]
+    zones: tuple[str | None, ...]
+    values: dict[str, float | None]
+    measures: dict[str, float | None]
+
+    def value(self, objective: Objective) -> float:
+        """NaN if it was not evaluated."""
+        found = self.values.get(objective.name)
+        return float("nan") if found is None else found
+
+    @property
+    def placed(self) -> tuple[Mount, ...]:
+        """The mounts as poses."""
+        return tuple(Mount(*mount) for mount in self.mounts)
+
+    @model_validator(mode="after")
+    def _as_many(self) -> Rig:
+        counts = {len(self.mounts), len(self.models), len(self.zones)}
+        if len(counts) > 1 or not self.mounts:
+            raise ValueError(
+                "needs one model and one zone a mount, found "
+                f"{len(self.mounts)} mounts, {len(self.models)} models, {len(self.zones)} zones"
+            )
+        return self
+
+
+class Bound(_Part):
+    """How good the first objective can be over a grid of candidate mounts.
+
+    Attributes:
+        value: no rig of the candidates is better; None if there is no bound, see `reason`.
+        by_gains: the bound from marginal gains alone, which `value` may tighten.
+        greedy: value of the greedy rig.
+        gap_percent: how far `best_value` is below `value`, in percent of `value`.
+        candidates: number of candidate mounts.
+        reason: why there is no bound.
+    """
+
+    value: float | None = None
+    by_gains: float | None = None
+    greedy: float | None = None
+    gap_percent: float | None = None
+    candidates: int | None = None
+    best_value: float | None = None
+    reason: str | None = None
+
+
+class Stride(_Part):
+    """Every `azimuth_stride`-th azimuth step was fired, with this relative error of the values."""
+
+    azimuth_stride: int
+    relative_error: float | None = None
+
+
+class Command(_Part):
+    """A line for the shell and what it does."""
+
+    what: str
+    line: str
+
+
+class SearchResult(_Part):
+    """`search.json`; lengths in metres, angles in radians.
+
+    Attributes:
+        command: the line that ran the search.
+        trials: asked for; evaluations: rigs that were evaluated; repeated: duplicates that were
+            not; feasible: trials that kept every constraint.
+        roi: arguments of `lidarplace.Roi`.
+        frames: in the POG.
+        vehicle: boxes, lowest and highest corner.
+        best: names of `rigs`, best first; several are a Pareto front; empty if none is feasible.
+        baseline: the best of the paper's eight by the first objective, None if they have no value.
+        importance: share of each parameter in the variation of the first objective.
+    """
+
+    name: str
+    command: str
+    seconds: float
+    objectives: tuple[Objective, ...]
+    sampler: str
+    seed: int
+    batch_size: int
+    trials: int
+    evaluations: int
+    repeated: int
+    feasible: int
+    sampler_seconds: float
+    evaluation_seconds: float
+    constraints: tuple[Constraint, ...]
+    classes: tuple[str, ...]
+    roi: dict[str, Any]
+    frames: int
+    zones: tuple[Zone, ...]
+    vehicle: tuple[tuple[Point, Point], ...]
+    models: dict[str, Model]
+    bound: Bound | None
+    best: tuple[str, ...]
+    baseline: str | None
+    rigs: dict[str, Rig]
+    commands: tuple[Command, ...]
+    tracking_uri: str | None
+    versions: dict[str, str]
+    stride: Stride | None
+    importance: dict[str, float] | None
+
+    @property
+    def first(self) -> Objective:
+        """The objective that decides where there is one figure to tell."""
+        return self.objectives[0]
+
+    @model_validator(mode="after")
+    def _known(self) -> SearchResult:
+        if not self.objectives:
+            raise ValueError("objectives: needs at least one, found none")
+        for name in (*self.best, *([self.baseline] if self.baseline else [])):
+            if name not in self.rigs:
+                raise ValueError(f"rigs: has no {name!r}, which best or baseline names")
+            missing = [o.name for o in self.objectives if np.isnan(self.rigs[name].value(o))]
+            if missing:
+                raise ValueError(f"rigs: {name!r} has no value of {', '.join(missing)}")
+        return self
+
+
+def read_search_result(path: Path) -> SearchResult:
+    """Read `search.json`.
+
+    Raises:
+        ValueError: it is no JSON, or a key is missing or not as it must be.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{path} is no JSON: {error}") from error
+    if not isinstance(content, Mapping):
+        raise ValueError(f"{path} must hold keys and values, found {type(content).__name__}")
+    try:
+        return SearchResult.model_validate(content)
+    except ValidationError as error:
+        faults = [
+            f"{'.'.join(map(str, fault['loc'])) or 'content'}: {fault['msg']}"
+            for fault in error.errors(include_url=False)
+        ]
+        raise ValueError(f"{path}: {'; '.join(faults[:5])}") from error
