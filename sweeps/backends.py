@@ -103,7 +103,7 @@ class OnRay:
     probes = True
 
     def __init__(self, ray: Any, store: AnyStore, settings: RaySettings) -> None:
-        self._ray = ray
+        self.ray = ray
         self._store = store
         self.gpus_per_training = settings.gpus_per_training
         self._looked = float("-inf")
@@ -144,29 +144,29 @@ class OnRay:
     def wait(self, tokens: Sequence[Any]) -> tuple[Any, Ended] | None:
         token = None
         try:
-            ended, _ = self._ray.wait(list(tokens), num_returns=1, timeout=_LOOK_S)
+            ended, _ = self.ray.wait(list(tokens), num_returns=1, timeout=_LOOK_S)
             if not ended:
                 return None
             (token,) = ended
-            return token, self._ray.get(token)
-        except self._ray.exceptions.LocalRayletDiedError:
+            return token, self.ray.get(token)
+        except self.ray.exceptions.LocalRayletDiedError:
             raise BackendLost("Ray's node on this machine died") from None
         except ConnectionError as error:
             raise BackendLost(f"the Ray cluster is gone: {error}") from None
-        except self._ray.exceptions.RayError as error:  # the worker died, more than once
+        except self.ray.exceptions.RayError as error:  # the worker died, more than once
             reason = f"the worker died: {Failure.of(error).reason}"
             return token, Ended(Failure(reason, str(error)), 0.0)
 
     def cancel(self, tokens: Sequence[Any]) -> None:
         for token in tokens:
-            self._ray.cancel(token, force=True)
+            self.ray.cancel(token, force=True)
 
     def _look(self) -> None:
         """Ask Ray what there is, now and then: machines come and go."""
         now = time.monotonic()
         if now - self._looked > _LOOK_S:
             self._looked = now
-            alive = [node["Resources"] for node in self._ray.nodes() if node["Alive"]]
+            alive = [node["Resources"] for node in self.ray.nodes() if node["Alive"]]
             self._resources: Counter[str] = Counter()
             for node in alive:
                 self._resources.update(node)

@@ -76,7 +76,8 @@ def fetch(filesystem: AbstractFileSystem, place: str, folder: Path) -> None:
         try:
             _fetch_latest(filesystem, place, folder)
             return
-        except FileNotFoundError:
+        # Replaced meanwhile; or a file system that shows a list of files before it is whole.
+        except (FileNotFoundError, json.JSONDecodeError):
             if not left:
                 raise
 

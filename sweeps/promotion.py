@@ -19,8 +19,7 @@ from sweeps.grid import Sweep
 from sweeps.plan import Plan, Trial
 from sweeps.store import AnyStore
 from sweeps.task import Task
-from sweeps.trial_results import cells, trial_seconds
-from tracking.summary import headline_iou
+from sweeps.trial_results import cells, metric_mean, trial_seconds
 
 _ALL = "all"
 
@@ -213,15 +212,7 @@ def _value(trials: Sequence[Trial], rung: Rung, object_class: str, store: AnySto
         if object_class != _ALL:
             own = own[own["class"] == object_class]
         return math.fsum(own["value"])
-    values: list[float] = []
-    for trial in trials:
-        if trial.evaluate is None or not store.has(trial.evaluate):
-            return math.nan  # a mean over the other seeds would compare unlike things
-        metrics = store.load(trial.evaluate, ("metrics",))["metrics"]
-        match = (metrics["metric"] == rung.by) & (metrics["class"] == object_class)
-        match &= metrics["iou"] == headline_iou(metrics, object_class)
-        values += metrics.loc[match, "value"].tolist()
-    return math.fsum(values) / len(values)
+    return metric_mean(trials, rung.by, object_class, store)
 
 
 def _seconds(trials: Sequence[Trial], rung: Rung, store: AnyStore) -> float:

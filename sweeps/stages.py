@@ -88,7 +88,7 @@ def surrogates(params: Params, pog: Value) -> Value:
     it is there if `expected_ig` is asked for.
     """
     placement = _placement(params)
-    grids = _grids(pog)
+    grids = grids_of(pog)
     names = params["names"]
     results = evaluate_classes(
         grids,
@@ -342,7 +342,7 @@ def _placement(params: Params) -> Placement:
 _grids_of_last: list[Any] = []
 
 
-def _grids(pog: Value) -> dict[str, OccupancyGrid]:
+def grids_of(pog: Value) -> dict[str, OccupancyGrid]:
     """The grids in a result of `pog`; those of the last one are kept, with all they work out."""
     if not (_grids_of_last and _grids_of_last[0] is pog):
         roi, frames = Roi(**pog["roi"]), pog["frames"]

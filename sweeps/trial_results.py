@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,6 +13,7 @@ from sweeps.failures import Failure
 from sweeps.plan import Trial
 from sweeps.store import AnyStore
 from sweeps.task import Task
+from tracking.summary import headline_iou
 
 _SURROGATE_AXES = ("scene", "roi", "lidar", "surrogate")
 
@@ -29,6 +31,22 @@ def trial_results(trial: Trial, store: AnyStore, axes: Sequence[str]) -> pd.Data
     if trial.evaluate is None:
         return pd.DataFrame()
     return with_columns(store.load(trial.evaluate, ("metrics",))["metrics"], identity(trial, axes))
+
+
+def metric_mean(trials: Sequence[Trial], metric: str, object_class: str, store: AnyStore) -> float:
+    """Mean of a metric at KITTI's IoU over trials that differ in seed, percent.
+
+    NaN if one has no result: a mean over the other seeds would compare unlike things.
+    """
+    values: list[float] = []
+    for trial in trials:
+        if trial.evaluate is None or not store.has(trial.evaluate):
+            return math.nan
+        metrics = store.load(trial.evaluate, ("metrics",))["metrics"]
+        match = (metrics["metric"] == metric) & (metrics["class"] == object_class)
+        match &= metrics["iou"] == headline_iou(metrics, object_class)
+        values += metrics.loc[match, "value"].tolist()
+    return math.fsum(values) / len(values)
 
 
 def trial_seconds(trial: Trial, store: AnyStore) -> float:

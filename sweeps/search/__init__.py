@@ -1,0 +1,1 @@
+"""The search for placements: `python -m sweeps.search search.yaml`."""

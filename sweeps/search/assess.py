@@ -1,0 +1,98 @@
+"""What a rig is worth: its objectives and constraints."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from lidarplace import OccupancyGrid, evaluate_classes
+from lidarplace.coverage import Method
+from lidarplace.surrogate import RAY_SURROGATES
+from sweeps.search.constraints import Carrier, Constraint, measures_of
+from sweeps.search.rig import Rig
+from sweeps.search.settings import ObjectiveSettings
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked of every rig.
+
+    Attributes:
+        objectives: surrogates and price; measured values are not answered here.
+        constraints, carrier: see there.
+        method, detection_probability, occlusion, azimuth_stride: of `evaluate_classes`.
+    """
+
+    objectives: tuple[ObjectiveSettings, ...]
+    constraints: tuple[Constraint, ...]
+    carrier: Carrier
+    method: Method
+    detection_probability: float
+    occlusion: bool
+    azimuth_stride: int
+
+    @property
+    def needs_pog(self) -> bool:
+        """Whether a surrogate is asked for."""
+        return any(not o.measured and o.by != "price" for o in self.objectives)
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """What was found of a rig.
+
+    Attributes:
+        values: by name of the objective, without measured ones; None for a rig that cannot be.
+        measures: what the constraints look at, by their names.
+        violations: by how much constraints are violated, 0 or less if they are kept.
+        seconds: that it took.
+    """
+
+    values: dict[str, float] | None
+    measures: dict[str, float]
+    violations: dict[str, float]
+    seconds: float
+
+    @property
+    def feasible(self) -> bool:
+        """Whether the rig can be and keeps all constraints."""
+        return self.values is not None and all(v <= 0 for v in self.violations.values())
+
+
+def assess(rig: Rig, question: Question, grids: Mapping[str, OccupancyGrid]) -> Assessment:
+    """Answer the question for one rig.
+
+    Args:
+        grids: POG by class; may be empty if no surrogate is asked for.
+    """
+    start = time.perf_counter()
+    measures = measures_of(rig, question.constraints, question.carrier)
+    violations = {c.name: c.violation(measures[c.name]) for c in question.constraints}
+    values = _values(rig, question, grids) if rig.possible else None
+    return Assessment(values, measures, violations, time.perf_counter() - start)
+
+
+def _values(rig: Rig, question: Question, grids: Mapping[str, OccupancyGrid]) -> dict[str, float]:
+    found = {}
+    if question.needs_pog:
+        wanted = {objective.by for objective in question.objectives}
+        by_class = evaluate_classes(
+            grids,
+            rig.placement("rig", question.carrier.models),
+            question.method,
+            surrogates=[name for name in RAY_SURROGATES if name in wanted],
+            detection_probability=question.detection_probability,
+            occlusion=question.occlusion,
+            azimuth_stride=question.azimuth_stride,
+        )
+    for objective in question.objectives:
+        if objective.by == "price":
+            found[objective.name] = rig.price(question.carrier.prices)
+        elif not objective.measured:
+            weights = objective.weights_of(grids)
+            found[objective.name] = math.fsum(
+                weight * getattr(by_class[name], objective.by) for name, weight in weights.items()
+            )
+    return found

@@ -1,0 +1,278 @@
+"""How good a search can be: greedy choice from a grid of mounts, and what no choice exceeds."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.spatial.distance import cdist
+
+from lidarplace import Mount, OccupancyGrid
+from lidarplace.files import replacing
+from lidarplace.mounting.body_share import body_share
+from lidarplace.mounting.spacing import least_distance
+from lidarplace.mounting.zone import Zone, grid
+from lidarplace.selection import Exposure, Limits, greedy, upper_bound
+from sweeps.search.problem import Problem
+from sweeps.search.rig import Mounted, Rig, mirrored, rounded
+from sweeps.search.settings import GreedySettings, Pair
+from sweeps.search.space import Slot, Space
+
+BOUNDED = ("covered_entropy", "expected_ig", "expected_points")
+"""Surrogates that are monotone and submodular in the set of LiDARs."""
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What is known of all placements from a grid of candidate mounts.
+
+    Attributes:
+        candidates: how many there are: single LiDARs, or mirrored pairs.
+        chosen: what greedy choice took, in order; the LiDARs that every rig has may be one.
+        gains: what each of them added.
+        value: of all of them together.
+        by_gains: upper bound from marginal gains alone.
+        bound: the upper bound.
+        history: seconds, bound, kind: how it fell.
+        seconds: for everything.
+        evaluations: marginal gains that greedy choice looked at.
+    """
+
+    candidates: int
+    chosen: tuple[Rig, ...]
+    gains: tuple[float, ...]
+    value: float
+    by_gains: float
+    bound: float
+    history: pd.DataFrame
+    seconds: float
+    evaluations: int
+
+    @property
+    def rig(self) -> Rig:
+        """Greedy's rig."""
+        return Rig.of(lidar for part in self.chosen for lidar in part.lidars)
+
+
+def why_none(problem: Problem) -> str | None:
+    """Why this search has no bound; None if it has one."""
+    search = problem.file.search
+    if search.greedy is None:
+        return "search.greedy is null"
+    if not search.zones:
+        return "no LiDAR is placed"
+    if len(search.objective) > 1:
+        return "several objectives have no single best value"
+    objective = search.objective[0]
+    if objective.by == "residual_entropy":
+        return "search.objective covered_entropy asks for the same, and has a bound"
+    if objective.by not in BOUNDED or objective.best != "maximize":
+        return f"{objective.best} {objective.by} is not monotone and submodular in the LiDARs"
+    return None
+
+
+def candidates_of(problem: Problem) -> list[Rig]:
+    """The grid: one LiDAR or mirrored pair each, and the fixed LiDARs as one candidate.
+
+    Those that can be part of no rig are left out: too much of their own body in view, or the two
+    of a pair, or one of the fixed LiDARs, too near.
+    """
+    space = problem.space
+    fixed = Rig.of(space.fixed)
+    found: dict[Rig, None] = {}
+    for slot, model, zone, mount in _choices(problem):
+        lidars = [Mounted(model, zone.name, mount)]
+        if slot.pair:
+            lidars.append(Mounted(model, zone.name, mirrored(mount)))
+        rig = Rig.of(lidars)
+        if _may_be(rig, fixed, problem):
+            found[rig] = None
+    return [*([fixed] if fixed.lidars else []), *found]
+
+
+def check_candidates(problem: Problem) -> None:
+    """Raise ValueError if the grid is finer than the settings allow."""
+    settings = problem.file.search.greedy
+    if settings is None or why_none(problem) is not None:
+        return
+    number = len(problem.space.models) * sum(
+        len(grid(zone, settings.position_step)) * len(_turns(slot, settings))
+        for slot in _kinds(problem.space)
+        for zone in slot.zones
+    )
+    if number > settings.most:
+        raise ValueError(
+            f"search.greedy: {number:,} candidates, more than most: {settings.most:,}; enlarge "
+            "position_step or angle_step_deg, or set `greedy: null`"
+        )
+
+
+def _choices(problem: Problem) -> Iterator[tuple[Slot, str, Zone, Mount]]:
+    settings, space = problem.file.search.greedy, problem.space
+    assert settings is not None
+    for slot in _kinds(space):
+        turns = _turns(slot, settings)
+        for model, zone in itertools.product(space.models, slot.zones):
+            for place, turn in itertools.product(
+                grid(zone, settings.position_step).tolist(), turns
+            ):
+                yield slot, model, zone, rounded(Mount(*place, *turn))
+
+
+def _kinds(space: Space) -> list[Slot]:
+    """A slot of each kind: a single LiDAR, a mirrored pair."""
+    slots: dict[bool, Slot] = {}
+    for number in space.numbers:
+        for slot in space.slots(number):
+            slots.setdefault(slot.pair, slot)
+    return list(slots.values())
+
+
+def _turns(slot: Slot, settings: GreedySettings) -> list[tuple[float, ...]]:
+    """Roll, pitch and yaw, radians."""
+    angles = (_levels(span, settings.angle_step_deg) for span in slot.spans.values())
+    return [tuple(map(math.radians, turn)) for turn in itertools.product(*angles)]
+
+
+def _levels(span: Pair, step: float) -> list[float]:
+    """Multiples of `step` from the middle of the span."""
+    low, high = span
+    reach = math.floor((high - low) / (2 * step) + 1e-9)
+    return [(low + high) / 2 + i * step for i in range(-reach, reach + 1)]
+
+
+def _may_be(rig: Rig, fixed: Rig, problem: Problem) -> bool:
+    limits = problem.file.search.constraints
+    both = Rig(rig.lidars + fixed.lidars)
+    if not both.possible:
+        return False
+    if least_distance(both.placement("both", problem.models)) < limits.distance:
+        return False
+    carrier = problem.question.carrier
+    return limits.body_share is None or all(
+        body_share(lidar.mount, problem.models[lidar.model], carrier.vehicle) <= limits.body_share
+        for lidar in rig.lidars
+    )
+
+
+def limits_of(candidates: Sequence[Rig], problem: Problem) -> Limits:
+    """Number of LiDARs, of single ones beside pairs, price, and distances.
+
+    The near field is no limit here: the bound holds for rigs that neglect it as well.
+    """
+    space, search = problem.space, problem.file.search
+    fixed = Rig.of(space.fixed)
+    sizes = np.array([0 if rig == fixed else len(rig.lidars) for rig in candidates], float)
+    used, budgets = [sizes], [float(space.numbers[-1])]
+    if search.symmetric:
+        odd = any(number % 2 for number in space.numbers)
+        used.append((sizes == 1).astype(float))
+        budgets.append(float(odd))
+    if search.constraints.price is not None:
+        prices = problem.question.carrier.prices
+        used.append(np.array([rig.price(prices) for rig in candidates]))
+        budgets.append(search.constraints.price)
+    return Limits(np.array(used), np.array(budgets), _compatible(candidates, search))
+
+
+def _compatible(candidates: Sequence[Rig], search: Any) -> np.ndarray:
+    """Which candidates are far enough from each other."""
+    places = np.array([lidar.mount.position for rig in candidates for lidar in rig.lidars])
+    first = np.concatenate([[0], np.cumsum([len(rig.lidars) for rig in candidates])[:-1]])
+    near = cdist(places, places) < max(search.constraints.distance, 1e-9)
+    by_row = np.logical_or.reduceat(near, first, axis=0)
+    apart = ~np.logical_or.reduceat(by_row, first, axis=1)
+    np.fill_diagonal(apart, True)
+    return apart
+
+
+def certify(problem: Problem, grids: Mapping[str, OccupancyGrid]) -> Certificate:
+    """Greedy choice and upper bound for the objective as the search computes it."""
+    start = time.perf_counter()
+    settings = problem.file.search.greedy
+    assert settings is not None
+    candidates = candidates_of(problem)
+    question = problem.question
+    objective = question.objectives[0]
+    exposure = Exposure.of_candidates(
+        grids,
+        objective.weights_of(grids),
+        [rig.placement("candidate", problem.models) for rig in candidates],
+        objective.by,
+        question.method,
+        question.detection_probability,
+        question.occlusion,
+        question.azimuth_stride,
+    )
+    limits = limits_of(candidates, problem)
+    choice = greedy(exposure, limits)
+    bound = upper_bound(exposure, limits, choice.chosen, seconds=settings.bound_seconds)
+    return Certificate(
+        len(candidates),
+        tuple(candidates[i] for i in choice.chosen),
+        tuple(choice.gains.tolist()),
+        choice.value,
+        bound.by_gains,
+        bound.value,
+        bound.history,
+        time.perf_counter() - start,
+        choice.evaluations,
+    )
+
+
+def kept_certificate(
+    problem: Problem, grids: Mapping[str, OccupancyGrid], path: Path
+) -> Certificate:
+    """The certificate in `path`, if it is of this problem; else a new one, kept there."""
+    if path.exists():
+        kept = json.loads(path.read_text(encoding="utf-8"))
+        if kept.pop("key") == problem.key:
+            return _from_plain(kept)
+    certificate = certify(problem, grids)
+    with replacing(path) as partial:
+        partial.write_text(
+            json.dumps({"key": problem.key} | _as_plain(certificate), indent=1), encoding="utf-8"
+        )
+    return certificate
+
+
+def _as_plain(certificate: Certificate) -> dict[str, Any]:
+    plain = {k: v for k, v in vars(certificate).items() if k not in ("history", "chosen")}
+    chosen = [[asdict(lidar) for lidar in rig.lidars] for rig in certificate.chosen]
+    return plain | {"chosen": chosen, "history": certificate.history.to_dict("list")}
+
+
+def _from_plain(plain: dict[str, Any]) -> Certificate:
+    chosen = tuple(
+        Rig.of(Mounted(m["model"], m["zone"], Mount(**m["mount"])) for m in rig)
+        for rig in plain["chosen"]
+    )
+    gains, history = tuple(plain["gains"]), pd.DataFrame(plain["history"])
+    return Certificate(**plain | {"chosen": chosen, "gains": gains, "history": history})
+
+
+def first_params(certificate: Certificate, problem: Problem) -> dict[str, Any] | None:
+    """Greedy's rig as parameters of a trial; None if it has too few LiDARs for one."""
+    space = problem.space
+    fixed = Rig.of(space.fixed)
+    left = [rig for rig in certificate.chosen if rig != fixed]
+    number = sum(len(rig.lidars) for rig in left)
+    if number not in space.numbers:
+        return None
+    placed = []
+    for slot in space.slots(number):
+        rig = next((rig for rig in left if (len(rig.lidars) == 2) == slot.pair), None)
+        if rig is None:
+            return None
+        left.remove(rig)
+        # Of a pair the left one is placed.
+        placed.append((slot, max(rig.lidars, key=lambda lidar: lidar.mount.y)))
+    return space.params(placed)

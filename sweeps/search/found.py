@@ -1,0 +1,51 @@
+"""What a search has found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import optuna
+import pandas as pd
+from optuna.trial import FrozenTrial
+
+from lidarplace import OccupancyGrid
+from sweeps.search.certificate import Certificate
+from sweeps.search.study import Timing
+from sweeps.search.winners import Judged
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search has found.
+
+    Attributes:
+        study, trials: Optuna's, and its best trials.
+        certificate: None if there is none, for the reason `no_certificate`.
+        judged: rigs with all rays by name: found_1, ..., greedy, and the paper's, each the best
+            first.
+        robustness: table; None if it was not asked for, or nothing was found.
+        grids: POG by class; empty if no surrogate was asked for.
+        timing: where the driver's time went.
+        evaluated: different rigs that were looked at.
+    """
+
+    study: optuna.Study
+    trials: list[FrozenTrial]
+    certificate: Certificate | None
+    no_certificate: str | None
+    judged: Mapping[str, Judged]
+    robustness: pd.DataFrame | None
+    grids: Mapping[str, OccupancyGrid]
+    timing: Timing
+    evaluated: int
+
+    @property
+    def best(self) -> list[str]:
+        """Names of the rigs that were found, the best first."""
+        return [name for name, own in self.judged.items() if own.role == "found"]
+
+    @property
+    def baseline(self) -> str:
+        """The best of the paper's eight."""
+        return next(name for name, own in self.judged.items() if own.role == "paper")

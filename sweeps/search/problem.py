@@ -1,0 +1,160 @@
+"""A configuration file of a search, read, checked and taken apart."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lidarplace import PAPER_PLACEMENTS, Lidar, Mount
+from sweeps.config import Common
+from sweeps.config_file import ConfigError, check, override, put, read_yaml
+from sweeps.grid import GridPoint, Sweep
+from sweeps.plan import Trial, make_plan
+from sweeps.search.assess import Question
+from sweeps.search.constraints import Carrier, constraints_of
+from sweeps.search.rig import Mounted, Rig
+from sweeps.search.settings import SearchFile
+from sweeps.search.space import Space
+from sweeps.task import Task
+
+OWN_MODEL = "lidar"
+"""Name of the model that the key `lidar` describes."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is searched.
+
+    Attributes:
+        path: of the configuration.
+        source: the configuration after `--set`, as plain data.
+        file: the same, checked.
+        models: LiDAR models by name, those of the zones first; the last one is that of `lidar`.
+        space: all rigs.
+        question: what is asked of each.
+        key: tells a search from others of its name: the same while trials can be compared.
+    """
+
+    path: Path
+    source: Mapping[str, Any]
+    file: SearchFile
+    models: Mapping[str, Lidar]
+    space: Space
+    question: Question
+    key: str
+
+    @property
+    def folder(self) -> Path:
+        """The run folder."""
+        return self.file.output / self.file.name
+
+    def sweep(self, scene: Mapping[str, Any] | None = None) -> Sweep:
+        """A sweep of one placement and no detector: it knows the scene and the POG.
+
+        Args:
+            scene: key path -> value, what is different about the scene.
+
+        Raises:
+            ConfigError: a value is not allowed at its key path.
+        """
+        data = {"placement": "line", "detector": None}
+        base = {k: v for k, v in self.source.items() if k in type(self.file).model_fields}
+        point = _point(base, scene or {}, self.path)
+        common = Common.model_validate({k: getattr(self.file, k) for k in Common.model_fields})
+        point = point.model_copy(update=data)
+        return Sweep(common, (GridPoint(point, {}),), (), self.source)
+
+    def pog_tasks(self, sweep: Sweep) -> tuple[list[Task], Trial]:
+        """The tasks that lead to its POG, and the trial that has it. Raises ConfigError."""
+        try:
+            plan = make_plan(sweep)
+        except ConfigError as error:
+            raise ConfigError(f"{self.path}: {error}") from None
+        (trial,) = plan.trials
+        return plan.needed_for([trial.pog]), trial
+
+    def paper_rigs(self) -> dict[str, Rig]:
+        """The paper's eight with the LiDAR of the key `lidar`."""
+        return {
+            name: Rig.of(Mounted(OWN_MODEL, "", mount) for mount in placement.mounts)
+            for name, placement in PAPER_PLACEMENTS.items()
+        }
+
+
+def _point(base: Mapping[str, Any], changes: Mapping[str, Any], path: Path) -> Any:
+    from copy import deepcopy
+
+    from sweeps.config import Point
+
+    data = {k: deepcopy(v) for k, v in base.items() if k in Point.model_fields}
+    data.setdefault("placement", "line")
+    for key, value in changes.items():
+        put(data, key, value, path)
+    return check(Point, data, path, {key: f"robustness.scenes: {key}" for key in changes})
+
+
+def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
+    """Read the configuration of a search.
+
+    Raises:
+        ConfigError: anything wrong with the file, a key or a value.
+    """
+    source = read_yaml(path, SearchFile)
+    source.setdefault("name", path.stem)
+    for pair in overrides:
+        override(source, pair, path, SearchFile)
+    file = check(SearchFile, source, path)
+    settings = file.search
+    own = file.lidar.lidar()
+    chosen = {name: model.lidar() for name, model in settings.models.items()} or {OWN_MODEL: own}
+    if OWN_MODEL in settings.models:
+        raise ConfigError(f"{path}: search.models.{OWN_MODEL}: is the name of the key `lidar`")
+    for objective in settings.objective:
+        missing = [name for name in objective.weights or () if name not in file.classes]
+        if missing:
+            raise ConfigError(
+                f"{path}: search.objective: {objective.name}: {missing[0]} is none of the classes "
+                f"{', '.join(file.classes)}"
+            )
+        if objective.measured and file.detector is None:
+            raise ConfigError(f"{path}: search.objective: {objective.name} needs a detector")
+    try:
+        space = Space(settings, tuple(chosen), _fixed(file, next(iter(chosen))))
+    except ValueError as error:
+        raise ConfigError(f"{path}: {error}") from None
+    models = chosen | {OWN_MODEL: own}
+    question = Question(
+        settings.objective,
+        constraints_of(settings.constraints),
+        Carrier.of(settings, models),
+        file.surrogate.method,
+        file.surrogate.detection_probability,
+        file.surrogate.occlusion,
+        settings.azimuth_stride,
+    )
+    return Problem(path, source, file, models, space, question, _key(file))
+
+
+def _fixed(file: SearchFile, first: str) -> list[Mounted]:
+    """LiDARs that all rigs have: `fixed`, or a whole placement where there are no zones."""
+    if file.search.zones:
+        return [
+            Mounted(f.model or first, "", Mount(f.x, f.y, f.z, f.roll, f.pitch, f.yaw))
+            for f in file.search.fixed
+        ]
+    placement = file.placement_named(file.placement, file.lidar.lidar())
+    return [Mounted(first, "", mount) for mount in placement.mounts]
+
+
+def _key(file: SearchFile) -> str:
+    """Of all that trials depend on; how many there are, and what comes after them, is not."""
+    scene = file.model_dump(mode="json", include={"scene", "roi", "classes", "lidar", "detector"})
+    scene |= {"surrogate": file.surrogate.model_dump(mode="json")}
+    scene |= {"training": file.training.model_dump(mode="json"), "placement": file.placement}
+    own = file.search.model_dump(mode="json", exclude={"trials", "storage"})
+    content = json.dumps([scene, own], sort_keys=True)
+    return hashlib.sha256(content.encode()).hexdigest()[:12]

@@ -1,0 +1,243 @@
+"""Run a search: POG, bound, trials, exact values of the winners, results, verification."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from functools import partial
+
+import optuna
+import pandas as pd
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from lidarplace import OccupancyGrid
+from lidarplace.command_line import wrong
+from sweeps.backends import Backend, BackendLost, backend_for
+from sweeps.search.answers import SurrogateAnswers
+from sweeps.search.certificate import Certificate, first_params, kept_certificate, why_none
+from sweeps.search.found import Found
+from sweeps.search.pog import NoPog, pog
+from sweeps.search.pool import Pool, in_order, pool_for
+from sweeps.search.problem import Problem
+from sweeps.search.rig import Rig
+from sweeps.search.robustness import in_scene, robustness, with_share
+from sweeps.search.show import print_found, print_infeasible
+from sweeps.search.study import (
+    Timing,
+    assessment_of,
+    finished_trials,
+    open_study,
+    quiet,
+    run_study,
+    storage_for,
+)
+from sweeps.search.trainings import TrainingAnswers
+from sweeps.search.trial_log import TrialRuns
+from sweeps.search.winners import Judged, best_first, best_trials, exact, judge
+from sweeps.search.write import write_search
+from sweeps.store import AnyStore
+from sweeps.store_lock import locked
+from sweeps.sweep_store import store_of
+from tracking.mlflow_log import SweepLog, ui_command
+from tracking.search_report.build import build_search_report
+
+
+def run_search(console: Console, problem: Problem, command: str, verify: bool) -> bool:
+    """Search, write the results, verify. Returns whether a placement was found and all went well.
+
+    Raises:
+        typer.Exit: another driver runs the search, or MLflow, Ray or a database cannot be had.
+        BackendLost: Ray has gone.
+        OSError: the run folder cannot be written.
+    """
+    start = time.monotonic()
+    folder, file = problem.folder, problem.file
+    say = partial(console.print, markup=False, soft_wrap=True)
+    with ExitStack() as stack:
+        workers = ExitStack()  # given back before the results are written
+        try:
+            store = store_of(problem.sweep())
+            stack.enter_context(locked(folder, alone=True))
+            stack.enter_context(store.in_use())
+            storage = storage_for(file.search.storage, folder)
+            log = stack.enter_context(_mlflow(problem, say))
+            stack.enter_context(workers)
+            backend = workers.enter_context(backend_for(file.ray, store))
+        except ValueError as error:
+            wrong(error)
+        with workers, quiet():
+            try:
+                found = _search(console, problem, storage, store, backend, log)
+            except NoPog as error:
+                raise BackendLost(f"no POG: {error}") from None
+            except ValueError as error:
+                wrong(error)
+        write_search(folder, problem, found, command, time.monotonic() - start)
+        if found.trials:
+            print_found(console, problem, found)
+        else:
+            assessments = [assessment_of(trial) for trial in finished_trials(found.study)]
+            print_infeasible(console, assessments, problem.question.constraints)
+        report = build_search_report(folder)
+        for path in sorted(p for p in folder.iterdir() if p.suffix in _ARTIFACTS):
+            log.artifact(path)
+        say(f"\nReport  {report}")
+        say(f"MLflow  {ui_command(file.tracking_uri)}")
+    good = bool(found.trials) and not log.undelivered and not log.refused
+    if verify and file.verify is not None and found.trials:
+        from sweeps.search.verify import verify_found
+
+        good &= verify_found(console, problem, found)
+        build_search_report(folder)
+    console.print(f"{time.monotonic() - start:.0f} s", highlight=False)
+    return good
+
+
+_ARTIFACTS = (".parquet", ".yaml", ".html", ".json")
+
+
+def _mlflow(problem: Problem, say: Callable[[str], None]) -> SweepLog:
+    search = problem.file.search
+    params = {
+        "objective": ", ".join(objective.name for objective in search.objective),
+        "sampler": search.sampler,
+        "seed": search.seed,
+        "batch_size": search.batch_size,
+    }
+    journal = problem.folder / "mlflow.jsonl"
+    name = problem.file.name
+    return SweepLog(problem.file.tracking_uri, name, problem.key, params, journal=journal, say=say)
+
+
+def _search(
+    console: Console,
+    problem: Problem,
+    storage: optuna.storages.BaseStorage,
+    store: AnyStore,
+    backend: Backend,
+    log: SweepLog,
+) -> Found:
+    settings = problem.file.search
+    grids: Mapping[str, OccupancyGrid] = {}
+    if problem.question.needs_pog:
+        grids = pog(console, problem, store, backend)
+    certificate, none = None, why_none(problem)
+    first = None
+    if none is None:
+        certificate = _certificate(console, problem, grids)
+        assert settings.greedy is not None
+        first = first_params(certificate, problem) if settings.greedy.warm_start else None
+    study = open_study(storage, f"{problem.file.name}-{problem.key}", settings, first)
+    timing = Timing()
+    pool = pool_for(backend, grids)
+    if any(objective.measured for objective in settings.objective):
+        answers: SurrogateAnswers | TrainingAnswers = TrainingAnswers(
+            study, problem, pool, store, backend
+        )
+    else:
+        answers = SurrogateAnswers(study, problem.space, problem.question, pool)
+    runs = TrialRuns(log, study, problem)
+    with _bar(console, settings.trials) as told:
+
+        def after_batch(number: int) -> None:
+            runs.log_new()
+            told(number)
+
+        run_study(study, problem.space, settings, answers, after_batch, timing)
+    trials = best_trials(study, problem.space)
+    judged = _judged(problem, trials, certificate, pool)
+    table = None
+    if trials and problem.file.robustness is not None and grids:
+        rigs = {"found_1": judged["found_1"].rig}
+        table = robustness(
+            rigs | _baseline(judged),
+            exact(problem.question),
+            pool,
+            problem.file.robustness,
+            settings.seed,
+        )
+    if table is not None:
+        table = with_share(_in_scenes(console, problem, judged, table, store, backend))
+    return Found(
+        *(study, trials, certificate, none, judged, table, grids, timing, answers.evaluated)
+    )
+
+
+def _certificate(
+    console: Console, problem: Problem, grids: Mapping[str, OccupancyGrid]
+) -> Certificate:
+    with console.status("greedy choice and upper bound …"):
+        found = kept_certificate(problem, grids, problem.folder / "certificate.json")
+    console.print(
+        f"greedy choice from {found.candidates:,} candidates: {found.value:.6g}; no choice from "
+        f"them exceeds {found.bound:.6g} ({found.seconds:.0f} s)",
+        highlight=False,
+    )
+    return found
+
+
+def _judged(
+    problem: Problem,
+    trials: list[optuna.trial.FrozenTrial],
+    certificate: Certificate | None,
+    pool: Pool,
+) -> dict[str, Judged]:
+    """The best of the search, greedy's rig and the paper's, with all rays."""
+    question = problem.question
+    found = judge(trials, problem.space, question, pool)
+    judged = {f"found_{i}": own for i, own in enumerate(found, start=1)}
+    # Greedy chooses nothing where no LiDAR sees anything.
+    chosen = certificate is not None and certificate.chosen
+    others = {"greedy": certificate.rig} if certificate is not None and chosen else {}
+    paper = problem.paper_rigs()
+    rigs = [*others.values(), *paper.values()]
+    assessed = dict(zip([*others, *paper], in_order(pool, rigs, exact(question)), strict=True))
+    for name, rig in others.items():
+        judged[name] = Judged(rig, assessed[name], "greedy")
+    eight = {name: Judged(rig, assessed[name], "paper") for name, rig in paper.items()}
+    return judged | best_first(eight, question.objectives[0])
+
+
+def _baseline(judged: Mapping[str, Judged]) -> dict[str, Rig]:
+    name = next(name for name, own in judged.items() if own.role == "paper")
+    return {name: judged[name].rig}
+
+
+def _in_scenes(
+    console: Console,
+    problem: Problem,
+    judged: Mapping[str, Judged],
+    table: pd.DataFrame,
+    store: AnyStore,
+    backend: Backend,
+) -> pd.DataFrame:
+    """`table`, and the same rigs in the other scenes."""
+    settings = problem.file.robustness
+    assert settings is not None
+    rigs = {"found_1": judged["found_1"].rig} | _baseline(judged)
+    tables = [table]
+    for name, changes in settings.scenes.items():
+        grids = pog(console, problem, store, backend, changes)
+        pool = pool_for(backend, grids)
+        tables.append(in_scene(rigs, exact(problem.question), pool, name))
+    return pd.concat(tables, ignore_index=True)
+
+
+@contextmanager
+def _bar(console: Console, trials: int) -> Iterator[Callable[[int], None]]:
+    """A bar of trials in a terminal; elsewhere a line now and then."""
+    columns = (TextColumn("trials"), BarColumn(16), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+        bar = progress.add_task("trials", total=trials)
+        last = 0
+
+        def told(number: int) -> None:
+            nonlocal last
+            progress.update(bar, completed=number)
+            if not console.is_terminal and number * 10 // trials > last:
+                last = number * 10 // trials
+                console.print(f"trials {number}/{trials}", highlight=False)
+
+        yield told

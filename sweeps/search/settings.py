@@ -1,0 +1,311 @@
+"""The configuration of a search: where LiDARs may go, what is wanted of them, and how to look."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator, model_validator
+
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.mounting.zone import Zone
+from lidarplace.placement_settings import MountSettings
+from lidarplace.sensor_settings import Finite, SensorSettings
+from sweeps.config import METRICS, ClassName, Common, Point, SurrogateName
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0, le=1)]
+Pair = tuple[Finite, Finite]
+
+SAMPLERS = ("tpe", "gp", "cmaes", "nsga2", "nsga3", "random", "qmc")
+PRUNERS = ("median", "successive_halving")
+
+
+class _Settings(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+def _ordered(interval: Pair) -> Pair:
+    if interval[0] > interval[1]:
+        raise ValueError("allowed is a number, or [min, max] with min <= max")
+    return interval
+
+
+def _number_as_interval(value: Any) -> Any:
+    return [value, value] if isinstance(value, (int, float)) else value
+
+
+Span = Annotated[Pair, BeforeValidator(_number_as_interval), Field()]
+"""A number, or [min, max]."""
+
+
+class ZoneSettings(_Settings):
+    """Where a LiDAR may sit: a box, or a polygon with heights; metres, ego frame."""
+
+    x: Span | None = None
+    y: Span | None = None
+    polygon: tuple[Pair, ...] | None = Field(None, description="corners [x, y], instead of x and y")
+    z: Span
+
+    @model_validator(mode="after")
+    def _possible(self) -> ZoneSettings:
+        if (self.polygon is None) != (self.x is not None and self.y is not None):
+            raise ValueError("a zone needs x, y and z, or polygon and z")
+        self.zone("any")
+        return self
+
+    def zone(self, name: str) -> Zone:
+        """The zone in the terms of `lidarplace`. Raises ValueError if its shape is impossible."""
+        corners = self.polygon
+        if corners is None:
+            assert self.x is not None
+            assert self.y is not None
+            (x0, x1), (y0, y1) = _ordered(self.x), _ordered(self.y)
+            corners = ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
+        return Zone(name, corners, _ordered(self.z))
+
+
+class ModelSettings(SensorSettings):
+    """A LiDAR model that may be chosen."""
+
+    price: float = Field(0.0, ge=0, allow_inf_nan=False, description="in any currency")
+
+
+class FixedSettings(MountSettings):
+    """A LiDAR that stays where it is; metres and radians as in `placements`."""
+
+    model: str | None = Field(None, description="of `models`; the first one by default")
+
+
+class NearFieldSettings(_Settings):
+    """A box around the vehicle that has to be seen, past the vehicle's own body."""
+
+    x: Pair = (-4.0, 4.0)
+    y: Pair = (-2.5, 2.5)
+    z: Pair = (0.0, 1.0)
+    resolution: Positive = 0.2
+    coverage: Share = Field(description="least share of its voxels")
+
+
+class ConstraintSettings(_Settings):
+    """What a placement has to keep."""
+
+    distance: float = Field(
+        0.2, ge=0, allow_inf_nan=False, description="least distance between LiDARs, m; 0: any"
+    )
+    body_share: Share | None = Field(
+        None, description="largest share of a LiDAR's rays that may meet the vehicle's own body"
+    )
+    price: float | None = Field(None, ge=0, description="most that all LiDARs may cost together")
+    near_field: NearFieldSettings | None = None
+
+
+class ObjectiveSettings(_Settings):
+    """What is searched for; `expected_ig.Car` is short for one class."""
+
+    by: Literal[(*get_args(SurrogateName), *METRICS, "price")]  # type: ignore[valid-type]
+    weights: dict[ClassName, Positive] | None = Field(
+        None, description="class -> weight in the sum; by default all classes, each once"
+    )
+    direction: Literal["maximize", "minimize"] | None = None
+
+    @field_validator("by")
+    @classmethod
+    def _varies(cls, by: str) -> str:
+        if by == "h_pog":
+            raise ValueError("h_pog does not depend on the placement")
+        return by
+
+    @property
+    def name(self) -> str:
+        """Such as `expected_ig.Car`, or `expected_ig` for a sum over classes."""
+        if self.weights is not None and len(self.weights) == 1:
+            return f"{self.by}.{next(iter(self.weights))}"
+        return str(self.by)
+
+    @property
+    def best(self) -> Literal["maximize", "minimize"]:
+        """Which values are wanted."""
+        least = ("residual_entropy", "price")
+        return self.direction or ("minimize" if self.by in least else "maximize")
+
+    def weights_of(self, classes: Iterable[str]) -> dict[str, float]:
+        """Weight by class in the sum, of those that have one."""
+        return dict(self.weights.items()) if self.weights else dict.fromkeys(classes, 1.0)
+
+    @property
+    def measured(self) -> bool:
+        """Whether detectors have to be trained for it."""
+        return self.by in METRICS
+
+
+def _objective(value: Any) -> Any:
+    if not isinstance(value, str):
+        return value
+    by, _, object_class = value.partition(".")
+    return {"by": by} | ({"weights": {object_class: 1.0}} if object_class else {})
+
+
+def _several(value: Any) -> Any:
+    return value if isinstance(value, (list, tuple)) else [value]
+
+
+class RangeSettings(_Settings):
+    """Numbers from `low` to `high`; whole ones if both are."""
+
+    low: int | float
+    high: int | float
+    log: bool = False
+
+    @model_validator(mode="after")
+    def _ordered(self) -> RangeSettings:
+        if not self.low <= self.high or (self.log and self.low <= 0):
+            raise ValueError("allowed is low <= high, and low > 0 with log")
+        return self
+
+
+class GreedySettings(_Settings):
+    """A grid of candidate mounts, from which greedy choice takes the best, one after the other."""
+
+    position_step: Positive = Field(0.25, description="metres between candidates")
+    angle_step_deg: Positive = Field(10.0, description="degrees between candidates")
+    most: int = Field(4000, ge=1, description="candidates that are affordable")
+    bound_seconds: float = Field(30.0, ge=0, description="time for the upper bound")
+    warm_start: bool = Field(True, description="the first trial is greedy's placement")
+
+
+class SearchSettings(_Settings):
+    """What may be mounted where, and how it is searched."""
+
+    lidars: Annotated[tuple[int, int], BeforeValidator(_number_as_interval)] = Field(
+        (4, 4), description="number of LiDARs, or [min, max]; those that are `fixed` come on top"
+    )
+    zones: dict[str, ZoneSettings] = Field(
+        default={}, description="by name; without zones LiDARs are where `placement` has them"
+    )
+    models: dict[str, ModelSettings] = Field(
+        default={}, description="LiDAR models by name; by default the one of the key `lidar`"
+    )
+    roll_deg: Span = (0.0, 0.0)
+    pitch_deg: Span = (0.0, 0.0)
+    yaw_deg: Span = (0.0, 0.0)
+    symmetric: bool = Field(
+        False, description="mirrored pairs, and one on the centre line if the number is odd"
+    )
+    fixed: tuple[FixedSettings, ...] = ()
+    vehicle: tuple[tuple[tuple[Finite, Finite, Finite], tuple[Finite, Finite, Finite]], ...] = (
+        Field(None, validate_default=True, description="boxes [[x0, y0, z0], [x1, y1, z1]]; a car")
+    )
+    constraints: ConstraintSettings = ConstraintSettings()
+    objective: Annotated[
+        tuple[Annotated[ObjectiveSettings, BeforeValidator(_objective)], ...],
+        BeforeValidator(_several),
+    ] = Field((ObjectiveSettings(by="expected_ig"),), min_length=1)
+    space: dict[str, list[Any] | RangeSettings] = Field(
+        default={}, description="key path -> values or {low, high, log}, beside the placement"
+    )
+    sampler: Literal[SAMPLERS] = "tpe"  # type: ignore[valid-type]
+    trials: int = Field(400, ge=1)
+    batch_size: int = Field(
+        8, ge=1, description="trials asked for at once; the outcome depends on it"
+    )
+    seed: int = Field(0, ge=0)
+    azimuth_stride: int = Field(
+        8, ge=1, description="rays of expected_points and expected_ig: every so many azimuth steps"
+    )
+    seeds: tuple[int, ...] = Field((0,), min_length=1, description="trainings of a measured value")
+    rungs: tuple[dict[str, Any], ...] = Field(
+        default=(), description="shorter trainings first, such as {training.epochs: 1}"
+    )
+    pruner: Literal[PRUNERS] = Field(  # type: ignore[valid-type]
+        "median", description="stops trials after a rung"
+    )
+    storage: str | None = Field(
+        None, description="URL of a database for Optuna; a journal in the run folder if null"
+    )
+    greedy: GreedySettings | None = GreedySettings()
+
+    @field_validator("vehicle", mode="before")
+    @classmethod
+    def _car(cls, boxes: Any) -> Any:
+        return Vehicle.car().boxes.tolist() if boxes is None else boxes
+
+    @field_validator("roll_deg", "pitch_deg", "yaw_deg")
+    @classmethod
+    def _turn(cls, span: Pair) -> Pair:
+        if not -360 <= span[0] <= span[1] <= 360:
+            raise ValueError("allowed is a number, or [min, max] within ±360 degrees")
+        return span
+
+    @model_validator(mode="after")
+    def _fits(self) -> SearchSettings:
+        low, high = self.lidars
+        if not 1 <= low <= high:
+            raise ValueError("lidars: allowed is a number, or [min, max] with 1 <= min <= max")
+        names = [objective.name for objective in self.objective]
+        if len(set(names)) < len(names):
+            raise ValueError(f"objective: each once, found {', '.join(names)}")
+        measured = [objective.measured for objective in self.objective]
+        if any(measured) and not all(o.measured or o.by == "price" for o in self.objective):
+            raise ValueError("objective: measured values and surrogates cannot be searched at once")
+        if self.space and not any(measured):
+            raise ValueError(
+                "space: surrogates know the placement alone; choose a measured objective such as "
+                "AP_R40_3D.Car"
+            )
+        if not self.zones and not self.space:
+            raise ValueError("zones: name at least one, or key paths in `space`")
+        if self.rungs and (not any(measured) or len(self.objective) > 1):
+            raise ValueError("rungs: prune the trainings of a single measured objective")
+        for fixed in self.fixed:
+            if fixed.model is not None and fixed.model not in self.models:
+                raise ValueError(
+                    f"fixed: model {fixed.model!r} is none of {', '.join(self.models) or 'models'}"
+                )
+        self._check_sampler()
+        return self
+
+    def _check_sampler(self) -> None:
+        if self.sampler not in ("cmaes",):
+            return
+        if len(self.objective) > 1:
+            raise ValueError("sampler: cmaes knows one objective; take nsga2, nsga3, tpe or gp")
+        limits = {
+            name: value
+            for name, value in self.constraints.model_dump().items()
+            if value is not None and not (name == "distance" and value == 0)
+        }
+        if limits and self.zones:
+            raise ValueError(
+                f"sampler: CMA-ES ignores constraints ({', '.join(limits)}) and would look where "
+                "nothing is allowed; take tpe, gp, nsga2 or nsga3, or lift them "
+                "(constraints.distance: 0)"
+            )
+
+
+class RobustnessSettings(_Settings):
+    """How far the winner depends on what it was searched on."""
+
+    draws: int = Field(32, ge=1, description="rigs with every mount off")
+    offset: float = Field(0.01, ge=0, description="metres that a mount is off at most, each axis")
+    angle_deg: float = Field(0.5, ge=0, description="degrees that it is off at most, each axis")
+    scenes: dict[str, dict[str, Any]] = Field(
+        default={}, description="name -> key paths of `scene` to change: other towns, densities"
+    )
+
+
+class VerifySettings(_Settings):
+    """Detectors for the winners and the paper's rigs."""
+
+    top: int = Field(3, ge=1, description="placements of the search that are trained")
+    seeds: tuple[int, ...] = Field((1, 2, 3), min_length=1)
+    set: dict[str, Any] = Field(default={}, description="key path -> value for this sweep alone")
+
+
+class SearchFile(Common, Point):
+    """A configuration file of a search as a whole."""
+
+    placement: str = Field("line", description="where no zone is given")
+    search: SearchSettings
+    robustness: RobustnessSettings | None = RobustnessSettings()
+    verify: VerifySettings | None = None

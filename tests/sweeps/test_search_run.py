@@ -1,0 +1,240 @@
+"""A whole search through the command line, on a small log."""
+
+import json
+
+import numpy as np
+import optuna
+import pandas as pd
+import pytest
+import yaml
+from search_files import write_search
+from typer.testing import CliRunner
+
+from lidarplace import OccupancyGrid, Placement, Roi, evaluate
+from lidarplace.box_log import read_box_log
+from lidarplace.placement_settings import read_placement
+from sweeps.grid import read_sweep
+from sweeps.search.__main__ import app
+from sweeps.search.problem import read_problem
+from sweeps.search.study import journal_path
+from tracking.mlflow_connection import connect
+
+
+@pytest.fixture(scope="module")
+def tracking(tmp_path_factory):
+    """One database for all searches: making one takes seconds."""
+    return f"sqlite:///{tmp_path_factory.mktemp('mlflow') / 'mlflow.db'}"
+
+
+def search(folder, tracking, *options, **changes):
+    path = write_search(folder, tracking={"uri": tracking}, **changes)
+    return CliRunner().invoke(app, [str(path), *options], catch_exceptions=False)
+
+
+def about(folder):
+    return json.loads((folder / "runs/small/search.json").read_text())
+
+
+def trials(folder):
+    return pd.read_parquet(folder / "runs/small/trials.parquet")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, tracking):
+    folder = tmp_path_factory.mktemp("search")
+    result = search(folder, tracking)
+    assert result.exit_code == 0, result.output
+    return folder
+
+
+def test_the_best_trial_is_what_the_files_say(folder):
+    table, found = trials(folder), about(folder)
+    assert len(table) == 12
+    best = table[table["feasible"]]["value.expected_ig"].max()
+    own = found["rigs"][found["best"][0]]
+    assert own["values"]["expected_ig"] == pytest.approx(best, rel=1e-12)  # all rays in both
+    assert found["bound"]["value"] >= best
+    assert found["bound"]["greedy"] >= (1 - 1 / np.e) * found["bound"]["value"] * 0.5
+
+
+def test_the_value_is_that_of_the_library(folder):
+    """The placement file and the log alone give the value again."""
+    problem = read_problem(folder / "small.yaml")
+    log = read_box_log(folder / "log")
+    train = log.frames[log.frames["split"] == "train"]
+    boxes = log.boxes[log.boxes["frame"].isin(train["frame"])]
+    roi = Roi((0, 40), (-20, 20), (0, 4), 0.8)
+    grid = OccupancyGrid.from_boxes(boxes, roi, "Car", frames=len(train))
+    lidar = problem.file.lidar.lidar()
+    rig = read_placement(folder / "runs/small/placement.yaml", lidar)
+    assert isinstance(rig, Placement)
+    value = evaluate(grid, rig, surrogates=["expected_ig"]).expected_ig
+    own = about(folder)["rigs"]["found_1"]["values"]["expected_ig"]
+    assert value == pytest.approx(own, rel=1e-9)
+
+
+def test_a_sweep_takes_the_result_as_it_is(folder):
+    sweep = read_sweep(folder / "runs/small/sweep.yaml")
+    names = [point.point.placement for point in sweep.points]
+    assert names[:3] == ["found_1", "found_2", "found_3"]
+    assert len(set(names)) == 3 + 8
+
+
+def test_the_first_trial_is_greedys(folder):
+    table, found = trials(folder), about(folder)
+    assert table.loc[0, "value.expected_ig"] == pytest.approx(found["bound"]["greedy"], rel=1e-9)
+
+
+def test_mlflow_has_a_run_for_every_trial(folder, tracking):
+    client = connect(tracking)
+    experiment = client.get_experiment_by_name("small")
+    runs = client.search_runs([experiment.experiment_id], max_results=100)
+    names = {run.data.tags["mlflow.runName"] for run in runs}
+    assert names >= {f"trial {n}" for n in range(12)}
+    one = next(run for run in runs if run.data.tags["mlflow.runName"] == "trial 3")
+    value = trials(folder).loc[3, "value.expected_ig"]
+    assert one.data.metrics["expected_ig"] == pytest.approx(value)
+    assert one.data.params["lidar_1.model"] == "lidar"
+
+
+def test_robustness_has_a_row_a_case(folder):
+    table = pd.read_parquet(folder / "runs/small/robustness.parquet")
+    own = table[table["rig"] == "found_1"].set_index("case")
+    assert list(own.index) == ["as designed", "mounts off", "LiDAR 1 fails", "LiDAR 2 fails"]
+    assert own.loc["as designed", "share"] == 1
+    assert own.loc["mounts off", "draws"] == 3
+    assert (own.loc[["LiDAR 1 fails", "LiDAR 2 fails"], "share"] < 1).all()
+
+
+def test_more_trials_go_on_where_it_stopped(folder, tracking):
+    before = trials(folder)
+    result = search(folder, tracking, "--set", "search.trials=16")
+    assert result.exit_code == 0, result.output
+    after = trials(folder)
+    pd.testing.assert_frame_equal(after.iloc[:12], before)
+    assert len(after) == 16
+
+
+def test_bad_input_is_one_line(tmp_path, tracking):
+    for changes, message in (
+        ({"lidars": 0}, "lidars: allowed is a number"),
+        ({"zones": {"a": {"x": [0, 1], "z": 2}}}, "search.zones.a: a zone needs x, y and z"),
+        ({"sampler": "cmaes"}, "CMA-ES ignores constraints (distance)"),
+        ({"objective": "h_pog"}, "h_pog does not depend on the placement"),
+        ({"objective": "expected_ig.Cyclist"}, "Cyclist is none of the classes Car"),
+        ({"space": {"training.lr": [1]}}, "surrogates know the placement alone"),
+        ({"objectve": "x"}, "unknown key (did you mean objective?)"),
+        ({"greedy": {"position_step": 0.01}}, "candidates, more than most: 4,000"),
+        ({"storage": "nonsense://"}, "search.storage: cannot be opened"),
+        ({"roll_deg": [20, -20]}, "within ±360 degrees"),
+    ):
+        result = search(tmp_path, tracking, search=changes)
+        assert result.exit_code == 2, (changes, result.output)
+        lines = result.stderr.strip().splitlines()
+        assert len(lines) == 1, lines
+        assert message in lines[0]
+
+
+def test_s_mig_comes_with_a_warning(tmp_path, tracking):
+    result = search(tmp_path, tracking, "--dry-run", search={"objective": "s_mig"})
+    assert result.exit_code == 0
+    assert "highest for a placement that sees nothing" in " ".join(result.output.split())
+
+
+def test_no_feasible_placement(tmp_path, tracking):
+    limits = {"distance": 5.0, "body_share": 0.9}
+    result = search(tmp_path, tracking, search={"constraints": limits, "greedy": None})
+    assert result.exit_code == 1
+    assert "No placement keeps all constraints" in result.output
+    least = trials(tmp_path)["violation.distance"].min()
+    assert f"distance at least 5 m: violated by at least {least:.4g} m" in result.output
+    assert "body_share at most 0.9: kept by some placement" in result.output
+    assert (tmp_path / "runs/small/search.html").exists()
+
+
+def test_a_space_without_any_freedom_is_evaluated_once(tmp_path, tracking):
+    point = {"point": {"x": 0.2, "y": 0.1, "z": 2}}
+    result = search(
+        tmp_path, tracking, search={"lidars": 1, "zones": point, "roll_deg": 3, "trials": 6}
+    )
+    assert result.exit_code == 0, result.output
+    found = about(tmp_path)
+    assert (found["trials"], found["evaluations"]) == (6, 1)
+    assert trials(tmp_path)["value.expected_ig"].nunique() == 1
+    assert found["bound"]["gap_percent"] == pytest.approx(0, abs=1e-3)
+
+
+def test_twelve_lidars_and_an_objective_that_is_constant(tmp_path, tracking):
+    away = {"away": {"x": [-400, -399], "y": [-0.6, 0.6], "z": [1, 2]}}  # sees nothing of the ROI
+    result = search(tmp_path, tracking, search={"lidars": 12, "zones": away, "trials": 4})
+    assert result.exit_code == 0, result.output
+    assert (trials(tmp_path)["value.expected_ig"] == 0).all()
+
+
+def test_several_objectives_with_prices(tmp_path, tracking):
+    models = {
+        "small": {"beams": 2, "azimuth_steps": 45, "price": 1},
+        "large": {"beams": 16, "azimuth_steps": 180, "price": 10},
+    }
+    result = search(
+        tmp_path,
+        tracking,
+        search={
+            "lidars": [1, 3],
+            "models": models,
+            "objective": ["covered_entropy", "price"],
+            "sampler": "nsga2",
+            "trials": 40,
+            "constraints": {"distance": 0.1, "price": 21},
+        },
+    )
+    assert result.exit_code == 0, result.output
+    table, found = trials(tmp_path), about(tmp_path)
+    assert table.loc[table["feasible"], "value.price"].max() <= 21
+    assert table["lidars"].nunique() == 3
+    front = [found["rigs"][name]["values"] for name in found["best"]]
+    assert len(front) > 1
+    for one in front:
+        assert not any(
+            other["covered_entropy"] >= one["covered_entropy"]
+            and other["price"] <= one["price"]
+            and other != one
+            for other in front
+        )
+    config = yaml.safe_load((tmp_path / "runs/small/sweep.yaml").read_text())
+    mount = config["placements"]["found_1"]["mounts"][0]
+    assert mount["lidar"] in (
+        {"beams": 2, "azimuth_steps": 45},
+        {"beams": 16, "azimuth_steps": 180},
+    )
+    read_sweep(tmp_path / "runs/small/sweep.yaml")
+
+
+def test_the_outcome_does_not_depend_on_stops(tmp_path, tracking, monkeypatch):
+    """A search that is killed while it asks, answers or tells ends as one that is not."""
+    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    for place in (whole, cut):
+        place.mkdir()
+    assert search(whole, tracking, name="w").exit_code == 0
+    expected = pd.read_parquet(whole / "runs/w/trials.parquet").drop(columns="seconds")
+    write = optuna.storages.journal.JournalFileBackend.append_logs
+    for stop_after in (3, 20, 41, 57, 90, 200):
+        left = stop_after
+
+        def append(self, logs):
+            nonlocal left
+            left -= 1
+            if left < 0:
+                write(self, logs[:1])
+                with journal_path(cut / "runs/c").open("ab") as file:
+                    file.write(b'{"half a line')
+                raise KeyboardInterrupt
+            write(self, logs)
+
+        monkeypatch.setattr(optuna.storages.journal.JournalFileBackend, "append_logs", append)
+        result = search(cut, tracking, name="c")
+        assert result.exit_code in (0, 130)
+        monkeypatch.setattr(optuna.storages.journal.JournalFileBackend, "append_logs", write)
+    assert search(cut, tracking, name="c").exit_code == 0
+    found = pd.read_parquet(cut / "runs/c/trials.parquet").drop(columns="seconds")
+    pd.testing.assert_frame_equal(found, expected)

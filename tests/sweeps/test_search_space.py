@@ -1,0 +1,140 @@
+"""Parameters to rigs and back."""
+
+import math
+
+import optuna
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lidarplace import Mount
+from lidarplace.mounting.zone import distance
+from sweeps.search.rig import Mounted, Rig, mirrored
+from sweeps.search.settings import SearchSettings
+from sweeps.search.space import Space
+
+ROOF = {"polygon": [[-1, -0.6], [0.5, -0.6], [0.8, 0], [0.5, 0.6], [-1, 0.6]], "z": [1.8, 2.2]}
+NOSE = {"x": [2.1, 2.3], "y": [-0.5, 0.5], "z": 0.6}
+
+
+def space_of(models=("lidar",), fixed=(), **changes) -> Space:
+    values = {"zones": {"roof": ROOF}, "roll_deg": [-20, 20], "yaw_deg": [-90, 90]} | changes
+    return Space(SearchSettings.model_validate(values), models, fixed)
+
+
+def random_rig(space: Space, seed: int):
+    study = optuna.create_study(sampler=optuna.samplers.RandomSampler(seed))
+    trial = study.ask()
+    rig, _ = space.suggest(trial)
+    return rig, trial.params
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**31), number=st.integers(1, 12), symmetric=st.booleans())
+def test_all_values_of_parameters_are_rigs_in_the_zones(seed, number, symmetric):
+    space = space_of(
+        models=("a", "b"), zones={"roof": ROOF, "nose": NOSE}, lidars=number, symmetric=symmetric
+    )
+    rig, params = random_rig(space, seed)
+    assert len(rig.lidars) == number
+    zones = {zone.name: zone for zone in space.zones}
+    for lidar in rig.lidars:
+        mount = lidar.mount
+        assert lidar.model in ("a", "b")
+        assert distance(zones[lidar.zone], mount.x, mount.y, mount.z) <= 0.001
+        assert abs(mount.roll) <= math.radians(20) + 1e-4
+        assert mount.pitch == 0
+    if symmetric:
+        assert rig == Rig.of(
+            Mounted(lidar.model, lidar.zone, mirrored(lidar.mount)) for lidar in rig.lidars
+        )
+    assert space.rig(number, params) == rig
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**31), symmetric=st.booleans(), number=st.integers(1, 4))
+def test_parameters_of_a_rig_give_it_back(seed, symmetric, number):
+    space = space_of(zones={"roof": ROOF, "nose": NOSE}, lidars=[1, 4], symmetric=symmetric)
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    study = optuna.create_study(sampler=optuna.samplers.RandomSampler(seed))
+    study.enqueue_trial({"lidars": number})
+    rig, _ = space.suggest(study.ask())
+    left = [m for m in rig.lidars if not symmetric or m.mount.y > 0]
+    centre = [m for m in rig.lidars if symmetric and m.mount.y == 0]
+    if symmetric and (len(left) != number // 2 or len(centre) != number % 2):
+        return  # a pair on the centre line
+    slots = space.slots(number)
+    placed = list(zip(slots, [*left, *centre], strict=True))
+    again = space.rig(number, space.params(placed))
+    for one, other in zip(again.lidars, rig.lidars, strict=True):
+        assert (one.model, one.zone) == (other.model, other.zone)
+        for axis in ("x", "y", "z", "roll", "yaw"):
+            a, b = getattr(one.mount, axis), getattr(other.mount, axis)
+            assert a == pytest.approx(b, abs=2e-3)
+
+
+def test_what_cannot_vary_is_no_parameter():
+    fixed_point = {"point": {"x": 0, "y": 0.1, "z": 2}}
+    space = space_of(zones=fixed_point, roll_deg=5, yaw_deg=0, lidars=1)
+    assert space.distributions(1) == {}
+    rig, params = random_rig(space, 0)
+    assert params == {}
+    assert rig.lidars == (
+        Mounted("lidar", "point", Mount(0, 0.1, 2, roll=round(5 * math.pi / 180, 4))),
+    )
+
+
+def test_rigs_that_differ_in_order_are_one():
+    a, b = Mounted("m", "z", Mount(x=1, z=2)), Mounted("m", "z", Mount(x=-1, z=2))
+    assert Rig.of([a, b]) == Rig.of([b, a])
+    assert hash(Rig.of([a, b])) == hash(Rig.of([b, a]))
+    assert not Rig.of([a, a]).possible
+    assert Rig.of([a, b]).possible
+
+
+def test_the_number_of_lidars_is_a_parameter_if_it_may_vary():
+    space = space_of(lidars=[2, 3])
+    numbers = {len(random_rig(space, seed)[0].lidars) for seed in range(20)}
+    assert numbers == {2, 3}
+    assert "lidar_3.x" not in space.distributions(2)
+
+
+def test_fixed_lidars_are_in_every_rig():
+    nose = Mounted("lidar", "", Mount(x=2.3, z=0.6))
+    space = space_of(lidars=1, fixed=[nose])
+    for seed in range(3):
+        rig, _ = random_rig(space, seed)
+        assert nose in rig.lidars
+        assert len(rig.lidars) == 2
+
+
+def test_symmetry_needs_room():
+    right = {"right": {"x": [0, 1], "y": [-0.6, -0.2], "z": 2}}
+    with pytest.raises(ValueError, match="no zone has a part left of the centre line"):
+        space_of(zones=right, lidars=2, symmetric=True)
+    left = {"left": {"x": [0, 1], "y": [0.2, 0.6], "z": 2}}
+    space_of(zones=left, lidars=2, symmetric=True)
+    with pytest.raises(ValueError, match="an odd number needs a zone that meets y = 0"):
+        space_of(zones=left, lidars=3, symmetric=True)
+
+
+def test_a_mirrored_pair_keeps_clear_of_negative_zeros():
+    pair = mirrored(Mount(z=2))
+    assert str(pair) == str(Mount(z=2))
+
+
+def test_further_parameters():
+    space = space_of(
+        objective="AP_R40_3D.Car",
+        space={
+            "training.lr": {"low": 1e-4, "high": 1e-2, "log": True},
+            "training.epochs": {"low": 1, "high": 4},
+            "detector": ["pointpillars_tiny", "second"],
+        },
+    )
+    trial = optuna.create_study(sampler=optuna.samplers.RandomSampler(1)).ask()
+    _, values = space.suggest(trial)
+    assert 1e-4 <= values["training.lr"] <= 1e-2
+    assert values["training.epochs"] in (1, 2, 3, 4)
+    assert isinstance(values["training.epochs"], int)
+    assert values["detector"] in ("pointpillars_tiny", "second")
