@@ -46,7 +46,7 @@ def metric_mean(trials: Sequence[Trial], metric: str, object_class: str, store: 
         match = (metrics["metric"] == metric) & (metrics["class"] == object_class)
         match &= metrics["iou"] == headline_iou(metrics, object_class)
         values += metrics.loc[match, "value"].tolist()
-    return math.fsum(values) / len(values)
+    return math.fsum(values) / len(values) if values else math.nan
 
 
 def trial_seconds(trial: Trial, store: AnyStore) -> float:

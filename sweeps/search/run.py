@@ -23,11 +23,9 @@ from sweeps.search.pool import Pool, in_order, pool_for
 from sweeps.search.problem import Problem
 from sweeps.search.rig import Rig
 from sweeps.search.robustness import in_scene, robustness, with_share
-from sweeps.search.show import print_found, print_infeasible
+from sweeps.search.show import print_found, print_nothing_found
 from sweeps.search.study import (
     Timing,
-    assessment_of,
-    finished_trials,
     open_study,
     quiet,
     run_study,
@@ -78,8 +76,7 @@ def run_search(console: Console, problem: Problem, command: str, verify: bool) -
         if found.trials:
             print_found(console, problem, found)
         else:
-            assessments = [assessment_of(trial) for trial in finished_trials(found.study)]
-            print_infeasible(console, assessments, problem.question.constraints)
+            print_nothing_found(console, problem, found)
         report = build_search_report(folder)
         for path in sorted(p for p in folder.iterdir() if p.suffix in _ARTIFACTS):
             log.artifact(path)

@@ -106,7 +106,7 @@ def sampler_for(name: str, seed: int, common_seed: int) -> BaseSampler:
 
 
 def pruner_for(name: str) -> optuna.pruners.BasePruner:
-    """The pruner that stops trials after a rung; rungs are steps 0, 1, ..."""
+    """The pruner that stops trials after a rung; rungs are steps 1, 2, ..."""
     if name == "median":
         return optuna.pruners.MedianPruner(n_startup_trials=4)
     assert name == "successive_halving"

@@ -116,6 +116,12 @@ class ObjectiveSettings(_Settings):
             raise ValueError("h_pog does not depend on the placement")
         return by
 
+    @model_validator(mode="after")
+    def _has_classes(self) -> ObjectiveSettings:
+        if self.weights is not None and (self.by in ("recall", "price") or not self.weights):
+            raise ValueError(f"{self.by} has no classes")
+        return self
+
     @property
     def name(self) -> str:
         """Such as `expected_ig.Car`, or `expected_ig` for a sum over classes."""

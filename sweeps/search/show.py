@@ -13,6 +13,7 @@ from sweeps.search.constraints import Constraint
 from sweeps.search.found import Found
 from sweeps.search.problem import Problem
 from sweeps.search.rig import Rig
+from sweeps.search.study import assessment_of, finished_trials
 from sweeps.search.tables import mount_columns
 
 _TO_THE_LETTER = (
@@ -69,7 +70,19 @@ def describe(constraint: Constraint) -> str:
     )
 
 
-def print_infeasible(
+def print_nothing_found(console: Console, problem: Problem, found: Found) -> None:
+    """Why no trial has a value: trainings that failed, or constraints that none keeps."""
+    trials = list(finished_trials(found.study))
+    for trial in trials:
+        if "failure" in trial.user_attrs:
+            text = f"trial {trial.number} failed: {trial.user_attrs['failure']}"
+            console.print(text, markup=False, soft_wrap=True)
+    assessments = [assessment_of(trial) for trial in trials]
+    if not any(assessment.feasible for assessment in assessments):
+        _print_infeasible(console, assessments, problem.question.constraints)
+
+
+def _print_infeasible(
     console: Console, found: Sequence[Assessment], constraints: Sequence[Constraint]
 ) -> None:
     """Which constraint was violated least, and by how much."""

@@ -61,7 +61,7 @@ class TrainingAnswers:
         ]
         self.evaluated += len(alive)
         failures: dict[int, str] = {}
-        for step, rung in enumerate(self.problem.file.search.rungs):
+        for step, rung in enumerate(self.problem.file.search.rungs, start=1):
             values, failed = self._train([candidate for _, candidate in alive], rung)
             failures |= failed
             alive = [(trial, c) for trial, c in alive if c.number not in failed]
@@ -146,6 +146,8 @@ def measured_value(objective: ObjectiveSettings, trials: Sequence[Trial], store:
     """The weighted mean over classes of a metric's mean over seeds, percent."""
     assert objective.by in METRICS
     classes = objective.weights_of(trials[0].grid_point.point.classes)
+    if objective.by == "recall":  # of all objects together
+        classes = {"all": 1.0}
     total = math.fsum(
         weight * metric_mean(trials, objective.by, name, store) for name, weight in classes.items()
     )

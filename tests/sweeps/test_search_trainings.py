@@ -1,0 +1,119 @@
+"""Searches for a measured value: detectors are trained, hopeless ones are stopped."""
+
+import json
+
+import pandas as pd
+import pytest
+from search_files import write_search
+from typer.testing import CliRunner
+
+from sweeps.search import trainings
+from sweeps.search.__main__ import app
+
+TINY = {
+    "detector": "pointpillars_tiny",
+    "training": {"epochs": 2, "batch_size": 1},
+    "lidar": {"azimuth_steps": 180},
+}
+
+
+@pytest.fixture(scope="module")
+def tracking(tmp_path_factory):
+    return {"uri": f"sqlite:///{tmp_path_factory.mktemp('mlflow') / 'mlflow.db'}"}
+
+
+def search(folder, tracking, **changes):
+    path = write_search(folder, tracking=tracking, **TINY, **changes)
+    result = CliRunner().invoke(app, [str(path)], catch_exceptions=False)
+    run = folder / "runs/small"
+    about = json.loads((run / "search.json").read_text())
+    return result, pd.read_parquet(run / "trials.parquet"), about
+
+
+def test_hyper_parameters_of_a_fixed_placement(tmp_path, tracking):
+    result, table, found = search(
+        tmp_path,
+        tracking,
+        placement="center",
+        search={
+            "zones": {},
+            "objective": "AP_R40_BEV.Car",
+            "space": {"training.lr": {"low": 1e-4, "high": 1e-1, "log": True}},
+            "sampler": "random",
+            "trials": 3,
+            "batch_size": 3,
+        },
+    )
+    assert result.exit_code == 0, result.output
+    assert (table["state"] == "COMPLETE").all()
+    assert table["param.training.lr"].nunique() == 3
+    assert table["value.AP_R40_BEV.Car"].between(0, 100).all()
+    assert table.loc[0, "lidar_1.z_m"] >= 2.4  # center's
+    best = table["value.AP_R40_BEV.Car"].max()
+    assert found["rigs"]["found_1"]["values"]["AP_R40_BEV.Car"] == best
+    assert found["bound"]["reason"] == "no LiDAR is placed"
+
+
+def test_rungs_prune_and_a_resumed_search_trains_nothing_again(tmp_path, tracking, monkeypatch):
+    def height(objective, trials, store):  # tiny trainings find nothing, so all would be alike
+        return 10 * trials[0].evaluate.inputs[1].params["mounts"][0][2]
+
+    monkeypatch.setattr(trainings, "measured_value", height)
+    options = {
+        "objective": "recall",
+        "rungs": [{"training.epochs": 1}],
+        "pruner": "successive_halving",
+        "sampler": "random",
+        "trials": 6,
+        "batch_size": 6,
+        "constraints": {"distance": 0.5},
+    }
+    result, table, found = search(tmp_path, tracking, search=options)
+    assert result.exit_code == 0, result.output
+    feasible = table[table["feasible"]]
+    assert (table.loc[~table["feasible"], "state"] == "PRUNED").all()
+    assert (feasible["state"] == "PRUNED").any()
+    best = feasible["lidar_1.z_m"].idxmax()
+    assert table.loc[best, "state"] == "COMPLETE"
+    assert found["rigs"]["found_1"]["values"]["recall"] == 10 * table.loc[best, "lidar_1.z_m"]
+    store = tmp_path / "runs/store"
+    finished = (feasible["state"] == "COMPLETE").sum()
+    assert len(list(store.glob("finetune/*"))) == len(feasible) + finished
+    before = {path: path.stat().st_mtime_ns for path in store.rglob("*") if path.is_file()}
+    journal = tmp_path / "runs/small/optuna.journal"
+    journal.unlink()  # a search that lost its trials finds their trainings
+    result, again, _ = search(tmp_path, tracking, search=options)
+    after = {path: path.stat().st_mtime_ns for path in store.rglob("*") if path.is_file()}
+    own = {p: t for p, t in after.items() if "/finetune/" in str(p)}
+    assert own == {p: t for p, t in before.items() if "/finetune/" in str(p)}
+    pd.testing.assert_frame_equal(again.drop(columns="seconds"), table.drop(columns="seconds"))
+
+
+def test_a_training_that_fails_is_told_as_failed(tmp_path, tracking):
+    result, table, _ = search(
+        tmp_path,
+        tracking,
+        search={
+            "zones": {},
+            "objective": "recall",
+            "space": {"training.lr": [1e30]},
+            "trials": 1,
+        },
+    )
+    assert result.exit_code == 1
+    assert table.loc[0, "state"] == "FAIL"
+    assert "the loss is nan" in table.loc[0, "failure"]
+    assert "the loss is nan" in result.output
+    assert "No placement keeps" not in result.output
+
+
+def test_a_value_that_the_configuration_does_not_allow(tmp_path, tracking):
+    path = write_search(
+        tmp_path,
+        tracking=tracking,
+        **TINY,
+        search={"zones": {}, "objective": "recall", "space": {"training.epochs": [0]}},
+    )
+    result = CliRunner().invoke(app, [str(path)], catch_exceptions=False)
+    assert result.exit_code == 2
+    assert "search.space.training.epochs" in result.stderr
