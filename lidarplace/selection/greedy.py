@@ -8,6 +8,7 @@ functions).
 from __future__ import annotations
 
 import heapq
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -62,8 +63,7 @@ def greedy(exposure: Exposure, limits: Limits) -> Greedy:
         raise ValueError(
             f"limits are for {limits.candidates} candidates, exposure has {exposure.candidates}"
         )
-    whole = np.array([0, len(exposure.gain.profile)])
-    singles = Majorant.of_set(exposure, ()).added_by_all(whole)[0]
+    singles = gains(exposure, ())
     by_gain = _greedy(exposure, limits, singles, np.ones(exposure.candidates), "gain")
     if exposure.candidates == 0 or np.ptp(limits.share) == 0:
         return by_gain
@@ -73,6 +73,12 @@ def greedy(exposure: Exposure, limits: Limits) -> Greedy:
     best = per_cost if per_cost.value > by_gain.value else by_gain
     evaluations = by_gain.evaluations + per_cost.evaluations - len(singles)
     return Greedy(best.chosen, best.gains, best.values, evaluations, best.rule)
+
+
+def gains(exposure: Exposure, chosen: Sequence[int]) -> NDArray[np.float64]:
+    """What each candidate adds to the set `chosen`, shape (candidates,)."""
+    whole = np.array([0, len(exposure.gain.profile)])
+    return Majorant.of_set(exposure, chosen).added_by_all(whole)[0]
 
 
 def _greedy(

@@ -21,7 +21,9 @@ from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.spacing import least_distance
 from lidarplace.mounting.zone import Zone, grid
 from lidarplace.selection import Exposure, Limits, greedy, upper_bound
+from sweeps.search.placed import Placed, params_of, placed_in, rig_of
 from sweeps.search.problem import Problem
+from sweeps.search.refine import refine
 from sweeps.search.rig import Mounted, Rig, mirrored, rounded
 from sweeps.search.settings import GreedySettings, Pair
 from sweeps.search.space import Slot, Space
@@ -42,8 +44,11 @@ class Certificate:
         by_gains: upper bound from marginal gains alone.
         bound: the upper bound.
         history: seconds, bound, kind: how it fell.
-        seconds: for everything.
         evaluations: marginal gains that greedy choice looked at.
+        refined: the best of greedy's rig and of `start`, each LiDAR moved to a better place around
+            its own; None if that was not asked for, or greedy's rig is none of the space.
+        refined_value, refined_from: its value, and what it was before: "greedy" or a placement.
+        seconds, refine_seconds: for greedy and bound, and for the moves.
     """
 
     candidates: int
@@ -53,8 +58,12 @@ class Certificate:
     by_gains: float
     bound: float
     history: pd.DataFrame
-    seconds: float
     evaluations: int
+    refined: Rig | None
+    refined_value: float | None
+    refined_from: str | None
+    seconds: float
+    refine_seconds: float
 
     @property
     def rig(self) -> Rig:
@@ -215,16 +224,32 @@ def certify(problem: Problem, grids: Mapping[str, OccupancyGrid]) -> Certificate
     limits = limits_of(candidates, problem)
     choice = greedy(exposure, limits)
     bound = upper_bound(exposure, limits, choice.chosen, seconds=settings.bound_seconds)
+    bounded = time.perf_counter()
+    chosen = tuple(candidates[i] for i in choice.chosen)
+    del exposure  # a grid of candidates takes much memory
+    starts = dict(problem.start) if settings.refine else {}
+    by_greedy = slots_of(Rig.of(lidar for rig in chosen for lidar in rig.lidars), problem)
+    if by_greedy is not None and settings.refine:
+        starts["greedy"] = by_greedy
+    refined, value, origin = None, None, None
+    for name, placed in starts.items():
+        moved, own = refine(problem, grids, placed)
+        if value is None or own > value:
+            refined, value, origin = rig_of(moved, problem.space), own, name
     return Certificate(
         len(candidates),
-        tuple(candidates[i] for i in choice.chosen),
+        chosen,
         tuple(choice.gains.tolist()),
         choice.value,
         bound.by_gains,
         bound.value,
         bound.history,
-        time.perf_counter() - start,
         choice.evaluations,
+        refined,
+        value,
+        origin,
+        bounded - start,
+        time.perf_counter() - bounded,
     )
 
 
@@ -246,33 +271,44 @@ def kept_certificate(
 
 def _as_plain(certificate: Certificate) -> dict[str, Any]:
     plain = {k: v for k, v in vars(certificate).items() if k not in ("history", "chosen")}
-    chosen = [[asdict(lidar) for lidar in rig.lidars] for rig in certificate.chosen]
-    return plain | {"chosen": chosen, "history": certificate.history.to_dict("list")}
+    return plain | {
+        "chosen": [_plain_rig(rig) for rig in certificate.chosen],
+        "refined": certificate.refined and _plain_rig(certificate.refined),
+        "history": certificate.history.to_dict("list"),
+    }
+
+
+def _plain_rig(rig: Rig) -> list[dict[str, Any]]:
+    return [asdict(lidar) for lidar in rig.lidars]
 
 
 def _from_plain(plain: dict[str, Any]) -> Certificate:
-    chosen = tuple(
-        Rig.of(Mounted(m["model"], m["zone"], Mount(**m["mount"])) for m in rig)
-        for rig in plain["chosen"]
-    )
-    gains, history = tuple(plain["gains"]), pd.DataFrame(plain["history"])
-    return Certificate(**plain | {"chosen": chosen, "gains": gains, "history": history})
+    own = {
+        "chosen": tuple(_rig_of_plain(rig) for rig in plain["chosen"]),
+        "refined": plain["refined"] and _rig_of_plain(plain["refined"]),
+        "gains": tuple(plain["gains"]),
+        "history": pd.DataFrame(plain["history"]),
+    }
+    return Certificate(**plain | own)
 
 
-def first_params(certificate: Certificate, problem: Problem) -> dict[str, Any] | None:
-    """Greedy's rig as parameters of a trial; None if it has too few LiDARs for one."""
-    space = problem.space
-    fixed = Rig.of(space.fixed)
-    left = [rig for rig in certificate.chosen if rig != fixed]
-    number = sum(len(rig.lidars) for rig in left)
-    if number not in space.numbers:
+def _rig_of_plain(rig: list[dict[str, Any]]) -> Rig:
+    return Rig.of(Mounted(m["model"], m["zone"], Mount(**m["mount"])) for m in rig)
+
+
+def slots_of(rig: Rig, problem: Problem) -> list[Placed] | None:
+    """A rig of the space in its slots; None if it is none, as greedy's may have too few LiDARs."""
+    left = [lidar for lidar in rig.lidars if lidar not in problem.space.fixed]
+    try:
+        return placed_in(problem.space, left)
+    except ValueError:
         return None
-    placed = []
-    for slot in space.slots(number):
-        rig = next((rig for rig in left if (len(rig.lidars) == 2) == slot.pair), None)
-        if rig is None:
-            return None
-        left.remove(rig)
-        # Of a pair the left one is placed.
-        placed.append((slot, max(rig.lidars, key=lambda lidar: lidar.mount.y)))
-    return space.params(placed)
+
+
+def first_params(problem: Problem, certificate: Certificate | None) -> list[dict[str, Any]]:
+    """Parameters of the trials to begin with: the refined rig or greedy's, and `start`."""
+    settings, rigs = problem.file.search.greedy, []
+    if certificate is not None and settings is not None and settings.warm_start:
+        rigs.append(slots_of(certificate.refined or certificate.rig, problem))
+    placed = [*rigs, *problem.start.values()]
+    return [params_of(own, problem.space) for own in placed if own is not None]

@@ -16,6 +16,7 @@ from sweeps.grid import GridPoint, Sweep
 from sweeps.plan import Trial, make_plan
 from sweeps.search.assess import Question
 from sweeps.search.constraints import Carrier, constraints_of
+from sweeps.search.placed import Placed, placed_in
 from sweeps.search.rig import Mounted, Rig
 from sweeps.search.settings import SearchFile
 from sweeps.search.space import Space
@@ -35,6 +36,7 @@ class Problem:
         file: the same, checked.
         models: LiDAR models by name, those of the zones first; the last one is that of `lidar`.
         space: all rigs.
+        start: rigs to begin with, by name of the placement.
         question: what is asked of each.
         key: tells a search from others of its name: the same while trials can be compared.
     """
@@ -44,6 +46,7 @@ class Problem:
     file: SearchFile
     models: Mapping[str, Lidar]
     space: Space
+    start: Mapping[str, list[Placed]]
     question: Question
     key: str
 
@@ -124,6 +127,7 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
             raise ConfigError(f"{path}: search.objective: {objective.name} needs a detector")
     try:
         space = Space(settings, tuple(chosen), _fixed(file, next(iter(chosen))))
+        start = {name: _start(file, name, space) for name in settings.start}
     except ValueError as error:
         raise ConfigError(f"{path}: {error}") from None
     models = chosen | {OWN_MODEL: own}
@@ -136,7 +140,17 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
         file.surrogate.occlusion,
         settings.azimuth_stride,
     )
-    return Problem(path, source, file, models, space, question, _key(file))
+    return Problem(path, source, file, models, space, start, question, _key(file))
+
+
+def _start(file: SearchFile, name: str, space: Space) -> list[Placed]:
+    """A placement in the slots of the search; its LiDARs are of the first model."""
+    try:
+        placement = file.placement_named(name, file.lidar.lidar())
+        lidars = [Mounted(space.models[0], "", mount) for mount in placement.mounts]
+        return placed_in(space, lidars)
+    except ValueError as error:
+        raise ValueError(f"search.start: {name}: {error}") from None
 
 
 def _fixed(file: SearchFile, first: str) -> list[Mounted]:

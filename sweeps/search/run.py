@@ -121,11 +121,9 @@ def _search(
     if problem.question.needs_pog:
         grids = pog(console, problem, store, backend)
     certificate, none = None, why_none(problem)
-    first = None
     if none is None:
         certificate = _certificate(console, problem, grids)
-        assert settings.greedy is not None
-        first = first_params(certificate, problem) if settings.greedy.warm_start else None
+    first = first_params(problem, certificate)
     study = open_study(storage, f"{problem.file.name}-{problem.key}", settings, first)
     timing = Timing()
     pool = pool_for(backend, grids)
@@ -172,6 +170,12 @@ def _certificate(
         f"them exceeds {found.bound:.6g} ({found.seconds:.0f} s)",
         highlight=False,
     )
+    if found.refined_value is not None:
+        console.print(
+            f"refined from {found.refined_from}, between the candidates: "
+            f"{found.refined_value:.6g} ({found.refine_seconds:.0f} s)",
+            highlight=False,
+        )
     return found
 
 
@@ -188,6 +192,8 @@ def _judged(
     # Greedy chooses nothing where no LiDAR sees anything.
     chosen = certificate is not None and certificate.chosen
     others = {"greedy": certificate.rig} if certificate is not None and chosen else {}
+    if certificate is not None and certificate.refined is not None:
+        others["refined"] = certificate.refined
     paper = problem.paper_rigs()
     rigs = [*others.values(), *paper.values()]
     assessed = dict(zip([*others, *paper], in_order(pool, rigs, exact(question)), strict=True))

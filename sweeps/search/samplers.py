@@ -102,7 +102,12 @@ def sampler_for(name: str, seed: int, common_seed: int) -> BaseSampler:
     if name == "random":
         return RandomSampler(seed=seed)
     assert name == "qmc"
-    return QMCSampler(seed=common_seed, scramble=True, warn_independent_sampling=False)
+    return QMCSampler(
+        seed=common_seed,
+        scramble=True,
+        independent_sampler=RandomSampler(seed=seed),  # of the first trial
+        warn_independent_sampling=False,
+    )
 
 
 def pruner_for(name: str) -> optuna.pruners.BasePruner:

@@ -176,6 +176,9 @@ class GreedySettings(_Settings):
     position_step: Positive = Field(0.25, description="metres between candidates")
     angle_step_deg: Positive = Field(10.0, description="degrees between candidates")
     most: int = Field(4000, ge=1, description="candidates that are affordable")
+    refine: int = Field(
+        3, ge=0, description="how often the steps are halved around greedy's LiDARs, one by one"
+    )
     bound_seconds: float = Field(30.0, ge=0, description="time for the upper bound")
     warm_start: bool = Field(True, description="the first trial is greedy's placement")
 
@@ -199,6 +202,9 @@ class SearchSettings(_Settings):
         False, description="mirrored pairs, and one on the centre line if the number is odd"
     )
     fixed: tuple[FixedSettings, ...] = ()
+    start: tuple[str, ...] = Field(
+        (), description="placements to begin with, the paper's or own ones: the rig that you have"
+    )
     vehicle: tuple[tuple[tuple[Finite, Finite, Finite], tuple[Finite, Finite, Finite]], ...] = (
         Field(None, validate_default=True, description="boxes [[x0, y0, z0], [x1, y1, z1]]; a car")
     )

@@ -98,12 +98,12 @@ def _mend(path: Path) -> None:
 
 
 def open_study(
-    storage: BaseStorage, name: str, settings: SearchSettings, first: Mapping[str, Any] | None
+    storage: BaseStorage, name: str, settings: SearchSettings, first: Sequence[Mapping[str, Any]]
 ) -> optuna.Study:
     """The study `name`, new or as it was left.
 
     Args:
-        first: parameters of the first trial of a new study; None: the sampler's.
+        first: parameters of the first trials.
     """
     study = optuna.create_study(
         storage=storage,
@@ -113,8 +113,9 @@ def open_study(
         pruner=pruner_for(settings.pruner),
         load_if_exists=True,
     )
-    if first is not None and not study.get_trials(deepcopy=False):
-        study.enqueue_trial(dict(first))
+    # A stop may have come between two of them.
+    for params in first[len(study.get_trials(deepcopy=False)) :]:
+        study.enqueue_trial(dict(params))
     return study
 
 

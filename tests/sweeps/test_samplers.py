@@ -1,0 +1,46 @@
+"""Suggestions that can be repeated, by every sampler."""
+
+import optuna
+import pytest
+from optuna.distributions import CategoricalDistribution, FloatDistribution
+
+from sweeps.search.samplers import Repeatable
+from sweeps.search.settings import SAMPLERS
+
+SPACE = {f"x{i}": FloatDistribution(0.0, 1.0) for i in range(3)}
+
+
+def run(name, trials=12, distributions=SPACE, constrained=False):
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    study = optuna.create_study(sampler=Repeatable(name, seed=5))
+    for _ in range(trials):
+        trial = study.ask(distributions)
+        if constrained:
+            trial.set_constraint("c", 0.3 - trial.params["x0"])
+        study.tell(trial, sum((trial.params[f"x{i}"] - 0.3 * i) ** 2 for i in range(3)))
+    return [trial.params for trial in study.trials]
+
+
+@pytest.mark.parametrize("name", SAMPLERS)
+def test_the_same_seed_gives_the_same_trials(name):
+    found = run(name)
+    assert found == run(name)
+    values = [value for params in found for value in params.values()]
+    assert len(set(values)) > 0.9 * len(values)  # neither parameters nor trials repeat each other
+
+
+@pytest.mark.parametrize("name", [name for name in SAMPLERS if name != "cmaes"])
+def test_categories_and_constraints(name):
+    space = SPACE | {"model": CategoricalDistribution(["a", "b"])}
+    found = run(name, distributions=space, constrained=True)
+    assert {params["model"] for params in found} == {"a", "b"}
+
+
+@pytest.mark.parametrize("name", ["tpe", "gp", "cmaes"])
+def test_they_learn(name):
+    def late(name):
+        """Mean of the last trials."""
+        last = run(name, trials=60)[-15:]
+        return sum((p[f"x{i}"] - 0.3 * i) ** 2 for p in last for i in range(3)) / len(last)
+
+    assert late(name) < late("random") / 2
