@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from sweeps.search.placed import Placed, placed_in
 from sweeps.search.rig import Mounted, Rig
 from sweeps.search.settings import SearchFile
 from sweeps.search.space import Space
-from sweeps.task import Task
+from sweeps.task import Task, code_version
 
 OWN_MODEL = "lidar"
 """Name of the model that the key `lidar` describes."""
@@ -38,7 +39,6 @@ class Problem:
         space: all rigs.
         start: rigs to begin with, by name of the placement.
         question: what is asked of each.
-        key: tells a search from others of its name: the same while trials can be compared.
     """
 
     path: Path
@@ -48,7 +48,25 @@ class Problem:
     space: Space
     start: Mapping[str, list[Placed]]
     question: Question
-    key: str
+
+    @cached_property
+    def key(self) -> str:
+        """Tells a search from others of its name: the same while trials can be compared.
+
+        That is while configuration, scene and code are the same; how many trials there are, and
+        what comes after them, does not matter. Raises ConfigError, see `pog_tasks`.
+        """
+        _, trial = self.pog_tasks(self.sweep())
+        content = {
+            "pog": trial.pog.key,
+            "code": code_version("lidarplace", "training"),
+            "search": self.file.search.model_dump(mode="json", exclude={"trials", "storage"}),
+            "file": self.file.model_dump(
+                mode="json",
+                include={"lidar", "surrogate", "placement", "placements", "detector", "training"},
+            ),
+        }
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
 
     @property
     def folder(self) -> Path:
@@ -140,7 +158,9 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
         file.surrogate.occlusion,
         settings.azimuth_stride,
     )
-    return Problem(path, source, file, models, space, start, question, _key(file))
+    problem = Problem(path, source, file, models, space, start, question)
+    problem.key  # noqa: B018 - a scene that is not there is told now
+    return problem
 
 
 def _start(file: SearchFile, name: str, space: Space) -> list[Placed]:
@@ -162,13 +182,3 @@ def _fixed(file: SearchFile, first: str) -> list[Mounted]:
         ]
     placement = file.placement_named(file.placement, file.lidar.lidar())
     return [Mounted(first, "", mount) for mount in placement.mounts]
-
-
-def _key(file: SearchFile) -> str:
-    """Of all that trials depend on; how many there are, and what comes after them, is not."""
-    scene = file.model_dump(mode="json", include={"scene", "roi", "classes", "lidar", "detector"})
-    scene |= {"surrogate": file.surrogate.model_dump(mode="json")}
-    scene |= {"training": file.training.model_dump(mode="json"), "placement": file.placement}
-    own = file.search.model_dump(mode="json", exclude={"trials", "storage"})
-    content = json.dumps([scene, own], sort_keys=True)
-    return hashlib.sha256(content.encode()).hexdigest()[:12]

@@ -21,6 +21,7 @@ from sweeps.search.problem import Problem
 from sweeps.search.settings import ObjectiveSettings
 from sweeps.search.study import Candidate, tell
 from sweeps.store import AnyStore
+from sweeps.sweep_store import reference
 from sweeps.task import Task
 from sweeps.trial_results import metric_mean
 
@@ -47,6 +48,8 @@ class TrainingAnswers:
 
     def __post_init__(self) -> None:
         self._asked: list[tuple[optuna.Trial, Candidate]] = []
+        self._reference = reference(self.problem.sweep(), "trainings")
+        self._referred = set(self.store.references().get(self._reference, ()))
 
     def begin(self, trial: optuna.Trial, candidate: Candidate) -> None:
         self._asked.append((trial, candidate))
@@ -92,6 +95,8 @@ class TrainingAnswers:
             return {}, {}
         plan = self._plan(candidates, rung)
         tasks = plan.needed_for(t.evaluate for t in plan.trials if t.evaluate is not None)
+        self._referred |= {task.key for task in tasks}
+        self.store.refer(self._reference, self._referred)
         outcome = execute(tasks, self.store, self.backend, Quiet())
         values, failed = {}, {}
         for candidate in candidates:

@@ -1,6 +1,10 @@
 """A whole search through the command line, on a small log."""
 
 import json
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import optuna
 import pandas as pd
@@ -17,6 +21,8 @@ from sweeps.search.__main__ import app
 from sweeps.search.problem import read_problem
 from sweeps.search.study import journal_path
 from tracking.mlflow_connection import connect
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -259,3 +265,50 @@ def test_the_outcome_does_not_depend_on_stops(tmp_path, tracking, monkeypatch):
     assert search(cut, tracking, name="c").exit_code == 0
     found = pd.read_parquet(cut / "runs/c/trials.parquet").drop(columns="seconds")
     pd.testing.assert_frame_equal(found, expected)
+
+
+def test_the_outcome_does_not_depend_on_workers(tmp_path, tracking):
+    for name, ray in (("one", "debug"), ("two", {"num_cpus": 2})):
+        result = search(tmp_path, tracking, name=name, ray=ray)
+        assert result.exit_code == 0, result.output
+    one, two = (
+        pd.read_parquet(tmp_path / f"runs/{name}/trials.parquet").drop(columns="seconds")
+        for name in ("one", "two")
+    )
+    pd.testing.assert_frame_equal(one, two)
+
+
+def test_a_killed_process(tmp_path, tracking):
+    """SIGKILL, at a moment when trials are there and others are not."""
+    path = write_search(tmp_path, tracking={"uri": tracking}, name="k", search={"trials": 60})
+    command = [sys.executable, "-m", "sweeps.search", str(path)]
+    log = (tmp_path / "log.txt").open("wb")
+    process = subprocess.Popen(command, cwd=ROOT, stdout=log, stderr=subprocess.STDOUT)
+    journal = journal_path(tmp_path / "runs/k")
+    give_up = time.monotonic() + 240
+    while not (journal.exists() and journal.read_bytes().count(b"\n") > 300):
+        assert process.poll() is None, (tmp_path / "log.txt").read_text()
+        assert time.monotonic() < give_up
+        time.sleep(0.02)
+    process.kill()
+    process.wait()
+    assert len(list(journal.read_bytes().splitlines())) > 0
+    result = CliRunner().invoke(app, [str(path)], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    found = pd.read_parquet(tmp_path / "runs/k/trials.parquet").drop(columns="seconds")
+    assert search(tmp_path, tracking, name="w", search={"trials": 60}).exit_code == 0
+    whole = pd.read_parquet(tmp_path / "runs/w/trials.parquet").drop(columns="seconds")
+    pd.testing.assert_frame_equal(found, whole)
+    client = connect(tracking)
+    runs = client.search_runs([client.get_experiment_by_name("k").experiment_id], max_results=200)
+    names = [run.data.tags["mlflow.runName"] for run in runs]
+    assert sorted(names) == sorted(["k", *(f"trial {n}" for n in range(60))])
+
+
+def test_a_database_keeps_the_trials(tmp_path, tracking):
+    storage = f"sqlite:///{tmp_path / 'optuna.db'}"
+    for trials_wanted in (4, 8):
+        options = {"storage": storage, "trials": trials_wanted}
+        assert search(tmp_path, tracking, search=options).exit_code == 0
+        assert len(trials(tmp_path)) == trials_wanted
+    assert not journal_path(tmp_path / "runs/small").exists()
