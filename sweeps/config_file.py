@@ -54,11 +54,15 @@ def override(raw: dict[str, Any], pair: str, path: Path, model: type[BaseModel])
         raise ConfigError(f"--set {pair}: the value is not YAML") from None
     if key.partition(".")[0] not in model.model_fields:
         raise ConfigError(f"--set {pair}: {unknown_key(key, model)}")
-    if key.startswith("grid."):  # axes are key paths themselves: grid."training.lr"
-        if not isinstance(raw.setdefault("grid", {}), dict):
-            raise ConfigError(f"{path}: grid: found {raw['grid']!r}; allowed is a mapping")
-        raw["grid"][key.removeprefix("grid.")] = value
-        return
+    for mapping in ("grid", "search.space"):  # their keys are key paths: grid."training.lr"
+        if key.startswith(f"{mapping}."):
+            place = raw
+            for part in mapping.split("."):
+                place = place.setdefault(part, {})
+                if not isinstance(place, dict):
+                    raise ConfigError(f"{path}: {part}: found {place!r}; allowed is a mapping")
+            place[key.removeprefix(f"{mapping}.")] = value
+            return
     if key in (raw.get("grid") or {}):
         raise ConfigError(f"--set {pair}: {key} is an axis of the grid; use grid.{key}=[…]")
     put(raw, key, value, path)

@@ -59,6 +59,15 @@ def read_sweep(path: Path, overrides: Sequence[str] = ()) -> Sweep:
     raw.setdefault("name", path.stem)
     for pair in overrides:
         override(raw, pair, path, SweepFile)
+    return build_sweep(raw, path)
+
+
+def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
+    """The sweep of a configuration as plain data; `path` is for messages.
+
+    Raises:
+        ConfigError: anything wrong with a key or a value.
+    """
     grid = _axes(raw, path)
     common = {key: value for key, value in raw.items() if key in Common.model_fields}
     base = {key: value for key, value in raw.items() if key not in (*common, "grid", "exclude")}

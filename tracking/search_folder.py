@@ -36,7 +36,8 @@ class SearchFolder:
         search: `search.json`.
         config: text of the configuration, "" if it is not there.
         roi: the region of interest.
-        trials: one row a trial, sorted by number; violations <= 0 are kept constraints.
+        trials: one row a trial, sorted by number; violations <= 0 are kept constraints; it is not
+            `possible` where two LiDARs would sit in one place.
         bound: how the upper bound fell with the seconds; greedy: its steps.
         robustness: values of rigs in other cases; verified: what detectors measured.
         pog: by class, the entropy of each column of voxels, nats, shape (nx, ny), float32.
@@ -65,7 +66,7 @@ class SearchFolder:
         return self.trials[done]
 
     def rig_of(self, trial: pd.Series) -> Rig | None:
-        """The rig of a row of `trials`; None if it has no LiDAR of its own."""
+        """The rig of a row of `trials`, without values with all rays; None without a LiDAR."""
         mounts: list[tuple[float, ...]] = []
         models: list[str] = []
         zones: list[str | None] = []
@@ -76,13 +77,14 @@ class SearchFolder:
             mounts.append((*where, *np.radians(angles)))
             models.append(trial[f"{own}model"])
             zone = trial[f"{own}zone"]
-            zones.append(None if pd.isna(zone) else zone)
+            zones.append(None if pd.isna(zone) else zone or None)
         if not mounts:
             return None
         values = {o.name: trial[f"value.{o.name}"] for o in self.search.objectives}
         return Rig.model_validate(
             {"role": "found", "mounts": mounts, "models": models, "zones": zones}
-            | {"values": values, "measures": {}}
+            | {"values": {}, "searched": values, "measures": {}}
+            | {"feasible": bool(trial["feasible"])}
         )
 
     @classmethod
@@ -99,7 +101,7 @@ class SearchFolder:
             raise ValueError(f"{path} is no folder of a search: it has no {', '.join(missing)}")
         search = read_search_result(path / "search.json")
         of_trials = (
-            *("number", "state", "feasible", "seconds"),
+            *("number", "state", "feasible", "possible", "seconds"),
             *(f"value.{objective.name}" for objective in search.objectives),
             *(f"violation.{constraint.name}" for constraint in search.constraints),
         )

@@ -45,6 +45,11 @@ class Objective(_Part):
         """Name and unit, for an axis."""
         return f"{self.name} ({self.unit})" if self.unit else self.name
 
+    @property
+    def better(self) -> str:
+        """Which way is better, for an axis."""
+        return "more is better" if self.sign > 0 else "less is better"
+
 
 class Constraint(_Part):
     """A measure of a rig that must be at most, or at least, `limit`."""
@@ -64,7 +69,7 @@ class Zone(_Part):
 
 
 class Model(_Part):
-    """A LiDAR model that the search could choose."""
+    """A LiDAR model that the search could choose; `price` is None where it is not known."""
 
     price: float | None
     beams: int
@@ -78,7 +83,10 @@ class Rig(_Part):
         role: found by the sampler, by greedy, or one of the paper's eight.
         mounts: x, y, z in metres, roll, pitch, yaw in radians.
         models, zones: names, one a mount.
-        values: by objective; measures: by constraint. None or absent if it was not evaluated.
+        values: by objective, with all rays; None or absent if it was not evaluated.
+        searched: by objective, as the search computes it, see `Stride`.
+        measures: by constraint.
+        feasible: it keeps every constraint.
     """
 
     role: Literal["found", "greedy", "paper"]
@@ -86,12 +94,17 @@ class Rig(_Part):
     models: tuple[str, ...]
     zones: tuple[str | None, ...]
     values: dict[str, float | None]
+    searched: dict[str, float | None]
     measures: dict[str, float | None]
+    feasible: bool
 
     def value(self, objective: Objective) -> float:
-        """NaN if it was not evaluated."""
-        found = self.values.get(objective.name)
-        return float("nan") if found is None else found
+        """With all rays; NaN if it was not evaluated."""
+        return _known(self.values.get(objective.name))
+
+    def searched_value(self, objective: Objective) -> float:
+        """As the search computes it; NaN if it was not evaluated."""
+        return _known(self.searched.get(objective.name))
 
     @property
     def placed(self) -> tuple[Mount, ...]:
@@ -110,13 +123,14 @@ class Rig(_Part):
 
 
 class Bound(_Part):
-    """How good the first objective can be over a grid of candidate mounts.
+    """How good the first objective can be over a grid of candidate mounts, as searched.
 
     Attributes:
         value: no rig of the candidates is better; None if there is no bound, see `reason`.
         by_gains: the bound from marginal gains alone, which `value` may tighten.
         greedy: value of the greedy rig.
-        gap_percent: how far `best_value` is below `value`, in percent of `value`.
+        gap_percent: how far `best_value`, of the first of `best`, is below `value`, in percent
+            of `value`.
         candidates: number of candidate mounts.
         reason: why there is no bound.
     """
@@ -137,6 +151,14 @@ class Stride(_Part):
     relative_error: float | None = None
 
 
+class Spans(_Part):
+    """Lowest and highest angles of mounts that the search may choose, degrees."""
+
+    roll_deg: tuple[float, float]
+    pitch_deg: tuple[float, float]
+    yaw_deg: tuple[float, float]
+
+
 class Command(_Part):
     """A line for the shell and what it does."""
 
@@ -149,14 +171,18 @@ class SearchResult(_Part):
 
     Attributes:
         command: the line that ran the search.
+        seconds, sampler_seconds, evaluation_seconds: of the last command alone.
         trials: asked for; evaluations: rigs that were evaluated; repeated: duplicates that were
             not; feasible: trials that kept every constraint.
+        parameters: the largest number of parameters of a trial.
         roi: arguments of `lidarplace.Roi`.
         frames: in the POG.
         vehicle: boxes, lowest and highest corner.
-        best: names of `rigs`, best first; several are a Pareto front; empty if none is feasible.
+        best: names of `rigs`, best first; several are of a Pareto front; empty if none is feasible.
+        front: number of rigs of the whole Pareto front; None for one objective.
         baseline: the best of the paper's eight by the first objective, None if they have no value.
-        importance: share of each parameter in the variation of the first objective.
+        stride: None where no objective fires rays.
+        importance: share of each parameter in reaching good values (PED-ANOVA).
     """
 
     name: str
@@ -172,15 +198,18 @@ class SearchResult(_Part):
     feasible: int
     sampler_seconds: float
     evaluation_seconds: float
+    parameters: int
     constraints: tuple[Constraint, ...]
     classes: tuple[str, ...]
     roi: dict[str, Any]
     frames: int
     zones: tuple[Zone, ...]
+    spans: Spans
     vehicle: tuple[tuple[Point, Point], ...]
     models: dict[str, Model]
     bound: Bound | None
     best: tuple[str, ...]
+    front: int | None
     baseline: str | None
     rigs: dict[str, Rig]
     commands: tuple[Command, ...]
@@ -195,16 +224,23 @@ class SearchResult(_Part):
         return self.objectives[0]
 
     @model_validator(mode="after")
-    def _known(self) -> SearchResult:
+    def _consistent(self) -> SearchResult:
         if not self.objectives:
             raise ValueError("objectives: needs at least one, found none")
-        for name in (*self.best, *([self.baseline] if self.baseline else [])):
+        # The paper's rigs may lack a further value: that of LiDARs without a price.
+        needed = dict.fromkeys([self.baseline] if self.baseline else [], self.objectives[:1])
+        needed |= dict.fromkeys(self.best, self.objectives)
+        for name, objectives in needed.items():
             if name not in self.rigs:
                 raise ValueError(f"rigs: has no {name!r}, which best or baseline names")
-            missing = [o.name for o in self.objectives if np.isnan(self.rigs[name].value(o))]
+            missing = [o.name for o in objectives if np.isnan(self.rigs[name].value(o))]
             if missing:
                 raise ValueError(f"rigs: {name!r} has no value of {', '.join(missing)}")
         return self
+
+
+def _known(value: float | None) -> float:
+    return float("nan") if value is None else value
 
 
 def read_search_result(path: Path) -> SearchResult:

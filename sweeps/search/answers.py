@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import optuna
@@ -19,11 +20,7 @@ from sweeps.search.study import (
 
 
 class SurrogateAnswers:
-    """Answers by a pool of workers.
-
-    Attributes:
-        evaluated: how many different rigs the study has looked at.
-    """
+    """Answers by a pool of workers."""
 
     def __init__(self, study: optuna.Study, space: Space, question: Question, pool: Pool) -> None:
         self._study, self._question, self._pool = study, question, pool
@@ -32,10 +29,6 @@ class SurrogateAnswers:
         }
         self._asked: list[tuple[optuna.Trial, Candidate]] = []
         self._tokens: dict[tuple[Any, ...], Any] = {}
-
-    @property
-    def evaluated(self) -> int:
-        return len(self._known)
 
     def begin(self, trial: optuna.Trial, candidate: Candidate) -> None:
         self._asked.append((trial, candidate))
@@ -47,8 +40,10 @@ class SurrogateAnswers:
             self._known[key] = self._pool.result(token)
         for trial, candidate in self._asked:
             found = self._known[candidate.key]
-            values = None
+            values, failure = None, None
             if found.values is not None:
                 values = [found.values[o.name] for o in self._question.objectives]
-            tell(self._study, trial, found, values)
+                if any(math.isnan(value) for value in values):
+                    failure = "an objective is undefined for this rig: nothing is covered"
+            tell(self._study, trial, found, values, failure)
         self._asked, self._tokens = [], {}

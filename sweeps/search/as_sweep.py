@@ -47,6 +47,31 @@ def sweep_settings(
     return config | {"name": name}
 
 
+def verify_settings(
+    source: Mapping[str, Any],
+    search: SearchFile,
+    rigs: Mapping[str, Rig],
+    others: Sequence[str],
+    values: Mapping[str, Any],
+) -> dict[str, Any]:
+    """The configuration of a sweep that trains detectors for `rigs` and for the `others`.
+
+    Args:
+        others: names of placements that a sweep knows.
+        values: key path -> value, what was found beside the rig.
+    """
+    config = sweep_settings(source, search, rigs, f"{search.name}-verify")
+    config.setdefault("detector", search.detector)
+    config["grid"] = {"placement": [*rigs, *others]}
+    changes = dict(values)
+    if search.verify is not None:
+        config["grid"]["seed"] = list(search.verify.seeds)
+        changes |= search.verify.set
+    for key, value in changes.items():
+        put(config, key, value, Path(search.name))
+    return config
+
+
 def sweep_of(
     config: Mapping[str, Any],
     path: Path,

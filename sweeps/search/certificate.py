@@ -15,15 +15,18 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.distance import cdist
 
-from lidarplace import Mount, OccupancyGrid
+from lidarplace import Mount, OccupancyGrid, Placement
+from lidarplace.coverage.rays import ray_weight
 from lidarplace.files import replacing
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.spacing import least_distance
 from lidarplace.mounting.zone import Zone, grid
 from lidarplace.selection import Exposure, Limits, greedy, upper_bound
+from lidarplace.surrogate import RAY_SURROGATES
+from sweeps.search.constraints import ROUNDING
 from sweeps.search.placed import Placed, params_of, placed_in, rig_of
 from sweeps.search.problem import Problem
-from sweeps.search.refine import refine
+from sweeps.search.refine import keeps, refine
 from sweeps.search.rig import Mounted, Rig, mirrored, rounded
 from sweeps.search.settings import GreedySettings, Pair
 from sweeps.search.space import Slot, Space
@@ -45,10 +48,11 @@ class Certificate:
         bound: the upper bound.
         history: seconds, bound, kind: how it fell.
         evaluations: marginal gains that greedy choice looked at.
-        refined: the best of greedy's rig and of `start`, each LiDAR moved to a better place around
-            its own; None if that was not asked for, or greedy's rig is none of the space.
+        refined: the best of greedy's rig and of `start` that keep the constraints, each LiDAR moved
+            to a better place around its own; None if there is none, or it was not asked for.
         refined_value, refined_from: its value, and what it was before: "greedy" or a placement.
-        seconds, refine_seconds: for greedy and bound, and for the moves.
+        greedy_seconds, bound_seconds, refine_seconds: for tracing the candidates and choosing, for
+            the bound, and for the moves.
     """
 
     candidates: int
@@ -62,13 +66,14 @@ class Certificate:
     refined: Rig | None
     refined_value: float | None
     refined_from: str | None
-    seconds: float
+    greedy_seconds: float
+    bound_seconds: float
     refine_seconds: float
 
     @property
     def rig(self) -> Rig:
         """Greedy's rig."""
-        return Rig.of(lidar for part in self.chosen for lidar in part.lidars)
+        return rig_of_parts(self.chosen)
 
 
 def why_none(problem: Problem) -> str | None:
@@ -85,7 +90,20 @@ def why_none(problem: Problem) -> str | None:
         return "search.objective covered_entropy asks for the same, and has a bound"
     if objective.by not in BOUNDED or objective.best != "maximize":
         return f"{objective.best} {objective.by} is not monotone and submodular in the LiDARs"
+    if objective.by in RAY_SURROGATES and len(_weights(problem)) > 1:
+        return (
+            f"search.azimuth_stride {problem.question.azimuth_stride} does not divide the azimuth "
+            "steps of all LiDAR models evenly; 1 does"
+        )
     return None
+
+
+def _weights(problem: Problem) -> set[float]:
+    """Rays that one stands for, of every model that a rig may have."""
+    stride = problem.question.azimuth_stride
+    names = {*problem.space.models, *(lidar.model for lidar in problem.space.fixed)}
+    one = [Mount()]
+    return {ray_weight(Placement(name, one, problem.models[name]), stride) for name in names}
 
 
 def candidates_of(problem: Problem) -> list[Rig]:
@@ -112,16 +130,30 @@ def check_candidates(problem: Problem) -> None:
     settings = problem.file.search.greedy
     if settings is None or why_none(problem) is not None:
         return
+    # By extents first: a grid of a million points need not be made to be refused.
     number = len(problem.space.models) * sum(
-        len(grid(zone, settings.position_step)) * len(_turns(slot, settings))
+        _about(zone, settings) * math.prod(_count(span, settings) for span in slot.spans.values())
         for slot in _kinds(problem.space)
         for zone in slot.zones
     )
+    if number <= 10 * settings.most:
+        number = sum(1 for _ in _choices(problem))
     if number > settings.most:
         raise ValueError(
             f"search.greedy: {number:,} candidates, more than most: {settings.most:,}; enlarge "
             "position_step or angle_step_deg, or set `greedy: null`"
         )
+
+
+def _about(zone: Zone, settings: GreedySettings) -> int:
+    """Points of the grid of a box around the zone."""
+    ys = [y for _, y in zone.polygon]
+    spans = (zone.x, (min(ys), max(ys)), zone.z)
+    return math.prod(int((high - low) / settings.position_step) + 1 for low, high in spans)
+
+
+def _count(span: Pair, settings: GreedySettings) -> int:
+    return 2 * math.floor((span[1] - span[0]) / (2 * settings.angle_step_deg) + 1e-9) + 1
 
 
 def _choices(problem: Problem) -> Iterator[tuple[Slot, str, Zone, Mount]]:
@@ -163,13 +195,19 @@ def _may_be(rig: Rig, fixed: Rig, problem: Problem) -> bool:
     both = Rig(rig.lidars + fixed.lidars)
     if not both.possible:
         return False
-    if least_distance(both.placement("both", problem.models)) < limits.distance:
+    if least_distance(both.placement("both", problem.models)) < limits.distance - ROUNDING:
         return False
     carrier = problem.question.carrier
     return limits.body_share is None or all(
         body_share(lidar.mount, problem.models[lidar.model], carrier.vehicle) <= limits.body_share
         for lidar in rig.lidars
     )
+
+
+def _with_fixed(chosen: tuple[Rig, ...], problem: Problem) -> tuple[Rig, ...]:
+    """Greedy leaves out what adds nothing, but every rig has the fixed LiDARs."""
+    fixed = Rig.of(problem.space.fixed)
+    return chosen if not fixed.lidars or fixed in chosen else (*chosen, fixed)
 
 
 def limits_of(candidates: Sequence[Rig], problem: Problem) -> Limits:
@@ -187,8 +225,10 @@ def limits_of(candidates: Sequence[Rig], problem: Problem) -> Limits:
         budgets.append(float(odd))
     if search.constraints.price is not None:
         prices = problem.question.carrier.prices
-        used.append(np.array([rig.price(prices) for rig in candidates]))
-        budgets.append(search.constraints.price)
+        # What every rig has is paid for first.
+        own = [0.0 if rig == fixed else rig.price(prices) for rig in candidates]
+        used.append(np.array(own))
+        budgets.append(max(0.0, search.constraints.price - fixed.price(prices)))
     return Limits(np.array(used), np.array(budgets), _compatible(candidates, search))
 
 
@@ -196,19 +236,24 @@ def _compatible(candidates: Sequence[Rig], search: Any) -> np.ndarray:
     """Which candidates are far enough from each other."""
     places = np.array([lidar.mount.position for rig in candidates for lidar in rig.lidars])
     first = np.concatenate([[0], np.cumsum([len(rig.lidars) for rig in candidates])[:-1]])
-    near = cdist(places, places) < max(search.constraints.distance, 1e-9)
+    near = cdist(places, places) < max(search.constraints.distance, 2 * ROUNDING) - ROUNDING
     by_row = np.logical_or.reduceat(near, first, axis=0)
     apart = ~np.logical_or.reduceat(by_row, first, axis=1)
     np.fill_diagonal(apart, True)
     return apart
 
 
-def certify(problem: Problem, grids: Mapping[str, OccupancyGrid]) -> Certificate:
-    """Greedy choice and upper bound for the objective as the search computes it."""
+def certify(problem: Problem, grids: Mapping[str, OccupancyGrid]) -> Certificate | None:
+    """Greedy choice and upper bound for the objective as the search computes it.
+
+    None if no candidate keeps the constraints.
+    """
     start = time.perf_counter()
     settings = problem.file.search.greedy
     assert settings is not None
     candidates = candidates_of(problem)
+    if not candidates:
+        return None
     question = problem.question
     objective = question.objectives[0]
     exposure = Exposure.of_candidates(
@@ -223,14 +268,19 @@ def certify(problem: Problem, grids: Mapping[str, OccupancyGrid]) -> Certificate
     )
     limits = limits_of(candidates, problem)
     choice = greedy(exposure, limits)
+    chosen_after = time.perf_counter()
     bound = upper_bound(exposure, limits, choice.chosen, seconds=settings.bound_seconds)
     bounded = time.perf_counter()
     chosen = tuple(candidates[i] for i in choice.chosen)
     del exposure  # a grid of candidates takes much memory
     starts = dict(problem.start) if settings.refine else {}
-    by_greedy = slots_of(Rig.of(lidar for rig in chosen for lidar in rig.lidars), problem)
+    if chosen:
+        chosen = _with_fixed(chosen, problem)
+    by_greedy = slots_of(rig_of_parts(chosen), problem)
     if by_greedy is not None and settings.refine:
         starts["greedy"] = by_greedy
+    # Greedy does not look at the near field, and a rig that one has may break any constraint.
+    starts = {n: own for n, own in starts.items() if keeps(problem, rig_of(own, problem.space))}
     refined, value, origin = None, None, None
     for name, placed in starts.items():
         moved, own = refine(problem, grids, placed)
@@ -239,7 +289,7 @@ def certify(problem: Problem, grids: Mapping[str, OccupancyGrid]) -> Certificate
     return Certificate(
         len(candidates),
         chosen,
-        tuple(choice.gains.tolist()),
+        (*choice.gains.tolist(), *[0.0] * (len(chosen) - len(choice.chosen))),
         choice.value,
         bound.by_gains,
         bound.value,
@@ -248,20 +298,23 @@ def certify(problem: Problem, grids: Mapping[str, OccupancyGrid]) -> Certificate
         refined,
         value,
         origin,
-        bounded - start,
+        chosen_after - start,
+        bounded - chosen_after,
         time.perf_counter() - bounded,
     )
 
 
 def kept_certificate(
     problem: Problem, grids: Mapping[str, OccupancyGrid], path: Path
-) -> Certificate:
+) -> Certificate | None:
     """The certificate in `path`, if it is of this problem; else a new one, kept there."""
     if path.exists():
         kept = json.loads(path.read_text(encoding="utf-8"))
         if kept.pop("key") == problem.key:
             return _from_plain(kept)
     certificate = certify(problem, grids)
+    if certificate is None:
+        return None
     with replacing(path) as partial:
         partial.write_text(
             json.dumps({"key": problem.key} | _as_plain(certificate), indent=1), encoding="utf-8"
@@ -294,6 +347,11 @@ def _from_plain(plain: dict[str, Any]) -> Certificate:
 
 def _rig_of_plain(rig: list[dict[str, Any]]) -> Rig:
     return Rig.of(Mounted(m["model"], m["zone"], Mount(**m["mount"])) for m in rig)
+
+
+def rig_of_parts(parts: Sequence[Rig]) -> Rig:
+    """The rig of all LiDARs of `parts`."""
+    return Rig.of(lidar for part in parts for lidar in part.lidars)
 
 
 def slots_of(rig: Rig, problem: Problem) -> list[Placed] | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -15,7 +16,7 @@ from lidarplace.mounting.vehicle import Vehicle
 from sweeps.search.rig import Rig
 from sweeps.search.settings import ConstraintSettings, SearchSettings
 
-_ROUNDING = 1e-9
+ROUNDING = 1e-9
 """0.6 - 0.4 is not quite 0.2."""
 
 
@@ -38,7 +39,7 @@ class Constraint:
     def violation(self, measure: float) -> float:
         """By how much it is not kept, in its unit; 0 or less if it is."""
         violation = self.limit - measure if self.at_least else measure - self.limit
-        return 0.0 if abs(violation) < _ROUNDING else violation
+        return 0.0 if abs(violation) < ROUNDING else violation
 
 
 def constraints_of(settings: ConstraintSettings) -> tuple[Constraint, ...]:
@@ -60,7 +61,7 @@ class Carrier:
     """What constraints are measured on: LiDAR models, and the vehicle that carries them.
 
     Attributes:
-        models, prices: by name of the model.
+        models, prices: by name of the model; NaN if the price is not known.
         vehicle: its body.
         near_field: the zone around it that has to be seen; None if none has.
     """
@@ -77,7 +78,7 @@ class Carrier:
         priced = {name: model.price for name, model in settings.models.items()}
         return cls(
             models,
-            {name: priced.get(name, 0.0) for name in models},
+            {name: priced.get(name, math.nan if priced else 0.0) for name in models},
             Vehicle("vehicle", np.array(settings.vehicle)),
             None if near is None else Roi(near.x, near.y, near.z, near.resolution),
         )

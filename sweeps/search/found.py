@@ -27,7 +27,6 @@ class Found:
         robustness: table; None if it was not asked for, or nothing was found.
         grids: POG by class; empty if no surrogate was asked for.
         timing: where the driver's time went.
-        evaluated: different rigs that were looked at.
     """
 
     study: optuna.Study
@@ -38,7 +37,6 @@ class Found:
     robustness: pd.DataFrame | None
     grids: Mapping[str, OccupancyGrid]
     timing: Timing
-    evaluated: int
 
     @property
     def best(self) -> list[str]:

@@ -9,8 +9,9 @@ from typing import Any, Protocol
 from cachetools import LRUCache, cached
 
 from lidarplace import OccupancyGrid
-from sweeps.backends import Backend
+from sweeps.backends import Backend, BackendLost
 from sweeps.backends import OnRay as RayBackend
+from sweeps.failures import Failure
 from sweeps.search.assess import Assessment, Question, assess
 from sweeps.search.rig import Rig
 
@@ -54,7 +55,12 @@ class OnRay:
         return self._assess.remote(rig, question, self._shared, str(Path.cwd()))
 
     def result(self, token: Any) -> Assessment:
-        return self._ray.get(token)
+        try:
+            return self._ray.get(token)
+        except self._ray.exceptions.RayTaskError:
+            raise  # a mistake of ours
+        except self._ray.exceptions.RayError as error:  # the worker died, more than once
+            raise BackendLost(f"a worker died: {Failure.of(error).reason}") from None
 
 
 def _assess(rig: Rig, question: Question, shared: list[Any], folder: str) -> Assessment:

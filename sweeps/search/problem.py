@@ -5,21 +5,24 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount
-from sweeps.config import Common
+from lidarplace.mounting.near_field import near_field_coverage
+from sweeps.config import Common, Point
 from sweeps.config_file import ConfigError, check, override, put, read_yaml
-from sweeps.grid import GridPoint, Sweep
+from sweeps.grid import GridPoint, Sweep, build_sweep
 from sweeps.plan import Trial, make_plan
+from sweeps.search.as_sweep import sweep_of, sweep_settings, verify_settings
 from sweeps.search.assess import Question
 from sweeps.search.constraints import Carrier, constraints_of
 from sweeps.search.placed import Placed, placed_in
 from sweeps.search.rig import Mounted, Rig
-from sweeps.search.settings import SearchFile
+from sweeps.search.settings import RangeSettings, SearchFile
 from sweeps.search.space import Space
 from sweeps.task import Task, code_version
 
@@ -106,11 +109,7 @@ class Problem:
         }
 
 
-def _point(base: Mapping[str, Any], changes: Mapping[str, Any], path: Path) -> Any:
-    from copy import deepcopy
-
-    from sweeps.config import Point
-
+def _point(base: Mapping[str, Any], changes: Mapping[str, Any], path: Path) -> Point:
     data = {k: deepcopy(v) for k, v in base.items() if k in Point.model_fields}
     data.setdefault("placement", "line")
     for key, value in changes.items():
@@ -129,9 +128,60 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
     for pair in overrides:
         override(source, pair, path, SearchFile)
     file = check(SearchFile, source, path)
+    _check_keys(file, source, path)
     settings = file.search
     own = file.lidar.lidar()
     chosen = {name: model.lidar() for name, model in settings.models.items()} or {OWN_MODEL: own}
+    try:
+        space = Space(settings, tuple(chosen), _fixed(file, next(iter(chosen))))
+        start = {name: _start(file, name, space) for name in settings.start}
+    except ValueError as error:
+        raise ConfigError(f"{path}: {error}") from None
+    models = chosen | {OWN_MODEL: own}
+    try:
+        carrier = Carrier.of(settings, models)
+        if carrier.near_field is not None:
+            probe = PAPER_PLACEMENTS["line"]
+            near_field_coverage(probe, carrier.vehicle, carrier.near_field)
+    except ValueError as error:
+        raise ConfigError(f"{path}: search.constraints.near_field: {error}") from None
+    if settings.models and file.verify is not None:
+        keys = [key for key in file.verify.set if key.partition(".")[0] == "lidar"]
+        if keys:
+            raise ConfigError(
+                f"{path}: verify.set: {keys[0]} would change the paper's rigs alone, as those of "
+                "the search have the models of search.models"
+            )
+    question = Question(
+        settings.objective,
+        constraints_of(settings.constraints) if settings.zones else (),
+        carrier,
+        file.surrogate.method,
+        file.surrogate.detection_probability,
+        file.surrogate.occlusion,
+        settings.azimuth_stride,
+    )
+    problem = Problem(path, source, file, models, space, start, question)
+    _check_what_comes_later(problem)
+    return problem
+
+
+def _check_keys(file: SearchFile, source: Mapping[str, Any], path: Path) -> None:
+    """Refuse keys that say nothing here, or contradict each other. Raises ConfigError."""
+    settings = file.search
+    for key in ("seed", "promote"):
+        if key in source:
+            raise ConfigError(f"{path}: {key}: is for sweeps; a search has search.seed and rungs")
+    if settings.zones and "placement" in source:
+        raise ConfigError(f"{path}: placement: is for searches without search.zones; see start")
+    for key in ("models", "start", "fixed"):
+        if not settings.zones and getattr(settings, key):
+            raise ConfigError(f"{path}: search.{key}: there are no zones to place LiDARs in")
+    for key in settings.space:
+        if key.partition(".")[0] not in Point.model_fields or key in ("placement", "seed"):
+            raise ConfigError(
+                f"{path}: search.space.{key}: allowed are key paths of a trial, such as training.lr"
+            )
     if OWN_MODEL in settings.models:
         raise ConfigError(f"{path}: search.models.{OWN_MODEL}: is the name of the key `lidar`")
     for objective in settings.objective:
@@ -143,34 +193,60 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
             )
         if objective.measured and file.detector is None:
             raise ConfigError(f"{path}: search.objective: {objective.name} needs a detector")
+
+
+def _check_what_comes_later(problem: Problem) -> None:
+    """A mistake is better told now than after the search. Raises ConfigError."""
+    problem.key  # noqa: B018 - the scene
+    path, file = problem.path, problem.file
+    for name, changes in (file.robustness.scenes if file.robustness else {}).items():
+        for key in changes:
+            if not key.startswith("scene."):
+                raise ConfigError(
+                    f"{path}: robustness.scenes.{name}: {key}: allowed are keys of scene, such as "
+                    "scene.density"
+                )
+        problem.pog_tasks(problem.sweep(changes))
+    rigs = {"found_1": problem.paper_rigs()["line"]}
+    ends = [{k: _end(v, i) for k, v in file.search.space.items()} for i in (0, -1)]
+    if any(objective.measured for objective in file.search.objective):
+        config = sweep_settings(problem.source, file, rigs, file.name)
+        for values in ends:
+            for rung in (*file.search.rungs, {}):
+                sweep_of(config, path, {"found_1": values}, file.search.seeds, rung)
+    if file.verify is None:
+        return
+    config = verify_settings(problem.source, file, rigs, ["line"], ends[0])
     try:
-        space = Space(settings, tuple(chosen), _fixed(file, next(iter(chosen))))
-        start = {name: _start(file, name, space) for name in settings.start}
-    except ValueError as error:
-        raise ConfigError(f"{path}: {error}") from None
-    models = chosen | {OWN_MODEL: own}
-    question = Question(
-        settings.objective,
-        constraints_of(settings.constraints),
-        Carrier.of(settings, models),
-        file.surrogate.method,
-        file.surrogate.detection_probability,
-        file.surrogate.occlusion,
-        settings.azimuth_stride,
-    )
-    problem = Problem(path, source, file, models, space, start, question)
-    problem.key  # noqa: B018 - a scene that is not there is told now
-    return problem
+        sweep = build_sweep(config, path)
+    except ConfigError as error:
+        raise ConfigError(f"{error} (with verify.set)") from None
+    if sweep.points[0].point.detector is None:
+        raise ConfigError(f"{path}: verify: needs a detector")
+
+
+def _end(values: Sequence[Any] | RangeSettings, i: int) -> Any:
+    """The first or the last value."""
+    if isinstance(values, RangeSettings):
+        return (values.low, values.high)[i]
+    return values[i]
 
 
 def _start(file: SearchFile, name: str, space: Space) -> list[Placed]:
     """A placement in the slots of the search; its LiDARs are of the first model."""
+    _check_own_lidars(file, name, "search.start")
     try:
         placement = file.placement_named(name, file.lidar.lidar())
         lidars = [Mounted(space.models[0], "", mount) for mount in placement.mounts]
         return placed_in(space, lidars)
     except ValueError as error:
         raise ValueError(f"search.start: {name}: {error}") from None
+
+
+def _check_own_lidars(file: SearchFile, name: str, key: str) -> None:
+    """A search knows models by name alone."""
+    if name in file.placements and any(m.lidar for m in file.placements[name].mounts):
+        raise ValueError(f"{key}: {name}: its mounts have LiDARs of their own; give one of `lidar`")
 
 
 def _fixed(file: SearchFile, first: str) -> list[Mounted]:
@@ -180,5 +256,6 @@ def _fixed(file: SearchFile, first: str) -> list[Mounted]:
             Mounted(f.model or first, "", Mount(f.x, f.y, f.z, f.roll, f.pitch, f.yaw))
             for f in file.search.fixed
         ]
+    _check_own_lidars(file, file.placement, "placement")
     placement = file.placement_named(file.placement, file.lidar.lidar())
-    return [Mounted(first, "", mount) for mount in placement.mounts]
+    return [Mounted(OWN_MODEL, "", mount) for mount in placement.mounts]

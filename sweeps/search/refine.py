@@ -61,7 +61,7 @@ def _moved(
     near += [
         place
         for place in _neighbours(placed[i], length, angle)
-        if _keeps(problem, Rig.of([*others, *place.rig.lidars]))
+        if keeps(problem, Rig.of([*others, *place.rig.lidars]))
     ]
     rigs = [place.rig for place in near] + ([Rig.of(others)] if others else [])
     question = problem.question
@@ -80,7 +80,8 @@ def _moved(
     return near[best], exposure.value([best, *rest])
 
 
-def _keeps(problem: Problem, rig: Rig) -> bool:
+def keeps(problem: Problem, rig: Rig) -> bool:
+    """Whether the rig can be, and keeps all constraints."""
     if not rig.possible:
         return False
     question = problem.question

@@ -15,15 +15,16 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from lidarplace import OccupancyGrid
 from lidarplace.command_line import wrong
 from sweeps.backends import Backend, BackendLost, backend_for
+from sweeps.config_file import ConfigError
 from sweeps.search.answers import SurrogateAnswers
 from sweeps.search.certificate import Certificate, first_params, kept_certificate, why_none
 from sweeps.search.found import Found
 from sweeps.search.pog import NoPog, pog
-from sweeps.search.pool import Pool, in_order, pool_for
+from sweeps.search.pool import Pool, pool_for
 from sweeps.search.problem import Problem
 from sweeps.search.rig import Rig
 from sweeps.search.robustness import in_scene, robustness, with_share
-from sweeps.search.show import print_found, print_nothing_found
+from sweeps.search.show import print_failures, print_found, print_nothing_found
 from sweeps.search.study import (
     Timing,
     open_study,
@@ -33,11 +34,11 @@ from sweeps.search.study import (
 )
 from sweeps.search.trainings import TrainingAnswers
 from sweeps.search.trial_log import TrialRuns
-from sweeps.search.winners import Judged, best_first, best_trials, exact, judge
+from sweeps.search.winners import Judged, best_trials, exact, judge, judge_others
 from sweeps.search.write import write_search
 from sweeps.store import AnyStore
 from sweeps.store_lock import locked
-from sweeps.sweep_store import store_of
+from sweeps.sweep_store import reference, store_of
 from tracking.mlflow_log import SweepLog, ui_command
 from tracking.search_report.build import build_search_report
 
@@ -70,7 +71,7 @@ def run_search(console: Console, problem: Problem, command: str, verify: bool) -
                 found = _search(console, problem, storage, store, backend, log)
             except NoPog as error:
                 raise BackendLost(f"no POG: {error}") from None
-            except ValueError as error:
+            except ConfigError as error:
                 wrong(error)
         write_search(folder, problem, found, command, time.monotonic() - start)
         if found.trials:
@@ -82,7 +83,8 @@ def run_search(console: Console, problem: Problem, command: str, verify: bool) -
             log.artifact(path)
         say(f"\nReport  {report}")
         say(f"MLflow  {ui_command(file.tracking_uri)}")
-    good = bool(found.trials) and not log.undelivered and not log.refused
+    failed = print_failures(console, found)
+    good = bool(found.trials) and not failed and not log.undelivered and not log.refused
     if verify and file.verify is not None and found.trials:
         from sweeps.search.verify import verify_found
 
@@ -123,8 +125,10 @@ def _search(
     certificate, none = None, why_none(problem)
     if none is None:
         certificate = _certificate(console, problem, grids)
+        none = None if certificate else "no candidate mount keeps the constraints"
     first = first_params(problem, certificate)
-    study = open_study(storage, f"{problem.file.name}-{problem.key}", settings, first)
+    name = f"{reference(problem.sweep(), 'search')}-{problem.key}"
+    study = open_study(storage, name, settings, first)
     timing = Timing()
     pool = pool_for(backend, grids)
     if any(objective.measured for objective in settings.objective):
@@ -141,6 +145,7 @@ def _search(
             told(number)
 
         run_study(study, problem.space, settings, answers, after_batch, timing)
+    runs.log_new()  # what a stop kept from it
     trials = best_trials(study, problem.space)
     judged = _judged(problem, trials, certificate, pool)
     table = None
@@ -155,19 +160,20 @@ def _search(
         )
     if table is not None:
         table = with_share(_in_scenes(console, problem, judged, table, store, backend))
-    return Found(
-        *(study, trials, certificate, none, judged, table, grids, timing, answers.evaluated)
-    )
+    return Found(study, trials, certificate, none, judged, table, grids, timing)
 
 
 def _certificate(
     console: Console, problem: Problem, grids: Mapping[str, OccupancyGrid]
-) -> Certificate:
+) -> Certificate | None:
     with console.status("greedy choice and upper bound …"):
         found = kept_certificate(problem, grids, problem.folder / "certificate.json")
+    if found is None:
+        return None
     console.print(
         f"greedy choice from {found.candidates:,} candidates: {found.value:.6g}; no choice from "
-        f"them exceeds {found.bound:.6g} ({found.seconds:.0f} s)",
+        f"them exceeds {found.bound:.6g} "
+        f"({found.greedy_seconds:.0f} and {found.bound_seconds:.0f} s)",
         highlight=False,
     )
     if found.refined_value is not None:
@@ -185,22 +191,19 @@ def _judged(
     certificate: Certificate | None,
     pool: Pool,
 ) -> dict[str, Judged]:
-    """The best of the search, greedy's rig and the paper's, with all rays."""
+    """The best of the search, greedy's rigs and the paper's."""
     question = problem.question
     found = judge(trials, problem.space, question, pool)
-    judged = {f"found_{i}": own for i, own in enumerate(found, start=1)}
-    # Greedy chooses nothing where no LiDAR sees anything.
-    chosen = certificate is not None and certificate.chosen
-    others = {"greedy": certificate.rig} if certificate is not None and chosen else {}
+    others = {}
+    if certificate is not None and certificate.chosen:  # nothing, where no LiDAR sees anything
+        others["greedy"] = certificate.rig
     if certificate is not None and certificate.refined is not None:
         others["refined"] = certificate.refined
-    paper = problem.paper_rigs()
-    rigs = [*others.values(), *paper.values()]
-    assessed = dict(zip([*others, *paper], in_order(pool, rigs, exact(question)), strict=True))
-    for name, rig in others.items():
-        judged[name] = Judged(rig, assessed[name], "greedy")
-    eight = {name: Judged(rig, assessed[name], "paper") for name, rig in paper.items()}
-    return judged | best_first(eight, question.objectives[0])
+    return (
+        {f"found_{i}": own for i, own in enumerate(found, start=1)}
+        | judge_others(others, "greedy", question, pool)
+        | judge_others(problem.paper_rigs(), "paper", question, pool)
+    )
 
 
 def _baseline(judged: Mapping[str, Judged]) -> dict[str, Rig]:

@@ -45,7 +45,7 @@ class Repeatable(BaseSampler):
         key = (self._seed, trial.number, zlib.crc32(parameter.encode()))
         own = int(np.random.SeedSequence(key).generate_state(1)[0])
         with warnings.catch_warnings(action="ignore", category=ExperimentalWarning):
-            return sampler_for(self._name, own, self._seed)
+            return sampler_for(self._name, own, self._seed, trial.number)
 
     def infer_relative_search_space(
         self, study: Study, trial: FrozenTrial
@@ -82,12 +82,12 @@ class Repeatable(BaseSampler):
         self._new(trial).after_trial(study, trial, state, values)
 
 
-def sampler_for(name: str, seed: int, common_seed: int) -> BaseSampler:
+def sampler_for(name: str, seed: int, common_seed: int, number: int) -> BaseSampler:
     """A sampler of Optuna.
 
     Args:
         seed: of one suggestion.
-        common_seed: of all suggestions, where they are one sequence.
+        common_seed, number: of all suggestions and of the trial, where they are one sequence.
     """
     if name == "tpe":  # jointly: what a LiDAR should see depends on where the others are
         return TPESampler(seed=seed, multivariate=True, group=True)
@@ -102,7 +102,8 @@ def sampler_for(name: str, seed: int, common_seed: int) -> BaseSampler:
     if name == "random":
         return RandomSampler(seed=seed)
     assert name == "qmc"
-    return QMCSampler(
+    return _Numbered(
+        number,
         seed=common_seed,
         scramble=True,
         independent_sampler=RandomSampler(seed=seed),  # of the first trial
@@ -110,8 +111,20 @@ def sampler_for(name: str, seed: int, common_seed: int) -> BaseSampler:
     )
 
 
+class _Numbered(QMCSampler):
+    """Takes the point of the sequence that has the trial's number; Optuna's own counts the points
+    that were asked for, and a stop would skip some."""
+
+    def __init__(self, number: int, **options: Any) -> None:
+        super().__init__(**options)
+        self._number = number
+
+    def _find_sample_id(self, study: Study, search_space: dict[str, BaseDistribution]) -> int:
+        return self._number
+
+
 def pruner_for(name: str) -> optuna.pruners.BasePruner:
-    """The pruner that stops trials after a rung; rungs are steps 1, 2, ..."""
+    """The pruner that stops trials after a rung; rungs are steps 1, 2, 4, ..., as halving wants"""
     if name == "median":
         return optuna.pruners.MedianPruner(n_startup_trials=4)
     assert name == "successive_halving"

@@ -17,6 +17,8 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Pair = tuple[Finite, Finite]
 
+Scalar = str | bool | int | Finite | None
+
 SAMPLERS = ("tpe", "gp", "cmaes", "nsga2", "nsga3", "random", "qmc")
 PRUNERS = ("median", "successive_halving")
 
@@ -49,7 +51,8 @@ class ZoneSettings(_Settings):
 
     @model_validator(mode="after")
     def _possible(self) -> ZoneSettings:
-        if (self.polygon is None) != (self.x is not None and self.y is not None):
+        sides = [self.x is not None, self.y is not None]
+        if not (all(sides) if self.polygon is None else not any(sides)):
             raise ValueError("a zone needs x, y and z, or polygon and z")
         self.zone("any")
         return self
@@ -159,8 +162,8 @@ def _several(value: Any) -> Any:
 class RangeSettings(_Settings):
     """Numbers from `low` to `high`; whole ones if both are."""
 
-    low: int | float
-    high: int | float
+    low: int | Finite
+    high: int | Finite
     log: bool = False
 
     @model_validator(mode="after")
@@ -213,7 +216,7 @@ class SearchSettings(_Settings):
         tuple[Annotated[ObjectiveSettings, BeforeValidator(_objective)], ...],
         BeforeValidator(_several),
     ] = Field((ObjectiveSettings(by="expected_ig"),), min_length=1)
-    space: dict[str, list[Any] | RangeSettings] = Field(
+    space: dict[str, Annotated[list[Scalar], Field(min_length=1)] | RangeSettings] = Field(
         default={}, description="key path -> values or {low, high, log}, beside the placement"
     )
     sampler: Literal[SAMPLERS] = "tpe"  # type: ignore[valid-type]
@@ -270,6 +273,8 @@ class SearchSettings(_Settings):
         if self.rungs and (not any(measured) or len(self.objective) > 1):
             raise ValueError("rungs: prune the trainings of a single measured objective")
         for fixed in self.fixed:
+            if fixed.lidar is not None:
+                raise ValueError("fixed: lidar: name it in `models`, and the model here")
             if fixed.model is not None and fixed.model not in self.models:
                 raise ValueError(
                     f"fixed: model {fixed.model!r} is none of {', '.join(self.models) or 'models'}"

@@ -12,9 +12,9 @@ from sweeps.search.assess import Assessment
 from sweeps.search.constraints import Constraint
 from sweeps.search.found import Found
 from sweeps.search.problem import Problem
-from sweeps.search.rig import Rig
 from sweeps.search.study import assessment_of, finished_trials
 from sweeps.search.tables import mount_columns
+from sweeps.search.winners import Judged
 
 _TO_THE_LETTER = (
     "objective {name}: entropies are not negative, so every LiDAR lowers it, and it is highest for "
@@ -72,14 +72,18 @@ def describe(constraint: Constraint) -> str:
 
 def print_nothing_found(console: Console, problem: Problem, found: Found) -> None:
     """Why no trial has a value: trainings that failed, or constraints that none keeps."""
-    trials = list(finished_trials(found.study))
-    for trial in trials:
-        if "failure" in trial.user_attrs:
-            text = f"trial {trial.number} failed: {trial.user_attrs['failure']}"
-            console.print(text, markup=False, soft_wrap=True)
-    assessments = [assessment_of(trial) for trial in trials]
+    assessments = [assessment_of(trial) for trial in finished_trials(found.study)]
     if not any(assessment.feasible for assessment in assessments):
         _print_infeasible(console, assessments, problem.question.constraints)
+
+
+def print_failures(console: Console, found: Found) -> int:
+    """Trials that failed, with the reason. Returns how many."""
+    failed = [t for t in finished_trials(found.study) if "failure" in t.user_attrs]
+    for trial in failed:
+        text = f"trial {trial.number} failed: {trial.user_attrs['failure']}"
+        console.print(text, markup=False, soft_wrap=True)
+    return len(failed)
 
 
 def _print_infeasible(
@@ -97,15 +101,14 @@ def _print_infeasible(
         unit = f" {constraint.unit}" if constraint.unit else ""
         text = f"violated by at least {by:.4g}{unit}" if by > 0 else "kept by some placement"
         console.print(f"  {describe(constraint)}: {text}", markup=False)
-    if all(by <= 0 for by in least.values()):
+    shared = sum(assessment.values is None for assessment in found)
+    if shared:
+        console.print(f"  two LiDARs were in one place in {shared} of {len(found)} trials")
+    elif all(by <= 0 for by in least.values()):
         console.print("  each is kept by some placement, but not all of them by one")
 
 
-def print_rigs(
-    console: Console,
-    rigs: Mapping[str, tuple[Rig, Assessment]],
-    problem: Problem,
-) -> None:
+def _print_rigs(console: Console, rigs: Mapping[str, Judged], problem: Problem) -> None:
     """Objectives and what constraints look at, a row a rig."""
     objectives = problem.file.search.objective
     table = Table(title=f"{problem.file.name}")
@@ -114,8 +117,8 @@ def print_rigs(
         table.add_column(objective.name, justify="right")
     for constraint in problem.question.constraints:
         table.add_column(constraint.name, justify="right")
-    for name, (_, found) in rigs.items():
-        values = found.values or {}
+    for name, own in rigs.items():
+        found, values = own.assessment, own.all_values
         cells = [f"{values[o.name]:.6g}" if o.name in values else "" for o in objectives]
         cells += [
             f"{found.measures[c.name]:.3g}{' !' if found.violations[c.name] > 0 else ''}"
@@ -125,26 +128,34 @@ def print_rigs(
     console.print(table)
 
 
+def _breaks(found: Found) -> str:
+    """What is to be known of the baseline."""
+    rig = found.judged[found.baseline]
+    return "" if rig.assessment.feasible else ", which breaks a constraint"
+
+
 def print_found(console: Console, problem: Problem, found: Found) -> None:
     """The best rigs beside greedy's and the paper's, and how far from the bound they are."""
-    shown = {name: (own.rig, own.assessment) for name, own in found.judged.items()}
-    names = [*found.best[:3], *(name for name in shown if name not in found.best)]
-    print_rigs(console, {name: shown[name] for name in names}, problem)
+    names = [*found.best[:3], *(name for name in found.judged if name not in found.best)]
+    _print_rigs(console, {name: found.judged[name] for name in names}, problem)
     objective = problem.file.search.objective[0]
     if not objective.measured and objective.by != "price":
         best = found.judged["found_1"].value(objective)
         paper = found.judged[found.baseline].value(objective)
         if paper:
+            gain = 100 * (best - paper) / abs(paper)
             console.print(
-                f"{objective.name}: {100 * (best / paper - 1):+.1f} % against {found.baseline}, "
-                "the best of the paper's eight",
+                f"{objective.name}: {gain:+.1f} % against {found.baseline}, "
+                f"the best of the paper's eight{_breaks(found)}",
                 highlight=False,
             )
     if found.certificate is not None and found.certificate.bound:
-        gap = 100 * (1 - found.trials[0].values[0] / found.certificate.bound)
+        value = found.judged["found_1"].searched[objective.name]
+        gap = 100 * (1 - value / found.certificate.bound)
+        stride = problem.question.azimuth_stride
         console.print(
             f"at most {gap:.1f} % below the best of {found.certificate.candidates:,} candidate "
-            "mounts"
+            f"mounts, with 1 of {stride} azimuth steps"
             if gap >= 0
             else f"{-gap:.1f} % above what any choice of {found.certificate.candidates:,} "
             "candidate mounts can reach: positions between them are better",
@@ -159,3 +170,5 @@ def print_found(console: Console, problem: Problem, found: Found) -> None:
     for row in rows:
         table.add_row(*(f"{v:.3f}" if isinstance(v, float) else str(v) for v in row.values()))
     console.print(table)
+    for key, value in found.judged["found_1"].values_beside.items():
+        console.print(f"{key}: {value}", markup=False)

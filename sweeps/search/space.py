@@ -65,6 +65,8 @@ class Space:
     ) -> None:
         self.settings, self.models, self.fixed = settings, models, tuple(fixed)
         self.zones = tuple(zone.zone(name) for name, zone in settings.zones.items())
+        if settings.symmetric:
+            _check_symmetry(self.zones)
         for number in self.numbers:
             self.slots(number)
 
@@ -84,8 +86,6 @@ class Space:
         pairs = [
             Slot(f"pair_{i + 1}", self._halves, spans, True) for i in range(number // 2)
         ]  # fmt: skip
-        if pairs and not self._halves:
-            raise ValueError("search.symmetric: no zone has a part left of the centre line")
         if number % 2 == 0:
             return pairs
         if not self._middles:
@@ -176,6 +176,18 @@ class Space:
             found |= {name: value for name, value in named.items() if name in known}
         number = sum(2 if slot.pair else 1 for slot, _ in placed)
         return found | ({NUMBER: number} if len(self.numbers) > 1 else {})
+
+
+def _check_symmetry(zones: Sequence[Zone]) -> None:
+    """What lies right of the centre line has to be a mirror image of what lies left of it."""
+    shapes = {(frozenset(zone.polygon), zone.z) for zone in zones}
+    for zone in zones:
+        mirrored_shape = frozenset((x, 0 - y) for x, y in zone.polygon)
+        if any(y < 0 for _, y in zone.polygon) and (mirrored_shape, zone.z) not in shapes:
+            raise ValueError(
+                f"search.symmetric: zone {zone.name} is not symmetric to y = 0, and no other zone "
+                "is its mirror image; give its left part alone"
+            )
 
 
 def _extent(zone: Zone) -> tuple[float, float, float]:

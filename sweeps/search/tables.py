@@ -41,6 +41,7 @@ def trials_table(study: optuna.Study, problem: Problem) -> pd.DataFrame:
         values = trial.values or [math.nan] * len(objectives)
         rows.append(
             {"number": trial.number, "state": trial.state.name, "feasible": found.feasible}
+            | {"possible": found.values is not None}
             | {f"value.{o.name}": v for o, v in zip(objectives, values, strict=True)}
             | {f"violation.{name}": v for name, v in found.violations.items()}
             | {"seconds": found.seconds, "failure": trial.user_attrs.get("failure", "")}

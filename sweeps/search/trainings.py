@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -36,7 +37,6 @@ class TrainingAnswers:
 
     Attributes:
         pool: tells constraints and prices.
-        evaluated: how many rigs were trained.
     """
 
     study: optuna.Study
@@ -44,7 +44,6 @@ class TrainingAnswers:
     pool: Pool
     store: AnyStore
     backend: Backend
-    evaluated: int = 0
 
     def __post_init__(self) -> None:
         self._asked: list[tuple[optuna.Trial, Candidate]] = []
@@ -62,15 +61,14 @@ class TrainingAnswers:
             for (trial, candidate), assessment in zip(asked, found, strict=True)
             if assessment.feasible
         ]
-        self.evaluated += len(alive)
         failures: dict[int, str] = {}
         for step, rung in enumerate(self.problem.file.search.rungs, start=1):
             values, failed = self._train([candidate for _, candidate in alive], rung)
             failures |= failed
             alive = [(trial, c) for trial, c in alive if c.number not in failed]
             for trial, candidate in alive:
-                trial.report(values[candidate.number][0], step)
-            alive = [(trial, c) for trial, c in alive if not trial.should_prune()]
+                _report(trial, values[candidate.number][0], 2 ** (step - 1))
+            alive = [(trial, c) for trial, c in alive if not _is_pruned(trial, step)]
         values, failed = self._train([candidate for _, candidate in alive], {})
         failures |= failed
         for (trial, candidate), assessment in zip(asked, found, strict=True):
@@ -122,6 +120,19 @@ class TrainingAnswers:
         config = sweep_settings(problem.source, problem.file, rigs, problem.file.name)
         trials = {_name(c): c.values for c in candidates}
         return make_plan(sweep_of(config, problem.path, trials, problem.file.search.seeds, rung))
+
+
+def _report(trial: optuna.Trial, value: float, step: int) -> None:
+    with warnings.catch_warnings(action="ignore", category=UserWarning):
+        trial.report(value, step)  # a trial that was stopped has reported already
+
+
+def _is_pruned(trial: optuna.Trial, rung: int) -> bool:
+    """The pruner's verdict after a rung; kept, as it would be another one after a stop."""
+    name = f"pruned after rung {rung}"
+    if name not in trial.user_attrs:
+        trial.set_user_attr(name, trial.should_prune())
+    return bool(trial.user_attrs[name])
 
 
 class Quiet:

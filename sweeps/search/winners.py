@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
 
+import numpy as np
 import optuna
 from optuna.trial import FrozenTrial
 
@@ -21,23 +24,30 @@ MOST_EXACT = 20
 
 @dataclass(frozen=True)
 class Judged:
-    """A rig and what was found of it, with all rays.
+    """A rig and what was found of it.
 
     Attributes:
-        rig, assessment: there.
+        rig, assessment: with all rays.
         role: found, greedy or paper.
-        trial: number of the trial that found it; None if none did.
+        searched: objectives as the search computes them, with its azimuth stride; and what was
+            measured of a trial.
+        values_beside: by key path of the configuration, of a trial that varied some.
     """
 
     rig: Rig
     assessment: Assessment
     role: str
-    trial: int | None = None
+    searched: Mapping[str, float]
+    values_beside: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def all_values(self) -> dict[str, float]:
+        """By name of the objective, with all rays where there are rays."""
+        return dict(self.searched) | (self.assessment.values or {})
 
     def value(self, objective: ObjectiveSettings) -> float:
-        """Of an objective; the rig can be, or it would not be judged."""
-        assert self.assessment.values is not None
-        return self.assessment.values[objective.name]
+        """Of an objective, NaN if it is not known."""
+        return self.all_values.get(objective.name, math.nan)
 
 
 def best_trials(study: optuna.Study, space: Space) -> list[FrozenTrial]:
@@ -60,23 +70,64 @@ def best_trials(study: optuna.Study, space: Space) -> list[FrozenTrial]:
 def judge(
     trials: Sequence[FrozenTrial], space: Space, question: Question, pool: Pool
 ) -> list[Judged]:
-    """The rigs of the first of `trials`, assessed with all rays; best first again by that."""
-    chosen = trials[:MOST_EXACT]
-    rigs = [candidate_of(trial, space).rig for trial in chosen]
-    found = in_order(pool, rigs, exact(question))
-    judged = {
-        str(trial.number): Judged(rig, assessment, "found", trial.number)
-        for rig, assessment, trial in zip(rigs, found, chosen, strict=True)
-    }
-    return list(best_first(judged, question.objectives[0]).values())
+    """Rigs of the best trials, assessed with all rays.
+
+    The first MOST_EXACT of them, the best first by what is exact; of a Pareto front as many, spread
+    over it, without those that others dominate then.
+    """
+    several = len(question.objectives) > 1
+    chosen = _spread(trials) if several else list(trials[:MOST_EXACT])
+    candidates = [candidate_of(trial, space) for trial in chosen]
+    found = in_order(pool, [candidate.rig for candidate in candidates], exact(question))
+    judged = []
+    for trial, candidate, assessment in zip(chosen, candidates, found, strict=True):
+        searched = zip(question.objectives, trial.values, strict=True)
+        own = {objective.name: value for objective, value in searched}
+        judged.append(Judged(candidate.rig, assessment, "found", own, candidate.values))
+    if several:
+        judged = [own for own in judged if not _is_dominated(own, judged, question)]
+    return best_first(judged, question.objectives[0])
 
 
-def best_first(judged: Mapping[str, Judged], objective: ObjectiveSettings) -> dict[str, Judged]:
-    """By the first objective, if it is no measured one."""
-    if objective.measured:
-        return dict(judged)
+def _spread(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
+    """MOST_EXACT of them at even distances, both ends among them."""
+    places = np.linspace(0, len(trials) - 1, min(MOST_EXACT, len(trials)))
+    return [trials[round(place)] for place in places.tolist()]
+
+
+def _is_dominated(own: Judged, others: Sequence[Judged], question: Question) -> bool:
+    """Whether another rig is at least as good in all objectives and better in one."""
+
+    def costs(rig: Judged) -> list[float]:
+        return [(-1 if o.best == "maximize" else 1) * rig.value(o) for o in question.objectives]
+
+    mine = costs(own)
+    return any(
+        all(theirs <= value for theirs, value in zip(costs(other), mine, strict=True))
+        and costs(other) != mine
+        for other in others
+    )
+
+
+def judge_others(
+    rigs: Mapping[str, Rig], role: str, question: Question, pool: Pool
+) -> dict[str, Judged]:
+    """Rigs that no trial found, with all rays and as the search computes them; the best first."""
+    both = [in_order(pool, list(rigs.values()), asked) for asked in (exact(question), question)]
+    judged = [
+        Judged(rig, all_rays, role, fast.values or {})
+        for rig, all_rays, fast in zip(rigs.values(), *both, strict=True)
+    ]
+    names = {id(own): name for own, name in zip(judged, rigs, strict=True)}
+    return {names[id(own)]: own for own in best_first(judged, question.objectives[0])}
+
+
+def best_first(judged: Sequence[Judged], objective: ObjectiveSettings) -> list[Judged]:
+    """By an objective; rigs without a value last."""
     sign = -1 if objective.best == "maximize" else 1
-    return dict(sorted(judged.items(), key=lambda item: sign * item[1].value(objective)))
+    return sorted(
+        judged, key=lambda own: (math.isnan(own.value(objective)), sign * own.value(objective))
+    )
 
 
 def exact(question: Question) -> Question:
@@ -84,15 +135,14 @@ def exact(question: Question) -> Question:
     return replace(question, azimuth_stride=1)
 
 
-def stride_error(trials: Sequence[FrozenTrial], judged: Sequence[Judged]) -> float:
-    """Largest relative error of the first objective by fewer azimuth steps, over judged rigs."""
-    by_number = {trial.number: assessment_of(trial) for trial in trials}
-    errors = [0.0]
-    for own in judged:
-        if own.trial is None or not own.assessment.values:
-            continue
-        fast = by_number[own.trial].values or {}
-        for name, value in own.assessment.values.items():
-            if value:
-                errors.append(abs(fast[name] / value - 1))
-    return max(errors)
+def stride_error(judged: Collection[Judged]) -> float:
+    """Largest relative error by fewer azimuth steps over rigs and objectives."""
+    return max(
+        (
+            abs(own.searched[name] / value - 1)
+            for own in judged
+            for name, value in (own.assessment.values or {}).items()
+            if value and name in own.searched
+        ),
+        default=0.0,
+    )

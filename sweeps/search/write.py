@@ -7,6 +7,7 @@ import platform
 import shlex
 from collections.abc import Mapping
 from dataclasses import astuple
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -16,14 +17,16 @@ import pandas as pd
 import yaml
 
 from lidarplace.files import replacing
+from lidarplace.sensor_settings import SensorSettings
+from lidarplace.surrogate import RAY_SURROGATES
 from sweeps.pictures import save_arrays
-from sweeps.search.as_sweep import placement_settings, sweep_settings
+from sweeps.search.as_sweep import placement_settings, verify_settings
 from sweeps.search.certificate import Certificate
 from sweeps.search.found import Found
 from sweeps.search.optuna_figures import importances, write_optuna_figures
 from sweeps.search.problem import Problem
 from sweeps.search.settings import ObjectiveSettings
-from sweeps.search.study import assessment_of, finished_trials, journal_path
+from sweeps.search.study import assessment_of, candidate_of, finished_trials, journal_path
 from sweeps.search.tables import greedy_table, trials_table
 from sweeps.search.unseen import maps
 from sweeps.search.winners import Judged, stride_error
@@ -32,6 +35,12 @@ from tracking.mlflow_uri import hide_password, public_uri
 
 _VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas", "optuna")
 
+_OPTIONAL = (
+    *("bound.parquet", "greedy.parquet", "robustness.parquet", "verified.parquet"),
+    *("placement.yaml", "sweep.yaml", "maps.npz"),
+)
+"""Files that not every search has."""
+
 _UNITS = {"price": "", "expected_points": "points", "m_sog": "nats"}
 
 
@@ -39,7 +48,7 @@ def write_search(
     folder: Path, problem: Problem, found: Found, command: str, seconds: float
 ) -> None:
     """Write all results into `folder`, each file renamed into place."""
-    uri = problem.file.tracking_uri
+    hide = partial(_hide_passwords, problem)
     tables = {"trials": trials_table(found.study, problem)}
     if found.certificate is not None:
         tables["bound"] = found.certificate.history
@@ -47,20 +56,28 @@ def write_search(
         tables["greedy"] = greedy_table(found.certificate.chosen, gains, 0.0)
     if found.robustness is not None:
         tables["robustness"] = found.robustness
+    for name in _OPTIONAL:  # of an earlier search of this name, or of fewer trials
+        (folder / name).unlink(missing_ok=True)
     for name, table in tables.items():
         _parquet(folder / f"{name}.parquet", table)
     config = yaml.safe_dump(dict(problem.source), sort_keys=False)
-    write_text(folder / "config.yaml", hide_password(config, uri))
+    write_text(folder / "config.yaml", hide(config))
     if found.trials:
         write_text(folder / "placement.yaml", _placement(problem, found))
-        write_text(folder / "sweep.yaml", hide_password(_sweep(problem, found), uri))
+        write_text(folder / "sweep.yaml", hide(_sweep(problem, found)))
         if found.grids:
             rigs = {name: found.judged[name].rig for name in ("found_1", found.baseline)}
             save_arrays(folder / "maps.npz", maps(rigs, problem, found.grids))
     names = [objective.name for objective in problem.file.search.objective]
     write_optuna_figures(found.study, names, folder / "optuna")
-    about = _about(problem, found, hide_password(command, uri), seconds)
+    about = _about(problem, found, hide(command), seconds)
     write_text(folder / "search.json", json.dumps(_finite(about), indent=1))
+
+
+def _hide_passwords(problem: Problem, text: str) -> str:
+    for url in (problem.file.tracking_uri, problem.file.search.storage):
+        text = hide_password(text, url) if url else text
+    return text
 
 
 def _parquet(path: Path, table: pd.DataFrame) -> None:
@@ -70,27 +87,27 @@ def _parquet(path: Path, table: pd.DataFrame) -> None:
 
 def _placement(problem: Problem, found: Found) -> str:
     """The best rig as a file for `lidarplace.view` and others, metres and radians."""
-    settings = placement_settings(found.judged["found_1"].rig, problem.file)
+    rig, file = found.judged["found_1"].rig, problem.file
+    settings = placement_settings(rig, file)
+    # Read by itself, the file has to say what the key `lidar` says here.
+    own = file.lidar.model_dump(
+        mode="json", exclude_unset=True, include=set(SensorSettings.model_fields)
+    )
+    for mount in settings["mounts"]:
+        mount.setdefault("lidar", own)
     return yaml.safe_dump(settings, sort_keys=False)
 
 
 def _sweep(problem: Problem, found: Found) -> str:
     """A sweep of the winners and the paper's eight, which `sweeps.run` takes as it is."""
     verify = problem.file.verify
-    top = found.best[: verify.top if verify is not None else 3]
-    rigs = {name: found.judged[name].rig for name in top}
-    config = sweep_settings(problem.source, problem.file, rigs, f"{problem.file.name}-verify")
+    most = verify.top if verify is not None else 3
+    if problem.file.search.space:  # other trials have other values
+        most = 1
+    rigs = {name: found.judged[name].rig for name in found.best[:most]}
     paper = [name for name, own in found.judged.items() if own.role == "paper"]
-    config.setdefault("detector", problem.file.detector)
-    config["grid"] = {"placement": [*top, *paper]}
-    if verify is not None:
-        config["grid"]["seed"] = list(verify.seeds)
-        for key, value in verify.set.items():
-            *parents, last = key.split(".")
-            inner = config
-            for parent in parents:
-                inner = inner.setdefault(parent, {})
-            inner[last] = value
+    values = found.judged[found.best[0]].values_beside
+    config = verify_settings(problem.source, problem.file, rigs, paper, values)
     return yaml.safe_dump(config, sort_keys=False)
 
 
@@ -98,6 +115,7 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> dict
     file, question = problem.file, problem.question
     search = file.search
     trials = list(finished_trials(found.study))
+    different = len({candidate_of(trial, problem.space).key for trial in trials})
     roi = file.roi.model_dump(mode="json") | {"resolution": file.surrogate.resolution}
     return {
         "name": file.name,
@@ -109,8 +127,8 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> dict
         "seed": search.seed,
         "batch_size": search.batch_size,
         "trials": len(trials),
-        "evaluations": found.evaluated,
-        "repeated": len(trials) - found.evaluated,
+        "evaluations": different,
+        "repeated": len(trials) - different,
         "feasible": sum(assessment_of(trial).feasible for trial in trials),
         "sampler_seconds": found.timing.sampler,
         "evaluation_seconds": found.timing.evaluation,
@@ -141,16 +159,27 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> dict
         },
         "bound": _bound(found, problem),
         "best": found.best if len(search.objective) > 1 else found.best[:1],
+        "front": len(found.trials) if len(search.objective) > 1 else None,
+        "spans": {name: getattr(search, name) for name in ("roll_deg", "pitch_deg", "yaw_deg")},
+        "parameters": max(
+            len(problem.space.distributions(number) | problem.space.further)
+            for number in problem.space.numbers
+        ),
         "baseline": None if any(o.measured for o in search.objective) else found.baseline,
-        "rigs": {name: _rig(own, found, problem) for name, own in found.judged.items()},
+        "rigs": {name: _rig(own) for name, own in found.judged.items()},
         "importance": importances(found.study) or None,
-        "stride": {
-            "azimuth_stride": search.azimuth_stride,
-            "relative_error": stride_error(found.trials, list(found.judged.values())),
-        },
+        "stride": _stride(problem, found),
         "tracking_uri": public_uri(file.tracking_uri),
         "versions": {"python": platform.python_version()} | {n: version(n) for n in _VERSIONS},
     }
+
+
+def _stride(problem: Problem, found: Found) -> dict[str, Any] | None:
+    """How the search thinned rays, and the largest error of that; None if it fired none."""
+    if not any(objective.by in RAY_SURROGATES for objective in problem.question.objectives):
+        return None
+    stride = problem.question.azimuth_stride
+    return {"azimuth_stride": stride, "relative_error": stride_error(found.judged.values())}
 
 
 def _objective(objective: ObjectiveSettings, problem: Problem) -> dict[str, Any]:
@@ -166,20 +195,17 @@ def _objective(objective: ObjectiveSettings, problem: Problem) -> dict[str, Any]
     }
 
 
-def _rig(own: Judged, found: Found, problem: Problem) -> dict[str, Any]:
-    values: Mapping[str, float] = own.assessment.values or {}
-    if own.trial is not None:  # what was measured is known of the trial
-        objectives = problem.file.search.objective
-        trial = found.study.get_trials(deepcopy=False)[own.trial]
-        measured = zip(objectives, trial.values, strict=True)
-        values = {o.name: value for o, value in measured if o.measured} | dict(values)
+def _rig(own: Judged) -> dict[str, Any]:
     return {
         "role": own.role,
+        "feasible": own.assessment.feasible,
         "mounts": [list(astuple(lidar.mount)) for lidar in own.rig.lidars],
         "models": [lidar.model for lidar in own.rig.lidars],
         "zones": [lidar.zone or None for lidar in own.rig.lidars],
-        "values": dict(values),
+        "values": own.all_values,
+        "searched": own.searched,
         "measures": own.assessment.measures,
+        "params": dict(own.values_beside),
     }
 
 
@@ -188,7 +214,8 @@ def _bound(found: Found, problem: Problem) -> dict[str, Any]:
     certificate: Certificate | None = found.certificate
     if certificate is None:
         return {"value": None, "reason": found.no_certificate}
-    best = found.trials[0].values[0] if found.trials else certificate.value
+    name = problem.question.objectives[0].name
+    best = found.judged["found_1"].searched[name] if found.trials else certificate.value
     return {
         "value": certificate.bound,
         "by_gains": certificate.by_gains,

@@ -6,6 +6,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import optuna
 import pandas as pd
 import pytest
@@ -23,6 +24,9 @@ from sweeps.search.study import journal_path
 from tracking.mlflow_connection import connect
 
 ROOT = Path(__file__).parents[2]
+_OTHER = ("robustness", "verify", "detector", "seed", "placement")
+"""Keys beside `search`."""
+_TUNE = {"zones": {}, "objective": "recall"}
 
 
 @pytest.fixture(scope="module")
@@ -153,9 +157,43 @@ def test_bad_input_is_one_line(tmp_path, tracking):
         ({"objectve": "x"}, "unknown key (did you mean objective?)"),
         ({"greedy": {"position_step": 0.01}}, "candidates, more than most: 4,000"),
         ({"storage": "nonsense://"}, "search.storage: cannot be opened"),
+        ({"greedy": {"position_step": 1e-6}}, "candidates, more than most: 4,000"),
         ({"roll_deg": [20, -20]}, "within ±360 degrees"),
+        ({"zones": {"a": {"x": [0, 1], "polygon": [[0, 0]], "z": 2}}}, "a zone needs x, y and z"),
+        ({"fixed": [{"z": 2, "lidar": {"beams": 64}}]}, "fixed: lidar: name it in `models`"),
+        ({"constraints": {"near_field": {"z": [0, 0.9], "coverage": 0.5}}}, "near_field: ROI z"),
+        (
+            {"constraints": {"near_field": {"x": [-1, 1], "y": [-0.4, 0.4], "coverage": 0.5}}},
+            "search.constraints.near_field",
+        ),
+        (_TUNE | {"space": {"placement": ["line"]}}, "allowed are key"),
+        (_TUNE | {"space": {"training.lr": []}}, "training.lr"),
+        (
+            {
+                "zones": {},
+                "space": {"training.lr": {"low": 0, "high": np.inf}},
+                "objective": "recall",
+            },
+            "training.lr",
+        ),
+        (
+            {"zones": {}, "space": {"training.lrr": [1.0]}, "objective": "recall"},
+            "search.space.training.lrr",
+        ),
+        (
+            {"zones": {}, "start": ["line"], "space": {"roi": [1]}, "objective": "recall"},
+            "no zones",
+        ),
+        ({"robustness": {"scenes": {"a": {"scene.densty": 3}}}}, "scene.densty"),
+        ({"robustness": {"scenes": {"a": {"lidar.beams": 3}}}}, "allowed are keys of scene"),
+        ({"verify": {"set": {"training.epoch": 3}}}, "training.epoch"),
+        ({"verify": {}, "detector": None}, "verify: needs a detector"),
+        ({"seed": 3}, "a search has search.seed"),
+        ({"placement": "line"}, "placement: is for searches without search.zones"),
     ):
-        result = search(tmp_path, tracking, search=changes)
+        own = {k: v for k, v in changes.items() if k in _OTHER}
+        inner = {k: v for k, v in changes.items() if k not in _OTHER}
+        result = search(tmp_path, tracking, search=inner, **own)
         assert result.exit_code == 2, (changes, result.output)
         lines = result.stderr.strip().splitlines()
         assert len(lines) == 1, lines
@@ -173,10 +211,62 @@ def test_no_feasible_placement(tmp_path, tracking):
     result = search(tmp_path, tracking, search={"constraints": limits, "greedy": None})
     assert result.exit_code == 1
     assert "No placement keeps all constraints" in result.output
-    least = trials(tmp_path)["violation.distance"].min()
+    found = trials(tmp_path)
+    least = found["violation.distance"].min()
     assert f"distance at least 5 m: violated by at least {least:.4g} m" in result.output
     assert "body_share at most 0.9: kept by some placement" in result.output
     assert (tmp_path / "runs/small/search.html").exists()
+
+
+def test_nothing_of_an_earlier_search_stays(tmp_path, tracking):
+    assert search(tmp_path, tracking, search={"trials": 4}).exit_code == 0
+    run = tmp_path / "runs/small"
+    (run / "verified.parquet").touch()
+    limits = {"distance": 5.0}
+    result = search(tmp_path, tracking, search={"constraints": limits, "greedy": None, "trials": 4})
+    assert result.exit_code == 1
+    left = {path.name for path in run.iterdir()}
+    assert {"search.json", "trials.parquet", "config.yaml", "optuna.journal"} <= left
+    assert not left & {
+        *("placement.yaml", "sweep.yaml", "maps.npz", "bound.parquet", "greedy.parquet"),
+        *("robustness.parquet", "verified.parquet"),
+    }
+
+
+def test_two_lidars_in_one_place(tmp_path, tracking):
+    point = {"point": {"x": 0, "y": 0, "z": 2}}
+    options = {"zones": point, "roll_deg": 0, "constraints": {"distance": 0}, "greedy": None}
+    result = search(tmp_path, tracking, search=options | {"trials": 4})
+    assert result.exit_code == 1
+    assert "two LiDARs were in one place in 4 of 4 trials" in result.output
+    assert "each is kept" not in result.output
+
+
+def test_an_objective_that_is_undefined(tmp_path, tracking):
+    away = {"away": {"x": [-400, -399], "y": [-0.6, 0.6], "z": [1, 2]}}
+    options = {"objective": "m_sog", "zones": away, "trials": 2, "batch_size": 2}
+    result = search(tmp_path, tracking, search=options)
+    assert result.exit_code == 1
+    assert "trial 0 failed: an objective is undefined" in result.output
+    assert (trials(tmp_path)["state"] == "FAIL").all()
+
+
+def test_classes_that_do_not_occur(tmp_path, tracking):
+    result = search(tmp_path, tracking, classes=["Car", "Pedestrian"], search={"trials": 4})
+    assert result.exit_code == 0, result.output
+
+
+def test_no_password_in_the_files(tmp_path, tracking, monkeypatch):
+    monkeypatch.setattr(
+        "sweeps.search.study.RDBStorage",
+        lambda url: optuna.storages.InMemoryStorage(),
+    )
+    url = "postgresql://me:secret@host/db"
+    result = search(tmp_path, tracking, search={"storage": url, "trials": 4})
+    assert result.exit_code == 0, result.output
+    for path in (tmp_path / "runs/small").rglob("*"):
+        if path.is_file():
+            assert b"secret" not in path.read_bytes(), path
 
 
 def test_a_space_without_any_freedom_is_evaluated_once(tmp_path, tracking):
@@ -237,12 +327,14 @@ def test_several_objectives_with_prices(tmp_path, tracking):
     read_sweep(tmp_path / "runs/small/sweep.yaml")
 
 
-def test_the_outcome_does_not_depend_on_stops(tmp_path, tracking, monkeypatch):
+@pytest.mark.parametrize("sampler", ["tpe", "qmc", "nsga2"])
+def test_the_outcome_does_not_depend_on_stops(tmp_path, tracking, monkeypatch, sampler):
     """A search that is killed while it asks, answers or tells ends as one that is not."""
+    own = {"sampler": sampler}
     whole, cut = tmp_path / "whole", tmp_path / "cut"
     for place in (whole, cut):
         place.mkdir()
-    assert search(whole, tracking, name="w").exit_code == 0
+    assert search(whole, tracking, name="w", search=own).exit_code == 0
     expected = pd.read_parquet(whole / "runs/w/trials.parquet").drop(columns="seconds")
     write = optuna.storages.journal.JournalFileBackend.append_logs
     for stop_after in (3, 20, 41, 57, 90, 200):
@@ -259,10 +351,10 @@ def test_the_outcome_does_not_depend_on_stops(tmp_path, tracking, monkeypatch):
             write(self, logs)
 
         monkeypatch.setattr(optuna.storages.journal.JournalFileBackend, "append_logs", append)
-        result = search(cut, tracking, name="c")
+        result = search(cut, tracking, name="c", search=own)
         assert result.exit_code in (0, 130)
         monkeypatch.setattr(optuna.storages.journal.JournalFileBackend, "append_logs", write)
-    assert search(cut, tracking, name="c").exit_code == 0
+    assert search(cut, tracking, name="c", search=own).exit_code == 0
     found = pd.read_parquet(cut / "runs/c/trials.parquet").drop(columns="seconds")
     pd.testing.assert_frame_equal(found, expected)
 

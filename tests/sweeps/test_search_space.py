@@ -110,10 +110,12 @@ def test_fixed_lidars_are_in_every_rig():
 
 def test_symmetry_needs_room():
     right = {"right": {"x": [0, 1], "y": [-0.6, -0.2], "z": 2}}
-    with pytest.raises(ValueError, match="no zone has a part left of the centre line"):
-        space_of(zones=right, lidars=2, symmetric=True)
+    for zones in (right, {"roof": {"x": [0, 1], "y": [-0.2, 0.6], "z": 2}}):
+        with pytest.raises(ValueError, match="is not symmetric to y = 0, and no other zone"):
+            space_of(zones=zones, lidars=2, symmetric=True)
     left = {"left": {"x": [0, 1], "y": [0.2, 0.6], "z": 2}}
     space_of(zones=left, lidars=2, symmetric=True)
+    space_of(zones=left | right, lidars=2, symmetric=True)
     with pytest.raises(ValueError, match="an odd number needs a zone that meets y = 0"):
         space_of(zones=left, lidars=3, symmetric=True)
 

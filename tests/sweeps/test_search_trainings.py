@@ -4,6 +4,7 @@ import json
 
 import pandas as pd
 import pytest
+import yaml
 from search_files import write_search
 from typer.testing import CliRunner
 
@@ -49,7 +50,12 @@ def test_hyper_parameters_of_a_fixed_placement(tmp_path, tracking):
     assert table["param.training.lr"].nunique() == 3
     assert table["value.AP_R40_BEV.Car"].between(0, 100).all()
     assert table.loc[0, "lidar_1.z_m"] >= 2.4  # center's
+    sweep = yaml.safe_load((tmp_path / "runs/small/sweep.yaml").read_text())
     best = table["value.AP_R40_BEV.Car"].max()
+    lr = table.loc[table["value.AP_R40_BEV.Car"].idxmax(), "param.training.lr"]
+    assert sweep["training"]["lr"] == lr
+    assert found["rigs"]["found_1"]["params"] == {"training.lr": lr}
+    assert f"training.lr: {lr}" in result.output
     assert found["rigs"]["found_1"]["values"]["AP_R40_BEV.Car"] == best
     assert found["bound"]["reason"] == "no LiDAR is placed"
 

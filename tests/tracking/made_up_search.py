@@ -26,6 +26,8 @@ NOSE = {
 CLASSES = ("Car", "Cyclist")
 BASE = 1000.0
 """Value of the best of the paper's eight; the others are below."""
+STRIDED = 0.99
+"""Values as searched, by those with all rays."""
 
 
 def write_search(
@@ -44,6 +46,7 @@ def write_search(
     """Write a folder of a search with one objective, expected_ig, or with the price as well.
 
     The best found rig is trial 7. Without `complete` only the two required files are written.
+    Values of trials are as searched, those of rigs with all rays are larger by 1 / STRIDED.
     `changes` replace keys of search.json.
     """
     rng = np.random.default_rng(seed)
@@ -64,12 +67,14 @@ def write_search(
             "mounts": [_pose(mount) for mount in placement.mounts],
             "models": ["paper"] * 4,
             "zones": [None] * 4,
-            "values": {"expected_ig": BASE - 40 * i} | ({"price": 4000.0} if several else {}),
+            **_values(STRIDED * (BASE - 40 * i), 4000.0 if several else None),
             "measures": {"distance": 0.2, "own body": 3.0 + i},
+            "feasible": 3.0 + i <= 5,
         }
         for i, (name, placement) in enumerate(PAPER_PLACEMENTS.items())
     }
-    greedy = best | {"role": "greedy", "values": best["values"] | {"expected_ig": 1100.0}}
+    price = best["values"].get("price")
+    greedy = best | {"role": "greedy"} | _values(1100.0, price)
     rigs = front | {"greedy": greedy} | papers
     search = {
         "name": "made up",
@@ -85,6 +90,7 @@ def write_search(
         "feasible": int(table["feasible"].sum()),
         "sampler_seconds": 10.0,
         "evaluation_seconds": 30.0,
+        "parameters": 6 * lidars + 1,
         "constraints": [
             {"name": "distance", "unit": "m", "limit": 0.2, "sense": "at least"},
             {"name": "own body", "unit": "%", "limit": 5.0, "sense": "at most"},
@@ -93,6 +99,7 @@ def write_search(
         "roi": ROI,
         "frames": 200,
         "zones": [ROOF | {"name": zone}, NOSE],
+        "spans": {"roll_deg": [-20, 20], "pitch_deg": [-20, 20], "yaw_deg": [-20, 20]},
         "vehicle": [[[-2.3, -0.95, 0.2], [2.3, 0.95, 0.9]], [[-1.6, -0.8, 0.9], [1.0, 0.8, 1.5]]],
         "models": {model: {"price": 1000.0, "beams": 16, "azimuth_steps": 5625}},
         "bound": {
@@ -105,6 +112,7 @@ def write_search(
             "reason": None,
         },
         "best": list(front),
+        "front": len(front) if several else None,
         "baseline": next(iter(papers)),
         "rigs": rigs,
         "commands": [
@@ -157,6 +165,7 @@ def _trials(
         "number": np.arange(n),
         "state": "COMPLETE",
         "feasible": (body <= 0) & (distance <= 0),
+        "possible": True,
         "value.expected_ig": value,
         "violation.distance": distance,
         "violation.own body": body,
@@ -194,9 +203,19 @@ def _rig(trial: pd.Series, lidars: int, several: bool) -> dict[str, Any]:
         ],
         "models": [trial["lidar_1.model"]] * lidars,
         "zones": [trial["lidar_1.zone"]] * lidars,
-        "values": {"expected_ig": float(trial["value.expected_ig"])}
-        | ({"price": float(trial["value.price"])} if several else {}),
+        **_values(
+            float(trial["value.expected_ig"]), float(trial["value.price"]) if several else None
+        ),
         "measures": {"distance": 0.3, "own body": 2.5},
+        "feasible": True,
+    }
+
+
+def _values(searched: float, price: float | None) -> dict[str, dict[str, float]]:
+    further = {} if price is None else {"price": price}
+    return {
+        "values": {"expected_ig": searched / STRIDED} | further,
+        "searched": {"expected_ig": searched} | further,
     }
 
 

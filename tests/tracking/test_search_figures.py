@@ -16,7 +16,7 @@ from tracking.figures.search_history import search_history
 from tracking.figures.unseen import unseen
 from tracking.figures.verified import verified_figure
 from tracking.search_report.edges import at_the_edge
-from tracking.search_result import Objective, Rig, Zone
+from tracking.search_result import Objective, Rig, Spans, Zone
 
 GAIN = Objective(name="gain", by="expected_ig", unit="nats", direction="maximize")
 PRICE = Objective(name="price", by="price", unit="€", direction="minimize")
@@ -27,7 +27,7 @@ def rig(*mounts: tuple[float, ...], role: str = "found", **values: float) -> Rig
     count = len(mounts)
     return Rig.model_validate(
         {"role": role, "mounts": mounts, "models": ["a"] * count, "zones": ["roof"] * count}
-        | {"values": values, "measures": {}}
+        | {"values": {}, "searched": values, "measures": {}, "feasible": True}
     )
 
 
@@ -110,14 +110,39 @@ def test_each_pair_of_objectives_has_a_front_in_order():
     assert [*trace(plots[0], "the paper's eight").text] == ["line"]
 
 
-def test_robustness_is_in_percent_of_the_value_as_designed_with_the_worst():
-    rows = pd.DataFrame(
-        {"rig": "a", "case": ["as designed", "mount off"], "value": [200.0, 180.0]}
-        | {"worst": [200.0, 150.0], "share": [1.0, 0.9]}
+def test_a_rig_without_a_price_is_not_in_a_figure_of_prices():
+    rigs = {
+        "new": rig((0, 0, 2, 0, 0, 0), gain=4, price=1),
+        "line": rig((0, 0, 2, 0, 0, 0), role="paper", gain=3),
+    }
+    trials = pd.DataFrame(
+        {"number": [0], "feasible": [True], "value.gain": [4.0], "value.price": [1.0]}
     )
-    points = trace(robustness_figure(rows, "gain"), "a")
-    np.testing.assert_allclose(points.x, [100, 90])
+    plot = pareto_fronts(trials, (GAIN, PRICE), rigs, ["new"])[0]
+    assert "the paper's eight" not in [t.name for t in plot.data]
+    assert plot.layout.yaxis.title.text == "price (€), less is better"
+
+
+def test_robustness_is_in_percent_of_one_value_for_all_rigs_with_the_worst():
+    rows = pd.DataFrame(
+        {"rig": ["a", "a", "base"], "case": ["as designed", "mounts off", "mounts off"]}
+        | {"value": [240.0, 180.0, 190.0], "worst": [240.0, 150.0, 160.0]}
+    )
+    plot = robustness_figure(rows, GAIN, "base", 200.0)
+    points = trace(plot, "a")
+    np.testing.assert_allclose(points.x, [120, 90])
     np.testing.assert_allclose(points.error_x.arrayminus, [0, 15])
+    np.testing.assert_allclose(trace(plot, "base").x, [95])
+    assert plot.layout.xaxis.title.text == "percent of base as designed, more is better"
+
+
+@pytest.mark.parametrize("designed", [0.0, -3.0, np.nan])
+def test_robustness_has_a_unit_where_there_is_no_percent(designed):
+    rows = pd.DataFrame({"rig": ["a"], "case": ["mounts off"], "value": [5.0], "worst": [7.0]})
+    plot = robustness_figure(rows, PRICE, "base", designed)
+    assert [*trace(plot, "a").x] == [5.0]
+    assert [*trace(plot, "a").error_x.array] == [2.0]
+    assert plot.layout.xaxis.title.text == "price (€), less is better"
 
 
 def test_verified_rigs_are_drawn_as_differences_to_the_baseline_at_the_origin():
@@ -149,12 +174,17 @@ def test_long_lists_of_optuna_are_packed_and_their_texts_left_out():
     assert [*plot.data[1].text] == ["p", "q"]
 
 
-def test_edges_of_zones_and_of_tried_angles():
-    trials = pd.DataFrame({"lidar_1.roll_deg": [-20.0, 0, 20], "lidar_1.yaw_deg": [3.0, 3, 3]})
-    inside = rig((0.2, 0.2, 1.7, 0.1, 0.0, np.radians(3)))
-    assert at_the_edge(inside, (ROOF,), trials) == []
-    # On the slanted side of the polygon, at its top, and with the largest roll that was tried.
-    out = rig((0.5, 0.499, 2.0, np.radians(20), 0.0, np.radians(3)))
-    assert at_the_edge(out, (ROOF,), trials) == ["LiDAR 1: x, y, z, roll"]
+def test_edges_of_zones_and_of_the_angles_that_were_allowed():
+    spans = Spans(roll_deg=(-20, 20), pitch_deg=(3, 3), yaw_deg=(-180, 180))
+    inside = rig((0.2, 0.2, 1.7, 0.1, np.radians(3), np.pi))
+    assert at_the_edge(inside, (ROOF,), spans) == []
+    # On the slanted side of the polygon, at its top, and with the largest roll.
+    out = rig((0.5, 0.499, 2.0, np.radians(20), np.radians(3), 0.0))
+    assert at_the_edge(out, (ROOF,), spans) == ["LiDAR 1: x, y, z, roll"]
     point = Zone(name="roof", polygon=((0.2, 0.2),), z=(1.7, 1.7))
-    assert at_the_edge(inside, (point,), trials) == []
+    assert at_the_edge(inside, (point,), spans) == []
+
+
+def test_a_lidar_that_was_not_searched_is_at_no_edge():
+    spans = Spans(roll_deg=(0, 20), pitch_deg=(0, 20), yaw_deg=(0, 20))
+    assert at_the_edge(rig((0.5, 0.499, 2.0, 0.0, 0.0, 0.0)), (), spans) == []

@@ -32,7 +32,7 @@ def test_a_complete_folder_is_read_whole(tmp_path):
     rig = run.rig_of(run.trials.loc[7])
     found = run.search.rigs["found_1"]
     np.testing.assert_allclose(rig.mounts, found.mounts, atol=1e-12)
-    assert (rig.models, rig.zones, rig.values) == (found.models, found.zones, found.values)
+    assert (rig.models, rig.zones, rig.searched) == (found.models, found.zones, found.searched)
 
 
 def test_absent_parts_are_none_or_empty(folder):
@@ -48,6 +48,7 @@ def test_absent_parts_are_none_or_empty(folder):
         ({"best": ["nobody"]}, "has no 'nobody'"),
         ({"seed": "first"}, "seed"),
         ({"rigs": {}}, "rigs: has no"),
+        ({"spans": {"roll_deg": [0, 1], "pitch_deg": [0, 1]}}, "spans.yaw_deg: Field required"),
     ],
 )
 def test_a_bad_key_is_named_with_the_file(folder, keys, words):

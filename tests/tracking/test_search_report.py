@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_search import BASE, write_search
+from made_up_search import BASE, STRIDED, write_search
 from test_report import Page
 
 from lidarplace import PAPER_PLACEMENTS
+from tracking.search_folder import SearchFolder
 from tracking.search_report import build_search_report
+from tracking.search_report.tables import rig_table
 
 
 def page_of(folder: Path) -> Page:
@@ -28,6 +32,19 @@ def sections(page: Page) -> list[str]:
         *("Did the gain become AP?", "Optuna's figures", "Trials", "Configuration and command"),
     }
     return [word for word in page.words if word in titles]
+
+
+def changed(folder: Path, **keys: Any) -> dict[str, Any]:
+    """Change keys of search.json; return what it then holds."""
+    file = folder / "search.json"
+    search = json.loads(file.read_text()) | keys
+    file.write_text(json.dumps(search))
+    return search
+
+
+def drawn(page: Page, title: str) -> dict[str, Any]:
+    """The figure with a title."""
+    return next(f for f in page.figures if f["layout"]["title"]["text"] == title)
 
 
 def menu(page: Page) -> list[str]:
@@ -47,15 +64,18 @@ def page(folder: Path) -> Page:
 
 
 def test_the_first_screen_tells_value_peers_bound_mounts_and_commands(folder, page):
-    assert "expected_ig 1,200.0 nats" in page.words
-    assert "+20.0 % against line, the best of the paper's eight (1,000.0 nats)." in page.words
-    below = "At most 4.0 % below the best possible of 480 candidate mounts"
-    assert f"{below} (upper bound 1,250.0 nats)." in page.words
+    assert "expected_ig 1,212.1 nats" in page.words
+    assert "+21.2 % against line, the best of the paper's eight (1,000.0 nats)." in page.words
+    below = "1,200.0 nats, at most 4.0 % below the best possible of 480 candidate mounts"
+    assert (
+        f"As searched, with rays of 1 in 4 azimuth steps: {below} (upper bound 1,250.0 nats)."
+        in page.words
+    )
     assert "Feasible: it keeps all 2 constraints." in page.words
     assert "the sampler's share is 25 %." in page.text
     assert "python -m sweeps.run runs/made_up/sweep.yaml" in page.words
     trial = pd.read_parquet(folder / "trials.parquet").loc[7]
-    table = page.words[page.words.index("found_1 · expected_ig 1,200.0 nats") :]
+    table = page.words[page.words.index("found_1 · expected_ig 1,212.1 nats") :]
     cells = [word.strip() for word in table if word.strip()]
     assert (
         cells[3:10]
@@ -83,7 +103,9 @@ def test_every_part_has_its_place(page):
     ]
     assert menu(page) == ["found_1", "greedy", *PAPER_PLACEMENTS]
     assert "19 of 60 (32 %)" in page.words
-    assert "lidar_1.z 60 %" in page.text
+    reach = "Most important for reaching good values of expected_ig (shares by PED-ANOVA)"
+    assert f"{reach}: lidar_1.z 60 %, lidar_1.roll 40 %." in page.words
+    assert "Maximize expected_ig · Car, Cyclist · 200 frames" in page.text
 
 
 def test_trials_are_listed_feasible_and_best_first(folder, page):
@@ -136,6 +158,35 @@ def test_constraints_that_each_can_be_kept_but_not_together(tmp_path):
     assert "it is all together that none kept." in page.text
 
 
+def test_two_lidars_in_one_place(tmp_path):
+    folder = write_search(tmp_path / "clash", complete=False, feasible=False, constraints=[])
+    trials = pd.read_parquet(folder / "trials.parquet").assign(possible=False)
+    trials.to_parquet(folder / "trials.parquet")
+    assert "All 60 trials put two LiDARs in one place." in page_of(folder).words
+
+
+def test_a_trial_with_two_lidars_in_one_place_is_not_the_nearest(tmp_path):
+    folder = write_search(tmp_path / "clash", complete=False, feasible=False)
+    trials = pd.read_parquet(folder / "trials.parquet")
+    trials.loc[5, ["violation.own body", "violation.distance"]] = [-1.0, -0.1]
+    trials["possible"] = trials.index != 5
+    trials.to_parquet(folder / "trials.parquet")
+    page = page_of(folder)
+    one = "1 of 60 trials put two LiDARs in one place, and none of the others kept every constraint"
+    assert f"{one}." in page.words
+    assert "is trial 3. It breaks own body by 0.25 % (at most 5 %)." in page.text
+    assert "No other trial at all kept own body" in page.text
+
+
+def test_trials_that_kept_the_constraints_and_have_no_value(tmp_path):
+    folder = write_search(tmp_path / "failed", complete=False, feasible=False)
+    trials = pd.read_parquet(folder / "trials.parquet")
+    trials["feasible"] = trials.index < 3
+    trials.to_parquet(folder / "trials.parquet")
+    words = page_of(folder).words
+    assert "3 of 60 trials kept every constraint, but none has a value." in words
+
+
 def test_no_trial_at_all(tmp_path):
     folder = write_search(tmp_path / "none", complete=False, feasible=False)
     pd.DataFrame().to_parquet(folder / "trials.parquet")
@@ -169,7 +220,7 @@ def test_several_objectives_have_a_front(tmp_path):
     page = page_of(folder)
     assert "Pareto front" in sections(page)
     assert f"Pareto front of {len(best)}, the first is found_1" in page.words
-    plot = next(f for f in page.figures if f["layout"]["title"]["text"] == "expected_ig and price")
+    plot = drawn(page, "expected_ig and price")
     front = next(trace for trace in plot["data"] if trace["name"] == "Pareto front")
     assert set(front["text"]) == {*best}
     assert sum(word.startswith("found_") and " · " in word for word in page.words) == len(best)
@@ -193,10 +244,11 @@ def test_warnings_name_bound_edges_failures_and_few_evaluations(tmp_path):
     trials.to_parquet(folder / "trials.parquet")
     page = page_of(folder)
     assert "The best rig is above the upper bound." in page.text
-    assert "Above the upper bound of any rig of 10 candidate mounts" in page.text
+    assert "1,200.0 nats, above the upper bound of any rig of 10 candidate mounts" in page.text
+    assert "is at the edge of what was allowed (" in page.text
     assert "LiDAR 2: x, y, z" in page.text
     assert "1 of 60 trials failed." in page.words
-    assert "58 evaluations are few for 25 varied parameters" in page.text
+    assert "58 evaluations are few for 25 parameters" in page.text
 
 
 def test_a_search_that_did_not_beat_the_paper_says_so(tmp_path):
@@ -207,6 +259,127 @@ def test_a_search_that_did_not_beat_the_paper_says_so(tmp_path):
     page = page_of(folder)
     assert "The best rig is not better than line, the best of the paper's eight." in page.words
     assert "−0.1 % against line, the best of the paper's eight (1,000.0 nats)." in page.words
+
+
+def test_the_history_draws_everything_as_searched(page):
+    plot = drawn(page, "expected_ig")
+    levels = {t["name"]: t["y"] for t in plot["data"] if t["mode"] == "lines"}
+    assert levels["line, best of the paper"] == pytest.approx([STRIDED * BASE] * 2)
+    assert levels["greedy"] == pytest.approx([1100.0] * 2)
+    best = next(t for t in drawn(page, "Upper bound of expected_ig")["data"] if "best" in t["name"])
+    assert best["y"] == pytest.approx([1200.0] * 2)
+    rays = "as searched, with rays of 1 in 4 azimuth steps"
+    assert f"All figures here are {rays}; the table of rigs is with all rays." in page.words
+    assert "Rigs, with all rays" in page.words
+    assert f"Greedy, step by step · {rays}" in page.words
+
+
+def test_without_fewer_rays_there_is_nothing_to_tell_apart(tmp_path):
+    folder = write_search(tmp_path / "all", stride=None, sampler_seconds=0, evaluation_seconds=0)
+    page = page_of(folder)
+    below = "At most 4.0 % below the best possible of 480 candidate mounts"
+    assert f"{below} (upper bound 1,250.0 nats)." in page.words
+    assert "1 in 4" not in page.text
+    assert "all rays" not in page.text
+    assert "last command: sampler" not in page.text
+
+
+def test_a_class_that_does_not_occur_has_no_share(folder, tmp_path):
+    whole = shutil.copytree(folder, tmp_path / "absent")
+    maps = dict(np.load(whole / "maps.npz"))
+    empty = {name: 0 * values if "Cyclist" in name else values for name, values in maps.items()}
+    np.savez_compressed(whole / "maps.npz", **empty)
+    words = [word for word in page_of(whole).words if word.strip()]
+    start = words.index("unseen by found_1")
+    row = words.index("Cyclist", start)
+    assert words[row : row + 5] == ["Cyclist", "0", "–", "–", "–"]
+
+
+def test_the_baseline_better_in_another_case_is_a_caution(folder, tmp_path):
+    lost = shutil.copytree(folder, tmp_path / "lost")
+    rows = pd.read_parquet(lost / "robustness.parquet")
+    rows.loc[(rows["rig"] == "line") & rows["case"].str.startswith("scene"), "value"] = 1300.0
+    more = rows[(rows["rig"] == "line") & (rows["case"] == "LiDAR 1 fails")]
+    # A LiDAR of the baseline whose loss costs more, and one whose loss costs less.
+    others = [
+        more.assign(case=f"LiDAR {i} fails", value=value) for i, value in ((2, 700.0), (3, 900.0))
+    ]
+    pd.concat([rows, *others]).to_parquet(lost / "robustness.parquet")
+    values = "scene: Town05, 120 cars, expected_ig 1,300.0 nats against 1,200.0 nats"
+    assert f"line is better than found_1 in other cases ({values})." in page_of(lost).words
+    assert "in other cases (" not in page_of(folder).text
+
+
+def test_robustness_is_in_percent_of_the_baseline(page):
+    of = "in percent of what line is worth as designed, for every rig"
+    assert of in page.text
+    assert "percent of line as designed, more is better" in json.dumps(page.figures)
+
+
+def test_less_is_better_where_the_objective_is_minimised(tmp_path):
+    objective = {"name": "expected_ig", "by": "m_sog", "unit": "nats", "direction": "minimize"}
+    page = page_of(write_search(tmp_path / "less", objectives=[objective]))
+    assert "Up and to the left of the dotted lines" in page.text
+
+
+def test_rigs_that_break_a_constraint_are_marked_and_never_the_best(tmp_path):
+    folder = write_search(tmp_path / "marked", complete=False)
+    rigs = changed(folder)["rigs"]
+    rigs["line"]["feasible"] = False
+    rigs["line"]["values"]["expected_ig"] = 1500.0
+    changed(folder, rigs=rigs)
+    page = page_of(folder)
+    start = page.words.index("Rigs, with all rays")
+    table = [word.strip() for word in page.words[start:] if word.strip()]
+    row = table.index("line")
+    assert table[row : row + 5] == ["line", "paper", "not feasible", "4", "1,500.0"]
+    assert table.index("found_1") < table.index("greedy") < row
+    broken = "line, the best of the paper's eight, which breaks a constraint"
+    assert f"−19.2 % against {broken} (1,500.0 nats)." in page.words
+    assert f"The best rig is not better than {broken}." in page.words
+    search = SearchFolder.read(folder).search
+    cells = rig_table("Rigs", search.rigs, search.objectives, search.first)
+    assert [(cells.rows[row][0], column) for row, column in cells.best] == [("found_1", 4)]
+
+
+def test_a_front_that_is_larger_than_what_is_shown(tmp_path):
+    folder = write_search(tmp_path / "front", several=True, trials=200, complete=False)
+    search = changed(folder, front=54)
+    page = page_of(folder)
+    of = f"{len(search['best'])} of 54 rigs of the Pareto front"
+    assert f"{of}, the first is found_1" in page.words
+    assert f"{of}: none of them is better than another in every objective." in page.words
+
+
+def test_the_menu_has_the_best_greedy_and_all_of_the_paper(tmp_path):
+    folder = write_search(tmp_path / "menu", complete=False)
+    search = changed(folder)
+    more = {f"found_{i}": search["rigs"]["found_1"] for i in range(2, 8)}
+    rigs = search["rigs"] | more | {"refined": search["rigs"]["greedy"]}
+    changed(folder, rigs=rigs)
+    page = page_of(folder)
+    assert menu(page) == ["found_1", "greedy", "refined", *PAPER_PLACEMENTS, "found_2"]
+    assert "rig: the best, greedy's, the paper's, others that were found." in page.text
+    changed(folder, best=["found_1", *more])
+    page = page_of(folder)
+    first = [f"found_{i}" for i in range(1, 5)]
+    assert menu(page) == [*first, "greedy", "refined", *PAPER_PLACEMENTS]
+    assert "rig: 4 of the front, greedy's, the paper's. Lines" in page.text
+
+
+def test_peers_without_a_price_and_of_which_model(tmp_path):
+    folder = write_search(tmp_path / "price", several=True, complete=False)
+    search = changed(folder)
+    for rig in search["rigs"].values():
+        if rig["role"] == "paper":
+            rig["values"]["price"] = rig["searched"]["price"] = None
+    wide = search["models"]["paper"] | {"price": 500.0}
+    unknown = search["models"]["paper"] | {"price": None}
+    models = {"paper": unknown, "wide": wide}
+    changed(folder, rigs=search["rigs"], models=models)
+    page = page_of(folder)
+    assert "that of line is unknown." in page.text
+    assert "The paper's rigs are of LiDAR paper." in page.words
 
 
 def test_the_command_rebuilds_it_or_says_what_is_wrong(folder, tmp_path):

@@ -25,12 +25,13 @@ def pareto_fronts(
     rigs: Mapping[str, Rig],
     front: Sequence[str],
 ) -> list[go.Figure]:
-    """A figure for every pair of objectives.
+    """A figure for every pair of objectives, of values as the search computes them.
 
     Args:
         trials: those that were evaluated.
         objectives: two or more.
-        rigs: by name; front: names of those on the Pareto front.
+        rigs: by name, those without a value of the pair are left out; front: names of those on the
+            Pareto front.
     """
     feasible = trials[trials["feasible"].astype(bool)]
     return [_front(feasible, a, b, rigs, front) for a, b in combinations(objectives, 2)]
@@ -40,6 +41,8 @@ def _front(
     trials: pd.DataFrame, a: Objective, b: Objective, rigs: Mapping[str, Rig], front: Sequence[str]
 ) -> go.Figure:
     plot = figure(f"{text(a.name)} and {text(b.name)}", height=420)
+    points = {name: (rig.searched_value(a), rig.searched_value(b)) for name, rig in rigs.items()}
+    known = {name: point for name, point in points.items() if np.isfinite(point).all()}
     plot.add_scattergl(
         x=trials[f"value.{a.name}"].to_numpy(np.float32),
         y=trials[f"value.{b.name}"].to_numpy(np.float32),
@@ -50,38 +53,32 @@ def _front(
         name="feasible trial",
     )
     for role, (label, shape, shade) in _ROLES.items():
-        names = [n for n, rig in rigs.items() if rig.role == role and n not in front]
-        _add_rigs(plot, names, rigs, (a, b), label, {"size": 10, "symbol": shape, "color": shade})
+        own = {n: p for n, p in known.items() if rigs[n].role == role and n not in front}
+        _add_rigs(plot, own, label, {"size": 10, "symbol": shape, "color": shade})
     # Along the first objective, so that the line is the front where there are two.
-    ordered = sorted(front, key=lambda name: rigs[name].value(a))
+    ordered = sorted((name for name in front if name in known), key=known.__getitem__)
     marker = {"size": 9, "color": colour(0), "line": {"color": "#ffffff", "width": 1}}
-    _add_rigs(plot, ordered, rigs, (a, b), "Pareto front", marker)
-    plot.update_xaxes(title=f"{text(a.label)}, {_better(a)}")
-    plot.update_yaxes(title=f"{text(b.label)}, {_better(b)}")
+    _add_rigs(plot, {name: known[name] for name in ordered}, "Pareto front", marker)
+    plot.update_xaxes(title=f"{text(a.label)}, {a.better}")
+    plot.update_yaxes(title=f"{text(b.label)}, {b.better}")
     plot.update_layout(legend={"orientation": "h", "y": -0.18, "yanchor": "top"})
     return plot
 
 
-def _better(objective: Objective) -> str:
-    return "more is better" if objective.sign > 0 else "less is better"
-
-
 def _add_rigs(
     plot: go.Figure,
-    names: Sequence[str],
-    rigs: Mapping[str, Rig],
-    pair: tuple[Objective, Objective],
+    points: Mapping[str, tuple[float, float]],
     label: str,
     marker: dict[str, object],
 ) -> None:
-    if not names:
+    if not points:
         return
     plot.add_scatter(
-        x=[rigs[name].value(pair[0]) for name in names],
-        y=[rigs[name].value(pair[1]) for name in names],
+        x=[x for x, _ in points.values()],
+        y=[y for _, y in points.values()],
         mode="markers",
         marker=marker,
-        text=[text(name) for name in names],
+        text=[text(name) for name in points],
         hovertemplate="%{text}<br>%{x:,.5g}, %{y:,.5g}<extra></extra>",
         name=label,
     )

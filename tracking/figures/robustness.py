@@ -1,4 +1,4 @@
-"""What is left of a rig's value when a mount is off, a LiDAR fails or the scene is another."""
+"""What rigs are worth when a mount is off, a LiDAR fails or the scene is another."""
 
 from __future__ import annotations
 
@@ -7,42 +7,52 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from tracking.figures.style import colour, figure, symbol, text
+from tracking.search_result import Objective
 
 
-def robustness_figure(rows: pd.DataFrame, title: str) -> go.Figure:
-    """A row a case: mean share of the value as designed, in percent; the bar ends at the worst.
+def robustness_figure(
+    rows: pd.DataFrame, objective: Objective, reference: str, designed: float
+) -> go.Figure:
+    """A row a case: the mean, in percent of one value for all rigs; the bar ends at the worst.
+
+    Values are in their own unit where there is no percent: `designed` is not positive.
 
     Args:
-        rows: rig, case, value, worst and share (value / value as designed) of one objective.
-        title: plotly text.
+        rows: rig, case, value and worst of one objective.
+        reference: the rig whose value as designed is 100 %; designed: that value.
     """
     cases = list(dict.fromkeys(rows["case"]))
     rigs = list(dict.fromkeys(rows["rig"]))
     step = 0.6 / len(rigs)
-    plot = figure(title, height=int(150 + (22 + 14 * len(rigs)) * len(cases)))
+    relative = designed > 0
+    scale, unit = (100 / designed, "%") if relative else (1.0, text(objective.unit))
+    plot = figure(text(objective.name), height=int(150 + (22 + 14 * len(rigs)) * len(cases)))
     for i, rig in enumerate(rigs):
         own = rows[rows["rig"] == rig]
-        share = 100 * own["share"].to_numpy(np.float64)
-        # What is as designed: the value over its share.
-        worst = share * (own["worst"] / own["value"]).to_numpy(np.float64)
+        mean = scale * own["value"].to_numpy(np.float64)
+        worst = scale * own["worst"].to_numpy(np.float64)
         plot.add_scatter(
-            x=share,
+            x=mean,
             y=[cases.index(case) + step * (i - (len(rigs) - 1) / 2) for case in own["case"]],
             error_x={
                 "type": "data",
                 "symmetric": False,
-                "array": np.maximum(worst - share, 0),
-                "arrayminus": np.maximum(share - worst, 0),
+                "array": np.maximum(worst - mean, 0),
+                "arrayminus": np.maximum(mean - worst, 0),
                 "thickness": 1.5,
             },
             mode="markers",
             marker={"size": 9, "color": colour(i), "symbol": symbol(i)},
             text=[text(case) for case in own["case"]],
-            hovertemplate="%{text}: %{x:.2f} %<extra>" + text(rig) + "</extra>",
+            hovertemplate="%{text}: %{x:.5~g} " + unit + "<extra>" + text(rig) + "</extra>",
             name=text(rig),
         )
-    plot.add_vline(x=100, line={"color": "#888888", "width": 1, "dash": "dot"})
-    plot.update_xaxes(title="share of the value as designed (%)")
+    if relative:
+        plot.add_vline(x=100, line={"color": "#888888", "width": 1, "dash": "dot"})
+        title = f"percent of {text(reference)} as designed"
+    else:
+        title = text(objective.label)
+    plot.update_xaxes(title=f"{title}, {objective.better}")
     plot.update_yaxes(
         tickvals=list(range(len(cases))),
         ticktext=[text(case) for case in cases],

@@ -23,6 +23,8 @@ def search_history(
 ) -> go.Figure:
     """A mark a trial, the best feasible value so far as a line, peers as level lines.
 
+    All values are as the search computes them.
+
     Args:
         trials: those that were evaluated, sorted by number.
         objective: whose values are drawn.
@@ -79,7 +81,7 @@ def bound_over_seconds(bound: pd.DataFrame, objective: Objective, best: float | 
     Args:
         bound: seconds, bound, kind.
         objective: the first one.
-        best: value of the best rig.
+        best: value of the best rig, as the search computes it.
     """
     plot = figure(f"Upper bound of {text(objective.name)}", height=440)
     for i, (kind, part) in enumerate(bound.groupby("kind", sort=False)):

@@ -63,7 +63,8 @@ def verified_figure(
         )
     plot.add_hline(y=0, line={"color": OUTLINE, "width": 1, "dash": "dot"})
     plot.add_vline(x=0, line={"color": OUTLINE, "width": 1, "dash": "dot"})
-    plot.update_xaxes(title=f"{text(objective.name)} against {text(baseline)} ({text(unit)})")
+    axis = f"{text(objective.name)} against {text(baseline)} ({text(unit)}), {objective.better}"
+    plot.update_xaxes(title=axis)
     plot.update_yaxes(title="difference (points)")
     plot.update_layout(legend={"orientation": "h", "y": -0.2, "yanchor": "top"}, showlegend=True)
     return plot

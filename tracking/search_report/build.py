@@ -22,7 +22,8 @@ from tracking.report.tables import Table, number
 from tracking.search_folder import SearchFolder
 from tracking.search_report.cautions import cautions
 from tracking.search_report.feasibility import constraint_table, infeasible_sentences, nearest_trial
-from tracking.search_report.headline import cards, summary, with_unit
+from tracking.search_report.headline import cards, of_front, summary, with_unit
+from tracking.search_report.strided import strided
 from tracking.search_report.tables import (
     greedy_table,
     mount_table,
@@ -34,7 +35,9 @@ from tracking.search_report.tables import (
 from tracking.search_result import Rig
 
 MOST_RIGS = 12
-"""Rigs in the picture's menu, and rigs of a front whose mounts are listed."""
+"""Rigs of a front whose mounts are listed; the picture's menu is filled up to as many."""
+MOST_BEST = 4
+"""Best rigs that the picture's menu always has, beside greedy's and the paper's."""
 MOST_TRACES = 300
 """Lines of a figure of Optuna's: it draws one for each trial in parallel coordinates."""
 
@@ -89,8 +92,8 @@ def _mounts(run: SearchFolder) -> Section | None:
         section.tables.append(mount_table(caption, rig))
     if len(search.best) > MOST_RIGS:
         section.notes.append(
-            f"The first {MOST_RIGS} of {len(search.best):,} rigs of the Pareto front; all are in "
-            "search.json."
+            f"The first {MOST_RIGS} of the {len(search.best):,} rigs of the front that search.json "
+            "holds."
         )
     section.notes.append(
         "Ego frame: x forward, y left, z up, origin on the ground under the middle of the vehicle. "
@@ -109,20 +112,27 @@ def _best(run: SearchFolder) -> dict[str, Rig]:
 
 
 def _picture(run: SearchFolder) -> Section | None:
-    search = run.search
-    shown = _best(run)
-    shown |= {name: rig for name, rig in search.rigs.items() if rig.role == "greedy"}
-    shown |= {search.baseline: search.rigs[search.baseline]} if search.baseline else {}
-    shown |= search.rigs
-    if not shown:
+    rigs, best = run.search.rigs, _best(run)
+    shown = dict(list(best.items())[:MOST_BEST])
+    first = f"{len(shown)} of the front" if len(best) > len(shown) else "the best"
+    kinds = {
+        first if run.search.best else "the nearest to feasible": shown,
+        "greedy's": {name: rig for name, rig in rigs.items() if rig.role == "greedy"},
+        "the paper's": {name: rig for name, rig in rigs.items() if rig.role == "paper"},
+    }
+    menu = {name: rig for kind in kinds.values() for name, rig in kind.items()}
+    further = {name: rig for name, rig in rigs.items() if name not in menu}
+    kinds["others that were found"] = dict(list(further.items())[: max(0, MOST_RIGS - len(menu))])
+    menu |= kinds["others that were found"]
+    if not menu:
         return None
+    named = ", ".join(kind for kind, own in kinds.items() if own)
     section = Section("In three dimensions", columns=1)
     section.notes.append(
-        "Drag to turn. The menu chooses the rig: the best, greedy's, the paper's. Lines at a LiDAR "
-        "are the sensor's axes, 0.3 m long."
+        f"Drag to turn. The menu chooses the rig: {named}. Lines at a LiDAR are the sensor's axes, "
+        "0.3 m long."
     )
-    menu = dict(list(shown.items())[:MOST_RIGS])
-    section.figures.append(rig_picture(menu, search.vehicle, search.zones))
+    section.figures.append(rig_picture(menu, run.search.vehicle, run.search.zones))
     return section
 
 
@@ -142,7 +152,7 @@ def _unseen(run: SearchFolder) -> Section | None:
             (
                 name,
                 number(whole),
-                *(f"{number(value)} ({100 * value / whole:.1f} %)" for value in left),
+                *(_part(value, whole) for value in left),
                 f"{100 * (left[1] / left[0] - 1):+.1f} %".replace("-", "−") if left[0] else "–",
             )
         )
@@ -158,13 +168,26 @@ def _unseen(run: SearchFolder) -> Section | None:
     return section
 
 
+def _part(value: float, whole: float) -> str:
+    """A value and its share; a dash where there is no whole."""
+    return f"{number(value)} ({100 * value / whole:.1f} %)" if whole > 0 else "–"
+
+
 def _history(run: SearchFolder) -> Section:
     search = run.search
     section = Section("How the search went", columns=2)
-    bound = search.bound
+    bound, rays = search.bound, strided(search)
+    if rays:
+        section.notes.append(
+            f"All figures here are as searched, with {rays}; the table of rigs is with all rays."
+        )
     for objective in search.objectives:
-        paper = {n: rig.value(objective) for n, rig in search.rigs.items() if rig.role == "paper"}
-        known = {n: v for n, v in paper.items() if v == v}
+        paper = {
+            name: rig.searched_value(objective)
+            for name, rig in search.rigs.items()
+            if rig.role == "paper"
+        }
+        known = {name: value for name, value in paper.items() if not np.isnan(value)}
         ranked = dict(sorted(known.items(), key=lambda item: -objective.sign * item[1]))
         own = bound if objective is search.first else None
         section.figures.append(
@@ -177,11 +200,12 @@ def _history(run: SearchFolder) -> Section:
             )
         )
     if run.bound is not None and len(run.bound):
-        best = search.rigs[search.best[0]].value(search.first) if search.best else None
+        best = search.rigs[search.best[0]].searched_value(search.first) if search.best else None
         section.figures.append(bound_over_seconds(run.bound, search.first, best))
-    section.tables.append(rig_table("Rigs", search.rigs, search.objectives, search.first))
+    caption = "Rigs, with all rays" if rays else "Rigs"
+    section.tables.append(rig_table(caption, search.rigs, search.objectives, search.first))
     if run.greedy is not None and len(run.greedy):
-        section.tables.append(greedy_table(run.greedy))
+        section.tables.append(greedy_table(run.greedy, rays))
     return section
 
 
@@ -189,9 +213,12 @@ def _pareto(run: SearchFolder) -> Section | None:
     search = run.search
     if len(search.objectives) < 2:
         return None
-    note = "No rig of the front is better than another in every objective."
+    notes = [f"{of_front(search)}: none of them is better than another in every objective."]
+    rays = strided(search)
+    if rays:
+        notes.append(f"All values here are as searched, with {rays}.")
     plots = pareto_fronts(run.evaluated, search.objectives, search.rigs, search.best)
-    return Section("Pareto front", [note], plots, columns=2)
+    return Section("Pareto front", notes, plots, columns=2)
 
 
 def _constraints(run: SearchFolder) -> Section | None:
@@ -206,12 +233,17 @@ def _robustness(run: SearchFolder) -> Section | None:
     if rows is None or rows.empty:
         return None
     section = Section("Robustness", columns=1)
+    search = run.search
+    reference = search.baseline or str(rows["rig"].iloc[0])
     section.notes.append(
-        "The same rig in another case: the mean over draws, in percent of the value as designed; "
-        "the bar ends at the worst draw."
+        f"The same rigs in other cases: the mean over draws, in percent of what {reference} is "
+        "worth as designed, for every rig; the bar ends at the worst draw."
     )
-    for name, own in rows.groupby("objective", sort=False):
-        section.figures.append(robustness_figure(own, text(name)))
+    for objective in search.objectives:
+        own = rows[rows["objective"] == objective.name]
+        if len(own):
+            designed = search.rigs[reference].value(objective)
+            section.figures.append(robustness_figure(own, objective, reference, designed))
     section.tables.append(robustness_table(rows))
     return section
 
@@ -220,10 +252,11 @@ def _verified(run: SearchFolder) -> Section | None:
     rows, search = run.verified, run.search
     if rows is None or rows.empty or search.baseline is None:
         return None
+    side = "right" if search.first.sign > 0 else "left"
     section = Section("Did the gain become AP?")
     section.notes.append(
         f"Differences to {search.baseline} in {search.first.name} and in what detectors measured, "
-        "with 95 % intervals over seeds. Up and to the right of the dotted lines, the "
+        f"with 95 % intervals over seeds. Up and to the {side} of the dotted lines, the "
         "gain became AP."
     )
     base = search.rigs[search.baseline].value(search.first)
@@ -244,7 +277,8 @@ def _optuna(run: SearchFolder) -> Section | None:
         largest = sorted(shares.items(), key=lambda item: -item[1])[:5]
         parts = ", ".join(f"{name} {100 * share:.0f} %" for name, share in largest)
         section.notes.append(
-            f"Share of the parameters in the variation of {run.search.first.name}: {parts}."
+            f"Most important for reaching good values of {run.search.first.name} (shares by "
+            f"PED-ANOVA): {parts}."
         )
     for title, plot in run.optuna.items():
         if len(plot.data) <= MOST_TRACES:

@@ -4,41 +4,32 @@ from __future__ import annotations
 
 from tracking.search_folder import SearchFolder
 from tracking.search_report.edges import at_the_edge
+from tracking.search_report.headline import best_of_paper, with_unit
 
 FEW_PER_PARAMETER = 10
-"""Fewer evaluations for each varied parameter are few."""
+"""Fewer evaluations for each parameter are few."""
 
 
 def cautions(run: SearchFolder) -> list[str]:
     """Sentences, none if there is nothing to say."""
     search = run.search
-    found = [*_bound(run), *_against_baseline(run)]
+    found = [*_bound(run), *_against_baseline(run), *_other_cases(run)]
     if search.best:
-        edges = at_the_edge(search.rigs[search.best[0]], search.zones, run.trials)
+        edges = at_the_edge(search.rigs[search.best[0]], search.zones, search.spans)
         if edges:
             found.append(
-                f"{search.best[0]} is at the edge of what was allowed or tried "
-                f"({'; '.join(edges)}): wider ranges may hold a better rig."
+                f"{search.best[0]} is at the edge of what was allowed ("
+                f"{'; '.join(edges)}): wider ranges may hold a better rig."
             )
-    varied = varied_parameters(run)
-    if varied and search.evaluations < FEW_PER_PARAMETER * varied:
+    if search.evaluations < FEW_PER_PARAMETER * search.parameters:
         found.append(
-            f"{search.evaluations:,} evaluations are few for {varied} varied parameters: another "
-            "seed may find another rig."
+            f"{search.evaluations:,} evaluations are few for {search.parameters} parameters: "
+            "another seed may find another rig."
         )
     failed = int((run.trials["state"] == "FAIL").sum())
     if failed:
         found.append(f"{failed:,} of {len(run.trials):,} trials failed.")
     return found
-
-
-def varied_parameters(run: SearchFolder) -> int:
-    """How many columns of the trials hold parameters that took more than one value."""
-    return sum(
-        run.trials[column].nunique() > 1
-        for column in run.trials.columns
-        if column.startswith(("lidar_", "param."))
-    )
 
 
 def _bound(run: SearchFolder) -> list[str]:
@@ -61,13 +52,27 @@ def _against_baseline(run: SearchFolder) -> list[str]:
     base, best = (search.rigs[n].value(search.first) for n in (search.baseline, search.best[0]))
     gain = search.first.sign * (best - base)
     if gain <= 0:
-        return [
-            f"The best rig is not better than {search.baseline}, the best of the paper's eight."
-        ]
-    error = search.stride.relative_error if search.stride else None
-    if error is not None and gain < error * abs(best):
-        return [
-            f"The gain over {search.baseline} is smaller than the error of firing fewer azimuth "
-            "steps."
-        ]
+        return [f"The best rig is not better than {search.baseline}{best_of_paper(search)}."]
     return []
+
+
+def _other_cases(run: SearchFolder) -> list[str]:
+    """Where the baseline is better than the best rig once something differs from the design."""
+    search, rows = run.search, run.robustness
+    if rows is None or rows.empty or not search.best or not search.baseline:
+        return []
+    best, base = search.best[0], search.baseline
+    lost = []
+    for objective in search.objectives:
+        own = rows[(rows["objective"] == objective.name) & (rows["case"] != "as designed")]
+        # LiDARs of two rigs do not correspond: the worst failure of each is compared.
+        case = own["case"].str.replace(r"^LiDAR \d+ fails$", "its worst LiDAR fails", regex=True)
+        worst = (objective.sign * own["value"]).groupby([own["rig"], case], sort=False).min()
+        for name, value in worst.get(best, default=worst[:0]).items():
+            peer = worst.get((base, name), default=float("nan"))
+            if peer > value:
+                values = (with_unit(objective, objective.sign * v) for v in (peer, value))
+                lost.append(f"{name}, {objective.name} {' against '.join(values)}")
+    if not lost:
+        return []
+    return [f"{base} is better than {best} in other cases ({'; '.join(lost)})."]

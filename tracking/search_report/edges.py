@@ -3,31 +3,31 @@
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 
-from tracking.search_result import Rig, Zone
+from tracking.search_result import Rig, Spans, Zone
 
 _NEAR = 0.005
 """Metres: nearer to the face of a zone than any bracket is mounted."""
 _SHARE = 0.01
-"""Of the span of the angles that were tried."""
+"""Of the span of an angle."""
 
 
-def at_the_edge(rig: Rig, zones: tuple[Zone, ...], trials: pd.DataFrame) -> list[str]:
+def at_the_edge(rig: Rig, zones: tuple[Zone, ...], spans: Spans) -> list[str]:
     """What of the rig lies at the edge, for example "LiDAR 2: z, roll".
 
-    Positions are judged by their zones, angles by what the trials tried: their ranges are in the
-    configuration. A range without width has no edge.
+    LiDARs outside of `zones` were not searched. A range without width has no edge, and neither has
+    a full turn.
     """
     by_name = {zone.name: zone for zone in zones}
     found = []
     for i, (mount, name) in enumerate(zip(rig.placed, rig.zones, strict=True), start=1):
-        zone = by_name.get(name or "")
-        edges = [] if zone is None else _of_zone(mount.x, mount.y, mount.z, zone)
+        if name not in by_name:
+            continue
+        edges = _of_zone(mount.x, mount.y, mount.z, by_name[name])
         edges += [
             angle
             for angle in ("roll", "pitch", "yaw")
-            if _extreme(np.degrees(getattr(mount, angle)), trials, f"lidar_{i}.{angle}_deg")
+            if _extreme(np.degrees(getattr(mount, angle)), getattr(spans, f"{angle}_deg"))
         ]
         if edges:
             found.append(f"LiDAR {i}: {', '.join(edges)}")
@@ -55,8 +55,8 @@ def _distance(point: np.ndarray, starts: np.ndarray, ends: np.ndarray) -> float:
     return float(np.linalg.norm(starts + t[:, None] * along - point, axis=1).min())
 
 
-def _extreme(value: float, trials: pd.DataFrame, column: str) -> bool:
-    if column not in trials or trials[column].notna().sum() < 2:
+def _extreme(degrees: float, span: tuple[float, float]) -> bool:
+    low, high = span
+    if not low < high < low + 360:
         return False
-    low, high = trials[column].min(), trials[column].max()
-    return high > low and min(value - low, high - value) < _SHARE * (high - low)
+    return min(abs(degrees - low), abs(degrees - high)) < _SHARE * (high - low)

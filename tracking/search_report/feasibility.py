@@ -12,12 +12,13 @@ from tracking.search_folder import SearchFolder
 def excess(run: SearchFolder) -> pd.DataFrame:
     """How far trials break constraints, in shares of the limits: what the nearest is judged by.
 
-    Rows are trials with every violation known, columns constraints. Of a limit of 0 there is no
-    share, so it counts in its own unit.
+    Rows are possible trials with every violation known, columns constraints. Of a limit of 0 there
+    is no share, so it counts in its own unit.
     """
     constraints = run.search.constraints
-    columns = {c.name: run.trials[f"violation.{c.name}"] / (abs(c.limit) or 1) for c in constraints}
-    return pd.DataFrame(columns, index=run.trials.index).dropna().clip(lower=0)
+    trials = run.trials[run.trials["possible"].astype(bool)]
+    columns = {c.name: trials[f"violation.{c.name}"] / (abs(c.limit) or 1) for c in constraints}
+    return pd.DataFrame(columns, index=trials.index).dropna().clip(lower=0)
 
 
 def nearest_trial(run: SearchFolder) -> pd.Series | None:
@@ -30,14 +31,29 @@ def nearest_trial(run: SearchFolder) -> pd.Series | None:
 
 
 def infeasible_sentences(run: SearchFolder) -> list[str]:
-    """Why no trial is feasible: the nearest one, what it breaks, what none kept."""
+    """Why no rig was found: LiDARs in one place, the nearest trial, what it breaks."""
+    trials, count = run.trials, len(run.trials)
+    possible = trials[trials["possible"].astype(bool)]
+    clashes = count - len(possible)
+    kept = int(trials["feasible"].astype(bool).sum())
+    if not count:
+        return ["No trial was evaluated."]
+    if not len(possible):
+        return [f"All {count:,} trials put two LiDARs in one place."]
+    if kept:
+        return [f"{kept:,} of {count:,} trials kept every constraint, but none has a value."]
+    said = [f"None of {count:,} trials kept every constraint."]
+    if clashes:
+        said = [
+            f"{clashes:,} of {count:,} trials put two LiDARs in one place, and none of the others "
+            "kept every constraint."
+        ]
     nearest = nearest_trial(run)
     if nearest is None:
-        return ["No trial was evaluated."]
+        return said
     over = excess(run).loc[[nearest.name]].iloc[0].sort_values()
     by_name = {constraint.name: constraint for constraint in run.search.constraints}
     broken = [by_name[str(name)] for name in over.index[over > 0]]
-    said = [f"None of {len(run.trials):,} trials kept every constraint."]
     if broken:
         parts = [
             f"{c.name} by {_amount(nearest[f'violation.{c.name}'], c.unit)} "
@@ -48,14 +64,14 @@ def infeasible_sentences(run: SearchFolder) -> list[str]:
             f"Nearest, in shares of the limits, is trial {nearest['number']}. It breaks "
             f"{', '.join(parts)}{'; the least broken first' if len(parts) > 1 else ''}."
         )
-    never = [c for c in run.search.constraints if run.trials[f"violation.{c.name}"].min() > 0]
+    never = [c for c in run.search.constraints if possible[f"violation.{c.name}"].min() > 0]
     if never:
         parts = [
             f"{c.name}, which the best of them broke by "
-            f"{_amount(run.trials[f'violation.{c.name}'].min(), c.unit)}"
+            f"{_amount(possible[f'violation.{c.name}'].min(), c.unit)}"
             for c in never
         ]
-        said.append(f"No trial at all kept {', nor '.join(parts)}.")
+        said.append(f"No {'other ' if clashes else ''}trial at all kept {', nor '.join(parts)}.")
     else:
         said.append("Some trial kept each of them: it is all together that none kept.")
     return said

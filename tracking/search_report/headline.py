@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from tracking.report.tables import number
 from tracking.search_folder import SearchFolder
 from tracking.search_report.feasibility import infeasible_sentences
+from tracking.search_report.strided import strided
 from tracking.search_result import Objective, Rig, SearchResult
 
 
@@ -21,10 +24,11 @@ class Card:
 
 def summary(search: SearchResult) -> str:
     """What was searched, in one line."""
-    goals = ", ".join(f"{o.direction} {o.name}" for o in search.objectives).capitalize()
+    goals = ", ".join(f"{o.direction} {o.name}" for o in search.objectives)
     return (
-        f"{goals} · {', '.join(search.classes)} · {search.frames:,} frames · {search.sampler}, "
-        f"seed {search.seed}, {search.evaluations:,} evaluations in {search.seconds:,.0f} s"
+        f"{goals[0].upper()}{goals[1:]} · {', '.join(search.classes)} · {search.frames:,} frames · "
+        f"{search.sampler}, seed {search.seed}, {search.evaluations:,} evaluations; the last "
+        f"command took {search.seconds:,.0f} s"
     )
 
 
@@ -53,21 +57,40 @@ def _found(search: SearchResult) -> Card:
     name = search.best[0]
     rig = search.rigs[name]
     lines = [_against_baseline(search, objective, rig) for objective in search.objectives]
-    lines = [line for line in lines if line] + _against_bound(search)
+    lines = [line for line in lines if line] + _models_of_peers(search) + _against_bound(search)
     if search.constraints:
         lines.append(f"Feasible: it keeps all {len(search.constraints)} constraints.")
     else:
         lines.append("Feasible: there were no constraints.")
     models = sorted({*rig.models})
     lines.append(f"{len(rig.mounts)} LiDAR{'s' * (len(rig.mounts) > 1)}: {', '.join(models)}.")
-    front = len(search.objectives) > 1
     return Card(
-        f"Pareto front of {len(search.best)}, the first is {name}"
-        if front
-        else f"Best rig: {name}",
+        f"{of_front(search)}, the first is {name}" if search.front else f"Best rig: {name}",
         f"{search.first.name} {with_unit(search.first, rig.value(search.first))}",
         tuple(lines),
     )
+
+
+def best_of_paper(search: SearchResult) -> str:
+    """What the baseline is, to follow its name."""
+    kept = search.baseline is not None and search.rigs[search.baseline].feasible
+    return f", the best of the paper's eight{'' if kept else ', which breaks a constraint'}"
+
+
+def of_front(search: SearchResult) -> str:
+    """The rigs of a Pareto front, which may be too many to give them all."""
+    shown, whole = len(search.best), search.front
+    if whole is not None and whole > shown:
+        return f"{shown:,} of {whole:,} rigs of the Pareto front"
+    return f"Pareto front of {shown:,}"
+
+
+def _models_of_peers(search: SearchResult) -> list[str]:
+    """What the paper's rigs are made of, where LiDARs were to choose from."""
+    if search.baseline is None or len(search.models) < 2:
+        return []
+    models = sorted({*search.rigs[search.baseline].models})
+    return [f"The paper's rigs are of LiDAR {', '.join(models)}."]
 
 
 def _against_baseline(search: SearchResult, objective: Objective, rig: Rig) -> str:
@@ -77,9 +100,10 @@ def _against_baseline(search: SearchResult, objective: Objective, rig: Rig) -> s
     if not search.baseline:
         return f"{own}." if own else ""
     base = search.rigs[search.baseline].value(objective)
+    if np.isnan(base):
+        return f"{own}; that of {search.baseline} is unknown."
     compared = f"{change(objective, rig.value(objective), base)} against {search.baseline}"
-    compared += ", the best of the paper's eight" if first else ""
-    compared += f" ({with_unit(objective, base)})."
+    compared += f"{best_of_paper(search) if first else ''} ({with_unit(objective, base)})."
     return f"{own}, {compared}" if own else compared
 
 
@@ -97,12 +121,19 @@ def _against_bound(search: SearchResult) -> list[str]:
     best = bound.best_value
     limit = with_unit(search.first, bound.value)
     if best is not None and best > bound.value:
-        return [f"Above the upper bound of any rig {among}, {limit}: it sits between them."]
-    if bound.gap_percent is None:
-        return [f"Upper bound of any rig {among}: {limit}."]
-    return [
-        f"At most {bound.gap_percent:.1f} % below the best possible {among} (upper bound {limit})."
-    ]
+        said = f"above the upper bound of any rig {among}, {limit}: it sits between them."
+    elif bound.gap_percent is None:
+        said = f"upper bound of any rig {among}: {limit}."
+    else:
+        said = (
+            f"at most {bound.gap_percent:.1f} % below the best possible {among} "
+            f"(upper bound {limit})."
+        )
+    rays = strided(search)
+    if rays:  # the bound is of such values, not of the exact one above
+        value = with_unit(search.first, search.rigs[search.best[0]].searched_value(search.first))
+        return [f"As searched, with {rays}: {value}, {said}"]
+    return [f"{said[0].upper()}{said[1:]}"]
 
 
 def _effort(search: SearchResult) -> Card:
@@ -110,20 +141,17 @@ def _effort(search: SearchResult) -> Card:
     lines = [
         f"{search.feasible:,} of {search.trials:,} trials are feasible.",
         f"{search.repeated:,} repeated a rig and were not evaluated again.",
-        f"Sampler {search.sampler_seconds:,.1f} s, evaluations {search.evaluation_seconds:,.1f} s"
-        + (
-            f": the sampler's share is {100 * search.sampler_seconds / busy:.0f} %."
-            if busy
-            else "."
-        ),
         f"Batches of {search.batch_size}.",
     ]
-    stride = search.stride
-    if stride is not None and stride.azimuth_stride > 1:
-        error = (
-            ""
-            if stride.relative_error is None
-            else f", relative error {100 * stride.relative_error:.2g} %"
+    if busy:
+        lines.append(
+            f"Time of the last command: sampler {search.sampler_seconds:,.1f} s, evaluations "
+            f"{search.evaluation_seconds:,.1f} s: the sampler's share is "
+            f"{100 * search.sampler_seconds / busy:.0f} %."
         )
-        lines.append(f"1 of {stride.azimuth_stride} azimuth steps was fired, with weight{error}.")
+    rays = strided(search)
+    if search.stride is not None and rays:
+        error = search.stride.relative_error
+        known = "" if error is None else f", relative error {100 * error:.2g} %"
+        lines.append(f"It fired {rays}, with weight{known}.")
     return Card("The search", f"{search.evaluations:,} evaluations", tuple(lines))

@@ -11,6 +11,7 @@ import pandas as pd
 from tracking.report.tables import Table, number
 from tracking.search_folder import SearchFolder
 from tracking.search_report.feasibility import excess
+from tracking.search_report.strided import strided
 from tracking.search_result import Objective, Rig
 
 MOST_TRIALS = 20
@@ -39,24 +40,34 @@ def mount_table(caption: str, rig: Rig) -> Table:
 def rig_table(
     caption: str, rigs: Mapping[str, Rig], objectives: Sequence[Objective], first: Objective
 ) -> Table:
-    """Values of rigs, the best by `first` on top; the best of each column is bold."""
-    names = sorted(rigs, key=lambda name: _rank(-first.sign * rigs[name].value(first)))
-    head = ("rig", "role", "LiDARs", *(objective.label for objective in objectives))
+    """Values of rigs with all rays, feasible ones first, the best by `first` on top.
+
+    The best feasible value of each column is bold.
+    """
+
+    def rank(name: str) -> tuple[bool, bool, float]:
+        value = -first.sign * rigs[name].value(first)
+        return not rigs[name].feasible, bool(np.isnan(value)), value
+
+    names = sorted(rigs, key=rank)
+    head = ("rig", "role", "feasible", "LiDARs", *(objective.label for objective in objectives))
     rows = tuple(
         (
             name,
             rigs[name].role,
+            "yes" if rigs[name].feasible else "not feasible",
             str(len(rigs[name].mounts)),
             *(number(rigs[name].value(objective)) for objective in objectives),
         )
         for name in names
     )
     best = set()
-    for column, objective in enumerate(objectives, start=3):
-        values = np.array([objective.sign * rigs[name].value(objective) for name in names])
+    feasible = [name for name in names if rigs[name].feasible]
+    for column, objective in enumerate(objectives, start=4):
+        values = np.array([objective.sign * rigs[name].value(objective) for name in feasible])
         if np.isfinite(values).any():
             best.add((int(np.nanargmax(values)), column))
-    return Table(caption, head, rows, frozenset(best), words=frozenset({0, 1}))
+    return Table(caption, head, rows, frozenset(best), words=frozenset({0, 1, 2}))
 
 
 def trial_table(run: SearchFolder) -> Table:
@@ -95,27 +106,30 @@ def trial_table(run: SearchFolder) -> Table:
         )
         for row, words in zip(best.to_dict("records"), mounts, strict=True)
     )
+    rays = strided(search)
     caption = (
         f"The best {len(rows)} of {len(done):,} trials by {search.first.name}, feasible first · "
+        f"{f'as searched, with {rays} · ' if rays else ''}"
         "LiDARs as model, zone: x, y, z in m; roll, pitch, yaw in ° · all in trials.parquet"
     )
     words = frozenset({0, *range(len(head) - most, len(head))})
     return Table(caption, head, rows, words=words, wide=True)
 
 
-def greedy_table(greedy: pd.DataFrame) -> Table:
-    """What every LiDAR that greedy took added, with its mount."""
+def greedy_table(greedy: pd.DataFrame, rays: str) -> Table:
+    """What every LiDAR that greedy took added, with its mount; `rays` as of `strided`."""
     head = tuple(str(column) for column in greedy.columns)
     rows = tuple(tuple(_cell(cell) for cell in row) for row in greedy.itertuples(index=False))
     words = {
         i for i, c in enumerate(greedy.columns) if not pd.api.types.is_numeric_dtype(greedy[c])
     }
-    return Table("Greedy, step by step", head, rows, words=frozenset(words), wide=True)
+    caption = f"Greedy, step by step{f' · as searched, with {rays}' if rays else ''}"
+    return Table(caption, head, rows, words=frozenset(words), wide=True)
 
 
 def robustness_table(rows: pd.DataFrame) -> Table:
     """`robustness.parquet` as text."""
-    head = ("rig", "case", "objective", "draws", "mean", "worst", "mean of as designed (%)")
+    head = ("rig", "case", "objective", "draws", "mean", "worst", "mean of its own as designed (%)")
     cells = tuple(
         (
             *(str(row[key]) for key in ("rig", "case", "objective")),
@@ -187,8 +201,3 @@ def _cell(value: Any) -> str:
 def _fixed(value: float, digits: int) -> str:
     """Zero has no minus."""
     return f"{round(float(value), digits) + 0.0:.{digits}f}".replace("-", "−")
-
-
-def _rank(value: float) -> tuple[bool, float]:
-    """Sorts NaN last."""
-    return bool(np.isnan(value)), value
