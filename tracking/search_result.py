@@ -180,7 +180,7 @@ class SearchResult(_Part):
         vehicle: boxes, lowest and highest corner.
         best: names of `rigs`, best first; several are of a Pareto front; empty if none is feasible.
         front: number of rigs of the whole Pareto front; None for one objective.
-        baseline: the best of the paper's eight by the first objective, None if they have no value.
+        baseline: the best of the paper's eight by the first objective, None if they are no peers.
         stride: None where no objective fires rays.
         importance: share of each parameter in reaching good values (PED-ANOVA).
     """
@@ -227,14 +227,12 @@ class SearchResult(_Part):
     def _consistent(self) -> SearchResult:
         if not self.objectives:
             raise ValueError("objectives: needs at least one, found none")
-        # The paper's rigs may lack a further value: that of LiDARs without a price.
-        needed = dict.fromkeys([self.baseline] if self.baseline else [], self.objectives[:1])
-        needed |= dict.fromkeys(self.best, self.objectives)
-        for name, objectives in needed.items():
+        for name in (*self.best, *([self.baseline] if self.baseline else [])):
             if name not in self.rigs:
                 raise ValueError(f"rigs: has no {name!r}, which best or baseline names")
-            missing = [o.name for o in objectives if np.isnan(self.rigs[name].value(o))]
-            if missing:
+            missing = [o.name for o in self.objectives if np.isnan(self.rigs[name].value(o))]
+            # The baseline may lack a value: that of LiDARs without a price.
+            if missing and name in self.best:
                 raise ValueError(f"rigs: {name!r} has no value of {', '.join(missing)}")
         return self
 

@@ -58,6 +58,14 @@ def test_a_bad_key_is_named_with_the_file(folder, keys, words):
     assert "search.json" in str(caught.value)
 
 
+def test_the_best_rig_needs_every_value(folder):
+    search = json.loads((folder / "search.json").read_text())
+    search["rigs"]["found_1"]["values"]["expected_ig"] = None
+    change(folder, rigs=search["rigs"])
+    with pytest.raises(ValueError, match="'found_1' has no value of expected_ig"):
+        SearchFolder.read(folder)
+
+
 def test_a_rig_needs_a_model_for_each_mount(folder):
     search = json.loads((folder / "search.json").read_text())
     search["rigs"]["line"]["models"] = ["paper"]

@@ -18,6 +18,7 @@ from test_report import Page
 from lidarplace import PAPER_PLACEMENTS
 from tracking.search_folder import SearchFolder
 from tracking.search_report import build_search_report
+from tracking.search_report.headline import summary
 from tracking.search_report.tables import rig_table
 
 
@@ -87,6 +88,13 @@ def test_the_first_screen_tells_value_peers_bound_mounts_and_commands(folder, pa
     assert shown[:3] == pytest.approx([trial[f"lidar_1.{k}_m"] for k in "xyz"], abs=5e-4)
     angles = [trial[f"lidar_1.{k}_deg"] for k in ("roll", "pitch", "yaw")]
     assert shown[3:] == pytest.approx(angles, abs=5e-3)
+
+
+def test_the_name_of_an_objective_keeps_its_case(folder):
+    search = SearchFolder.read(folder).search
+    named = search.first.model_copy(update={"name": "AP of Car"})
+    text = summary(search.model_copy(update={"objectives": (named, search.first)}))
+    assert text.startswith("Maximize AP of Car, maximize expected_ig · ")
 
 
 def test_it_is_one_file_that_loads_nothing(folder, page):
@@ -182,8 +190,12 @@ def test_trials_that_kept_the_constraints_and_have_no_value(tmp_path):
     folder = write_search(tmp_path / "failed", complete=False, feasible=False)
     trials = pd.read_parquet(folder / "trials.parquet")
     trials["feasible"] = trials.index < 3
+    trials.loc[:2, ["violation.own body", "violation.distance"]] = -0.1
     trials.to_parquet(folder / "trials.parquet")
-    words = page_of(folder).words
+    page = page_of(folder)
+    words = page.words
+    assert "No rig with a value" in words
+    assert menu(page)[0] == "trial 0, without a value"
     assert "3 of 60 trials kept every constraint, but none has a value." in words
 
 
@@ -272,6 +284,15 @@ def test_the_history_draws_everything_as_searched(page):
     assert f"All figures here are {rays}; the table of rigs is with all rays." in page.words
     assert "Rigs, with all rays" in page.words
     assert f"Greedy, step by step · {rays}" in page.words
+
+
+def test_the_best_of_the_paper_is_so_with_all_rays(tmp_path):
+    folder = write_search(tmp_path / "order", complete=False)
+    rigs = changed(folder)["rigs"]
+    rigs["center"]["searched"]["expected_ig"] = 1050.0
+    changed(folder, rigs=rigs)
+    names = [t["name"] for t in drawn(page_of(folder), "expected_ig")["data"]]
+    assert "line, best of the paper" in names
 
 
 def test_without_fewer_rays_there_is_nothing_to_tell_apart(tmp_path):
@@ -378,8 +399,10 @@ def test_peers_without_a_price_and_of_which_model(tmp_path):
     models = {"paper": unknown, "wide": wide}
     changed(folder, rigs=search["rigs"], models=models)
     page = page_of(folder)
-    assert "that of line is unknown." in page.text
+    assert "; price of line is unknown." in page.text
     assert "The paper's rigs are of LiDAR paper." in page.words
+    changed(folder, objectives=search["objectives"][::-1])
+    assert "price of line is unknown." in page_of(folder).words
 
 
 def test_the_command_rebuilds_it_or_says_what_is_wrong(folder, tmp_path):

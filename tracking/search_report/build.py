@@ -108,7 +108,9 @@ def _best(run: SearchFolder) -> dict[str, Rig]:
         return {name: run.search.rigs[name] for name in run.search.best}
     trial = nearest_trial(run)
     rig = None if trial is None else run.rig_of(trial)
-    return {} if trial is None or rig is None else {f"trial {trial['number']}, infeasible": rig}
+    if trial is None or rig is None:
+        return {}
+    return {f"trial {trial['number']}, {'without a value' if rig.feasible else 'infeasible'}": rig}
 
 
 def _picture(run: SearchFolder) -> Section | None:
@@ -116,7 +118,7 @@ def _picture(run: SearchFolder) -> Section | None:
     shown = dict(list(best.items())[:MOST_BEST])
     first = f"{len(shown)} of the front" if len(best) > len(shown) else "the best"
     kinds = {
-        first if run.search.best else "the nearest to feasible": shown,
+        first if run.search.best else "the nearest trial": shown,
         "greedy's": {name: rig for name, rig in rigs.items() if rig.role == "greedy"},
         "the paper's": {name: rig for name, rig in rigs.items() if rig.role == "paper"},
     }
@@ -182,13 +184,13 @@ def _history(run: SearchFolder) -> Section:
             f"All figures here are as searched, with {rays}; the table of rigs is with all rays."
         )
     for objective in search.objectives:
-        paper = {
-            name: rig.searched_value(objective)
+        known = {
+            name: rig
             for name, rig in search.rigs.items()
-            if rig.role == "paper"
+            if rig.role == "paper" and not np.isnan(rig.searched_value(objective))
         }
-        known = {name: value for name, value in paper.items() if not np.isnan(value)}
-        ranked = dict(sorted(known.items(), key=lambda item: -objective.sign * item[1]))
+        # In the order of exact values, as the baseline is chosen.
+        ranked = sorted(known, key=lambda name: -objective.sign * known[name].value(objective))
         own = bound if objective is search.first else None
         section.figures.append(
             search_history(
@@ -196,7 +198,7 @@ def _history(run: SearchFolder) -> Section:
                 objective,
                 own.value if own else None,
                 own.greedy if own else None,
-                ranked,
+                {name: known[name].searched_value(objective) for name in ranked},
             )
         )
     if run.bound is not None and len(run.bound):

@@ -101,14 +101,17 @@ def _against_baseline(search: SearchResult, objective: Objective, rig: Rig) -> s
         return f"{own}." if own else ""
     base = search.rigs[search.baseline].value(objective)
     if np.isnan(base):
-        return f"{own}; that of {search.baseline} is unknown."
+        unknown = f"{objective.name} of {search.baseline} is unknown."
+        return f"{own}; {unknown}" if own else unknown
     compared = f"{change(objective, rig.value(objective), base)} against {search.baseline}"
     compared += f"{best_of_paper(search) if first else ''} ({with_unit(objective, base)})."
     return f"{own}, {compared}" if own else compared
 
 
 def _nothing_found(run: SearchFolder) -> Card:
-    return Card("Result", "No feasible rig", tuple(infeasible_sentences(run)))
+    kept = run.trials["feasible"].astype(bool).any()
+    value = "No rig with a value" if kept else "No feasible rig"
+    return Card("Result", value, tuple(infeasible_sentences(run)))
 
 
 def _against_bound(search: SearchResult) -> list[str]:
