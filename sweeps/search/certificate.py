@@ -2,34 +2,30 @@
 
 from __future__ import annotations
 
-import itertools
 import json
-import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
-from scipy.spatial.distance import cdist
 
 from lidarplace import Mount, OccupancyGrid, Placement
 from lidarplace.coverage.rays import ray_weight
 from lidarplace.files import replacing
-from lidarplace.mounting.body_share import body_share
-from lidarplace.mounting.spacing import least_distance
-from lidarplace.mounting.zone import Zone, grid
-from lidarplace.selection import Exposure, Limits, greedy, upper_bound
+from lidarplace.selection import greedy, upper_bound
 from lidarplace.surrogate import RAY_SURROGATES
-from sweeps.search.constraints import ROUNDING
+from sweeps.search.candidates import (
+    candidates_of,
+    exposure_of,
+    limits_of,
+    number_of_candidates,
+)
 from sweeps.search.placed import Placed, params_of, placed_in, rig_of
 from sweeps.search.problem import Problem
 from sweeps.search.refine import keeps, refine
-from sweeps.search.rig import Mounted, Rig, mirrored, rounded
-from sweeps.search.settings import GreedySettings, Pair
-from sweeps.search.space import Slot, Space
+from sweeps.search.rig import Mounted, Rig
 
 BOUNDED = ("covered_entropy", "expected_ig", "expected_points")
 """Surrogates that are monotone and submodular in the set of LiDARs."""
@@ -106,23 +102,10 @@ def _weights(problem: Problem) -> set[float]:
     return {ray_weight(Placement(name, one, problem.models[name]), stride) for name in names}
 
 
-def candidates_of(problem: Problem) -> list[Rig]:
-    """The grid: one LiDAR or mirrored pair each, and the fixed LiDARs as one candidate.
-
-    Those that can be part of no rig are left out: too much of their own body in view, or the two
-    of a pair, or one of the fixed LiDARs, too near.
-    """
-    space = problem.space
-    fixed = Rig.of(space.fixed)
-    found: dict[Rig, None] = {}
-    for slot, model, zone, mount in _choices(problem):
-        lidars = [Mounted(model, zone.name, mount)]
-        if slot.pair:
-            lidars.append(Mounted(model, zone.name, mirrored(mount)))
-        rig = Rig.of(lidars)
-        if _may_be(rig, fixed, problem):
-            found[rig] = None
-    return [*([fixed] if fixed.lidars else []), *found]
+def _with_fixed(chosen: tuple[Rig, ...], problem: Problem) -> tuple[Rig, ...]:
+    """Greedy leaves out what adds nothing, but every rig has the fixed LiDARs."""
+    fixed = Rig.of(problem.space.fixed)
+    return chosen if not fixed.lidars or fixed in chosen else (*chosen, fixed)
 
 
 def check_candidates(problem: Problem) -> None:
@@ -130,117 +113,12 @@ def check_candidates(problem: Problem) -> None:
     settings = problem.file.search.greedy
     if settings is None or why_none(problem) is not None:
         return
-    # By extents first: a grid of a million points need not be made to be refused.
-    number = len(problem.space.models) * sum(
-        _about(zone, settings) * math.prod(_count(span, settings) for span in slot.spans.values())
-        for slot in _kinds(problem.space)
-        for zone in slot.zones
-    )
-    if number <= 10 * settings.most:
-        number = sum(1 for _ in _choices(problem))
+    number = number_of_candidates(problem)
     if number > settings.most:
         raise ValueError(
             f"search.greedy: {number:,} candidates, more than most: {settings.most:,}; enlarge "
             "position_step or angle_step_deg, or set `greedy: null`"
         )
-
-
-def _about(zone: Zone, settings: GreedySettings) -> int:
-    """Points of the grid of a box around the zone."""
-    ys = [y for _, y in zone.polygon]
-    spans = (zone.x, (min(ys), max(ys)), zone.z)
-    return math.prod(int((high - low) / settings.position_step) + 1 for low, high in spans)
-
-
-def _count(span: Pair, settings: GreedySettings) -> int:
-    return 2 * math.floor((span[1] - span[0]) / (2 * settings.angle_step_deg) + 1e-9) + 1
-
-
-def _choices(problem: Problem) -> Iterator[tuple[Slot, str, Zone, Mount]]:
-    settings, space = problem.file.search.greedy, problem.space
-    assert settings is not None
-    for slot in _kinds(space):
-        turns = _turns(slot, settings)
-        for model, zone in itertools.product(space.models, slot.zones):
-            for place, turn in itertools.product(
-                grid(zone, settings.position_step).tolist(), turns
-            ):
-                yield slot, model, zone, rounded(Mount(*place, *turn))
-
-
-def _kinds(space: Space) -> list[Slot]:
-    """A slot of each kind: a single LiDAR, a mirrored pair."""
-    slots: dict[bool, Slot] = {}
-    for number in space.numbers:
-        for slot in space.slots(number):
-            slots.setdefault(slot.pair, slot)
-    return list(slots.values())
-
-
-def _turns(slot: Slot, settings: GreedySettings) -> list[tuple[float, ...]]:
-    """Roll, pitch and yaw, radians."""
-    angles = (_levels(span, settings.angle_step_deg) for span in slot.spans.values())
-    return [tuple(map(math.radians, turn)) for turn in itertools.product(*angles)]
-
-
-def _levels(span: Pair, step: float) -> list[float]:
-    """Multiples of `step` from the middle of the span."""
-    low, high = span
-    reach = math.floor((high - low) / (2 * step) + 1e-9)
-    return [(low + high) / 2 + i * step for i in range(-reach, reach + 1)]
-
-
-def _may_be(rig: Rig, fixed: Rig, problem: Problem) -> bool:
-    limits = problem.file.search.constraints
-    both = Rig(rig.lidars + fixed.lidars)
-    if not both.possible:
-        return False
-    if least_distance(both.placement("both", problem.models)) < limits.distance - ROUNDING:
-        return False
-    carrier = problem.question.carrier
-    return limits.body_share is None or all(
-        body_share(lidar.mount, problem.models[lidar.model], carrier.vehicle) <= limits.body_share
-        for lidar in rig.lidars
-    )
-
-
-def _with_fixed(chosen: tuple[Rig, ...], problem: Problem) -> tuple[Rig, ...]:
-    """Greedy leaves out what adds nothing, but every rig has the fixed LiDARs."""
-    fixed = Rig.of(problem.space.fixed)
-    return chosen if not fixed.lidars or fixed in chosen else (*chosen, fixed)
-
-
-def limits_of(candidates: Sequence[Rig], problem: Problem) -> Limits:
-    """Number of LiDARs, of single ones beside pairs, price, and distances.
-
-    The near field is no limit here: the bound holds for rigs that neglect it as well.
-    """
-    space, search = problem.space, problem.file.search
-    fixed = Rig.of(space.fixed)
-    sizes = np.array([0 if rig == fixed else len(rig.lidars) for rig in candidates], float)
-    used, budgets = [sizes], [float(space.numbers[-1])]
-    if search.symmetric:
-        odd = any(number % 2 for number in space.numbers)
-        used.append((sizes == 1).astype(float))
-        budgets.append(float(odd))
-    if search.constraints.price is not None:
-        prices = problem.question.carrier.prices
-        # What every rig has is paid for first.
-        own = [0.0 if rig == fixed else rig.price(prices) for rig in candidates]
-        used.append(np.array(own))
-        budgets.append(max(0.0, search.constraints.price - fixed.price(prices)))
-    return Limits(np.array(used), np.array(budgets), _compatible(candidates, search))
-
-
-def _compatible(candidates: Sequence[Rig], search: Any) -> np.ndarray:
-    """Which candidates are far enough from each other."""
-    places = np.array([lidar.mount.position for rig in candidates for lidar in rig.lidars])
-    first = np.concatenate([[0], np.cumsum([len(rig.lidars) for rig in candidates])[:-1]])
-    near = cdist(places, places) < max(search.constraints.distance, 2 * ROUNDING) - ROUNDING
-    by_row = np.logical_or.reduceat(near, first, axis=0)
-    apart = ~np.logical_or.reduceat(by_row, first, axis=1)
-    np.fill_diagonal(apart, True)
-    return apart
 
 
 def certify(problem: Problem, grids: Mapping[str, OccupancyGrid]) -> Certificate | None:
@@ -254,18 +132,7 @@ def certify(problem: Problem, grids: Mapping[str, OccupancyGrid]) -> Certificate
     candidates = candidates_of(problem)
     if not candidates:
         return None
-    question = problem.question
-    objective = question.objectives[0]
-    exposure = Exposure.of_candidates(
-        grids,
-        objective.weights_of(grids),
-        [rig.placement("candidate", problem.models) for rig in candidates],
-        objective.by,
-        question.method,
-        question.detection_probability,
-        question.occlusion,
-        question.azimuth_stride,
-    )
+    exposure = exposure_of(candidates, problem, grids)
     limits = limits_of(candidates, problem)
     choice = greedy(exposure, limits)
     chosen_after = time.perf_counter()

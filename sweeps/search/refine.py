@@ -10,7 +10,8 @@ from dataclasses import astuple, replace
 import numpy as np
 
 from lidarplace import Mount, OccupancyGrid
-from lidarplace.selection import Exposure, gains
+from lidarplace.selection import gains
+from sweeps.search.candidates import exposure_of
 from sweeps.search.constraints import measures_of
 from sweeps.search.placed import Placed, rig_of
 from sweeps.search.problem import Problem
@@ -64,17 +65,7 @@ def _moved(
         if keeps(problem, Rig.of([*others, *place.rig.lidars]))
     ]
     rigs = [place.rig for place in near] + ([Rig.of(others)] if others else [])
-    question = problem.question
-    exposure = Exposure.of_candidates(
-        grids,
-        question.objectives[0].weights_of(grids),
-        [rig.placement("rig", problem.models) for rig in rigs],
-        question.objectives[0].by,
-        question.method,
-        question.detection_probability,
-        question.occlusion,
-        question.azimuth_stride,
-    )
+    exposure = exposure_of(rigs, problem, grids)
     rest = (len(near),) if others else ()
     best = int(np.argmax(gains(exposure, rest)[: len(near)]))
     return near[best], exposure.value([best, *rest])

@@ -8,8 +8,8 @@ from search_files import write_search
 from lidarplace import OccupancyGrid
 from lidarplace.box_log import read_box_log
 from sweeps.search.assess import assess
+from sweeps.search.candidates import choices
 from sweeps.search.certificate import (
-    _choices,
     certify,
     first_params,
     kept_certificate,
@@ -38,7 +38,7 @@ def grids_of(problem):
 def all_candidates(problem):
     """Every mount of the grid, or mirrored pair, whatever it violates."""
     found = {}
-    for slot, model, zone, mount in _choices(problem):
+    for slot, model, zone, mount in choices(problem):
         found.setdefault(Placed(slot, Mounted(model, zone.name, mount)).rig)
     return list(found)
 
