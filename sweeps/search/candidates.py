@@ -118,7 +118,7 @@ def _may_be(rig: Rig, fixed: Rig, problem: Problem) -> bool:
 def exposure_of(
     rigs: Sequence[Rig], problem: Problem, grids: Mapping[str, OccupancyGrid]
 ) -> Exposure:
-    """What each of `rigs`, parts of a whole one, adds to the objective as the search computes it."""
+    """What each of `rigs`, parts of a whole, adds to the objective as the search computes it."""
     question = problem.question
     objective = question.objectives[0]
     return Exposure.of_candidates(
