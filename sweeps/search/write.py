@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import platform
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import astuple
 from functools import partial
 from importlib.metadata import version
@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 import yaml
 
+from lidarplace import Mount
 from lidarplace.files import replacing
 from lidarplace.sensor_settings import SensorSettings
 from lidarplace.surrogate import RAY_SURROGATES
@@ -25,6 +26,7 @@ from sweeps.search.certificate import Certificate
 from sweeps.search.found import Found
 from sweeps.search.optuna_figures import importances, write_optuna_figures
 from sweeps.search.problem import Problem
+from sweeps.search.rig import Rig
 from sweeps.search.settings import ObjectiveSettings
 from sweeps.search.study import assessment_of, candidate_of, finished_trials, journal_path
 from sweeps.search.tables import greedy_table, trials_table
@@ -104,11 +106,22 @@ def _sweep(problem: Problem, found: Found) -> str:
     most = verify.top if verify is not None else 3
     if problem.file.search.space:  # other trials have other values
         most = 1
-    rigs = {name: found.judged[name].rig for name in found.best[:most]}
-    paper = [name for name, own in found.judged.items() if own.role == "paper"]
+    paper = {name: own.rig for name, own in found.judged.items() if own.role == "paper"}
+    # A search that began with one of the eight need not train it twice.
+    new = [name for name in found.best if not _is_one_of(found.judged[name].rig, paper.values())]
+    rigs = {name: found.judged[name].rig for name in new[:most]}
     values = found.judged[found.best[0]].values_beside
-    config = verify_settings(problem.source, problem.file, rigs, paper, values)
+    config = verify_settings(problem.source, problem.file, rigs, list(paper), values)
     return yaml.safe_dump(config, sort_keys=False)
+
+
+def _is_one_of(rig: Rig, others: Iterable[Rig]) -> bool:
+    """Whether another rig has the same LiDARs in the same places."""
+
+    def places(rig: Rig) -> set[tuple[str, Mount]]:
+        return {(lidar.model, lidar.mount) for lidar in rig.lidars}
+
+    return any(places(rig) == places(other) for other in others)
 
 
 def _about(problem: Problem, found: Found, command: str, seconds: float) -> dict[str, Any]:
