@@ -225,7 +225,11 @@ def _in_scenes(
     rigs = {"found_1": judged["found_1"].rig} | _baseline(judged)
     tables = [table]
     for name, changes in settings.scenes.items():
-        grids = pog(console, problem, store, backend, changes)
+        try:
+            grids = pog(console, problem, store, backend, changes)
+        except NoPog as error:  # what was found is worth more than one more scene
+            console.print(f"robustness: {name} is left out: {error}", markup=False, soft_wrap=True)
+            continue
         pool = pool_for(backend, grids)
         tables.append(in_scene(rigs, exact(problem.question), pool, name))
     return pd.concat(tables, ignore_index=True)
