@@ -72,7 +72,8 @@ def test_a_mistake_is_one_line(tmp_path):
 
 
 def collection(placement, **changes):
-    rig = {"mounts": [astuple(m) for m in placement.mounts], "lidar": asdict(placement.lidar)}
+    lidars = [asdict(lidar) for lidar in placement.lidars]
+    rig = {"mounts": [astuple(m) for m in placement.mounts], "lidars": lidars}
     how = {"recorded": None, "seed": 1, "misaligned_heights": False, "crop": CROP}
     return rig | how | {"split": "train"} | changes
 
