@@ -7,7 +7,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from lidarplace import OccupancyGrid, evaluate_classes
+from lidarplace import OccupancyGrid, evaluate_classes, expected_ig_by_q
 from lidarplace.coverage import Method
 from lidarplace.surrogate import RAY_SURROGATES
 from sweeps.search.constraints import Carrier, Constraint, measures_of
@@ -76,23 +76,36 @@ def assess(rig: Rig, question: Question, grids: Mapping[str, OccupancyGrid]) -> 
 
 def _values(rig: Rig, question: Question, grids: Mapping[str, OccupancyGrid]) -> dict[str, float]:
     found = {}
-    if question.needs_pog:
-        wanted = {objective.by for objective in question.objectives}
-        by_class = evaluate_classes(
-            grids,
-            rig.placement("rig", question.carrier.models),
-            question.method,
-            surrogates=[name for name in RAY_SURROGATES if name in wanted],
-            detection_probability=question.detection_probability,
-            occlusion=question.occlusion,
-            azimuth_stride=question.azimuth_stride,
-        )
+    by_class = _by_class(rig, question, grids) if question.needs_pog else {}
     for objective in question.objectives:
         if objective.by == "price":
             found[objective.name] = rig.price(question.carrier.prices)
         elif not objective.measured:
-            weights = objective.weights_of(grids)
             found[objective.name] = math.fsum(
-                weight * getattr(by_class[name], objective.by) for name, weight in weights.items()
+                weight * by_class[name][objective.by]
+                for name, weight in objective.weights_of(grids).items()
             )
     return found
+
+
+def _by_class(
+    rig: Rig, question: Question, grids: Mapping[str, OccupancyGrid]
+) -> dict[str, dict[str, float]]:
+    """The surrogates that are asked for, by class."""
+    wanted = {o.by for o in question.objectives if not o.measured and o.by != "price"}
+    placement = rig.placement("rig", question.carrier.models)
+    if wanted == {"expected_ig"} and not question.occlusion and question.method != "bresenham":
+        # The default, for which no cone has to be covered.
+        q = question.detection_probability
+        gains = expected_ig_by_q(grids, placement, [q], question.azimuth_stride)
+        return {str(name): {"expected_ig": float(gain)} for name, gain in gains[q].items()}
+    results = evaluate_classes(
+        grids,
+        placement,
+        question.method,
+        surrogates=[name for name in RAY_SURROGATES if name in wanted],
+        detection_probability=question.detection_probability,
+        occlusion=question.occlusion,
+        azimuth_stride=question.azimuth_stride,
+    )
+    return {name: {by: getattr(own, by) for by in wanted} for name, own in results.items()}
