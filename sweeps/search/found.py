@@ -46,4 +46,9 @@ class Found:
     @property
     def baseline(self) -> str:
         """The best of the paper's eight."""
-        return next(name for name, own in self.judged.items() if own.role == "paper")
+        return baseline_of(self.judged)
+
+
+def baseline_of(judged: Mapping[str, Judged]) -> str:
+    """The best of the paper's eight among rigs of which the best come first."""
+    return next(name for name, own in judged.items() if own.role == "paper")

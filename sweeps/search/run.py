@@ -18,7 +18,7 @@ from sweeps.backends import Backend, BackendLost, backend_for
 from sweeps.config_file import ConfigError
 from sweeps.search.answers import SurrogateAnswers
 from sweeps.search.certificate import Certificate, first_params, kept_certificate, why_none
-from sweeps.search.found import Found
+from sweeps.search.found import Found, baseline_of
 from sweeps.search.pog import NoPog, pog
 from sweeps.search.pool import Pool, pool_for
 from sweeps.search.problem import Problem
@@ -150,9 +150,8 @@ def _search(
     judged = _judged(problem, trials, certificate, pool)
     table = None
     if trials and problem.file.robustness is not None and grids:
-        rigs = {"found_1": judged["found_1"].rig}
         table = robustness(
-            rigs | _baseline(judged),
+            _compared(judged),
             exact(problem.question),
             pool,
             problem.file.robustness,
@@ -206,9 +205,9 @@ def _judged(
     )
 
 
-def _baseline(judged: Mapping[str, Judged]) -> dict[str, Rig]:
-    name = next(name for name, own in judged.items() if own.role == "paper")
-    return {name: judged[name].rig}
+def _compared(judged: Mapping[str, Judged]) -> dict[str, Rig]:
+    """The rigs whose robustness is compared."""
+    return {name: judged[name].rig for name in ("found_1", baseline_of(judged))}
 
 
 def _in_scenes(
@@ -222,7 +221,7 @@ def _in_scenes(
     """`table`, and the same rigs in the other scenes."""
     settings = problem.file.robustness
     assert settings is not None
-    rigs = {"found_1": judged["found_1"].rig} | _baseline(judged)
+    rigs = _compared(judged)
     tables = [table]
     for name, changes in settings.scenes.items():
         try:

@@ -167,9 +167,9 @@ def _next_batch(study: optuna.Study, settings: SearchSettings) -> list[int] | No
 
 def _ask(study: optuna.Study, space: Space, number: int) -> tuple[optuna.Trial, Candidate]:
     """Trial `number`, new, or as a stop left it: what it has been asked for stays."""
-    known = [t for t in study.get_trials(deepcopy=False) if t.number == number]
-    if known and known[0].state == TrialState.RUNNING:
-        trial = optuna.Trial(study, known[0]._trial_id)
+    known = study.get_trials(deepcopy=False)  # by number
+    if number < len(known) and known[number].state == TrialState.RUNNING:
+        trial = optuna.Trial(study, known[number]._trial_id)
     else:
         trial = study.ask()
     rig, values = space.suggest(trial)

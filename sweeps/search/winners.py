@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -86,7 +86,7 @@ def judge(
         judged.append(Judged(candidate.rig, assessment, "found", own, candidate.values))
     if several:
         judged = [own for own in judged if not _is_dominated(own, judged, question)]
-    return best_first(judged, question.objectives[0])
+    return sorted(judged, key=_rank(question.objectives[0]))
 
 
 def _spread(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
@@ -114,20 +114,18 @@ def judge_others(
 ) -> dict[str, Judged]:
     """Rigs that no trial found, with all rays and as the search computes them; the best first."""
     both = [in_order(pool, list(rigs.values()), asked) for asked in (exact(question), question)]
-    judged = [
-        Judged(rig, all_rays, role, fast.values or {})
-        for rig, all_rays, fast in zip(rigs.values(), *both, strict=True)
-    ]
-    names = {id(own): name for own, name in zip(judged, rigs, strict=True)}
-    return {names[id(own)]: own for own in best_first(judged, question.objectives[0])}
+    judged = {
+        name: Judged(rig, all_rays, role, fast.values or {})
+        for (name, rig), all_rays, fast in zip(rigs.items(), *both, strict=True)
+    }
+    rank = _rank(question.objectives[0])
+    return dict(sorted(judged.items(), key=lambda item: rank(item[1])))
 
 
-def best_first(judged: Sequence[Judged], objective: ObjectiveSettings) -> list[Judged]:
-    """By an objective; rigs without a value last."""
+def _rank(objective: ObjectiveSettings) -> Callable[[Judged], tuple[bool, float]]:
+    """Key that sorts the best rig first, and those without a value last."""
     sign = -1 if objective.best == "maximize" else 1
-    return sorted(
-        judged, key=lambda own: (math.isnan(own.value(objective)), sign * own.value(objective))
-    )
+    return lambda own: (math.isnan(own.value(objective)), sign * own.value(objective))
 
 
 def exact(question: Question) -> Question:

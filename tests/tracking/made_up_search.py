@@ -275,7 +275,7 @@ def _verified(search: dict[str, Any], names: list[str]) -> pd.DataFrame:
 
 def _write_maps(path: Path, rng: np.random.Generator, names: list[str]) -> None:
     """The POG of made-up boxes, and a share of it unseen, more under the baseline (the last)."""
-    roi = Roi(**ROI)  # type: ignore[arg-type]
+    roi = Roi(**ROI)
     maps = {}
     for name in CLASSES:
         n = 300
