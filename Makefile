@@ -16,7 +16,7 @@ endif
 export MLFLOW_DISABLE_TELEMETRY := true
 export RAY_USAGE_STATS_ENABLED := 0
 
-.PHONY: setup demo test lint clean
+.PHONY: setup demo dashboard test lint docs clean
 
 setup: $(STAMP)
 
@@ -30,13 +30,24 @@ $(STAMP): pyproject.toml constraints.txt
 demo: setup
 	$(BIN)/python -m sweeps.run examples/grid.yaml
 
+# MLflow on this machine alone; RUN: a sweep's folder, a database, or a tracking URI.
+RUN ?= runs/mlflow.db
+dashboard: setup
+	$(BIN)/python -m tracking.dashboard "$(RUN)"
+
 test: setup
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 lint: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
+docs: setup
+	$(BIN)/python docs/configuration.py
+	$(BIN)/python docs/api.py
+	$(BIN)/python docs/commands.py
+	$(BIN)/pdoc --docformat google --output-directory build/docs lidarplace training tracking sweeps
+
 clean:
-	rm -rf $(VENV) runs
+	rm -rf $(VENV) build

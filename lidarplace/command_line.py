@@ -1,17 +1,83 @@
-"""What commands share: options, a console as wide as needed, one line for a mistake."""
+"""What commands share: help with an example and exit codes, options, one line for a mistake."""
 
 from __future__ import annotations
 
+import json
+import shlex
 import sys
-from collections.abc import Mapping, Sequence
-from typing import Annotated, NoReturn, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeVar
 
 import typer
 from rich.console import Console
+from typer.core import TyperCommand
 
-from lidarplace.lidar.clouds import Crop
+if TYPE_CHECKING:
+    from lidarplace.lidar.clouds import Crop
 
 T = TypeVar("T")
+
+
+class Verb(TyperCommand):
+    """A command that Ctrl-C and a closed pipe end without a traceback."""
+
+    def __init__(self, *arguments: Any, **settings: Any) -> None:
+        super().__init__(*arguments, **settings)
+        for parameter in self.params:
+            if parameter.param_type_name == "argument" and parameter.metavar is None:
+                parameter.metavar = str(parameter.name).upper()
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run it. Ctrl-C is one line and exit code 130."""
+        try:
+            result = super().invoke(ctx)
+            sys.stdout.flush()  # here, where typer takes care of a reader that has gone
+        except KeyboardInterrupt:
+            print("\nStopped.", file=sys.stderr)
+            raise typer.Exit(130) from None
+        return result
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        """Write the example as the command was called, on lines of their own."""
+        formatter.write((self.epilog or "").replace("{command}", ctx.command_path))
+
+
+def new_app(**settings: Any) -> typer.Typer:
+    """An app in the style of all commands: plain text, no traceback in colours."""
+    return typer.Typer(
+        add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None, **settings
+    )
+
+
+def verb(
+    app: typer.Typer, *examples: str, failed: str | None = None
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Make a function a command of `app`.
+
+    Args:
+        examples: arguments to show in the help.
+        failed: what exit code 1 says, if the command has it.
+    """
+    lines = ["", f"Example{'s' if len(examples) > 1 else ''}:"]
+    lines += [f"  {{command}} {example}".rstrip() for example in examples]
+    lines += ["", "Exit codes:", "  0    done"]
+    lines += [f"  1    {failed}"] if failed else []
+    lines += ["  2    the input is wrong: one line on stderr says what", "  130  stopped by Ctrl-C"]
+    return app.command(cls=Verb, epilog="\n".join(lines) + "\n")
+
+
+def called() -> str:
+    """The command that this process was started with, for a shell."""
+    spec = sys.modules["__main__"].__spec__
+    if spec is not None:
+        program = ["python", "-m", spec.name.removesuffix(".__main__")]
+    else:  # installed
+        program = [Path(sys.argv[0]).name]
+    return shlex.join([*program, *sys.argv[1:]])
+
+
+JsonOption = Annotated[bool, typer.Option("--json", help="print JSON for a script")]
 
 RoiOption = Annotated[
     tuple[float, float, float, float, float, float],
@@ -45,6 +111,11 @@ def wrong(message: object) -> NoReturn:
         message = f"{message.filename}: {message.strerror}"
     print(" ".join(str(message).split()), file=sys.stderr)
     raise typer.Exit(2)
+
+
+def print_json(value: object) -> None:
+    """Print for a script, nothing else being on stdout. Raises ValueError for NaN."""
+    print(json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False))
 
 
 def output() -> Console:

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from lidarplace.box_log import BoxLog, write_box_log
 from lidarplace.boxes import CLASSES
-from lidarplace.command_line import output, wrong
+from lidarplace.command_line import new_app, output, verb, wrong
 from lidarplace.scenes.argoverse import read_argoverse
 from lidarplace.scenes.class_maps import read_class_map
 from lidarplace.scenes.kitti.calibration import LIDAR_HEIGHT_M
@@ -20,12 +20,10 @@ from lidarplace.scenes.kitti.read import read_kitti
 from lidarplace.scenes.nuscenes import read_nuscenes
 from lidarplace.scenes.tabular import read_tabular
 
-app = typer.Typer(
-    add_completion=False,
-    pretty_exceptions_enable=False,
+app = new_app(
     no_args_is_help=True,
     help="Write the box log of a data set or a table: a folder of Parquet files that a sweep and "
-    "`python -m sweeps.accuracy` take. A mistake in the input is one line; exit code 2.",
+    "sweeps.accuracy take.",
 )
 
 Out = Annotated[Path, typer.Argument(help="folder of the box log to write")]
@@ -39,7 +37,7 @@ ClassMapFile = Annotated[
 ]
 
 
-@app.command()
+@verb(app, "data/nuscenes logs/nuscenes --version v1.0-mini")
 def nuscenes(
     source: Annotated[Path, typer.Argument(help="the folder v1.0-… of tables, or the one above")],
     out: Out,
@@ -52,10 +50,7 @@ def nuscenes(
     ] = None,
     class_map: ClassMapFile = None,
 ) -> None:
-    """nuScenes v1.0, its annotated key frames.
-
-    Example: python -m lidarplace.convert nuscenes data/nuscenes logs/nuscenes --version v1.0-mini
-    """
+    """nuScenes v1.0, its annotated key frames."""
 
     def read(ignored: Counter[str]) -> BoxLog:
         return read_nuscenes(
@@ -69,7 +64,7 @@ def nuscenes(
     _convert(read, out)
 
 
-@app.command()
+@verb(app, "data/av2/sensor logs/av2 --split val")
 def argoverse(
     source: Annotated[Path, typer.Argument(help="folder that holds train and val")],
     out: Out,
@@ -78,10 +73,7 @@ def argoverse(
     ] = None,
     class_map: ClassMapFile = None,
 ) -> None:
-    """Argoverse 2 sensor data set; train stays train, val becomes test.
-
-    Example: python -m lidarplace.convert argoverse data/av2/sensor logs/av2 --split val
-    """
+    """Argoverse 2 sensor data set; train stays train, val becomes test."""
 
     def read(ignored: Counter[str]) -> BoxLog:
         return read_argoverse(
@@ -91,10 +83,11 @@ def argoverse(
     _convert(read, out)
 
 
-@app.command()
+@verb(app, "boxes.csv logs/boxes --frames 4000")
 def table(
     source: Annotated[
-        Path, typer.Argument(help="table of boxes (.parquet, .csv), or folder of boxes and frames")
+        Path,
+        typer.Argument(help="table of boxes (.parquet, .csv), or folder of boxes and frames"),
     ],
     out: Out,
     frames: Annotated[
@@ -102,10 +95,7 @@ def table(
     ] = None,
     class_map: ClassMapFile = None,
 ) -> None:
-    """Tables of your own, whose columns docs/data.md describes.
-
-    Example: python -m lidarplace.convert table boxes.csv logs/mine --frames 4000
-    """
+    """Tables of your own, whose columns docs/data.md describes."""
 
     def read(ignored: Counter[str]) -> BoxLog:
         number = int(frames) if frames and frames.isdecimal() else None
@@ -119,7 +109,7 @@ def table(
     _convert(read, out)
 
 
-@app.command()
+@verb(app, "data/kitti logs/kitti --skip-bad")
 def kitti(
     source: Annotated[Path, typer.Argument(help="folder of label_2 and calib, or the one above")],
     out: Out,
@@ -134,10 +124,7 @@ def kitti(
     ] = False,
     class_map: ClassMapFile = None,
 ) -> None:
-    """KITTI's object layout, such as of python -m lidarplace.export; labels are enough.
-
-    Example: python -m lidarplace.convert kitti data/kitti logs/kitti --skip-bad
-    """
+    """KITTI's object layout, such as of python -m lidarplace.export; labels are enough."""
     skipped: list[str] = []
 
     def read(ignored: Counter[str]) -> BoxLog:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated
 
@@ -11,9 +12,9 @@ from rich.table import Table
 
 from lidarplace.box_log import BoxLog, read_box_log
 from lidarplace.boxes import CLASSES
-from lidarplace.command_line import output, wrong
+from lidarplace.command_line import JsonOption, new_app, output, print_json, verb, wrong
 
-app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+app = new_app()
 
 REGIONS = {
     "ROI": {"x": (-40.0, 40.0), "y": (-20.0, 20.0), "z": (0.0, 4.0)},
@@ -62,18 +63,29 @@ def print_description(log: BoxLog, title: str) -> None:
     output().print(table)
 
 
-@app.command()
-def main(logs: Annotated[list[Path], typer.Argument(help="folders of box logs")]) -> None:
+@verb(app, "logs/town03", "logs/town03 logs/town05 --json")
+def main(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="folders of box logs")],
+    as_json: JsonOption = False,
+) -> None:
     """Print frames and objects per frame of box logs.
 
-    Example: python -m lidarplace.describe logs/town03
+    Objects whose centre is in the paper's region of interest, and in the front half of it.
     """
-    for folder in logs:
-        try:
-            log = read_box_log(folder)
-        except (OSError, ValueError) as error:
-            wrong(error)
-        print_description(log, str(folder))
+    try:
+        read = {str(folder): read_box_log(folder) for folder in logs}
+    except (OSError, ValueError) as error:
+        wrong(error)
+    if as_json:
+        print_json({name: json.loads(_as_json(describe(log))) for name, log in read.items()})
+        return
+    for name, log in read.items():
+        print_description(log, name)
+
+
+def _as_json(table: pd.DataFrame) -> str:
+    """Rows, with null where a number is not known."""
+    return table.to_json(orient="records", double_precision=15)
 
 
 if __name__ == "__main__":

@@ -13,11 +13,20 @@ import pandas as pd
 import typer
 
 from lidarplace.box_log import BoxLog, read_box_log
-from lidarplace.command_line import FRONT_ROI, RoiOption, crop_of, known, wrong
+from lidarplace.command_line import (
+    FRONT_ROI,
+    RoiOption,
+    crop_of,
+    known,
+    new_app,
+    verb,
+    wrong,
+)
 from lidarplace.lidar.clouds import Crop, PointClouds
 from lidarplace.lidar.collect import collect, crop_for
 from lidarplace.lidar.profiles import PROFILES
 from lidarplace.lidar.visibility import ground_truth
+from lidarplace.log_options import LogArgument, ProfileOption, paper_placements, splits
 from lidarplace.placement import Placement
 from lidarplace.placement_settings import named_placement
 from lidarplace.scenes.kitti.labels import in_image, to_labels
@@ -26,21 +35,27 @@ from lidarplace.scenes.kitti.write import check_new, write_kitti
 PORTION = 100
 """Frames whose clouds are in memory at a time."""
 
-app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+app = new_app()
 
 
-@app.command()
+@verb(app, "logs/town kitti/line --placement line --images")
 def export(
-    log: Annotated[Path, typer.Argument(help="folder of boxes.parquet and frames.parquet")],
+    log: LogArgument,
     out: Annotated[Path, typer.Argument(help="folder to write, new or empty")],
     placement: Annotated[
-        str, typer.Option(help="the paper's by name, an own one as FILE.yaml with `mounts`")
+        str,
+        typer.Option(
+            metavar="NAME|FILE",
+            help="the paper's by name, an own one as FILE.yaml with `mounts`",
+            autocompletion=paper_placements,
+        ),
     ],
-    profile: Annotated[
-        str, typer.Option(help=f"LiDAR and way to collect: {' or '.join(PROFILES)}")
-    ] = "paper",
+    profile: ProfileOption = "paper",
     roi: RoiOption = FRONT_ROI,
-    split: Annotated[str | None, typer.Option(help="train or test; both by default")] = None,
+    split: Annotated[
+        str | None,
+        typer.Option(metavar="train|test", help="both by default", autocompletion=splits),
+    ] = None,
     all_around: Annotated[
         bool, typer.Option("--all-around", help="label objects outside the image too")
     ] = False,
@@ -49,12 +64,7 @@ def export(
     ] = False,
     seed: Annotated[int, typer.Option(help="of shapes, drop-off and range noise")] = 0,
 ) -> None:
-    """Write KITTI's object layout, as OpenPCDet reads it; docs/kitti.md describes it.
-
-    Example: python -m lidarplace.export logs/town kitti/line --placement line --images
-
-    Exit code 2: the input is wrong.
-    """
+    """Write KITTI's object layout, as OpenPCDet reads it; docs/kitti.md describes it."""
     counts: Counter[str] = Counter()
     try:
         check_new(out)

@@ -20,12 +20,12 @@ class MountSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    x: FiniteFloat = 0.0
-    y: FiniteFloat = 0.0
-    z: FiniteFloat
-    roll: FiniteFloat = 0.0
-    pitch: FiniteFloat = 0.0
-    yaw: FiniteFloat = 0.0
+    x: FiniteFloat = Field(0.0, description="forward, metres")
+    y: FiniteFloat = Field(0.0, description="to the left, metres")
+    z: FiniteFloat = Field(description="above the ground, metres")
+    roll: FiniteFloat = Field(0.0, description="radians; > 0 lifts the left side")
+    pitch: FiniteFloat = Field(0.0, description="radians; > 0 tips the nose down")
+    yaw: FiniteFloat = Field(0.0, description="radians; > 0 turns to the left")
     lidar: SensorSettings | None = Field(
         None, description="this mount's own LiDAR model; by default that of the whole placement"
     )
@@ -41,7 +41,7 @@ class PlacementSettings(BaseModel):
         description="ego: right-handed, y to the left, pitch > 0 tips the nose down; "
         "carla: left-handed, y to the right, pitch > 0 lifts the nose",
     )
-    mounts: tuple[MountSettings, ...]
+    mounts: tuple[MountSettings, ...] = Field(description="a LiDAR each")
 
     def placement(self, name: str, lidar: Lidar) -> Placement:
         """The placement in our ego frame, `lidar` on mounts that have none of their own.

@@ -9,9 +9,18 @@ from typing import Annotated
 import typer
 
 from lidarplace.box_log import read_box_log
-from lidarplace.command_line import FRONT_ROI, RoiOption, crop_of, known, wrong
+from lidarplace.command_line import (
+    FRONT_ROI,
+    RoiOption,
+    crop_of,
+    known,
+    new_app,
+    verb,
+    wrong,
+)
 from lidarplace.lidar.clouds import Crop
 from lidarplace.lidar.profiles import PROFILES, Profile
+from lidarplace.log_options import LogArgument, ProfileOption, paper_placements
 from lidarplace.placement import Placement
 from lidarplace.placement_settings import named_placement
 from lidarplace.viewing.frame import Frame, busiest_frame, read_frame
@@ -23,31 +32,28 @@ DEFAULT = ("line", "center", "pyramid", "line_roll")
 MOST_PLACEMENTS = 12
 """Browsers keep about 16 3D scenes alive; the next one blanks the first."""
 
-app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+app = new_app()
 
 
-@app.command()
+@verb(app, "logs/town --placement line --placement center")
 def view(
-    log: Annotated[Path, typer.Argument(help="folder of boxes.parquet and frames.parquet")],
+    log: LogArgument,
     frame: Annotated[
         int | None, typer.Option(help="the one with most objects in the ROI by default")
     ] = None,
     placement: Annotated[
         list[str] | None,
-        typer.Option(help="the paper's by name, own ones as FILE.yaml with `mounts`; repeatable"),
+        typer.Option(
+            metavar="NAME|FILE",
+            help="the paper's by name, own ones as FILE.yaml with `mounts`; repeatable",
+            autocompletion=paper_placements,
+        ),
     ] = None,
-    profile: Annotated[
-        str, typer.Option(help=f"LiDAR and way to collect: {' or '.join(PROFILES)}")
-    ] = "paper",
+    profile: ProfileOption = "paper",
     roi: RoiOption = FRONT_ROI,
-    out: Annotated[Path, typer.Option(help="the page")] = Path("view.html"),
+    out: Annotated[Path, typer.Option(metavar="FILE", help="the page")] = Path("view.html"),
 ) -> None:
-    """Make a page of one frame: clouds, boxes, buildings and the ROI, placements side by side.
-
-    Example: python -m lidarplace.view logs/town --placement line --placement center
-
-    Exit code 2: the input is wrong.
-    """
+    """Make a page of one frame: clouds, boxes, buildings and the ROI, placements side by side."""
     try:
         crop = crop_of(roi)
         how = known("profile", profile, PROFILES)

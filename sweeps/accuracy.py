@@ -2,57 +2,79 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import pandas as pd
-import pyarrow as pa
 import typer
-from rich.table import Table
 
 from lidarplace import PAPER_PLACEMENTS, Placement, Roi
-from lidarplace.accuracy import accuracy
-from lidarplace.box_log import read_box_log
-from lidarplace.boxes import CLASSES, check_boxes, frame_keys
-from lidarplace.command_line import output, wrong
-from lidarplace.files import replacing
-from lidarplace.surrogate import RAY_SURROGATES
-from sweeps.config_file import ConfigError
-from sweeps.grid import read_sweep
-from sweeps.store import write_text
+from lidarplace.boxes import CLASSES
+from lidarplace.command_line import JsonOption, new_app, output, print_json, verb, wrong
+from lidarplace.command_line import known as known_name
+from lidarplace.log_options import classes as classes_of_objects
+from lidarplace.log_options import paper_placements
 
-app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+_SUFFIXES = ("parquet", "csv", "html")
+
+app = new_app()
 
 
-@app.command()
-def run(
-    box_log: Annotated[
-        Path, typer.Argument(help="folder of boxes.parquet and frames.parquet, or boxes alone")
+@verb(app, "logs/sumo-1 --config examples/grid.yaml --out runs/accuracy")
+def accuracy_command(
+    log: Annotated[
+        Path,
+        typer.Argument(help="folder of boxes.parquet and frames.parquet, or boxes alone"),
     ],
     config: Annotated[
-        Path | None, typer.Option(help="sweep file: its placements, LiDAR and ROI")
+        Path | None,
+        typer.Option(metavar="FILE", help="of a sweep: its placements, LiDAR and ROI"),
     ] = None,
-    placement: Annotated[list[str] | None, typer.Option(help="all by default")] = None,
-    class_: Annotated[list[str] | None, typer.Option("--class", help="Car by default")] = None,
+    placement: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="of the paper's or of --config; repeatable; all by default",
+            autocompletion=paper_placements,
+        ),
+    ] = None,
+    class_: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--class",
+            metavar="NAME",
+            help="repeatable; Car by default",
+            autocompletion=classes_of_objects,
+        ),
+    ] = None,
     resolution: Annotated[
         list[float] | None,
-        typer.Option(help="m; methods, steps and frames are varied at the first one"),
+        typer.Option(help="m; repeatable: methods, steps and frames are varied at the first one"),
     ] = None,
-    azimuth_steps: Annotated[list[int] | None, typer.Option(help="rays of a beam a turn")] = None,
-    frames_share: Annotated[list[float] | None, typer.Option(help="of the POG's frames")] = None,
+    azimuth_steps: Annotated[
+        list[int] | None, typer.Option(help="rays of a beam a turn; repeatable")
+    ] = None,
+    frames_share: Annotated[
+        list[float] | None, typer.Option(help="of the POG's frames; repeatable")
+    ] = None,
     frames: Annotated[int | None, typer.Option(help="T, for a file of boxes alone")] = None,
-    out: Annotated[Path, typer.Option(help="path of the results, without suffix")] = Path(
-        "accuracy"
-    ),
+    out: Annotated[
+        Path, typer.Option(metavar="PATH", help="of the results, without suffix")
+    ] = Path("accuracy"),
+    as_json: JsonOption = False,
 ) -> None:
     """Compare ways to compute the surrogates: relative error, rank agreement, seconds.
 
-    Writes OUT.parquet, OUT.csv and OUT.html. Exit code 2: the input is wrong.
+    Writes OUT.parquet, OUT.csv and OUT.html.
     """
+    from lidarplace.accuracy import accuracy
+    from tracking.accuracy import relative_errors, summarise
+
     resolutions = resolution or [0.1, 0.05, 0.2]
     try:
-        boxes, table = _read(box_log, frames)
+        boxes, table = _read(log, frames)
         roi, placements = _scene(config, resolutions[0], placement or [])
         classes = class_ or ["Car"]
         unknown = [name for name in classes if name not in CLASSES]
@@ -68,13 +90,27 @@ def run(
             azimuth_steps or (90, 360, 1440, 5760),
             frames_share or (0.5, 0.25),
         )
-    except (ConfigError, ValueError) as error:
+        errors = relative_errors(result)
+        summary = summarise(errors)
+        _write(errors, summary, out)
+    except (OSError, ValueError) as error:
         wrong(error)
-    _report(result, out)
+    paths = {suffix: str(out.with_name(f"{out.name}.{suffix}")) for suffix in _SUFFIXES}
+    if as_json:
+        rows = json.loads(summary.to_json(orient="records", double_precision=15))
+        print_json({"files": paths, "summary": rows})
+    else:
+        _print(summary)
+        print(", ".join(paths.values()))
 
 
 def _read(path: Path, frames: int | None) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Boxes and the frames table."""
+    import pyarrow as pa
+
+    from lidarplace.box_log import read_box_log
+    from lidarplace.boxes import check_boxes, frame_keys
+
     if not path.exists():
         raise ValueError(f"{path}: no such file or folder")
     try:
@@ -107,6 +143,8 @@ def _scene(
         roi = Roi((0, 40), (-20, 20), (0, 4), resolution)
         known = dict(PAPER_PLACEMENTS)
     else:
+        from sweeps.grid import read_sweep
+
         sweep = read_sweep(config)
         point = sweep.points[0].point
         roi = Roi(point.roi.x, point.roi.y, point.roi.z, resolution)
@@ -116,21 +154,15 @@ def _scene(
             name: sweep.common.placement_named(name, lidar)
             for name in dict.fromkeys([*used, *sweep.common.placements])
         }
-    for name in names:
-        if name not in known:
-            raise ValueError(f"--placement {name}: allowed are {', '.join(known)}")
-    return roi, [known[name] for name in (names or known)]
+    return roi, [known_name("placement", name, known) for name in (names or known)]
 
 
-def _report(result: pd.DataFrame, out: Path) -> None:
-    """Print the summary and write the three files."""
-    from tracking.accuracy import relative_errors, summarise
-    from tracking.figures.accuracy import accuracy_figure
-    from tracking.figures.style import theme
+def _print(summary: pd.DataFrame) -> None:
+    from rich.table import Table
+
+    from lidarplace.surrogate import RAY_SURROGATES
     from tracking.labels import surrogate_name
 
-    errors = relative_errors(result)
-    summary = summarise(errors)
     console = output()
     # The others have the errors of these, or none that depends on the placement.
     shown = summary[summary["surrogate"].isin(["s_mig", "ig", "m_sog", *RAY_SURROGATES])]
@@ -152,6 +184,14 @@ def _report(result: pd.DataFrame, out: Path) -> None:
                 f"{row['seconds']:.3g}",
             )
         console.print(table)
+
+
+def _write(errors: pd.DataFrame, summary: pd.DataFrame, out: Path) -> None:
+    from lidarplace.files import replacing
+    from sweeps.store import write_text
+    from tracking.figures.accuracy import accuracy_figure
+    from tracking.figures.style import theme
+
     out.parent.mkdir(parents=True, exist_ok=True)
     for suffix, write in ((".parquet", errors.to_parquet), (".csv", errors.to_csv)):
         with replacing(out.with_name(out.name + suffix)) as partial:
@@ -166,7 +206,6 @@ def _report(result: pd.DataFrame, out: Path) -> None:
     ]
     page = "<!DOCTYPE html><meta charset='utf-8'><title>Accuracy</title>" + "".join(figures)
     write_text(out.with_name(f"{out.name}.html"), page)
-    console.print(f"\n{out}.parquet, {out}.csv, {out}.html", soft_wrap=True)
 
 
 if __name__ == "__main__":

@@ -2,30 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from pydantic import ByteSize, TypeAdapter, ValidationError
-from rich.console import Console
-from rich.filesize import decimal
-from rich.table import Table
 
-from lidarplace.command_line import output, wrong
-from sweeps.clean_store import Cleaned, clean_store, size_of
-from sweeps.grid import read_sweep
-from sweeps.remote_store import open_store
-from sweeps.store import SWEEPS, AnyStore, Entry, Store
-from sweeps.sweep_store import store_of
+from lidarplace.command_line import JsonOption, new_app, output, print_json, verb, wrong
 
-app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+if TYPE_CHECKING:
+    from sweeps.store import AnyStore
+
+app = new_app()
 
 
-@app.command()
+@verb(
+    app,
+    "examples/grid.yaml --dry-run",
+    "runs/store --quota 50GB",
+    failed="what sweeps refer to is larger than the quota",
+)
 def clean(
-    store: Annotated[str, typer.Argument(help="YAML file of a sweep, or folder or URL of a store")],
+    store: Annotated[
+        str,
+        typer.Argument(help="YAML file of a sweep or a search, or folder or URL of a store"),
+    ],
     quota: Annotated[
         str | None,
         typer.Option(metavar="SIZE", help="remove only as much as keeps the store below: 50GB"),
@@ -38,13 +39,17 @@ def clean(
     unlocked: Annotated[
         bool, typer.Option("--unlocked", help="no sweep uses the store: trust me; needed for a URL")
     ] = False,
+    as_json: JsonOption = False,
 ) -> None:
-    """Show the sizes of a store and remove what no sweep refers to.
+    """Show the sizes of a store and remove what no sweep or search refers to.
 
-    A sweep refers to the results of its last configuration. A store at a URL needs --unlocked,
-    because no lock tells whether a sweep uses it; --dry-run locks nothing. Exit code 0: done; 1:
-    what sweeps refer to is larger than the quota; 2: the store is in use, or an option is wrong.
+    A sweep refers to the results of its last configuration. A store that a sweep uses is left
+    alone. A store at a URL needs --unlocked, because no lock tells whether a sweep uses it;
+    --dry-run locks nothing.
     """
+    from sweeps.clean_store import clean_store
+    from sweeps.print_cleaned import print_cleaned, summary_of
+
     try:
         if dry_run and forget:
             raise ValueError("--forget: leave it out with --dry-run, which changes nothing")
@@ -55,26 +60,23 @@ def clean(
             cleaned = clean_store(opened, limit, dry_run)
     except (OSError, ValueError) as error:
         wrong(error)
-    console = output()
-    _print_stages(console, cleaned)
-    _print_sweeps(console, cleaned)
-    verb = "would be removed" if dry_run else "removed"
-    console.print(
-        f"{verb}: {_told(cleaned.removed)}; left: {decimal(cleaned.kept_bytes)}", highlight=False
-    )
+    if as_json:
+        print_json(summary_of(cleaned, dry_run))
+    else:
+        print_cleaned(output(), cleaned, dry_run, limit)
     if limit is not None and cleaned.kept_bytes > limit:
-        console.print(
-            f"what sweeps refer to is larger than {decimal(limit)}; name those that are needed no "
-            "more with --forget",
-            soft_wrap=True,
-        )
         raise typer.Exit(1)
 
 
 def _store_of(name: str) -> AnyStore:
-    """The store of a sweep, or the one of that name. Raises ValueError if there is none."""
+    """The store of a file, or the one of that name. Raises ValueError if there is none."""
+    from sweeps.any_file import read_either
+    from sweeps.remote_store import open_store
+    from sweeps.store import SWEEPS, Store
+    from sweeps.sweep_store import store_of
+
     if Path(name).suffix in (".yaml", ".yml"):
-        opened = store_of(read_sweep(Path(name)))
+        opened = store_of(read_either(Path(name)))
     else:
         opened = open_store(name, Path())
     if isinstance(opened, Store) and not (opened.folder / SWEEPS).is_dir():
@@ -83,57 +85,13 @@ def _store_of(name: str) -> AnyStore:
 
 
 def _bytes(size: str) -> int:
+    from pydantic import ByteSize, TypeAdapter, ValidationError
+
     try:
         return int(TypeAdapter(ByteSize).validate_python(size))
     except ValidationError:
         raise ValueError(f"--quota {size}: expected a size such as 500MB or 50GB") from None
 
 
-def _print_stages(console: Console, cleaned: Cleaned) -> None:
-    referred = cleaned.referred
-    results = [entry for entry in cleaned.contents if entry.kind == "result"]
-    table = _table("stage", "results", "size", "of no sweep", "size of these")
-    for stage in dict.fromkeys(entry.stage for entry in results):
-        here = [entry for entry in results if entry.stage == stage]
-        table.add_row(stage, *_counted(here), *_counted(_not_in(here, referred)))
-    table.add_row("all", *_counted(results), *_counted(_not_in(results, referred)), style="bold")
-    console.print(table)
-    usable = [e for e in cleaned.contents if e.kind == "working" and e not in cleaned.leftovers]
-    console.print(f"checkpoints of unfinished trainings: {_told(usable)}", highlight=False)
-    console.print(f"leftovers of killed processes: {_told(cleaned.leftovers)}", highlight=False)
-
-
-def _print_sweeps(console: Console, cleaned: Cleaned) -> None:
-    table = _table("sweep", "refers to", "of these there", "size")
-    for name, keys in cleaned.references.items():
-        there = [e for e in cleaned.contents if e.kind == "result" and e.key in keys]
-        table.add_row(name, str(len(keys)), *_counted(there))
-    console.print(table)
-
-
-def _table(first: str, *columns: str) -> Table:
-    table = Table(first)
-    for column in columns:
-        table.add_column(column, justify="right")
-    return table
-
-
-def _not_in(entries: Collection[Entry], keys: set[str]) -> list[Entry]:
-    return [entry for entry in entries if entry.key not in keys]
-
-
-def _counted(entries: Collection[Entry]) -> tuple[str, str]:
-    return str(len(entries)), decimal(size_of(entries))
-
-
-def _told(entries: Collection[Entry]) -> str:
-    return f"{len(entries)} ({decimal(size_of(entries))})"
-
-
-def main() -> None:
-    """Command line."""
-    app()
-
-
 if __name__ == "__main__":
-    main()
+    app()

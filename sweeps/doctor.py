@@ -8,16 +8,45 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.table import Table
+from typer.core import TyperCommand
 
 from sweeps import checks
 from sweeps.checks import Finding
+from sweeps.options import SetOption
 
-app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+_EPILOG = """
+Examples:
+  {command}
+  {command} examples/grid.yaml --json
+
+Exit codes:
+  0    done
+  1    something that is needed is missing
+  2    the input is wrong: one line on stderr says what
+  130  stopped by Ctrl-C
+"""
+
+
+class _Doctor(TyperCommand):
+    """In the style of `lidarplace.command_line`, which needs packages that may be missing."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            print("\nStopped.", file=sys.stderr)
+            raise typer.Exit(130) from None
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        formatter.write(_EPILOG.replace("{command}", ctx.command_path))
+
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
 _SIGNS = {
     "good": "[green]✓[/]",
@@ -54,18 +83,17 @@ class Asked:
         return self.store or str(self.folder)
 
 
-@app.command()
+@app.command(cls=_Doctor)
 def doctor(
-    config: Annotated[Path | None, typer.Argument(help="YAML file of a sweep")] = None,
-    set_: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override a key path")
+    config: Annotated[
+        Path | None, typer.Argument(metavar="CONFIG", help="YAML file of a sweep or a search")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="print the findings as JSON")] = False,
+    set_: SetOption = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print JSON for a script")] = False,
 ) -> None:
     """Look whether everything is there that a sweep needs, and say how to mend what is not.
 
-    Exit code 0: all that is needed is there; 1: something is missing; 2: the configuration is
-    wrong. Servers are asked only if the configuration names them.
+    Servers are asked only if the configuration names them.
     """
     if set_ and config is None:
         from lidarplace.command_line import wrong  # needs packages that may be missing
@@ -91,11 +119,11 @@ def asked_of(config: Path, overrides: Sequence[str] = ()) -> Asked:
     """What the file and `overrides` ask for. Ends the program with exit code 2 if it is wrong."""
     from lidarplace.command_line import wrong
     from lidarplace.scenes.settings import SumoScene
+    from sweeps.any_file import read_either
     from sweeps.config_file import ConfigError
-    from sweeps.grid import read_sweep
 
     try:
-        sweep = read_sweep(config, overrides)
+        sweep = read_either(config, overrides)
     except ConfigError as error:
         wrong(error)
     common = sweep.common
@@ -147,10 +175,16 @@ def look(asked: Asked) -> list[Finding]:
 
 def scenes(config: Path, overrides: Sequence[str] = ()) -> Finding:
     """The maps, logs and checkpoints that the file names are there."""
+    from sweeps.any_file import is_search
     from sweeps.config_file import ConfigError
     from sweeps.plan import read_plan
 
     try:
+        if is_search(config):
+            from sweeps.search.problem import read_problem
+
+            problem = read_problem(config, overrides)
+            return Finding("scenes", f"{problem.file.search.trials} trials", "this search")
         _, plan = read_plan(config, overrides)
     except ConfigError as error:
         text = " ".join(str(error).split())

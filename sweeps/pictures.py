@@ -7,9 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from lidarplace.boxes import GEOMETRY
 from lidarplace.coverage import coverage
+from lidarplace.entropy import entropy_of_counts
 from lidarplace.files import replacing
 from lidarplace.lidar.clouds import PointClouds
 from sweeps.grid import Sweep
@@ -40,18 +42,29 @@ def drawn(known: Sequence[Trial], tested: Sequence[Trial], surrogates: pd.DataFr
 
 
 def maps(sweep: Sweep, trials: Sequence[Trial], store: AnyStore) -> Value:
-    """From above: `coverage/PLACEMENT`, the covered share, and `pog/CLASS`, the entropy in nats,
-    of each column of voxels; shape (nx, ny), float32."""
+    """What `tracking.run_folder.Maps` holds: `pog/CLASS`, and for every placement
+    `coverage/PLACEMENT` and `residual/PLACEMENT` from above, the same with `_side` from the side.
+    """
     found: Value = {}
+    classes = trials[0].grid_point.point.classes
+    names = {f"from_above_{name}": f"pog/{name}" for name in classes}
+    pog = store.load(trials[0].pog)
+    entropy = sum(_entropy(pog[f"counts_{name}"], pog["frames"]) for name in classes)
     for trial in trials:
         point = trial.grid_point.point
         rig = sweep.common.placement_named(point.placement, point.lidar.lidar())
         covered = coverage(rig, point.voxel_roi(), point.surrogate.method)
-        found[f"coverage/{point.placement}"] = covered.mean(axis=2, dtype=np.float32)
-    classes = trials[0].grid_point.point.classes
-    names = {f"from_above_{name}": f"pog/{name}" for name in classes}
-    pog = store.load(trials[0].pog, tuple(names))
-    return found | {names[name]: array for name, array in pog.items()}
+        residual = np.where(covered, np.float32(0), entropy)
+        for suffix, axis in (("", 2), ("_side", 1)):
+            place = f"{suffix}/{point.placement}"
+            found[f"coverage{place}"] = covered.mean(axis=axis, dtype=np.float32)
+            found[f"residual{place}"] = residual.sum(axis=axis)
+    return found | {names[name]: pog[name] for name in names}
+
+
+def _entropy(counts: NDArray[np.int32], frames: int) -> NDArray[np.float32]:
+    """H of every voxel, nats. Not `OccupancyGrid.entropy`, which is twice as large and stays."""
+    return entropy_of_counts(np.arange(int(counts.max()) + 1), frames).astype(np.float32)[counts]
 
 
 def one_frame(trials: Sequence[Trial], store: AnyStore) -> Value:

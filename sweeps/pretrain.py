@@ -3,51 +3,57 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lidarplace.command_line import output, wrong
-from sweeps.config_file import ConfigError
-from sweeps.failures import Failure, FailureFolder
-from sweeps.grid import Sweep, read_sweep
-from sweeps.plan import Plan, read_plan
-from sweeps.progress import StageProgress
-from sweeps.sweep_store import reference, store_of
-from sweeps.task import Task
+from lidarplace.command_line import new_app, output, verb, wrong
+from sweeps.going_on import going_on
+from sweeps.options import ConfigArgument, SetOption
 
-app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+if TYPE_CHECKING:
+    from sweeps.failures import Failure, FailureFolder
+    from sweeps.progress import StageProgress
+    from sweeps.task import Task
 
-_MIXED = ("placement", "lidar", "seed", "surrogate")
-"""Axes that may have several values: those of the rig are mixed, the others do not matter."""
+app = new_app()
 
 
-@app.command()
+@verb(
+    app,
+    "examples/grid.yaml --out base.pt --set training.epochs=80",
+    failed="the training or the machine failed",
+)
 def pretrain(
-    config: Annotated[Path, typer.Argument(help="YAML file of a sweep")],
-    out: Annotated[Path, typer.Option(help="file for the weights, such as base.pt")],
-    set_: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override a key path")
-    ] = None,
+    config: ConfigArgument,
+    out: Annotated[
+        Path, typer.Option(metavar="FILE", help="file for the weights, such as base.pt")
+    ],
+    set_: SetOption = None,
 ) -> None:
     """Train the detector of a sweep on the training clouds of all its placements together.
 
     A sweep then starts every training from the same weights, which favour no placement, with
     `training.checkpoint: base.pt`. All classes of the configuration are trained; where it names
     the file to be written already, the base starts from scratch. Scenes and clouds come from the
-    sweep's store and stay there; one that is stopped goes on at its last epoch. Exit code 0: the
-    file is there; 1: something failed; 2: the configuration is wrong; 130: stopped by Ctrl-C.
-
-    Example: python -m sweeps.pretrain grid.yaml --out base.pt --set training.epochs=80
+    sweep's store and stay there; one that is stopped goes on at its last epoch.
     """
-    from sweeps.backends import BackendLost, backend_for
+    from sweeps.backends import backend_for
+    from sweeps.config_file import ConfigError
     from sweeps.execute import execute
+    from sweeps.failures import FailureFolder
+    from sweeps.grid import read_sweep
+    from sweeps.plan import read_plan
+    from sweeps.pretrain_task import pretrain_task, with_inputs
+    from sweeps.progress import StageProgress
     from sweeps.ray_cluster import ClusterError
+    from sweeps.sweep_store import reference, store_of
     from training.checkpoints import write_checkpoint
 
+    if out.is_dir():  # before hours of training, not after
+        wrong(f"--out {out}: is a folder; a file for the weights is expected")
     overrides = set_ or []
     try:
         checkpoints = [
@@ -57,7 +63,7 @@ def pretrain(
             overrides = [*overrides, "training.checkpoint=null"]
         sweep, plan = read_plan(config, overrides)
         out.parent.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=out.parent).close()  # before hours of training, not after
+        tempfile.TemporaryFile(dir=out.parent).close()
     except (ConfigError, OSError) as error:
         wrong(error)
     try:
@@ -71,6 +77,7 @@ def pretrain(
     logs = FailureFolder(sweep.common.output / sweep.common.name / "failed")
     try:
         with (
+            going_on(console),
             store.in_use(),
             backend_for(sweep.common.ray, store) as backend,
             StageProgress(console, tasks, store.finished(tasks)) as progress,
@@ -78,12 +85,6 @@ def pretrain(
             failures = execute(tasks, store, backend, _Listener(progress, logs)).failures
     except ClusterError as error:
         wrong(error)
-    except (BackendLost, OSError) as error:
-        console.print(f"{error}. The same command goes on.", markup=False, soft_wrap=True)
-        raise typer.Exit(1) from None
-    except KeyboardInterrupt:
-        console.print("\nStopped. The same command goes on from the last epoch.")
-        raise typer.Exit(130) from None
     if task.key in failures:
         reason = failures[task.key].reason
         console.print(f"failed: {task.label}: {reason}", markup=False, soft_wrap=True)
@@ -122,51 +123,6 @@ class _Listener:
     def failed(self, task: Task, failure: Failure) -> None:
         self.progress.failed(task, failure)
         self.failures.write(task, failure)
-
-
-def pretrain_task(sweep: Sweep, plan: Plan) -> Task:
-    """The training on the clouds of all placements of a sweep, with the seed of its first point.
-
-    Raises:
-        ConfigError: there is no detector, or the grid has several detectors, trainings, scenes,
-            ROIs or lists of classes.
-    """
-    for axis in sweep.axes:
-        # A value may be a list or a mapping.
-        values = {repr(grid_point.axes[axis]) for grid_point in sweep.points}
-        if axis.partition(".")[0] not in _MIXED and len(values) > 1:
-            raise ConfigError(
-                f"grid.{axis}: a base is trained for one value, found {', '.join(sorted(values))}; "
-                f"choose with --set 'grid.{axis}=[…]'"
-            )
-    trainings = [trial.finetune for trial in plan.trials if trial.finetune is not None]
-    if not trainings:
-        raise ConfigError("detector: null trains nothing; name the detector of the base")
-    inputs = {needed.key: needed for training in trainings for needed in training.inputs}
-    placements = {trial.grid_point.point.placement for trial in plan.trials}
-    params = trainings[0].params
-    return Task(
-        "pretrain",
-        f"{params['detector']} · {len(placements)} placements",
-        {**params, "point_range": _around([task.params["point_range"] for task in trainings])},
-        tuple(inputs.values()),
-        gpu=True,
-        resumable=True,
-    )
-
-
-def with_inputs(task: Task) -> list[Task]:
-    """All tasks that `task` needs, each once and after its inputs, and `task` itself."""
-    found: dict[str, Task] = {}
-    for needed in task.inputs:
-        found |= {item.key: item for item in with_inputs(needed) if item.key not in found}
-    return [*found.values(), task]
-
-
-def _around(ranges: Sequence[Sequence[float]]) -> tuple[float, ...]:
-    """The smallest range that holds all."""
-    low, high = zip(*((item[:3], item[3:]) for item in ranges), strict=True)
-    return (*map(min, zip(*low, strict=True)), *map(max, zip(*high, strict=True)))
 
 
 if __name__ == "__main__":

@@ -8,35 +8,32 @@ from typing import Annotated
 
 import typer
 
-from lidarplace.box_log import join_logs, write_box_log
-from lidarplace.command_line import output, wrong
-from lidarplace.describe import print_description
-from sweeps.plan import read_plan
-from sweeps.stages import box_log
-from sweeps.sweep_store import reference, store_of
+from lidarplace.command_line import new_app, output, verb, wrong
+from sweeps.going_on import going_on
+from sweeps.options import ConfigArgument, SetOption
 
-app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+app = new_app()
 
 
-@app.command()
+@verb(app, "examples/paper.yaml logs/paper", failed="scenes or the machine failed")
 def record(
-    config: Annotated[Path, typer.Argument(help="YAML file of a sweep; only its scene matters")],
+    config: ConfigArgument,
     out: Annotated[Path, typer.Argument(help="folder for a box log of every scene of the grid")],
-    set_: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override a key path")
-    ] = None,
+    set_: SetOption = None,
 ) -> None:
     """Record the scenes of a sweep, towns in parallel, and write them as box logs.
 
-    A sweep of the same file finds them in its store. Exit code 0: all scenes are there; 1: some
-    failed; 2: the configuration is wrong.
-
-    Example: python -m sweeps.record examples/paper.yaml logs/paper
+    Only the scenes of the file matter. A sweep of the same file finds them in its store.
     """
-    from sweeps.backends import BackendLost, backend_for
+    from lidarplace.box_log import join_logs, write_box_log
+    from lidarplace.describe import print_description
+    from sweeps.backends import backend_for
     from sweeps.execute import execute
+    from sweeps.plan import read_plan
     from sweeps.progress import StageProgress
     from sweeps.ray_cluster import ClusterError
+    from sweeps.stages import box_log
+    from sweeps.sweep_store import reference, store_of
 
     try:
         sweep, plan = read_plan(config, set_ or [])
@@ -49,6 +46,7 @@ def record(
     console = output()
     try:
         with (
+            going_on(console),
             store.in_use(),
             backend_for(sweep.common.ray, store) as backend,
             StageProgress(console, tasks, store.finished(tasks)) as progress,
@@ -56,9 +54,6 @@ def record(
             failures = execute(tasks, store, backend, progress).failures
     except ClusterError as error:
         wrong(error)
-    except (BackendLost, OSError) as error:
-        console.print(f"{error}. The same command goes on.", markup=False, soft_wrap=True)
-        raise typer.Exit(1) from None
     for parts, label in scenes.items():
         if any(part.key in failures for part in parts):
             continue

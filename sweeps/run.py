@@ -5,10 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import shlex
-import sys
 import time
 from contextlib import ExitStack
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -17,77 +16,85 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from lidarplace.command_line import output, wrong
+from lidarplace.command_line import JsonOption, called, new_app, output, print_json, verb, wrong
 from sweeps.clean_store import clean_store
 from sweeps.config import SweepFile
 from sweeps.failures import FailureFolder
+from sweeps.going_on import going_on
 from sweeps.grid import Sweep
+from sweeps.options import ConfigUnlessSchema, DryRunOption, SchemaOption, SetOption
 from sweeps.plan import Plan, further_axes, read_plan
-from sweeps.print_plan import print_plan
-from sweeps.result_folder import DamagedResult
+from sweeps.planned import planned, print_planned
 from sweeps.store import AnyStore
 from sweeps.store_lock import locked
 from sweeps.sweep_store import reference, store_of
 from sweeps.task import Task
 from sweeps.trial_results import trial_failure
 
-app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-
-_GOES_ON = "What is finished is kept; the same command goes on from there."
+app = new_app()
 
 
-@app.command()
+@verb(
+    app,
+    "examples/grid.yaml",
+    "examples/grid.yaml --set training.epochs=2 --dry-run",
+    failed="trials failed, the machine failed the sweep, or MLflow has not got all",
+)
 def run(
-    config: Annotated[Path | None, typer.Argument(help="YAML file of the sweep")] = None,
-    set_: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override a key path")
-    ] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="print the plan and stop")] = False,
+    config: ConfigUnlessSchema = None,
+    set_: SetOption = None,
+    dry_run: DryRunOption = False,
     rerun_failed: Annotated[
         bool, typer.Option("--rerun-failed", help="try again what failed for good")
     ] = False,
-    schema: Annotated[bool, typer.Option("--schema", help="print the JSON schema")] = False,
+    schema: SchemaOption = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Run a sweep: scenes, surrogates, point clouds, detectors, MLflow, report.
 
     The same command continues a sweep that was stopped. What failed because of its data or
     settings is not tried again without --rerun-failed; what a machine was to blame for is.
-
-    Exit code 0: all trials finished; 1: some failed, or MLflow has not got all; 2: the
-    configuration is wrong; 130: stopped by Ctrl-C.
     """
-    console = output()
     if schema:
-        print(json.dumps(SweepFile.model_json_schema(), indent=2))
+        print_json(SweepFile.model_json_schema())
         return
     if config is None:
         wrong("name a configuration file, such as examples/grid.yaml")
+    if as_json and not dry_run:
+        wrong("--json: is for --dry-run and --schema; sweeps.status --json tells how a sweep goes")
     try:
         sweep, plan = read_plan(config, set_ or [])
         store = store_of(sweep)
     except ValueError as error:
         wrong(error)
+    console = output()
     if dry_run:
-        print_plan(console, sweep, plan, store)
+        shown = planned(sweep, plan, store)
+        if as_json:
+            print_json(asdict(shown))
+        else:
+            print_planned(console, shown)
         return
-    from sweeps.backends import BackendLost
-
-    try:
-        complete = run_sweep(console, sweep, plan, store, rerun_failed)
-    except (BackendLost, DamagedResult, OSError) as error:  # such as a disk that is full
-        console.print(f"\n{error}. {_GOES_ON}", markup=False, soft_wrap=True)
-        raise typer.Exit(1) from None
-    except KeyboardInterrupt:
-        console.print(f"\nStopped. {_GOES_ON}")
-        raise typer.Exit(130) from None
+    os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"  # before anything imports it
+    with going_on(console):
+        complete = run_sweep(console, sweep, plan, store, called(), rerun_failed)
     if not complete:
         raise typer.Exit(1)
 
 
 def run_sweep(
-    console: Console, sweep: Sweep, plan: Plan, store: AnyStore, rerun_failed: bool
+    console: Console,
+    sweep: Sweep,
+    plan: Plan,
+    store: AnyStore,
+    command: str,
+    rerun_failed: bool,
 ) -> bool:
     """Run the plan, log it, report it. Returns whether all trials finished and were logged.
+
+    Args:
+        command: what makes the sweep again.
+        rerun_failed: try again what failed for good.
 
     Raises:
         typer.Exit: another driver runs the sweep, or MLflow or Ray cannot be had.
@@ -95,13 +102,17 @@ def run_sweep(
         OSError: the run folder cannot be written.
     """
     from sweeps.backends import backend_for
+    from sweeps.best_models import log_best_models
     from sweeps.execute import Outcome, execute
     from sweeps.progress import StageProgress
     from sweeps.promotion import at_most, promote
+    from sweeps.sweep_in_mlflow import ABOUT, columns, note
     from sweeps.trial_log import TrialLog
     from sweeps.write_run import Run, write_run
     from tracking.mlflow_log import SweepLog, ui_command
-    from tracking.report import build_report
+    from tracking.mlflow_source import source_tags
+    from tracking.mlflow_system import SystemMonitor
+    from tracking.report.build import build_report
 
     start = time.monotonic()
     folder = sweep.common.output / sweep.common.name
@@ -119,11 +130,16 @@ def run_sweep(
                 sweep_key(sweep, plan),
                 _parameters(sweep, plan),
                 journal=folder / "mlflow.jsonl",
+                tags=source_tags(),
+                note=note(sweep.source, command, [sweep.common.tracking_uri]),
+                about=ABOUT,
+                columns=columns(sweep),
                 say=say,
             )
             stack.enter_context(log)
             stack.enter_context(workers)
             backend = workers.enter_context(backend_for(sweep.common.ray, store))
+            workers.enter_context(SystemMonitor(log.sample, say))
         except ValueError as error:  # in use, or MLflow or Ray cannot be had
             wrong(error)
         store.end_running(plan.tasks)  # what a killed driver left
@@ -132,7 +148,9 @@ def run_sweep(
         known = failures.known(rerun_failed, cached)
         outcome = Outcome()
         with workers, StageProgress(console, at_most(sweep, plan), cached) as progress:
-            listener = TrialLog(progress, log, plan, store, further_axes(sweep), failures)
+            listener = TrialLog(
+                progress, log, plan, store, further_axes(sweep), failures, folder / "pictures"
+            )
 
             def run_tasks(tasks: list[Task]) -> bool:
                 execute(tasks, store, backend, listener, outcome, known)
@@ -142,7 +160,6 @@ def run_sweep(
             cores = backend.cores
         store.refer(reference(sweep), [*(task.key for task in plan.tasks), *outcome.probes])
         listener.log_rest(outcome.failures)
-        command = shlex.join(["python", "-m", "sweeps.run", *sys.argv[1:]])
         seconds = time.monotonic() - start
         run = Run(outcome, promotion, cached, cores, command, start, seconds)
         write_run(folder, sweep, plan, store, run)
@@ -154,11 +171,15 @@ def run_sweep(
         ]
         if len(failed) < len(plan.trials):
             report = build_report(folder)
-            for path in (report, *sorted(folder.glob("*.parquet")), folder / "config.yaml"):
+            written = (report, report.with_suffix(".md"), folder / "sweep.json")
+            for path in (*written, *sorted(folder.glob("*.parquet")), folder / "config.yaml"):
                 log.artifact(path)
+            for path in sorted((folder / "tables").glob("*.csv")):
+                log.artifact(path, "tables")
+            log_best_models(plan.trials, store, folder / "models", log)
             _print_summary(console, folder)
             say(f"\nReport  {report}")
-        say(f"MLflow  {ui_command(sweep.common.tracking_uri)}")
+        say(f"MLflow  {ui_command(sweep.common.tracking_uri, log.page())}")
     console.print(f"{time.monotonic() - start:.0f} s", highlight=False)
     for trial, failure in failed:
         say(f"failed: {trial.label}: {failure.reason}")
@@ -184,7 +205,7 @@ def keep_to_quota(console: Console, sweep: Sweep, store: AnyStore) -> None:
     if cleaned.kept_bytes > quota_gb * 1e9:
         console.print(
             f"store: {cleaned.kept_bytes / 1e9:.3g} GB belong to sweeps, more than quota_gb "
-            f"{quota_gb:g}; python -m sweeps.clean --forget NAME gives up a sweep"
+            f"{quota_gb:g}; sweeps.clean lists their names, and --forget NAME gives one up"
         )
 
 
@@ -227,11 +248,5 @@ def _short(value: object) -> str:
     return f"{value / 1000:.3g}k" if abs(value) >= 1000 else f"{value:.1f}"
 
 
-def main() -> None:
-    """Command line."""
-    os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"
-    app()
-
-
 if __name__ == "__main__":
-    main()
+    app()

@@ -237,8 +237,9 @@ def pretrain(
 
 def evaluate_detector(params: Params, weights: Value, *inputs: Value) -> Value:
     """Detect on the test clouds and compare with the ground truth. `inputs` as for `finetune`."""
+    from training.by_distance import evaluate_by_distance
     from training.detect import detect
-    from training.kitti_ap import evaluate_boxes
+    from training.kitti_ap import evaluation
     from training.settings import TrainingSettings
 
     clouds, objects = _clouds_and_objects(inputs)
@@ -251,8 +252,14 @@ def evaluate_detector(params: Params, weights: Value, *inputs: Value) -> Value:
         point_range=params["point_range"],
     )
     frames = clouds.frames.tolist()
-    metrics = evaluate_boxes(objects, found.boxes, frames, params["classes"], found.refined)
-    return {"metrics": metrics, "detections": found.boxes}
+    classes = params["classes"]
+    whole = evaluation(objects, found.boxes, frames, classes, found.refined)
+    return {
+        "metrics": whole.metrics,
+        "pr_curves": whole.curves,
+        "by_distance": evaluate_by_distance(objects, found.boxes, frames, classes),
+        "detections": found.boxes,
+    }
 
 
 FUNCTIONS: dict[str, Callable[..., Value]] = {

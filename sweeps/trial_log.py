@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import pandas as pd
 
@@ -11,7 +12,9 @@ from sweeps.failures import Failure, FailureFolder
 from sweeps.plan import Plan, Trial
 from sweeps.progress import StageProgress
 from sweeps.store import AnyStore
+from sweeps.sweep_in_mlflow import datasets, tags
 from sweeps.task import Task
+from sweeps.trial_pictures import trial_pictures
 from sweeps.trial_results import trial_failure, trial_results, trial_seconds
 from tracking.mlflow_log import SweepLog, trial_metrics
 
@@ -32,12 +35,14 @@ class TrialLog:
         store: AnyStore,
         axes: Sequence[str],
         failures: FailureFolder,
+        pictures: Path,
     ) -> None:
         self._progress = progress
         self._log = log
         self._store = store
         self._axes = axes
         self._failures = failures
+        self._pictures = pictures
         trials = [trial for trial in plan.trials if trial.evaluate is not None]
         self._open = {trial.key: trial for trial in trials}
         there = store.finished(task for trial in trials for task in trial.results)
@@ -63,7 +68,14 @@ class TrialLog:
                 known = self._store.has(trial.surrogates)
                 metrics = self._metrics(trial, pd.DataFrame()) if known else {}
                 params = self._params(trial)
-                self._log.trial(trial.key, trial.label, params, metrics, error=failure.reason)
+                self._log.trial(
+                    trial.key,
+                    trial.label,
+                    params,
+                    metrics,
+                    error=failure.reason,
+                    tags=tags(trial, self._axes),
+                )
 
     def started(self, task: Task) -> None:
         self._progress.started(task)
@@ -87,13 +99,26 @@ class TrialLog:
         metrics = self._metrics(trial, trial_results(trial, self._store, self._axes))
         metrics["seconds"] = trial_seconds(trial, self._store)
         assert trial.finetune is not None
+        assert trial.evaluate is not None
+        records = [self._store.record(task) for task in (trial.finetune, trial.evaluate)]
+        metrics["peak_memory_megabytes"] = max(r["peak_memory"] for r in records) / 1e6
         training = self._store.load(trial.finetune, ("weights", "batch_size", "classes", "curve"))
         params = self._params(trial) | {
             "weights": training["weights"],
             "batch_size": training["batch_size"],
             "trained_classes": ", ".join(training["classes"]),
         }
-        self._log.trial(trial.key, trial.label, params, metrics, training["curve"])
+        metrics["batch_size"] = training["batch_size"]
+        self._log.trial(
+            trial.key,
+            trial.label,
+            params,
+            metrics,
+            training["curve"],
+            tags=tags(trial, self._axes),
+            datasets=datasets(trial),
+            files=trial_pictures(trial, self._store, self._pictures),
+        )
 
     def _metrics(self, trial: Trial, results: pd.DataFrame) -> dict[str, float]:
         surrogates = self._store.load(trial.surrogates, ("table",))["table"]

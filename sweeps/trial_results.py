@@ -13,7 +13,7 @@ from sweeps.failures import Failure
 from sweeps.plan import Trial
 from sweeps.store import AnyStore
 from sweeps.task import Task
-from tracking.summary import headline_iou
+from tracking.kitti_iou import headline_iou
 
 _SURROGATE_AXES = ("scene", "roi", "lidar", "surrogate")
 

@@ -15,6 +15,7 @@ import pandas as pd
 import yaml
 
 from lidarplace.files import replacing
+from lidarplace.lidar.points_by_distance import points_by_distance
 from sweeps.execute import Outcome
 from sweeps.grid import Sweep
 from sweeps.pictures import drawn, maps, one_frame, save_arrays
@@ -23,6 +24,7 @@ from sweeps.promotion import Promotion
 from sweeps.store import AnyStore, write_text
 from sweeps.task import Task
 from sweeps.trial_results import (
+    axis_values,
     identity,
     of_placement,
     surrogate_identity,
@@ -31,7 +33,7 @@ from sweeps.trial_results import (
     trial_seconds,
     with_columns,
 )
-from tracking.mlflow_uri import hide_password, public_uri
+from tracking.mlflow_uri import absolute_uri, hide_password, public_uri
 
 _VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas")
 
@@ -89,6 +91,9 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
         ("surrogates", surrogates),
         ("expected_ig_by_q", gathered("surrogates", "by_q", with_rays)),
         ("curves", _stack([_curve(trial, store) for trial in tested])),
+        ("pr_curves", _stack([_of_trial(trial, "pr_curves", store, axes) for trial in tested])),
+        ("distance", _stack([_of_trial(trial, "by_distance", store, axes) for trial in tested])),
+        ("points", _points(tested, store, axes)),
         ("accuracy", gathered("accuracy", "table", known)),
         ("sampling_error", gathered("sampling_error", "estimates", known)),
         ("pog_resamples", gathered("sampling_error", "resamples", known)),
@@ -98,16 +103,18 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
         with replacing(folder / f"{name}.parquet") as partial:
             table.to_parquet(partial, index=False)
     frames = {"train": 0, "test": 0}
+    pictured: Mapping[str, Any] = {}
     if known:
         for scene in (task for task in known[0].scenes if task.key in there):
             splits = store.load(scene, ("frames",))["frames"]["split"]
             for split, count in splits.value_counts().items():
                 frames[str(split)] += int(count)
-        pictured = drawn(known, tested, surrogates)
-        save_arrays(folder / "maps.npz", maps(sweep, pictured, store))
+        shown = drawn(known, tested, surrogates)
+        save_arrays(folder / "maps.npz", maps(sweep, shown, store))
         if tested:
-            save_arrays(folder / "frame.npz", one_frame(pictured, store))
-    about = _about(sweep, frames, run)
+            save_arrays(folder / "frame.npz", one_frame(shown, store))
+        pictured = axis_values(shown[0], [a for a in axes if a in surrogates.columns])
+    about = _about(sweep, frames, run) | {"pictured": pictured}
     write_text(folder / "sweep.json", json.dumps(about, indent=1))
 
 
@@ -135,6 +142,33 @@ def _stack(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
 def _curve(trial: Trial, store: AnyStore) -> pd.DataFrame:
     assert trial.finetune is not None
     return with_columns(store.load(trial.finetune, ("curve",))["curve"], {"trial": trial.key})
+
+
+def _of_trial(trial: Trial, name: str, store: AnyStore, axes: Sequence[str]) -> pd.DataFrame:
+    """A table of the evaluation."""
+    assert trial.evaluate is not None
+    return with_columns(store.load(trial.evaluate, (name,))[name], identity(trial, axes))
+
+
+def _points(trials: Sequence[Trial], store: AnyStore, axes: Sequence[str]) -> pd.DataFrame:
+    """Points per object of the test frames by distance; once for what several trials share."""
+    tables: dict[tuple[object, ...], pd.DataFrame] = {}
+    for trial in trials:
+        own = surrogate_identity(trial, axes)
+        place = (*(task.key for task in trial.collect_test), *own.values())
+        if place in tables:
+            continue
+        objects = pd.concat(
+            [store.load(task, ("objects",))["objects"] for task in trial.ground_truths]
+        )
+        objects = objects[objects["class"].isin(trial.grid_point.point.classes)]
+        counts = [
+            store.load(task, ("points_per_object",))["points_per_object"]
+            for task in trial.collect_test
+        ]
+        found = points_by_distance(objects, pd.concat(counts))
+        tables[place] = with_columns(found, own)
+    return _stack(list(tables.values()))
 
 
 def _tasks_table(tasks: Sequence[Task], store: AnyStore, run: Run) -> pd.DataFrame:
@@ -183,7 +217,7 @@ def _about(sweep: Sweep, frames: Mapping[str, int], run: Run) -> dict[str, Any]:
         "roi": roi,
         "frames": dict(frames),
         "promote": [rung.model_dump(mode="json", by_alias=True) for rung in sweep.common.promote],
-        "tracking_uri": public_uri(sweep.common.tracking_uri),
+        "tracking_uri": public_uri(absolute_uri(sweep.common.tracking_uri)),
         "cores": run.cores,
         "seconds": run.seconds,
         "versions": {"python": platform.python_version()} | {n: version(n) for n in _VERSIONS},

@@ -1,11 +1,9 @@
-"""Confidence intervals of a coefficient: resample placements, and seeds within placements."""
+"""Hierarchical bootstrap: resample placements, and seeds within placements."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-
-from tracking.coefficients import scores
 
 
 def hierarchical_resamples(
@@ -30,33 +28,3 @@ def hierarchical_resamples(
     values = packed[drawn[..., None], pick]
     wanted = np.arange(columns) < counts[drawn][..., None]
     return drawn, np.where(wanted, values, 0.0).sum(axis=-1) / counts[drawn]
-
-
-def bootstrap_intervals(
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    coefficient: str,
-    resamples: int,
-    seed: int,
-    confidence: float = 0.95,
-) -> NDArray[np.float64]:
-    """Percentile intervals of the coefficient between each row of `x` and the seed means of `y`.
-
-    A resample in which all placements are one and the same has no coefficient and is left out.
-
-    Args:
-        x: samples, shape (k, n).
-        y: shape (n, seeds), see `hierarchical_resamples`.
-
-    Returns:
-        Lower and upper bound, shape (k, 2).
-    """
-    drawn, means = hierarchical_resamples(y, resamples, seed)
-    of_y = scores(means, coefficient)
-    tail = (1 - confidence) / 2
-    bounds = np.empty((len(x), 2))
-    for i, sample in enumerate(x):
-        values = np.einsum("bm,bm->b", scores(sample[drawn], coefficient), of_y)
-        values = values[np.isfinite(values)]
-        bounds[i] = np.quantile(values, [tail, 1 - tail]) if len(values) else np.nan
-    return bounds

@@ -34,7 +34,10 @@ def scores(values: NDArray[np.float64], coefficient: str) -> NDArray[np.float64]
         vectors = np.sign(values[..., j] - values[..., i])
         rounding = np.zeros(vectors.shape[:-1])
     elif coefficient in COEFFICIENTS:
-        sample = stats.rankdata(values, axis=-1) if coefficient == "spearman" else values
+        # Numbers near 1e300 or 1e-300 have no squares: the largest becomes 1.
+        peak = np.abs(values).max(axis=-1, keepdims=True)
+        scaled = values / np.where(peak > 0, peak, 1.0)
+        sample = stats.rankdata(values, axis=-1) if coefficient == "spearman" else scaled
         vectors = sample - sample.mean(axis=-1, keepdims=True)
         # The mean of equal numbers may be off by a rounding: such a rest is no spread.
         rounding = 1e-13 * np.abs(sample).sum(axis=-1)

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+
+from tracking.straight_line import best_line, left_out_means, left_out_predictions, rmse
 
 LEAST_PLACEMENTS = 4
 """With fewer, a line and q pass through all points that are left."""
@@ -67,31 +68,13 @@ def fit_detection_probability(
         raise ValueError("expected_ig and measured must be finite for every placement")
     qs = expected_ig.columns.to_numpy(np.float64)
 
-    rows, means = [], []
-    for left_out in range(len(metric)):
-        others = np.arange(len(metric)) != left_out
-        best, slope, intercept = _best_line(gains[others], metric[others])
-        rows.append((metric[left_out], qs[best], intercept + slope * gains[left_out, best]))
-        means.append(metric[others].mean())
-    table = pd.DataFrame(rows, columns=["measured", "q", "predicted"], index=expected_ig.index)
-    return FittedDetectionProbability(
-        q=float(qs[_best_line(gains, metric)[0]]),
-        placements=table,
-        rmse=_rmse(table["predicted"].to_numpy(), metric),
-        rmse_of_mean=_rmse(np.array(means), metric),
+    predicted, chosen = left_out_predictions(gains, metric)
+    table = pd.DataFrame(
+        {"measured": metric, "q": qs[chosen], "predicted": predicted}, index=expected_ig.index
     )
-
-
-def _best_line(gains: NDArray[np.float64], metric: NDArray[np.float64]) -> tuple[int, float, float]:
-    """Column of `gains` whose line has the least residual, slope and intercept of that line."""
-    centred = gains - gains.mean(axis=0)
-    spread = (centred**2).sum(axis=0)
-    # A q at which all placements are alike predicts their mean.
-    slope = (centred.T @ (metric - metric.mean())) / np.where(spread > 0, spread, 1.0)
-    residual = ((metric - metric.mean())[:, None] - slope * centred) ** 2
-    best = int(np.argmin(residual.sum(axis=0)))
-    return best, float(slope[best]), float(metric.mean() - slope[best] * gains[:, best].mean())
-
-
-def _rmse(found: NDArray[np.float64], expected: NDArray[np.float64]) -> float:
-    return float(np.sqrt(np.mean((found - expected) ** 2)))
+    return FittedDetectionProbability(
+        q=float(qs[best_line(gains, metric)[0]]),
+        placements=table,
+        rmse=rmse(predicted, metric),
+        rmse_of_mean=rmse(left_out_means(metric), metric),
+    )

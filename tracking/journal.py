@@ -23,6 +23,28 @@ class SweepEntry(_Line):
     name: str
     """Of the experiment and of the parent run."""
     params: dict[str, str]
+    tags: dict[str, str] = {}
+    """Of every run: where the code is from, who runs it."""
+    note: str = ""
+    """Of the parent run, Markdown."""
+    about: str = ""
+    """Of the experiment, Markdown."""
+    columns: tuple[str, ...] = ()
+    """What the table of runs shows, by MLflow's names of columns; the first orders it."""
+    ascending: bool = False
+    """Whether the lowest of the first column is on top."""
+
+
+class Dataset(_Line):
+    """Data that a trial was trained or tested on: a name for it, no copy."""
+
+    name: str
+    digest: str
+    context: Literal["train", "test"]
+    source: dict[str, str]
+    """Where it comes from."""
+    profile: dict[str, int]
+    """How much it is."""
 
 
 class TrialEntry(_Line):
@@ -33,21 +55,52 @@ class TrialEntry(_Line):
     key: str
     run_name: str
     time: int
-    """Milliseconds since 1970."""
+    """When it ended, milliseconds since 1970."""
+    seconds: float = 0.0
+    """That it took."""
     params: dict[str, str]
     points: tuple[tuple[str, int, float], ...]
     """Metric, step, value."""
     error: str | None
     """Why it failed."""
+    tags: dict[str, str] = {}
+    datasets: tuple[Dataset, ...] = ()
+    files: tuple[str, ...] = ()
+    """Paths of its artifacts."""
 
 
 class ArtifactEntry(_Line):
-    """A file belongs to the parent run."""
+    """A file belongs to the parent run, or to a trial's."""
 
     kind: Literal["artifact"] = "artifact"
     sweep: str
     path: str
     folder: str | None
+    trial: str | None = None
+    """Key of the trial."""
+
+
+class SampleEntry(_Line):
+    """Machine and driver at a moment."""
+
+    kind: Literal["sample"] = "sample"
+    sweep: str
+    time: int
+    """Milliseconds since 1970."""
+    values: dict[str, float]
+
+
+class ModelEntry(_Line):
+    """A trial has the best weights of its detector."""
+
+    kind: Literal["model"] = "model"
+    sweep: str
+    trial: str
+    """Key of the trial."""
+    name: str
+    path: str
+    """A folder in MLflow's format of models."""
+    params: dict[str, str]
 
 
 class StatusEntry(_Line):
@@ -58,15 +111,18 @@ class StatusEntry(_Line):
     status: str
 
 
+Deliverable = TrialEntry | ArtifactEntry | SampleEntry | ModelEntry | StatusEntry
+
+
 class RefusedEntry(_Line):
     """The server does not take an entry. For the reader: the next driver tries again."""
 
     kind: Literal["refused"] = "refused"
-    entry: TrialEntry | ArtifactEntry | StatusEntry
+    entry: Deliverable
     reason: str
 
 
-Entry = SweepEntry | TrialEntry | ArtifactEntry | StatusEntry | RefusedEntry
+Entry = SweepEntry | Deliverable | RefusedEntry
 _entry: TypeAdapter[Entry] = TypeAdapter(Annotated[Entry, Field(discriminator="kind")])
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 SURROGATES: dict[str, tuple[str, str]] = {
     "s_mig": ("S-MIG", "nats"),
@@ -50,6 +50,12 @@ def signed(value: float) -> str:
 def interval(low: float, high: float) -> str:
     """An interval of a coefficient in brackets; one of no width is no statement of precision."""
     return f"[{signed(low)}, {signed(high)}]" if high - low > 1e-9 else "[no interval]"
+
+
+def some(names: Sequence[str], most: int = 5) -> str:
+    """A few of many names, for a sentence."""
+    more = len(names) - most
+    return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def metric_label(metric: str, iou: float) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -15,8 +15,12 @@ import pandas as pd
 from tracking.delivery import Away, Delivery
 from tracking.journal import (
     ArtifactEntry,
+    Dataset,
+    Deliverable,
     Journal,
+    ModelEntry,
     RefusedEntry,
+    SampleEntry,
     StatusEntry,
     SweepEntry,
     TrialEntry,
@@ -54,6 +58,12 @@ class SweepLog:
         sweep_key: tells this sweep from others of the experiment; the same when it is resumed.
         params: of the parent run.
         journal: the file of the journal.
+        tags: of every run.
+        note: what the parent run's page tells, Markdown.
+        about: what the experiment's page tells, Markdown.
+        columns: what the experiment's page shows of every run, by MLflow's names, such as
+            "metrics.seconds"; the first orders the runs.
+        ascending: whether the lowest of the first column is on top, else the highest.
         say: prints a line for the user; called from another thread too.
         patience_s: how long the end of the `with` block waits while nothing can be delivered.
 
@@ -71,6 +81,11 @@ class SweepLog:
         params: Mapping[str, object],
         *,
         journal: Path,
+        tags: Mapping[str, str] | None = None,
+        note: str = "",
+        about: str = "",
+        columns: Sequence[str] = (),
+        ascending: bool = False,
         say: Callable[[str], None] = print,
         patience_s: float = 60.0,
     ) -> None:
@@ -81,11 +96,20 @@ class SweepLog:
         self.refused = 0
         """Entries that MLflow does not take."""
         self._uri = absolute_uri(uri)
-        self._sweep = SweepEntry(sweep=sweep_key, name=name, params=_texts(params))
+        self._sweep = SweepEntry(
+            sweep=sweep_key,
+            name=name,
+            params=_texts(params),
+            tags=dict(tags or {}),
+            note=hide_password(note, uri),
+            about=about,
+            columns=tuple(columns),
+            ascending=ascending,
+        )
         self._print = say
         self._patience_s = patience_s
         self._journal = Journal(journal)
-        self._delivery: Delivery[TrialEntry | ArtifactEntry | StatusEntry] = Delivery(
+        self._delivery: Delivery[Deliverable] = Delivery(
             self._send, self._refuse, self._away, self._back
         )
         self._runs: dict[str, SweepRuns] = {}
@@ -118,10 +142,8 @@ class SweepLog:
                 # An earlier configuration of this sweep may have left entries too.
                 if entry.sweep != self._sweep.sweep:
                     self._runs[entry.sweep] = SweepRuns(self._uri, entry, place)
-            elif isinstance(entry, ArtifactEntry) and not Path(entry.path).is_file():
-                self._say(f"MLflow: {entry.path} is gone, it is no longer logged")
             elif not isinstance(entry, RefusedEntry):
-                self._put(entry)
+                self._put_again(entry)
         self._journal.append(self._sweep)
         self._log(StatusEntry(sweep=self._sweep.sweep, status="RUNNING"))
         self._delivery.start(away)
@@ -158,16 +180,24 @@ class SweepLog:
         metrics: Mapping[str, float],
         curve: pd.DataFrame | None = None,
         error: str | None = None,
+        *,
+        tags: Mapping[str, object] | None = None,
+        datasets: Sequence[Dataset] = (),
+        files: Sequence[Path] = (),
     ) -> None:
         """Log one trial as a child run. Returns at once, also if it is finished already.
 
         Args:
             key: tells the trial from others of the sweep; the same when the sweep is resumed.
             run_name: shown in the UI, such as "line · pointpillars_tiny · seed 1".
-            metrics: one value each; those that are not finite are left out.
+            metrics: one value each; those that are not finite are left out. "seconds" is also
+                the duration of the run.
             curve: epoch, metric, value; the epoch becomes MLflow's step.
             error: why the trial failed; its run gets the status FAILED. The tag takes the first
                 5,000 characters.
+            tags: to filter by.
+            datasets: what it was trained and tested on.
+            files: its artifacts, which must stay until the end of the `with` block.
 
         Raises:
             OSError: the journal cannot be written.
@@ -180,9 +210,13 @@ class SweepLog:
                 key=key,
                 run_name=run_name,
                 time=time.time_ns() // 1_000_000,
+                seconds=metrics.get("seconds", 0.0),
                 params=_texts(params),
                 points=_points(metrics, curve),
                 error=None if error is None else error[:5000],
+                tags=_texts(tags or {}),
+                datasets=tuple(datasets),
+                files=tuple(str(path.resolve()) for path in files),
             )
         )
 
@@ -197,23 +231,67 @@ class SweepLog:
         """
         self._log(ArtifactEntry(sweep=self._sweep.sweep, path=str(path.resolve()), folder=folder))
 
-    def _log(self, entry: TrialEntry | ArtifactEntry | StatusEntry) -> None:
+    def sample(self, values: Mapping[str, float]) -> None:
+        """Log metrics of this moment to the parent run. Their step is the second of the run."""
+        time_ms = time.time_ns() // 1_000_000
+        self._log(SampleEntry(sweep=self._sweep.sweep, time=time_ms, values=dict(values)))
+
+    def model(self, trial: str, name: str, folder: Path, params: Mapping[str, object]) -> None:
+        """Log the best model of a name, with the run that it is from; an earlier one is not now.
+
+        Args:
+            trial: key of the trial, logged before.
+            folder: in MLflow's format; must stay until the end of the `with` block.
+            params: shown beside it.
+        """
+        self._log(
+            ModelEntry(
+                sweep=self._sweep.sweep,
+                trial=trial,
+                name=name,
+                path=str(folder.resolve()),
+                params=_texts(params),
+            )
+        )
+
+    def page(self) -> str:
+        """The experiment's page below a server's address; empty while the server was never there.
+
+        Columns and order are those of `columns`.
+        """
+        return self._runs[self._sweep.sweep].page()
+
+    def _log(self, entry: Deliverable) -> None:
         self._journal.append(entry)
         self._put(entry)
 
-    def _put(self, entry: TrialEntry | ArtifactEntry | StatusEntry) -> None:
+    def _put(self, entry: Deliverable) -> None:
         if (
             isinstance(entry, TrialEntry)
             and entry.sweep == self._sweep.sweep
             and entry.error is None
         ):
             self._settled.add(entry.key)
-        self._delivery.put(entry)
+        for part in _parts(entry):
+            self._delivery.put(part)
 
-    def _send(self, entry: TrialEntry | ArtifactEntry | StatusEntry) -> None:
+    def _put_again(self, entry: Deliverable) -> None:
+        """Send an entry of an earlier driver, whose files may be gone."""
+        paths = [entry.path] if isinstance(entry, (ArtifactEntry, ModelEntry)) else []
+        paths += entry.files if isinstance(entry, TrialEntry) else []
+        gone = [path for path in paths if not Path(path).exists()]
+        for path in gone:
+            self._say(f"MLflow: {path} is gone, it is no longer logged")
+        if isinstance(entry, TrialEntry):
+            there = tuple(path for path in entry.files if path not in gone)
+            self._put(entry.model_copy(update={"files": there}))
+        elif not gone:
+            self._put(entry)
+
+    def _send(self, entry: Deliverable) -> None:
         self._runs[entry.sweep].write(entry)
 
-    def _refuse(self, entry: TrialEntry | ArtifactEntry | StatusEntry, error: Exception) -> None:
+    def _refuse(self, entry: Deliverable, error: Exception) -> None:
         self.refused += 1
         reason = hide_password(" ".join(str(error).split()), self._uri)
         what = entry.run_name if isinstance(entry, TrialEntry) else entry.kind
@@ -251,6 +329,18 @@ def trial_metrics(results: pd.DataFrame, surrogates: pd.DataFrame) -> dict[str, 
         f"surrogate.{name}.{object_class}": float(value)
         for name, object_class, value in zip(*columns, strict=True)
     }
+
+
+def _parts(entry: Deliverable) -> Iterator[Deliverable]:
+    """What is delivered for an entry: a trial, and each of its files by itself.
+
+    In the journal they are one line, so that no kill parts them; and a file that is refused does
+    not take the trial with it.
+    """
+    yield entry
+    if isinstance(entry, TrialEntry):
+        for path in entry.files:
+            yield ArtifactEntry(sweep=entry.sweep, path=path, folder=None, trial=entry.key)
 
 
 def _texts(params: Mapping[str, object]) -> dict[str, str]:

@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 from tracking.delivery import Away
-from tracking.journal import ArtifactEntry, Entry, StatusEntry, SweepEntry, TrialEntry
+from tracking.journal import (
+    ArtifactEntry,
+    Dataset,
+    Entry,
+    ModelEntry,
+    SampleEntry,
+    StatusEntry,
+    SweepEntry,
+    TrialEntry,
+)
 from tracking.mlflow_connection import (
     connect,
     is_away,
@@ -14,6 +24,8 @@ from tracking.mlflow_connection import (
     is_server_error,
     reason,
 )
+from tracking.mlflow_models import write_model
+from tracking.mlflow_page import NOTE_TAG, VIEW_TAG, page_of, view
 from tracking.mlflow_uri import is_server, public_uri
 
 SWEEP_TAG = "lidarplace.sweep"
@@ -41,6 +53,7 @@ class SweepRuns:
         self._experiment = ""
         self._parent: Any = None
         self._trials: dict[str, Any] = {}
+        self._last_steps: dict[str, int] = {}
         self.finished: set[str] = set()
         """Keys of the trials that are finished."""
 
@@ -58,7 +71,7 @@ class SweepRuns:
             self._trials = self._one_each([r for r in runs if TRIAL_TAG in r.data.tags])
             self.finished = {k for k, r in self._trials.items() if r.info.status == "FINISHED"}
             self._parent = self._one_parent([r for r in runs if TRIAL_TAG not in r.data.tags])
-            self._log_params()
+            self._describe()
         except ValueError:
             self._client = None
             raise
@@ -85,10 +98,16 @@ class SweepRuns:
                 self._write_trial(entry)
             elif isinstance(entry, ArtifactEntry):
                 self._write_artifact(entry)
+            elif isinstance(entry, SampleEntry):
+                self._write_sample(entry)
+            elif isinstance(entry, ModelEntry):
+                run = self._run_of(entry.trial)
+                write_model(self._client, self._experiment, run, entry)
             elif isinstance(entry, StatusEntry):
                 self._write_status(entry.status)
         except Exception as error:
-            unwritable = isinstance(entry, ArtifactEntry) and is_server_error(error)
+            is_file = isinstance(entry, (ArtifactEntry, ModelEntry))
+            unwritable = is_file and is_server_error(error)
             if is_away(error, self._uri) and not unwritable:
                 self._client = None
                 raise Away(reason(error)) from error
@@ -105,10 +124,11 @@ class SweepRuns:
         run = self._trials.get(entry.key)
         points = entry.points
         params = entry.params
-        tags = {} if entry.error is None else {ERROR_TAG: entry.error}
+        tags = entry.tags | ({} if entry.error is None else {ERROR_TAG: entry.error})
         if run is None:
             names = {TRIAL_TAG: entry.key, PARENT_TAG: self._parent.info.run_id}
-            run = self._create(entry.run_name, {**tags, **names}, entry.time)
+            started = entry.time - round(1000 * entry.seconds)
+            run = self._create(entry.run_name, {**tags, **names}, started)
             self._trials[entry.key] = run
             tags = {}
         else:
@@ -125,6 +145,8 @@ class SweepRuns:
             [Param(name, value) for name, value in params.items()],
             [RunTag(name, value) for name, value in tags.items()],
         )
+        if entry.datasets:
+            self._client.log_inputs(run_id, [_input(dataset) for dataset in entry.datasets])
         self._client.set_terminated(
             run_id, "FINISHED" if entry.error is None else "FAILED", entry.time
         )
@@ -134,7 +156,24 @@ class SweepRuns:
     def _write_artifact(self, entry: ArtifactEntry) -> None:
         if not Path(entry.path).is_file():
             raise ValueError(f"{entry.path} is gone")
-        self._client.log_artifact(self._parent.info.run_id, entry.path, entry.folder)
+        run = self._parent if entry.trial is None else self._run_of(entry.trial)
+        self._client.log_artifact(run.info.run_id, entry.path, entry.folder)
+
+    def _run_of(self, trial: str) -> Any:
+        if trial not in self._trials:
+            raise ValueError(f"trial {trial} has no run")
+        return self._trials[trial]
+
+    def _write_sample(self, entry: SampleEntry) -> None:
+        """Samples arrive in the order of their steps, so what is not after the last is there."""
+        from mlflow.entities import Metric
+
+        info = self._parent.info
+        step = (entry.time - info.start_time) // 1000
+        new = {k: v for k, v in entry.values.items() if step > self._last_steps.get(k, -1)}
+        points = [Metric(name, value, entry.time, step) for name, value in new.items()]
+        self._client.log_batch(info.run_id, points)
+        self._last_steps |= dict.fromkeys(new, step)
 
     def _write_status(self, status: str) -> None:
         run_id = self._parent.info.run_id
@@ -195,21 +234,41 @@ class SweepRuns:
 
     def _create(self, name: str, tags: dict[str, str], time: int | None) -> Any:
         return self._client.create_run(
-            self._experiment, time, {SWEEP_TAG: self._sweep.sweep, **tags}, name
+            self._experiment,
+            time,
+            {SWEEP_TAG: self._sweep.sweep, **self._sweep.tags, **tags},
+            name,
         )
 
-    def _log_params(self) -> None:
-        from mlflow.entities import Param
+    def _describe(self) -> None:
+        """Parameters and tags of the parent run, and what the experiment's page shows."""
+        from mlflow.entities import Param, RunTag
 
-        wanted, run = self._sweep.params, self._parent
+        wanted, run = self._sweep.params, self._client.get_run(self._parent.info.run_id)
         for name, value in run.data.params.items():
             if wanted.get(name, value) != value:
                 raise ValueError(
                     f"run {run.info.run_name!r} in MLflow has {name} = {value}, now it is "
                     f"{wanted[name]}: a resumed sweep cannot change it, give it another name"
                 )
-        new = [Param(name, wanted[name]) for name in wanted if name not in run.data.params]
-        self._client.log_batch(run.info.run_id, params=new)
+        self._last_steps = {point.key: point.step for point in run.data.to_proto().metrics}
+        tags = self._sweep.tags | ({NOTE_TAG: self._sweep.note} if self._sweep.note else {})
+        self._client.log_batch(
+            run.info.run_id,
+            params=[Param(name, wanted[name]) for name in wanted if name not in run.data.params],
+            tags=[RunTag(k, v) for k, v in tags.items() if run.data.tags.get(k) != v],
+        )
+        page = {NOTE_TAG: self._sweep.about} if self._sweep.about else {}
+        if self._sweep.columns:
+            page[VIEW_TAG] = view(self._sweep.columns, self._sweep.ascending, run.info.run_id)
+        there = self._client.get_experiment(self._experiment).tags
+        for name, value in page.items():
+            if there.get(name) != value:
+                self._client.set_experiment_tag(self._experiment, name, value)
+
+    def page(self) -> str:
+        """The experiment's page below the server's address; empty before `open` succeeded."""
+        return page_of(self._experiment, bool(self._sweep.columns)) if self._experiment else ""
 
     def _points_of(self, run: Any) -> set[tuple[str, int]]:
         """(metric, step) of all that was logged."""
@@ -218,3 +277,18 @@ class SweepRuns:
             for name in run.data.metrics
             for point in self._client.get_metric_history(run.info.run_id, name)
         }
+
+
+def _input(dataset: Dataset) -> Any:
+    from mlflow.entities import Dataset as MlflowDataset
+    from mlflow.entities import DatasetInput, InputTag
+    from mlflow.utils.mlflow_tags import MLFLOW_DATASET_CONTEXT
+
+    described = MlflowDataset(
+        name=dataset.name,
+        digest=dataset.digest,
+        source_type="lidarplace",
+        source=json.dumps(dataset.source),
+        profile=json.dumps(dataset.profile),
+    )
+    return DatasetInput(described, [InputTag(MLFLOW_DATASET_CONTEXT, dataset.context)])

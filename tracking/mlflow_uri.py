@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import shlex
-import sys
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -52,15 +51,15 @@ def hide_password(text: str, uri: str) -> str:
     return text
 
 
-def ui_command(uri: str) -> str:
+def ui_command(uri: str, page: str = "") -> str:
     """What opens the experiments in a browser: a command line, of a server its address.
 
     The password of a database is masked, the user has to write it.
+
+    Args:
+        page: below the server's address.
     """
     if is_server(uri):
-        return public_uri(uri)
-    store = shlex.quote(public_uri(absolute_uri(uri)))
-    return (
-        f"MLFLOW_DISABLE_TELEMETRY=true {shlex.quote(sys.executable)} -m mlflow ui "
-        f"--backend-store-uri {store} --host 127.0.0.1 --port 5000"
-    )
+        return public_uri(uri).rstrip("/") + page
+    uri = absolute_uri(uri)
+    return f"python -m tracking.dashboard {shlex.quote(str(sqlite_file(uri) or public_uri(uri)))}"

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from tracking.kitti_iou import headline_iou
 from tracking.labels import metric_label, setting_label, surrogate_name
-from tracking.summary import headline_iou
 from tracking.training_cost import METRIC, is_longest
 
 FULL_TRAINING = "full training"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,12 @@ _REQUIRED_TABLES: dict[str, tuple[str, ...]] = {
 _OPTIONAL_TABLES: dict[str, tuple[str, ...]] = {
     "expected_ig_by_q": ("placement", "class", "q", "expected_ig"),
     "curves": ("trial", "epoch", "metric", "value"),
+    "pr_curves": (*RESULT_KEYS[:-1], "recall", "precision"),
+    "distance": (*RESULT_KEYS[:-1], "from_m", "to_m", "value", "ground_truths"),
+    "points": (
+        *("placement", "class", "from_m", "to_m", "objects"),
+        *("mean", "median", "p10", "unseen"),
+    ),
     "accuracy": (
         *("placement", "class", "surrogate", "method", "resolution", "azimuth_steps", "frames"),
         *("comparable", "reference", "seconds", "pog_seconds"),
@@ -49,15 +55,23 @@ _SWEEP_KEYS = ("name", "command", "axes", "placements", "classes", "roi", "frame
 
 @dataclass(frozen=True)
 class Maps:
-    """What lies around the vehicle, seen from above, over the ROI.
+    """What lies around the vehicle and what placements cover of it, over the ROI.
+
+    From above is by columns of voxels, shape (nx, ny); from the side, seen along y, by rows of
+    voxels, shape (nx, nz). All are float32. Older run folders have no residual entropy and nothing
+    from the side.
 
     Attributes:
-        pog: by class, the entropy of each column of voxels in nats, shape (nx, ny), float32.
-        coverage: by placement, the covered share of each column, shape (nx, ny), float32.
+        pog: by class, the entropy in nats, from above.
+        coverage, coverage_side: by placement, the covered share, in [0, 1].
+        residual, residual_side: by placement, the entropy of all classes that no beam covers, nats.
     """
 
     pog: dict[str, NDArray[np.float32]]
     coverage: dict[str, NDArray[np.float32]]
+    coverage_side: dict[str, NDArray[np.float32]]
+    residual: dict[str, NDArray[np.float32]]
+    residual_side: dict[str, NDArray[np.float32]]
 
 
 @dataclass(frozen=True)
@@ -93,6 +107,10 @@ class RunFolder:
         axes: further axes of the grid, columns of `results` and `trials`.
         tasks: with started, ended, node, peak_memory and batch_size_reduced, unknown in old runs.
         promotions: how every rung of `promote:` ranked the placements.
+        pr_curves: precision over recall of every trial, percent.
+        distance: AP and recall of every trial by the objects' distance, percent.
+        points: points per object of the test frames by distance, one of the settings that
+            surrogates depend on.
     """
 
     path: Path
@@ -106,6 +124,9 @@ class RunFolder:
     trials: pd.DataFrame
     expected_ig_by_q: pd.DataFrame | None
     curves: pd.DataFrame | None
+    pr_curves: pd.DataFrame | None
+    distance: pd.DataFrame | None
+    points: pd.DataFrame | None
     accuracy: pd.DataFrame | None
     sampling_error: pd.DataFrame | None
     pog_resamples: pd.DataFrame | None
@@ -167,6 +188,9 @@ class RunFolder:
             trials=_detector_named(tables["trials"]),
             expected_ig_by_q=optional["expected_ig_by_q"],
             curves=optional["curves"],
+            pr_curves=optional["pr_curves"],
+            distance=optional["distance"],
+            points=optional["points"],
             accuracy=optional["accuracy"],
             sampling_error=optional["sampling_error"],
             pog_resamples=optional["pog_resamples"],
@@ -216,7 +240,7 @@ def _read_maps(path: Path) -> Maps | None:
     if not path.is_file():
         return None
     with np.load(path) as arrays:
-        return Maps(pog=_folder(arrays, "pog"), coverage=_folder(arrays, "coverage"))
+        return Maps(**{field.name: _folder(arrays, field.name) for field in fields(Maps)})
 
 
 def _read_frame(path: Path) -> Frame | None:

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 import pandas as pd
+from scipy import stats
 
+from tracking.kitti_iou import headline_iou
 from tracking.labels import in_order, surrogate_name
+from tracking.paired import group_columns
 from tracking.run_folder import RunFolder
 
 TERMINAL_ROWS = 20
@@ -14,28 +18,23 @@ TERMINAL_ROWS = 20
 
 _SHORT = {"s_mig": "S-MIG", "expected_ig": "E-IG"}
 
-KITTI_IOU = {"Car": 0.7}
-"""IoU at which KITTI counts a detection as true; 0.5 for the classes not named."""
-
-
-def headline_iou(results: pd.DataFrame, object_class: str) -> float:
-    """KITTI's IoU of the class, or the strictest one evaluated when KITTI's was not."""
-    evaluated = results.loc[results["class"] == object_class, "iou"].unique()
-    wanted = KITTI_IOU.get(object_class, 0.5)
-    return wanted if wanted in evaluated or not len(evaluated) else float(max(evaluated))
-
 
 def seed_means(results: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
     """Mean over seeds.
 
+    Its 95 % interval is Student's with the variance over seeds pooled over the placements of the
+    same (class, detector, axes, metric, iou, difficulty), as if seeds scattered alike under all of
+    them: two or three seeds alone do not tell their spread.
+
     Returns:
         One row per (placement, class, detector, axes, metric, iou, difficulty): `mean`, `sd`
-        (n - 1; NaN for one seed), `seeds`, and the smallest number of `ground_truths`. Rows whose
-        value is NaN for every seed have 0 seeds.
+        (n - 1; NaN for one seed), `seeds`, the smallest number of `ground_truths`, and `low` and
+        `high`, NaN where no placement has two seeds. Rows whose value is NaN for every seed have 0
+        seeds.
     """
-    keys = ["placement", "class", "detector", *axes, "metric", "iou", "difficulty"]
-    return (
-        results.groupby(keys, dropna=False, sort=False, observed=True)
+    groups = group_columns(axes)
+    means = (
+        results.groupby(["placement", *groups], dropna=False, sort=False, observed=True)
         .agg(
             mean=("value", "mean"),
             sd=("value", "std"),
@@ -44,6 +43,14 @@ def seed_means(results: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
         )
         .reset_index()
     )
+    extra = (means["seeds"] - 1).clip(lower=0)
+    pooled = means[groups].assign(squares=means["sd"].fillna(0) ** 2 * extra, extra=extra)
+    total = pooled.groupby(groups, dropna=False, observed=True)[["squares", "extra"]]
+    summed = total.transform("sum")
+    degrees = summed["extra"].where(summed["extra"] > 0)
+    error = np.sqrt(summed["squares"] / degrees / means["seeds"].where(means["seeds"] > 0))
+    half = stats.t.ppf(0.975, degrees) * error
+    return means.assign(low=means["mean"] - half, high=means["mean"] + half)
 
 
 def surrogates_of(

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import pandas as pd
 
 from tracking.accuracy import rank_agreement
-from tracking.summary import headline_iou
+from tracking.kitti_iou import headline_iou
 
 COST_AXES = ("training.epochs", "training.frame_share")
 """Axes of a sweep that trade AP for seconds of training."""

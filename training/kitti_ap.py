@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -25,6 +26,22 @@ from training.ops.rotated_iou import paired_iou
 
 RECALL_IOU = (0.5, 0.7)
 COLUMNS = ("class", "metric", "iou", "difficulty", "value", "ground_truths")
+CURVE_COLUMNS = ("class", "metric", "iou", "recall", "precision")
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What the detections of some frames are worth.
+
+    Attributes:
+        metrics: `evaluate_boxes`.
+        curves: what the APs are means of: class, metric ("AP_R40_3D", "AP_R40_BEV"), iou, and at
+            the 41 recall points 0, 2.5, …, 100 the precision, both in percent. Classes without
+            ground truth have no curve.
+    """
+
+    metrics: pd.DataFrame
+    curves: pd.DataFrame
 
 
 def iou_thresholds(object_class: str) -> tuple[float, float]:
@@ -62,6 +79,17 @@ def evaluate_boxes(
     Raises:
         ValueError: a column is missing, a box or a score is not a finite number.
     """
+    return evaluation(ground_truth, detections, frames, classes, refined).metrics
+
+
+def evaluation(
+    ground_truth: pd.DataFrame,
+    detections: pd.DataFrame,
+    frames: Sequence[int],
+    classes: Sequence[str],
+    refined: pd.DataFrame | None = None,
+) -> Evaluation:
+    """`evaluate_boxes`, and the precision over recall behind it. Arguments and errors as there."""
     check_boxes(ground_truth, "ground truth")
     _check_detections(detections)
     if refined is not None:
@@ -71,6 +99,7 @@ def evaluate_boxes(
     truths = truths[truths["class"].isin(list(classes))]
     found = _rows_of(detections, wanted)
     rows: list[tuple[str, str, float, str, float, int]] = []
+    drawn: list[pd.DataFrame] = []
 
     def add(name: str, metric: str, iou: float, value: float, count: int) -> None:
         rows.append((name, metric, iou, "all", value if count else np.nan, count))
@@ -89,13 +118,25 @@ def evaluate_boxes(
                 for view, values in overlaps.items()
             }
             for view, curve in curves.items():
-                add(name, f"AP_R40_{view}", iou, ap_r40(curve.precision), len(own))
+                metric = f"AP_R40_{view}"
+                add(name, metric, iou, ap_r40(curve.precision), len(own))
+                if len(own):
+                    drawn.append(_curve_table(name, metric, iou, curve.precision))
             add(name, "class_recall_3D", iou, 100 * curves["3D"].recall, len(own))
         for iou in RECALL_IOU:
             add(name, "recall", iou, _share_above(best[truth_class == name], iou), len(own))
     for iou in RECALL_IOU:
         add("all", "recall", iou, _share_above(best, iou), len(truths))
-    return pd.DataFrame(rows, columns=list(COLUMNS))
+    table = pd.concat(drawn, ignore_index=True) if drawn else pd.DataFrame(columns=CURVE_COLUMNS)
+    return Evaluation(pd.DataFrame(rows, columns=list(COLUMNS)), table)
+
+
+def _curve_table(
+    name: str, metric: str, iou: float, precision: NDArray[np.float64]
+) -> pd.DataFrame:
+    recall = np.linspace(0, 100, len(precision))
+    values = (name, metric, iou, recall, 100 * precision)
+    return pd.DataFrame(dict(zip(CURVE_COLUMNS, values, strict=True)))
 
 
 def _check_detections(detections: pd.DataFrame) -> None:

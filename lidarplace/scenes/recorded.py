@@ -13,23 +13,25 @@ from lidarplace.boxes import SPLITS
 
 
 class LogScene(BaseModel):
-    """A box log on disk, as `lidarplace.box_log.write_box_log` writes it.
-
-    Attributes:
-        source: tells this kind of scene from others in a configuration.
-        folder: holds `boxes.parquet`, `frames.parquet` and, if there are any, `buildings.parquet`.
-            Column `split` of the frames says which train and which test.
-        clouds: "simulated" casts rays at the boxes; "recorded" takes the clouds in
-            `folder/clouds/<placement>/`, such as CARLA's.
-        seed: of shapes, drop-off and range noise of simulated clouds.
-    """
+    """A box log on disk, as `lidarplace.box_log.write_box_log` writes it."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    source: Literal["log"]
-    folder: Path
-    clouds: Literal["simulated", "recorded"] = "simulated"
-    seed: int = Field(default=0, ge=0)
+    source: Literal["log"] = Field(
+        description="tells this kind of scene from others: a log that is there already"
+    )
+    folder: Path = Field(
+        description="holds boxes.parquet, frames.parquet and, if there are any, buildings.parquet; "
+        "column split of the frames says which train and which test"
+    )
+    clouds: Literal["simulated", "recorded"] = Field(
+        "simulated",
+        description="simulated: rays are cast at the boxes; recorded: the clouds in "
+        "folder/clouds/PLACEMENT, such as CARLA's",
+    )
+    seed: int = Field(
+        default=0, ge=0, description="of shapes, drop-off and range noise of simulated clouds"
+    )
 
     @field_validator("folder")
     @classmethod

@@ -72,49 +72,65 @@ class SumoScene(BaseModel):
 
     Training and test routes never share traffic. A generated town is another one for testing; a
     map is the same place in both, its buildings included, unless `test_towns` names others.
-
-    Attributes:
-        source: tells this kind of scene from others in a configuration.
-        seed: decides generated towns, buildings, traffic and sizes; the same seed gives the same
-            log to the byte.
-        towns: towns of the training routes. Each is `generated`, a path to a SUMO network
-            (`.net.xml`) or to OpenDRIVE (`.xodr`, `.xodr.gz`), or the name of a CARLA map such as
-            `Town03`, see `lidarplace.scenes.maps`.
-        test_towns: towns of the test routes; null means those of `towns`, a generated one made
-            anew.
-        density: vehicles in each town; the paper's are 40, 80 and 120.
-        pedestrians: pedestrians in each town.
-        buildings: whether buildings stand along the roads.
-        routes: egos recorded in each training town.
-        test_routes: egos recorded in each test town.
-        egos_per_run: egos recorded from one simulation of a town; null means all of them. Fewer
-            are less alike, and simulations can run in parallel.
-        frames_per_route: frames of every route; at most so many with `min_travel_m`.
-        frame_stride: record every n-th step of 20 Hz.
-        min_travel_m: leave a frame out until the ego has moved so far, in metres, since the last
-            one that was kept; the code released with the paper used 1 m.
-        warmup_s: simulated seconds before the first frame, in which traffic spreads out.
-        split: "route" calls the routes of the test towns test; "paper" calls every tenth frame of
-            every route test, whichever town it comes from.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    source: Literal["sumo"] = "sumo"
-    seed: int = Field(default=0, ge=0)
-    towns: tuple[Town, ...] = Field(default=(GENERATED,), min_length=1)
-    test_towns: tuple[Town, ...] | None = Field(default=None, min_length=1)
-    density: int = Field(default=80, ge=1)
-    pedestrians: int = Field(default=60, ge=0)
-    buildings: bool = True
-    routes: int = Field(default=8, ge=1)
-    test_routes: int = Field(default=4, ge=0)
-    egos_per_run: int | None = Field(default=None, ge=1)
-    frames_per_route: int = Field(default=200, ge=1)
-    frame_stride: int = Field(default=10, ge=1)
-    min_travel_m: float = Field(default=0.0, ge=0.0, allow_inf_nan=False)
-    warmup_s: float = Field(default=30.0, ge=0.0, allow_inf_nan=False)
-    split: Literal["route", "paper"] = "route"
+    source: Literal["sumo"] = Field(
+        "sumo", description="tells this kind of scene from others: traffic is simulated"
+    )
+    seed: int = Field(
+        default=0,
+        ge=0,
+        description="decides generated towns, buildings, traffic and sizes; the same seed gives "
+        "the same log to the byte",
+    )
+    towns: tuple[Town, ...] = Field(
+        default=(GENERATED,),
+        min_length=1,
+        description="towns of the training routes: generated, a path to a SUMO network (.net.xml) "
+        "or to OpenDRIVE (.xodr, .xodr.gz), or the name of a CARLA map such as Town03",
+    )
+    test_towns: tuple[Town, ...] | None = Field(
+        default=None,
+        min_length=1,
+        description="towns of the test routes; those of towns if null, a generated one made anew",
+    )
+    density: int = Field(
+        default=80, ge=1, description="vehicles in each town; the paper's are 40, 80 and 120"
+    )
+    pedestrians: int = Field(default=60, ge=0, description="pedestrians in each town")
+    buildings: bool = Field(True, description="whether buildings stand along the roads")
+    routes: int = Field(default=8, ge=1, description="egos recorded in each training town")
+    test_routes: int = Field(default=4, ge=0, description="egos recorded in each test town")
+    egos_per_run: int | None = Field(
+        default=None,
+        ge=1,
+        description="egos recorded from one simulation of a town; all of them if null. Fewer are "
+        "less alike, and simulations can run in parallel",
+    )
+    frames_per_route: int = Field(
+        default=200, ge=1, description="frames of every route; at most so many with min_travel_m"
+    )
+    frame_stride: int = Field(default=10, ge=1, description="record every n-th step of 20 Hz")
+    min_travel_m: float = Field(
+        default=0.0,
+        ge=0.0,
+        allow_inf_nan=False,
+        description="leave a frame out until the ego has moved so far, metres, since the last one "
+        "that was kept; the code released with the paper used 1 m",
+    )
+    warmup_s: float = Field(
+        default=30.0,
+        ge=0.0,
+        allow_inf_nan=False,
+        description="simulated seconds before the first frame, in which traffic spreads out",
+    )
+    split: Literal["route", "paper"] = Field(
+        "route",
+        description="route: the routes of the test towns are test; paper: every tenth frame of "
+        "every route, whichever town it comes from",
+    )
 
     def town_runs(self) -> tuple[TownRun, ...]:
         """The simulations of the scene, training first; each can be recorded on its own.

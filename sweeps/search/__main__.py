@@ -2,78 +2,74 @@
 
 from __future__ import annotations
 
-import json
 import os
-import shlex
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from lidarplace.command_line import output, wrong
-from sweeps.result_folder import DamagedResult
-from sweeps.search.settings import SearchFile
+from lidarplace.command_line import JsonOption, called, new_app, output, print_json, verb, wrong
+from sweeps.going_on import going_on
+from sweeps.options import DryRunOption, SchemaOption, SetOption
 
-app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+app = new_app()
 
 
-@app.command()
+@verb(
+    app,
+    "examples/search.yaml",
+    "examples/search.yaml --set search.trials=50 --no-verify",
+    failed="no placement keeps all constraints, trainings or the machine failed, or MLflow has "
+    "not got all",
+)
 def search(
-    config: Annotated[Path | None, typer.Argument(help="YAML file of the search")] = None,
-    set_: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override a key path")
-    ] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="print the plan and stop")] = False,
+    config: Annotated[Path | None, typer.Argument(help="YAML file of a search")] = None,
+    set_: SetOption = None,
+    dry_run: DryRunOption = False,
     verify: Annotated[
         bool, typer.Option(help="train detectors for the winners, as `verify` says")
     ] = True,
-    schema: Annotated[bool, typer.Option("--schema", help="print the JSON schema")] = False,
+    schema: SchemaOption = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Search for the placement that is best by a surrogate, or by a detector's measured AP.
 
     The same command continues a search that was stopped, or that is given more trials.
-
-    Example: python -m sweeps.search examples/search.yaml
-
-    Exit code 0: found; 1: no placement keeps all constraints, or trainings failed; 2: the
-    configuration is wrong; 130: stopped by Ctrl-C.
     """
-    console = output()
+    from sweeps.search.settings import SearchFile
+
     if schema:
-        print(json.dumps(SearchFile.model_json_schema(), indent=2))
+        print_json(SearchFile.model_json_schema())
         return
     if config is None:
         wrong("name a configuration file, such as examples/search.yaml")
+    if as_json and not dry_run:
+        wrong("--json: is for --dry-run and --schema; sweeps.status --json tells how a search goes")
     from sweeps.search.certificate import check_candidates
+    from sweeps.search.planned import planned
     from sweeps.search.problem import read_problem
+    from sweeps.search.show import print_problem
 
     try:
         problem = read_problem(config, set_ or [])
         check_candidates(problem)
     except ValueError as error:
         wrong(error)
-    from sweeps.backends import BackendLost
-    from sweeps.search.run import run_search
-    from sweeps.search.show import print_problem
-
+    if as_json:
+        print_json(planned(problem))
+        return
+    console = output()
     print_problem(console, problem)
     if dry_run:
         return
-    command = shlex.join(["python", "-m", "sweeps.search", *sys.argv[1:]])
-    goes_on = "What is finished is kept; the same command goes on from there."
-    try:
-        found = run_search(console, problem, command, verify)
-    except (BackendLost, DamagedResult, OSError) as error:
-        console.print(f"\n{error}. {goes_on}", markup=False, soft_wrap=True)
-        raise typer.Exit(1) from None
-    except KeyboardInterrupt:
-        console.print(f"\nStopped. {goes_on}")
-        raise typer.Exit(130) from None
+    os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"  # before anything imports it
+    from sweeps.search.run import run_search
+
+    with going_on(console):
+        found = run_search(console, problem, called(), verify)
     if not found:
         raise typer.Exit(1)
 
 
 if __name__ == "__main__":
-    os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"
     app()

@@ -24,6 +24,7 @@ from sweeps.search.pool import Pool, pool_for
 from sweeps.search.problem import Problem
 from sweeps.search.rig import Rig
 from sweeps.search.robustness import in_scene, robustness, with_share
+from sweeps.search.search_in_mlflow import ABOUT, columns
 from sweeps.search.show import print_failures, print_found, print_nothing_found
 from sweeps.search.study import (
     Timing,
@@ -35,11 +36,13 @@ from sweeps.search.study import (
 from sweeps.search.trainings import TrainingAnswers
 from sweeps.search.trial_log import TrialRuns
 from sweeps.search.winners import Judged, best_trials, exact, judge, judge_others
-from sweeps.search.write import write_search
+from sweeps.search.write import hide_passwords, write_search
 from sweeps.store import AnyStore
 from sweeps.store_lock import locked
+from sweeps.sweep_in_mlflow import note
 from sweeps.sweep_store import reference, store_of
 from tracking.mlflow_log import SweepLog, ui_command
+from tracking.mlflow_source import source_tags
 from tracking.search_report.build import build_search_report
 
 
@@ -54,6 +57,7 @@ def run_search(console: Console, problem: Problem, command: str, verify: bool) -
     start = time.monotonic()
     folder, file = problem.folder, problem.file
     say = partial(console.print, markup=False, soft_wrap=True)
+    command = hide_passwords(problem, command)
     with ExitStack() as stack:
         workers = ExitStack()  # given back before the results are written
         try:
@@ -61,7 +65,7 @@ def run_search(console: Console, problem: Problem, command: str, verify: bool) -
             stack.enter_context(locked(folder, alone=True))
             stack.enter_context(store.in_use())
             storage = storage_for(file.search.storage, folder)
-            log = stack.enter_context(_mlflow(problem, say))
+            log = stack.enter_context(_mlflow(problem, command, say))
             stack.enter_context(workers)
             backend = workers.enter_context(backend_for(file.ray, store))
         except ValueError as error:
@@ -82,13 +86,13 @@ def run_search(console: Console, problem: Problem, command: str, verify: bool) -
         for path in sorted(p for p in folder.iterdir() if p.suffix in _ARTIFACTS):
             log.artifact(path)
         say(f"\nReport  {report}")
-        say(f"MLflow  {ui_command(file.tracking_uri)}")
+        say(f"MLflow  {ui_command(file.tracking_uri, log.page())}")
     failed = print_failures(console, found)
     good = bool(found.trials) and not failed and not log.undelivered and not log.refused
     if verify and file.verify is not None and found.trials:
         from sweeps.search.verify import verify_found
 
-        good &= verify_found(console, problem, found)
+        good &= verify_found(console, problem, found, command)
         build_search_report(folder)
     console.print(f"{time.monotonic() - start:.0f} s", highlight=False)
     return good
@@ -97,17 +101,28 @@ def run_search(console: Console, problem: Problem, command: str, verify: bool) -
 _ARTIFACTS = (".parquet", ".yaml", ".html", ".json")
 
 
-def _mlflow(problem: Problem, say: Callable[[str], None]) -> SweepLog:
-    search = problem.file.search
+def _mlflow(problem: Problem, command: str, say: Callable[[str], None]) -> SweepLog:
+    file, search = problem.file, problem.file.search
     params = {
         "objective": ", ".join(objective.name for objective in search.objective),
         "sampler": search.sampler,
         "seed": search.seed,
         "batch_size": search.batch_size,
     }
-    journal = problem.folder / "mlflow.jsonl"
-    name = problem.file.name
-    return SweepLog(problem.file.tracking_uri, name, problem.key, params, journal=journal, say=say)
+    addresses = [file.tracking_uri, search.storage or ""]
+    return SweepLog(
+        file.tracking_uri,
+        file.name,
+        problem.key,
+        params,
+        journal=problem.folder / "mlflow.jsonl",
+        tags=source_tags(),
+        note=note(problem.source, command, addresses),
+        about=ABOUT,
+        columns=columns(problem),
+        ascending=search.objective[0].best == "minimize",
+        say=say,
+    )
 
 
 def _search(

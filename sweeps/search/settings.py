@@ -44,10 +44,10 @@ Span = Annotated[Pair, BeforeValidator(_number_as_interval), Field()]
 class ZoneSettings(_Settings):
     """Where a LiDAR may sit: a box, or a polygon with heights; metres, ego frame."""
 
-    x: Span | None = None
-    y: Span | None = None
+    x: Span | None = Field(None, description="a number or [min, max], metres")
+    y: Span | None = Field(None, description="a number or [min, max], metres")
     polygon: tuple[Pair, ...] | None = Field(None, description="corners [x, y], instead of x and y")
-    z: Span
+    z: Span = Field(description="a number or [min, max], metres")
 
     @model_validator(mode="after")
     def _possible(self) -> ZoneSettings:
@@ -83,10 +83,10 @@ class FixedSettings(MountSettings):
 class NearFieldSettings(_Settings):
     """A box around the vehicle that has to be seen, past the vehicle's own body."""
 
-    x: Pair = (-4.0, 4.0)
-    y: Pair = (-2.5, 2.5)
-    z: Pair = (0.0, 1.0)
-    resolution: Positive = 0.2
+    x: Pair = Field((-4.0, 4.0), description="metres")
+    y: Pair = Field((-2.5, 2.5), description="metres")
+    z: Pair = Field((0.0, 1.0), description="metres")
+    resolution: Positive = Field(0.2, description="edge of a voxel, metres")
     coverage: Share = Field(description="least share of its voxels")
 
 
@@ -100,17 +100,23 @@ class ConstraintSettings(_Settings):
         None, description="largest share of a LiDAR's rays that may meet the vehicle's own body"
     )
     price: float | None = Field(None, ge=0, description="most that all LiDARs may cost together")
-    near_field: NearFieldSettings | None = None
+    near_field: NearFieldSettings | None = Field(
+        None, description="what has to be seen close to the vehicle"
+    )
 
 
 class ObjectiveSettings(_Settings):
     """What is searched for; `expected_ig.Car` is short for one class."""
 
-    by: Literal[(*get_args(SurrogateName), *METRICS, "price")]  # type: ignore[valid-type]
+    by: Literal[(*get_args(SurrogateName), *METRICS, "price")] = Field(  # type: ignore[valid-type]
+        description="a surrogate, a measured value, or the price"
+    )
     weights: dict[ClassName, Positive] | None = Field(
         None, description="class -> weight in the sum; by default all classes, each once"
     )
-    direction: Literal["maximize", "minimize"] | None = None
+    direction: Literal["maximize", "minimize"] | None = Field(
+        None, description="maximize, but minimize for residual_entropy and price"
+    )
 
     @field_validator("by")
     @classmethod
@@ -162,9 +168,9 @@ def _several(value: Any) -> Any:
 class RangeSettings(_Settings):
     """Numbers from `low` to `high`; whole ones if both are."""
 
-    low: int | Finite
-    high: int | Finite
-    log: bool = False
+    low: int | Finite = Field(description="smallest value")
+    high: int | Finite = Field(description="largest value")
+    log: bool = Field(False, description="on a logarithmic scale")
 
     @model_validator(mode="after")
     def _ordered(self) -> RangeSettings:
@@ -198,33 +204,45 @@ class SearchSettings(_Settings):
     models: dict[str, ModelSettings] = Field(
         default={}, description="LiDAR models by name; by default the one of the key `lidar`"
     )
-    roll_deg: Span = (0.0, 0.0)
-    pitch_deg: Span = (0.0, 0.0)
-    yaw_deg: Span = (0.0, 0.0)
+    roll_deg: Span = Field((0.0, 0.0), description="a number or [min, max], degrees")
+    pitch_deg: Span = Field((0.0, 0.0), description="a number or [min, max], degrees")
+    yaw_deg: Span = Field((0.0, 0.0), description="a number or [min, max], degrees")
     symmetric: bool = Field(
         False, description="mirrored pairs, and one on the centre line if the number is odd"
     )
-    fixed: tuple[FixedSettings, ...] = ()
+    fixed: tuple[FixedSettings, ...] = Field((), description="LiDARs that stay where they are")
     start: tuple[str, ...] = Field(
         (), description="placements to begin with, the paper's or own ones: the rig that you have"
     )
     vehicle: tuple[tuple[tuple[Finite, Finite, Finite], tuple[Finite, Finite, Finite]], ...] = (
-        Field(None, validate_default=True, description="boxes [[x0, y0, z0], [x1, y1, z1]]; a car")
+        Field(
+            None,
+            validate_default=True,
+            description="boxes [[x0, y0, z0], [x1, y1, z1]]; a car if null",
+        )
     )
-    constraints: ConstraintSettings = ConstraintSettings()
+    constraints: ConstraintSettings = Field(
+        ConstraintSettings(), description="what a placement has to keep"
+    )
     objective: Annotated[
         tuple[Annotated[ObjectiveSettings, BeforeValidator(_objective)], ...],
         BeforeValidator(_several),
-    ] = Field((ObjectiveSettings(by="expected_ig"),), min_length=1)
+    ] = Field(
+        (ObjectiveSettings(by="expected_ig"),),
+        min_length=1,
+        description="one or several; expected_ig.Car is short for one class",
+    )
     space: dict[str, Annotated[list[Scalar], Field(min_length=1)] | RangeSettings] = Field(
         default={}, description="key path -> values or {low, high, log}, beside the placement"
     )
-    sampler: Literal[SAMPLERS] = "tpe"  # type: ignore[valid-type]
-    trials: int = Field(400, ge=1)
+    sampler: Literal[SAMPLERS] = Field(  # type: ignore[valid-type]
+        "tpe", description="which of Optuna's samplers asks for rigs"
+    )
+    trials: int = Field(400, ge=1, description="rigs that are evaluated; more continue a search")
     batch_size: int = Field(
         8, ge=1, description="trials asked for at once; the outcome depends on it"
     )
-    seed: int = Field(0, ge=0)
+    seed: int = Field(0, ge=0, description="of the sampler")
     azimuth_stride: int = Field(
         8, ge=1, description="rays of expected_points and expected_ig: every so many azimuth steps"
     )
@@ -238,7 +256,9 @@ class SearchSettings(_Settings):
     storage: str | None = Field(
         None, description="URL of a database for Optuna; a journal in the run folder if null"
     )
-    greedy: GreedySettings | None = GreedySettings()
+    greedy: GreedySettings | None = Field(
+        GreedySettings(), description="greedy choice and upper bound; null: none"
+    )
 
     @field_validator("vehicle", mode="before")
     @classmethod
@@ -315,7 +335,7 @@ class VerifySettings(_Settings):
     """Detectors for the winners and the paper's rigs."""
 
     top: int = Field(3, ge=1, description="placements of the search that are trained")
-    seeds: tuple[int, ...] = Field((1, 2, 3), min_length=1)
+    seeds: tuple[int, ...] = Field((1, 2, 3), min_length=1, description="trainings of each")
     set: dict[str, Any] = Field(default={}, description="key path -> value for this sweep alone")
 
 
@@ -323,6 +343,11 @@ class SearchFile(Common, Point):
     """A configuration file of a search as a whole."""
 
     placement: str = Field("line", description="where no zone is given")
-    search: SearchSettings
-    robustness: RobustnessSettings | None = RobustnessSettings()
-    verify: VerifySettings | None = None
+    search: SearchSettings = Field(description="what may be mounted where, and how it is searched")
+    robustness: RobustnessSettings | None = Field(
+        RobustnessSettings(),
+        description="how far the winner depends on its search; null: not asked",
+    )
+    verify: VerifySettings | None = Field(
+        None, description="detectors for the winners and the paper's eight; null: none"
+    )

@@ -18,14 +18,17 @@ from sweeps.search.found import Found
 from sweeps.search.problem import Problem
 from sweeps.search.winners import Judged
 from sweeps.sweep_store import store_of
+from tracking.kitti_iou import headline_iou
 from tracking.run_folder import RunFolder
-from tracking.summary import headline_iou
 
 _LEVEL = 0.95
 
 
-def verify_found(console: Console, problem: Problem, found: Found) -> bool:
+def verify_found(console: Console, problem: Problem, found: Found, command: str) -> bool:
     """Run `sweep.yaml` of the run folder as a sweep, and write `verified.parquet`.
+
+    Args:
+        command: that of the search, which makes the sweep too.
 
     Returns:
         Whether all trainings finished.
@@ -37,7 +40,7 @@ def verify_found(console: Console, problem: Problem, found: Found) -> bool:
         store = store_of(sweep)
     except ValueError as error:
         wrong(error)
-    complete = run_sweep(console, sweep, plan, store, rerun_failed=False)
+    complete = run_sweep(console, sweep, plan, store, command, rerun_failed=False)
     folder = sweep.common.output / sweep.common.name
     if not (folder / "results.parquet").exists():
         return False

@@ -33,7 +33,7 @@ from sweeps.search.tables import greedy_table, trials_table
 from sweeps.search.unseen import maps
 from sweeps.search.winners import Judged, stride_error
 from sweeps.store import write_text
-from tracking.mlflow_uri import hide_password, public_uri
+from tracking.mlflow_uri import absolute_uri, hide_password, public_uri
 
 _VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas", "optuna")
 
@@ -50,7 +50,7 @@ def write_search(
     folder: Path, problem: Problem, found: Found, command: str, seconds: float
 ) -> None:
     """Write all results into `folder`, each file renamed into place."""
-    hide = partial(_hide_passwords, problem)
+    hide = partial(hide_passwords, problem)
     tables = {"trials": trials_table(found.study, problem)}
     if found.certificate is not None:
         tables["bound"] = found.certificate.history
@@ -72,11 +72,12 @@ def write_search(
             save_arrays(folder / "maps.npz", maps(rigs, problem, found.grids))
     names = [objective.name for objective in problem.file.search.objective]
     write_optuna_figures(found.study, names, folder / "optuna")
-    about = _about(problem, found, hide(command), seconds)
+    about = _about(problem, found, command, seconds)
     write_text(folder / "search.json", json.dumps(_finite(about), indent=1))
 
 
-def _hide_passwords(problem: Problem, text: str) -> str:
+def hide_passwords(problem: Problem, text: str) -> str:
+    """`text` without the passwords of the configuration's addresses."""
     for url in (problem.file.tracking_uri, problem.file.search.storage):
         text = hide_password(text, url) if url else text
     return text
@@ -182,7 +183,7 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> dict
         "rigs": {name: _rig(own) for name, own in found.judged.items()},
         "importance": importances(found.study) or None,
         "stride": _stride(problem, found),
-        "tracking_uri": public_uri(file.tracking_uri),
+        "tracking_uri": public_uri(absolute_uri(file.tracking_uri)),
         "versions": {"python": platform.python_version()} | {n: version(n) for n in _VERSIONS},
     }
 

@@ -115,9 +115,11 @@ def test_agrees_with_brute_force(mount, seed):
     parts = random_parts(seed, 25)
     hits = cast_parts(mount, SMALL, parts)
     expected, target, reflected = brute_force(mount, SMALL, parts)
-    np.testing.assert_array_equal(hits.target, target)
     np.testing.assert_allclose(hits.range, expected, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(hits.reflected, reflected, atol=1e-12)
+    # Two surfaces at one distance, as where the own body stands on the ground: either may win.
+    same = hits.target == target
+    assert same.mean() > 0.99
+    np.testing.assert_allclose(hits.reflected[same], reflected[same], atol=1e-12)
 
 
 @given(mount=poses, seed=st.integers(0, 10**6), x=st.floats(-30, 20), y=st.floats(-30, 20))

@@ -199,7 +199,8 @@ def _mlflow(path: Path) -> dict[str, object]:
             "select name, count(*) from params join runs using (run_uuid) group by run_uuid"
         ).fetchall()
         points = database.execute(
-            "select name, key, step, is_nan from metrics join runs using (run_uuid)"
+            "select name, key, step, is_nan from metrics join runs using (run_uuid) "
+            "where key not like 'system/%'"  # samples of the machine, by seconds
         ).fetchall()
     return {
         "runs": sorted(runs),

@@ -107,6 +107,17 @@ def test_a_gpu_that_torch_was_not_built_for(monkeypatch):
     assert found.remedy == "make clean && make setup TORCH_BACKEND=auto"
 
 
+def test_make_clean_keeps_results():
+    done = subprocess.run(
+        ["make", "--no-print-directory", "--dry-run", "clean"],
+        cwd=ROOT,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    assert done.stdout == "rm -rf .venv build\n"
+
+
 def test_a_machine_without_sumo(monkeypatch):
     def sumo_home():
         raise ImportError("simulated traffic needs it") from ImportError("No module named 'sumo'")

@@ -1,14 +1,17 @@
 import math
 from pathlib import Path
 
+import pandas as pd
 import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
+from small_log import write_small_log
 
 from lidarplace import Lidar
 from sweeps.config_file import ConfigError
 from sweeps.grid import read_sweep
+from sweeps.plan import read_plan
 
 EXAMPLE = Path(__file__).parents[2] / "examples/grid.yaml"
 BASE = {"placement": "line", "grid": {"placement": ["line", "center"], "seed": [1, 2]}}
@@ -219,3 +222,20 @@ def test_bad_overrides(config, override, message):
 def test_a_file_that_is_not_there(tmp_path):
     with pytest.raises(ConfigError, match=r"nowhere\.yaml: cannot be read: No such file"):
         read_sweep(tmp_path / "nowhere.yaml")
+
+
+def test_surrogates_alone_need_no_test_frames(tmp_path):
+    """A table of boxes without splits is all training frames."""
+    write_small_log(tmp_path / "log")
+    frames = pd.read_parquet(tmp_path / "log/frames.parquet")
+    frames.assign(split="train").to_parquet(tmp_path / "log/frames.parquet", index=False)
+    path = tmp_path / "s.yaml"
+    content = {
+        "scene": {"source": "log", "folder": str(tmp_path / "log")},
+        "detector": None,
+        "grid": {"placement": ["line", "center"]},
+    }
+    path.write_text(yaml.safe_dump(content))
+    assert len(read_plan(path)[1].trials) == 2
+    with pytest.raises(ConfigError, match="no frame is in the test split"):
+        read_plan(path, ["detector=pointpillars_tiny"])

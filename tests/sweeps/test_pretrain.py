@@ -16,7 +16,8 @@ from sweeps.config_file import ConfigError
 from sweeps.execute import execute
 from sweeps.grid import read_sweep
 from sweeps.plan import make_plan
-from sweeps.pretrain import app, pretrain_task, with_inputs
+from sweeps.pretrain import app
+from sweeps.pretrain_task import pretrain_task, with_inputs
 from sweeps.store import Store
 from training import build_detector
 
@@ -151,9 +152,11 @@ def test_a_mistake_is_one_line_and_exit_code_2(folder):
     assert done.stderr.count("\n") == 1
     assert done.stderr.startswith(f"{config}: grid.detector: a base is trained for one value")
     assert not (folder / "none.pt").exists()
-    done = CliRunner().invoke(app, [str(write(folder)), "--out", "/proc/none.pt"])
-    assert done.exit_code == 2
-    assert done.stderr.count("\n") == 1
+    for out, told in (("/proc/none.pt", "/proc"), (str(folder), f"--out {folder}: is a folder")):
+        done = CliRunner().invoke(app, [str(write(folder)), "--out", out])
+        assert done.exit_code == 2
+        assert done.stderr.count("\n") == 1
+        assert told in done.stderr
 
 
 def test_a_base_does_not_start_from_itself(folder):

@@ -91,9 +91,19 @@ def test_the_run_folder_holds_the_results(folder, first):
     assert drawn.groupby(keys).size().eq(error["resamples"].iloc[0]).all()
     about = json.loads((run / "sweep.json").read_text())
     assert about["frames"] == {"train": 8, "test": 4}
+    assert about["tracking_uri"] == f"sqlite:///{folder / 'runs/mlflow.db'}"
+    assert about["command"].startswith("python -m sweeps.run ")
     assert (run / "report.html").stat().st_size > 1e6
+    artifacts = next((folder / "runs/artifacts").glob("*/artifacts/sweep.json")).parent
+    assert {path.name for path in artifacts.iterdir()} >= {
+        "report.html",
+        "report.md",
+        "config.yaml",
+    }
+    tables = {path.name for path in (run / "tables").iterdir()}
+    assert {path.name for path in (artifacts / "tables").iterdir()} == tables != set()
     assert "line" in first.stdout
-    assert "mlflow ui" in first.stdout
+    assert "tracking.dashboard" in first.stdout
 
 
 def test_mlflow_has_a_parent_and_a_run_for_every_trial(folder, first):

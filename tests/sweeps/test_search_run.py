@@ -22,6 +22,7 @@ from sweeps.search.__main__ import app
 from sweeps.search.problem import read_problem
 from sweeps.search.study import journal_path
 from tracking.mlflow_connection import connect
+from tracking.mlflow_page import VIEW_TAG
 
 ROOT = Path(__file__).parents[2]
 _OTHER = ("robustness", "verify", "detector", "seed", "placement")
@@ -107,6 +108,14 @@ def test_mlflow_has_a_run_for_every_trial(folder, tracking):
     value = trials(folder).loc[3, "value.expected_ig"]
     assert one.data.metrics["expected_ig"] == pytest.approx(value)
     assert one.data.params["lidar_1.model"] == "lidar"
+    assert one.data.tags["lidarplace.version"]
+    assert experiment.tags["mlflow.note.content"].startswith("A search")
+    view = json.loads(experiment.tags[VIEW_TAG])
+    assert view["selectedColumns"][:2] == ["metrics.`expected_ig`", "metrics.`feasible`"]
+    assert view["orderByAsc"] is False
+    parent = next(run for run in runs if run.data.tags["mlflow.runName"] == "small")
+    assert "trials: 12" in parent.data.tags["mlflow.note.content"]
+    assert about(folder)["tracking_uri"] == tracking
 
 
 def test_robustness_has_a_row_a_case(folder):

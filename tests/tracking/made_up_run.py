@@ -71,6 +71,9 @@ def write_run(
         "trials": trials,
         "results": results,
         "curves": curves,
+        "pr_curves": _pr_curves(results),
+        "distance": _distance(results),
+        "points": _points(rng, quality, scenes) if detectors else [],
         "surrogates": _surrogates(rng, quality, scenes),
         "expected_ig_by_q": _by_q(rng, quality, scenes),
         "accuracy": _accuracy(rng, names),
@@ -132,6 +135,42 @@ def _results(
                     }
                 )
     return rows
+
+
+def _pr_curves(results: list[dict[str, object]]) -> list[dict[str, object]]:
+    """Precision that falls to 0 at the recall that AP says."""
+    gone = ("difficulty", "value", "ground_truths")
+    return [
+        {k: v for k, v in row.items() if k not in gone}
+        | {"recall": recall, "precision": 100.0 if recall <= row["value"] else 0.0}
+        for row in results
+        if str(row["metric"]).startswith("AP_") and row["ground_truths"]
+        for recall in np.linspace(0, 100, 41).tolist()
+    ]
+
+
+def _distance(results: list[dict[str, object]]) -> list[dict[str, object]]:
+    """AP that falls with the distance."""
+    return [
+        {k: v for k, v in row.items() if k != "difficulty"}
+        | {"from_m": low, "to_m": low + 10, "value": row["value"] - low, "ground_truths": 210}
+        for row in results
+        if str(row["metric"]).startswith("AP_") and row["ground_truths"]
+        for low in (0.0, 10.0)
+    ]
+
+
+def _points(
+    rng: np.random.Generator, quality: dict[str, float], settings: list[dict[str, int]]
+) -> list[dict[str, object]]:
+    return [
+        {"placement": name, **setting, "class": object_class, "from_m": low, "to_m": low + 10}
+        | {"objects": 100, "mean": mean, "median": 0.8 * mean, "p10": 0.1 * mean, "unseen": 0.05}
+        for setting in settings
+        for name, value in quality.items()
+        for object_class in ("Car", "Pedestrian")
+        for low, mean in ((0.0, 900 * (1 + value)), (10.0, 90 * (1 + value) + rng.random()))
+    ]
 
 
 def _surrogates(
@@ -287,6 +326,10 @@ def _write_maps(path: Path, names: Sequence[str], roi: dict[str, object]) -> Non
     for i, name in enumerate(names):
         share = np.clip(0.5 + 0.5 * np.sin(np.hypot(x, y) * (1 + 0.1 * i)), 0, 1)
         maps[f"coverage/{name}"] = share.astype(np.float32)
+        maps[f"residual/{name}"] = (road * (1 - share)).astype(np.float32)
+        for kind in ("coverage", "residual"):
+            side = maps[f"{kind}/{name}"].mean(axis=1, keepdims=True)
+            maps[f"{kind}_side/{name}"] = np.repeat(side, 8, axis=1)
     np.savez_compressed(path / "maps.npz", **maps)
 
 

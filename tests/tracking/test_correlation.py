@@ -9,37 +9,17 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from result_tables import tables
 from scipy import stats
+from statsmodels.stats.multitest import multipletests
 
-from tracking.bootstrap import bootstrap_intervals, hierarchical_resamples
+from tracking.bootstrap import hierarchical_resamples
 from tracking.coefficients import COEFFICIENTS, scores
-from tracking.correlation import correlate, with_sums
+from tracking.correlation import correlate
+from tracking.paired import with_sums
 from tracking.permutation import permutation_p, smallest_p
 
 SCIPY = {"pearson": stats.pearsonr, "spearman": stats.spearmanr, "kendall": stats.kendalltau}
-
-
-def tables(x, y, object_class="Car", surrogate="s_mig", metric="AP_R40_3D"):
-    """`x` (n,) and `y` (n, seeds) as the tables of a run."""
-    results = [
-        {
-            "placement": f"p{i}",
-            "class": object_class,
-            "detector": "d",
-            "seed": s,
-            "metric": metric,
-            "iou": 0.7,
-            "difficulty": "all",
-            "value": value,
-        }
-        for i, row in enumerate(y)
-        for s, value in enumerate(row)
-    ]
-    surrogates = [
-        {"placement": f"p{i}", "class": object_class, "surrogate": surrogate, "value": value}
-        for i, value in enumerate(x)
-    ]
-    return pd.DataFrame(results), pd.DataFrame(surrogates)
 
 
 numbers = st.lists(st.integers(-3, 3), min_size=4, max_size=7)
@@ -106,24 +86,6 @@ def test_sampled_p_is_near_scipys_and_reproducible():
         assert p == permutation_p(x[None], y, coefficient)[0]
 
 
-@pytest.mark.parametrize("coefficient", COEFFICIENTS)
-def test_intervals_equal_scipys_paired_bootstrap_for_one_seed(coefficient):
-    rng = np.random.default_rng(1)
-    x = rng.normal(size=12)
-    y = x + rng.normal(size=12)
-    ours = bootstrap_intervals(x[None], y[:, None], coefficient, resamples=8000, seed=0)[0]
-    theirs = stats.bootstrap(
-        (x, y),
-        lambda a, b: SCIPY[coefficient](a, b).statistic,
-        paired=True,
-        vectorized=False,
-        n_resamples=3000,
-        method="percentile",
-        rng=np.random.default_rng(2),
-    ).confidence_interval
-    assert ours == pytest.approx([theirs.low, theirs.high], abs=0.05)
-
-
 def test_resamples_follow_a_brute_force_hierarchy():
     rng = np.random.default_rng(4)
     y = rng.normal(size=(5, 3))
@@ -141,17 +103,65 @@ def test_resamples_follow_a_brute_force_hierarchy():
     assert means.mean(axis=1).std() == pytest.approx(brute.mean(axis=1).std(), rel=0.06)
 
 
-def test_the_interval_contains_the_spread_of_seeds():
-    x = np.arange(8.0)
-    same = np.repeat(x[:, None], 2, axis=1)
-    apart = x[:, None] + np.array([-6.0, 6.0])
-    widths = []
-    for y in (same, apart):
-        row = correlate(*tables(x, y)).iloc[0]
-        assert row["pearson"] == pytest.approx(1.0)  # the means are the same
-        widths.append(row["pearson_high"] - row["pearson_low"])
-    assert widths[0] == pytest.approx(0.0, abs=1e-12)
-    assert widths[1] > 0.3
+def test_the_interval_allows_for_the_noise_of_seeds():
+    rng = np.random.default_rng(0)
+    x = np.arange(12.0)
+    mean = x + rng.normal(0, 4, 12)
+    quiet, noisy = (
+        correlate(*tables(x, mean[:, None] + d * np.array([-1.0, 1.0]))).iloc[0] for d in (0.0, 3.0)
+    )
+    assert quiet["reliability"] == pytest.approx(1.0)
+    assert noisy["reliability"] < 0.9
+    for name in COEFFICIENTS:
+        assert noisy[name] == pytest.approx(quiet[name])  # the means are the same
+        assert noisy[f"{name}_high"] > quiet[f"{name}_high"]
+
+
+def test_many_tests_are_adjusted_and_the_same_test_counts_once():
+    rng = np.random.default_rng(1)
+    x, y = rng.normal(size=(2, 7)), rng.normal(size=(7, 2))
+    named = {"s_mig": x[0], "ig": 100 + x[0], "covered_entropy": -x[0], "m_sog": x[1]}
+    parts = [tables(values, y, surrogate=name) for name, values in named.items()]
+    row = correlate(parts[0][0], pd.concat([part[1] for part in parts])).set_index("surrogate")
+    p = row["pearson_p"]
+    pair = p[["s_mig", "m_sog"]].to_numpy()
+    assert (row["pearson_tests"] == 2).all()
+    assert (row["pairs_tested"] == 4).all()
+    holm = multipletests(pair, method="holm")[1]
+    fdr = multipletests(pair, method="fdr_by")[1]
+    for adjusted, name in ((holm, "pearson_holm"), (fdr, "pearson_fdr")):
+        assert row.loc[["s_mig", "m_sog"], name].to_numpy() == pytest.approx(adjusted)
+        assert row.loc["ig", name] == row.loc["covered_entropy", name] == row.loc["s_mig", name]
+
+
+def test_a_test_without_a_coefficient_is_not_counted():
+    rng = np.random.default_rng(2)
+    y = rng.normal(size=(6, 2))
+    results, flat = tables(np.full(6, 3.0), y, surrogate="h_pog")
+    table = correlate(results, pd.concat([flat, tables(rng.normal(size=6), y)[1]]))
+    assert table["spearman_tests"].tolist() == [1, 1]
+    assert table["spearman_holm"].isna().tolist() == [True, False]
+    assert table["spearman_holm"].iloc[1] == table["spearman_p"].iloc[1]
+
+
+def test_thousands_of_placements():
+    rng = np.random.default_rng(3)
+    x = rng.normal(size=2000)
+    row = correlate(*tables(x, (0.1 * x + rng.normal(size=2000))[:, None])).iloc[0]
+    for name in COEFFICIENTS:
+        assert 0 < row[f"{name}_low"] < row[name] < row[f"{name}_high"] < 0.2
+        assert row[f"{name}_p"] < 0.01
+    assert not row["exact"]
+
+
+@pytest.mark.parametrize("scale", [1e300, 1e-300])
+def test_extreme_scales_of_a_surrogate(scale):
+    rng = np.random.default_rng(4)
+    x, y = rng.normal(size=8), rng.normal(size=(8, 2))
+    usual, extreme = (correlate(*tables(x * unit, y)).iloc[0] for unit in (1.0, scale))
+    for name in COEFFICIENTS:
+        for suffix in ("", "_low", "_high", "_p"):
+            assert extreme[name + suffix] == pytest.approx(usual[name + suffix], rel=1e-9)
 
 
 def test_means_over_seeds_and_no_sign():
@@ -183,8 +193,12 @@ def test_few_placements_and_constants_say_why():
     assert five["note"] == "few placements: the smallest possible two-sided p is 0.017"
     assert five["pearson_p"] == pytest.approx(2 / 120)
     one_seed = correlate(*tables(np.arange(5.0), y[:, :1])).iloc[0]
-    assert "a placement has one seed" in one_seed["note"]
-    assert "spearman: all resamples agree, so it has no interval" in one_seed["note"]
+    assert "one seed: the interval lacks its noise" in one_seed["note"]
+    assert np.isnan(one_seed["reliability"])
+    three = correlate(*tables(np.arange(3.0), y[:3])).iloc[0]
+    assert three["spearman"] == pytest.approx(1.0)
+    assert np.isnan(three["spearman_low"])
+    assert "3 placements are too few for an interval" in three["note"]
 
 
 def test_missing_values_leave_placements_out():

@@ -10,7 +10,8 @@ from lidarplace.placement import Mount
 from lidarplace.roi import Roi
 from tracking.accuracy import relative_errors, summarise
 from tracking.figures.accuracy import accuracy_figure
-from tracking.figures.from_above import coverage_from_above, pog_from_above
+from tracking.figures.coverage_maps import SeenFrom, coverage_maps, densest
+from tracking.figures.from_above import pog_from_above
 from tracking.figures.label_places import label_places
 from tracking.figures.point_cloud import POINTS, point_clouds
 from tracking.figures.style import theme
@@ -34,14 +35,25 @@ def test_maps_keep_their_mean_and_their_place():
     assert cells[1, 2] == pytest.approx(entropy[3:6, 6:9].mean(), rel=1e-5)
 
 
-def test_coverage_is_in_percent_on_one_scale_with_the_lidars():
-    share = np.zeros((500, 200), dtype=np.float32)
-    share[:3, :3] = 0.5
-    plot = coverage_from_above(share, ROI, "Coverage", [Mount(x=1, y=2, z=2)])
-    heat, lidars = plot.data
-    assert np.asarray(heat.z)[0, 0] == 50
-    assert (heat.zmin, heat.zmax) == (0, 100)
-    assert (lidars.x, lidars.y) == ((1,), (2,))
+def test_maps_of_coverage_and_residual_share_their_scales():
+    roi = Roi(x=(0, 20), y=(-10, 10), z=(0, 4), resolution=0.5)
+    above = SeenFrom(np.zeros((40, 40), np.float32), np.zeros((40, 40), np.float32))
+    side = SeenFrom(np.zeros((40, 8), np.float32), np.zeros((40, 8), np.float32))
+    above.covered[0, 3] = 0.5
+    above.residual[7, 1] = 3.0
+    side.residual[7, 2] = 2.0
+    most = densest([above.residual, above.residual * 2], roi, roi.y)
+    assert most == pytest.approx(6 / 0.25), "nats a square metre"
+    plot = coverage_maps(above, side, roi, "line", [Mount(x=1, y=2, z=3)], (most, 9.0))
+    heats = [trace for trace in plot.data if trace.type == "heatmap"]
+    assert [heat.zmax for heat in heats] == [100, most, 100, 9]
+    cells = [np.asarray(heat.z) for heat in heats]
+    assert cells[0][3, 0] == 50
+    assert cells[1][1, 7] == pytest.approx(12)
+    assert cells[3].shape == (8, 40)
+    assert cells[3][2, 7] == pytest.approx(8)
+    dots = [trace for trace in plot.data if trace.type == "scatter" and trace.mode == "markers"]
+    assert [(dot.x, dot.y) for dot in dots] == [((1,), (2,))] * 2 + [((1,), (3,))] * 2
 
 
 def test_clouds_are_thinned_inside_the_roi_and_seeded():

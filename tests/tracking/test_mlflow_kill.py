@@ -22,7 +22,9 @@ def log_all(uri: str, journal: Path) -> None:
     with SweepLog(uri, "demo", "k1", {"epochs": 3}, journal=journal) as log:
         for seed in SEEDS:
             log_trial(log, seed)
+        log.sample({"system/cpu_utilization_percentage": 50.0})
         log.artifact(journal.parent / "report.html")
+        log.model("t1", "tiny", journal.parent / "model", {"AP": 61.0})
 
 
 def killed_driver(uri: str, journal: Path, steps: int) -> None:
@@ -51,6 +53,8 @@ def killed_driver(uri: str, journal: Path, steps: int) -> None:
 
 
 def test_a_driver_killed_anywhere_loses_and_doubles_nothing(tmp_path):
+    from mlflow import MlflowClient
+
     uri = new_store(tmp_path / "store")
     processes = multiprocessing.get_context("forkserver")
     # What takes seconds to import, once for all drivers.
@@ -59,6 +63,8 @@ def test_a_driver_killed_anywhere_loses_and_doubles_nothing(tmp_path):
     journal = tmp_path / "demo" / "mlflow.jsonl"
     journal.parent.mkdir()
     (journal.parent / "report.html").write_text("<p>report</p>")
+    (journal.parent / "model").mkdir()
+    (journal.parent / "model" / "MLmodel").write_text("flavors: {}")
     chance = random.Random(6)
     for _ in range(KILLS):
         driver = processes.Process(
@@ -73,5 +79,8 @@ def test_a_driver_killed_anywhere_loses_and_doubles_nothing(tmp_path):
     assert not journal.exists()
     files = [path.name for path in (tmp_path / "store" / "artifacts").rglob("*.html")]
     assert files == ["report.html"]
+    mlflow = MlflowClient(tracking_uri=uri)
+    (model,) = mlflow.search_logged_models([runs_of(uri)["demo"].info.experiment_id])
+    assert (model.status.value, model.tags["lidarplace.best"]) == ("READY", "true")
     with sqlite3.connect(uri.removeprefix("sqlite:///")) as database:
         assert database.execute("PRAGMA integrity_check").fetchone() == ("ok",)

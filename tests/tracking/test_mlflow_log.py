@@ -369,15 +369,11 @@ def test_mistakes_have_clear_errors(uri, journal, tmp_path, monkeypatch):
         opened(uri)
 
 
-def test_the_command_opens_the_database_on_this_machine_only(tmp_path, monkeypatch):
+def test_the_command_opens_the_database(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    words = shlex.split(ui_command("sqlite:///my runs/mlflow.db"))
-    assert words[0] == "MLFLOW_DISABLE_TELEMETRY=true"
-    assert words[2:5] == ["-m", "mlflow", "ui"]
-    assert (
-        words[words.index("--backend-store-uri") + 1] == f"sqlite:///{tmp_path}/my runs/mlflow.db"
-    )
-    assert words[words.index("--host") + 1] == "127.0.0.1"
+    words = shlex.split(ui_command("sqlite:///my runs/mlflow.db", "/#/experiments/1"))
+    assert words == ["python", "-m", "tracking.dashboard", f"{tmp_path}/my runs/mlflow.db"]
+    assert ui_command("http://host:5000/", "/#/experiments/1") == "http://host:5000/#/experiments/1"
 
 
 @pytest.mark.parametrize(
@@ -392,7 +388,7 @@ def test_the_command_opens_the_database_on_this_machine_only(tmp_path, monkeypat
 )
 def test_passwords_are_masked(uri, shown):
     assert public_uri(uri) == shown
-    assert shown in ui_command(uri).replace("+psycopg2", "")
+    assert shown.removeprefix("sqlite:///") in ui_command(uri).replace("+psycopg2", "")
 
 
 def test_metrics_of_a_trial(made_up_run):

@@ -13,7 +13,7 @@ from tracking.figures.promotion import error_over_seconds, ranks_by_stage
 from tracking.promotion import FULL_TRAINING, is_full, promoted, stage_ranks
 from tracking.promotion_agreement import agreement
 from tracking.promotion_savings import rung_costs, savings
-from tracking.report import build_report
+from tracking.report.build import build_report
 from tracking.report.promotion import promotion_section
 from tracking.run_folder import RunFolder
 from tracking.training_cost import summarise_cost, training_cost

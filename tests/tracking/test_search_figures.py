@@ -10,7 +10,7 @@ import pytest
 from lidarplace.roi import Roi
 from tracking.figures.from_optuna import from_optuna
 from tracking.figures.pareto import pareto_fronts
-from tracking.figures.rig_picture import rig_picture
+from tracking.figures.rig_picture import PicturedRig, rig_picture
 from tracking.figures.robustness import robustness_figure
 from tracking.figures.search_history import search_history
 from tracking.figures.unseen import unseen
@@ -74,7 +74,9 @@ def test_equal_maps_have_a_scale():
 
 def test_the_menu_shows_one_rig_and_its_axes_turn_with_it():
     turned = rig((1.0, 0.0, 2.0, 0.0, 0.0, np.pi / 2))
-    plot = rig_picture({"a": turned, "b": rig((0, 0, 3, 0, 0, 0), (0, 1, 3, 0, 0, 0))}, [], [ROOF])
+    rigs = {"a": turned, "b": rig((0, 0, 3, 0, 0, 0), (0, 1, 3, 0, 0, 0))}
+    pictured = {name: PicturedRig.found(own) for name, own in rigs.items()}
+    plot = rig_picture(pictured, [], [ROOF])
     forward = trace(plot, "sensor's x")
     ends = np.stack([forward.x, forward.y, forward.z], axis=1)
     np.testing.assert_allclose(ends[:2], [[1, 0, 2], [1, 0.3, 2]], atol=1e-6)

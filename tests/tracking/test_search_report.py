@@ -17,7 +17,7 @@ from test_report import Page
 
 from lidarplace import PAPER_PLACEMENTS
 from tracking.search_folder import SearchFolder
-from tracking.search_report import build_search_report
+from tracking.search_report.build import build_search_report
 from tracking.search_report.headline import summary
 from tracking.search_report.tables import rig_table
 

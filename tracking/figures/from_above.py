@@ -1,15 +1,13 @@
-"""POG and coverage seen from above."""
+"""The POG seen from above."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from lidarplace.placement import Mount
 from lidarplace.roi import Roi
+from tracking.figures.averaged import averaged
 from tracking.figures.style import SEQUENTIAL, VEHICLE, figure
 
 _CELLS = 200
@@ -23,33 +21,15 @@ def pog_from_above(
 
     It is averaged to at most `most` cells along the longer side.
     """
-    cells, x, y = _averaged(entropy, roi, most)
+    cells, x, y = averaged(entropy, (roi.x, roi.y), most)
     return _map(cells.astype(np.float32), x, y, title, "nats", None, "%{z:.3g} nats")
 
 
-def coverage_from_above(
-    share: NDArray[np.float32], roi: Roi, title: str, mounts: Sequence[Mount]
-) -> go.Figure:
-    """Covered share of each column of voxels, 0 to 100 %. `share` has shape (nx, ny), in [0, 1]."""
-    cells, x, y = _averaged(share, roi, _CELLS)
-    percent = np.rint(100 * cells).astype(np.uint8)
-    plot = _map(percent, x, y, title, "%", (0, 100), "%{z} % covered")
-    plot.add_scatter(
-        x=[mount.x for mount in mounts],
-        y=[mount.y for mount in mounts],
-        mode="markers",
-        marker={"size": 6, "color": "#D55E00", "line": {"color": "#ffffff", "width": 1}},
-        hovertemplate="LiDAR at %{x:.2f}, %{y:.2f} m<extra></extra>",
-        showlegend=False,
-    )
-    return plot
-
-
-def add_vehicle(plot: go.Figure) -> None:
-    """Outline the vehicle, its nose to the right."""
+def vehicle_from_above() -> go.Scatter:
+    """Outline of the vehicle, its nose to the right."""
     length, width = VEHICLE
     front = length / 2 - 0.9
-    plot.add_scatter(
+    return go.Scatter(
         x=[length / 2, -length / 2, -length / 2, length / 2, length / 2, front, length / 2],
         y=[width / 2, width / 2, -width / 2, -width / 2, width / 2, 0, -width / 2],
         mode="lines",
@@ -57,6 +37,11 @@ def add_vehicle(plot: go.Figure) -> None:
         hoverinfo="skip",
         showlegend=False,
     )
+
+
+def add_vehicle(plot: go.Figure) -> None:
+    """Outline the vehicle, its nose to the right."""
+    plot.add_trace(vehicle_from_above())
 
 
 def metres(plot: go.Figure, roi: Roi) -> None:
@@ -101,20 +86,3 @@ def _map(
         hovertemplate="x %{x:.1f}, y %{y:.1f} m<br>" + hover + "<extra></extra>",
     )
     return plot
-
-
-def _averaged(
-    columns: NDArray[np.float32], roi: Roi, most: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Means over blocks of columns, and the edges of the blocks along x and y in metres."""
-    step = -(-max(columns.shape) // most)
-    cells = columns.astype(np.float64)
-    edges = []
-    for axis, (low, high) in enumerate((roi.x, roi.y)):
-        n = columns.shape[axis]
-        starts = np.arange(0, n, step)
-        size = np.diff(np.append(starts, n))
-        cells = np.add.reduceat(cells, starts, axis=axis)
-        cells /= size[:, None] if axis == 0 else size
-        edges.append(low + (high - low) / n * np.append(starts, n))
-    return cells, edges[0], edges[1]

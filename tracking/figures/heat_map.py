@@ -1,50 +1,58 @@
-"""Spearman's rho of all surrogates and all metrics."""
+"""Spearman's rho of surrogates with metrics, as a table of colours."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
-from tracking.figures.style import figure
-from tracking.labels import in_order, metric_label, signed, surrogate_name
+from tracking.figures.style import figure, text
+from tracking.labels import in_order, signed, surrogate_name
+
+SIGNIFICANT = 0.05
 
 
-def heat_map(correlations: pd.DataFrame, title: str) -> go.Figure | None:
-    """Surrogates as rows, metrics as columns; blue falls, orange rises.
+def heat_map(correlations: pd.DataFrame, labels: Sequence[str], title: str) -> go.Figure | None:
+    """Surrogates as columns, `labels` as rows; blue falls, orange rises.
+
+    A star stands where p, adjusted for all tests, is below `SIGNIFICANT`.
 
     Args:
-        correlations: rows of `correlate` for one class, detector and setting.
+        correlations: rows of `tracking.correlation.correlate`.
+        labels: what each of them is called, equal for those that share a row of the figure.
+        title: plotly text.
 
     Returns:
         None if there is no coefficient at all.
     """
-    known = correlations[correlations["spearman"].notna()]
-    if known.empty:
+    cells = correlations.assign(row=list(labels))
+    cells = cells[cells["spearman"].notna()]
+    if cells.empty:
         return None
-    cells = known.assign(
-        column=[metric_label(*pair) for pair in zip(known["metric"], known["iou"], strict=True)]
-    )
-    rho, p = (
-        cells.pivot(index="surrogate", columns="column", values=value).reindex(
-            index=in_order(cells["surrogate"]), columns=list(dict.fromkeys(cells["column"]))
+    rho, p, holm = (
+        cells.pivot(index="row", columns="surrogate", values=value).reindex(
+            index=list(dict.fromkeys(cells["row"])), columns=in_order(cells["surrogate"])
         )
-        for value in ("spearman", "spearman_p")
+        for value in ("spearman", "spearman_p", "spearman_holm")
     )
-    plot = figure(title, height=132 + 30 * len(rho), margin={"l": 120, "r": 8, "t": 48, "b": 84})
+    shown = np.where(holm < SIGNIFICANT, "<b>" + rho.map(signed) + "★</b>", rho.map(signed))
+    plot = figure(title, height=140 + 30 * len(rho), margin={"l": 120, "r": 8, "t": 48, "b": 84})
     plot.add_heatmap(
         z=rho.to_numpy(),
-        x=list(rho.columns),
-        y=[surrogate_name(name) for name in rho.index],
+        x=[surrogate_name(str(name)) for name in rho.columns],
+        y=[text(name) for name in rho.index],
         zmin=-1,
         zmax=1,
         # Two of Okabe and Ito's colours about a light middle, which keeps the numbers readable.
         colorscale=[[0, "#56B4E9"], [0.5, "#f7f7f7"], [1, "#E69F00"]],
-        text=np.where(rho.isna(), "", rho.map(signed)),
+        text=np.where(rho.isna(), "", shown),
         texttemplate="%{text}",
         textfont={"color": "#1d2126"},
-        customdata=p.to_numpy(),
-        hovertemplate="%{y}, %{x}<br>ρ = %{z:+.3f}, p = %{customdata:.2g}<extra></extra>",
+        customdata=np.stack([p.to_numpy(), holm.to_numpy()], axis=-1),
+        hovertemplate="%{y}, %{x}<br>ρ = %{z:+.3f}, p = %{customdata[0]:.2g}, "
+        "adjusted %{customdata[1]:.2g}<extra></extra>",
         showscale=False,
         xgap=2,
         ygap=2,

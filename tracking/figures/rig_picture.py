@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.placement import Mount
 from lidarplace.viewing.solids import edges, triangles
 from tracking.figures.style import OUTLINE, colour, figure, text
 from tracking.search_result import Point, Rig, Zone
+
+_CAR = tuple((tuple(low), tuple(high)) for low, high in Vehicle.car().boxes.tolist())
 
 _AXES = (("x", "#D55E00"), ("y", "#009E73"), ("z", "#0072B2"))
 """Axes of a sensor, in colours that colour-blind readers can tell apart."""
@@ -20,17 +25,46 @@ _MARGIN = 0.25  # metres
 _CAMERA = {"eye": {"x": 1.45, "y": 1.3, "z": 0.8}, "center": {"x": 0.0, "y": 0.0, "z": -0.25}}
 
 
+@dataclass(frozen=True)
+class PicturedRig:
+    """Mounts, and what is told of each besides its pose.
+
+    Attributes:
+        mounts: poses in the ego frame.
+        words: of every mount, such as its LiDAR model; plotly text, may be empty.
+    """
+
+    mounts: tuple[Mount, ...]
+    words: tuple[str, ...]
+
+    @classmethod
+    def of(cls, mounts: Sequence[Mount]) -> PicturedRig:
+        """Mounts of which nothing else is known."""
+        return cls(tuple(mounts), ("",) * len(mounts))
+
+    @classmethod
+    def found(cls, rig: Rig) -> PicturedRig:
+        """A rig of a search, with its models and zones."""
+        words = [
+            text(model) + (f", zone {text(zone)}" if zone else "")
+            for model, zone in zip(rig.models, rig.zones, strict=True)
+        ]
+        return cls(rig.placed, tuple(words))
+
+
 def rig_picture(
-    rigs: Mapping[str, Rig], vehicle: Sequence[tuple[Point, Point]], zones: Sequence[Zone]
+    rigs: Mapping[str, PicturedRig],
+    vehicle: Sequence[tuple[Point, Point]] = _CAR,
+    zones: Sequence[Zone] = (),
 ) -> go.Figure:
     """The first of `rigs` at the start; the others by the menu.
 
     Args:
         rigs: by the name in the menu.
-        vehicle: boxes, lowest and highest corner, metres.
+        vehicle: boxes, lowest and highest corner, metres; a car by default.
         zones: where LiDARs may sit.
     """
-    plot = figure("", height=520, margin={"l": 0, "r": 0, "t": 40, "b": 32})
+    plot = figure("LiDARs on the vehicle", height=550, margin={"l": 0, "r": 0, "t": 70, "b": 32})
     boxes = _boxes(vehicle)
     if len(boxes):
         _add_vehicle(plot, boxes)
@@ -127,10 +161,10 @@ def _add_zone_names(plot: go.Figure, zones: Sequence[Zone]) -> None:
     )
 
 
-def _add_rig(plot: go.Figure, rig: Rig) -> None:
-    at = np.array([mount.position for mount in rig.placed])
+def _add_rig(plot: go.Figure, rig: PicturedRig) -> None:
+    at = np.array([mount.position for mount in rig.mounts])
     for axis, (name, shade) in enumerate(_AXES):
-        ends = at + _AXIS_LENGTH * np.array([mount.rotation[:, axis] for mount in rig.placed])
+        ends = at + _AXIS_LENGTH * np.array([mount.rotation[:, axis] for mount in rig.mounts])
         lines = np.stack([at, ends, np.full_like(at, np.nan)], axis=1).reshape(-1, 3)
         plot.add_scatter3d(
             **_xyz(lines),
@@ -156,12 +190,12 @@ def _add_rig(plot: go.Figure, rig: Rig) -> None:
     )
 
 
-def _words(rig: Rig, i: int) -> str:
-    x, y, z, *angles = rig.mounts[i]
-    roll, pitch, yaw = np.degrees(angles) + 0.0
-    zone = f", zone {text(rig.zones[i])}" if rig.zones[i] else ""
+def _words(rig: PicturedRig, i: int) -> str:
+    mount = rig.mounts[i]
+    roll, pitch, yaw = np.degrees([mount.roll, mount.pitch, mount.yaw]) + 0.0
+    words = f": {rig.words[i]}" if rig.words[i] else ""
     return (
-        f"LiDAR {i + 1}: {text(rig.models[i])}{zone}<br>x {x:.3f}, y {y:.3f}, z {z:.3f} m<br>"
+        f"LiDAR {i + 1}{words}<br>x {mount.x:.3f}, y {mount.y:.3f}, z {mount.z:.3f} m<br>"
         f"roll {roll:.1f}°, pitch {pitch:.1f}°, yaw {yaw:.1f}°"
     )
 

@@ -28,13 +28,13 @@ def scatter(
     title: str,
     placements: Sequence[str],
 ) -> go.Figure:
-    """Points labelled by placement, bars of one sd over seeds, a menu of surrogates.
+    """Points labelled by placement, bars of 95 % intervals over seeds, a menu of surrogates.
 
     Args:
         metric: rows of `seed_means` for one class, detector, metric, IoU and setting.
         surrogates: placements as rows, surrogates as columns (`surrogates_of`).
-        correlations: rows of `correlate` for the same; its surrogates make the menu. The first of
-            the largest |rho| is shown at the start.
+        correlations: rows of `correlate` with those of `leave_one_out` for the same; its surrogates
+            make the menu. The first of the largest |rho| is shown at the start.
         title: plotly text above the coefficient.
         placements: all of the sweep, in order, so that a placement keeps its colour.
     """
@@ -62,7 +62,7 @@ def scatter(
         y=table["mean"].to_numpy(),
         error_y={
             "type": "data",
-            "array": table["sd"].fillna(0).to_numpy(),
+            "array": (table["high"] - table["mean"]).fillna(0).to_numpy(),
             "thickness": 1.5,
             "color": OUTLINE,
         },
@@ -82,7 +82,7 @@ def scatter(
     plot.update_xaxes(title=surrogate_label(menu[first]))
     plot.update_yaxes(title=f"{label} (%)")
     plot.update_layout(
-        margin={"t": 104},
+        margin={"t": 120},
         updatemenus=[
             {
                 "x": 0,
@@ -118,8 +118,13 @@ def scatter(
 def _coefficient(row: Mapping[Hashable, Any]) -> str:
     if np.isnan(row["spearman"]):
         return text(row["note"])
-    return (
+    rho = (
         f"ρ = {signed(row['spearman'])} "
         f"{interval(row['spearman_low'], row['spearman_high'])}, "
         f"p = {row['spearman_p']:.2g}, n = {row['n']}"
     )
+    others = f"r = {signed(row['pearson'])}, τ = {signed(row['kendall'])}"
+    if np.isnan(row["spearman_min"]):
+        return f"{rho}<br>{others}"
+    span = f"{signed(row['spearman_min'])} to {signed(row['spearman_max'])}"
+    return f"{rho}<br>{others}; one left out: ρ {span}"

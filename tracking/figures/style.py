@@ -58,6 +58,16 @@ def figure(title: str, height: int, **layout: Any) -> go.Figure:
     )
 
 
+def legend_below(plot: go.Figure, entries: int) -> None:
+    """Put the legend under the axis' title, in rows of two; the figure grows by their height."""
+    room = 20 * -(-entries // 2)
+    plot.update_layout(
+        height=plot.layout.height + room,
+        margin={"b": 56 + room},
+        legend={"orientation": "h", "yref": "container", "y": 0, "yanchor": "bottom"},
+    )
+
+
 def theme(dark: bool) -> dict[str, Any]:
     """The plotly template of the light or the dark page; backgrounds are transparent."""
     ink, grid, menu = ("#e3e6ea", "#3a4048", "#23272d") if dark else ("#1d2126", "#dfe3e8", "#fff")

@@ -1,5 +1,1 @@
-"""The report of a sweep: one HTML file that opens without a network."""
-
-from tracking.report.build import build_report
-
-__all__ = ["build_report"]
+"""The report of a sweep, and of several compared: HTML pages that open without a network."""

@@ -1,30 +1,49 @@
-"""`python -m tracking.report RUN`: build the report again from the run folder alone."""
+"""The command: `python -m tracking.report RUN…`."""
 
 from __future__ import annotations
 
-import argparse
-import sys
-from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
-from tracking.report.build import build_report
+import typer
+
+from lidarplace.command_line import JsonOption, new_app, print_json, verb, wrong
+
+app = new_app()
 
 
-def main(words: Sequence[str] | None = None) -> int:
-    """Run with the arguments `words`, by default those of the command line.
+@verb(app, "runs/grid", "runs/paper runs/mine --out runs/compared")
+def report(
+    runs: Annotated[
+        list[Path],
+        typer.Argument(metavar="RUN...", help="folders of sweeps, runs/NAME"),
+    ],
+    out: Annotated[
+        Path | None, typer.Option(help="folder for the comparison of several sweeps")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Make the report of a sweep again from its folder alone, and print its path.
 
-    Prints the report's path and returns 0, or one line of error and returns 2.
+    Of several sweeps it makes comparison.html in --out: what differs in their configurations, and
+    the placements that they share side by side.
     """
-    parser = argparse.ArgumentParser(prog="python -m tracking.report", description=__doc__)
-    parser.add_argument("run", type=Path, help="folder that a sweep has left, runs/NAME")
-    arguments = parser.parse_args(words)
+    from tracking.report.build import build_report
+    from tracking.report.comparison import build_comparison
+
     try:
-        print(build_report(arguments.run))
-    except ValueError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    return 0
+        if len(runs) == 1 and out is not None:
+            raise ValueError("--out: leave it out for one RUN, whose report lies in its own folder")
+        if len(runs) > 1 and out is None:
+            raise ValueError("--out: name the folder for the comparison of several sweeps")
+        page = build_report(runs[0]) if out is None else build_comparison(runs, out)
+    except (ValueError, OSError) as error:
+        wrong(error)
+    if as_json:
+        print_json({"report": str(page)})
+    else:
+        print(page)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    app()

@@ -40,6 +40,21 @@ class Group:
         return table[match]
 
 
+def has_detectors(run: RunFolder) -> bool:
+    """Whether the sweep trains detectors: there are sweeps of surrogates alone."""
+    return bool((run.trials["detector"] != "").any())
+
+
+def pictured(run: RunFolder) -> str:
+    """Of which setting maps, frames and clouds are, "at density = 40"; "" where there is one.
+
+    Run folders of before do not say it.
+    """
+    setting = run.sweep.get("pictured", {})
+    varied = {a: v for a, v in setting.items() if run.surrogates[a].nunique() > 1}
+    return f"at {setting_label(varied, varied.values())}" if varied else ""
+
+
 def by_setting(table: pd.DataFrame, axes: Sequence[str]) -> Iterator[tuple[str, pd.DataFrame]]:
     """The parts of `table` with equal further axes, with a title; all of it if there are none."""
     own = [axis for axis in axes if axis in table.columns]

@@ -1,79 +1,165 @@
-"""The first lines of a report: what is best, do the surrogates agree, what to be careful about."""
+"""The first lines of a report: which placement, by how much, how sure, do the surrogates agree."""
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from tracking.correlation import FEW_PLACEMENTS
-from tracking.labels import SURROGATES, interval, metric_label, signed, surrogate_name
-from tracking.permutation import smallest_p
+from tracking.best_placement import BestPlacement, best_placement
+from tracking.kitti_iou import headline_iou
+from tracking.labels import SURROGATES, metric_label, some, surrogate_name
+from tracking.paired import with_sums
 from tracking.report.groups import Group
 from tracking.run_folder import RunFolder
 from tracking.sampling_error import separated
-from tracking.summary import deciding_surrogate, headline_iou, surrogates_of
+from tracking.summary import deciding_surrogate, surrogates_of
+from tracking.which_predicts import Predictors
 
 HEADLINE_METRIC = "AP_R40_3D"
 HEADLINE_SURROGATES = ("s_mig", "expected_ig", "m_sog", "expected_points", "covered_voxels")
 """Those with an order of their own: the others order placements as S-MIG or its negative."""
 
-FEW_GROUND_TRUTHS = 200
-
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a group says about one class, as sentences."""
+    """What a group says about one class, as sentences.
 
-    object_class: str
+    Attributes:
+        what: what the placement is first in, such as "Best for Car".
+        group: title of the group, "" if there is no other.
+        best: the placement, or several that are equal.
+        lead: its value, and how far it is ahead of which.
+        sure: how sure that is.
+        surrogates: whether they agree.
+    """
+
+    what: str
     group: str
     metric: str
     best: str
     lead: str
+    sure: str
     surrogates: tuple[str, ...]
+
+    @property
+    def heading(self) -> str:
+        """What, and in which group."""
+        return f"{self.what} · {self.group}" if self.group else self.what
 
 
 def verdicts(
-    run: RunFolder, group: Group, means: pd.DataFrame, correlations: pd.DataFrame
+    run: RunFolder, group: Group, ranked: Mapping[str, BestPlacement], predicted: list[Predictors]
 ) -> list[Verdict]:
-    """One verdict for every class that has AP.
+    """One verdict for every class that has AP, and one for the recall of all.
 
     Args:
-        means: `seed_means` of the run.
-        correlations: `correlate` of the run.
+        ranked: `headline_ranking` of the group.
+        predicted: `which_predicts` of the run.
     """
     found = []
-    for name in run.classes:
-        iou = headline_iou(run.results, name)
-        same = (group.of(means), group.of(correlations))
-        table, tests = (
-            part[
-                (part["class"] == name) & (part["metric"] == HEADLINE_METRIC) & (part["iou"] == iou)
-            ]
-            for part in same
-        )
-        table = table[table["seeds"] > 0].sort_values("mean", ascending=False)
-        if table.empty:
-            continue
-        best = table.iloc[0]
+    for name, best in ranked.items():
+        metric, iou = headline_metric(name), headline_iou(run.results, name)
+        wanted = {"class": name, "metric": metric, "iou": iou, **group.setting}
+        wanted["detector"] = group.detector
+        own = [p for p in predicted if all(_same(p.group[k], v) for k, v in wanted.items())]
         found.append(
             Verdict(
-                name,
-                group.title,
-                metric_label(HEADLINE_METRIC, iou),
-                str(best["placement"]),
-                f"{plus_minus(best['mean'], best['sd'])} %{_lead(table)}",
-                tuple(
-                    _agreement(row)
-                    for row in tests.to_dict("records")
-                    if row["surrogate"] in HEADLINE_SURROGATES
-                ),
+                f"Best for {class_label(name)}",
+                group.title if group.varies else "",
+                metric_label(metric, iou),
+                some(best.equal),
+                _lead(best),
+                _sure(best),
+                (*(p.sentence for p in own), *_chosen(run, group, best, name)),
             )
         )
     return found
+
+
+def headline_metric(object_class: str) -> str:
+    """What a class is judged by: 3D AP; of all classes together there is recall only."""
+    return "recall" if object_class == "all" else HEADLINE_METRIC
+
+
+def class_label(object_class: str) -> str:
+    """How a class is called in a heading."""
+    return "all objects" if object_class == "all" else object_class
+
+
+def headline_ranking(run: RunFolder, group: Group) -> dict[str, BestPlacement]:
+    """`best_placement` of headline AP for every class that has any, and of recall for "all"."""
+    own = group.of(run.results)
+    found = {}
+    for name in (*run.classes, "all"):
+        match = (own["class"] == name) & (own["metric"] == headline_metric(name))
+        best = best_placement(own[match & (own["iou"] == headline_iou(run.results, name))])
+        if best is not None:
+            found[name] = best
+    return found
+
+
+def _same(found: object, wanted: object) -> bool:
+    return bool(found == wanted or (pd.isna(found) and pd.isna(wanted)))  # type: ignore[call-overload]
+
+
+def _lead(best: BestPlacement) -> str:
+    text = f"{plus_minus(best.mean, np.nan)} %"
+    if best.others.empty:
+        return text
+    second = best.others.iloc[0]
+    if second["lead"] == 0:
+        return f"{text}, the same for {len(best.equal)} of {len(best.sure)} placements"
+    text += f", {second['lead']:.1f} points ahead of {best.others.index[0]}"
+    if np.isfinite(second["low"]):
+        text += f" (95 %: {signed_points(second['low'])} to {signed_points(second['high'])})"
+    return text
+
+
+def _sure(best: BestPlacement) -> str:
+    """How sure it is that the best is the best, over the seeds of the training alone."""
+    if best.others.empty:
+        return "There is no other placement."
+    if not np.isfinite(best.sure.iloc[0]):
+        return f"How sure that is cannot be told: {best.note}."
+    if len(best.equal) > 1:
+        return "No placement is ahead."
+    sure = f"{percent(best.sure.iloc[0])} likely to be the best of {len(best.sure)}"
+    tied = best.tied
+    if not tied:
+        return f"{sure}, and told apart from all others."
+    return f"{sure}; not told apart from {some(tied)}."
+
+
+def _chosen(run: RunFolder, group: Group, best: BestPlacement, name: str) -> list[str]:
+    """What following a surrogate would have cost."""
+    decides = deciding_surrogate(run.surrogates)
+    table = surrogates_of(with_sums(run.surrogates, run.axes), group.setting, name)
+    if decides not in table.columns:
+        return []
+    values = table[decides].reindex(best.sure.index).dropna()
+    if len(values) < 2 or values.nunique() < 2:
+        return []
+    choice = str(values.idxmax())
+    label = surrogate_name(decides)
+    if choice in best.equal:
+        return [f"The highest {label} is that of the same placement."]
+    lost = float(best.others["lead"][choice])
+    return [f"The highest {label} is that of {choice}: {lost:.1f} points below the best."]
+
+
+def percent(share: float) -> str:
+    """A probability without false certainty."""
+    if share > 0.99:
+        return "over 99 %"
+    return "under 1 %" if share < 0.01 else f"{100 * share:.0f} %"
+
+
+def signed_points(value: float) -> str:
+    """Points of AP with a true minus."""
+    return f"{round(value, 1) + 0.0:.1f}".replace("-", "−")
 
 
 def surrogate_verdicts(run: RunFolder, group: Group) -> list[Verdict]:
@@ -94,13 +180,14 @@ def surrogate_verdicts(run: RunFolder, group: Group) -> list[Verdict]:
         others = [s for s in HEADLINE_SURROGATES if s in table.columns and s != decides]
         found.append(
             Verdict(
-                name,
-                group.title,
+                f"Highest {surrogate_name(decides)} for {name}",
+                group.title if group.varies else "",
                 surrogate_name(decides),
                 best,
                 lead,
+                "",
                 tuple(
-                    f"{surrogate_name(other)}: rank {ranks[other]:,.0f} from the highest"
+                    f"{surrogate_name(other)}: rank {ranks[other]:,.0f} from the highest."
                     for other in others
                     if not np.isnan(ranks[other])
                 ),
@@ -115,74 +202,6 @@ def plus_minus(mean: float, sd: float) -> str:
         return "–"
     shown = f"{round(mean, 1) + 0.0:.1f}".replace("-", "−")
     return shown if np.isnan(sd) else f"{shown} ± {sd:.1f}"
-
-
-def _lead(table: pd.DataFrame) -> str:
-    """The lead over the next placement, against the spread over seeds. `table` is sorted."""
-    if len(table) < 2:
-        return ""
-    lead = table.iloc[0]["mean"] - table.iloc[1]["mean"]
-    text = f", {lead:.1f} points ahead of {table.iloc[1]['placement']}"
-    spread = float(np.sqrt((table["sd"] ** 2).mean()))
-    if np.isnan(spread):
-        return f"{text}; one seed, so the spread is unknown"
-    # Standard error of a difference of two means over the same number of seeds.
-    error = spread * np.sqrt(2 / table["seeds"].min())
-    verdict = "separated" if lead > 2 * error else "not separated"
-    return f"{text}: {verdict}, two standard errors over seeds are {2 * error:.1f}"
-
-
-def _agreement(row: Mapping[Hashable, Any]) -> str:
-    name = surrogate_name(str(row["surrogate"]))
-    rho, low, high, p = (
-        row[key] for key in ("spearman", "spearman_low", "spearman_high", "spearman_p")
-    )
-    if np.isnan(rho):
-        return f"{name}: no coefficient, {row['note']}"
-    numbers = f"ρ = {signed(rho)} {interval(low, high)}, p = {p:.2g}"
-    if low <= 0 <= high or p > 0.05:
-        return f"{name}: undecided, {numbers}"
-    return f"{name} {'rises' if rho > 0 else 'falls'} with AP, {numbers}"
-
-
-def warnings(run: RunFolder, means: pd.DataFrame) -> list[str]:
-    """What makes the numbers of this run weak, one plain sentence each."""
-    said = []
-    failed = run.trials[run.trials["status"] == "failed"]
-    if len(failed):
-        first = str(failed["error"].iloc[0]).strip().splitlines()
-        reason = f" The first error: {first[-1]}" if first else ""
-        said.append(f"{len(failed)} of {len(run.trials)} trials did not finish.{reason}")
-    if run.results.empty:
-        detectors = (run.trials["detector"] != "").any()
-        reason = "no detector was evaluated" if detectors else "the sweep has no detector"
-        return [*said, f"There are no results: {reason}. Surrogates alone do not tell AP."]
-    n = run.results["placement"].nunique()
-    if n == 1:
-        said.append("One placement: there is nothing to compare it with.")
-    elif n < 3:
-        said.append(f"{n} placements: a correlation needs at least 3.")
-    elif n < FEW_PLACEMENTS:
-        said.append(
-            f"Only {n} placements: no two-sided p-value can be below {smallest_p(n):.2g}, and "
-            "intervals are wide."
-        )
-    seeds = means.loc[means["seeds"] > 0, "seeds"]
-    if len(seeds) and seeds.min() < 2:
-        said.append("One seed: differences between placements may be chance of the training.")
-    elif len(seeds) and seeds.min() < 3:
-        said.append("Two seeds: the spread over seeds is itself uncertain.")
-    counts = means[means["class"].isin(run.classes)].groupby("class")["ground_truths"].min()
-    for name, count in counts.items():
-        if count == 0:
-            said.append(f"{name}: no ground truth in the test frames, so no AP.")
-        elif count < FEW_GROUND_TRUTHS:
-            said.append(f"{name}: only {count} ground truths in the test frames.")
-    for name in run.classes:
-        ap = means[(means["class"] == name) & means["metric"].str.startswith("AP_")]["mean"]
-        if ap.notna().any() and ap.max() < 5:
-            said.append(f"{name}: AP is below 5 % everywhere: the detector learned too little.")
-    return said
 
 
 def separation_sentences(pairs: pd.DataFrame, title: str) -> list[str]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,18 +14,25 @@ from plotly.offline import get_plotlyjs
 
 from lidarplace.files import replacing
 from tracking.figures.style import theme
+from tracking.report.csv_files import FOLDER
+from tracking.report.section import Section, figure_title
+
+LARGEST_PAGE = 15_000_000
+"""Bytes of a page: what a mail may carry."""
 
 
-def write_page(target: Path, template: Path, **values: Any) -> Path:
+def write_page(target: Path, template: Path, sections: Sequence[Section], **values: Any) -> Path:
     """Render `template`, which extends `page.html`, with `values` into `target`; return it.
 
     Plotly's program is in the page, nothing is loaded from a network. The file appears in one step,
-    so that a reader never meets half a page.
+    so that a reader never meets half a page. The heaviest figures of a page beyond `LARGEST_PAGE`
+    are left out; its sections, and a line on stderr, then say which.
 
     Args:
         target: the file.
         template: of jinja; values that it shows are escaped.
-        values: what the template names; `sections` is a list of `Section`.
+        sections: their figures and notes are changed if the page would be too large.
+        values: what the template names beside them.
     """
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader([template.parent, Path(__file__).parent]),
@@ -32,15 +41,57 @@ def write_page(target: Path, template: Path, **values: Any) -> Path:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    page = environment.get_template(template.name).render(
-        **values,
-        plotlyjs=get_plotlyjs(),
-        themes=json.dumps({"light": theme(False), "dark": theme(True)}),
-        as_json=_as_json,
-    )
+    drawn = {id(figure): _as_json(figure) for section in sections for figure in section.figures}
+
+    def render() -> bytes:
+        return (
+            environment.get_template(template.name)
+            .render(
+                **values,
+                sections=sections,
+                folder=FOLDER,
+                plotlyjs=get_plotlyjs(),
+                themes=json.dumps({"light": theme(False), "dark": theme(True)}),
+                as_json=lambda figure: drawn[id(figure)],
+                figure_title=figure_title,
+            )
+            .encode()
+        )
+
+    page = render()
+    if len(page) > LARGEST_PAGE:
+        _leave_out(sections, drawn, len(page) - LARGEST_PAGE, target)
+        page = render()
     with replacing(target) as partial:
-        partial.write_text(page, encoding="utf-8")
+        partial.write_bytes(page)
     return target
+
+
+def _leave_out(
+    sections: Sequence[Section], drawn: dict[int, str], excess: int, target: Path
+) -> None:
+    """Take the heaviest figures out of `sections`, at least `excess` bytes of them."""
+    by_weight = sorted(
+        (
+            (len(drawn[id(figure)].encode()), section, figure)
+            for section in sections
+            for figure in section.figures
+        ),
+        key=lambda entry: -entry[0],
+    )
+    gone = []
+    for size, section, figure in by_weight:
+        if excess <= 0:
+            break
+        section.figures = [other for other in section.figures if other is not figure]
+        title = f"{figure_title(figure)} ({size / 1e6:.1f} MB)"
+        note = f"Left out, so that the page stays below {LARGEST_PAGE / 1e6:.0f} MB: {title}."
+        section.notes.append(note)
+        gone.append(title)
+        # The note is in the page too.
+        excess += len(note.encode()) + 100 - size
+    limit = f"{LARGEST_PAGE / 1e6:.0f} MB"
+    print(f"{target}: left out to stay below {limit}: {'; '.join(gone)}", file=sys.stderr)
 
 
 def _as_json(figure: go.Figure) -> str:

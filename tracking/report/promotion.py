@@ -12,7 +12,7 @@ from tracking.promotion import FULL_TRAINING, Promoted, promoted, stage_ranks
 from tracking.promotion_agreement import agreement
 from tracking.promotion_savings import rung_costs, savings
 from tracking.report.section import Section
-from tracking.report.tables import MOST_ROWS, Table, number
+from tracking.report.tables import MOST_ROWS, Table, number, slug
 from tracking.run_folder import RunFolder
 
 _HOW_TO_READ = (
@@ -49,7 +49,7 @@ def promotion_section(run: RunFolder, promotions: pd.DataFrame) -> Section:
             each = float(costs["seconds_each"].iloc[-1])
             section.figures += error_over_seconds(to_full, each, text(title))
         section.tables += [_rungs(costs, title), _agreement(pairs, title)]
-        section.tables.append(_ranking(group, title).first(MOST_ROWS, "promotions.parquet"))
+        section.tables.append(_ranking(group, title).first(MOST_ROWS))
     section.tables.append(_savings(saved))
     return section
 
@@ -96,7 +96,8 @@ def _rungs(costs: pd.DataFrame, title: str) -> Table:
         )
         for i, row in enumerate(costs.to_dict("records"), start=1)
     )
-    return Table(f"Stages{title}", head, rows)
+    data = costs.rename(columns={k: f"{k} (s)" for k in ("seconds", "seconds_each")})
+    return Table(f"Stages{title}", head, rows, name=slug("promotion stages", title), data=data)
 
 
 def _agreement(pairs: pd.DataFrame, title: str) -> Table:
@@ -131,7 +132,14 @@ def _agreement(pairs: pd.DataFrame, title: str) -> Table:
         for row in pairs.to_dict("records")
     )
     words = frozenset({0, 1, 7, 8, 9})
-    return Table(f"Agreement of stages, among placements of both{title}", head, rows, words=words)
+    return Table(
+        f"Agreement of stages, among placements of both{title}",
+        head,
+        rows,
+        words=words,
+        name=slug("promotion agreement", title),
+        data=pairs,
+    )
 
 
 def _ranking(group: Promoted, title: str) -> Table:
@@ -151,8 +159,18 @@ def _ranking(group: Promoted, title: str) -> Table:
         )
         for name in order
     )
-    head = ("placement", *(_numbered(i, name) for i, name in enumerate(group.stages, start=1)))
-    return Table(f"Values by stage, ranks in brackets{title}", head, rows)
+    stages = [_numbered(i, name) for i, name in enumerate(group.stages, start=1)]
+    head = ("placement", *stages)
+    rungs = zip(stages, ranks.columns, strict=True)
+    data = pd.DataFrame({name: values[rung] for name, rung in rungs if rung in values})
+    data[stages[-1]] = group.ap
+    return Table(
+        f"Values by stage, ranks in brackets{title}",
+        head,
+        rows,
+        name=slug("promotion values", title),
+        data=data.reindex(order).rename_axis("placement").reset_index(),
+    )
 
 
 def _savings(saved: pd.DataFrame) -> Table:
@@ -170,7 +188,9 @@ def _savings(saved: pd.DataFrame) -> Table:
         )
         for row in saved.to_dict("records")
     )
-    return Table("What promotion saved", head, rows)
+    seconds = {key: f"{key} (s)" for key in columns}
+    data = saved.rename(columns=seconds)
+    return Table("What promotion saved", head, rows, name="promotion-saved", data=data)
 
 
 def _numbered(number: int, name: str) -> str:

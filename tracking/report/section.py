@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import html
+import re
 from dataclasses import dataclass, field
 
 import plotly.graph_objects as go
 
-from tracking.report.tables import Table
+from tracking.report.tables import Table, slug
 
 
 @dataclass
@@ -18,3 +20,14 @@ class Section:
     figures: list[go.Figure] = field(default_factory=list)
     tables: list[Table] = field(default_factory=list)
     columns: int = 3
+
+    @property
+    def anchor(self) -> str:
+        """What a link to the section ends with."""
+        return slug(self.title)
+
+
+def figure_title(figure: go.Figure) -> str:
+    """The title of a figure as plain text in one line."""
+    lines = str(figure.layout.title.text or "").replace("<br>", " · ")
+    return html.unescape(re.sub(r"<[^>]*>", "", lines))

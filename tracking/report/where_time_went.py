@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pandas as pd
 
 from tracking.efficiency import WHOLE_SWEEP, stage_efficiency
 from tracking.figures.times import times
+from tracking.labels import some
 from tracking.report.section import Section
-from tracking.report.tables import efficiency_table
+from tracking.report.tables import Table
 from tracking.run_folder import RunFolder
-
-MOST_NAMES = 5
-"""Labels named in a sentence; the others are counted."""
 
 
 def where_time_went(run: RunFolder) -> Section:
@@ -59,10 +58,36 @@ def reduced_batches(tasks: pd.DataFrame | None) -> list[str]:
     if tasks is None or not tasks["batch_size_reduced"].any():
         return []
     labels = tasks.loc[tasks["batch_size_reduced"].astype(bool), "label"].unique().tolist()
-    named = ", ".join(labels[:MOST_NAMES])
-    rest = f" and {len(labels) - MOST_NAMES} more" if len(labels) > MOST_NAMES else ""
+    named = some(labels)
     return [
         f"{len(labels)} training{'s' * (len(labels) > 1)} ran with a smaller batch than "
-        f"configured, for lack of memory: {named}{rest}. Batch size changes what is learned, so "
+        f"configured, for lack of memory: {named}. Batch size changes what is learned, so "
         "the comparison with the others is not quite fair."
     ]
+
+
+def efficiency_table(efficiency: pd.DataFrame, cores: int) -> Table:
+    """`tracking.efficiency.stage_efficiency` as text."""
+    head = (
+        *("stage", "tasks", "task seconds", "wall seconds", "parallel efficiency"),
+        *("overhead a task (ms)", "peak memory (MB)"),
+    )
+    rows = tuple(
+        (
+            str(row["stage"]),
+            f"{row['tasks']:,}",
+            *(f"{row[key]:,.1f}" for key in ("task_seconds", "wall")),
+            "–" if np.isnan(row["efficiency"]) else f"{row['efficiency']:.2f}",
+            f"{1000 * row['overhead']:,.1f}".replace("-", "−"),
+            "–" if np.isnan(row["peak_memory"]) else f"{row['peak_memory'] / 1e6:,.0f}",
+        )
+        for row in efficiency.to_dict("records")
+    )
+    units = {"task_seconds": "s", "wall": "s", "overhead": "s", "peak_memory": "bytes"}
+    return Table(
+        f"Parallel efficiency on {cores} cores",
+        head,
+        rows,
+        name="efficiency",
+        data=efficiency.rename(columns={key: f"{key} ({unit})" for key, unit in units.items()}),
+    )

@@ -1,4 +1,4 @@
-"""`python -m tracking.search_report RUN`: build the page again from the run folder alone."""
+"""The command: `python -m tracking.search_report RUN`."""
 
 from __future__ import annotations
 
@@ -7,19 +7,28 @@ from typing import Annotated
 
 import typer
 
-from lidarplace.command_line import wrong
-from tracking.search_report.build import build_search_report
+from lidarplace.command_line import JsonOption, new_app, print_json, verb, wrong
+
+app = new_app()
 
 
-def main(
+@verb(app, "runs/search")
+def search_report(
     run: Annotated[Path, typer.Argument(help="folder that a search has left, runs/NAME")],
+    as_json: JsonOption = False,
 ) -> None:
-    """Write search.html into the folder of a search and print its path."""
+    """Make search.html again from the folder of a search alone, and print its path."""
+    from tracking.search_report.build import build_search_report
+
     try:
-        print(build_search_report(run))
+        page = build_search_report(run)
     except (ValueError, OSError) as error:
         wrong(error)
+    if as_json:
+        print_json({"report": str(page)})
+    else:
+        print(page)
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    app()

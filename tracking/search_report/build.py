@@ -9,7 +9,7 @@ import numpy as np
 
 from tracking.figures.from_optuna import from_optuna
 from tracking.figures.pareto import pareto_fronts
-from tracking.figures.rig_picture import rig_picture
+from tracking.figures.rig_picture import PicturedRig, rig_picture
 from tracking.figures.robustness import robustness_figure
 from tracking.figures.search_history import bound_over_seconds, search_history
 from tracking.figures.style import text
@@ -134,7 +134,8 @@ def _picture(run: SearchFolder) -> Section | None:
         f"Drag to turn. The menu chooses the rig: {named}. Lines at a LiDAR are the sensor's axes, "
         "0.3 m long."
     )
-    section.figures.append(rig_picture(menu, run.search.vehicle, run.search.zones))
+    pictured = {name: PicturedRig.found(rig) for name, rig in menu.items()}
+    section.figures.append(rig_picture(pictured, run.search.vehicle, run.search.zones))
     return section
 
 

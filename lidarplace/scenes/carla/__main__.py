@@ -9,7 +9,7 @@ import typer
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from lidarplace.command_line import wrong
+from lidarplace.command_line import new_app, verb, wrong
 from lidarplace.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.placement_settings import PlacementSettings
 from lidarplace.scenes.carla.collect import collect
@@ -17,7 +17,7 @@ from lidarplace.scenes.carla.settings import CarlaScene
 from lidarplace.sensor import Lidar
 from lidarplace.yaml_loader import parse_yaml
 
-app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+app = new_app()
 
 
 class Collection(BaseModel):
@@ -55,9 +55,9 @@ class Collection(BaseModel):
         return rigs
 
 
-@app.command()
-def run(
-    settings: Annotated[Path, typer.Argument(help="YAML: scene, placements, lidar")],
+@verb(app, "town.yaml logs/carla --host localhost")
+def carla(
+    config: Annotated[Path, typer.Argument(help="YAML file of scene, placements, lidar")],
     out: Annotated[Path, typer.Argument(help="folder of the box log and the clouds")],
     host: Annotated[str | None, typer.Option(help="of the server, before the file's")] = None,
     port: Annotated[int | None, typer.Option(help="of the server, before the file's")] = None,
@@ -65,12 +65,10 @@ def run(
 ) -> None:
     """Collect a box log, and the clouds of placements, from a running CARLA server.
 
-    Example: python -m lidarplace.scenes.carla town.yaml logs/carla --host localhost
-
-    What OUT holds already is not done again. Exit code 2: input or server are wrong.
+    What OUT holds already is not done again. A server that cannot be had is a wrong input.
     """
     try:
-        content = parse_yaml(settings.read_text()) or {}
+        content = parse_yaml(config.read_text(encoding="utf-8")) or {}
         given = {"host": host, "port": port, "timeout_s": timeout}
         if isinstance(content, dict) and isinstance(content.get("scene", {}), dict):
             named = {key: value for key, value in given.items() if value is not None}
@@ -80,9 +78,11 @@ def run(
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         place = ".".join(map(str, first["loc"]))
-        wrong(f"{settings}: {place}: {first['msg']}, found {first['input']!r}")
+        wrong(f"{config}: {place}: {first['msg']}, found {first['input']!r}")
+    except UnicodeDecodeError:
+        wrong(f"{config}: is not UTF-8 text")
     except yaml.YAMLError as error:
-        wrong(f"{settings}: {' '.join(str(error).split())}")
+        wrong(f"{config}: {' '.join(str(error).split())}")
     except (ValueError, OSError, RuntimeError, ImportError) as error:
         wrong(error)
 

@@ -46,54 +46,73 @@ class CarlaScene(BaseModel):
     The ego is driven by CARLA's traffic manager from starts that lie far apart. Every route has
     traffic of its own. A town is the same place in training and testing, unless `test_towns` names
     others.
-
-    Attributes:
-        source: tells this kind of scene from others in a configuration.
-        host: where the server runs.
-        port: its first port; it also uses the next one.
-        traffic_manager_port: where the client opens the traffic manager.
-        timeout_s: longest wait for an answer; loading a town takes the longest.
-        seed: decides starts, traffic and dropped returns.
-        towns: CARLA's maps of the training routes.
-        test_towns: those of the test routes; null means the same towns, other starts.
-        density: vehicles in each town, the ego among them; the paper's are 40, 80 and 120.
-        pedestrians: pedestrians in each town.
-        routes: routes in each training town.
-        test_routes: routes in each test town.
-        frames_per_route: frames of every route; at most so many with `min_travel_m`.
-        frame_stride: record every n-th step of 20 Hz.
-        min_travel_m: leave a frame out until the ego has moved so far, in metres, since the last
-            one that was kept.
-        warmup_s: simulated seconds before the first frame, in which traffic spreads out.
-        split: "route" calls the routes of the test towns test; "paper" calls every tenth frame of
-            every route test.
-        ego: blueprint of the vehicle that carries the LiDARs.
-        crop: x0, y0, z0, x1, y1, z1 in the ego frame, metres; points outside are left out.
-        classes: class of a blueprint, before the rules of `lidarplace.scenes.carla.classes`.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    source: Literal["carla"] = "carla"
-    host: str = "localhost"
-    port: int = Field(default=2000, ge=1, le=65534)
-    traffic_manager_port: int = Field(default=8000, ge=1, le=65535)
-    timeout_s: float = Field(default=60.0, gt=0.0, allow_inf_nan=False)
-    seed: int = Field(default=0, ge=0)
-    towns: tuple[str, ...] = Field(default=PAPER_TOWNS, min_length=1)
-    test_towns: tuple[str, ...] | None = Field(default=None, min_length=1)
-    density: int = Field(default=80, ge=1)
-    pedestrians: int = Field(default=60, ge=0)
-    routes: int = Field(default=8, ge=1)
-    test_routes: int = Field(default=2, ge=0)
-    frames_per_route: int = Field(default=200, ge=1)
-    frame_stride: int = Field(default=10, ge=1)
-    min_travel_m: float = Field(default=0.0, ge=0.0, allow_inf_nan=False)
-    warmup_s: float = Field(default=30.0, ge=0.0, allow_inf_nan=False)
-    split: Literal["route", "paper"] = "route"
-    ego: str = "vehicle.tesla.model3"
-    crop: Crop = (-50.0, -50.0, -3.0, 50.0, 50.0, 5.0)
-    classes: dict[str, str] = {}
+    source: Literal["carla"] = Field("carla", description="tells this kind of scene from others")
+    host: str = Field("localhost", description="where the server runs")
+    port: int = Field(
+        default=2000, ge=1, le=65534, description="its first port; it also uses the next one"
+    )
+    traffic_manager_port: int = Field(
+        default=8000, ge=1, le=65535, description="where the client opens the traffic manager"
+    )
+    timeout_s: float = Field(
+        default=60.0,
+        gt=0.0,
+        allow_inf_nan=False,
+        description="longest wait for an answer, seconds; loading a town takes the longest",
+    )
+    seed: int = Field(default=0, ge=0, description="decides starts, traffic and dropped returns")
+    towns: tuple[str, ...] = Field(
+        default=PAPER_TOWNS, min_length=1, description="CARLA's maps of the training routes"
+    )
+    test_towns: tuple[str, ...] | None = Field(
+        default=None,
+        min_length=1,
+        description="those of the test routes; the same towns with other starts if null",
+    )
+    density: int = Field(
+        default=80,
+        ge=1,
+        description="vehicles in each town, the ego among them; the paper's are 40, 80 and 120",
+    )
+    pedestrians: int = Field(default=60, ge=0, description="pedestrians in each town")
+    routes: int = Field(default=8, ge=1, description="routes in each training town")
+    test_routes: int = Field(default=2, ge=0, description="routes in each test town")
+    frames_per_route: int = Field(
+        default=200, ge=1, description="frames of every route; at most so many with min_travel_m"
+    )
+    frame_stride: int = Field(default=10, ge=1, description="record every n-th step of 20 Hz")
+    min_travel_m: float = Field(
+        default=0.0,
+        ge=0.0,
+        allow_inf_nan=False,
+        description="leave a frame out until the ego has moved so far, metres, since the last one "
+        "that was kept",
+    )
+    warmup_s: float = Field(
+        default=30.0,
+        ge=0.0,
+        allow_inf_nan=False,
+        description="simulated seconds before the first frame, in which traffic spreads out",
+    )
+    split: Literal["route", "paper"] = Field(
+        "route",
+        description="route: the routes of the test towns are test; paper: every tenth frame of "
+        "every route",
+    )
+    ego: str = Field(
+        "vehicle.tesla.model3", description="blueprint of the vehicle that carries the LiDARs"
+    )
+    crop: Crop = Field(
+        (-50.0, -50.0, -3.0, 50.0, 50.0, 5.0),
+        description="x0, y0, z0, x1, y1, z1 in the ego frame, metres; points outside are left out",
+    )
+    classes: dict[str, str] = Field(
+        {}, description="blueprint -> Car, Cyclist or Pedestrian, before the built-in rules"
+    )
 
     @field_validator("crop")
     @classmethod

@@ -1,0 +1,96 @@
+"""Writes docs/commands.md from the commands themselves: `python docs/commands.py`."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+
+from typer.main import get_command
+from typer.testing import CliRunner
+
+from sweeps.command_line import VERBS
+
+PAGE = Path(__file__).with_suffix(".md")
+
+HEAD = """# Commands
+
+The help of every command, made from the commands (`python docs/commands.py`).
+
+`lidarplace run grid.yaml` and `python -m sweeps.run grid.yaml` are the same: each verb of the
+installed program is a module. `lidarplace --help` lists the verbs, `lidarplace --version` prints
+the version.
+
+## Exit codes
+
+- **0**: done.
+- **1**: something failed or is not complete; the help of the command says what.
+- **2**: the input is wrong. One line on stderr names the file and the key, what is allowed and what
+  was found. A mistake in the options themselves is told in the last line, after the usage.
+- **130**: stopped by Ctrl-C. A sweep, a search, a recording or a training goes on with the same
+  command.
+
+## Completion
+
+```sh
+lidarplace --install-completion    # for bash, zsh, fish or PowerShell, once
+lidarplace --show-completion       # only print what would be installed
+```
+
+Verbs, options, files, placements, profiles, classes, splits and the key paths of `--set` are
+completed.
+
+## JSON
+
+With `--json` one JSON value is on stdout and nothing else; exit codes stay. Keys keep their names
+and meanings; new ones may come. `run --schema` and `search --schema` print the JSON schema of the
+file.
+
+- `run --dry-run`: `name`; `stages`, by stage `tasks` and `cached`; `rungs`, each with `by`, `keep`,
+  `set`; `scenes`, each with `scene`, `train_frames`, `test_frames`; `trials`, each with `key`,
+  `label`, `cached`.
+- `search --dry-run`: `name`, `lidars` (least, most), `zones`, `parameters`, `objectives` (`name`,
+  `best`), `constraints` (`name`, `unit`, `limit`, `at_least`), `trials`, `sampler`, `batch_size`,
+  `seed`, `warnings`.
+- `status` of a sweep: `kind` (`sweep`), `name`, `alive` (a driver runs); `stages`, by stage the
+  number of tasks by status; `trials`, each with `label`, `status`, `detail`, `log`. A status is
+  `done`, `running`, `stopped`, `waiting`, `failed` or `pruned`.
+- `status` of a search: `kind` (`search`), `name`, `alive`; `trials`, with the numbers `wanted`,
+  `done`, `feasible`, `failed`; `best`, each with `trial`, `values` by objective and `beside`, empty
+  while no trial keeps all constraints; `failures`, each with `trial`, `reason`; `verify`, as of a
+  sweep without `kind`, null before it begins.
+- `clean`: `dry_run`; `stages`, by stage `all` and `of_no_sweep`; `sweeps`, by name `refers_to`,
+  `count`, `bytes`; `leftovers`, `removed`; `left_bytes`. A size is `count` and `bytes`.
+- `doctor`: a list, each with `check`, `found`, `needed_for`, `state` (`good`, `weak`, `optional` or
+  `missing`), `remedy`.
+- `report`, `search-report`: `report`, the path of the page.
+- `describe`: by folder a list of rows with `scene`, `split`, `routes`, `frames` and the objects per
+  frame by region and class; null where a number is not known.
+- `accuracy`: `files`, path by suffix; `summary`, a list of rows as in the table.
+"""
+
+
+def commands() -> list[tuple[str, str, str]]:
+    """Verb, module and sub-command (or nothing), in the order of `lidarplace --help`."""
+    found = []
+    for name, (module, _) in VERBS.items():
+        command = get_command(import_module(module).app)
+        inner = getattr(command, "commands", {"": None})
+        found += [(name, module.removesuffix(".__main__"), sub) for sub in inner]
+    return found
+
+
+def page() -> str:
+    """The page as Markdown."""
+    parts = [HEAD]
+    for name, module, sub in commands():
+        program = f"python -m {module}"
+        app = import_module(VERBS[name][0]).app
+        words = [sub] if sub else []
+        done = CliRunner().invoke(app, [*words, "--help"], prog_name=program, env={"COLUMNS": "80"})
+        title = " ".join([name, *words])
+        parts.append(f"\n## {title}\n\n```text\n{done.stdout.strip()}\n```\n")
+    return "".join(parts)
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")

@@ -1,0 +1,191 @@
+"""Writes docs/configuration.md from the models: `python docs/configuration.py`."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lidarplace.scenes.carla.settings import CarlaScene
+from sweeps.config import SweepFile
+from sweeps.search.settings import SearchFile
+
+PAGE = Path(__file__).with_suffix(".md")
+
+HEAD = """# Configuration
+
+Every key of a sweep's and of a search's file. A page that is made from the models
+(`python docs/configuration.py`), and so from what a command checks a file against.
+
+- A key path such as `scene.density` leads to a key in nested mappings. It can be an axis of `grid`,
+  a column of the results, and stand in `--set scene.density=40`.
+- A key that is not here is an error that names the nearest one; so is a value beyond the limits.
+- `NAME` is a name of your own, `[]` stands for each entry of a list.
+- Ego frame: x forward, y left, z up; metres. Angles are radians, unless the key ends in `_deg`.
+- `python -m sweeps.run --schema` prints the same as a JSON schema, for editors that complete YAML.
+
+How the keys are used: [long sweeps](sweeps.md), [search](search.md), [data](data.md),
+[detectors](detectors.md), [method](method.md).
+"""
+
+Schema = dict[str, Any]
+
+NEEDED = {"name": "the file's name", "placement": "needed, here or in `grid`"}
+"""Keys that a model requires and a file need not have."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """The keys of one mapping: its path in a file and its schema."""
+
+    path: str
+    schema: Schema
+
+    @property
+    def title(self) -> str:
+        source = self.schema["properties"].get("source", {}).get("const")
+        if not self.path:
+            return "a sweep's file"
+        return f"`{self.path}`" + (f", source: {source}" if source else "")
+
+    @property
+    def anchor(self) -> str:
+        """As GitHub makes it of the title."""
+        return re.sub(r"[^\w -]", "", self.title.lower()).replace(" ", "-")
+
+
+def page() -> str:
+    """The page as it should be."""
+    parts, told = [HEAD], []
+    for title, model, path in (
+        ("A sweep's file", SweepFile, ""),
+        ("A search's file", SearchFile, ""),
+        ("A CARLA collection's file", CarlaScene, "scene"),
+    ):
+        parts.append(f"## {title}\n")
+        schema = model.model_json_schema()
+        _tell(Section(path, schema), schema.get("$defs", {}), told, parts)
+    return "\n".join(parts)
+
+
+def _tell(section: Section, definitions: Schema, told: list[Section], parts: list[str]) -> None:
+    """Append a mapping's table, then the mappings inside it, each once."""
+    if section in told:
+        return
+    twin, same = _twin(section, told)
+    told.append(section)
+    fields = section.schema["properties"]
+    if section.path:
+        parts += [f"### {section.title}\n", _first_paragraph(section.schema) + "\n"]
+    if twin:
+        names = ", ".join(f"`{key}`" for key in fields if key in same)
+        parts.append(f"As in [{twin.title}](#{twin.anchor}): {names}.\n")
+    own = [key for key in fields if key not in same]
+    if own:
+        parts.append("| key | value | default | |\n|---|---|---|---|")
+        parts += [_row(section, key, definitions) for key in own]
+        parts[-1] += "\n"
+    for key in own:
+        for inner in _inner(fields[key], _join(section.path, key), definitions):
+            _tell(inner, definitions, told, parts)
+
+
+def _inner(field: Schema, path: str, definitions: Schema) -> Iterator[Section]:
+    """The mappings that a field may hold."""
+    if "$ref" in field:
+        yield Section(path, definitions[field["$ref"].rpartition("/")[2]])
+    for choice in (*field.get("anyOf", ()), *field.get("oneOf", ())):
+        yield from _inner(choice, path, definitions)
+    if "items" in field:
+        yield from _inner(field["items"], path + "[]", definitions)
+    if isinstance(field.get("additionalProperties"), dict):
+        yield from _inner(field["additionalProperties"], path + ".NAME", definitions)
+
+
+def _twin(section: Section, told: list[Section]) -> tuple[Section | None, set[str]]:
+    """The earlier section with most of the same keys, if there are five or more, and these keys."""
+    fields = section.schema["properties"]
+    twin, most = None, set[str]()
+    for other in told:
+        theirs = other.schema["properties"]
+        same = {key for key in fields if fields[key] == theirs.get(key)}
+        if len(same) >= max(5, len(most) + 1):
+            twin, most = other, same
+    return twin, most
+
+
+def _row(section: Section, key: str, definitions: Schema) -> str:
+    field, path = section.schema["properties"][key], _join(section.path, key)
+    if key in section.schema.get("required", ()):
+        default = NEEDED.get(path, "needed")
+    else:
+        default = _default(field)
+    cells = (f"`{path}`", _value(field, path, definitions), default, field["description"])
+    return "| " + " | ".join(" ".join(cell.split()).replace("|", "\\|") for cell in cells) + " |"
+
+
+def _value(field: Schema, path: str, definitions: Schema) -> str:
+    """What a value may be, with its limits; a link where it is a mapping of keys."""
+    if "$ref" in field:
+        return f"[keys](#{next(_inner(field, path, definitions)).anchor})"
+    if choices := (*field.get("anyOf", ()), *field.get("oneOf", ())):
+        return " or ".join(_value(choice, path, definitions) for choice in choices)
+    if "const" in field or "enum" in field:
+        return ", ".join(f"`{value}`" for value in field.get("enum", [field.get("const")]))
+    if "prefixItems" in field:
+        items = (_value(item, path, definitions) for item in field["prefixItems"])
+        return f"[{', '.join(items)}]"
+    name = field.get("type", "any")
+    if name == "array":
+        least = " (at least one)" if field.get("minItems") == 1 else ""
+        return f"list of {_value(field['items'], path + '[]', definitions)}{least}"
+    if name == "object":
+        inner = field.get("additionalProperties")
+        names = field.get("propertyNames", {}).get("enum", [])
+        keys = ", ".join(f"`{n}`" for n in names) or "name"
+        if not isinstance(inner, dict):
+            return "mapping"
+        return f"mapping: {keys} → {_value(inner, path + '.NAME', definitions)}"
+    if name == "string":
+        return "path" if field.get("format") == "path" else "text"
+    return {"integer": "whole number", "boolean": "true, false"}.get(name, name) + _limits(field)
+
+
+def _limits(field: Schema) -> str:
+    signs = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
+    limits = [f"{sign} {field[key]:.6g}" for key, sign in signs.items() if key in field]
+    return f" {', '.join(limits)}" if limits else ""
+
+
+def _default(field: Schema) -> str:
+    value = field.get("default")
+    if isinstance(value, dict) and "additionalProperties" not in field:
+        return "their own"
+    return f"`{_yaml(value)}`"
+
+
+def _yaml(value: Any) -> str:
+    """A value as one would write it in YAML, on one line."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{k}: {_yaml(v)}" for k, v in value.items() if v is not None) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(_yaml(v) for v in value) + "]"
+    if isinstance(value, str):
+        return value
+    return f"{value:.6g}" if isinstance(value, float) else json.dumps(value)
+
+
+def _first_paragraph(schema: Schema) -> str:
+    return " ".join(schema["description"].split("\n\n")[0].split())
+
+
+def _join(path: str, key: str) -> str:
+    return f"{path}.{key}" if path else key
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
+    print(PAGE)

@@ -1,0 +1,25 @@
+"""Rings around the vehicle, by which objects are told apart by their distance."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+EDGES_M = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, np.inf)
+"""Bounds of the rings in metres. A ring holds its lower bound."""
+
+
+def ring_of(boxes: pd.DataFrame) -> NDArray[np.int64]:
+    """Number of the ring that holds the centre of each box, from 0; shape (rows,).
+
+    Args:
+        boxes: with x and y in the ego frame, metres. The height of a centre does not matter.
+    """
+    distance = np.hypot(boxes["x"].to_numpy(np.float64), boxes["y"].to_numpy(np.float64))
+    return np.digitize(distance, EDGES_M[1:-1])
+
+
+def bounds_of(ring: int) -> tuple[float, float]:
+    """Lower and upper bound of a ring in metres."""
+    return EDGES_M[ring], EDGES_M[ring + 1]

@@ -1,0 +1,67 @@
+"""The code of a detector as an MLflow model: points in, boxes out.
+
+MLflow copies this file beside the weights and runs it when the model is loaded; nobody imports it.
+It needs lidarplace installed.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import pandas as pd
+import torch
+from mlflow.models import set_model
+from mlflow.pyfunc import PythonModel, PythonModelContext
+
+from lidarplace.lidar.clouds import Clouds
+from training.detect import detect
+from training.settings import TrainingSettings
+
+POINT = ["x", "y", "z", "intensity"]
+
+
+class _Clouds:
+    """The points of a table by frame."""
+
+    def __init__(self, points: pd.DataFrame) -> None:
+        ordered = points.sort_values("frame", kind="stable")
+        self.frames, first = np.unique(ordered["frame"].to_numpy(np.int64), return_index=True)
+        self._clouds = np.split(ordered[POINT].to_numpy(np.float32), first[1:])
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __getitem__(self, index: int) -> np.ndarray:
+        return self._clouds[index]
+
+
+class DetectorModel(PythonModel):
+    """Predicts the boxes of every frame."""
+
+    def load_context(self, context: PythonModelContext) -> None:
+        """Read weights and settings."""
+        self._about = json.loads(Path(context.artifacts["detector"]).read_text())
+        self._weights = torch.load(context.artifacts["weights"], weights_only=True)
+
+    def predict(
+        self,
+        context: PythonModelContext,
+        model_input: pd.DataFrame,
+        params: dict[str, Any] | None = None,
+    ) -> pd.DataFrame:
+        """Boxes of the frames in `model_input`; the columns are those of the signature."""
+        about = self._about
+        return detect(
+            about["detector"],
+            about["classes"],
+            self._weights,
+            cast(Clouds, _Clouds(model_input)),
+            TrainingSettings.model_validate(about["settings"]),
+            point_range=tuple(about["point_range"]),
+        ).boxes
+
+
+set_model(DetectorModel())

@@ -1,0 +1,43 @@
+"""Arguments and options that commands on a sweep's file share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def _key_paths(incomplete: str) -> Iterator[str]:
+    """Keys of the files of sweeps and searches for a shell to complete, one level at a time."""
+    from sweeps.config import SweepFile
+    from sweeps.search.settings import SearchFile
+
+    sweep, search = (file.model_json_schema() for file in (SweepFile, SearchFile))
+    place, kinds = sweep["properties"] | search["properties"], sweep["$defs"] | search["$defs"]
+    *parents, _ = incomplete.split(".")
+    for key in parents:
+        named = place.get(key, {})
+        options = [named, *named.get("anyOf", ()), *named.get("oneOf", ())]
+        names = [option["$ref"].rpartition("/")[2] for option in options if "$ref" in option]
+        # A scene is of one of several kinds.
+        fields = [kinds[name].get("properties", {}) for name in names]
+        place = {key: field for own in fields for key, field in own.items()}
+    yield from (".".join([*parents, key]) for key in place)
+
+
+_CONFIG = typer.Argument(help="YAML file of a sweep")
+ConfigArgument = Annotated[Path, _CONFIG]
+ConfigUnlessSchema = Annotated[Path | None, _CONFIG]
+
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="override a key path", autocompletion=_key_paths
+    ),
+]
+
+DryRunOption = Annotated[bool, typer.Option("--dry-run", help="print the plan and stop")]
+
+SchemaOption = Annotated[bool, typer.Option("--schema", help="print the JSON schema of the file")]

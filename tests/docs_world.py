@@ -1,0 +1,109 @@
+"""A folder in which the commands of the docs run: files of the names that they use, all tiny."""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+from pathlib import Path
+
+import pandas as pd
+import yaml
+from typer.testing import CliRunner, Result
+
+from tests.docs_blocks import blocks
+from tests.docs_verbs import app_of
+from tests.lidarplace.argoverse_layout import LEVEL, Log, write_argoverse
+from tests.lidarplace.argoverse_layout import Box as ArgoverseBox
+from tests.lidarplace.nuscenes_layout import Box, Sample, Scene, write_nuscenes
+from tests.sweeps.small_log import write_small_log
+
+SWEEP = {
+    "scene": {"source": "log", "folder": "small"},
+    "classes": ["Car"],
+    "lidar": {"beams": 4, "azimuth_steps": 90},
+    "surrogate": {"resolution": 0.8, "accuracy": False, "sampling_error": False},
+    "training": {"epochs": 1, "batch_size": 2, "rotation": 0.1},
+    "grid": {"placement": ["line", "center"], "seed": [1]},
+    "ray": "debug",
+}
+"""Takes the place of grid.yaml."""
+
+TRAFFIC = SWEEP | {
+    "scene": {
+        "seed": 1,
+        "density": 80,
+        "pedestrians": 5,
+        "routes": 2,
+        "test_routes": 1,
+        "frames_per_route": 4,
+        "frame_stride": 40,
+        "warmup_s": 5,
+    },
+}
+"""Takes the place of examples/grid.yaml, whose own values other tests read."""
+
+SEARCH = {
+    **{key: SWEEP[key] for key in ("scene", "classes", "lidar", "surrogate", "ray")},
+    "search": {
+        "lidars": 2,
+        "zones": {"roof": {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [1.8, 2.2]}},
+        "azimuth_stride": 1,
+        "trials": 4,
+        "batch_size": 4,
+        "greedy": {"position_step": 0.5, "bound_seconds": 1.0},
+    },
+    "robustness": {"draws": 2},
+}
+
+
+@cache
+def run(verb: str, *arguments: str) -> Result:
+    """Run `python -m VERB …` in this process; what several pages say, once."""
+    return CliRunner().invoke(app_of(verb), list(arguments), catch_exceptions=False)
+
+
+def make_world(folder: Path) -> None:
+    """Write the files, and run what the commands of the docs take for granted."""
+    os.chdir(folder)
+    (folder / "examples").mkdir()
+    for name, content in (
+        ("grid", SWEEP),
+        ("examples/grid", TRAFFIC),
+        ("examples/search", SEARCH),
+        ("mine", yaml.safe_load(_block("quickstart.md", "# mine.yaml"))),
+    ):
+        (folder / f"{name}.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
+    for log in ("small", "logs/mine"):
+        write_small_log(folder / log)
+    _tables(folder)
+    _data_sets(folder / "data")
+    for verb, *arguments in (
+        ("sweeps.run", "grid.yaml"),
+        ("sweeps.run", "grid.yaml", "--set", "name=old", "--set", "detector=null"),
+        ("sweeps.search", "examples/search.yaml"),
+        ("sweeps.record", "examples/grid.yaml", "logs"),
+        ("sweeps.pretrain", "grid.yaml", "--out", "base.pt"),
+        ("lidarplace.export", "small", "data/kitti", "--placement", "line"),
+    ):
+        result = run(verb, *arguments)
+        assert result.exit_code == 0, f"{verb} {arguments}: {result.output}"
+
+
+def _block(page: str, start: str) -> str:
+    return next(b.text for b in blocks("yaml") if b.page == page and b.text.startswith(start))
+
+
+def _tables(folder: Path) -> None:
+    boxes = pd.read_parquet(folder / "logs/mine/boxes.parquet")
+    boxes.to_csv(folder / "boxes.csv", index=False)
+    boxes.to_parquet(folder / "boxes.parquet")
+
+
+def _data_sets(folder: Path) -> None:
+    boxes = [Box("vehicle.car", (9.0, 0.0, 1.0))]
+    scenes = [Scene(f"scene-{n}", [Sample(5, boxes), Sample(6)], f"log-{n}") for n in range(2)]
+    write_nuscenes(folder / "nuscenes/v1.0-mini", scenes, ["vehicle.car"])
+    box = ArgoverseBox(5, "REGULAR_VEHICLE", (9.0, 0.0, 1.0))
+    poses = {5: (LEVEL, (0.0, 0.0, 0.0))}
+    logs = [Log(split, f"log-{split}", [box], poses) for split in ("train", "val")]
+    write_argoverse(folder / "av2/sensor", logs)

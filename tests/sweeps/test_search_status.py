@@ -1,0 +1,168 @@
+"""Where a search stands, told from what lies on the disk; nothing is touched."""
+
+import json
+
+import pytest
+import yaml
+from search_files import write_search
+from typer.testing import CliRunner
+
+from sweeps import clean, doctor, status
+from sweeps.any_file import is_search, read_either
+from sweeps.search.__main__ import app as search_app
+from sweeps.search.assess import Assessment
+from sweeps.search.problem import read_problem
+from sweeps.search.state import search_state
+from sweeps.search.study import (
+    Timing,
+    journal_path,
+    open_study,
+    quiet,
+    run_study,
+    storage_for,
+    tell,
+)
+from sweeps.store import Store
+from sweeps.store_lock import locked
+from sweeps.sweep_store import reference
+
+
+class Answers:
+    """Trial 2 keeps no constraint, trial 3 fails, the others are worth their number."""
+
+    def __init__(self, study):
+        self.study, self.asked = study, []
+
+    def begin(self, trial, candidate):
+        self.asked.append(trial)
+
+    def finish(self):
+        for trial in self.asked:
+            n = trial.number
+            found = Assessment(None if n == 2 else {"expected_ig": float(n)}, {}, {}, 0.1)
+            values = None if n in (2, 3) else [float(n)]
+            tell(self.study, trial, found, values, "out of memory" if n == 3 else None)
+        self.asked = []
+
+
+@pytest.fixture
+def path(tmp_path):
+    return write_search(tmp_path, search={"trials": 8, "sampler": "random"}, verify={"seeds": [1]})
+
+
+@pytest.fixture
+def begun(path):
+    """The first batch of four trials of eight."""
+    problem = read_problem(path, ["search.trials=4"])
+    problem.folder.mkdir(parents=True)
+    with quiet():
+        name = f"{reference(problem.sweep(), 'search')}-{problem.key}"
+        settings = problem.file.search
+        study = open_study(storage_for(None, problem.folder), name, settings, [])
+        run_study(study, problem.space, settings, Answers(study), lambda number: None, Timing())
+    return problem
+
+
+def told(path, *options):
+    done = CliRunner().invoke(status.app, [str(path), *options])
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
+def test_nothing_has_begun(path, tmp_path):
+    state = search_state(read_problem(path))
+    assert state.trials == {"wanted": 8, "done": 0, "feasible": 0, "failed": 0}
+    assert (state.alive, state.best, state.failures, state.verify) == (False, [], [], None)
+    assert not (tmp_path / "runs").exists(), "a look leaves no trace"
+
+
+def test_halfway(path, begun):
+    journal = journal_path(begun.folder)
+    with journal.open("ab") as file:
+        file.write(b'{"half a li')  # as a driver that is writing
+    before = journal.read_bytes()
+    with locked(begun.folder, alone=True):
+        found = json.loads(told(path, "--json"))
+        text = told(path)
+    assert journal.read_bytes() == before
+    assert found == {
+        "kind": "search",
+        "name": "small",
+        "alive": True,
+        "trials": {"wanted": 8, "done": 4, "feasible": 3, "failed": 1},
+        "best": [{"trial": 1, "values": {"expected_ig": 1.0}, "beside": {}}],
+        "failures": [{"trial": 3, "reason": "out of memory"}],
+        "verify": None,
+    }
+    assert "small: running; 4 of 8 trials done, 3 keep all constraints, 1 failed" in text
+    assert "best so far: trial 1: expected_ig 1\n" in text
+    assert "trial 3 failed: out of memory" in text
+
+
+def test_the_trainings_of_verify(path, begun):
+    sweep = {
+        "name": "small-verify",
+        "scene": yaml.safe_load(path.read_text())["scene"],
+        "output": str(begun.file.output),
+        "classes": ["Car"],
+        "surrogate": {"accuracy": False, "sampling_error": False},
+        "grid": {"placement": ["line", "center"], "seed": [1]},
+    }
+    (begun.folder / "sweep.yaml").write_text(yaml.safe_dump(sweep))
+    assert json.loads(told(path, "--json"))["verify"] is None, "it has not begun"
+    (begun.file.output / "small-verify").mkdir()
+    verify = json.loads(told(path, "--json"))["verify"]
+    assert verify["stages"]["finetune"] == {"waiting": 2}
+    assert "small-verify: no driver runs; 2 trials: 2 waiting" in told(path)
+
+
+def test_a_damaged_journal_is_one_line(path, begun):
+    lines = journal_path(begun.folder).read_bytes().splitlines(keepends=True)
+    journal_path(begun.folder).write_bytes(b"nonsense\n" + b"".join(lines))
+    done = CliRunner().invoke(status.app, [str(path)])
+    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+    assert "optuna.journal: cannot be read" in done.stderr
+
+
+def test_a_database_that_is_not_there_is_one_line(path):
+    storage = "search.storage=postgresql://me:sesame@127.0.0.1:1/x"
+    done = CliRunner().invoke(status.app, [str(path), "--set", storage])
+    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+    assert "search.storage: cannot be read" in done.stderr
+    assert "sesame" not in done.stderr
+
+
+def test_a_file_of_a_sweep_is_none_of_a_search(path, tmp_path):
+    other = tmp_path / "grid.yaml"
+    other.write_text("placement: line\n")
+    assert is_search(path)
+    assert not is_search(other)
+    assert read_either(other).common.name == "grid"
+    assert read_either(path).common.name == "small"
+
+
+def test_the_store_of_a_search_is_cleaned(path, tmp_path):
+    Store(tmp_path / "runs/store").refer("small.search", [])
+    done = CliRunner().invoke(clean.app, [str(path), "--dry-run", "--json"])
+    found = json.loads(done.stdout)
+    assert found == {
+        "dry_run": True,
+        "stages": {},
+        "sweeps": {"small.search": {"refers_to": 0, "count": 0, "bytes": 0}},
+        "leftovers": {"count": 0, "bytes": 0},
+        "removed": {"count": 0, "bytes": 0},
+        "left_bytes": 0,
+    }
+
+
+def test_the_doctor_reads_a_search(path):
+    assert doctor.asked_of(path).ray == "debug"
+    assert doctor.scenes(path).found == "8 trials"
+
+
+def test_the_plan_as_json(path):
+    done = CliRunner().invoke(search_app, [str(path), "--dry-run", "--json"])
+    plan = json.loads(done.stdout)
+    assert (plan["name"], plan["trials"], plan["lidars"]) == ("small", 8, [2, 2])
+    assert plan["objectives"] == [{"name": "expected_ig", "best": "maximize"}]
+    assert plan["constraints"][0]["name"] == "distance"

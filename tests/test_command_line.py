@@ -1,0 +1,470 @@
+"""All commands: one style of help, one line for a mistake, exit codes, completion."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from sweeps.command_line import VERBS, app
+
+ROOT = Path(__file__).parents[1]
+CONVERT = ("nuscenes", "argoverse", "table", "kitti")
+COMMANDS = [
+    *(name for name in VERBS if name != "convert"),
+    *(f"convert {name}" for name in CONVERT),
+]
+
+
+def lidarplace(*arguments, **options):
+    words = [str(argument) for argument in arguments]
+    return CliRunner().invoke(app, words, prog_name="lidarplace", **options)
+
+
+def assert_one_line(done, *told):
+    """It ended with exit code 2 and one line on stderr that has `told`."""
+    if done.exception is not None and not isinstance(done.exception, SystemExit):
+        raise done.exception
+    assert done.exit_code == 2, done.output
+    assert done.stdout == ""
+    assert done.stderr.count("\n") == 1, done.stderr
+    for text in told:
+        assert str(text) in done.stderr
+
+
+# Help
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_has_examples_and_exit_codes(command):
+    done = lidarplace(*command.split(), "--help")
+    assert done.exit_code == 0, done.output
+    first, *lines = done.stdout.splitlines()
+    assert first.startswith(f"Usage: lidarplace {command} ")
+    start = next(i for i, line in enumerate(lines) if re.fullmatch("Examples?:", line))
+    assert lines[start + 1].startswith(f"  lidarplace {command}")
+    codes = lines[lines.index("Exit codes:") + 1 :]
+    assert codes[0] == "  0    done"
+    assert re.match("  (1|2)    ", codes[1])
+    assert codes[-2:] == [
+        "  2    the input is wrong: one line on stderr says what",
+        "  130  stopped by Ctrl-C",
+    ]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_names_of_options_and_arguments(command):
+    """`--set`, `--out` and so on are the same everywhere, and arguments have capitals."""
+    text = lidarplace(*command.split(), "--help").stdout
+    for line in re.findall(r"^  (--(?:set|json|dry-run|schema) .*)$", text, re.MULTILINE):
+        name, rest = line.split(maxsplit=1)
+        assert (
+            rest.split("  ")[-1].strip()
+            in {
+                "--set": ["override a key path"],
+                "--json": ["print JSON for a script"],
+                "--dry-run": ["print the plan and stop", "remove nothing, tell all"],
+                "--schema": ["print the JSON schema of the file"],
+            }[name]
+        )
+    for name in re.findall(r"^  ([^\s-]\S*) <", text, re.MULTILINE):
+        assert name == name.upper()
+
+
+def test_the_list_of_verbs_has_all_modules():
+    """Every module that is a program has a verb."""
+    programs = {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        for package in ("lidarplace", "sweeps", "tracking")
+        for path in (ROOT / package).rglob("*.py")
+        if '\nif __name__ == "__main__":' in path.read_text(encoding="utf-8")
+    }
+    assert programs == {module for module, _ in VERBS.values()}
+
+
+def test_the_list_of_verbs_says_what_they_do():
+    text = lidarplace("--help").stdout
+    for name, (_, line) in VERBS.items():
+        assert re.search(rf"^  {name} +{re.escape(line)}$", text, re.MULTILINE)
+
+
+def test_the_version():
+    assert lidarplace("--version").stdout.startswith("lidarplace 0.")
+
+
+def test_heavy_libraries_wait_until_they_are_needed():
+    """For `--help` and completion; `lidarplace --help` does without any but typer."""
+    code = """
+import sys
+from importlib import import_module
+from sweeps.command_line import VERBS
+light = {"numpy", "rich", "lidarplace"} & set(sys.modules)
+for module, _ in VERBS.values():
+    import_module(module)
+print(light, {"torch", "ray", "mlflow", "optuna"} & set(sys.modules))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "set() set()\n"
+
+
+# Mistakes in a file
+
+CONFIGURED = {
+    "run": ("run", "FILE", "--dry-run"),
+    "run --json": ("run", "FILE", "--dry-run", "--json"),
+    "search": ("search", "FILE", "--dry-run"),
+    "status": ("status", "FILE"),
+    "status --json": ("status", "FILE", "--json"),
+    "clean": ("clean", "FILE", "--dry-run"),
+    "doctor": ("doctor", "FILE"),
+    "record": ("record", "FILE", "out"),
+    "pretrain": ("pretrain", "FILE", "--out", "base.pt"),
+    "accuracy": ("accuracy", "LOG", "--config", "FILE"),
+    "carla": ("carla", "FILE", "out"),
+}
+CONTENTS = {
+    "empty": b"",
+    "no text": b"\xff\xfe\x00",
+    "no YAML": b"scene: {density: [",
+    "a tab": b"scene:\n\tdensity: 3\n",
+    "a list": b"- scene\n",
+    "unknown key": b"scen: {density: 40}\nscene: {densty: 40}\n",
+    "unknown key within": b"placement: line\nscene: {densty: 40}\n",
+    "wrong type": b"placement: line\nscene: 7\nsearch: 7\n",
+}
+
+
+@pytest.fixture
+def in_folder(tmp_path, monkeypatch):
+    """An empty current folder, and a box log beside it."""
+    folder = tmp_path / "current"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    return folder
+
+
+def words_of(verb, path, folder):
+    return [{"FILE": path, "LOG": folder}.get(word, word) for word in CONFIGURED[verb]]
+
+
+MISTAKES = [(verb, content) for verb in CONFIGURED for content in CONTENTS]
+MISTAKES.remove(("carla", "empty"))  # asks for the defaults
+
+
+@pytest.mark.parametrize(("verb", "content"), MISTAKES)
+def test_a_file_with_a_mistake(in_folder, verb, content, log):
+    path = in_folder / "grid.yaml"
+    path.write_bytes(CONTENTS[content])
+    assert_one_line(lidarplace(*words_of(verb, path, log)), "grid.yaml")
+    assert os.listdir(in_folder) == ["grid.yaml"], "nothing is left behind"
+
+
+@pytest.mark.parametrize("verb", CONFIGURED)
+def test_a_file_that_is_not_there(in_folder, verb, log):
+    assert_one_line(
+        lidarplace(*words_of(verb, "none.yaml", log)), "none.yaml", "No such file or directory"
+    )
+
+
+@pytest.mark.parametrize("verb", CONFIGURED)
+def test_a_folder_in_place_of_a_file(in_folder, verb, log):
+    (in_folder / "grid.yaml").mkdir()
+    assert_one_line(lidarplace(*words_of(verb, "grid.yaml", log)), "grid.yaml", "Is a directory")
+
+
+@pytest.mark.parametrize("verb", ["run", "status", "record", "pretrain", "doctor", "search"])
+@pytest.mark.parametrize(
+    ("pair", "told"),
+    [
+        ("training.epochs", "expected KEY=VALUE"),
+        ("trainin.epochs=2", "did you mean training?"),
+        ("training.epochs=many", "found 'many'"),
+        ("training.epochs=[", "the value is not YAML"),
+    ],
+)
+def test_an_override_with_a_mistake(in_folder, verb, pair, told):
+    content = "placement: line\n"
+    if verb == "search":
+        content = (ROOT / "examples/search.yaml").read_text(encoding="utf-8")
+    (in_folder / "grid.yaml").write_text(content)
+    words = words_of(verb, "grid.yaml", "log")
+    assert_one_line(lidarplace(*words, "--set", pair), told)
+
+
+# Mistakes in a log or a run
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    """A box log with a car in one frame of two."""
+    import pandas as pd
+
+    from lidarplace.box_log import BoxLog, write_box_log
+    from lidarplace.boxes import BOX_COLUMNS
+
+    folder = tmp_path_factory.mktemp("logs") / "log"
+    box = ("a", 0, 0.0, "1", "Car", 10.0, 0.0, 0.8, 4.0, 2.0, 1.6, 0.0)
+    frames = pd.DataFrame(
+        {
+            "scene": "a",
+            "frame": [0, 1],
+            "timestamp_s": [0.0, 0.1],
+            "route": [0, 1],
+            "split": ["train", "test"],
+        }
+    )
+    write_box_log(folder, BoxLog(pd.DataFrame([box], columns=BOX_COLUMNS), frames))
+    return folder
+
+
+FOLDERS = {
+    "describe": ("describe", "FOLDER"),
+    "describe --json": ("describe", "FOLDER", "--json"),
+    "view": ("view", "FOLDER"),
+    "export": ("export", "FOLDER", "out", "--placement", "line"),
+    "accuracy": ("accuracy", "FOLDER"),
+    "report": ("report", "FOLDER"),
+    "search-report": ("search-report", "FOLDER"),
+    **{f"convert {name}": ("convert", name, "FOLDER", "out") for name in CONVERT},
+}
+
+
+def prepared(kind, folder, verb):
+    """A folder that cannot be read, of some kind."""
+    path = folder / "given"
+    if kind == "a file":
+        path.write_text("text")
+    elif kind != "missing":
+        path.mkdir()
+    if kind == "damaged":
+        for name in ("boxes", "frames", "trials", "surrogates", "results", "tasks"):
+            (path / f"{name}.parquet").write_bytes(b"PAR1 and then nothing")
+        (path / "config.yaml").write_text("name: given\n")
+        (path / "search.json").write_text("{}")
+        (path / "label_2").mkdir()
+        (path / "label_2/000000.txt").write_text("Car 0.0\n")
+    return path
+
+
+@pytest.mark.parametrize("kind", ["missing", "a file", "empty", "damaged"])
+@pytest.mark.parametrize("verb", FOLDERS)
+def test_a_folder_that_cannot_be_read(in_folder, verb, kind):
+    path = prepared(kind, in_folder, verb)
+    words = [path if word == "FOLDER" else word for word in FOLDERS[verb]]
+    assert_one_line(lidarplace(*words), "given")
+    assert os.listdir(in_folder) == [path.name] * path.exists(), "nothing is left behind"
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("describe",), "Missing argument 'LOG...'"),
+        (("status",), "Missing argument 'CONFIG'"),
+        (("pretrain", "grid.yaml"), "Missing option '--out'"),
+        (("status", "grid.yaml", "--al"), "No such option: --al"),
+        (("view", "log", "--frame", "first"), "--frame"),
+        (("view", "log", "--roi", "1", "2"), "--roi"),
+        (("convert", "kitti", "a", "b", "--lidar-height", "-1"), "--lidar-height"),
+        (("convert", "nuscenes", "a", "b", "--test-share", "2"), "--test-share"),
+        (("convert", "waymo", "a", "b"), "waymo"),
+        (("stauts", "grid.yaml"), "Did you mean 'status'?"),
+    ],
+    ids=" ".join,
+)
+def test_a_usage_that_is_wrong(words, told):
+    done = lidarplace(*words)
+    assert done.exit_code == 2
+    assert done.stdout == ""
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith("Error: ")
+    assert told in last
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("run",), "name a configuration file"),
+        (("search",), "name a configuration file"),
+        (("run", "grid.yaml", "--json"), "--json: is for --dry-run"),
+        (("search", "grid.yaml", "--json"), "--json: is for --dry-run"),
+        (("doctor", "--set", "a=1"), "--set: name the configuration file too"),
+        (("clean", "grid.yaml", "--quota", "much"), "--quota much: expected a size"),
+        (("view", "LOG", "--profile", "mine"), "--profile mine: allowed are"),
+        (("view", "LOG", "--placement", "mine"), "mine"),
+        (("view", "LOG", "--frame", "9"), "9"),
+        (("export", "LOG", "out", "--placement", "line", "--split", "val"), "split val"),
+        (("accuracy", "LOG", "--class", "Bus"), "--class Bus: allowed are"),
+        (("accuracy", "LOG", "--placement", "mine"), "--placement mine: allowed are"),
+        (("accuracy", "LOG", "--resolution", "0"), "0"),
+        (("accuracy", "LOG", "--azimuth-steps", "0"), "0"),
+        (("accuracy", "LOG", "--frames-share", "0"), "0"),
+        (("accuracy", "LOG", "--resolution", "0.3"), "0.3"),
+        (("accuracy", "LOG", "--resolution", "nan"), "nan"),
+    ],
+    ids=" ".join,
+)
+def test_an_option_that_is_wrong(in_folder, log, words, told):
+    words = [log if word == "LOG" else word for word in words]
+    assert_one_line(lidarplace(*words), told)
+    assert not os.listdir(in_folder)
+
+
+# Ends
+
+
+@pytest.mark.parametrize("verb", ["lidarplace.describe", "sweeps.doctor"])
+def test_ctrl_c_is_one_line(monkeypatch, verb):
+    def stopped(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("lidarplace.describe.read_box_log", stopped)
+    monkeypatch.setattr("sweeps.doctor.look", stopped)
+    name = verb.rpartition(".")[2]
+    done = lidarplace(name, *["log"] * (name == "describe"))
+    assert (done.exit_code, done.stdout, done.stderr) == (130, "", "\nStopped.\n")
+
+
+def test_ctrl_c_while_a_verb_is_loaded(monkeypatch):
+    def stopped(name):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("sweeps.command_line.import_module", stopped)
+    done = lidarplace("run", "grid.yaml")
+    assert (done.exit_code, done.stderr) == (130, "\nStopped.\n")
+
+
+@pytest.mark.parametrize("words", [("run", "--schema"), ("clean", "--help"), ("--help",)])
+def test_a_reader_that_has_gone(words):
+    """As `| head` does; what little was printed is flushed at the end."""
+    read, write = os.pipe()
+    os.close(read)
+    command = [sys.executable, "-c", "from sweeps.command_line import app; app()", *words]
+    done = subprocess.run(command, cwd=ROOT, stdout=write, stderr=subprocess.PIPE, text=True)
+    os.close(write)
+    assert done.stderr == ""
+
+
+# JSON
+
+
+@pytest.fixture
+def config(in_folder, log):
+    path = in_folder / "grid.yaml"
+    path.write_text(
+        f"scene: {{source: log, folder: {log}}}\nclasses: [Car]\n"
+        "grid: {placement: [line, center]}\n"
+        "promote: [{by: expected_ig, keep: 1}]\n"
+    )
+    return path
+
+
+def test_the_plan_as_json(config):
+    plan = json.loads(lidarplace("run", config, "--dry-run", "--json").stdout)
+    assert list(plan) == ["name", "stages", "rungs", "scenes", "trials"]
+    assert plan["stages"]["surrogates"] == {"tasks": 2, "cached": 0}
+    assert plan["stages"]["finetune"] == {"tasks": 1, "cached": 0}
+    assert plan["rungs"] == [{"by": "expected_ig", "keep": 1, "set": {}}]
+    assert [trial["cached"] for trial in plan["trials"]] == [False, False]
+    told = lidarplace("run", config, "--dry-run").stdout
+    assert "grid: 2 trials; of these at most" in told
+    assert "rung 0: expected_ig, the best 1 placements go on" in told
+
+
+def test_a_log_as_json(log):
+    found = json.loads(lidarplace("describe", log, "--json").stdout)
+    rows = found[str(log)]
+    assert [row["scene"] for row in rows] == ["a", "a", "all"]
+    assert rows[-1]["frames"] == 2
+    assert rows[-1]["ROI Car"] == 0.5
+
+
+def test_the_accuracy_as_json(in_folder, log):
+    words = ("--placement", "line", "--resolution", 0.5, "--azimuth-steps", 90)
+    done = lidarplace("accuracy", log, *words, "--frames-share", 0.5, "--json")
+    found = json.loads(done.stdout)
+    assert found["files"] == {name: f"accuracy.{name}" for name in ("parquet", "csv", "html")}
+    assert all(Path(path).is_file() for path in found["files"].values())
+    assert {"surrogate", "method", "median_error", "seconds"} <= set(found["summary"][0])
+
+
+# Completion
+
+
+def completed(line):
+    words = line.split(" ")
+    environment = {
+        "_LIDARPLACE_COMPLETE": "complete_bash",
+        "COMP_WORDS": line,
+        "COMP_CWORD": str(len(words) - 1),
+    }
+    return lidarplace(env=environment).stdout.split()
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("lidarplace re", ["report", "record"]),
+        ("lidarplace convert n", ["nuscenes"]),
+        ("lidarplace clean --q", ["--quota"]),
+        ("lidarplace view log --placement pyramid_", ["pyramid_roll", "pyramid_pitch"]),
+        ("lidarplace view log --profile re", ["released-code"]),
+        ("lidarplace export log out --split te", ["test"]),
+        ("lidarplace accuracy log --class P", ["Pedestrian"]),
+        ("lidarplace run grid.yaml --set pl", ["placement", "placements"]),
+        ("lidarplace run grid.yaml --set training.ep", ["training.epochs"]),
+        ("lidarplace run grid.yaml --set scene.dens", ["scene.density"]),
+        ("lidarplace search search.yaml --set search.tri", ["search.trials"]),
+        ("lidarplace search search.yaml --set robustness.dr", ["robustness.draws"]),
+        ("lidarplace run gr", []),  # the shell completes files
+    ],
+)
+def test_completion(line, words):
+    assert completed(line) == words
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_script_of_a_shell(shell):
+    done = lidarplace(env={"_LIDARPLACE_COMPLETE": f"source_{shell}"})
+    assert "_LIDARPLACE_COMPLETE" in done.stdout
+
+
+def test_the_command_that_was_given(monkeypatch):
+    from lidarplace.command_line import called
+
+    main = sys.modules["__main__"]
+    spec = type("Spec", (), {"name": "sweeps.search.__main__"})
+    monkeypatch.setattr(main, "__spec__", spec)
+    monkeypatch.setattr(sys, "argv", ["/x/sweeps/search/__main__.py", "my search.yaml"])
+    assert called() == "python -m sweeps.search 'my search.yaml'"
+    monkeypatch.setattr(main, "__spec__", None)
+    monkeypatch.setattr(sys, "argv", ["/x/bin/lidarplace", "search", "a.yaml"])
+    assert called() == "lidarplace search a.yaml"
+
+
+def test_every_verb_is_an_app():
+    for module, _ in VERBS.values():
+        assert isinstance(import_module(module).app, typer.Typer)
+
+
+def test_the_page_of_commands_is_up_to_date():
+    """`python docs/commands.py` makes it anew."""
+    done = subprocess.run(
+        [sys.executable, "-c", "import commands; print(commands.page(), end='')"],
+        cwd=ROOT / "docs",
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout == (ROOT / "docs/commands.md").read_text(encoding="utf-8"), (
+        "docs/commands.md is out of date: python docs/commands.py"
+    )

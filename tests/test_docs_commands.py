@@ -1,0 +1,232 @@
+"""Commands, configurations and Python of the docs work as they stand there.
+
+A command runs in a folder with tiny files of the names that it uses, or it is in NOT_RUN with the
+reason why it cannot; then its files and options are looked up. Nothing may be in neither.
+"""
+
+import importlib.util
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from lidarplace.yaml_loader import parse_yaml
+from sweeps.command_line import VERBS
+from sweeps.command_line import app as lidarplace
+from sweeps.plan import read_plan
+from sweeps.sweep_store import reference
+from tests.docs_blocks import ROOT, Block, blocks, commands, commands_in_text
+from tests.docs_verbs import PACKAGES, app_of, check_options
+from tests.docs_world import make_world, run
+
+NOT_RUN = {
+    "make ": "sets up an environment; starts servers",
+    "pip install ": "needs a package index",
+    ". .venv/bin/activate": "of the shell",
+    "./CarlaUE4.sh ": "needs CARLA",
+    "python -m lidarplace.scenes.carla ": "needs a CARLA server",
+    "cd /shared/sweeps ": "needs several machines",
+    "(umask 077; ": "needs several machines",
+    "export RAY_AUTH_MODE": "needs several machines",
+    "ray start ": "needs several machines",
+    "ray stop": "would end other people's Ray",
+    "python -m sweeps.run grid.yaml --set ray=10.0.0.1:6379": "needs several machines",
+    "sbatch ": "needs Slurm",
+    "python -m mlflow server ": "needs PostgreSQL",
+    "python -m tracking.dashboard": "a server; tests/tracking/test_dashboard.py starts it",
+    "python -m pytest": "would test within a test",
+    "pytest ": "would test within a test",
+    "python benchmarks/": "takes minutes, and an idle machine",
+    "python -m sweeps.run grid.yaml --set training.checkpoint=pv_rcnn_8369.pth": "not at hand",
+    "lidarplace --install-completion": "changes the shell's own files",
+    "lidarplace --show-completion": "depends on the shell",
+}
+"""How commands begin that are only looked up, and why."""
+
+SMALLER = {
+    "sweeps.accuracy": ["--resolution", "0.8", "--azimuth-steps", "90", "--frames-share", "1"],
+    "lidarplace.export": ["--roi", "0", "20", "-10", "10", "0", "4"],
+    "mine.yaml": [
+        *("--set", "ray=debug", "--set", "lidar.azimuth_steps=90", "--set", "lidar.beams=4"),
+        *(
+            "--set",
+            "scene.routes=2",
+            "--set",
+            "scene.test_routes=1",
+            "--set",
+            "scene.frame_stride=40",
+        ),
+        *(
+            "--set",
+            "scene.pedestrians=5",
+            "--set",
+            "scene.frames_per_route=4",
+            "--set",
+            "scene.warmup_s=5",
+        ),
+        *("--set", "surrogate.resolution=0.8", "--set", "surrogate.accuracy=false"),
+        *("--set", "surrogate.sampling_error=false", "--set", "training.epochs=1"),
+        *("--set", "grid.seed=[1]"),
+    ],
+}
+"""What makes a command cheap, by its verb or by its configuration."""
+
+PLACEHOLDERS = {"runs/NAME": "runs/search", "LOG": "small"}
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory):
+    pytest.importorskip("sumolib")
+    folder = tmp_path_factory.mktemp("docs")
+    before = Path.cwd()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        make_world(folder)
+        yield folder
+        patch.chdir(before)
+
+
+def listed(command: str) -> str | None:
+    """How the command begins in NOT_RUN, if it is there; variables before it do not count."""
+    bare = re.sub(r"^([A-Z_]+=\S* )+", "", command).removeprefix(".venv/bin/")
+    return next((start for start in NOT_RUN if bare == start or bare.startswith(start)), None)
+
+
+RUN = [command for command in commands() if listed(command.text) is None]
+LOOKED_UP = [c for c in commands() if listed(c.text)] + commands_in_text()
+
+
+@pytest.mark.parametrize("command", RUN, ids=str)
+def test_runs(command, world):
+    words = shlex.split(command.text)
+    if words[0] == "lidarplace":
+        words = ["python", "-m", VERBS[words[1]][0].removesuffix(".__main__"), *words[2:]]
+    python, minus_m, verb, *arguments = words
+    assert (python, minus_m) == ("python", "-m"), f"{command.text}: neither runs nor is listed"
+    arguments = [PLACEHOLDERS.get(argument, argument) for argument in arguments]
+    if "--forget" in arguments:  # the name ends in a hash of the output folder
+        sweep, _ = read_plan(world / "grid.yaml", ["name=old"])
+        arguments[-1] = reference(sweep)
+    for name in (verb, *arguments[:1]):
+        if not (name == "mine.yaml" and verb != "sweeps.run"):
+            arguments += SMALLER.get(name, [])
+    result = run(verb, *arguments)
+    assert result.exit_code == 0, result.output
+
+
+@pytest.mark.parametrize("command", LOOKED_UP, ids=str)
+def test_what_it_names_is_there(command):
+    """Programs and options of what cannot run here, and of commands in the text."""
+    if "…" in command.text:
+        pytest.skip("a pattern of commands, not one")
+    words = shlex.split(re.sub(r"^([A-Z_]+=\S* )+", "", command.text))
+    program = words[:3] if words[1:2] == ["-m"] else words[:2]
+    if words[0] == "make":
+        for target in re.findall(r"make (\w+)", command.text):
+            assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(), re.M), target
+    elif program[-1] == "pytest" or words[0] == "pytest":
+        look_up_tests(words[words.index("pytest") + 1 :])
+    elif words[0].endswith("python") and program[1] == "-m":
+        if program[2].split(".")[0] in PACKAGES:
+            check_options(app_of(program[2]), words[3:])
+        else:
+            assert importlib.util.find_spec(program[2].split(".")[0]), program[2]
+    elif words[0].endswith("python") and program[1] != "-c":
+        script = (ROOT / program[1]).read_text(encoding="utf-8")
+        for option in (word for word in words[2:] if word.startswith("--")):
+            name = option[2:].partition("=")[0]
+            assert option in script or name.replace("-", "_") in script, option
+    elif words[0] == "lidarplace" and words[1].startswith("-"):
+        check_options(lidarplace, words[1:])
+    elif words[0] == "lidarplace":
+        assert words[1] in VERBS
+        check_options(app_of(VERBS[words[1]][0]), words[2:])
+
+
+def look_up_tests(words: list[str]) -> None:
+    """Files, and words of -k, which have to occur in them."""
+    chosen = [ROOT / word.partition("::")[0] for word in words if word.startswith("tests")]
+    assert all(path.exists() for path in chosen), words
+    if "-k" in words:
+        files = [file for path in chosen for file in ([path], path.rglob("*.py"))[path.is_dir()]]
+        text = "\n".join(f"{file}\n{file.read_text(encoding='utf-8')}" for file in files)
+        for word in re.findall(r"\w+", words[words.index("-k") + 1]):
+            assert word in ("and", "or", "not") or word in text, f"-k {word} selects nothing"
+
+
+def test_every_reason_is_needed():
+    used = {listed(command.text) for command in commands()}
+    assert set(NOT_RUN) - used == set(), "no command begins like that"
+
+
+def alternatives(text: str) -> list[str]:
+    """The configurations of a block: a key that occurs twice shows two ways to write it."""
+    entries = re.findall(r"^\S.*\n(?:(?:[ #].*)?\n)*", text, re.M)
+    keys = [entry.partition(":")[0] for entry in entries]
+    if len(set(keys)) < len(keys):
+        once = [entry for entry, key in zip(entries, keys, strict=True) if keys.count(key) == 1]
+        several = [e for e, key in zip(entries, keys, strict=True) if keys.count(key) > 1]
+        return ["".join([*once, entry]) for entry in several]
+    if len(entries) == 1 and "\n  " in text and not text.startswith("#"):
+        head, _, rest = text.partition("\n")
+        inner = "\n".join(line.removeprefix("  ") for line in rest.splitlines()) + "\n"
+        if re.search(r"^\w+:", inner, re.M):
+            indented = [re.sub(r"^(?=.)", "  ", part, flags=re.M) for part in alternatives(inner)]
+            return [f"{head}\n{part}" for part in indented]
+    return [text]
+
+
+def of_kind(block: Block) -> str:
+    keys = set(re.findall(r"^([\w.]+):", block.text, re.M))
+    if block.page == "carla.md":
+        return "collection"
+    if keys & {"search", "robustness", "verify"}:
+        return "search"
+    return "class map" if any(key.startswith("vehicle.") for key in keys) else "sweep"
+
+
+@pytest.mark.parametrize("block", blocks("yaml"), ids=str)
+def test_configurations(block, world):
+    for number, text in enumerate(alternatives(block.text)):
+        assert "…" not in re.sub(r"#.*|://…", "", text), "a value is left out"
+        content = parse_yaml(text.replace("://…", "://host/db"))
+        path = world / f"block-{block.page}-{block.number}-{number}.yaml"
+        check(of_kind(block), content, path)
+
+
+def check(kind: str, content: dict, path: Path) -> None:
+    """Raises an error that names the key if the content is not a file of that kind."""
+    import yaml
+
+    from lidarplace.scenes.carla.__main__ import Collection
+    from lidarplace.scenes.class_maps import read_class_map
+    from sweeps.grid import read_sweep
+    from sweeps.search.problem import read_problem
+
+    if kind == "collection":
+        Collection.model_validate(content)
+        return
+    if kind == "search":
+        base = {"search": {"zones": {"roof": {"x": 0, "y": [-1, 1], "z": 2}}}}
+        content = base | content
+        if "zones" not in content["search"] and "space" not in content["search"]:
+            content["search"] = base["search"] | content["search"]
+    elif kind == "sweep":
+        axis = {} if "grid" in content and "placement" in content["grid"] else {"placement": "line"}
+        content = axis | content
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
+    {"search": read_problem, "sweep": read_sweep, "class map": read_class_map}[kind](path)
+
+
+@pytest.mark.parametrize("block", blocks("python"), ids=str)
+def test_python(block, world, monkeypatch):
+    if "models:/m-…" in block.text:
+        pytest.skip("the id of a model differs; tests/sweeps/test_best_models.py loads one")
+    exec(block.text, {})
+
+
+def test_alternatives():
+    assert alternatives("a: 1\na: 2\nb: 3\n") == ["b: 3\na: 1\n", "b: 3\na: 2\n"]
+    assert alternatives("s:\n  o: 1\n  o: 2\n") == ["s:\n  o: 1\n", "s:\n  o: 2\n"]
+    assert alternatives("s:\n  o: 1\n  p: 2\n") == ["s:\n  o: 1\n  p: 2\n"]

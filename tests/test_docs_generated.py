@@ -1,0 +1,36 @@
+"""Pages that are made from the code are what it makes now."""
+
+import pytest
+
+from docs import api, configuration
+
+
+@pytest.mark.parametrize("page", [configuration, api], ids=lambda page: page.__name__)
+def test_up_to_date(page):
+    told = page.PAGE.read_text(encoding="utf-8")
+    assert told == page.page(), f"out of date: python docs/{page.PAGE.stem}.py makes it anew"
+
+
+@pytest.mark.parametrize("model", [configuration.SweepFile, configuration.SearchFile])
+def test_every_key_has_a_description(model):
+    schema = model.model_json_schema()
+    for part in (schema, *schema["$defs"].values()):
+        for key, field in part.get("properties", {}).items():
+            assert field.get("description"), f"{part['title']}: {key} has no description"
+
+
+def test_paths_types_limits_and_defaults():
+    page = configuration.page()
+    assert "| `scene.density` | whole number ≥ 1 | `80` |" in page
+    assert "| `training.checkpoint` | path or null | `null` |" in page
+    assert "| `lidar.drop_off` | number ≥ 0, < 1 | `0` |" in page
+    assert "| `search.constraints.near_field.coverage` | number ≥ 0, ≤ 1 | needed |" in page
+    assert "| `promote[].class` | `Car`, `Cyclist`, `Pedestrian` or null | `null` |" in page
+    assert "`placements.NAME.mounts[].yaw`" in page
+
+
+def test_signatures():
+    page = api.page()
+    assert "read_box_log(folder: Path) -> BoxLog" in page
+    assert "    detection_probability: float = 0.1,\n" in page
+    assert "- `.m_sog`: " in page

@@ -1,0 +1,70 @@
+"""Links between pages lead somewhere: files, headings, pictures."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = [
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")),
+    *sorted((ROOT / "docs").glob("*.md")),
+]
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+
+
+def text_of(page: Path) -> str:
+    """A page without its blocks of code."""
+    return re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+
+
+def anchors(page: Path) -> set[str]:
+    """Of the headings of a page, as GitHub makes them."""
+    seen: dict[str, int] = {}
+    found = set()
+    for heading in re.findall(r"^#+ (.*)$", text_of(page), re.M):
+        title = re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", heading)
+        slug = re.sub(r"[^\w\- ]", "", title.strip().lower()).replace(" ", "-")
+        found.add(f"{slug}-{seen[slug]}" if slug in seen else slug)
+        seen[slug] = seen.get(slug, 0) + 1
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
+def test_links_lead_somewhere(page):
+    for target in LINK.findall(text_of(page)):
+        if target.startswith("https://"):
+            continue
+        path, _, anchor = target.partition("#")
+        there = (page.parent / path).resolve() if path else page
+        assert there.exists(), f"{target}: no such file"
+        assert there.is_relative_to(ROOT), f"{target}: outside of the project"
+        if anchor:
+            assert anchor in anchors(there), f"{target}: {path or page.name} has no such heading"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
+def test_links_to_elsewhere_are_encrypted_and_name_a_host(page):
+    for target in LINK.findall(text_of(page)):
+        if "://" in target:
+            assert re.fullmatch(r"https://[\w.-]+\.\w+(/\S*)?", target), target
+
+
+def test_every_page_and_picture_is_linked():
+    targets = {
+        (page.parent / target.partition("#")[0]).resolve()
+        for page in PAGES
+        for target in LINK.findall(text_of(page))
+        if "://" not in target
+    }
+    readme = {(ROOT / target).resolve() for target in LINK.findall(text_of(ROOT / "README.md"))}
+    for page in PAGES[1:]:
+        assert page in readme, f"the README does not link {page.name}"
+    for picture in (ROOT / "docs").glob("*.png"):
+        assert picture in targets, f"no page shows {picture.name}"
+
+
+def test_anchors_are_githubs(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("# `scene`, source: log\n## A [b](c.md) d\n```\n# no heading\n```\n## A b d\n")
+    assert anchors(page) == {"scene-source-log", "a-b-d", "a-b-d-1"}

@@ -1,0 +1,139 @@
+"""Roll, pitch, density, sensitivity and the paper's tables."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from made_up_run import write_run
+from test_report import Page
+
+from lidarplace import PAPER_PLACEMENTS
+from lidarplace.placement import Mount
+from tracking.published import TABLES, published_detection, published_surrogates
+from tracking.report.build import build_report
+from tracking.report.published import paper_names
+from tracking.sensitivity import sensitivity
+from tracking.summary import seed_means
+from tracking.tilt_pairs import TiltPair, tilt_pairs
+
+SHOWN = ("line", "line_roll", "center", "trapezoid", "pyramid", "pyramid_pitch")
+PAPER = {name: tuple(placement.mounts) for name, placement in PAPER_PLACEMENTS.items()}
+
+
+def test_pairs_differ_in_one_angle_alone():
+    assert tilt_pairs(PAPER) == [
+        TiltPair("roll", "line", "line_roll"),
+        TiltPair("roll", "pyramid", "pyramid_roll"),
+        TiltPair("pitch", "pyramid", "pyramid_pitch"),
+    ]
+
+
+def test_the_order_of_the_lidars_does_not_matter_and_equal_tilts_are_no_pair():
+    left = (Mount(y=0.5, roll=0.2), Mount(y=-0.5))
+    right = (Mount(y=-0.5, roll=0.2), Mount(y=0.5))
+    level = (Mount(y=-0.5), Mount(y=0.5))
+    pairs = tilt_pairs({"left": left, "right": right, "level": level})
+    assert pairs == [TiltPair("roll", "level", "left"), TiltPair("roll", "level", "right")]
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory) -> Page:
+    folder = write_run(
+        tmp_path_factory.mktemp("paper") / "paper",
+        names=SHOWN,
+        densities=(40, 120),
+        detectors=("second_tiny",),
+    )
+    sweep = json.loads((folder / "sweep.json").read_text())
+    sweep["placements"] = {
+        name: [[m.x, m.y, m.z, m.roll, m.pitch, m.yaw] for m in mounts]
+        for name, mounts in PAPER.items()
+        if name in SHOWN
+    }
+    (folder / "sweep.json").write_text(json.dumps(sweep))
+    page = Page(build_report(folder).read_text(encoding="utf-8"))
+    page.folder = folder
+    return page
+
+
+def test_the_ablations_have_their_sections(page):
+    for title in (
+        *("The paper's published results", "Detectors", "Ablation: roll and pitch"),
+        "Ablation: density",
+    ):
+        assert title in page.words
+
+
+def test_a_difference_is_that_of_the_means_and_its_interval_covers_it(page):
+    table = pd.read_csv(page.folder / "tables" / "roll-and-pitch.csv")
+    results = pd.read_parquet(page.folder / "results.parquet")
+    own = results.query("`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7")
+    means = own[own["scene.density"] == 40].groupby("placement")["value"].mean()
+    row = table[
+        (table["class"] == "Car")
+        & (table["metric"] == "AP_R40_3D")
+        & (table["pair"] == "line → line_roll")
+        & table["detector"].str.contains("40")
+    ].iloc[0]
+    assert row["difference (points)"] == pytest.approx(means["line_roll"] - means["line"])
+    assert row["low (points)"] < row["difference (points)"] < row["high (points)"]
+
+
+def test_density_has_every_density_as_a_column(page):
+    assert "density 40" in page.words
+    assert "density 120" in page.words
+
+
+def test_published_tables_are_whole():
+    detection, surrogates = published_detection(), published_surrogates()
+    assert set(detection["table"]) == set(TABLES)
+    assert set(detection["placement"]) <= set(PAPER)
+    assert detection["value"].between(0, 100).all()
+    row = detection.query("detector == 'pv_rcnn' and placement == 'pyramid' and metric == 'recall'")
+    assert 62.60 in row["value"].tolist()
+    # IG is H_POG + S-MIG, as in the paper, to its rounding.
+    wide = surrogates[surrogates["table"] == "density"].pivot(
+        index="density", columns="surrogate", values="value"
+    )
+    assert np.allclose(wide["ig"], wide["h_pog"] + wide["s_mig"], atol=1000)
+
+
+def test_a_placement_stands_for_the_papers_by_its_mounts():
+    own = {"found": PAPER["center"], "line": PAPER["square"], "square": PAPER["square"]}
+    assert paper_names(own) == {"center": "found", "square": "square"}
+
+
+def test_published_and_own_stand_side_by_side_for_the_same_network(page):
+    table = pd.read_csv(page.folder / "tables" / "published-and-own.csv")
+    assert set(table["detector"]) == {"second"}
+    assert set(table["placement"]) == {"center", "line", "pyramid", "trapezoid"}
+
+
+def test_spread_by_chance_is_exceeded_by_one_sweep_in_twenty():
+    rng = np.random.default_rng(0)
+    rows = [
+        {"placement": f"p{i}", "class": "Car", "detector": f"d{k}", "seed": s}
+        | {"metric": "AP_R40_3D", "iou": 0.7, "difficulty": "all", "value": 60 + rng.normal()}
+        | {"ground_truths": 100}
+        for k in range(300)
+        for i in range(5)
+        for s in range(3)
+    ]
+    table = sensitivity(seed_means(pd.DataFrame(rows)))
+    beyond = (table["spread"] > table["by_chance"]).mean()
+    assert 0.02 < beyond < 0.09
+    assert (table["relative"] - table["spread"] / table["mean"]).abs().max() < 1e-12
+
+
+def test_one_seed_tells_nothing_about_chance():
+    rows = [
+        {"placement": f"p{i}", "class": "Car", "detector": "d", "seed": 1, "metric": "recall"}
+        | {"iou": 0.5, "difficulty": "all", "value": float(i), "ground_truths": 100}
+        for i in range(3)
+    ]
+    table = sensitivity(seed_means(pd.DataFrame(rows)))
+    assert table["spread"].tolist() == [2.0]
+    assert table["by_chance"].isna().all()

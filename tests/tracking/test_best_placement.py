@@ -1,0 +1,72 @@
+"""The best placement against scipy's Tukey test, and its posterior against brute force."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from tracking.best_placement import best_placement
+
+
+def results(y):
+    """`y`: by placement, the values by seed."""
+    rows = [(name, seed, v) for name, values in y.items() for seed, v in enumerate(values)]
+    return pd.DataFrame(rows, columns=["placement", "seed", "value"])
+
+
+def test_equals_tukey_hsd_for_unequal_seeds():
+    y = {"a": [70.0, 72, 71], "b": [75.0, 74], "c": [73.0, 76, 77, 75], "d": [60.0, 66]}
+    found = best_placement(results(y))
+    theirs = stats.tukey_hsd(*y.values())
+    bounds = theirs.confidence_interval(0.95)
+    assert found.best == "c"
+    assert found.others.index.tolist() == ["b", "a", "d"]
+    for name, row in found.others.iterrows():
+        at = 2, list(y).index(name)
+        assert row["lead"] == pytest.approx(theirs.statistic[at])
+        assert row["p"] == pytest.approx(theirs.pvalue[at], abs=1e-6)
+        expected = (bounds.low[at], bounds.high[at])
+        assert (row["low"], row["high"]) == pytest.approx(expected, abs=1e-3)
+    assert found.tied == ["b", "a"]
+
+
+def test_two_placements_are_a_t_test_and_its_posterior():
+    y = {"a": [1.0, 2, 4], "b": [3.0, 5, 7]}
+    found = best_placement(results(y))
+    test = stats.ttest_ind(y["b"], y["a"])
+    assert found.others["p"].iloc[0] == pytest.approx(test.pvalue, abs=1e-6)
+    # A flat prior turns the one-sided p into the probability: 20,000 draws, four standard errors.
+    assert found.sure["b"] == pytest.approx(1 - test.pvalue / 2, abs=0.009)
+    assert found.sure.sum() == pytest.approx(1)
+
+
+def test_one_seed_says_why_there_is_no_interval():
+    found = best_placement(results({"a": [1.0], "b": [3.0]}))
+    assert (found.best, found.others.loc["a", "lead"]) == ("b", 2.0)
+    assert np.isnan(found.others.loc["a", "low"])
+    assert found.sure.isna().all()
+    assert found.tied == ["a"]
+    assert "one seed each" in found.note
+
+
+def test_missing_values_and_single_placements():
+    found = best_placement(results({"a": [1.0, np.nan], "b": [3.0, 4.0], "c": [np.nan, np.nan]}))
+    assert found.others["seeds"].to_dict() == {"a": 1}
+    assert np.isfinite(found.others.loc["a", "low"])
+    assert best_placement(results({"a": [np.nan]})) is None
+    alone = best_placement(results({"a": [1.0, 2.0]}))
+    assert alone.others.empty
+    assert alone.sure["a"] == 1
+    assert "nothing to compare" in alone.note
+
+
+def test_no_spread_over_seeds():
+    found = best_placement(results({"a": [1.0, 1.0], "b": [3.0, 3.0], "c": [3.0, 3.0]}))
+    assert found.others["p"].to_dict() == {"c": 1.0, "a": 0.0}
+    assert found.others.loc["a", "low"] == 2.0
+
+
+def test_a_seed_that_occurs_twice_is_an_error():
+    table = results({"a": [1.0, 2.0]})
+    with pytest.raises(ValueError, match="'a' has two values for seed 0"):
+        best_placement(pd.concat([table, table]))

@@ -1,0 +1,160 @@
+"""The dashboard: MLflow's own server shows the runs of a sweep, as its page asks for them."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import requests
+from mlflow_runs_of import free_port, new_store
+from typer.testing import CliRunner
+
+from tracking.dashboard import app, server
+from tracking.mlflow_log import SweepLog
+
+COLUMNS = ["metrics.AP_R40_3D.Car.0.70", "metrics.seconds"]
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory) -> Path:
+    """A folder with the database of a sweep of three trials, and the folder of the sweep."""
+    folder = tmp_path_factory.mktemp("runs")
+    uri = new_store(folder / "store")
+    journal = folder / "demo" / "mlflow.jsonl"
+    with SweepLog(uri, "demo", "k1", {}, journal=journal, columns=COLUMNS) as log:
+        for name, ap in (("line", 61.5), ("center", 70.25), ("square", 65.0)):
+            metrics = {"AP_R40_3D.Car.0.70": ap, "seconds": 9.0}
+            log.trial(name, f"{name} · tiny · seed 1", {}, metrics, tags={"placement": name})
+    (folder / "demo" / "sweep.json").write_text(json.dumps({"name": "demo", "tracking_uri": uri}))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def address(runs):
+    with server(f"sqlite:///{runs}/store/mlflow.db", free_port()) as (_, address):
+        yield address
+
+
+def post(address, call, body):
+    answer = requests.post(f"{address}/ajax-api/2.0/mlflow/{call}", json=body, timeout=60)
+    answer.raise_for_status()
+    return answer.json()
+
+
+def experiment(address):
+    (found,) = [
+        found
+        for found in post(address, "experiments/search", {"max_results": 9})["experiments"]
+        if found["name"] == "demo"
+    ]
+    return found
+
+
+def test_the_page_gets_the_runs_in_the_order_of_its_view(address):
+    own = experiment(address)
+    tags = {tag["key"]: tag["value"] for tag in own["tags"]}
+    view = json.loads(tags["mlflow.sharedViewState.lidarplace"])
+    body = {
+        "experiment_ids": [own["experiment_id"]],
+        "order_by": [f"{view['orderByKey']} {'ASC' if view['orderByAsc'] else 'DESC'}"],
+        "filter": "tags.placement != 'square'",
+    }
+    found = post(address, "runs/search", body)["runs"]
+    assert [run["info"]["run_name"] for run in found] == [
+        "center · tiny · seed 1",
+        "line · tiny · seed 1",
+    ]
+    metrics = {metric["key"]: metric["value"] for metric in found[0]["data"]["metrics"]}
+    assert [metrics[name.split(".", 1)[1]] for name in COLUMNS] == [70.25, 9.0]
+    assert [view["selectedColumns"][0]] == ["metrics.`AP_R40_3D.Car.0.70`"]
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="needs chromium")
+def test_a_browser_shows_the_runs(address, tmp_path):
+    own = experiment(address)["experiment_id"]
+    done = subprocess.run(
+        [
+            *("chromium", "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run"),
+            *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+            *(f"--user-data-dir={tmp_path}", "--virtual-time-budget=60000", "--dump-dom"),
+            *("--window-size=1600,1000",),
+            f"{address}/#/experiments/{own}/runs?viewStateShareKey=lidarplace",
+        ],
+        capture_output=True,
+        text=True,
+        timeout=240,
+    )
+    page = done.stdout
+    places = [page.find(f"{name} · tiny · seed 1") for name in ("center", "square", "line")]
+    assert -1 not in places
+    assert "AP_R40_3D.Car.0.70" in page
+    assert "70.25" in page
+    assert "Error loading shared view" not in page
+
+
+def dashboard(*words, cwd):
+    return subprocess.run(
+        [sys.executable, "-m", "tracking.dashboard", *map(str, words)],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        timeout=120,
+    )
+
+
+def test_of_a_server_the_address_is_printed(address, runs):
+    done = dashboard(address, cwd=runs)
+    own = experiment(address)["experiment_id"]
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(f"{address}/#/experiments/{own}/runs?viewStateShareKey=")
+
+
+def test_mistakes_are_one_line(runs):
+    for name, text in (("without", "{}"), ("damaged", '{"name": ')):
+        (runs / name).mkdir()
+        (runs / name / "sweep.json").write_text(text)
+    (runs / "text.db").write_text("no database, and longer than a header of one " * 9)
+    empty = runs / "empty"
+    empty.mkdir()
+    port = free_port()
+    for where, told in (
+        ("runs/mlflow.db", "no such database"),
+        (empty, "neither sweep.json nor search.json is there"),
+        ("without", "without/sweep.json: name: Field required"),
+        ("damaged", "damaged/sweep.json: Invalid JSON"),
+        ("sqlite:///mistyped.db", "mistyped.db: no such database"),
+        ("text.db", "file is not a database"),
+        ("file:mlruns", "no such database"),
+        ("nosuch://u:secret@host/db", "u:***@host/db"),
+        (f"http://u:secret@127.0.0.1:{port}", "refused"),
+    ):
+        done = dashboard(where, cwd=runs)
+        assert done.returncode == 2, done.stderr
+        assert done.stderr.count("\n") == 1
+        assert told in done.stderr
+        assert "secret" not in done.stderr
+    assert not (runs / "mistyped.db").exists()
+
+
+def test_a_port_of_somebody_elses_server_is_refused(address, runs):
+    port = address.rpartition(":")[2]
+    done = dashboard("demo", "--port", port, cwd=runs)
+    assert done.returncode == 2
+    assert done.stderr == f"--port {port}: Address already in use\n"
+    assert not done.stdout
+
+
+def test_a_server_that_dies_is_a_failure(runs, monkeypatch):
+    @contextmanager
+    def dies(uri, port):
+        yield subprocess.Popen([sys.executable, "-c", "raise SystemExit(3)"]), "http://127.0.0.1"
+
+    monkeypatch.setattr("tracking.dashboard.server", dies)
+    done = CliRunner().invoke(app, [str(runs / "demo")])
+    assert done.exit_code == 1
+    assert "MLflow ended with exit code 3" in done.stderr

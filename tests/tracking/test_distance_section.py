@@ -1,0 +1,69 @@
+"""The report's sections of rigs, coverage and distance, from a run folder."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tracking.report.by_distance import by_distance_section
+from tracking.report.coverage import coverage_section, rigs_section
+from tracking.report.groups import groups
+from tracking.run_folder import RunFolder
+
+
+@pytest.fixture(scope="module")
+def run(made_up_run):
+    return RunFolder.read(made_up_run)
+
+
+def test_every_placement_has_a_line_in_its_ring(run):
+    section = by_distance_section(run, list(groups(run)))
+    points, ap = section.figures[0], section.figures[-1]
+    assert points.layout.title.text == "Points per object · Car"
+    assert ap.layout.title.text == "AP by distance · Pedestrian"
+    for plot in (points, ap):
+        assert len(plot.data) == len(run.placements)
+        assert plot.layout.xaxis.ticktext == ("0–10", "10–20")
+    car = run.points.query("`class` == 'Car' and placement == 'line'")
+    assert points.data[0].y.tolist() == car["mean"].tolist()
+    own = run.distance.query(
+        "`class` == 'Pedestrian' and placement == 'line' and metric == 'AP_R40_3D'"
+    )
+    assert ap.data[0].y.tolist() == own.groupby("from_m")["value"].mean().tolist()
+    assert (np.asarray(ap.data[0].error_y.array) > 0).all(), "an interval over two seeds"
+
+
+def test_its_tables_hold_the_raw_numbers(run):
+    section = by_distance_section(run, list(groups(run)))
+    table = next(t for t in section.tables if t.name == "ap-by-distance-car")
+    assert table.head == ("placement", "0–10 m", "10–20 m")
+    assert len(table.rows) == len(run.placements)
+    assert len(table.data) == 2 * len(run.placements)
+    (row,) = [r for r in table.rows if r[0] == "line"]
+    first = table.data.query("placement == 'line' and from_m == 0")["mean_percent"].item()
+    assert row[1].startswith(f"{first:.1f} ± ")
+
+
+def test_maps_of_all_placements_share_their_scales(run):
+    section = coverage_section(run, list(run.placements))
+    assert len(section.figures) == len(run.placements)
+    limits = {
+        tuple(trace.zmax for trace in plot.data if trace.type == "heatmap")
+        for plot in section.figures
+    }
+    assert len(limits) == 1
+
+
+def test_rigs_are_drawn_without_maps(run):
+    section = rigs_section(replace(run, maps=None), list(run.placements))
+    (picture,) = section.figures
+    assert len(picture.layout.updatemenus[0].buttons) == len(run.placements)
+
+
+def test_what_the_sweep_did_not_make_is_said(run):
+    bare = replace(run, points=None, distance=None, maps=None)
+    for section in (by_distance_section(bare, []), coverage_section(bare, [])):
+        assert not section.figures
+        assert section.notes[0].startswith("The run folder has no")
+    alone = replace(run, trials=run.trials.assign(detector=""))
+    assert by_distance_section(alone, []) is None

@@ -1,0 +1,120 @@
+"""The first screen of a report: verdicts and cautions."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from made_up_run import write_run
+
+from tracking.correlation import correlate
+from tracking.leave_one_out import leave_one_out
+from tracking.report.cautions import cautions
+from tracking.report.groups import groups
+from tracking.report.headline import headline_ranking, percent, verdicts
+from tracking.run_folder import RunFolder
+from tracking.summary import seed_means
+from tracking.which_predicts import which_predicts
+
+
+def first_screen(run):
+    sample = (run.results, run.surrogates)
+    correlations = correlate(*sample, run.axes)
+    errors = leave_one_out(*sample, run.axes)
+    predicted = which_predicts(*sample, correlations, errors, run.axes)
+    (group,) = groups(run)
+    return verdicts(run, group, headline_ranking(run, group), predicted)
+
+
+def with_values(run, values, metric="AP_R40_3D", object_class="Car"):
+    """The run with these values of a metric: placement -> one a seed."""
+    results = run.results.copy()
+    match = (results["metric"] == metric) & (results["class"] == object_class)
+    for name, own in values.items():
+        for seed, value in enumerate(own, start=1):
+            rows = match & (results["placement"] == name) & (results["seed"] == seed)
+            assert rows.any()
+            results.loc[rows, "value"] = value
+    return replace(run, results=results)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    names = ("a", "b", "c", "d")
+    return RunFolder.read(write_run(tmp_path_factory.mktemp("runs") / "grid", names, (1, 2, 3)))
+
+
+def test_a_clear_winner_is_told_apart(run):
+    values = {"a": (90, 91, 92), "b": (50, 51, 52), "c": (40, 41, 42), "d": (30, 31, 32)}
+    car = first_screen(with_values(run, values))[0]
+    assert (car.what, car.best) == ("Best for Car", "a")
+    assert car.lead.startswith("91.0 %, 40.0 points ahead of b (95 %: 3")
+    assert car.sure == "over 99 % likely to be the best of 4, and told apart from all others."
+
+
+def test_a_lead_within_the_scatter_of_seeds_is_not(run):
+    values = {"a": (90, 60, 75), "b": (88, 61, 70), "c": (10, 30, 20), "d": (0, 10, 5)}
+    car = first_screen(with_values(run, values))[0]
+    assert "; not told apart from b." in car.sure
+    assert 50 < float(car.sure.split(" %")[0]) < 80
+
+
+def test_what_following_the_surrogate_costs(run):
+    table = run.surrogates
+    gain = table.query("surrogate == 'expected_ig' and `class` == 'Car'").set_index("placement")
+    order = gain["value"].sort_values(ascending=False).index
+    best_last = {name: (50 + 5 * i,) * 3 for i, name in enumerate(order)}
+    best_last[order[-1]] = (66, 65, 64)
+    car = first_screen(with_values(run, best_last))[0]
+    assert car.best == order[-1]
+    assert (
+        f"The highest expected IG is that of {order[0]}: 15.0 points below the best."
+        in car.surrogates
+    )
+
+
+def test_one_seed_says_that_it_cannot_be_told(tmp_path):
+    run = RunFolder.read(write_run(tmp_path / "one", ("a", "b", "c"), (1,)))
+    car = first_screen(run)[0]
+    assert car.sure.startswith("How sure that is cannot be told")
+    assert "95 %" not in car.lead
+    assert any("One seed" in said for said in cautions(run, seed_means(run.results)))
+
+
+def test_recall_of_all_has_a_verdict_and_a_class_without_objects_has_none(run):
+    assert [v.what for v in first_screen(run)] == [
+        *("Best for Car", "Best for Pedestrian", "Best for all objects")
+    ]
+
+
+def test_probabilities_are_never_certain():
+    assert [percent(p) for p in (0, 0.004, 0.25, 0.99, 0.999, 1)] == [
+        "under 1 %",
+        "under 1 %",
+        "25 %",
+        "99 %",
+        "over 99 %",
+        "over 99 %",
+    ]
+
+
+def test_cautions_of_failures_objects_and_training(run):
+    trials = run.trials.copy()
+    trials.loc[0, ["status", "error"]] = "failed", "Traceback\nValueError: no frame"
+    curves = pd.DataFrame(
+        [(t, e, "loss", 1 / e) for t in trials["trial"] for e in (1, 2, 3)],
+        columns=["trial", "epoch", "metric", "value"],
+    )
+    said = cautions(replace(run, trials=trials, curves=curves), seed_means(run.results))
+    assert said[0] == "1 of 12 trials did not finish. The first error: ValueError: no frame"
+    assert any("Only 4 placements: no two-sided p-value can be below 0.083." in s for s in said)
+    assert any(s.startswith("Cyclist: no ground truth") for s in said)
+    assert any("in 12 of 12 trials the last epoch still took more than 5 %" in s for s in said)
+
+
+def test_a_training_that_ended_flat_is_no_caution(run):
+    flat = run.curves.assign(value=np.where(run.curves["metric"] == "loss", 0.5, 1.0))
+    said = cautions(replace(run, curves=flat), seed_means(run.results))
+    assert not any("Training was short" in s for s in said)
+    one_epoch = flat[flat["epoch"] == 1]
+    assert cautions(replace(run, curves=one_epoch), seed_means(run.results)) == said

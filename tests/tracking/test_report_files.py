@@ -1,0 +1,108 @@
+"""What lies beside a report: Markdown, CSV files; and the limit of the page."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from made_up_run import NAMES, write_run
+from test_report import Page
+
+from tracking.report import page
+from tracking.report.build import build_report
+from tracking.report.csv_files import write_csv_files
+from tracking.report.section import Section
+from tracking.report.tables import Table, slug
+
+
+@pytest.fixture(scope="module")
+def folder(made_up_run, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("files") / "grid"
+    shutil.copytree(made_up_run, folder)
+    (folder / "tables").mkdir()
+    (folder / "tables" / "of-an-older-report.csv").write_text("a\n1\n")
+    (folder / "tables" / "mine.txt").write_text("kept")
+    build_report(folder)
+    return folder
+
+
+def test_every_linked_csv_file_is_there_and_no_other(folder):
+    links = Page((folder / "report.html").read_text(encoding="utf-8")).links
+    linked = {link for link in links if not link.startswith("#")}
+    assert linked == {f"tables/{file.name}" for file in (folder / "tables").glob("*.csv")}
+    assert (folder / "tables" / "mine.txt").is_file()
+    assert "tables/placements-car.csv" in linked
+
+
+def test_every_entry_of_the_contents_has_its_section(folder):
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    anchors = [link[1:] for link in Page(text).links if link.startswith("#")]
+    assert len(anchors) > 8
+    assert all(text.count(f'id="{anchor}"') == 1 for anchor in anchors)
+
+
+def test_csv_files_hold_unrounded_numbers(folder):
+    table = pd.read_csv(folder / "tables" / "placements-car.csv").set_index("placement")
+    results = pd.read_parquet(folder / "results.parquet")
+    own = results.query("`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7")
+    means = own.groupby("placement")["value"].mean()
+    assert set(table.index) == set(NAMES)
+    for name in NAMES:
+        assert table.loc[name, "3D AP @ 0.7 (%) mean"] == pytest.approx(means[name], rel=1e-12)
+    assert "S-MIG (nats)" in table.columns
+
+
+def test_markdown_has_every_table_of_the_page(folder):
+    text = (folder / "report.md").read_text(encoding="utf-8")
+    shown = Page((folder / "report.html").read_text(encoding="utf-8"))
+    assert len(re.findall(r"^\| :?---", text, re.M)) == shown.tags.count("table")
+    assert text.startswith("# grid\n")
+    assert "**Best for Car" in text
+    assert "pyramid \\<b\\>&amp;" in text
+    for line in re.findall(r"^\|.*\|$", text, re.M):
+        assert "\n" not in line
+
+
+def test_figures_are_named_for_those_who_do_not_see_them(folder):
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    labels = re.findall(r'role="figure" aria-label="([^"]*)"', text)
+    assert len(labels) == len(Page(text).figures)
+    assert all(labels)
+
+
+def test_a_page_that_would_be_too_large_leaves_its_heaviest_figures_out(
+    tmp_path, monkeypatch, capsys
+):
+    folder = write_run(tmp_path / "large", names=["line", "center"], points=4000)
+    whole = build_report(folder).stat().st_size
+    monkeypatch.setattr(page, "LARGEST_PAGE", whole - 50_000)
+    built = build_report(folder)
+    assert built.stat().st_size <= whole - 50_000
+    said = capsys.readouterr().err.strip()
+    assert len(said.splitlines()) == 1
+    assert "left out to stay below" in said
+    assert "Left out, so that the page stays below" in Page(built.read_text("utf-8")).text
+
+
+def test_two_tables_of_one_name_get_a_file_each(tmp_path):
+    data = pd.DataFrame({"a": [1.0]})
+    tables = [Table("t", ("a",), (("1",),), name="t", data=data) for _ in range(2)]
+    section = Section("s", tables=[*tables, Table("words", ("a",), (("b",),))])
+    write_csv_files(tmp_path / "tables", [section])
+    assert [table.name for table in section.tables] == ["t", "t-2", ""]
+    assert sorted(file.name for file in (tmp_path / "tables").iterdir()) == ["t-2.csv", "t.csv"]
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("placements", "Car", "a/../b"), "placements-car-a-..-b"),
+        (("../../x",), "x"),
+        (("ρ Pedestrian é",), "pedestrian-e"),
+    ],
+)
+def test_a_slug_is_a_safe_name(words, expected):
+    assert slug(*words) == expected

@@ -1,0 +1,103 @@
+"""Sections of a sweep with several detectors and densities."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pandas as pd
+import pytest
+from made_up_run import write_run
+
+from tracking.correlation import correlate
+from tracking.leave_one_out import leave_one_out
+from tracking.report.density import density_section
+from tracking.report.detectors import detectors_section
+from tracking.report.groups import groups
+from tracking.report.predictors import MOST_SENTENCES, predictors_section
+from tracking.report.published_surrogates import add_published_surrogates, published_density_table
+from tracking.report.section import Section
+from tracking.run_folder import RunFolder
+from tracking.summary import seed_means
+from tracking.which_predicts import which_predicts
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> RunFolder:
+    folder = write_run(
+        tmp_path_factory.mktemp("groups") / "run",
+        detectors=("second", "pointpillars"),
+        densities=(40, 80, 120),
+    )
+    table = pd.read_parquet(folder / "surrogates.parquet")
+    table["value"] *= table["scene.density"] / 40
+    table.to_parquet(folder / "surrogates.parquet", index=False)
+    return RunFolder.read(folder)
+
+
+def predictors(run: RunFolder) -> Section:
+    sample = (run.results, run.surrogates)
+    correlations, errors = correlate(*sample, run.axes), leave_one_out(*sample, run.axes)
+    found = which_predicts(*sample, correlations, errors, run.axes, resamples=20)
+    section = predictors_section(run, correlations, errors, found)
+    assert section is not None
+    return section
+
+
+def test_many_findings_are_counted_and_a_legend_stays_short(run):
+    section = predictors(run)
+    assert "of 18 cases" in section.notes[0]
+    assert not any("second" in note for note in section.notes)
+    for plot in section.figures:
+        assert sum(bool(trace.showlegend) for trace in plot.data) <= 8
+    rows = {str(label) for label in section.figures[1].data[0].y}
+    assert len(rows) == 6
+    assert all(label.startswith("3D AP @ 0.7 · ") for label in rows)
+
+
+def test_a_few_findings_name_detector_and_setting(run):
+    few = run.results[run.results["detector"] == "second"]
+    few = few[few["scene.density"] != 80]
+    notes = predictors(replace(run, results=few)).notes
+    cars = [note for note in notes if "Car, 3D AP" in note]
+    assert len(cars) == 2 <= MOST_SENTENCES
+    assert [note.split(" · ")[0] for note in cars] == ["density = 40", "density = 120"]
+
+
+def test_the_most_sensitive_is_named_with_its_setting_and_compared_at_equal_ones(run):
+    section = detectors_section(run, list(groups(run)), seed_means(run.results, run.axes))
+    said = [note for note in section.notes if note.startswith("Car: ")]
+    assert "the most of 6 detectors and settings" in said[0]
+    assert "density = " in said[0]
+    assert said[1].startswith("Car: within each of 3 settings the most sensitive is ")
+
+
+def test_the_change_of_entropy_is_computed(run):
+    section = density_section(run, list(groups(run)), seed_means(run.results, run.axes))
+    said = "From density 40 to 120 H_POG changed: +200.0 % for Car"
+    assert any(note.startswith(said) for note in section.notes)
+    assert "published-density" in [table.name for table in section.tables]
+
+
+def test_the_papers_own_surrogates_meet_its_own_ap():
+    section = Section("published")
+    add_published_surrogates(section)
+    assert len(section.figures) == 2
+    first, second = section.figures
+    assert (len(first.data[0].x), len(second.data[0].x)) == (5, 3)
+    table = section.tables[0].data
+    own = table.query(
+        "over == 'placements' and metric == 'AP_R40_3D' and detector == 'pv_rcnn'"
+    ).iloc[0]
+    # Five pairs (S-MIG, AP): ranks 5 2 4 1 3 against 4 3 5 2 1.
+    assert (own["n"], own["spearman"]) == (5, pytest.approx(0.6))
+    dense = table[table["over"] == "densities"]
+    assert set(dense["surrogate"]) == {"s_mig", "h_pog", "ig"}
+    assert dense["spearman_p"].min() == pytest.approx(1 / 3)
+    assert f"p = {own['spearman_p']:.2g}" in first.data[0].name
+
+
+def test_the_published_density_table_has_ap_and_surrogates_from_sparse_to_dense():
+    table = published_density_table()
+    assert table.head == ("", "sparse", "medium", "dense")
+    assert ("pv_rcnn · 3D AP @ 0.7 (%)", "54.48", "56.88", "57.98") in table.rows
+    assert len(table.rows) == 7

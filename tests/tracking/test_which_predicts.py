@@ -1,0 +1,56 @@
+"""The ranking of surrogates where the truth is known."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from result_tables import tables
+from scipy import stats
+
+from tracking.correlation import correlate
+from tracking.leave_one_out import leave_one_out
+from tracking.which_predicts import which_predicts
+
+
+def found(y, **surrogates):
+    parts = [tables(x, y, surrogate=name) for name, x in surrogates.items()]
+    both = parts[0][0], pd.concat([part[1] for part in parts])
+    return which_predicts(*both, correlate(*both), leave_one_out(*both), resamples=400)
+
+
+def test_the_surrogate_that_makes_the_metric_wins():
+    rng = np.random.default_rng(0)
+    x, other = rng.normal(size=(2, 20))
+    y = 5 * x[:, None] + 0.3 * rng.normal(size=(20, 3))
+    one = found(y, m_sog=other, s_mig=-x, covered_entropy=x)[0]
+    assert one.predictor == "s_mig"
+    assert one.ranking.index.tolist() == ["s_mig", "covered_entropy", "m_sog"]
+    assert one.ranking["same_as"].tolist() == ["", "s_mig", ""]
+    row = one.ranking.loc["m_sog"]
+    rho = abs(stats.spearmanr(other, y.mean(axis=1)).statistic)
+    assert row["behind"] == pytest.approx(one.ranking["spearman"].abs().iloc[0] - rho)
+    assert 0 < row["behind_low"] < row["behind_high"]
+    assert one.sentence.startswith("Car, 3D AP @ 0.7: S-MIG predicts it (ρ = −")
+
+
+def test_noise_predicts_nothing():
+    rng = np.random.default_rng(1)
+    y = rng.normal(size=(8, 2))
+    one = found(y, s_mig=rng.normal(size=8), m_sog=rng.normal(size=8))[0]
+    assert one.predictor == ""
+    assert "no surrogate is shown to predict it" in one.sentence
+
+
+def test_a_significant_surrogate_that_mispredicts_is_no_predictor():
+    """In perfect order, but one placement far off any line."""
+    x = np.arange(8.0)
+    one = found(np.append(x[:7], 1e4)[:, None], s_mig=np.append(x[:7], 7.0))[0]
+    assert one.ranking["holm"].iloc[0] < 0.05
+    assert one.ranking["rmse"].iloc[0] > one.ranking["rmse_of_mean"].iloc[0]
+    assert one.predictor == ""
+
+
+def test_groups_without_a_coefficient_are_left_out():
+    y = np.arange(10.0).reshape(5, 2)
+    assert found(y, s_mig=np.ones(5)) == []
+    assert found(y[:2], s_mig=np.arange(2.0)) == []
+    assert found(np.full((5, 2), np.nan), s_mig=np.arange(5.0)) == []

@@ -1,0 +1,166 @@
+"""Opens MLflow on the runs of sweeps: `python -m tracking.dashboard runs/mlflow.db`."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import requests
+import typer
+from pydantic import BaseModel, ValidationError
+
+from lidarplace.command_line import new_app, verb, wrong
+from tracking.mlflow_connection import connect, reason
+from tracking.mlflow_page import VIEW_TAG, page_of
+from tracking.mlflow_uri import absolute_uri, hide_password, is_server, public_uri, sqlite_file
+
+app = new_app()
+
+_STARTS_WITHIN_S = 120
+
+
+@verb(app, "", "runs/grid", "runs/mlflow.db --port 8000", failed="MLflow does not start")
+def dashboard(
+    where: Annotated[
+        str, typer.Argument(help="folder of a sweep, file of a database, or MLflow's tracking URI")
+    ] = "runs/mlflow.db",
+    port: Annotated[
+        int | None, typer.Option(min=1, max=65535, help="5000, or the next one that is free")
+    ] = None,
+) -> None:
+    """Open MLflow on this machine alone, and print the address. Ctrl-C ends it.
+
+    Of a folder the page of its sweep is opened, else that of the latest one.
+    """
+    try:
+        uri, name = _tracking(where)
+        client = connect(uri)
+        page = _page(client, name)
+        port = None if is_server(uri) else _free_port(port)
+    except ValueError as error:
+        wrong(error)
+    except Exception as error:  # of MLflow, SQLAlchemy or requests, by what is wrong there
+        wrong(hide_password(f"{where}: {reason(error)}", where))
+    if port is None:
+        print(public_uri(uri).rstrip("/") + page)
+        return
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # else the server would go on alone
+    with server(uri, port) as (process, address):
+        print(f"{address}{page}\nCtrl-C ends it.", flush=True)
+        if code := process.wait():
+            print(f"MLflow ended with exit code {code}", file=sys.stderr)
+            raise typer.Exit(1)
+
+
+@contextmanager
+def server(uri: str, port: int) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
+    """MLflow's server for a database, on the loopback interface, ready to answer.
+
+    Raises:
+        typer.Exit: it does not start; what it said is on stderr.
+    """
+    address = f"http://127.0.0.1:{port}"
+    command = [sys.executable, "-m", "mlflow", "server", "--host", "127.0.0.1"]
+    command += ["--port", str(port), "--workers", "1"]
+    quiet = {"MLFLOW_DISABLE_TELEMETRY": "true", "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
+    quiet["PYTHONWARNINGS"] = "ignore:starlette.middleware.wsgi"  # MLflow's to mend
+    # Not as an argument, where every user of the machine could read a password.
+    own = {"MLFLOW_BACKEND_STORE_URI": uri, "UVICORN_LOG_LEVEL": "warning"}
+    process = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, env=os.environ | quiet | own, start_new_session=True
+    )
+    try:
+        _wait(process, address)
+        yield process, address
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGTERM)
+            process.wait(30)
+
+
+def _wait(process: subprocess.Popen[bytes], address: str) -> None:
+    end = time.monotonic() + _STARTS_WITHIN_S
+    while process.poll() is None and time.monotonic() < end:
+        try:
+            if requests.get(f"{address}/health", timeout=5).ok:
+                return
+        except requests.ConnectionError:
+            time.sleep(0.2)
+    print(f"MLflow does not start at {address}", file=sys.stderr)
+    raise typer.Exit(1)
+
+
+class _About(BaseModel):
+    """What `sweep.json` or `search.json` says of MLflow."""
+
+    name: str
+    tracking_uri: str
+
+
+def _tracking(where: str) -> tuple[str, str | None]:
+    """MLflow's URI, and the experiment if `where` is the folder of a sweep or a search."""
+    name = None
+    if "://" in where:
+        uri = absolute_uri(where)
+    elif (path := Path(where)).is_dir():
+        about = [path / name for name in ("sweep.json", "search.json")]
+        there = [file for file in about if file.is_file()]
+        if not there:
+            raise ValueError(f"{where}: neither sweep.json nor search.json is there, so no results")
+        try:
+            known = _About.model_validate_json(there[0].read_bytes())
+        except ValidationError as error:
+            first = error.errors()[0]
+            key = "".join(f"{part}: " for part in first["loc"])
+            raise ValueError(f"{there[0]}: {key}{first['msg']}") from None
+        uri, name = absolute_uri(known.tracking_uri), known.name
+    else:
+        uri = absolute_uri(f"sqlite:///{where}")
+    database = sqlite_file(uri)
+    if database is not None and not database.is_file():
+        raise ValueError(f"{database}: no such database; a sweep makes runs/mlflow.db")
+    return uri, name
+
+
+def _page(client: Any, name: str | None) -> str:
+    """The page of the experiment `name`, or of the one with the latest run."""
+    if name is not None:
+        experiment = client.get_experiment_by_name(name)
+        if experiment is None:
+            raise ValueError(f"MLflow has no experiment {name!r}")
+    else:
+        known = {found.experiment_id: found for found in client.search_experiments()}
+        latest = client.search_runs(
+            list(known), order_by=["attributes.start_time DESC"], max_results=1
+        )
+        if not latest:
+            return ""
+        experiment = known[latest[0].info.experiment_id]
+    return page_of(experiment.experiment_id, VIEW_TAG in experiment.tags)
+
+
+def _free_port(asked: int | None) -> int:
+    """The port that was asked for, or the first that is free."""
+    for port in range(5000, 5100) if asked is None else (asked,):
+        with socket.socket() as listener:
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                listener.bind(("127.0.0.1", port))
+            except OSError as error:
+                if asked is not None:
+                    raise ValueError(f"--port {port}: {error.strerror}") from None
+            else:
+                return port
+    raise ValueError("ports 5000 to 5099 are taken; name one with --port")
+
+
+if __name__ == "__main__":
+    app()

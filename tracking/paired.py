@@ -1,0 +1,125 @@
+"""Surrogates and metrics of the same placements, brought side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import pandas as pd
+
+ADDITIVE = (
+    "s_mig",
+    "ig",
+    "h_pog",
+    "covered_entropy",
+    "residual_entropy",
+    "expected_points",
+    "expected_ig",
+)
+"""Surrogates that may be summed over classes."""
+
+
+@dataclass(frozen=True)
+class Paired:
+    """All surrogates and one metric, for one class, detector and setting of the axes.
+
+    Attributes:
+        group: the value of each of `group_columns`.
+        surrogates: a row a placement, a column a surrogate; may hold other placements than `metric`
+            and missing values.
+        metric: a row a placement, a column a seed; every row holds a number.
+    """
+
+    group: dict[str, object]
+    surrogates: pd.DataFrame
+    metric: pd.DataFrame
+
+    def by_placements(self) -> list[tuple[list[object], list[str]]]:
+        """Placements that have the metric and a surrogate, and all surrogates known for these."""
+        known: dict[tuple[object, ...], list[str]] = {}
+        for name, values in self.surrogates.items():
+            placements = self.metric.index.intersection(values.index[values.notna()])
+            known.setdefault(tuple(placements), []).append(str(name))
+        return [(list(placements), names) for placements, names in known.items()]
+
+
+def group_columns(axes: Sequence[str]) -> list[str]:
+    """Columns of `results` within which placements are compared."""
+    return ["class", "detector", *axes, "metric", "iou", "difficulty"]
+
+
+def paired(
+    results: pd.DataFrame, surrogates: pd.DataFrame, axes: Sequence[str] = ()
+) -> Iterator[Paired]:
+    """Every group of `results` beside its surrogates, sorted by `group_columns`.
+
+    Results of class "all" (recall over all objects) meet the surrogates summed over classes, the
+    paper's sum, for those of `ADDITIVE`. `m_sog` is a mean and `covered_voxels` the same number
+    for every class: neither has a sum with a meaning.
+
+    Args:
+        results: one row per (placement, class, detector, seed, axes, metric, iou, difficulty).
+        surrogates: one row per (placement, class, surrogate) and those of the axes that it depends
+            on; a missing value in such a column stands for any value.
+        axes: further axes of the grid, columns of `results`.
+
+    Raises:
+        ValueError: a column is missing, or a row occurs twice.
+    """
+    keys = group_columns(axes)
+    _need(results, ["placement", "seed", "value", *keys], "results")
+    _need(surrogates, ["placement", "class", "surrogate", "value"], "surrogates")
+    depends = [axis for axis in axes if axis in surrogates.columns]
+    predictors = with_sums(surrogates, axes)
+    for key, rows in results.groupby(keys, dropna=False, sort=True, observed=True):
+        group = dict(zip(keys, key, strict=True))
+        metric = _pivot(rows, "seed", "results")
+        own = _pivot(_matching(predictors, group, depends), "surrogate", "surrogates")
+        yield Paired(group, own, metric[metric.notna().any(axis=1)])
+
+
+def with_sums(surrogates: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
+    """`surrogates` with rows of class "all" added: those of `ADDITIVE` summed over classes.
+
+    A sum is NaN if the surrogate is NaN for a class. Keeps placement, class, surrogate, value and
+    those of `axes` that are columns.
+    """
+    depends = [axis for axis in axes if axis in surrogates.columns]
+    single = surrogates[["placement", "class", *depends, "surrogate", "value"]]
+    total = (
+        single[single["surrogate"].isin(ADDITIVE)]
+        .groupby(["placement", *depends, "surrogate"], dropna=False, sort=False)["value"]
+        .agg(lambda values: values.sum(skipna=False))
+    )
+    return pd.concat([single, total.reset_index().assign(**{"class": "all"})], ignore_index=True)
+
+
+def _matching(
+    predictors: pd.DataFrame, group: dict[str, object], depends: list[str]
+) -> pd.DataFrame:
+    """Rows of the class and of the axes' values in `group`; a missing value matches any."""
+    match = predictors["class"] == group["class"]
+    for axis in depends:
+        match &= (predictors[axis] == group[axis]) | predictors[axis].isna()
+    return predictors[match]
+
+
+def _pivot(table: pd.DataFrame, columns: str, source: str) -> pd.DataFrame:
+    """Placements as rows, `columns` as columns, in order of appearance."""
+    twice = table.duplicated(["placement", columns])
+    if twice.any():
+        row = table[twice].iloc[0]
+        raise ValueError(
+            f"{source}: placement {row['placement']!r}, class {row['class']!r} has two values for "
+            f"{columns} {row[columns]}; name the axis that tells them apart in `axes`"
+        )
+    wide = table.pivot(index="placement", columns=columns, values="value")
+    return wide.reindex(index=table["placement"].unique(), columns=table[columns].unique())
+
+
+def _need(table: pd.DataFrame, columns: list[str], source: str) -> None:
+    missing = [column for column in columns if column not in table.columns]
+    if missing:
+        raise ValueError(
+            f"{source} has no column {', '.join(missing)}; found {', '.join(map(str, table))}"
+        )

@@ -1,0 +1,127 @@
+"""What makes the numbers of a report weak, one plain sentence each."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from tracking.permutation import smallest_p
+from tracking.run_folder import RunFolder
+
+FEW_GROUND_TRUTHS = 200
+MANY_PLACEMENTS = 20
+"""From here on the number of placements is no reason for caution."""
+LEAST_P = 0.001
+"""A p-value that can become smaller than this is no reason for caution."""
+LEAST_AP = 5.0
+"""Percent; below it everywhere, differences between placements say nothing."""
+STILL_FALLING = 0.05
+"""Share of the loss of the epoch before that the last epoch still took off."""
+
+
+def cautions(run: RunFolder, means: pd.DataFrame) -> list[str]:
+    """All of them, the heaviest first.
+
+    Args:
+        means: `seed_means` of the run.
+    """
+    failed = _failed(run)
+    if run.results.empty:
+        detectors = (run.trials["detector"] != "").any()
+        reason = "no detector was evaluated" if detectors else "the sweep has no detector"
+        return [*failed, f"There are no results: {reason}. Surrogates alone do not tell AP."]
+    return [
+        *failed,
+        *_missing(run),
+        *_few_placements(run),
+        *_few_seeds(means),
+        *_few_objects(run, means),
+        *_learned_little(run, means),
+        *_unconverged(run),
+    ]
+
+
+def _failed(run: RunFolder) -> list[str]:
+    failed = run.trials[run.trials["status"] == "failed"]
+    if failed.empty:
+        return []
+    first = str(failed["error"].iloc[0]).strip().splitlines()
+    reason = f" The first error: {first[-1]}" if first else ""
+    return [f"{len(failed)} of {len(run.trials)} trials did not finish.{reason}"]
+
+
+def _missing(run: RunFolder) -> list[str]:
+    """Placements of which nothing is known, though they were to be trained."""
+    trained = run.trials[(run.trials["status"] != "pruned")]
+    gone = sorted(set(trained["placement"]) - set(run.results["placement"]))
+    return [f"No result for {', '.join(gone)}."] if gone else []
+
+
+def _few_placements(run: RunFolder) -> list[str]:
+    """By the group that has fewest, as placements are compared within groups."""
+    counts = run.results.groupby(["detector", *run.axes], dropna=False)["placement"].nunique()
+    said = _few(int(counts.min()))
+    return [f"In the smallest group: {text}" for text in said] if counts.nunique() > 1 else said
+
+
+def _few(n: int) -> list[str]:
+    if n == 1:
+        return ["One placement: there is nothing to compare it with."]
+    if n < 3:
+        return [f"{n} placements: a correlation needs at least 3."]
+    if n >= MANY_PLACEMENTS:
+        return []
+    if smallest_p(n) > LEAST_P:
+        return [f"Only {n} placements: no two-sided p-value can be below {smallest_p(n):.2g}."]
+    return [f"Only {n} placements: weak correlations go unseen."]
+
+
+def _few_seeds(means: pd.DataFrame) -> list[str]:
+    known = means[means["seeds"] > 0]
+    seeds = known["seeds"]
+    if seeds.empty or seeds.min() >= 3:
+        return []
+    if seeds.max() < 2:
+        return ["One seed: differences between placements may be chance of the training."]
+    alone = list(dict.fromkeys(known.loc[seeds < 2, "placement"].astype(str)))
+    said = [f"One seed only for {', '.join(alone)}."] if alone else []
+    if seeds.max() < 3:
+        said.append("Two seeds: the spread over seeds is itself uncertain.")
+    return said
+
+
+def _few_objects(run: RunFolder, means: pd.DataFrame) -> list[str]:
+    said = []
+    counts = means[means["class"].isin(run.classes)].groupby("class")["ground_truths"].min()
+    for name, count in counts.items():
+        if count == 0:
+            said.append(f"{name}: no ground truth in the test frames, so no AP.")
+        elif count < FEW_GROUND_TRUTHS:
+            said.append(f"{name}: only {count} ground truths in the test frames.")
+    return said
+
+
+def _learned_little(run: RunFolder, means: pd.DataFrame) -> list[str]:
+    said = []
+    for name in run.classes:
+        ap = means[(means["class"] == name) & means["metric"].str.startswith("AP_")]["mean"]
+        if ap.notna().any() and ap.max() < LEAST_AP:
+            said.append(
+                f"{name}: AP is below {LEAST_AP:g} % everywhere: the detector learned too little."
+            )
+    return said
+
+
+def _unconverged(run: RunFolder) -> list[str]:
+    """Training that was still learning when it ended: a longer one may rank otherwise."""
+    if run.curves is None or run.curves.empty:
+        return []
+    loss = run.curves[run.curves["metric"] == "loss"].sort_values("epoch")
+    ends = [own["value"].tolist()[-2:] for _, own in loss.groupby("trial", sort=False)]
+    fell = [1 - end[1] / end[0] for end in ends if len(end) == 2 and end[0] > 0]
+    still = sum(share > STILL_FALLING for share in fell)
+    if not still:
+        return []
+    return [
+        f"Training was short: in {still} of {len(fell)} trials the last epoch still took more than "
+        f"{100 * STILL_FALLING:g} % off the loss. A longer training may rank otherwise."
+    ]
