@@ -66,6 +66,9 @@ def build_detector(
     ):
         raise ValueError(f"point_range needs finite low < high on every axis, found {point_range}")
     # torch takes seconds to import, and who only evaluates does not need it.
+    from training.vector_math import settle_vector_math
+
+    settle_vector_math()
     module = importlib.import_module(f"training.detectors.{network}")
     return module.build(classes, own or preset or "openpcdet", point_range)
 
