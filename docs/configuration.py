@@ -77,7 +77,8 @@ def _tell(section: Section, definitions: Schema, told: list[Section], parts: lis
         return
     twin, same = _twin(section, told)
     told.append(section)
-    fields = section.schema["properties"]
+    # What tells kinds of a mapping apart comes first, though a model inherits keys before it.
+    fields = sorted(section.schema["properties"], key=lambda key: key != "source")
     if section.path:
         parts += [f"### {section.title}\n", _first_paragraph(section.schema) + "\n"]
     if twin:
@@ -89,7 +90,8 @@ def _tell(section: Section, definitions: Schema, told: list[Section], parts: lis
         parts += [_row(section, key, definitions) for key in own]
         parts[-1] += "\n"
     for key in own:
-        for inner in _inner(fields[key], _join(section.path, key), definitions):
+        field = section.schema["properties"][key]
+        for inner in _inner(field, _join(section.path, key), definitions):
             _tell(inner, definitions, told, parts)
 
 

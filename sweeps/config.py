@@ -26,7 +26,8 @@ from lidarplace.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.placement_settings import PlacementSettings
 from lidarplace.roi import Roi
 from lidarplace.scenes.recorded import LogScene
-from lidarplace.scenes.settings import KEEP_M, SumoScene
+from lidarplace.scenes.routes import KEEP_M
+from lidarplace.scenes.settings import SumoScene
 from lidarplace.sensor import Lidar
 from lidarplace.sensor_settings import Finite, SensorSettings
 from training import DETECTORS

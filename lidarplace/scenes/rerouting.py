@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lidarplace.scenes.settings import STEP_S
+from lidarplace.scenes.routes import STEP_S
 from lidarplace.scenes.traffic import SPARE, Demand
 
 CHECK_STEPS = round(2 / STEP_S)

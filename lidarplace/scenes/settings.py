@@ -2,30 +2,17 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections import Counter
 from pathlib import Path
 from typing import Annotated, Literal
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-STEP_S = 0.05
-"""One simulation step: the sensors of the paper turn at 20 Hz."""
-
-KEEP_M = 60.0
-"""Boxes whose centre is farther from the ego are not logged: the ROI's far corner is 45 m away,
-and half a truck and what stands before it still counts."""
-
-TEST_EVERY = 10
-"""In the paper's split every tenth frame of a route is test."""
+from lidarplace.scenes.routes import STEP_S, TEST_EVERY, Part, RouteSettings, seed_of
 
 GENERATED = "generated"
 MAP_SUFFIXES = (".net.xml", ".xodr", ".xodr.gz")
-
-Part = Literal["train", "test"]
 
 
 def _town(name: str) -> str:
@@ -67,14 +54,12 @@ class TownRun(BaseModel):
     traffic_seed: int
 
 
-class SumoScene(BaseModel):
+class SumoScene(RouteSettings):
     """Towns, their traffic, and which drives through them are recorded.
 
     Training and test routes never share traffic. A generated town is another one for testing; a
     map is the same place in both, its buildings included, unless `test_towns` names others.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     source: Literal["sumo"] = Field(
         "sumo", description="tells this kind of scene from others: traffic is simulated"
@@ -109,28 +94,6 @@ class SumoScene(BaseModel):
         description="egos recorded from one simulation of a town; all of them if null. Fewer are "
         "less alike, and simulations can run in parallel",
     )
-    frames_per_route: int = Field(
-        default=200, ge=1, description="frames of every route; at most so many with min_travel_m"
-    )
-    frame_stride: int = Field(default=10, ge=1, description="record every n-th step of 20 Hz")
-    min_travel_m: float = Field(
-        default=0.0,
-        ge=0.0,
-        allow_inf_nan=False,
-        description="leave a frame out until the ego has moved so far, metres, since the last one "
-        "that was kept; the code released with the paper used 1 m",
-    )
-    warmup_s: float = Field(
-        default=30.0,
-        ge=0.0,
-        allow_inf_nan=False,
-        description="simulated seconds before the first frame, in which traffic spreads out",
-    )
-    split: Literal["route", "paper"] = Field(
-        "route",
-        description="route: the routes of the test towns are test; paper: every tenth frame of "
-        "every route, whichever town it comes from",
-    )
 
     def town_runs(self) -> tuple[TownRun, ...]:
         """The simulations of the scene, training first; each can be recorded on its own.
@@ -161,8 +124,8 @@ class SumoScene(BaseModel):
                         first_frame=route * self.frames_per_route,
                         routes=count,
                         # A map is the same place in training and testing.
-                        town_seed=_draw(self.seed, 0, number if town == GENERATED else 0),
-                        traffic_seed=_draw(self.seed, 1, len(runs)),
+                        town_seed=seed_of(self.seed, 0, number if town == GENERATED else 0),
+                        traffic_seed=seed_of(self.seed, 1, len(runs)),
                     )
                 )
                 route += count
@@ -179,30 +142,6 @@ class SumoScene(BaseModel):
         return (train + test) * (self.frames_per_route - tenth), (train + test) * tenth
 
     @property
-    def warmup_steps(self) -> int:
-        """Steps before the first recorded frame."""
-        return math.ceil(self.warmup_s / STEP_S)
-
-    @property
     def seconds(self) -> float:
         """Simulated time of one run, warm-up included."""
         return (self.warmup_steps + self.frames_per_route * self.frame_stride) * STEP_S
-
-
-def split_of(split: Literal["route", "paper"], part: Part, frames: int) -> NDArray[np.str_]:
-    """What each of the `frames` kept frames of a route is for, "train" or "test", shape (frames,).
-
-    Args:
-        split: as in `SumoScene.split`.
-        part: what the route is for, if routes are not divided.
-        frames: number of frames.
-    """
-    if split == "route":
-        return np.full(frames, part)
-    tenth = np.arange(frames) % TEST_EVERY == TEST_EVERY - 1
-    return np.where(tenth, "test", "train")
-
-
-def _draw(*key: int) -> int:
-    """A seed of 31 bits, as SUMO's tools take them."""
-    return int(np.random.SeedSequence(key).generate_state(1)[0] >> 1)

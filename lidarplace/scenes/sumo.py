@@ -18,7 +18,8 @@ from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS, POSE_COLUMNS
 from lidarplace.scenes.buildings import build_along, within_reach
 from lidarplace.scenes.maps import build_network
 from lidarplace.scenes.overlap import overlaps
-from lidarplace.scenes.settings import KEEP_M, SumoScene, TownRun, split_of
+from lidarplace.scenes.routes import KEEP_M, split_of
+from lidarplace.scenes.settings import SumoScene, TownRun
 from lidarplace.scenes.town import sumo_home
 from lidarplace.scenes.traffic import CAR, cars_among, write_demand
 from lidarplace.scenes.trajectories import LEVEL_M, Trajectories, simulate

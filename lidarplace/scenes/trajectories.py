@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.scenes.rerouting import Rerouting
-from lidarplace.scenes.settings import STEP_S, SumoScene
+from lidarplace.scenes.routes import STEP_S
+from lidarplace.scenes.settings import SumoScene
 from lidarplace.scenes.traffic import PEDESTRIAN, Demand, RoadUser
 
 LATERAL_RESOLUTION_M = 0.8

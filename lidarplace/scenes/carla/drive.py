@@ -12,9 +12,9 @@ import pandas as pd
 
 from lidarplace.scenes.carla.classes import object_class
 from lidarplace.scenes.carla.server import Actors, actors, load_town, synchronous
-from lidarplace.scenes.carla.settings import CarlaScene, Route, draw
+from lidarplace.scenes.carla.settings import CarlaScene, Route
 from lidarplace.scenes.carla.traffic import BOX, EGO, POSE, Traffic
-from lidarplace.scenes.settings import STEP_S, split_of
+from lidarplace.scenes.routes import STEP_S, seed_of, split_of
 
 if TYPE_CHECKING:
     import carla
@@ -116,7 +116,7 @@ def starts(
     if len(points) < count:
         raise ValueError(f"{route.town} has {len(points)} starts, too few for {count} routes")
     place = np.array(points)
-    index = draw(scene.seed, 0, *route.town.encode()) % len(place)
+    index = seed_of(scene.seed, 0, *route.town.encode()) % len(place)
     distance = np.full(len(place), math.inf)
     for _ in range(count - 1):
         distance = np.minimum(distance, np.hypot(*(place - place[index]).T))

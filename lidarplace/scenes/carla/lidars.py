@@ -16,7 +16,7 @@ from lidarplace.placement import Mount, Placement
 from lidarplace.pose import from_carla
 from lidarplace.scenes.carla.returns import Points, ego_points
 from lidarplace.scenes.carla.server import Actors
-from lidarplace.scenes.settings import STEP_S
+from lidarplace.scenes.routes import STEP_S
 from lidarplace.sensor import Lidar
 
 if TYPE_CHECKING:

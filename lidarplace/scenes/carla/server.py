@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from lidarplace.scenes.carla.settings import CarlaScene
-from lidarplace.scenes.settings import STEP_S
+from lidarplace.scenes.routes import STEP_S
 
 if TYPE_CHECKING:
     import carla

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import Field, field_validator
 
 from lidarplace.boxes import CLASSES
 from lidarplace.lidar.clouds import Crop
-from lidarplace.scenes.settings import STEP_S, Part
+from lidarplace.scenes.routes import Part, RouteSettings, seed_of
 
 PAPER_TOWNS = ("Town01", "Town03", "Town04", "Town06")
 
@@ -40,15 +38,13 @@ class Route:
     seed: int
 
 
-class CarlaScene(BaseModel):
+class CarlaScene(RouteSettings):
     """Towns, their traffic, and which drives through them are recorded.
 
     The ego is driven by CARLA's traffic manager from starts that lie far apart. Every route has
     traffic of its own. A town is the same place in training and testing, unless `test_towns` names
     others.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     source: Literal["carla"] = Field("carla", description="tells this kind of scene from others")
     host: str = Field("localhost", description="where the server runs")
@@ -81,28 +77,6 @@ class CarlaScene(BaseModel):
     pedestrians: int = Field(default=60, ge=0, description="pedestrians in each town")
     routes: int = Field(default=8, ge=1, description="routes in each training town")
     test_routes: int = Field(default=2, ge=0, description="routes in each test town")
-    frames_per_route: int = Field(
-        default=200, ge=1, description="frames of every route; at most so many with min_travel_m"
-    )
-    frame_stride: int = Field(default=10, ge=1, description="record every n-th step of 20 Hz")
-    min_travel_m: float = Field(
-        default=0.0,
-        ge=0.0,
-        allow_inf_nan=False,
-        description="leave a frame out until the ego has moved so far, metres, since the last one "
-        "that was kept",
-    )
-    warmup_s: float = Field(
-        default=30.0,
-        ge=0.0,
-        allow_inf_nan=False,
-        description="simulated seconds before the first frame, in which traffic spreads out",
-    )
-    split: Literal["route", "paper"] = Field(
-        "route",
-        description="route: the routes of the test towns are test; paper: every tenth frame of "
-        "every route",
-    )
     ego: str = Field(
         "vehicle.tesla.model3", description="blueprint of the vehicle that carries the LiDARs"
     )
@@ -147,18 +121,8 @@ class CarlaScene(BaseModel):
                     part=part,
                     start=started[town],
                     first_frame=number * self.frames_per_route,
-                    seed=draw(self.seed, 1, number),
+                    seed=seed_of(self.seed, 1, number),
                 )
             )
             started[town] += 1
         return tuple(routes)
-
-    @property
-    def warmup_steps(self) -> int:
-        """Steps before the first recorded frame."""
-        return math.ceil(self.warmup_s / STEP_S)
-
-
-def draw(*key: int) -> int:
-    """A seed of 31 bits, as CARLA takes them."""
-    return int(np.random.SeedSequence(key).generate_state(1)[0] >> 1)

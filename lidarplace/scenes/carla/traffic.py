@@ -17,7 +17,7 @@ from lidarplace.box_log import BoxLog
 from lidarplace.boxes import BOX_COLUMNS, GEOMETRY, POSE_COLUMNS
 from lidarplace.pose import rotation
 from lidarplace.scenes.carla.handedness import Array, right_handed
-from lidarplace.scenes.settings import KEEP_M
+from lidarplace.scenes.routes import KEEP_M
 
 EGO = 0
 """The ego's number among the actors."""

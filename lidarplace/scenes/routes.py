@@ -1,0 +1,75 @@
+"""What every simulated scene says of its routes: how long they are and which frames are kept."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+STEP_S = 0.05
+"""One simulation step: the sensors of the paper turn at 20 Hz."""
+
+KEEP_M = 60.0
+"""Boxes whose centre is farther from the ego are not logged: the ROI's far corner is 45 m away,
+and half a truck and what stands before it still counts."""
+
+TEST_EVERY = 10
+"""In the paper's split every tenth frame of a route is test."""
+
+Part = Literal["train", "test"]
+
+
+class RouteSettings(BaseModel):
+    """The length of routes, and which of their frames are kept and for what."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    frames_per_route: int = Field(
+        default=200, ge=1, description="frames of every route; at most so many with min_travel_m"
+    )
+    frame_stride: int = Field(default=10, ge=1, description="record every n-th step of 20 Hz")
+    min_travel_m: float = Field(
+        default=0.0,
+        ge=0.0,
+        allow_inf_nan=False,
+        description="leave a frame out until the ego has moved so far, metres, since the last one "
+        "that was kept; the code released with the paper used 1 m",
+    )
+    warmup_s: float = Field(
+        default=30.0,
+        ge=0.0,
+        allow_inf_nan=False,
+        description="simulated seconds before the first frame, in which traffic spreads out",
+    )
+    split: Literal["route", "paper"] = Field(
+        "route",
+        description="route: the routes of the test towns are test; paper: every tenth frame of "
+        "every route, whichever town it comes from",
+    )
+
+    @property
+    def warmup_steps(self) -> int:
+        """Steps before the first recorded frame."""
+        return math.ceil(self.warmup_s / STEP_S)
+
+
+def split_of(split: Literal["route", "paper"], part: Part, frames: int) -> NDArray[np.str_]:
+    """What each of the `frames` kept frames of a route is for, "train" or "test", shape (frames,).
+
+    Args:
+        split: as in `RouteSettings.split`.
+        part: what the route is for, if routes are not divided.
+        frames: number of frames.
+    """
+    if split == "route":
+        return np.full(frames, part)
+    tenth = np.arange(frames) % TEST_EVERY == TEST_EVERY - 1
+    return np.where(tenth, "test", "train")
+
+
+def seed_of(*key: int) -> int:
+    """A seed of 31 bits, as SUMO's tools and CARLA take them."""
+    return int(np.random.SeedSequence(key).generate_state(1)[0] >> 1)
