@@ -10,10 +10,8 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
+from tracking.probability_of_best import probability_of_best
 from tracking.reliability import pooled_variance, seed_mean
-
-_DRAWS = 20_000
-_BLOCK = 1_000
 
 
 @dataclass(frozen=True)
@@ -26,7 +24,7 @@ class BestPlacement:
         others: index placement, best mean first: `mean`; `seeds`; `lead` of the best over it; `low`
             and `high`, 95 % intervals of all leads at once; `p` of no difference, adjusted alike.
         sure: index placement, best mean first: the probability that its expected metric is the
-            highest, given the results and a flat prior.
+            highest (`tracking.probability_of_best`).
         sd: over seeds within placements, pooled.
         note: why there are no intervals, or "".
     """
@@ -82,9 +80,10 @@ def best_placement(results: pd.DataFrame, seed: int = 0) -> BestPlacement | None
     means, counts = seed_mean(values), np.isfinite(values).sum(axis=1)
     pooled, extra = pooled_variance(values)
     variance, degrees = float(pooled), int(extra)
-    low, high, p = _leads(means, counts, variance, degrees)
-    table = {"mean": means, "seeds": counts, "lead": means[0] - means}
-    others = pd.DataFrame({**table, "low": low, "high": high, "p": p}, index=y.index)
+    low, high = lead_intervals(means, counts, variance, degrees).T
+    table = {"mean": means, "seeds": counts, "lead": means[0] - means, "low": low, "high": high}
+    p = _lead_tests(means, counts, variance, degrees)
+    others = pd.DataFrame({**table, "p": p}, index=y.index)
     note = ""
     if len(y) == 1:
         note = "one placement: there is nothing to compare it with"
@@ -94,53 +93,50 @@ def best_placement(results: pd.DataFrame, seed: int = 0) -> BestPlacement | None
         best=str(y.index[0]),
         mean=float(means[0]),
         others=others.iloc[1:],
-        sure=pd.Series(_posterior(means, counts, variance, degrees, seed), y.index, name="sure"),
+        sure=pd.Series(
+            probability_of_best(means, counts, variance, degrees, seed), y.index, name="sure"
+        ),
         sd=float(np.sqrt(variance)),
         note=note,
     )
 
 
-def _leads(
+def lead_intervals(
     means: NDArray[np.float64], counts: NDArray[np.intp], variance: float, degrees: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Low, high and p of the lead of the first over each, by the studentized range."""
-    unknown = np.full(len(means), np.nan)
+) -> NDArray[np.float64]:
+    """95 % intervals of the lead of the first over each, for all pairs at once, shape (n, 2).
+
+    Tukey and Kramer's, by the studentized range. Arguments as in
+    `tracking.probability_of_best.probability_of_best`. NaN for one placement and without degrees
+    of freedom.
+    """
     if degrees == 0 or len(means) < 2:
-        return unknown, unknown, unknown
+        return np.full((len(means), 2), np.nan)
+    half = _critical_range(len(means), degrees) * _error(counts, variance)
     lead = means[0] - means
-    error = np.sqrt(variance / 2 * (1 / counts[0] + 1 / counts))
-    half = _critical_range(len(means), degrees) * error
+    return np.stack([lead - half, lead + half], axis=1)
+
+
+def _lead_tests(
+    means: NDArray[np.float64], counts: NDArray[np.intp], variance: float, degrees: int
+) -> NDArray[np.float64]:
+    """p of no lead of the first over each, adjusted as `lead_intervals`, shape (n,)."""
+    if degrees == 0 or len(means) < 2:
+        return np.full(len(means), np.nan)
+    lead, error = means[0] - means, _error(counts, variance)
     # Without any spread over seeds every lead is certain, and no lead is none.
     ratio = np.where(lead > 0, np.inf, 0.0)
     ratio = np.divide(lead, error, out=ratio, where=error > 0)
-    return (
-        lead - half,
-        lead + half,
-        np.where(np.isinf(ratio), 0.0, stats.studentized_range.sf(ratio, len(means), degrees)),
-    )
+    p = stats.studentized_range.sf(ratio, len(means), degrees)
+    return np.where(np.isinf(ratio), 0.0, p)
+
+
+def _error(counts: NDArray[np.intp], variance: float) -> NDArray[np.float64]:
+    """Standard error of the lead of the first over each, by the root of 2."""
+    return np.sqrt(variance / 2 * (1 / counts[0] + 1 / counts))
 
 
 @lru_cache(maxsize=256)
 def _critical_range(placements: int, degrees: int) -> float:
     """What 5 % of studentized ranges exceed; slow to compute, and the same for every metric."""
     return float(stats.studentized_range.ppf(0.95, placements, degrees))
-
-
-def _posterior(
-    means: NDArray[np.float64],
-    counts: NDArray[np.intp],
-    variance: float,
-    degrees: int,
-    seed: int,
-) -> NDArray[np.float64]:
-    """Probability of each placement to have the highest expectation: normal, flat prior."""
-    if degrees == 0:
-        return np.full(len(means), np.nan)
-    rng = np.random.default_rng(seed)
-    wins = np.zeros(len(means))
-    for _ in range(_DRAWS // _BLOCK):
-        sd = np.sqrt(degrees * variance / rng.chisquare(degrees, (_BLOCK, 1)))
-        drawn = means + sd * rng.standard_normal((_BLOCK, len(means))) / np.sqrt(counts)
-        highest = drawn == drawn.max(axis=1, keepdims=True)  # several where nothing scatters
-        wins += (highest / highest.sum(axis=1, keepdims=True)).sum(axis=0)
-    return wins / _DRAWS

@@ -56,15 +56,29 @@ def intervals(
     half = stats.norm.ppf((1 + confidence) / 2) * _standard_error(inner, u, v, coefficient, n)
     z = np.arctanh(inner)
     bounds = np.tanh(np.stack([z - half, z + half], axis=-1))
-
-    seeds = stats.hmean(np.maximum(np.isfinite(y).sum(axis=-1), 1), axis=-1)
-    reliable = np.nan_to_num(reliability_of_mean(icc(y), seeds), nan=1.0)
-    lowered = np.sqrt(np.maximum(reliable, LEAST_RELIABLE))[..., None]
-    bounds = _from_normal(np.clip(_to_normal(bounds, coefficient) / lowered, -1, 1), coefficient)
+    bounds = corrected(bounds, y, coefficient)
     perfect = np.abs(found) > 1 - 1e-9
     bounds[..., 0] = np.where(perfect & (found < 0), -1.0, bounds[..., 0])
     bounds[..., 1] = np.where(perfect & (found > 0), 1.0, bounds[..., 1])
     return bounds
+
+
+def corrected(
+    r: NDArray[np.float64], y: NDArray[np.float64], coefficient: str
+) -> NDArray[np.float64]:
+    """Coefficients with the mean of `y` over seeds, freed from what the seeds' noise lowers.
+
+    Args:
+        r: shape (..., m).
+        y: shape (..., n, seeds), as for `intervals`.
+
+    Returns:
+        Shape (..., m), in [-1, 1]. Unchanged where no placement has two seeds.
+    """
+    seeds = stats.hmean(np.maximum(np.isfinite(y).sum(axis=-1), 1), axis=-1)
+    reliable = np.nan_to_num(reliability_of_mean(icc(y), seeds), nan=1.0)
+    lowered = np.sqrt(np.maximum(reliable, LEAST_RELIABLE))[..., None]
+    return _from_normal(np.clip(_to_normal(r, coefficient) / lowered, -1, 1), coefficient)
 
 
 def _standard_error(

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from tracking.bootstrap import hierarchical_resamples
-from tracking.coefficients import scores
+from tracking.correlation_difference import strength_leads
 from tracking.labels import metric_label, signed, surrogate_name
 from tracking.multiple_tests import distinct_tests
 from tracking.paired import Paired, group_columns, paired
@@ -28,9 +26,9 @@ class Predictors:
         ranking: index surrogate: `spearman`, its `p` and family-wise `holm`, `rmse` and
             `rmse_of_mean` of predicting a placement left out; `same_as`, the surrogate before it
             that orders placements alike or reversed, or ""; `behind`, by how much its |rho| is
-            below the first one's, with `behind_low` and `behind_high`, a 95 % percentile interval
-            of a bootstrap of both over the same placements and seeds; NaN for the first, and for
-            those that order as it does.
+            below the first one's, with `behind_low` and `behind_high`, a 95 % interval for all at
+            once (`tracking.correlation_difference`) of the same without the seeds' noise; NaN for
+            the first, and for those that order as it does.
         predictor: the strongest whose `holm` is below 0.05 and that predicts a placement left out
             better than the mean of the others does; "" if there is none.
         sentence: the finding.
@@ -48,8 +46,6 @@ def which_predicts(
     correlations: pd.DataFrame,
     left_out: pd.DataFrame,
     axes: Sequence[str] = (),
-    resamples: int = 2000,
-    seed: int = 0,
 ) -> list[Predictors]:
     """Rank the surrogates of every group by the strength of their rank correlation.
 
@@ -57,8 +53,6 @@ def which_predicts(
         results, surrogates, axes: see `tracking.paired.paired`.
         correlations: `tracking.correlation.correlate` of the same.
         left_out: `tracking.leave_one_out.leave_one_out` of the same.
-        resamples: of the bootstrap that compares two surrogates.
-        seed: of the bootstrap.
 
     Returns:
         One per group in which some surrogate has a coefficient, in the order of `correlations`.
@@ -72,7 +66,7 @@ def which_predicts(
     for group in paired(results, surrogates, axes):
         own = estimates.iloc[start : start + group.surrogates.shape[1]]
         start += len(own)
-        ranking = _ranking(group, own, resamples, seed)
+        ranking = _ranking(group, own)
         if ranking.empty:
             continue
         proven = ranking["holm"] < SIGNIFICANT
@@ -84,7 +78,7 @@ def which_predicts(
     return found
 
 
-def _ranking(group: Paired, estimates: pd.DataFrame, resamples: int, seed: int) -> pd.DataFrame:
+def _ranking(group: Paired, estimates: pd.DataFrame) -> pd.DataFrame:
     columns = ["spearman", "spearman_p", "spearman_holm", "rmse", "rmse_of_mean"]
     known = estimates[estimates["spearman"].notna()].set_index("surrogate")[columns]
     # Equal coefficients may differ by rounding: the order of the table decides between them.
@@ -104,26 +98,18 @@ def _ranking(group: Paired, estimates: pd.DataFrame, resamples: int, seed: int) 
         # Coefficients of other placements than the first one's cannot be compared with it.
         if ranked[0] != ranking.index[0]:
             continue
-        others = [i for i, one in enumerate(same) if one != ranked[0]]
-        if not others:
+        # Those that order alike are one surrogate, also among the others.
+        distinct = [i for i, one in enumerate(same) if one == ranked[i]]
+        if len(distinct) < 2:
             continue
         y = group.metric.loc[placements].to_numpy(np.float64)
-        strength = ranking.loc[[ranked[i] for i in others], "spearman"].abs()
-        bounds = _behind(x[[0, *others]], y, resamples, seed)
-        ranking.loc[strength.index, "behind"] = abs(ranking["spearman"].iloc[0]) - strength
-        ranking.loc[strength.index, ["behind_low", "behind_high"]] = bounds
+        bounds = strength_leads(x[distinct], y)
+        leads = dict(zip([ranked[i] for i in distinct[1:]], bounds, strict=True))
+        for name, one in zip(ranked, same, strict=True):
+            if one in leads:
+                behind = abs(ranking["spearman"].iloc[0]) - abs(ranking.loc[name, "spearman"])
+                ranking.loc[name, ["behind", "behind_low", "behind_high"]] = [behind, *leads[one]]
     return ranking
-
-
-def _behind(
-    x: NDArray[np.float64], y: NDArray[np.float64], resamples: int, seed: int
-) -> NDArray[np.float64]:
-    """95 % intervals of |rho| of the first row of `x` less that of each other, shape (k - 1, 2)."""
-    drawn, means = hierarchical_resamples(y, resamples, seed)
-    of_y = scores(means, "spearman")
-    strengths = np.array([np.abs((scores(row[drawn], "spearman") * of_y).sum(axis=1)) for row in x])
-    lead = strengths[:1] - strengths[1:]
-    return np.nanquantile(lead, [0.025, 0.975], axis=1).T
 
 
 def _sentence(group: dict[str, object], ranking: pd.DataFrame, predictor: str) -> str:

@@ -13,7 +13,6 @@ from result_tables import tables
 from scipy import stats
 from statsmodels.stats.multitest import multipletests
 
-from tracking.bootstrap import hierarchical_resamples
 from tracking.coefficients import COEFFICIENTS, scores
 from tracking.correlation import correlate
 from tracking.paired import with_sums
@@ -84,23 +83,6 @@ def test_sampled_p_is_near_scipys_and_reproducible():
         # 9,999 samples: four standard errors of a share near 0.05 are 0.009, twice for two sides.
         assert p == pytest.approx(SCIPY[coefficient](x, y).pvalue, abs=0.02)
         assert p == permutation_p(x[None], y, coefficient)[0]
-
-
-def test_resamples_follow_a_brute_force_hierarchy():
-    rng = np.random.default_rng(4)
-    y = rng.normal(size=(5, 3))
-    y[2, 1] = np.nan  # a seed that failed
-    _, means = hierarchical_resamples(y, resamples=20000, seed=0)
-    known = [row[np.isfinite(row)] for row in y]
-    brute = np.array(
-        [
-            [rng.choice(known[i], len(known[i])).mean() for i in rng.integers(0, 5, 5)]
-            for _ in range(4000)
-        ]
-    )
-    assert means.mean() == pytest.approx(brute.mean(), abs=0.03)
-    assert means.std() == pytest.approx(brute.std(), rel=0.03)
-    assert means.mean(axis=1).std() == pytest.approx(brute.mean(axis=1).std(), rel=0.06)
 
 
 def test_the_interval_allows_for_the_noise_of_seeds():

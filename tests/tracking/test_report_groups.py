@@ -37,7 +37,7 @@ def run(tmp_path_factory) -> RunFolder:
 def predictors(run: RunFolder) -> Section:
     sample = (run.results, run.surrogates)
     correlations, errors = correlate(*sample, run.axes), leave_one_out(*sample, run.axes)
-    found = which_predicts(*sample, correlations, errors, run.axes, resamples=20)
+    found = which_predicts(*sample, correlations, errors, run.axes)
     section = predictors_section(run, correlations, errors, found)
     assert section is not None
     return section

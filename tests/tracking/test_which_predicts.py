@@ -14,7 +14,7 @@ from tracking.which_predicts import which_predicts
 def found(y, **surrogates):
     parts = [tables(x, y, surrogate=name) for name, x in surrogates.items()]
     both = parts[0][0], pd.concat([part[1] for part in parts])
-    return which_predicts(*both, correlate(*both), leave_one_out(*both), resamples=400)
+    return which_predicts(*both, correlate(*both), leave_one_out(*both))
 
 
 def test_the_surrogate_that_makes_the_metric_wins():
@@ -30,6 +30,20 @@ def test_the_surrogate_that_makes_the_metric_wins():
     assert row["behind"] == pytest.approx(one.ranking["spearman"].abs().iloc[0] - rho)
     assert 0 < row["behind_low"] < row["behind_high"]
     assert one.sentence.startswith("Car, 3D AP @ 0.7: S-MIG predicts it (ρ = −")
+
+
+def test_surrogates_that_order_alike_count_once():
+    """The more surrogates, the wider the intervals: not for those that are one test."""
+    rng = np.random.default_rng(0)
+    x, other = rng.normal(size=(2, 12))
+    y = x[:, None] + 0.5 * rng.normal(size=(12, 3))
+    two = found(y, s_mig=x, m_sog=other)[0].ranking
+    four = found(y, s_mig=x, covered_entropy=-x, m_sog=other, expected_points=np.exp(other))[0]
+    columns = ["behind", "behind_low", "behind_high"]
+    expected = two.loc["m_sog", columns].tolist()
+    for name in ("m_sog", "expected_points"):
+        assert four.ranking.loc[name, columns].tolist() == pytest.approx(expected)
+    assert four.ranking.loc["covered_entropy", columns].isna().all()
 
 
 def test_noise_predicts_nothing():

@@ -1,4 +1,4 @@
-"""Hierarchical bootstrap: resample placements, and seeds within placements."""
+"""A hierarchical bootstrap, to compare with: it is not in use, see docs/statistics.md."""
 
 from __future__ import annotations
 
