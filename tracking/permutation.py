@@ -61,10 +61,13 @@ def permutation_p(
         known = np.isfinite(of_x[:, 0]) & np.isfinite(scores(y, coefficient)[0])
         return _large_sample_p(x, y, coefficient, known)
     orders = _orders(n, seed)
-    observed = of_x @ scores(y, coefficient)
+    of_y = scores(y, coefficient)
+    observed = of_x @ of_y
     less, greater = np.zeros(len(x), np.int64), np.zeros(len(x), np.int64)
     for block in np.array_split(orders, math.ceil(len(orders) * of_x.shape[1] / _BLOCK)):
-        null = scores(y[block], coefficient) @ of_x.T
+        # Unit vectors of values and of ranks are permuted with them; Kendall's, of pairs, are not.
+        of_block = scores(y[block], coefficient) if coefficient == "kendall" else of_y[block]
+        null = of_block @ of_x.T
         # Equal coefficients may differ by rounding, and must count as equal.
         less += (null <= observed + 1e-12).sum(axis=0)
         greater += (null >= observed - 1e-12).sum(axis=0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -12,10 +14,21 @@ from tracking.accuracy import relative_errors, summarise
 from tracking.figures.accuracy import accuracy_figure
 from tracking.figures.coverage_maps import SeenFrom, coverage_maps, densest
 from tracking.figures.from_above import pog_from_above
-from tracking.figures.label_places import label_places
+from tracking.figures.label_places import apart, label_places, labels_on_top
 from tracking.figures.point_cloud import POINTS, point_clouds
-from tracking.figures.style import theme
+from tracking.figures.published import against_own
+from tracking.figures.style import (
+    COLOURS,
+    SYMBOLS,
+    colour,
+    figure,
+    legend_below,
+    lidar_colour,
+    symbol,
+    theme,
+)
 from tracking.figures.times import times
+from tracking.report.section import figure_title
 from tracking.run_folder import Frame, RunFolder
 
 ROI = Roi(x=(0, 50), y=(-10, 10), z=(0, 4), resolution=0.1)
@@ -115,6 +128,105 @@ def test_labels_of_near_points_take_different_places():
     places = label_places(x, y, ["trapezoid", "pyramid_roll", "line"])
     assert places[0] != places[1]
     assert places[2] == "middle left"  # at the right edge
+
+
+def test_a_label_keeps_off_the_bar_of_its_neighbour():
+    x, y = np.array([0.0, 1.0, 10.0]), np.array([1.0, 3.0, 9.0])
+    assert label_places(x, y, ["one", "", ""])[0] == "middle right"
+    # Its bar reaches down beside the first point.
+    bars = np.array([np.nan, 3.0, 0.0])
+    assert label_places(x, y, ["one", "", ""], bars)[0] != "middle right"
+
+
+def test_labels_on_top_are_apart_and_lead_to_their_points():
+    rng = np.random.default_rng(0)
+    for n in (1, 2, 8):
+        at = np.sort(rng.uniform(0, 60, n))
+        moved = apart(at, 14.0)
+        assert (np.diff(moved) >= 14 - 1e-9).all()
+        assert (moved - at).mean() == pytest.approx(0, abs=14)
+    assert apart(np.array([0.0, 14.0, 90.0]), 14.0).tolist() == [0, 14, 90]
+    notes = labels_on_top([5.0, 1.0, 1.01], ["c", "a", "b"])
+    assert [(note["text"], note["x"]) for note in notes] == [("a", 1.0), ("b", 1.01), ("c", 5.0)]
+    # The close ones part by as much to the left as to the right.
+    assert notes[0]["ax"] == pytest.approx(-notes[1]["ax"])
+    assert notes[0]["ax"] < 0
+    assert notes[2]["ax"] == pytest.approx(0)
+
+
+def test_points_of_one_published_value_share_a_label():
+    pairs = pd.DataFrame(
+        [("a", "s1", 50.0, 60.0), ("b", "s1", 52.0, 61.0), ("a", "s2", 50.0, 64.0)],
+        columns=["placement", "series", "value", "mean"],
+    ).assign(low=59.0, high=65.0)
+    first, second = against_own(pairs, "Car", ["a", "b"]).data
+    assert (first.text, second.text) == (("", "b"), ("a",))
+    assert (first.customdata[0], first.x[0], first.y[0]) == ("a", 50.0, 60.0)
+
+
+def test_series_differ_by_their_markers_too():
+    pairs = {(colour(i), symbol(i)) for i in range(len(COLOURS) * len(SYMBOLS))}
+    assert len(pairs) == len(COLOURS) * len(SYMBOLS)
+    assert len({symbol(i) for i in range(8)}) == 8
+
+
+def test_the_lidars_of_a_rig_differ_for_every_eye():
+    """Least distance of the first four colours, seen without red or green cones.
+
+    Machado, Oliveira and Fernandes 2009, severity 1; distances in CIELAB, 2.3 is just noticed.
+    """
+    seen = {
+        "deuteranopia": [
+            [0.367322, 0.860646, -0.227968],
+            [0.280085, 0.672501, 0.047413],
+            [-0.011820, 0.042940, 0.968881],
+        ],
+        "protanopia": [
+            [0.152286, 1.052583, -0.204868],
+            [0.114503, 0.786281, 0.099216],
+            [-0.003882, -0.048116, 1.051998],
+        ],
+    }
+
+    def least(colours):
+        parts = np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in colours]) / 255
+        linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+        to_xyz = [[0.4125, 0.3576, 0.1804], [0.2127, 0.7152, 0.0722], [0.0193, 0.1192, 0.9503]]
+        distances = []
+        for matrix in seen.values():
+            light = np.clip(linear @ np.array(matrix).T, 0, 1) @ np.array(to_xyz).T
+            x, y, z = np.cbrt(light / [0.9505, 1, 1.089]).T
+            lab = np.stack([116 * y, 500 * (x - y), 200 * (y - z)], axis=1)
+            distances += [np.linalg.norm(a - b) for a, b in combinations(lab, 2)]
+        return min(distances)
+
+    assert least([lidar_colour(i) for i in range(4)]) > 22
+    # The plain order has two greys among the first four.
+    assert least([colour(i) for i in range(4)]) < 20
+    assert len({lidar_colour(i) for i in range(len(COLOURS))}) == len(COLOURS)
+
+
+def test_a_long_title_is_broken_and_its_figure_grows():
+    short, long = figure("Car", 400), figure("Car · " + "second_tiny, density = 40, " * 4, 400)
+    lines = long.layout.title.text.split("<br />")
+    assert max(map(len, lines)) <= 50
+    assert len(lines) == 3
+    assert long.layout.height - short.layout.height == 2 * 18
+    assert long.layout.margin.t - short.layout.margin.t == 2 * 18
+    assert figure_title(long) == " ".join(lines)
+    assert "<br" not in short.layout.title.text
+
+
+@pytest.mark.parametrize(("name", "rows"), [("line", 3), ("rich · second_tiny, density = 40", 5)])
+def test_a_legend_has_room_for_its_names(name, rows):
+    plot = figure("Car", 400)
+    for i in range(5):
+        plot.add_scatter(x=[i], y=[i], name=name)
+    plot.add_scatter(x=[0], y=[0], name="no entry", showlegend=False)
+    legend_below(plot)
+    assert plot.layout.height == 400 + 20 * rows
+    # All of the room is below the legend's upper edge.
+    assert plot.layout.legend.y * plot.layout.height >= 20 * rows
 
 
 def test_both_themes_can_be_read():

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import re
+import shutil
 from dataclasses import replace
 
 import pandas as pd
 import pytest
-from made_up_run import write_run
+from made_up_run import NAMES, write_run
 
 from tracking.correlation import correlate
 from tracking.leave_one_out import leave_one_out
+from tracking.report.build import build_report
 from tracking.report.density import density_section
 from tracking.report.detectors import detectors_section
 from tracking.report.groups import groups
-from tracking.report.predictors import MOST_SENTENCES, predictors_section
+from tracking.report.predictors import MOST_SENTENCES, counted, predictors_section
 from tracking.report.published_surrogates import add_published_surrogates, published_density_table
 from tracking.report.section import Section
 from tracking.run_folder import RunFolder
@@ -46,12 +49,44 @@ def predictors(run: RunFolder) -> Section:
 def test_many_findings_are_counted_and_a_legend_stays_short(run):
     section = predictors(run)
     assert "of 18 cases" in section.notes[0]
+    # 5 placements: a perfect order has p = 2 / 5!, times the tests.
+    tests = int(correlate(run.results, run.surrogates, run.axes)["spearman_tests"].iloc[0])
+    said = f" With 5 placements and {tests} tests not even a perfect order could be shown."
+    assert section.notes[0].endswith(said)
     assert not any("second" in note for note in section.notes)
     for plot in section.figures:
         assert sum(bool(trace.showlegend) for trace in plot.data) <= 8
     rows = {str(label) for label in section.figures[1].data[0].y}
     assert len(rows) == 6
-    assert all(label.startswith("3D AP @ 0.7 · ") for label in rows)
+    assert all(label.startswith("3D AP @ 0.7<br>") for label in rows)
+    shown = {cell for row in section.figures[0].data[0].text for cell in row}
+    assert not any("<" in cell for cell in shown), "plotly counts the letters of tags too"
+
+
+def test_it_is_counted_in_how_many_cases_nothing_could_be_shown(run):
+    sample = (run.results, run.surrogates)
+    correlations, errors = correlate(*sample, run.axes), leave_one_out(*sample, run.axes)
+    found = which_predicts(*sample, correlations, errors, run.axes)
+    enough = correlations.assign(n=8, spearman_tests=100)
+    assert "perfect order" not in counted(run, found, enough)
+    some = enough.assign(n=enough["n"].mask(enough["detector"] == "second", 4))
+    said = " With 4 placements and 100 tests in 9 of them not even a perfect order could be shown."
+    assert counted(run, found, some).endswith(said)
+
+
+def test_more_verdicts_than_cards_keep_their_finding_on_the_first_screen(run, tmp_path):
+    folder = shutil.copytree(run.path, tmp_path / "run")
+    page = build_report(folder).read_text(encoding="utf-8")
+    first = page[: page.index("<nav")]
+    assert '<div class="card">' not in first
+    assert "of 18 cases" in first
+    # On paper a table that is cut says so; the verdicts, which are in no CSV file, never are.
+    assert 'class="table verdicts tall"' in first
+    found = re.findall(r'class="table (?:few|wide)(?: tall)?( cut)?"(.*?)</table>', page, re.S)
+    assert {bool(cut) for cut, _ in found} == {True, False}
+    for cut, body in found:
+        assert bool(cut) == (body.count("<tr>") - 1 > 24)
+    assert "not even a perfect order could be shown." in first
 
 
 def test_a_few_findings_name_detector_and_setting(run):
@@ -78,6 +113,12 @@ def test_the_change_of_entropy_is_computed(run):
     assert "published-density" in [table.name for table in section.tables]
 
 
+def test_surrogates_by_density_are_in_the_order_of_the_sweep(run):
+    section = density_section(run, list(groups(run)), seed_means(run.results, run.axes))
+    (table,) = (t for t in section.tables if t.caption == "Car · surrogates by density")
+    assert [row[1] for row in table.rows[: len(NAMES)]] == list(NAMES)
+
+
 def test_the_papers_own_surrogates_meet_its_own_ap():
     section = Section("published")
     add_published_surrogates(section)
@@ -94,6 +135,19 @@ def test_the_papers_own_surrogates_meet_its_own_ap():
     assert set(dense["surrogate"]) == {"s_mig", "h_pog", "ig"}
     assert dense["spearman_p"].min() == pytest.approx(1 / 3)
     assert f"p = {own['spearman_p']:.2g}" in first.data[0].name
+
+
+def test_the_labels_of_published_placements_move_with_the_menu():
+    section = Section("published")
+    add_published_surrogates(section)
+    plot = section.figures[1]  # Square at three densities, which has three surrogates
+    for button in plot.layout.updatemenus[0].buttons:
+        traces, layout = button.args
+        places = dict(zip(traces["text"][0], traces["x"][0], strict=True))
+        assert {note["text"]: note["x"] for note in layout["annotations"]} == places
+        assert sorted(line["x0"] for line in layout["shapes"]) == sorted(places.values())
+    first = plot.layout.updatemenus[0].buttons[0].args[1]
+    assert [note.x for note in plot.layout.annotations] == [n["x"] for n in first["annotations"]]
 
 
 def test_the_published_density_table_has_ap_and_surrogates_from_sparse_to_dense():

@@ -54,9 +54,8 @@ def accuracy_figure(summary: pd.DataFrame, title: str) -> go.Figure:
                 owner.append(name)
     for trace, name in zip(plot.data, owner, strict=True):
         trace.visible = name == first
-    plot.update_layout(figure(f"{text(title)}", height=460).layout)
+    plot.update_layout(figure(text(title), height=460, margin={"t": 92, "b": 96}).layout)
     plot.update_layout(
-        margin={"t": 92, "b": 96},
         legend={"orientation": "h", "y": -0.18, "yanchor": "top"},
         updatemenus=[
             {

@@ -44,12 +44,12 @@ def by_density(
             },
             mode="lines+markers",
             line={"color": colour(rank), "width": 1.5},
-            marker={"size": 8, "symbol": symbol(8 * rank)},
+            marker={"size": 8, "symbol": symbol(rank)},
             name=text(name),
             customdata=own[axis].to_numpy(),
             hovertemplate="density %{customdata}: %{y:.1f} %<extra>%{fullData.name}</extra>",
         )
     plot.update_xaxes(title="density (vehicles in the town)", tickvals=values)
     plot.update_yaxes(title=label)
-    legend_below(plot, len(shown))
+    legend_below(plot)
     return plot

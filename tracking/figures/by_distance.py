@@ -70,6 +70,10 @@ def by_distance(
         ticktext=[ring_label(*ring) for ring in rings],
         range=[-0.5, len(rings) - 0.5],
     )
-    plot.update_yaxes(title=axis, type="log" if log else "linear")
+    plot.update_yaxes(title=axis)
+    if log:
+        # Whole numbers: plotly's own are single digits between powers of ten.
+        ticks = [digit * 10.0**power for power in range(-2, 7) for digit in (1, 2, 5)]
+        plot.update_yaxes(type="log", tickvals=ticks, ticktext=[f"{tick:,g}" for tick in ticks])
     plot.update_layout(legend={"orientation": "h", "y": -0.2})
     return plot

@@ -15,7 +15,7 @@ from lidarplace.placement import Mount
 from lidarplace.roi import Interval, Roi
 from tracking.figures.averaged import averaged
 from tracking.figures.from_above import vehicle_from_above
-from tracking.figures.style import SEQUENTIAL, VEHICLE, figure
+from tracking.figures.style import SEQUENTIAL, VEHICLE, VEHICLE_FILL, figure
 
 VEHICLE_HEIGHT = 1.5
 _CELLS = {"coverage": 160, "residual": 80}
@@ -142,6 +142,8 @@ def _vehicle_from_the_side() -> go.Scatter:
         y=[0, 0.9, VEHICLE_HEIGHT, VEHICLE_HEIGHT, 0.9, 0.8, 0, 0],
         mode="lines",
         line={"color": _MARK, "width": 1.5},
+        fill="toself",
+        fillcolor=VEHICLE_FILL,
         hoverinfo="skip",
         showlegend=False,
     )

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from lidarplace.roi import Roi
 from tracking.figures.averaged import averaged
-from tracking.figures.style import SEQUENTIAL, VEHICLE, figure
+from tracking.figures.style import SEQUENTIAL, VEHICLE, VEHICLE_FILL, figure
 
 _CELLS = 200
 """Maps are averaged to at most this many cells along the longer side: a page holds many."""
@@ -34,6 +34,8 @@ def vehicle_from_above() -> go.Scatter:
         y=[width / 2, width / 2, -width / 2, -width / 2, width / 2, 0, -width / 2],
         mode="lines",
         line={"color": "#D55E00", "width": 1.5},
+        fill="toself",
+        fillcolor=VEHICLE_FILL,
         hoverinfo="skip",
         showlegend=False,
     )

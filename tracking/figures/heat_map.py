@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
-from tracking.figures.style import figure, text
+from tracking.figures.style import figure, text, two_lines
 from tracking.labels import in_order, signed, surrogate_name
 
 SIGNIFICANT = 0.05
@@ -37,12 +37,13 @@ def heat_map(correlations: pd.DataFrame, labels: Sequence[str], title: str) -> g
         )
         for value in ("spearman", "spearman_p", "spearman_holm")
     )
-    shown = np.where(holm < SIGNIFICANT, "<b>" + rho.map(signed) + "★</b>", rho.map(signed))
-    plot = figure(title, height=140 + 30 * len(rho), margin={"l": 120, "r": 8, "t": 48, "b": 84})
+    # Plotly sizes the numbers by their letters and would count those of tags too.
+    shown = np.where(holm < SIGNIFICANT, rho.map(signed) + "★", rho.map(signed))
+    plot = figure(title, height=140 + 34 * len(rho), margin={"l": 120, "r": 8, "t": 48, "b": 84})
     plot.add_heatmap(
         z=rho.to_numpy(),
         x=[surrogate_name(str(name)) for name in rho.columns],
-        y=[text(name) for name in rho.index],
+        y=[two_lines(text(name)) for name in rho.index],
         zmin=-1,
         zmax=1,
         # Two of Okabe and Ito's colours about a light middle, which keeps the numbers readable.

@@ -18,7 +18,7 @@ def intervals(estimates: pd.DataFrame, title: str, placements: Sequence[str]) ->
         estimates: of one class: placement, surrogate, value, low, high.
         placements: in the order from top to bottom.
     """
-    plot = figure(text(title), height=120 + 34 * len(placements))
+    plot = figure(text(title), height=120 + 34 * len(placements), margin={"t": 72})
     names = in_order(estimates["surrogate"])
     first = "expected_ig" if "expected_ig" in names else names[0]
     for name in names:
@@ -48,7 +48,6 @@ def intervals(estimates: pd.DataFrame, title: str, placements: Sequence[str]) ->
     plot.update_layout(
         xaxis_title=surrogate_label(first),
         legend={"orientation": "h", "y": 1, "yanchor": "bottom"},
-        margin={"t": 72},
         updatemenus=[
             {
                 "buttons": [

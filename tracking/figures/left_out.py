@@ -5,7 +5,7 @@ from __future__ import annotations
 import pandas as pd
 import plotly.graph_objects as go
 
-from tracking.figures.style import OUTLINE, colour, figure, legend_below, symbol, text
+from tracking.figures.style import OUTLINE, colour, figure, legend_below, symbol, text, two_lines
 from tracking.labels import in_order, surrogate_name
 
 
@@ -23,16 +23,16 @@ def left_out(errors: pd.DataFrame, title: str) -> go.Figure | None:
     known = errors[errors["rmse"].notna() & (errors["rmse_of_mean"] > 0)]
     if known.empty:
         return None
-    labels = [text(label) for label in dict.fromkeys(known["label"])]
+    labels = [two_lines(text(label)) for label in dict.fromkeys(known["label"])]
     names = in_order(known["surrogate"])
-    plot = figure(title, height=140 + 30 * len(labels))
+    plot = figure(title, height=140 + 34 * len(labels))
     for i, name in enumerate(names):
         own = known[known["surrogate"] == name]
         plot.add_scatter(
             x=(own["rmse"] / own["rmse_of_mean"]).to_numpy(),
-            y=[text(label) for label in own["label"]],
+            y=[two_lines(text(label)) for label in own["label"]],
             mode="markers",
-            marker={"size": 10, "color": colour(i), "symbol": symbol(8 * i)},
+            marker={"size": 10, "color": colour(i), "symbol": symbol(i)},
             name=surrogate_name(name),
             showlegend=True,
             customdata=own["rmse"].to_numpy(),
@@ -41,5 +41,5 @@ def left_out(errors: pd.DataFrame, title: str) -> go.Figure | None:
     plot.add_vline(x=1, line={"color": OUTLINE, "dash": "dot", "width": 1.5})
     plot.update_xaxes(title="error / error of the mean (below 1: predicts)", rangemode="tozero")
     plot.update_yaxes(categoryorder="array", categoryarray=labels[::-1])
-    legend_below(plot, len(names))
+    legend_below(plot)
     return plot

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lidarplace.roi import Roi
 from tracking.figures.from_above import add_vehicle, metres
-from tracking.figures.style import OUTLINE, colour, figure, text
+from tracking.figures.style import OUTLINE, figure, lidar_colour, text
 from tracking.run_folder import Frame
 
 POINTS = 8000
@@ -38,7 +38,7 @@ def point_clouds(
                 x=own[:, 0],
                 y=own[:, 1],
                 mode="markers",
-                marker={"size": 2.5, "color": colour(int(mount))},
+                marker={"size": 2.5, "color": lidar_colour(int(mount))},
                 name=f"LiDAR {mount}",
                 visible=name == first,
                 hoverinfo="skip",

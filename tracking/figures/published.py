@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
+from tracking.figures.label_places import label_places, labels_on_top, room_on_top
 from tracking.figures.style import OUTLINE, colour, figure, legend_below, symbol, text
 from tracking.labels import (
     in_order,
@@ -42,7 +43,6 @@ def published_scatter(
     detectors = list(dict.fromkeys(published["detector"]))
     label = metric_label(*published.iloc[0][["metric", "iou"]])
     wide = published.pivot(index="placement", columns="detector", values="value")[detectors]
-    top = wide.max(axis=1)
 
     def data(surrogate: str) -> dict[str, list]:
         x = surrogates[surrogate].reindex(wide.index)
@@ -53,10 +53,17 @@ def published_scatter(
             values["x"].append(x[own.index].tolist())
             values["y"].append(own.tolist())
             values["text"].append([text(name) for name in own.index])
-        values["x"].append(x[order].tolist())
-        values["y"].append(top[order].tolist())
-        values["text"].append([text(name) for name in order])
         return values
+
+    def places(surrogate: str) -> dict[str, Any]:
+        """A label and a line for every placement: its points are one above the other."""
+        x = surrogates[surrogate].reindex(wide.index)
+        line = {"color": OUTLINE, "width": 1, "dash": "dot"}
+        upright = {"type": "line", "yref": "paper", "y0": 0, "y1": 1, "line": line}
+        return {
+            "annotations": labels_on_top(x.tolist(), [text(name) for name in x.index]),
+            "shapes": [{**upright, "x0": value, "x1": value} for value in x],
+        }
 
     known = {(row["surrogate"], row["detector"]): row for row in correlations.to_dict("records")}
 
@@ -64,7 +71,8 @@ def published_scatter(
         return [f"{text(name)}: {_coefficient(known.get((surrogate, name)))}" for name in detectors]
 
     start, first = data(menu[0]), names(menu[0])
-    plot = figure(title, height=440, margin={"t": 88})
+    room = room_on_top([str(name) for name in wide.index])
+    plot = figure(title, height=440 + room, margin={"t": 84 + room})
     for i, detector in enumerate(detectors):
         plot.add_scatter(
             x=start["x"][i],
@@ -72,40 +80,32 @@ def published_scatter(
             text=start["text"][i],
             mode="lines+markers",
             line={"color": colour(i), "width": 1},
-            marker={"size": 9, "symbol": symbol(8 * i)},
+            marker={"size": 9, "symbol": symbol(i)},
             name=first[i],
             hovertemplate=f"{text(detector)}, %{{text}}<br>%{{x:.6g}}<br>%{{y:.2f}} %"
             "<extra></extra>",
         )
-    plot.add_scatter(
-        x=start["x"][-1],
-        y=start["y"][-1],
-        text=start["text"][-1],
-        mode="text",
-        textposition="top center",
-        textfont={"size": 11},
-        cliponaxis=False,
-        hoverinfo="skip",
-        showlegend=False,
-    )
-    plot.update_xaxes(title=surrogate_label(menu[0]))
+    plot.update_xaxes(title=surrogate_label(menu[0]), showgrid=False)
     plot.update_yaxes(title=f"{label} (%)")
     plot.update_layout(
+        **places(menu[0]),
         updatemenus=[
             {
                 "x": 0,
                 "xanchor": "left",
-                "y": 1.02,
+                "y": 1,
                 "yanchor": "bottom",
+                "pad": {"b": room, "t": 0},
                 "buttons": [
                     {
                         "label": surrogate_name(name),
                         "method": "update",
                         "args": [
-                            data(name) | {"name": [*names(name), ""]},
+                            data(name) | {"name": names(name)},
                             {
                                 "xaxis.title.text": surrogate_label(name),
                                 "xaxis.autorange": True,
+                                **places(name),
                             },
                         ],
                     }
@@ -114,8 +114,7 @@ def published_scatter(
             }
         ],
     )
-    # The entries are long: a row for each.
-    legend_below(plot, 2 * len(detectors))
+    legend_below(plot)
     return plot
 
 
@@ -135,8 +134,14 @@ def against_own(pairs: pd.DataFrame, title: str, placements: Sequence[str]) -> g
         placements: all of the sweep, in order.
     """
     plot = figure(f"Published and own · {title}", height=420)
-    for i, (series, own) in enumerate(pairs.groupby("series", sort=False)):
-        own = own.set_index("placement")
+    # Points of one placement and network lie above each other: the highest has the label.
+    table = pairs.sort_values("mean", ascending=False, kind="stable").reset_index(drop=True)
+    again = table.duplicated(["placement", "value"])
+    table["label"] = table["placement"].astype(object).mask(again, "").map(text)
+    x, y, bars = (table[key].to_numpy(np.float64) for key in ("value", "mean", "high"))
+    table["place"] = label_places(x, y, table["label"].tolist(), bars - y)
+    for i, series in enumerate(dict.fromkeys(pairs["series"])):
+        own = table[table["series"] == series].set_index("placement")
         own = own.loc[[name for name in placements if name in own.index]]
         plot.add_scatter(
             x=own["value"].to_numpy(),
@@ -148,17 +153,18 @@ def against_own(pairs: pd.DataFrame, title: str, placements: Sequence[str]) -> g
                 "color": OUTLINE,
             },
             mode="markers+text",
-            text=[text(name) for name in own.index],
-            textposition="top center",
+            text=own["label"].tolist(),
+            textposition=own["place"].tolist(),
+            customdata=[text(name) for name in own.index],
             textfont={"size": 11},
             cliponaxis=False,
-            marker={"size": 10, "color": colour(i), "symbol": symbol(8 * i)},
+            marker={"size": 10, "color": colour(i), "symbol": symbol(i)},
             name=text(series),
             showlegend=True,
-            hovertemplate="%{text}<br>published %{x:.1f} %<br>own %{y:.1f} %"
+            hovertemplate="%{customdata}<br>published %{x:.1f} %<br>own %{y:.1f} %"
             "<extra>%{fullData.name}</extra>",
         )
     plot.update_xaxes(title="published (%)")
     plot.update_yaxes(title="own (%)")
-    legend_below(plot, pairs["series"].nunique())
+    legend_below(plot)
     return plot

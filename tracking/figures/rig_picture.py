@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Mount
 from lidarplace.viewing.solids import edges, triangles
-from tracking.figures.style import OUTLINE, colour, figure, text
+from tracking.figures.style import OUTLINE, figure, lidar_colour, text
 from tracking.search_result import Point, Rig, Zone
 
 _CAR = tuple((tuple(low), tuple(high)) for low, high in Vehicle.car().boxes.tolist())
@@ -180,7 +180,7 @@ def _add_rig(plot: go.Figure, rig: PicturedRig) -> None:
         marker={
             "size": 7,
             "symbol": "diamond",
-            "color": [colour(i) for i in range(len(at))],
+            "color": [lidar_colour(i) for i in range(len(at))],
             "line": {"color": "#ffffff", "width": 1},
         },
         hovertext=[_words(rig, i) for i in range(len(at))],

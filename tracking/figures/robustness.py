@@ -26,7 +26,8 @@ def robustness_figure(
     step = 0.6 / len(rigs)
     relative = designed > 0
     scale, unit = (100 / designed, "%") if relative else (1.0, text(objective.unit))
-    plot = figure(text(objective.name), height=int(150 + (22 + 14 * len(rigs)) * len(cases)))
+    height = 150 + (22 + 14 * len(rigs)) * len(cases)
+    plot = figure(text(objective.name), height=height, margin={"t": 72})
     for i, rig in enumerate(rigs):
         own = rows[rows["rig"] == rig]
         mean = scale * own["value"].to_numpy(np.float64)
@@ -59,7 +60,5 @@ def robustness_figure(
         range=[len(cases) - 0.5, -0.5],
         showgrid=False,
     )
-    plot.update_layout(
-        legend={"orientation": "h", "y": 1, "yanchor": "bottom"}, margin={"t": 72}, showlegend=True
-    )
+    plot.update_layout(legend={"orientation": "h", "y": 1, "yanchor": "bottom"}, showlegend=True)
     return plot

@@ -10,7 +10,7 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from tracking.figures.label_places import label_places
-from tracking.figures.style import OUTLINE, colour, figure, symbol, text
+from tracking.figures.style import OUTLINE, broken, colour, figure, symbol, text
 from tracking.labels import (
     in_order,
     interval,
@@ -54,9 +54,10 @@ def scatter(
     ]
 
     def places(surrogate: str) -> list[str]:
-        return label_places(table[surrogate].to_numpy(np.float64), table["mean"].to_numpy(), names)
+        x, y = table[surrogate].to_numpy(np.float64), table["mean"].to_numpy(np.float64)
+        return label_places(x, y, names, table["high"].to_numpy(np.float64) - y)
 
-    plot = figure(heads[first], height=400)
+    plot = figure(heads[first], height=400, margin={"t": 120})
     plot.add_scatter(
         x=table[menu[first]].to_numpy(),
         y=table["mean"].to_numpy(),
@@ -82,7 +83,6 @@ def scatter(
     plot.update_xaxes(title=surrogate_label(menu[first]))
     plot.update_yaxes(title=f"{label} (%)")
     plot.update_layout(
-        margin={"t": 120},
         updatemenus=[
             {
                 "x": 0,
@@ -101,7 +101,7 @@ def scatter(
                                 "textposition": [places(name)],
                             },
                             {
-                                "title.text": head,
+                                "title.text": broken(head),
                                 "xaxis.title.text": surrogate_label(name),
                                 "xaxis.autorange": True,
                             },

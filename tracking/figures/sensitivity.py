@@ -26,7 +26,7 @@ def sensitivity_figure(spreads: pd.DataFrame, axes: Sequence[str], title: str) -
     if spreads.empty:
         return None
     rows = [
-        text(", ".join(part for part in (row["detector"], _setting(row, axes)) if part))
+        "<br>".join(text(part) for part in (row["detector"], _setting(row, axes)) if part)
         for row in spreads.to_dict("records")
     ]
     table = spreads.assign(row=rows)
@@ -40,7 +40,7 @@ def sensitivity_figure(spreads: pd.DataFrame, axes: Sequence[str], title: str) -
             x=own["spread"].to_numpy(),
             y=own["row"].tolist(),
             mode="markers",
-            marker={"size": 10, "color": colour(i), "symbol": symbol(8 * i)},
+            marker={"size": 10, "color": colour(i), "symbol": symbol(i)},
             name=label,
             customdata=np.stack([own["best"], own["worst"]], axis=-1),
             hovertemplate="%{y}: %{x:.1f} points, from %{customdata[1]} to %{customdata[0]}"
@@ -64,7 +64,7 @@ def sensitivity_figure(spreads: pd.DataFrame, axes: Sequence[str], title: str) -
         )
     plot.update_xaxes(title="best less worst placement (points)", rangemode="tozero")
     plot.update_yaxes(categoryorder="array", categoryarray=order[::-1])
-    legend_below(plot, len(metrics) + 1)
+    legend_below(plot)
     return plot
 
 

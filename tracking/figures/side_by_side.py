@@ -39,7 +39,7 @@ def side_by_side(
                 "thickness": 1.5,
             },
             mode="markers",
-            marker={"size": 9, "color": colour(i), "symbol": symbol(8 * i)},
+            marker={"size": 9, "color": colour(i), "symbol": symbol(i)},
             name=text(name),
             customdata=[text(row) for row in shown],
             hovertemplate="%{customdata}: %{x:.1f}<extra>%{fullData.name}</extra>",
@@ -51,5 +51,5 @@ def side_by_side(
         ticktext=[text(row) for row in shown],
         range=[len(shown) - 0.5, -0.5],
     )
-    legend_below(plot, len(columns))
+    legend_below(plot)
     return plot

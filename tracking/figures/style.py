@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 import html
+import textwrap
 from typing import Any
 
 import plotly.graph_objects as go
 
-from lidarplace.viewing.style import COLOURS, OUTLINE
+from lidarplace.viewing.style import COLOURS as OKABE_ITO
+from lidarplace.viewing.style import OUTLINE
 from lidarplace.viewing.style import theme as theme_of_scenes
 
-SYMBOLS = ("circle", "diamond", "square", "triangle-up", "x", "cross")
+COLOURS = (*OKABE_ITO[:-1], "#6040F0")
+"""Okabe and Ito's, with violet for their yellow, which is lost as a thin line on white."""
+_OF_LIDARS = (0, 1, 2, 4, 5, 7, 3, 6)
+SYMBOLS = (
+    *("circle", "diamond", "square", "triangle-up", "x", "cross", "star", "triangle-down"),
+    "pentagon",
+)
 SEQUENTIAL = "Cividis"
 
+VEHICLE_FILL = "rgba(255, 255, 255, 0.7)"
+"""Lightens a map under the vehicle: its orange line alone is lost there for some eyes."""
 VEHICLE = (4.7, 1.9)
 """Length and width of the outline drawn for the vehicle, metres: a middle-class car."""
 
@@ -22,9 +32,21 @@ def colour(index: int) -> str:
     return COLOURS[index % len(COLOURS)]
 
 
+def lidar_colour(index: int) -> str:
+    """The colour of the `index`-th LiDAR of a rig.
+
+    Points of a cloud are too small for markers: green and pink, which are one grey to those who do
+    not see red or green, are not both among the first four.
+    """
+    return colour(_OF_LIDARS[index % len(COLOURS)])
+
+
 def symbol(index: int) -> str:
-    """The marker of the `index`-th of several things; changes when the colours repeat."""
-    return SYMBOLS[index // len(COLOURS) % len(SYMBOLS)]
+    """The marker of the `index`-th of several things: colours alone are not told by everybody.
+
+    There is one more than colours, so that the pair of both repeats after 72 things only.
+    """
+    return SYMBOLS[index % len(SYMBOLS)]
 
 
 def text(value: object) -> str:
@@ -32,25 +54,52 @@ def text(value: object) -> str:
     return html.escape(str(value), quote=False)
 
 
+SOFT_BREAK = "<br />"
+"""Where a title goes on in another line, for plotly; a `<br>` ends what the line says."""
+_LONGEST_LINE = 50
+"""Letters of a title's line: what a figure on a phone, or one of three in a row, has room for."""
+_LINE = 18  # pixels
+_LONGEST_OF_TWO = 18
+"""Letters of a name that fits a phone's row of the legend with another one."""
+
 _TITLE = {
     "x": 0,
-    "xref": "paper",
+    "xref": "container",
     "font": {"size": 14},
     "y": 1,
     "yref": "container",
     "yanchor": "top",
-    "pad": {"t": 12},
+    "pad": {"t": 12, "l": 4},
 }
 
 
-def figure(title: str, height: int, **layout: Any) -> go.Figure:
-    """An empty figure as wide as its container. `title` may hold tags, names go in by `text`."""
-    margin = {"l": 56, "r": 16, "t": 48, "b": 48}
+def broken(title: str) -> str:
+    """`title` with its first line broken where it is too long."""
+    first, *rest = title.split("<br>")
+    lines = textwrap.wrap(first, _LONGEST_LINE, break_long_words=False, break_on_hyphens=False)
+    return "<br>".join([SOFT_BREAK.join(lines), *rest])
+
+
+def two_lines(label: str) -> str:
+    """A label of a row that says what and where, the first " · " a break: half as wide."""
+    return label.replace(" · ", "<br>", 1)
+
+
+def figure(
+    title: str, height: int, margin: dict[str, int] | None = None, **layout: Any
+) -> go.Figure:
+    """An empty figure as wide as its container. `title` may hold tags, names go in by `text`.
+
+    A title that is too long is broken; height and top margin then grow.
+    """
+    shown = broken(title)
+    more = _LINE * shown.count(SOFT_BREAK)
+    sides = {"l": 56, "r": 16, "t": 48, "b": 48} | (margin or {})
     return go.Figure(
         layout={
-            "title": {"text": title, **_TITLE},
-            "height": height,
-            "margin": margin,
+            "title": {"text": shown, **_TITLE},
+            "height": height + more,
+            "margin": sides | {"t": sides["t"] + more},
             "dragmode": False,
             "template": None,
             **layout,
@@ -58,13 +107,29 @@ def figure(title: str, height: int, **layout: Any) -> go.Figure:
     )
 
 
-def legend_below(plot: go.Figure, entries: int) -> None:
-    """Put the legend under the axis' title, in rows of two; the figure grows by their height."""
-    room = 20 * -(-entries // 2)
+def legend_below(plot: go.Figure) -> None:
+    """Put the legend right under the axis' title; the figure grows by its height on a phone.
+
+    There two short names fit a row, or a long one.
+    """
+    names = [
+        html.unescape(trace.name or "") for trace in plot.data if trace.showlegend is not False
+    ]
+    in_a_row = 2 if max(map(len, names), default=0) <= _LONGEST_OF_TWO else 1
+    room = 20 * -(-len(names) // in_a_row)
+    height = plot.layout.height + room
     plot.update_layout(
-        height=plot.layout.height + room,
+        height=height,
         margin={"b": 56 + room},
-        legend={"orientation": "h", "yref": "container", "y": 0, "yanchor": "bottom"},
+        legend={
+            "orientation": "h",
+            "font": {"size": 11},
+            "xref": "container",
+            "x": 0,
+            "yref": "container",
+            "y": (room + 8) / height,
+            "yanchor": "top",
+        },
     )
 
 

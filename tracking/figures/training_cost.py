@@ -14,13 +14,15 @@ from tracking.training_cost import COST_AXES, METRIC
 
 _EPOCHS, _SHARE = COST_AXES
 _PANELS = (("ap", "{} (%)"), ("error", "AP below the longest training"))
+_DASHES = ("solid", "dash", "dot", "dashdot", "longdash")
+"""Colours that some eyes take for one come with different ones."""
 
 
 def training_cost_figure(cost: pd.DataFrame, title: str, placements: Sequence[str]) -> go.Figure:
     """Left AP, right its error, over seconds of training: a mark a trial.
 
-    A colour is a placement of a detector, a symbol a share of the frames; lines join trainings that
-    differ in their epochs alone. Stars are the longest trainings.
+    A colour and a dash are a placement of a detector, a symbol a share of the frames; lines join
+    trainings that differ in their epochs alone. Stars are the longest trainings.
 
     Args:
         cost: `tracking.training_cost.training_cost` for one class and setting of the other axes.
@@ -45,7 +47,7 @@ def training_cost_figure(cost: pd.DataFrame, title: str, placements: Sequence[st
                 x=line["seconds"].to_numpy(),
                 y=line[value].to_numpy(),
                 mode="lines+markers",
-                line={"color": colour(rank), "width": 1},
+                line={"color": colour(rank), "width": 1.5, "dash": _DASHES[rank % len(_DASHES)]},
                 marker={
                     "size": [13 if best else 8 for best in line["reference"]],
                     "symbol": ["star" if best else shape for best in line["reference"]],

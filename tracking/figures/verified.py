@@ -10,7 +10,11 @@ from tracking.figures.label_places import label_places
 from tracking.figures.style import OUTLINE, colour, figure, text
 from tracking.search_result import Objective
 
-_ROLES = {"found": colour(0), "greedy": colour(2), "paper": colour(1)}
+_ROLES = {
+    "found": ("circle", colour(0)),
+    "greedy": ("star", colour(2)),
+    "paper": ("diamond", colour(1)),
+}
 
 
 def verified_figure(
@@ -36,8 +40,9 @@ def verified_figure(
     difference = rows["difference"].to_numpy(np.float64)
     names = [str(name) for name in rows["rig"]]
     plot = figure(label, height=400)
-    places = label_places(gain, difference, names)
-    for role, shade in _ROLES.items():
+    bars = (rows["difference_high"] - rows["difference_low"]).to_numpy(np.float64) / 2
+    places = label_places(gain, difference, names, bars)
+    for role, (shape, shade) in _ROLES.items():
         own = (rows["role"] == role).to_numpy()
         if not own.any():
             continue
@@ -53,7 +58,7 @@ def verified_figure(
                 "color": OUTLINE,
             },
             mode="markers+text",
-            marker={"size": 10, "color": shade},
+            marker={"size": 10, "symbol": shape, "color": shade},
             text=[text(name) for name, mine in zip(names, own, strict=True) if mine],
             textposition=[place for place, mine in zip(places, own, strict=True) if mine],
             textfont={"size": 11},

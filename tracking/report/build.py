@@ -36,7 +36,7 @@ from tracking.report.headline import (
 from tracking.report.markdown import escaped, write_markdown
 from tracking.report.page import write_page
 from tracking.report.placements import placements_section
-from tracking.report.predictors import predictors_section
+from tracking.report.predictors import counted, predictors_section
 from tracking.report.promotion import promotion_section
 from tracking.report.published import published_section
 from tracking.report.sampling_error import sampling_error_section
@@ -103,6 +103,9 @@ def build_report(run: Path) -> Path:
     ]
     cards = [v for group, ranked in rankings for v in verdicts(folder, group, ranked, predicted)]
     cards = cards or [v for group in found for v in surrogate_verdicts(folder, group)]
+    # A table of verdicts has no room for the findings about surrogates.
+    many = len(cards) > MOST_CARDS and len(predicted) > 0
+    findings = counted(folder, predicted, correlations) if many else ""
     weaknesses = [*cautions(folder, means), *_same_rigs(same), *reduced_batches(folder.tasks)]
     facts = {k: v for k, v in folder.sweep.items() if k != "placements"}
     write_csv_files(folder.path / FOLDER, sections)
@@ -114,6 +117,7 @@ def build_report(run: Path) -> Path:
         run=folder,
         verdicts=cards,
         most_cards=MOST_CARDS,
+        findings=findings,
         pictured=pictured(folder),
         warnings=weaknesses,
         pruned=int((folder.trials["status"] == "pruned").sum()),

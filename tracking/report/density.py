@@ -59,7 +59,11 @@ def density_section(run: RunFolder, found: list[Group], means: pd.DataFrame) -> 
                 section.figures.append(plot)
                 section.tables.append(_metric_table(together, densities, f"{title} · {label} (%)"))
         if DENSITY in surrogates.columns:
-            section.tables += _surrogate_tables(surrogates, alike[0], name, densities, heading)
+            values = {
+                density: surrogates_of(surrogates, _at(alike[0], density).setting, name)
+                for density in densities
+            }
+            section.tables += _surrogate_tables(values, order, heading)
     section.notes.append(
         "The paper published this ablation for one placement, Square, without the number of "
         "vehicles in its dense, medium and sparse traffic."
@@ -116,23 +120,27 @@ def _metric_table(means: pd.DataFrame, densities: list[object], caption: str) ->
 
 
 def _surrogate_tables(
-    surrogates: pd.DataFrame, group: Group, name: str, densities: list[object], heading: str
+    values: dict[object, pd.DataFrame], placements: Sequence[str], heading: str
 ) -> list[Table]:
-    values = {
-        density: surrogates_of(surrogates, _at(group, density).setting, name)
-        for density in densities
-    }
+    """A row a surrogate and placement, a column a density.
+
+    Args:
+        values: by density, placements as rows, surrogates as columns.
+        placements: of the sweep, in order.
+        heading: of the class.
+    """
+    shown = [p for p in placements if any(p in table.index for table in values.values())]
     known = [s for s in SHOWN if all(s in table.columns for table in values.values())]
     if not known:
         return []
     rows, data = [], []
     for surrogate in in_order(known):
-        for placement in values[densities[0]].index:
+        for placement in shown:
             cells = [table[surrogate].get(placement, float("nan")) for table in values.values()]
-            rows.append((surrogate_label(surrogate), str(placement), *map(number, cells)))
+            rows.append((surrogate_label(surrogate), placement, *map(number, cells)))
             data.append((surrogate, placement, *cells))
-    head = ("surrogate", "placement", *(f"density {density}" for density in densities))
-    columns = ["surrogate", "placement", *(f"density {density} (nats)" for density in densities)]
+    head = ("surrogate", "placement", *(f"density {density}" for density in values))
+    columns = ["surrogate", "placement", *(f"density {density} (nats)" for density in values)]
     table = Table(
         f"{heading} · surrogates by density",
         head,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,6 +14,7 @@ from tracking.figures.left_out import left_out
 from tracking.figures.style import text
 from tracking.kitti_iou import headline_iou
 from tracking.labels import interval, metric_label, setting_label, signed, surrogate_name
+from tracking.permutation import smallest_p
 from tracking.power import power_table, smallest_detectable
 from tracking.reliability import reliability_of_mean
 from tracking.report.groups import has_detectors
@@ -20,10 +22,10 @@ from tracking.report.headline import HEADLINE_SURROGATES, class_label, headline_
 from tracking.report.section import Section
 from tracking.report.tables import Table
 from tracking.run_folder import RunFolder
-from tracking.which_predicts import Predictors
+from tracking.which_predicts import SIGNIFICANT, Predictors
 
 MOST_SENTENCES = 8
-"""Findings that are told one by one; of more it is counted in how many a surrogate predicts."""
+"""Findings that are told one by one; more are counted, and the table of the section has each."""
 
 _HOW_TO_READ = (
     "Left: Spearman's ρ; a star where p is below 0.05 after Holm's correction for all tests of "
@@ -51,7 +53,8 @@ def predictors_section(
         section.notes.append("Fewer than 3 placements with a metric: no coefficient.")
         return section
     own = [one for one in found if _is_headline(run, one)]
-    section.notes += _findings(run, own)
+    many = len(own) > MOST_SENTENCES
+    section.notes += [counted(run, found, correlations)] if many else _findings(run, own)
     section.notes += [*_power_sentences(correlations), _HOW_TO_READ]
     for name in (*run.classes, "all"):
         title = text(class_label(name))
@@ -82,17 +85,42 @@ def _is_headline(run: RunFolder, one: Predictors) -> bool:
     return one.group["metric"] == headline_metric(name) and one.group["iou"] == iou
 
 
+def counted(run: RunFolder, found: Sequence[Predictors], correlations: pd.DataFrame) -> str:
+    """In how many cases which surrogate predicts, and whether any could have been shown to.
+
+    Args:
+        found, correlations: see `predictors_section`.
+    """
+    own = [one for one in found if _is_headline(run, one)]
+    shown = Counter(surrogate_name(one.predictor) for one in own if one.predictor)
+    names = ", ".join(f"{name} {count}" for name, count in shown.most_common())
+    return (
+        f"In {shown.total()} of {len(own)} cases (a class, detector and setting) a surrogate is "
+        f"shown to predict 3D AP, or recall of all objects{f': {names}' if names else ''}."
+        + _beyond_proof(own, correlations)
+    )
+
+
+def _beyond_proof(own: Sequence[Predictors], correlations: pd.DataFrame) -> str:
+    """In how many of the cases not even a perfect order could pass the correction."""
+    tests = int(correlations["spearman_tests"].max())
+    keys = list(own[0].group) if own else []
+    cases = pd.DataFrame([one.group for one in own], columns=keys)
+    known = correlations[correlations["spearman"].notna()]
+    sizes = cases.merge(known.groupby(keys, dropna=False)["n"].max().reset_index())["n"]
+    few = sizes[[smallest_p(int(n)) * tests > SIGNIFICANT for n in sizes]]
+    if few.empty:
+        return ""
+    numbers = " or ".join(map(str, sorted(few.unique())))
+    where = "" if len(few) == len(own) else f"in {len(few)} of them "
+    return (
+        f" With {numbers} placements and {tests} tests {where}not even a perfect order could be "
+        "shown."
+    )
+
+
 def _findings(run: RunFolder, own: Sequence[Predictors]) -> list[str]:
-    """A sentence for each, or how many there are of which kind where that would be too many."""
-    if len(own) > MOST_SENTENCES:
-        shown = Counter(surrogate_name(one.predictor) for one in own if one.predictor)
-        names = ", ".join(f"{name} {count}" for name, count in shown.most_common())
-        return [
-            f"In {shown.total()} of {len(own)} cases (a class, detector and setting) a surrogate "
-            "is shown to predict 3D AP, or recall of all objects"
-            + (f": {names}" if names else "")
-            + ". The table names each case."
-        ]
+    """A sentence for each."""
     titles = [_group_label(run, one.group) for one in own]
     return [
         f"{title} · {one.sentence}" if title else one.sentence
@@ -180,11 +208,12 @@ def _ranking_table(run: RunFolder, found: Sequence[Predictors], errors: pd.DataF
         *("|ρ| behind the first", "left-out error (points)", "of the mean (points)"),
     )
     ranges = errors[[*found[0].group, "surrogate", "spearman_min", "spearman_max"]]
-    tables = [_with_group(one).merge(ranges, how="left") for one in found]
+    table = pd.concat([_with_group(one) for one in found]).merge(ranges, how="left")
+    ends = np.cumsum([len(one.ranking) for one in found]).tolist()
     rows = []
-    for one, table in zip(found, tables, strict=True):
-        own = table[table["same_as"] == ""] if _is_headline(run, one) else table.iloc[:0]
-        for row in own.to_dict("records"):
+    for one, start, end in zip(found, [0, *ends], ends, strict=False):
+        own = table.iloc[start:end] if _is_headline(run, one) else table.iloc[:0]
+        for row in own[own["same_as"] == ""].to_dict("records"):
             low, high = row["spearman_min"], row["spearman_max"]
             bounds = interval(row["behind_low"], row["behind_high"])
             axes = setting_label(run.axes, [one.group[axis] for axis in run.axes])
@@ -212,12 +241,11 @@ def _ranking_table(run: RunFolder, found: Sequence[Predictors], errors: pd.DataF
         words=frozenset(range(4)),
         wide=True,
         name="predictors",
-        data=pd.concat(tables).rename(columns=points),
+        data=table.rename(columns=points),
     )
 
 
 def _with_group(one: Predictors) -> pd.DataFrame:
     """The ranking with the columns of its group."""
-    table = one.ranking.rename_axis("surrogate").reset_index()
-    table[list(one.group)] = pd.DataFrame([one.group] * len(table))
-    return table
+    group: dict[str, Any] = one.group
+    return one.ranking.rename_axis("surrogate").reset_index().assign(**group)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import plotly.graph_objects as go
 
+from tracking.figures.style import SOFT_BREAK
 from tracking.report.tables import Table, slug
 
 
@@ -29,5 +30,5 @@ class Section:
 
 def figure_title(figure: go.Figure) -> str:
     """The title of a figure as plain text in one line."""
-    lines = str(figure.layout.title.text or "").replace("<br>", " · ")
+    lines = str(figure.layout.title.text or "").replace(SOFT_BREAK, " ").replace("<br>", " · ")
     return html.unescape(re.sub(r"<[^>]*>", "", lines))
