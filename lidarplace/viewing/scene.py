@@ -15,6 +15,7 @@ from lidarplace.lidar.clouds import Crop
 from lidarplace.lidar.shapes import OWN_BODY
 from lidarplace.placement import Placement
 from lidarplace.viewing import style
+from lidarplace.viewing.axes import equal_axes
 from lidarplace.viewing.frame import Cloud, Frame, read_cloud, read_frame
 from lidarplace.viewing.solids import corners, edges, headings, triangles
 
@@ -34,8 +35,6 @@ CAMERAS = {
     },
 }
 """Plotly's cameras; the first is the one at the start."""
-
-_MARGIN = 0.3  # metres
 
 
 def draw_frame(
@@ -196,20 +195,4 @@ def _axes(placement: Placement, crop: Crop) -> dict[str, Any]:
             [mount.position for mount in placement.mounts],
         ]
     )
-    # What lies in the very faces of the axes' cube is drawn in tatters.
-    low, high = seen.min(axis=0) - _MARGIN, seen.max(axis=0) + _MARGIN
-    ratio = 2 * (high - low) / (high - low).max()
-    axes = {
-        f"{axis}axis": {
-            "range": [low[i], high[i]],
-            "title": {"text": f"{axis} (m)"},
-            "nticks": 6 if axis != "z" else 3,
-        }
-        for i, axis in enumerate("xyz")
-    }
-    return {
-        **axes,
-        "aspectmode": "manual",
-        "aspectratio": dict(zip("xyz", ratio.tolist(), strict=True)),
-        "camera": CAMERAS["from behind"],
-    }
+    return equal_axes(seen, longest=2.0) | {"camera": CAMERAS["from behind"]}

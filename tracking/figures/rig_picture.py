@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Mount
+from lidarplace.viewing.axes import equal_axes
 from lidarplace.viewing.solids import edges, triangles
 from tracking.figures.style import OUTLINE, figure, lidar_colour, text
 from tracking.search_result import Point, Rig, Zone
@@ -21,7 +22,6 @@ _CAR = tuple((tuple(low), tuple(high)) for low, high in Vehicle.car().boxes.toli
 _AXES = (("x", "#D55E00"), ("y", "#009E73"), ("z", "#0072B2"))
 """Axes of a sensor, in colours that colour-blind readers can tell apart."""
 _AXIS_LENGTH = 0.3  # metres
-_MARGIN = 0.25  # metres
 _CAMERA = {"eye": {"x": 1.45, "y": 1.3, "z": 0.8}, "center": {"x": 0.0, "y": 0.0, "z": -0.25}}
 
 
@@ -210,20 +210,4 @@ def _scene(plot: go.Figure) -> dict[str, Any]:
     seen = np.concatenate(
         [np.stack([trace.x, trace.y, trace.z], axis=1).astype(np.float64) for trace in plot.data]
     )
-    low, high = np.nanmin(seen, axis=0) - _MARGIN, np.nanmax(seen, axis=0) + _MARGIN
-    ratio = 1.6 * (high - low) / (high - low).max()
-    axes = {
-        f"{axis}axis": {
-            "range": [low[i], high[i]],
-            "title": {"text": f"{axis} (m)"},
-            "nticks": 6 if axis != "z" else 4,
-        }
-        for i, axis in enumerate("xyz")
-    }
-    return {
-        **axes,
-        "aspectmode": "manual",
-        "aspectratio": dict(zip("xyz", ratio.tolist(), strict=True)),
-        "camera": _CAMERA,
-        "dragmode": "turntable",
-    }
+    return equal_axes(seen, longest=1.6) | {"camera": _CAMERA, "dragmode": "turntable"}

@@ -1,0 +1,35 @@
+"""Axes of a 3-D figure."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_MARGIN = 0.3  # metres
+
+
+def equal_axes(points: NDArray[np.floating[Any]], longest: float) -> dict[str, Any]:
+    """Plotly's layout of a scene whose axes have the same scale and hold all points.
+
+    Args:
+        points: shape (n, 3), metres; NaN are left out.
+        longest: length of the longest axis, in plotly's units.
+    """
+    # What lies in the very faces of the axes' cube is drawn in tatters.
+    low, high = np.nanmin(points, axis=0) - _MARGIN, np.nanmax(points, axis=0) + _MARGIN
+    ratio = longest * (high - low) / (high - low).max()
+    axes = {
+        f"{axis}axis": {
+            "range": [low[i], high[i]],
+            "title": {"text": f"{axis} (m)"},
+            "nticks": 6 if axis != "z" else 4,
+        }
+        for i, axis in enumerate("xyz")
+    }
+    return {
+        **axes,
+        "aspectmode": "manual",
+        "aspectratio": dict(zip("xyz", ratio.tolist(), strict=True)),
+    }
