@@ -28,8 +28,8 @@ from tracking.probability_of_best import probability_of_best
 from tracking.reliability import pooled_variance, seed_mean
 
 Array = NDArray[np.float64]
-PLACEMENTS = (4, 8, 16)
-SEEDS = (1, 3, 5)
+PLACEMENTS = (2, 4, 8, 16)
+SEEDS = (1, 2, 3, 5)
 SPREADS = (0.0, 0.5, 1.0, 2.0)
 """Sd of the true APs in points; 0: all are equal."""
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 _DRAWS = 20_000
 _BLOCK = 1_000
-_LOG_RATIOS = np.linspace(-12.0, 40.0, 1041)
+_LOG_RATIOS = np.linspace(-24.0, 40.0, 1281)
 """Of the variance between placements over that of a mean over seeds."""
 
 
@@ -22,11 +22,10 @@ def probability_of_best(
     """Posterior probability of each placement to have the highest expected metric.
 
     Seeds scatter normally and alike. Expected metrics are normal around a common mean, so that a
-    lead counts for less where the placements differ no more than their seeds do. The share of
-    noise in the variance of a mean over seeds has a uniform prior (Strawderman 1971; the uniform
-    shrinkage prior of Daniels 1999), which is proper with two placements too; common mean and
-    logarithm of the noise have flat ones. Given that share the posterior has a closed form, so
-    the draws are independent.
+    lead counts for less where the placements differ no more than their seeds do. The sd between
+    placements, over that of a mean over seeds, has a half-Cauchy prior of scale 1 (Gelman 2006),
+    which is proper with two placements too; common mean and logarithm of the noise have flat ones.
+    Given that ratio the posterior has a closed form, so the draws are independent.
 
     Args:
         means: over seeds, shape (n,).
@@ -51,9 +50,9 @@ def probability_of_best(
     square = degrees * variance + (weight * (means - centre[:, None]) ** 2).sum(axis=1)
     freedom = degrees + n - 1
     log_density = (
-        # A uniform share of noise is a logistic distribution of the logarithm of its odds.
-        -np.logaddexp(0, _LOG_RATIOS)
-        - np.logaddexp(0, -_LOG_RATIOS)
+        # The half-Cauchy density, of the logarithm of the ratio of variances.
+        -0.5 * np.logaddexp(0, _LOG_RATIOS)
+        - 0.5 * np.logaddexp(0, -_LOG_RATIOS)
         + 0.5 * np.log(weight).sum(axis=1)
         - 0.5 * np.log(weight.sum(axis=1))
         - 0.5 * freedom * np.log(square)
