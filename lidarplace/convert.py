@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+import sys
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
+import pandas as pd
 import typer
 from rich.table import Table
 
@@ -25,6 +28,9 @@ app = new_app(
     help="Write the box log of a data set or a table: a folder of Parquet files that a sweep and "
     "sweeps.accuracy take.",
 )
+
+_MOST_YAW = 4 * math.pi
+_MOST_SIZE_M = 50.0
 
 Out = Annotated[Path, typer.Argument(help="folder of the box log to write")]
 ClassMapFile = Annotated[
@@ -154,7 +160,30 @@ def _convert(read: Callable[[Counter[str]], BoxLog], out: Path) -> None:
         write_box_log(out, log)
     except (ValueError, OSError) as error:
         wrong(error)
+    for warning in _warnings(log.boxes):
+        print(f"warning: {warning}", file=sys.stderr)
     output().print(_frames_table(log), _boxes_table(log, ignored), out, sep="\n", soft_wrap=True)
+
+
+def _warnings(boxes: pd.DataFrame) -> list[str]:
+    """Lines on what can be meant, but looks like another unit: degrees, or centimetres."""
+    turned = boxes["yaw"].abs() > _MOST_YAW
+    large = boxes[["length", "width", "height"]].max(axis=1) > _MOST_SIZE_M
+    found = []
+    if turned.any():
+        first = boxes[turned].iloc[0]
+        found.append(
+            f"yaw is in radians; over two turns: {turned.sum():,} of {len(boxes):,} boxes, the "
+            f"first in frame {first['frame']} with {first['yaw']:g}"
+        )
+    if large.any():
+        first = boxes[large].iloc[0]
+        size = " x ".join(f"{first[side]:g}" for side in ("length", "width", "height"))
+        found.append(
+            f"sizes are in metres; over {_MOST_SIZE_M:g} m: {large.sum():,} of {len(boxes):,} "
+            f"boxes, the first in frame {first['frame']} with {size}"
+        )
+    return found
 
 
 def _frames_table(log: BoxLog) -> Table:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from pathlib import Path
 from typing import Literal
 
@@ -83,13 +84,19 @@ def read_placement(path: Path, lidar: Lidar) -> Placement:
         raw = parse_yaml(path.read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: is not YAML: {' '.join(str(error).split())}") from None
+    if isinstance(raw, dict) and "mounts" not in raw:
+        raise ValueError(
+            f"{path}: no key mounts; a placement's file lists its LiDARs, such as "
+            "mounts: [{x: 0, y: 0, z: 2}]"
+        )
     try:
         settings = PlacementSettings.model_validate(raw)
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
+        found = reprlib.repr(first["input"])  # which may be a whole file
         raise ValueError(
-            f"{path}: {key + ': ' if key else ''}{first['msg']}, found {first['input']!r}"
+            f"{path}: {key + ': ' if key else ''}{first['msg']}, found {found}"
         ) from None
     try:
         return settings.placement(path.stem, lidar)

@@ -45,8 +45,16 @@ SurrogateName = Literal[
     "expected_ig",
 ]
 
+MOST_VOXELS = 2_000_000_000
+"""A POG counts in int32, so these take 8 GB for each class, and a surrogate needs several times as
+much. Beyond, a mistyped resolution is likelier than a machine that holds them."""
+
 METRICS = ("AP_R40_3D", "AP_R40_BEV", "recall")
 """Measured values that a rung of `promote` can rank by."""
+
+
+NAME = r"^\w[\w.-]*$"
+"""What a sweep or a search can be called: its name is one of a folder, too."""
 
 
 class _Settings(BaseModel):
@@ -182,7 +190,12 @@ class Point(_Settings):
 
     @model_validator(mode="after")
     def _fits(self) -> Point:
-        self.voxel_roi()
+        voxels = math.prod(self.voxel_roi().shape)
+        if voxels > MOST_VOXELS:
+            raise ValueError(
+                f"surrogate.resolution: {self.surrogate.resolution:g} m divides the ROI into "
+                f"{voxels:.3g} voxels; allowed are {MOST_VOXELS:.3g}"
+            )
         corner = math.hypot(*(max(map(abs, side)) for side in (self.roi.x, self.roi.y)))
         if isinstance(self.scene, SumoScene) and corner > KEEP_M:
             raise ValueError(
@@ -302,7 +315,7 @@ class Common(_Settings):
     """What is common to all points of the grid."""
 
     name: str = Field(
-        pattern=r"^\w[\w.-]*$",
+        pattern=NAME,
         description="names the run folder and the experiment; the file's own name by default",
     )
     placements: dict[str, PlacementSettings] = Field(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -11,9 +12,17 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from lidarplace.yaml_loader import parse_yaml
-from sweeps.config import SCENES
+from sweeps.config import NAME, SCENES
 
 Model = TypeVar("Model", bound=BaseModel)
+
+
+_COMMANDS = {
+    "search": ("a search", "sweeps.search"),
+    "grid": ("a sweep", "sweeps.run"),
+    "exclude": ("a sweep", "sweeps.run"),
+}
+"""Keys that only one kind of file has, and the command that takes it."""
 
 
 class ConfigError(ValueError):
@@ -36,10 +45,25 @@ def read_yaml(path: Path, model: type[BaseModel]) -> dict[str, Any]:
         raise ConfigError(f"{path}: is not YAML: {' '.join(str(error).split())}") from None
     if not isinstance(raw, dict):
         raise ConfigError(f"{path}: found {type(raw).__name__}; a mapping of keys is expected")
+    for key, (kind, command) in _COMMANDS.items():
+        if key in raw and key not in model.model_fields:
+            raise ConfigError(f"{path}: {key}: is a key of {kind}; {command} takes this file")
     for key in raw:
         if key not in model.model_fields:
             raise ConfigError(f"{path}: {key}: {unknown_key(str(key), model)}")
     return raw
+
+
+def name_by_file(raw: dict[str, Any], path: Path) -> None:
+    """Name what has no name after its file. Raises ConfigError if that cannot be a name."""
+    if "name" not in raw and not re.fullmatch(NAME, path.stem):
+        other = re.sub(r"[^\w.-]+", "_", path.stem).lstrip(".-") or "mine"
+        raise ConfigError(
+            f"{path}: name: without one it is that of the file, and {path.stem!r} cannot be a "
+            "name, which has letters, digits and _.- alone; give another, such as "
+            f"--set name={other}"
+        )
+    raw.setdefault("name", path.stem)
 
 
 def override(raw: dict[str, Any], pair: str, path: Path, model: type[BaseModel]) -> None:

@@ -15,6 +15,7 @@ import pandas as pd
 import torch
 from mlflow.models import set_model
 from mlflow.pyfunc import PythonModel, PythonModelContext
+from numpy.typing import NDArray
 
 from lidarplace.lidar.clouds import Clouds
 from training.detect import detect
@@ -38,6 +39,17 @@ class _Clouds:
         return self._clouds[index]
 
 
+def _check(points: NDArray[np.float64]) -> None:
+    """Refuse the `POINT`s that `read_kitti_clouds` refuses; shape (n, 4)."""
+    bad = ~(np.isfinite(points).all(axis=1) & (points[:, 3] >= 0) & (points[:, 3] <= 1))
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise ValueError(
+            f"row {row}: a point must be finite, with an intensity in [0, 1]; found "
+            f"{points[row].tolist()} and {int(bad.sum()) - 1} more"
+        )
+
+
 class DetectorModel(PythonModel):
     """Predicts the boxes of every frame."""
 
@@ -52,7 +64,13 @@ class DetectorModel(PythonModel):
         model_input: pd.DataFrame,
         params: dict[str, Any] | None = None,
     ) -> pd.DataFrame:
-        """Boxes of the frames in `model_input`; the columns are those of the signature."""
+        """Boxes of the frames in `model_input`; the columns are those of the signature.
+
+        Raises:
+            ValueError: a point is not finite or has an intensity outside [0, 1], from which no
+                detector has learnt.
+        """
+        _check(model_input[POINT].to_numpy(np.float64))
         about = self._about
         return detect(
             about["detector"],

@@ -10,7 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from sweeps.config import METRICS, Common, Point, SweepFile
-from sweeps.config_file import ConfigError, check, override, put, read_yaml, unknown_key
+from sweeps.config_file import (
+    ConfigError,
+    check,
+    name_by_file,
+    override,
+    put,
+    read_yaml,
+    unknown_key,
+)
 from training.settings import TrainingSettings
 
 
@@ -56,9 +64,9 @@ def read_sweep(path: Path, overrides: Sequence[str] = ()) -> Sweep:
         ConfigError: anything wrong with the file, a key or a value.
     """
     raw = read_yaml(path, SweepFile)
-    raw.setdefault("name", path.stem)
     for pair in overrides:
         override(raw, pair, path, SweepFile)
+    name_by_file(raw, path)
     return build_sweep(raw, path)
 
 

@@ -72,7 +72,10 @@ def pretrain(
     except ValueError as error:
         wrong(f"{config}: {error}")
     tasks = with_inputs(task)
-    store.refer(reference(sweep, "pretrain"), [needed.key for needed in tasks])
+    try:
+        store.refer(reference(sweep, "pretrain"), [needed.key for needed in tasks])
+    except OSError as error:
+        wrong(error)
     console = output()
     logs = FailureFolder(sweep.common.output / sweep.common.name / "failed")
     try:

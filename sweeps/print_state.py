@@ -60,11 +60,13 @@ def print_search(console: Console, state: SearchState, every: bool) -> None:
         f"done, {trials['feasible']} keep all constraints, {trials['failed']} failed",
         highlight=False,
     )
+    stride = state.azimuth_stride
+    rays = f" (as searched, rays of 1 in {stride} azimuth steps)" if stride > 1 else ""
     best = state.best if every else state.best[:_MOST_BEST]
     for found in best:
         values = ", ".join(f"{name} {value:.6g}" for name, value in found["values"].items())
         beside = "".join(f", {key}={value}" for key, value in found["beside"].items())
-        console.print(f"best so far: trial {found['trial']}: {values}{beside}", markup=False)
+        console.print(f"best so far: trial {found['trial']}: {values}{beside}{rays}", markup=False)
     if len(best) < len(state.best):
         console.print(f"{len(state.best) - len(best)} more of the Pareto front: --all lists them")
     for failure in state.failures:

@@ -38,11 +38,11 @@ def record(
     try:
         sweep, plan = read_plan(config, set_ or [])
         store = store_of(sweep)
-    except ValueError as error:
+        tasks = [task for task in plan.tasks if task.stage == "scene"]
+        store.refer(reference(sweep, "record"), [task.key for task in tasks])
+    except (ValueError, OSError) as error:
         wrong(error)
     scenes = {trial.scenes: trial.scene_label for trial in plan.trials}
-    tasks = [task for task in plan.tasks if task.stage == "scene"]
-    store.refer(reference(sweep, "record"), [task.key for task in tasks])
     console = output()
     try:
         with (

@@ -27,7 +27,7 @@ from sweeps.plan import Plan, further_axes, read_plan
 from sweeps.planned import planned, print_planned
 from sweeps.store import AnyStore
 from sweeps.store_lock import locked
-from sweeps.sweep_store import reference, store_of
+from sweeps.sweep_store import check_writable, reference, store_of
 from sweeps.task import Task
 from sweeps.trial_results import trial_failure
 
@@ -76,6 +76,10 @@ def run(
             print_planned(console, shown)
         return
     os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"  # before anything imports it
+    try:
+        check_writable(sweep, store)
+    except OSError as error:
+        wrong(error)
     with going_on(console):
         complete = run_sweep(console, sweep, plan, store, called(), rerun_failed)
     if not complete:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import tempfile
 
 from sweeps.config_file import ConfigError
 from sweeps.grid import Sweep
@@ -29,6 +30,26 @@ def store_of(sweep: Sweep) -> AnyStore:
     if folder.absolute() == (sweep.common.output / sweep.common.name).absolute():
         raise ConfigError(f"name: the run folder would be the store {folder}; choose another name")
     return store
+
+
+def check_writable(sweep: Sweep, store: AnyStore) -> None:
+    """Make the run folder and the folder of the store, and try whether they take a file.
+
+    What is wrong with a folder does not mend itself, unlike a disk that fills up in the middle.
+
+    Raises:
+        OSError: names the folder that cannot be written.
+    """
+    folders = [sweep.common.output / sweep.common.name]
+    if not isinstance(store, RemoteStore):
+        folders.append(store.folder)
+    for folder in folders:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            tempfile.TemporaryFile(dir=folder).close()
+        except OSError as error:
+            reason = f"cannot be written: {error.strerror}"
+            raise OSError(error.errno, reason, str(folder)) from None
 
 
 def reference(sweep: Sweep, purpose: str = "") -> str:

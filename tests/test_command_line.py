@@ -318,6 +318,53 @@ def test_an_option_that_is_wrong(in_folder, log, words, told):
     assert not os.listdir(in_folder)
 
 
+@pytest.mark.parametrize("verb", ["run", "record", "pretrain", "search"])
+@pytest.mark.parametrize("key", ["output", "store"])
+def test_a_place_that_cannot_be_written(in_folder, log, verb, key):
+    """A file is in the way: the same command would not go on from there."""
+    content = f"scene: {{source: log, folder: {log}}}\nclasses: [Car]\n"
+    if verb == "search":
+        content += "search: {zones: {roof: {x: [0, 1], y: [0, 1], z: 2}}}\n"
+    else:
+        content += "placement: line\n"
+    (in_folder / "grid.yaml").write_text(content)
+    words = [word for word in words_of(verb, "grid.yaml", log) if word != "--dry-run"]
+    done = lidarplace(*words, "--set", f"{key}=grid.yaml")
+    assert done.exit_code == 2, done.output
+    assert done.stderr.count("\n") == 1, done.stderr
+    assert "grid.yaml" in done.stderr
+    assert "goes on" not in done.output
+
+
+@pytest.mark.parametrize(
+    ("verb", "content", "told"),
+    [
+        ("search", "grid: {placement: [line]}\n", "grid: is a key of a sweep; sweeps.run takes"),
+        ("search", "exclude: []\n", "exclude: is a key of a sweep; sweeps.run takes"),
+        ("run", "robustness: {}\nsearch: {}\n", "search: is a key of a search; sweeps.search"),
+    ],
+)
+def test_a_file_of_another_command(in_folder, verb, content, told):
+    (in_folder / "grid.yaml").write_text(content)
+    assert_one_line(lidarplace(*words_of(verb, "grid.yaml", "log")), f"grid.yaml: {told}")
+
+
+@pytest.mark.parametrize(
+    ("verb", "content"),
+    [
+        ("run", "placement: line\n"),
+        ("search", "search: {zones: {roof: {x: [0, 1], y: [0, 1], z: 2}}}\n"),
+    ],
+)
+def test_the_name_of_a_file_that_can_be_none_of_a_sweep(in_folder, log, verb, content):
+    path = in_folder / "mein grüner.yaml"
+    path.write_text(f"scene: {{source: log, folder: {log}}}\nclasses: [Car]\n{content}")
+    told = ("name: without one it is that of the file", "'mein grüner'", "--set name=mein_grüner")
+    assert_one_line(lidarplace(verb, path, "--dry-run"), *told)
+    done = lidarplace(verb, path, "--dry-run", "--set", "name=mein_grüner")
+    assert done.exit_code == 0, done.output
+
+
 # Ends
 
 

@@ -64,7 +64,13 @@ def search(
         return
     os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"  # before anything imports it
     from sweeps.search.run import run_search
+    from sweeps.sweep_store import check_writable, store_of
 
+    try:
+        sweep = problem.sweep()
+        check_writable(sweep, store_of(sweep))
+    except (ValueError, OSError) as error:
+        wrong(error)
     with going_on(console):
         found = run_search(console, problem, called(), verify)
     if not found:

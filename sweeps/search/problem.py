@@ -14,7 +14,7 @@ from typing import Any
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount
 from lidarplace.mounting.near_field import near_field_coverage
 from sweeps.config import Common, Point
-from sweeps.config_file import ConfigError, check, override, put, read_yaml
+from sweeps.config_file import ConfigError, check, name_by_file, override, put, read_yaml
 from sweeps.grid import GridPoint, Sweep, build_sweep
 from sweeps.plan import Trial, make_plan
 from sweeps.search.as_sweep import sweep_of, sweep_settings, verify_settings
@@ -124,9 +124,9 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
         ConfigError: anything wrong with the file, a key or a value.
     """
     source = read_yaml(path, SearchFile)
-    source.setdefault("name", path.stem)
     for pair in overrides:
         override(source, pair, path, SearchFile)
+    name_by_file(source, path)
     file = check(SearchFile, source, path)
     _check_keys(file, source, path)
     settings = file.search

@@ -180,8 +180,13 @@ def _search(
 def _certificate(
     console: Console, problem: Problem, grids: Mapping[str, OccupancyGrid]
 ) -> Certificate | None:
-    with console.status("greedy choice and upper bound …"):
-        found = kept_certificate(problem, grids, problem.folder / "certificate.json")
+    greedy = problem.file.search.greedy
+    assert greedy is not None
+    console.print(
+        f"greedy choice, then its upper bound, up to {greedy.bound_seconds:g} s more …",
+        highlight=False,
+    )
+    found = kept_certificate(problem, grids, problem.folder / "certificate.json")
     if found is None:
         return None
     console.print(

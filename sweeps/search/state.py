@@ -9,6 +9,7 @@ import optuna
 from optuna.storages import BaseStorage, JournalStorage, RDBStorage
 from optuna.storages.journal import JournalFileBackend
 
+from lidarplace.surrogate import RAY_SURROGATES
 from sweeps.plan import read_plan
 from sweeps.search.problem import Problem
 from sweeps.search.study import assessment_of, finished_trials, journal_path, quiet
@@ -28,6 +29,8 @@ class SearchState:
         trials: wanted, done, feasible (all constraints kept) and failed.
         best: number, objectives by name and values beside the rig of the best trial so far, or of
             the Pareto front; empty while none keeps all constraints.
+        azimuth_stride: trials took the rays of 1 in so many azimuth steps for the values in `best`;
+            1 if all of them, or if no objective counts rays.
         failures: number and reason of each trial that failed.
         verify: the sweep that trains detectors for the winners; None while it has not begun.
     """
@@ -36,6 +39,7 @@ class SearchState:
     alive: bool
     trials: dict[str, int]
     best: list[dict[str, Any]]
+    azimuth_stride: int
     failures: list[dict[str, Any]]
     verify: SweepState | None
 
@@ -72,7 +76,9 @@ def search_state(problem: Problem) -> SearchState:
         "failed": len(failures),
     }
     alive = is_locked(problem.folder)
-    return SearchState(problem.file.name, alive, counts, best, failures, _verify(problem))
+    rays = any(objective.by in RAY_SURROGATES for objective in settings.objective)
+    stride = settings.azimuth_stride if rays else 1
+    return SearchState(problem.file.name, alive, counts, best, stride, failures, _verify(problem))
 
 
 def _study(problem: Problem) -> optuna.Study | None:

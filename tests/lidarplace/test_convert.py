@@ -97,6 +97,23 @@ def test_table(tmp_path):
     assert read_box_log(tmp_path / "log").frames["frame"].tolist() == [0, 1]
 
 
+def test_another_unit_is_told_of(tmp_path):
+    path = tmp_path / "boxes.csv"
+    head = "frame,class,x,y,z,length,width,height,yaw\n"
+    path.write_text(head + "1,Car,9,0,1,4,2,1.5,-6.3\n2,Car,9,0,1,50,2,1.5,12.5\n")
+    assert convert("table", path, tmp_path / "log", "--frames", 9).stderr == ""
+    with path.open("a") as file:
+        file.write("4,Car,9,0,1,420,180,150,90\n3,Car,9,0,1,4,2,1.5,-180\n")
+    result = convert("table", path, tmp_path / "log", "--frames", 9)
+    assert result.exit_code == 0
+    assert len(read_box_log(tmp_path / "log").boxes) == 4
+    assert result.stderr.splitlines() == [
+        "warning: yaw is in radians; over two turns: 2 of 4 boxes, the first in frame 3 with -180",
+        "warning: sizes are in metres; over 50 m: 1 of 4 boxes, the first in frame 4 with "
+        "420 x 180 x 150",
+    ]
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -124,6 +141,10 @@ def test_kitti(tmp_path):
     labels.mkdir(parents=True)
     (labels / "000003.txt").write_text(LABEL.format(z="20.00") + "\n")
     (labels / "000004.txt").write_text(LABEL.format(z="nan") + "\n" + LABEL.format(z="9.00") + "\n")
+    result = convert("kitti", tmp_path / "kitti", tmp_path / "log")
+    assert result.exit_code == 2
+    assert "000003.txt: no such file" in result.stderr
+    assert "--standard-calibration takes" in result.stderr
     arguments = ("kitti", tmp_path / "kitti", tmp_path / "log", "--standard-calibration")
     result = convert(*arguments)
     assert result.exit_code == 2

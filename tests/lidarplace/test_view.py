@@ -228,6 +228,9 @@ def test_a_folder_that_is_no_box_log_is_named(tmp_path, name):
         ("mounts: [{z: 2}, {z: 2}]", "two LiDARs cannot sit in one place"),
         ("mounts: [", "is not YAML"),
         ("7", r"own\.yaml: .*found 7"),
+        ("grid: {placement: [line]}", r"own\.yaml: no key mounts; a placement's file lists its"),
+        ("mounts: line", r"^.{,150}own\.yaml: mounts: .*found 'line'$"),
+        ("mounts: [{z: [" + "1, " * 200 + "]}]", r"^.{,400}$"),
     ],
 )
 def test_a_bad_placement_file_is_named_with_key_and_value(tmp_path, text, message):

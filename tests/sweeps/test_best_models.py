@@ -29,6 +29,13 @@ loaded.predict(points).to_parquet(boxes)
 doubles = points.astype(dict.fromkeys(["x", "y", "z", "intensity"], "float64"))
 loaded.predict(doubles).to_parquet(boxes_of_doubles)
 print(loaded.metadata.signature.outputs.input_names())
+for column, value in (("z", float("nan")), ("intensity", 255.0)):
+    bad = doubles.reset_index(drop=True)
+    bad.loc[5:6, column] = value
+    try:
+        loaded.predict(bad)
+    except ValueError as error:
+        print(error)
 """
 
 CROP = (0.0, -20.0, 0.0, 40.0, 20.0, 4.0)
@@ -118,7 +125,12 @@ def test_a_fresh_process_loads_the_best_and_finds_the_same_boxes(sweep, tmp_path
     ).boxes
     assert len(wanted) > 1
     assert list(found.columns) == list(wanted.columns)
-    assert done.stdout.strip() == str(list(wanted.columns))
+    names, no_place, bright = done.stdout.splitlines()
+    assert names == str(list(wanted.columns))
+    for refused in (no_place, bright):
+        assert refused.startswith("row 5: a point must be finite, with an intensity in [0, 1]; ")
+    assert no_place.endswith(" and 1 more")
+    assert ", 255.0] and 1 more" in bright
     for number in (3, 7):
         pd.testing.assert_frame_equal(
             found[found["frame"] == number].reset_index(drop=True),

@@ -163,6 +163,14 @@ def test_own_placements_in_both_conventions(config):
             {"grid": {"surrogate.resolution": [0.1, 0.3]}},
             r"grid.surrogate.resolution\[1\]: ROI x is 40 m long, no multiple",
         ),
+        (
+            {"surrogate": {"resolution": 1e-6}},
+            r"surrogate.resolution: 1e-06 m divides the ROI into 6.4e\+21 voxels; allowed are 2e",
+        ),
+        (
+            {"grid": {"surrogate.resolution": [0.1, 0.01]}},
+            r"grid.surrogate.resolution\[1\]: surrogate.resolution: 0.01 m divides .* 6.4e\+09 vox",
+        ),
         ({"exclude": [{"seed": 9}]}, r"exclude\[0\].seed: found 9; allowed are \[1, 2\]"),
         ({"exclude": [{"lr": 9}]}, r"exclude\[0\].lr: no axis of the grid; allowed are placem"),
         ({"ray": "debgu"}, "ray.address: found 'debgu'; allowed are local"),

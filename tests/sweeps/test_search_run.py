@@ -133,6 +133,9 @@ def test_a_search_begins_with_the_rig_that_one_has(tmp_path, tracking):
     own = {"mine": {"mounts": mounts}}
     result = search(tmp_path, tracking, placements=own, search=options | {"trials": 4})
     assert result.exit_code == 0, result.output
+    told = result.stdout.splitlines()
+    begins = told.index("greedy choice, then its upper bound, up to 30 s more …")
+    assert told[begins + 1].startswith("greedy choice from "), "before a minute of silence"
     first = trials(tmp_path).loc[0]
     found = {(first[f"lidar_{i}.x_m"], first[f"lidar_{i}.y_m"]) for i in (1, 2)}
     assert found == {(0.1, 0.2), (-0.3, 0.0)}

@@ -1,6 +1,7 @@
 """Where a search stands, told from what lies on the disk; nothing is touched."""
 
 import json
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -9,6 +10,7 @@ from typer.testing import CliRunner
 
 from sweeps import clean, doctor, status
 from sweeps.any_file import is_search, read_either
+from sweeps.search import state
 from sweeps.search.__main__ import app as search_app
 from sweeps.search.assess import Assessment
 from sweeps.search.problem import read_problem
@@ -70,9 +72,9 @@ def told(path, *options):
 
 
 def test_nothing_has_begun(path, tmp_path):
-    state = search_state(read_problem(path))
-    assert state.trials == {"wanted": 8, "done": 0, "feasible": 0, "failed": 0}
-    assert (state.alive, state.best, state.failures, state.verify) == (False, [], [], None)
+    found = search_state(read_problem(path))
+    assert found.trials == {"wanted": 8, "done": 0, "feasible": 0, "failed": 0}
+    assert (found.alive, found.best, found.failures, found.verify) == (False, [], [], None)
     assert not (tmp_path / "runs").exists(), "a look leaves no trace"
 
 
@@ -91,12 +93,30 @@ def test_halfway(path, begun):
         "alive": True,
         "trials": {"wanted": 8, "done": 4, "feasible": 3, "failed": 1},
         "best": [{"trial": 1, "values": {"expected_ig": 1.0}, "beside": {}}],
+        "azimuth_stride": 1,
         "failures": [{"trial": 3, "reason": "out of memory"}],
         "verify": None,
     }
     assert "small: running; 4 of 8 trials done, 3 keep all constraints, 1 failed" in text
     assert "best so far: trial 1: expected_ig 1\n" in text
     assert "trial 3 failed: out of memory" in text
+
+
+@pytest.mark.parametrize(
+    ("objective", "stride", "rays"),
+    [
+        ("expected_ig", 3, " (as searched, rays of 1 in 3 azimuth steps)"),
+        ("covered_entropy", 1, ""),
+    ],
+)
+def test_values_of_fewer_rays_are_told_of(path, monkeypatch, objective, stride, rays):
+    found = [SimpleNamespace(number=0, values=[4.0], params={})]
+    monkeypatch.setattr(state, "_study", lambda problem: SimpleNamespace(trials=[]))
+    monkeypatch.setattr(state, "best_trials", lambda study, space: found)
+    monkeypatch.setattr(state, "finished_trials", lambda study: [])
+    options = ("--set", "search.azimuth_stride=3", "--set", f"search.objective={objective}")
+    assert f"best so far: trial 0: {objective} 4{rays}\n" in told(path, *options)
+    assert json.loads(told(path, "--json", *options))["azimuth_stride"] == stride
 
 
 def test_the_trainings_of_verify(path, begun):

@@ -170,7 +170,7 @@ def _pose(path: Path, lidar_height: float) -> NDArray[np.float64]:
     except FileNotFoundError:
         raise ValueError(
             f"{path}: no such file, so nothing places the camera; "
-            "the standard calibration can be asked for instead"
+            "--standard-calibration takes KITTI's usual camera instead"
         ) from None
 
 
