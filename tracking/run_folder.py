@@ -50,6 +50,17 @@ _LATER_TASK_COLUMNS: dict[str, float | str | bool] = {
     "batch_size_reduced": False,
 }
 """Columns that older run folders lack, and what stands for not known."""
+_NUMBERS = frozenset(
+    (
+        *("value", "ground_truths", "iou", "seconds", "pog_seconds", "q", "expected_ig", "epoch"),
+        *("recall", "precision", "from_m", "to_m", "objects", "mean", "median", "p10", "unseen"),
+        *("resolution", "azimuth_steps", "frames", "comparable", "sd", "bias", "low", "high"),
+        *("resample", "rank"),
+    )
+)
+"""Required columns that hold numbers, in whichever table."""
+_LOCK = ".lock"
+"""File that a sweep leaves in its folder from the start; it writes the others at its end."""
 _SWEEP_KEYS = ("name", "command", "axes", "placements", "classes", "roi", "frames")
 
 
@@ -145,12 +156,18 @@ class RunFolder:
         """Read the run folder `path`.
 
         Raises:
-            ValueError: `path` is no run folder, a required file is missing, or a file lacks a
-                column, key or array that it must have.
+            ValueError: `path` is no run folder, its sweep has not finished, a required file is
+                missing, or a file lacks a column, key or array that it must have, or has text where
+                numbers belong.
         """
         path = Path(path)
         required = ["config.yaml", "sweep.json", *(f"{name}.parquet" for name in _REQUIRED_TABLES)]
         missing = [name for name in required if not (path / name).is_file()]
+        if missing == required and (path / _LOCK).is_file():
+            raise ValueError(
+                f"{path} has no results yet: its sweep has not finished. "
+                "`python -m sweeps.status FILE` tells where it stands, FILE being its configuration"
+            )
         if missing:
             raise ValueError(f"{path} is no run folder: it has no {', '.join(missing)}")
         sweep = _read_sweep(path / "sweep.json")
@@ -223,6 +240,13 @@ def _read_table(path: Path, name: str, columns: tuple[str, ...]) -> pd.DataFrame
         raise ValueError(
             f"{file} has no column {', '.join(missing)}; found {', '.join(map(str, table.columns))}"
         )
+    for column in (column for column in columns if column in _NUMBERS):
+        known = table[column].dropna()
+        if len(known) and not pd.api.types.is_numeric_dtype(known):
+            raise ValueError(
+                f"{file}: column {column} must hold numbers, found {known.dtype}, "
+                f"such as {known.iloc[0]!r}"
+            )
     return table
 
 

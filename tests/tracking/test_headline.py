@@ -11,7 +11,7 @@ from tracking.correlation import correlate
 from tracking.leave_one_out import leave_one_out
 from tracking.report.cautions import cautions
 from tracking.report.groups import groups
-from tracking.report.headline import headline_ranking, percent, verdicts
+from tracking.report.headline import headline_ranking, percent, surrogate_verdicts, verdicts
 from tracking.run_folder import RunFolder
 from tracking.summary import seed_means
 from tracking.which_predicts import which_predicts
@@ -110,6 +110,70 @@ def test_cautions_of_failures_objects_and_training(run):
     assert any("Only 4 placements: no two-sided p-value can be below 0.083." in s for s in said)
     assert any(s.startswith("Cyclist: no ground truth") for s in said)
     assert any("in 12 of 12 trials the last epoch still took more than 5 %" in s for s in said)
+
+
+def test_what_was_learned_is_judged_by_the_metric_of_the_headline(run):
+    results = run.results.copy()
+    strict = (results["metric"] == "AP_R40_3D") & (results["iou"] == 0.7)
+    results.loc[strict, "value"] = 0.3  # at IoU 0.5 it stays far above
+    said = cautions(replace(run, results=results), seed_means(results))
+    wanted = "Car: 3D AP @ 0.7 is below 5 % everywhere: the detector learned too little."
+    assert [s for s in said if "learned too little" in s] == [wanted]
+    loose = run.results.copy()
+    loose.loc[loose["metric"] == "AP_R40_BEV", "value"] = 0.3
+    said = cautions(replace(run, results=loose), seed_means(loose))
+    assert not any("learned too little" in s for s in said)
+
+
+@pytest.mark.parametrize(
+    ("train", "test", "said"),
+    [
+        (4, 100, ["Only 4 training frames: "]),
+        (400, 1, ["Only 1 test frame: "]),
+        (19, 19, ["Only 19 training frames: ", "Only 19 test frames: "]),
+        (20, 20, []),
+    ],
+)
+def test_few_frames_are_a_caution(run, train, test, said):
+    few = replace(run, sweep=run.sweep | {"frames": {"train": train, "test": test}})
+    found = [s for s in cautions(few, seed_means(run.results)) if "frame" in s.split(":")[0]]
+    assert [s.startswith(start) for s, start in zip(found, said, strict=True)] == [True] * len(said)
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs") / "alone"
+    return RunFolder.read(write_run(folder, ("a", "b", "c"), detectors=()))
+
+
+def test_surrogates_of_few_frames_are_a_caution(alone):
+    def said(frames):
+        few = replace(alone, sweep=alone.sweep | {"frames": {"train": frames, "test": 0}})
+        return [s for s in cautions(few, seed_means(few.results)) if "frame" in s]
+
+    assert said(10) == []
+    (found,) = said(4)
+    assert found.startswith("The surrogates are of only 4 frames: ")
+
+
+def test_equal_surrogates_have_no_winner(alone):
+    def with_gain(values, **others):
+        table = alone.surrogates[alone.surrogates["class"] == "Car"].copy()
+        for name, own in ({"expected_ig": values} | others).items():
+            table.loc[table["surrogate"] == name, "value"] = own
+        changed = replace(alone, surrogates=table)
+        (group,) = groups(changed)
+        return surrogate_verdicts(changed, group)[0]
+
+    empty = with_gain(0.0, h_pog=0.0)
+    assert empty.best == "no placement is ahead"
+    assert empty.lead == "0 nats for all 3 placements"
+    assert empty.sure == "H_POG is 0: no Car was seen, or always in the same voxels."
+    assert empty.surrogates == ()
+    level = with_gain([7.0, 7.0 + 1e-14, 7.0])
+    assert (level.best, level.sure) == ("no placement is ahead", "")
+    ahead = with_gain([7.0, 7.7, 7.0])
+    assert (ahead.best, ahead.lead) == ("b", "7.7 nats, 10 % ahead of a, of 3 placements")
 
 
 def test_a_training_that_ended_flat_is_no_caution(run):

@@ -223,10 +223,22 @@ def test_efficiency_is_told_by_stage(built, page):
 def test_without_times_or_cores_there_is_no_efficiency(made_up_run):
     run = RunFolder.read(made_up_run)
     before = replace(run, tasks=run.tasks.assign(started=np.nan, ended=np.nan))
-    assert "no task ran, so no efficiency" in where_time_went(before).notes[-1]
+    assert where_time_went(before).notes[-1] == "No task ran, so no efficiency."
     older = replace(run, sweep={k: v for k, v in run.sweep.items() if k != "cores"})
     assert "does not say how many cores" in where_time_went(older).notes[-1]
     assert not where_time_went(older).tables
+
+
+def test_the_clock_is_that_of_the_last_command(made_up_run):
+    run = RunFolder.read(made_up_run)
+    clock = "The last command took 1,234 s on the clock."
+    resumed = (
+        f"{clock} It found 1 of the 22 results in place, so this is not the time of the "
+        "whole sweep."
+    )
+    assert where_time_went(run).notes[0] == resumed
+    fresh = replace(run, tasks=run.tasks.assign(cached=False))
+    assert where_time_went(fresh).notes[0] == clock
 
 
 def test_a_smaller_batch_is_a_warning(tmp_path):
@@ -315,3 +327,9 @@ def test_the_command_rebuilds_it_or_says_what_is_wrong(built, tmp_path):
     assert wrong.returncode == 2
     assert f"{tmp_path} is no run folder: it has no config.yaml" in wrong.stderr
     assert len(wrong.stderr.splitlines()) == 1
+    (tmp_path / ".lock").touch()
+    early = subprocess.run([*command, tmp_path], capture_output=True, text=True, check=False)
+    assert early.returncode == 2
+    assert "its sweep has not finished" in early.stderr
+    assert "python -m sweeps.status FILE" in early.stderr
+    assert len(early.stderr.splitlines()) == 1

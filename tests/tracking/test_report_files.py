@@ -66,6 +66,12 @@ def test_markdown_has_every_table_of_the_page(folder):
         assert "\n" not in line
 
 
+def test_markdown_tells_how_much_was_compared_as_the_page_does(folder):
+    extent = "5 placements, 10 trials, 400 training and 100 test frames."
+    assert (folder / "report.md").read_text().split("\n\n")[1] == extent
+    assert f">{extent}<" in (folder / "report.html").read_text()
+
+
 def test_figures_are_named_for_those_who_do_not_see_them(folder):
     text = (folder / "report.html").read_text(encoding="utf-8")
     labels = re.findall(r'role="figure" aria-label="([^"]*)"', text)

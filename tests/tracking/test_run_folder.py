@@ -59,6 +59,23 @@ def test_what_is_missing_is_named(copy, tmp_path):
         RunFolder.read(copy)
 
 
+@pytest.mark.parametrize(("file", "column"), [("results", "value"), ("curves", "epoch")])
+def test_text_where_numbers_belong_is_named(copy, file, column):
+    table = pd.read_parquet(copy / f"{file}.parquet")
+    table.assign(**{column: "high"}).to_parquet(copy / f"{file}.parquet")
+    said = rf"{file}.parquet: column {column} must hold numbers, found .+, such as 'high'$"
+    with pytest.raises(ValueError, match=said):
+        RunFolder.read(copy)
+    table.assign(**{column: None}).to_parquet(copy / f"{file}.parquet")
+    assert RunFolder.read(copy).trials is not None
+
+
+def test_a_folder_of_which_only_the_lock_is_there_is_of_an_unfinished_sweep(tmp_path):
+    (tmp_path / ".lock").touch()
+    with pytest.raises(ValueError, match=r"its sweep has not finished. `python -m sweeps.status F"):
+        RunFolder.read(tmp_path)
+
+
 def test_optional_files_may_be_missing(copy):
     for name in ("curves.parquet", "maps.npz", "frame.npz"):
         (copy / name).unlink()

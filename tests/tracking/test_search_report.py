@@ -72,6 +72,8 @@ def test_the_first_screen_tells_value_peers_bound_mounts_and_commands(folder, pa
         f"As searched, with rays of 1 in 4 azimuth steps: {below} (upper bound 1,250.0 nats)."
         in page.words
     )
+    fired = "It fired rays of 1 in 4 azimuth steps, with weight"
+    assert f"{fired}: the error is at most 0.2 % of one rig's value." in page.words
     assert "Feasible: it keeps all 2 constraints." in page.words
     assert "the sampler's share is 25 %." in page.text
     assert "python -m sweeps.run runs/made_up/sweep.yaml" in page.words

@@ -107,6 +107,7 @@ def build_report(run: Path) -> Path:
     many = len(cards) > MOST_CARDS and len(predicted) > 0
     findings = counted(folder, predicted, correlations) if many else ""
     weaknesses = [*cautions(folder, means), *_same_rigs(same), *reduced_batches(folder.tasks)]
+    extent = _extent(folder)
     facts = {k: v for k, v in folder.sweep.items() if k != "placements"}
     write_csv_files(folder.path / FOLDER, sections)
     page = write_page(
@@ -118,15 +119,15 @@ def build_report(run: Path) -> Path:
         verdicts=cards,
         most_cards=MOST_CARDS,
         findings=findings,
-        pictured=pictured(folder),
+        extent=extent,
         warnings=weaknesses,
-        pruned=int((folder.trials["status"] == "pruned").sum()),
         sweep=json.dumps(facts, indent=2, default=str),
     )
     write_markdown(
         folder.path / "report.md",
         folder.sweep["name"],
         [
+            escaped(extent),
             *(
                 f"**{escaped(card.heading)}: {escaped(card.best)}.** "
                 + escaped(" ".join([f"{card.metric}: {card.lead}.", card.sure, *card.surrogates]))
@@ -151,6 +152,20 @@ def best_first(run: RunFolder, means: pd.DataFrame) -> list[str]:
     ]
     order = own.groupby("placement")["mean"].mean().sort_values(ascending=False).index.tolist()
     return list(dict.fromkeys((*order, *by_surrogate(run.surrogates), *run.placements)))
+
+
+def _extent(run: RunFolder) -> str:
+    """How much was compared, in one line."""
+    pruned = int((run.trials["status"] == "pruned").sum())
+    shown = pictured(run)
+    frames = run.sweep["frames"]
+    parts = [
+        f"{len(run.placements)} placements, {len(run.trials)} trials",
+        *([f"{pruned} of them pruned by promotion"] if pruned else []),
+        f"{frames['train']} training and {frames['test']} test frames",
+        *([shown] if shown else []),
+    ]
+    return f"{', '.join(parts)}."
 
 
 def _same_rigs(copies: dict[str, str]) -> list[str]:

@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import pandas as pd
 
+from tracking.kitti_iou import headline_iou
+from tracking.labels import metric_label
 from tracking.permutation import smallest_p
+from tracking.report.headline import HEADLINE_METRIC
 from tracking.run_folder import RunFolder
 
 FEW_GROUND_TRUTHS = 200
+FEW_FRAMES = 20
+"""Of training or test: below it a detector hardly learns, and AP hangs on a few scenes."""
+FEW_POG_FRAMES = 10
+"""Below it one frame changes a probability by more than a tenth."""
 MANY_PLACEMENTS = 20
 """From here on the number of placements is no reason for caution."""
 LEAST_P = 0.001
 """A p-value that can become smaller than this is no reason for caution."""
 LEAST_AP = 5.0
-"""Percent; below it everywhere, differences between placements say nothing."""
+"""Percent of the headline's AP; below it everywhere, differences between placements say nothing."""
 STILL_FALLING = 0.05
 """Share of the loss of the epoch before that the last epoch still took off."""
 
@@ -28,12 +35,14 @@ def cautions(run: RunFolder, means: pd.DataFrame) -> list[str]:
     if run.results.empty:
         detectors = (run.trials["detector"] != "").any()
         reason = "no detector was evaluated" if detectors else "the sweep has no detector"
-        return [*failed, f"There are no results: {reason}. Surrogates alone do not tell AP."]
+        alone = f"There are no results: {reason}. Surrogates alone do not tell AP."
+        return [*failed, alone, *_few_pog_frames(run)]
     return [
         *failed,
         *_missing(run),
         *_few_placements(run),
         *_few_seeds(means),
+        *_few_frames(run),
         *_few_objects(run, means),
         *_learned_little(run, means),
         *_unconverged(run),
@@ -89,6 +98,33 @@ def _few_seeds(means: pd.DataFrame) -> list[str]:
     return said
 
 
+def _few_frames(run: RunFolder) -> list[str]:
+    train, test = run.sweep["frames"]["train"], run.sweep["frames"]["test"]
+    said = []
+    if train < FEW_FRAMES:
+        said.append(
+            f"Only {train} training frame{'s' * (train != 1)}: a detector learns little from so "
+            "few, and the surrogates are of the same frames."
+        )
+    if test < FEW_FRAMES:
+        said.append(
+            f"Only {test} test frame{'s' * (test != 1)}: other frames may give another AP and "
+            "another order."
+        )
+    return said
+
+
+def _few_pog_frames(run: RunFolder) -> list[str]:
+    """Of surrogates alone; without any there is nothing to be careful about."""
+    frames = run.sweep["frames"]["train"]
+    if run.surrogates.empty or frames >= FEW_POG_FRAMES:
+        return []
+    return [
+        f"The surrogates are of only {frames} frame{'s' * (frames != 1)}: other frames may rank "
+        "the placements otherwise."
+    ]
+
+
 def _few_objects(run: RunFolder, means: pd.DataFrame) -> list[str]:
     said = []
     counts = means[means["class"].isin(run.classes)].groupby("class")["ground_truths"].min()
@@ -103,10 +139,13 @@ def _few_objects(run: RunFolder, means: pd.DataFrame) -> list[str]:
 def _learned_little(run: RunFolder, means: pd.DataFrame) -> list[str]:
     said = []
     for name in run.classes:
-        ap = means[(means["class"] == name) & means["metric"].str.startswith("AP_")]["mean"]
+        iou = headline_iou(run.results, name)
+        judged = (means["metric"] == HEADLINE_METRIC) & (means["iou"] == iou)
+        ap = means[(means["class"] == name) & judged]["mean"]
         if ap.notna().any() and ap.max() < LEAST_AP:
             said.append(
-                f"{name}: AP is below {LEAST_AP:g} % everywhere: the detector learned too little."
+                f"{name}: {metric_label(HEADLINE_METRIC, iou)} is below {LEAST_AP:g} % everywhere: "
+                "the detector learned too little."
             )
     return said
 

@@ -30,7 +30,7 @@ class Verdict:
     Attributes:
         what: what the placement is first in, such as "Best for Car".
         group: title of the group, "" if there is no other.
-        best: the placement, or several that are equal.
+        best: the placement, or several that are equal, or that there is none.
         lead: its value, and how far it is ahead of which.
         sure: how sure that is.
         surrogates: whether they agree.
@@ -173,7 +173,11 @@ def surrogate_verdicts(run: RunFolder, group: Group) -> list[Verdict]:
         ranked = table[decides].dropna().sort_values(ascending=False, kind="stable")
         best, unit = str(ranked.index[0]), SURROGATES[decides][1]
         lead = f"{ranked.iloc[0]:,.5g} {unit}"
-        if len(ranked) > 1 and ranked.iloc[1] > 0:
+        # Sums of the same terms in another order differ by rounding.
+        level = len(ranked) > 1 and np.allclose(ranked, ranked.iloc[0], rtol=1e-9, atol=0)
+        if level:
+            lead += f" for all {len(ranked):,} placements"
+        elif len(ranked) > 1 and ranked.iloc[1] > 0:
             ahead = 100 * (ranked.iloc[0] / ranked.iloc[1] - 1)
             lead += f", {ahead:.2g} % ahead of {ranked.index[1]}, of {len(ranked):,} placements"
         ranks = table.rank(ascending=False, method="min").loc[best]
@@ -183,17 +187,24 @@ def surrogate_verdicts(run: RunFolder, group: Group) -> list[Verdict]:
                 f"Highest {surrogate_name(decides)} for {name}",
                 group.title if group.varies else "",
                 surrogate_name(decides),
-                best,
+                "no placement is ahead" if level else best,
                 lead,
-                "",
+                _without_entropy(table, name),
                 tuple(
                     f"{surrogate_name(other)}: rank {ranks[other]:,.0f} from the highest."
                     for other in others
-                    if not np.isnan(ranks[other])
+                    if not level and not np.isnan(ranks[other])
                 ),
             )
         )
     return found
+
+
+def _without_entropy(table: pd.DataFrame, name: str) -> str:
+    """Why there is nothing to gain, if so."""
+    if "h_pog" not in table.columns or not (table["h_pog"] == 0).all():
+        return ""
+    return f"H_POG is 0: no {name} was seen, or always in the same voxels."
 
 
 def plus_minus(mean: float, sd: float) -> str:

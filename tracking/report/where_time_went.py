@@ -20,7 +20,7 @@ def where_time_went(run: RunFolder) -> Section:
         section.notes.append("The run folder has no tasks.parquet.")
         return section
     if "seconds" in run.sweep:
-        section.notes.append(f"The sweep took {float(run.sweep['seconds']):,.0f} s on the clock.")
+        section.notes.append(_last_command(float(run.sweep["seconds"]), run.tasks))
     section.figures.append(times(run.tasks))
     if "cores" not in run.sweep:
         section.notes.append("The run folder does not say how many cores it had: no efficiency.")
@@ -28,11 +28,23 @@ def where_time_went(run: RunFolder) -> Section:
     cores = int(run.sweep["cores"])
     efficiency = stage_efficiency(run.tasks, cores)
     if efficiency.empty:
-        section.notes.append("All results were there before: no task ran, so no efficiency.")
+        section.notes.append("No task ran, so no efficiency.")
         return section
     section.notes += _sentences(efficiency, cores, run.tasks)
     section.tables.append(efficiency_table(efficiency, cores))
     return section
+
+
+def _last_command(seconds: float, tasks: pd.DataFrame) -> str:
+    """Seconds on the clock, which are not those of the sweep if it was resumed or run again."""
+    said = f"The last command took {seconds:,.0f} s on the clock."
+    before = int(tasks["cached"].sum())
+    if not before:
+        return said
+    return (
+        f"{said} It found {before:,} of the {len(tasks):,} results in place, so this is "
+        "not the time of the whole sweep."
+    )
 
 
 def _sentences(efficiency: pd.DataFrame, cores: int, tasks: pd.DataFrame) -> list[str]:

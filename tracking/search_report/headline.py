@@ -155,6 +155,10 @@ def _effort(search: SearchResult) -> Card:
     rays = strided(search)
     if search.stride is not None and rays:
         error = search.stride.relative_error
-        known = "" if error is None else f", relative error {100 * error:.2g} %"
+        known = (
+            ""
+            if error is None
+            else f": the error is at most {100 * error:.2g} % of one rig's value"
+        )
         lines.append(f"It fired {rays}, with weight{known}.")
     return Card("The search", f"{search.evaluations:,} evaluations", tuple(lines))
