@@ -33,9 +33,10 @@ def store_of(sweep: Sweep) -> AnyStore:
 
 
 def check_writable(sweep: Sweep, store: AnyStore) -> None:
-    """Make the run folder and the folder of the store, and try whether they take a file.
+    """Try whether the run folder and the folder of the store take a file, or can be made.
 
-    What is wrong with a folder does not mend itself, unlike a disk that fills up in the middle.
+    Leaves nothing behind. What is wrong with a folder does not mend itself, unlike a disk that
+    fills up in the middle.
 
     Raises:
         OSError: names the folder that cannot be written.
@@ -45,8 +46,8 @@ def check_writable(sweep: Sweep, store: AnyStore) -> None:
         folders.append(store.folder)
     for folder in folders:
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            tempfile.TemporaryFile(dir=folder).close()
+            there = next(path for path in (folder, *folder.parents) if path.exists())
+            tempfile.TemporaryFile(dir=there).close()
         except OSError as error:
             reason = f"cannot be written: {error.strerror}"
             raise OSError(error.errno, reason, str(folder)) from None
