@@ -17,7 +17,7 @@ from mlflow.models import set_model
 from mlflow.pyfunc import PythonModel, PythonModelContext
 from numpy.typing import NDArray
 
-from lidarplace.lidar.clouds import Clouds
+from lidarplace.lidar.clouds import Clouds, valid_points
 from training.detect import detect
 from training.settings import TrainingSettings
 
@@ -41,7 +41,7 @@ class _Clouds:
 
 def _check(points: NDArray[np.float64]) -> None:
     """Refuse the `POINT`s that `read_kitti_clouds` refuses; shape (n, 4)."""
-    bad = ~(np.isfinite(points).all(axis=1) & (points[:, 3] >= 0) & (points[:, 3] <= 1))
+    bad = ~valid_points(points)
     if bad.any():
         row = int(np.argmax(bad))
         raise ValueError(

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -27,6 +28,11 @@ STEP_M = 0.001
 
 _LEVEL = 1  # of zstd: higher ones cost ten times as long for 4 % fewer bytes
 _BYTES = 7  # of a point before compression: three coordinates and an intensity
+
+
+def valid_points(points: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
+    """Whether each point is finite and has an intensity in [0, 1]; (n, 4) to (n,)."""
+    return np.isfinite(points).all(axis=1) & (points[:, 3] >= 0) & (points[:, 3] <= 1)
 
 
 @dataclass(frozen=True)

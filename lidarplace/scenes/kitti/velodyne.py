@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.lidar.clouds import STEP_M, Crop, PointClouds
+from lidarplace.lidar.clouds import STEP_M, Crop, PointClouds, valid_points
 from lidarplace.scenes.kitti.calibration import LIDAR_HEIGHT_M
 from lidarplace.scenes.kitti.folder import fault, frame_name, part
 
@@ -64,7 +64,7 @@ def _read(
 ) -> Iterator[tuple[NDArray[np.float32], list[int]]]:
     for path in paths:
         points = np.fromfile(path, "<f4").reshape(-1, 4).astype(np.float32, copy=False)
-        good = np.isfinite(points).all(axis=1) & (points[:, 3] >= 0) & (points[:, 3] <= 1)
+        good = valid_points(points)
         for index in np.flatnonzero(~good).tolist():
             fault(
                 f"{path}: point {index} must be finite, with an intensity in [0, 1]; "
