@@ -200,6 +200,29 @@ def expected_ig_by_q(
     return pd.DataFrame.from_dict(gains, orient="index")
 
 
+FAINT_Q = 1e-7
+"""A probability of detection so small that `expected_ig` is proportional to it."""
+
+MOSTLY_LINEAR = 2 / 3
+"""A `linear_share` beyond which `expected_ig` ranks placements by the number of their rays within
+objects rather than by what these cover (`python benchmarks/expected_ig_regime.py`)."""
+
+
+def linear_share(by_q: pd.DataFrame, q: float) -> pd.Series[float]:
+    """`expected_ig` as a share of what it were if every ray counted by itself, by class.
+
+    A voxel that m rays cross is detected with d = 1 - (1 - q)^m. Where q m is small in all of them
+    d is q m, and `expected_ig` a sum over rays, in which a ray through a voxel that others have
+    seen counts as much as one through a new voxel: the share is 1, or a hair more, as information
+    is convex in d. It falls as rays, q or voxels grow, and `expected_ig` comes to be
+    `covered_entropy`. NaN for a class that no ray meets.
+
+    Args:
+        by_q: of `expected_ig_by_q`, with the columns `q` and FAINT_Q.
+    """
+    return by_q[q] / (by_q[FAINT_Q] * (q / FAINT_Q))
+
+
 def _common_roi(grids: Mapping[str, OccupancyGrid]) -> Roi:
     rois = {grid.roi for grid in grids.values()}
     if len(rois) != 1:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,6 +106,17 @@ class Lidar:
     @property
     def _step(self) -> float:
         return 2 * math.pi / self.azimuth_steps
+
+    def thinned(self, share: float) -> Lidar:
+        """The same LiDAR with `share` of its azimuth steps, rounded, at least one in a turn.
+
+        Raises:
+            ValueError: `share` is not within (0, 1], or none of the steps that are left is in the
+                field of view.
+        """
+        if not 0 < share <= 1:
+            raise ValueError(f"share must be within (0, 1], found {share}")
+        return replace(self, azimuth_steps=max(1, round(share * self.azimuth_steps)))
 
     def azimuths(self) -> NDArray[np.float64]:
         """Fired azimuths in the order of firing, shape (fired_steps,), radians in [0, 2 pi).

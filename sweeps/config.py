@@ -84,6 +84,13 @@ class LidarSettings(SensorSettings):
         description="paper: the text of the paper; released-code: what its published collection "
         "code does: 250 azimuth steps and the two quirks below. Keys given beside it win.",
     )
+    cloud_share: float = Field(
+        1.0,
+        gt=0,
+        le=1,
+        description="share of the azimuth steps that simulated clouds have: fewer points train "
+        "faster; surrogates are of all",
+    )
     tilt_in_degrees: bool = Field(
         False, description="quirk: clouds are collected with roll and pitch taken for degrees"
     )

@@ -276,11 +276,19 @@ def _rig(placement: Placement) -> dict[str, Any]:
 def _collection(
     point: Point, placement: Placement, digest_of: Callable[[Path], str]
 ) -> dict[str, Any]:
-    """What decides clouds besides the scene. Quirks are of the collection, not of the rig."""
+    """What decides clouds besides the scene.
+
+    Quirks and fewer azimuth steps are of the collection, not of the rig.
+    """
     scene = point.scene
     if isinstance(scene, LogScene) and scene.clouds == "recorded":
         if point.lidar.tilt_in_degrees or point.lidar.misaligned_heights:
             raise ConfigError("lidar: recorded clouds are as they are; leave the quirks out")
+        if point.lidar.cloud_share != 1:
+            raise ConfigError(
+                f"lidar.cloud_share: recorded clouds are as they are; allowed is 1, found "
+                f"{point.lidar.cloud_share:g}"
+            )
         folder = scene.folder / "clouds" / point.placement
         try:
             check_rig(folder, placement)
@@ -289,6 +297,11 @@ def _collection(
             raise ConfigError(f"placement: {error}") from None
     if point.lidar.tilt_in_degrees:
         placement = with_tilt_in_degrees(placement)
+    share = point.lidar.cloud_share
+    try:
+        placement = placement.with_lidar([lidar.thinned(share) for lidar in placement.lidars])
+    except ValueError as error:
+        raise ConfigError(f"lidar.cloud_share: {share:g}: {error}") from None
     return _rig(placement) | {
         "recorded": None,
         "seed": scene.seed,

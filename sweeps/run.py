@@ -231,6 +231,7 @@ def _parameters(sweep: Sweep, plan: Plan) -> dict[str, object]:
 
 
 def _print_summary(console: Console, folder: Path) -> None:
+    from tracking.ray_counting import largest_linear_share, ray_counting_caution
     from tracking.run_folder import RunFolder
     from tracking.summary import summary_table
 
@@ -243,6 +244,9 @@ def _print_summary(console: Console, folder: Path) -> None:
     for row in summary.itertuples(index=False):
         table.add_row(*(_short(value) for value in row))
     console.print(table)
+    said = ray_counting_caution(largest_linear_share(run.surrogates))
+    if said:
+        console.print(f"warning: {said}", style="yellow", markup=False, soft_wrap=True)
 
 
 def _short(value: object) -> str:

@@ -32,6 +32,7 @@ from lidarplace import (
 )
 from lidarplace.box_log import BoxLog, join_logs
 from lidarplace.lidar.clouds import JoinedClouds, PointClouds
+from lidarplace.scoring import FAINT_Q, linear_share
 from lidarplace.surrogate import RAY_SURROGATES
 
 Params = Mapping[str, Any]
@@ -85,7 +86,7 @@ def surrogates(params: Params, pog: Value) -> Value:
     """All surrogates asked for, for every class.
 
     `by_q` is `expected_ig` without occlusion for many q, from which one is fitted to measured AP;
-    it is there if `expected_ig` is asked for.
+    it is there if `expected_ig` is asked for, and so is `linear_share` in that surrogate's rows.
     """
     placement = _placement(params)
     grids = grids_of(pog)
@@ -104,10 +105,14 @@ def surrogates(params: Params, pog: Value) -> Value:
         for name in (*names, *(["covered_voxels"] if "m_sog" in names else []))
     ]
     columns = ["class", "surrogate", "value", "method", "seconds"]
-    value: Value = {"table": pd.DataFrame(rows, columns=columns)}
+    table = pd.DataFrame(rows, columns=columns)
+    value: Value = {"table": table}
     if "expected_ig" in names:
-        by_q = expected_ig_by_q(grids, placement, params["fitted_q"])
-        by_q = by_q.rename_axis("class").reset_index()
+        q = params["detection_probability"]
+        by_q = expected_ig_by_q(grids, placement, [*params["fitted_q"], q, FAINT_Q])
+        share = table["class"].map(linear_share(by_q, q))
+        table["linear_share"] = share.where(table["surrogate"] == "expected_ig")
+        by_q = by_q[list(params["fitted_q"])].rename_axis("class").reset_index()
         value["by_q"] = by_q.melt("class", var_name="q", value_name="expected_ig")
     return value
 

@@ -182,6 +182,8 @@ class SearchResult(_Part):
         front: number of rigs of the whole Pareto front; None for one objective.
         baseline: the best of the paper's eight by the first objective, None if they are no peers.
         stride: None where no objective fires rays.
+        linear_share: of `expected_ig` of the best rig, see `lidarplace.scoring.linear_share`; the
+            largest of the classes that the search weighs, None if it is no objective.
         importance: share of each parameter in reaching good values (PED-ANOVA).
     """
 
@@ -216,6 +218,7 @@ class SearchResult(_Part):
     tracking_uri: str | None
     versions: dict[str, str]
     stride: Stride | None
+    linear_share: float | None = None
     importance: dict[str, float] | None
 
     @property

@@ -10,6 +10,8 @@ import pandas as pd
 from optuna.trial import FrozenTrial
 
 from lidarplace import OccupancyGrid
+from lidarplace.scoring import FAINT_Q, expected_ig_by_q, linear_share
+from sweeps.search.assess import Question
 from sweeps.search.certificate import Certificate
 from sweeps.search.study import Timing
 from sweeps.search.winners import Judged
@@ -47,6 +49,17 @@ class Found:
     def baseline(self) -> str:
         """The best of the paper's eight."""
         return baseline_of(self.judged)
+
+    def linear_share(self, question: Question) -> float | None:
+        """That of `expected_ig` of the best rig, the largest of the classes.
+
+        None if nothing was found, or `expected_ig` is no objective.
+        """
+        if not self.best or not any(o.by == "expected_ig" for o in question.objectives):
+            return None
+        q = question.detection_probability
+        rig = self.judged[self.best[0]].rig.placement(self.best[0], question.carrier.models)
+        return float(linear_share(expected_ig_by_q(self.grids, rig, [q, FAINT_Q]), q).max())
 
 
 def baseline_of(judged: Mapping[str, Judged]) -> str:

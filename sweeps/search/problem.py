@@ -146,7 +146,11 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
     except ValueError as error:
         raise ConfigError(f"{path}: search.constraints.near_field: {error}") from None
     if settings.models and file.verify is not None:
-        keys = [key for key in file.verify.set if key.partition(".")[0] == "lidar"]
+        keys = [
+            key
+            for key in file.verify.set
+            if key.partition(".")[0] == "lidar" and key != "lidar.cloud_share"
+        ]
         if keys:
             raise ConfigError(
                 f"{path}: verify.set: {keys[0]} would change the paper's rigs alone, as those of "

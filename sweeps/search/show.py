@@ -15,6 +15,7 @@ from sweeps.search.problem import Problem
 from sweeps.search.study import assessment_of, finished_trials
 from sweeps.search.tables import mount_columns
 from sweeps.search.winners import Judged
+from tracking.ray_counting import ray_counting_caution
 
 _TO_THE_LETTER = (
     "objective {name}: entropies are not negative, so every LiDAR lowers it, and it is highest for "
@@ -172,3 +173,6 @@ def print_found(console: Console, problem: Problem, found: Found) -> None:
     console.print(table)
     for key, value in found.judged["found_1"].values_beside.items():
         console.print(f"{key}: {value}", markup=False)
+    said = ray_counting_caution(found.linear_share(problem.question) or 0.0)
+    if said:
+        console.print(f"warning: {said}", style="yellow", markup=False, soft_wrap=True)

@@ -183,6 +183,7 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> dict
         "rigs": {name: _rig(own) for name, own in found.judged.items()},
         "importance": importances(found.study) or None,
         "stride": _stride(problem, found),
+        "linear_share": found.linear_share(question),
         "tracking_uri": public_uri(absolute_uri(file.tracking_uri)),
         "versions": {"python": platform.python_version()} | {n: version(n) for n in _VERSIONS},
     }

@@ -17,6 +17,8 @@ from lidarplace import (
     sum_over_classes,
 )
 from lidarplace.coverage import count_covered
+from lidarplace.coverage.rays import ray_counts
+from lidarplace.scoring import FAINT_Q, linear_share
 
 ROI = Roi(x=(0.0, 6.0), y=(-3.0, 3.0), z=(0.0, 2.0), resolution=0.2)
 LIDAR = Lidar(tuple(np.radians([-40.0, -20.0, -3.0, 5.0])), azimuth_steps=360)
@@ -98,6 +100,26 @@ def test_expected_ig_for_many_q_is_that_of_each(grids):
     assert (by_q.diff(axis=1).iloc[:, 1:] > 0).all(axis=None)
     with pytest.raises(ValueError, match=r"within \(0, 1\], found 2"):
         expected_ig_by_q(grids, placement, [0.1, 2])
+
+
+def test_linear_share_is_that_of_rays_that_count_by_themselves(grids):
+    """By the formula, ray by ray; near 1 for few faint rays, near 0 where many rays see all."""
+    for steps, q, low, high in (
+        (12, 1e-3, 0.99, 1.001),
+        (360, 0.1, 0.1, 0.9),
+        (7200, 0.9, 0.0, 0.1),
+    ):
+        placement = PAPER_PLACEMENTS["line"].with_lidar(Lidar(LIDAR.elevations, steps))
+        shares = linear_share(expected_ig_by_q(grids, placement, [q, FAINT_Q]), q)
+        rays = ray_counts(placement, ROI, "dda")
+        for name, grid in grids.items():
+            p = grid.probability
+            each = np.where(p > 0, -p * np.log(np.where(p > 0, p, 1)), 0)  # I / q as q goes to 0
+            found = evaluate(
+                grid, placement, surrogates=["expected_ig"], detection_probability=q
+            ).expected_ig
+            assert shares[name] == pytest.approx(found / (q * float((rays * each).sum())), rel=1e-4)
+            assert low <= shares[name] <= high
 
 
 def test_a_stride_approximates_all_rays(grids):

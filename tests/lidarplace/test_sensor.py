@@ -22,6 +22,16 @@ def test_a_full_turn_fires_every_step():
         np.testing.assert_array_equal(turned.directions(), lidar.directions())
 
 
+def test_a_thinned_lidar_has_fewer_azimuth_steps_and_nothing_else():
+    lidar = Lidar(BEAMS, azimuth_steps=5625, range=30.0, azimuth=(-1.0, 1.0))
+    assert lidar.thinned(0.16) == replace(lidar, azimuth_steps=900)
+    assert lidar.thinned(1) == lidar
+    assert Lidar(BEAMS, azimuth_steps=12).thinned(1e-9).azimuth_steps == 1
+    for share in (0.0, -0.5, 1.1, math.nan):
+        with pytest.raises(ValueError, match=r"share must be within \(0, 1\]"):
+            lidar.thinned(share)
+
+
 @pytest.mark.parametrize(
     ("degrees", "steps"),
     [

@@ -158,6 +158,20 @@ def test_quirks_change_the_clouds_alone(tmp_path):
     assert collect.params["crop"][2] == pytest.approx(straight.params["crop"][2] - 0.4)
 
 
+def test_thinned_clouds_leave_the_surrogates_as_they_are(tmp_path):
+    sparse = {"azimuth_steps": 5625, "cloud_share": 0.16}
+    whole, thin = (
+        plan_of(tmp_path, lidar=lidar).trials[0] for lidar in ({"azimuth_steps": 5625}, sparse)
+    )
+    assert whole.surrogates.key == thin.surrogates.key
+    assert whole.accuracy.key == thin.accuracy.key
+    for (task,), steps in ((whole.collect_test, 5625), (thin.collect_test, 900)):
+        assert {lidar["azimuth_steps"] for lidar in task.params["lidars"]} == {steps}
+    narrow = {"azimuth_deg": [30, 31], "azimuth_steps": 360, "cloud_share": 0.011}
+    with pytest.raises(ConfigError, match=r"lidar\.cloud_share: 0\.011: none of the 4 azimuth"):
+        plan_of(tmp_path, lidar=narrow)
+
+
 def test_points_that_are_the_same_work_are_refused(tmp_path):
     grid = {"placement": ["line"], "surrogate.detection_probability": [0.1, 0.2]}
     assert len(plan_of(tmp_path, grid=grid).trials) == 2

@@ -125,6 +125,19 @@ def test_what_was_learned_is_judged_by_the_metric_of_the_headline(run):
     assert not any("learned too little" in s for s in said)
 
 
+@pytest.mark.parametrize(("share", "said"), [(0.86, True), (0.67, True), (0.66, False)])
+def test_expected_ig_that_counts_rays_is_a_caution(run, share, said):
+    rows = run.surrogates
+    own = rows.assign(linear_share=np.where(rows["surrogate"] == "expected_ig", share, np.nan))
+    for results in (run.results, run.results[:0]):
+        folder = replace(run, surrogates=own, results=results)
+        found = cautions(folder, seed_means(run.results))
+        assert any("counts rays" in text for text in found) == said
+    # Older run folders do not know.
+    found = cautions(run, seed_means(run.results))
+    assert not any("counts rays" in text for text in found)
+
+
 @pytest.mark.parametrize(
     ("train", "test", "said"),
     [

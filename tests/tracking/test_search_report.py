@@ -252,6 +252,7 @@ def test_warnings_name_bound_edges_failures_and_few_evaluations(tmp_path):
     folder = write_search(tmp_path / "warned", complete=False, bound=bound)
     search = json.loads((folder / "search.json").read_text())
     search["rigs"]["found_1"]["mounts"][1][:3] = [0.6, 0.1, 2.2]
+    search["linear_share"] = 0.9
     (folder / "search.json").write_text(json.dumps(search))
     trials = pd.read_parquet(folder / "trials.parquet")
     trials.loc[5, "state"] = "FAIL"
@@ -263,6 +264,7 @@ def test_warnings_name_bound_edges_failures_and_few_evaluations(tmp_path):
     assert "LiDAR 2: x, y, z" in page.text
     assert "1 of 60 trials failed." in page.words
     assert "58 evaluations are few for 25 parameters" in page.text
+    assert "Expected IG counts rays here: it is 90 % of what" in page.text
 
 
 def test_a_search_that_did_not_beat_the_paper_says_so(tmp_path):

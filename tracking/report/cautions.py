@@ -7,6 +7,7 @@ import pandas as pd
 from tracking.kitti_iou import headline_iou
 from tracking.labels import metric_label
 from tracking.permutation import smallest_p
+from tracking.ray_counting import largest_linear_share, ray_counting_caution
 from tracking.report.headline import HEADLINE_METRIC
 from tracking.run_folder import RunFolder
 
@@ -36,7 +37,7 @@ def cautions(run: RunFolder, means: pd.DataFrame) -> list[str]:
         detectors = (run.trials["detector"] != "").any()
         reason = "no detector was evaluated" if detectors else "the sweep has no detector"
         alone = f"There are no results: {reason}. Surrogates alone do not tell AP."
-        return [*failed, alone, *_few_pog_frames(run)]
+        return [*failed, alone, *_few_pog_frames(run), *_counted_rays(run)]
     return [
         *failed,
         *_missing(run),
@@ -46,6 +47,7 @@ def cautions(run: RunFolder, means: pd.DataFrame) -> list[str]:
         *_few_objects(run, means),
         *_learned_little(run, means),
         *_unconverged(run),
+        *_counted_rays(run),
     ]
 
 
@@ -123,6 +125,11 @@ def _few_pog_frames(run: RunFolder) -> list[str]:
         f"The surrogates are of only {frames} frame{'s' * (frames != 1)}: other frames may rank "
         "the placements otherwise."
     ]
+
+
+def _counted_rays(run: RunFolder) -> list[str]:
+    said = ray_counting_caution(largest_linear_share(run.surrogates))
+    return [said] if said else []
 
 
 def _few_objects(run: RunFolder, means: pd.DataFrame) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from tracking.ray_counting import ray_counting_caution
 from tracking.search_folder import SearchFolder
 from tracking.search_report.edges import at_the_edge
 from tracking.search_report.headline import best_of_paper, with_unit
@@ -26,6 +27,9 @@ def cautions(run: SearchFolder) -> list[str]:
             f"{search.evaluations:,} evaluations are few for {search.parameters} parameters: "
             "another seed may find another rig."
         )
+    if search.linear_share is not None:
+        said = ray_counting_caution(search.linear_share)
+        found += [said] if said else []
     failed = int((run.trials["state"] == "FAIL").sum())
     if failed:
         found.append(f"{failed:,} of {len(run.trials):,} trials failed.")
