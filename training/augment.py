@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from training.dataset import Sample
 from training.detectors.detector import PointRange
 from training.ground_truth_sampling import ObjectDatabase
+from training.randomness import Purpose, generator
 from training.settings import TrainingSettings
 
 
@@ -28,19 +29,24 @@ class Augmentation:
     point_range: PointRange
     database: ObjectDatabase
 
-    def __call__(self, sample: Sample, random: np.random.Generator) -> Sample:
-        """A frame as it is trained on. The arrays of `sample` may be changed."""
-        sample = self.database.paste(sample, random)
-        sample = within_range(moved(sample, self.settings, random), self.point_range)
+    def __call__(self, sample: Sample, key: tuple[int, int, int]) -> Sample:
+        """A frame as it is trained on. The arrays of `sample` may be changed.
+
+        All randomness follows from `key`: seed, epoch and frame.
+        """
+        sample = self.database.paste(sample, generator(Purpose.PASTE, *key))
+        sample = moved(sample, self.settings, generator(Purpose.MOVE, *key))
+        sample = within_range(sample, self.point_range)
         # A detector that takes so many points of a voxel, or voxels of a frame, takes the first.
-        order = random.permutation(len(sample.points))
+        order = generator(Purpose.SHUFFLE, *key).permutation(len(sample.points))
         return Sample(sample.points[order], sample.boxes, sample.labels)
 
 
 def moved(sample: Sample, settings: TrainingSettings, random: np.random.Generator) -> Sample:
     """Mirror, turn and scale a frame. The points and boxes of `sample` are changed in place."""
     points, boxes = sample.points, sample.boxes
-    if settings.flip_y and random.random() < 0.5:
+    mirrored = random.random() < 0.5  # drawn in any case: turns and scales stay what they are
+    if settings.flip_y and mirrored:
         points[:, 1] *= -1
         boxes[:, 1] *= -1
         boxes[:, 6] *= -1

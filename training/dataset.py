@@ -41,6 +41,8 @@ class TrainingFrames:
 
     Attributes:
         numbers: frame numbers, shape (F,), int64.
+        all_objects: number of objects of the classes in these frames, those with too few points
+            included; the same for every rig.
 
     Raises:
         ValueError: `ground_truth` lacks a column or has a number that is not finite.
@@ -66,7 +68,9 @@ class TrainingFrames:
         frame = own["frame"].to_numpy(np.int64)
         boxes = own[list(GEOMETRY)].to_numpy(np.float64)
         labels = 1 + pd.Index(list(classes)).get_indexer(pd.Index(own["class"]))
+        self.all_objects = len(own)
         points = np.zeros(len(self), np.int64)
+        self._objects: list[NDArray[np.int64]] = []
         self._boxes: list[NDArray[np.float32]] = []
         self._labels: list[NDArray[np.int64]] = []
         for index, number in enumerate(self.numbers):
@@ -76,6 +80,7 @@ class TrainingFrames:
             seen = count_points(cloud, boxes[low:high]) >= min_points
             kept = boxes[low:high][seen]
             kept[:, 2] -= sensor_height
+            self._objects.append(low + np.flatnonzero(seen))
             self._boxes.append(kept.astype(np.float32))
             self._labels.append(labels[low:high][seen].astype(np.int64))
         self._by_size = np.argsort(-points, kind="stable")
@@ -90,6 +95,10 @@ class TrainingFrames:
             self._boxes[index].copy(),
             self._labels[index].copy(),
         )
+
+    def objects(self, index: int) -> NDArray[np.int64]:
+        """Which of `all_objects` the boxes of the `index`-th frame are, shape (M,)."""
+        return self._objects[index]
 
     def largest(self, count: int) -> list[Sample]:
         """The frames with most points, from the first again where there are fewer than `count`."""

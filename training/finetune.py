@@ -23,6 +23,7 @@ from training.detectors.detector import Detector, PointRange
 from training.device import device
 from training.ground_truth_sampling import ObjectDatabase
 from training.optimisation import Optimisation
+from training.randomness import Purpose, generator, stream
 from training.resume import TrainingFolder, TrainingState, fingerprint
 from training.settings import TrainingSettings
 
@@ -187,16 +188,20 @@ def _train_epoch(
     batch_size: int,
     seed: tuple[int, int],
 ) -> dict[str, float]:
-    """One pass over all frames. All its randomness follows from `seed`. Returns its values."""
+    """One pass over all frames. Returns its values.
+
+    All its randomness follows from `seed`, of training and epoch; each purpose draws its own,
+    so that rigs of one seed differ in nothing but their points.
+    """
     start = time.perf_counter()
-    random = np.random.default_rng(seed)
-    torch.manual_seed(int(random.integers(2**63)))  # networks draw from torch's generator
     model.train()
     parts: dict[str, list[Tensor]] = defaultdict(list)
-    order = random.permutation(len(frames))
+    order = generator(Purpose.ORDER, *seed).permutation(len(frames))
     for first in range(0, len(order), batch_size):
         rows = order[first : first + batch_size]
-        samples = [augmentation(frames[row], random) for row in rows]
+        samples = [augmentation(frames[row], (*seed, row)) for row in rows.tolist()]
+        state = stream(Purpose.NETWORK, *seed, first).generate_state(1, np.uint64)
+        torch.manual_seed(int(state[0]))  # networks draw from torch's generator
         try:
             losses = optimisation.step(as_tensors(samples))
         except ArithmeticError as error:

@@ -23,6 +23,8 @@ class ObjectDatabase:
         offsets: object k has `points[offsets[k]:offsets[k + 1]]`, shape (K + 1,), int64.
         boxes: shape (K, 7), float32.
         labels: shape (K,), int64.
+        numbers: of each object among `all_objects`, shape (K,), int64.
+        all_objects: objects of the ground truth, those included that have too few points.
         wanted: number of objects that a frame is filled up to, by label.
     """
 
@@ -30,6 +32,8 @@ class ObjectDatabase:
     offsets: NDArray[np.int64]
     boxes: NDArray[np.float32]
     labels: NDArray[np.int64]
+    numbers: NDArray[np.int64]
+    all_objects: int
     wanted: Mapping[int, int]
 
     @classmethod
@@ -52,6 +56,7 @@ class ObjectDatabase:
         counts = [np.zeros(0, np.int64)]
         boxes = [np.zeros((0, 7), np.float32)]
         labels = [np.zeros(0, np.int64)]
+        numbers = [np.zeros(0, np.int64)]
         for index in range(len(frames)) if wanted else ():
             sample = frames[index]
             owner = _owners(sample.points, sample.boxes)
@@ -62,9 +67,16 @@ class ObjectDatabase:
             counts.append(count[kept])
             boxes.append(sample.boxes[kept])
             labels.append(sample.labels[kept])
+            numbers.append(frames.objects(index)[kept])
         offsets = np.concatenate([np.zeros(1, np.int64), np.cumsum(np.concatenate(counts))])
         return cls(
-            np.concatenate(points), offsets, np.concatenate(boxes), np.concatenate(labels), wanted
+            np.concatenate(points),
+            offsets,
+            np.concatenate(boxes),
+            np.concatenate(labels),
+            np.concatenate(numbers),
+            frames.all_objects,
+            wanted,
         )
 
     def paste(self, sample: Sample, random: np.random.Generator) -> Sample:
@@ -74,14 +86,18 @@ class ObjectDatabase:
         objects are drawn as the frame lacks; those that overlap, seen from above, with an object
         of the frame or with one another are left out. Their points take the place of those that
         the frame has inside their boxes.
+
+        All objects of the ground truth are put in a random order, and the first of those that have
+        points are taken: rigs that do not see the same objects still paste the same where they can.
         """
         boxes, drawn = sample.boxes, []
+        rank = random.random(self.all_objects)[self.numbers]
         for label, wanted in self.wanted.items():
             known = np.flatnonzero(self.labels == label)
             lacking = wanted - int(np.count_nonzero(sample.labels == label))
             if lacking <= 0 or not len(known):
                 continue
-            chosen = random.choice(known, min(lacking, len(known)), replace=False)
+            chosen = known[np.argsort(rank[known])[:lacking]]
             others = np.concatenate([self.boxes[chosen], boxes])
             overlapping = bev_overlap(self.boxes[chosen], others) > 0
             np.fill_diagonal(overlapping, False)

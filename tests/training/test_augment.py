@@ -83,9 +83,7 @@ def test_what_leaves_the_range_is_dropped():
 def test_points_are_shuffled_by_the_seed_and_none_is_lost():
     frames = frames_of(2, 5)
     augment = augmentation(frames, PLAIN)
-    first, again, other = (
-        augment(frames[0], np.random.default_rng(seed)).points for seed in (1, 1, 2)
-    )
+    first, again, other = (augment(frames[0], (seed, 1, 0)).points for seed in (1, 1, 2))
     kept = within_range(frames[0], RANGE).points
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
@@ -98,10 +96,30 @@ def test_points_are_shuffled_by_the_seed_and_none_is_lost():
 def test_the_whole_augmentation_follows_from_the_seed():
     frames = frames_of(6, 6)
     augment = augmentation(frames, TrainingSettings())
-    one, two, other = (augment(frames[0], np.random.default_rng(seed)) for seed in (3, 3, 4))
+    one, two, *others = (
+        augment(frames[0], key) for key in ((3, 1, 0), (3, 1, 0), (4, 1, 0), (3, 2, 0), (3, 1, 1))
+    )
     assert np.array_equal(one.points, two.points)
     assert np.array_equal(one.boxes, two.boxes)
-    assert not np.array_equal(one.boxes, other.boxes)
+    for other in others:
+        assert not np.array_equal(one.boxes, other.boxes)
+
+
+def test_a_setting_changes_nothing_else():
+    """Frames that are not mirrored are turned and scaled as those that are."""
+    frames = frames_of(6, 6)
+    settings = TrainingSettings(sample_groups={})
+    plain = settings.model_copy(update={"flip_y": False})
+    distances = [
+        [
+            np.linalg.norm(moved(frames[k], s, np.random.default_rng(k)).boxes[:, :2], axis=1)
+            for k in range(6)
+        ]
+        for s in (settings, plain)
+    ]
+    np.testing.assert_allclose(
+        np.concatenate(distances[0]), np.concatenate(distances[1]), rtol=1e-5
+    )
 
 
 def test_an_empty_frame_stays_a_frame():
@@ -109,5 +127,5 @@ def test_an_empty_frame_stays_a_frame():
     empty = Sample(
         np.zeros((0, 4), np.float32), np.zeros((0, 7), np.float32), np.zeros(0, np.int64)
     )
-    found = augment(empty, np.random.default_rng(0))
+    found = augment(empty, (0, 1, 0))
     assert (found.points.shape, found.boxes.shape, found.labels.shape) == ((0, 4), (0, 7), (0,))

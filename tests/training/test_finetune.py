@@ -56,6 +56,31 @@ def test_same_seed_same_result_and_the_callers_state_is_left_alone():
     assert epochs[1]["loss"] == runs[0].curve.query("epoch == 2 and metric == 'loss'").value.item()
 
 
+def test_rigs_of_one_seed_are_trained_on_the_same_frames_moved_alike(monkeypatch):
+    """Order, mirror, turn and scale of every frame, though the rigs' points differ in number."""
+    clouds, truth = scenes(6, seed=1)
+    thinned = PointClouds.from_frames(
+        clouds.frames,
+        ((clouds[k][::3], [len(clouds[k][::3])]) for k in range(len(clouds))),
+        (0, -20, -1, 40, 20, 5),
+    )
+    wide = (-70.0, -70.0, -1.0, 70.0, 70.0, 5.0)  # no box is cut off
+    settings = TrainingSettings(epochs=2, batch_size=2, min_points=0, sample_groups={"Car": 1})
+    boxes: list[list[np.ndarray]] = []
+
+    def spy(samples):
+        boxes[-1].extend(sample.boxes for sample in samples)
+        return as_tensors(samples)
+
+    monkeypatch.setattr("training.finetune.as_tensors", spy)
+    for rig in (clouds, thinned):
+        boxes.append([])
+        finetune("pointpillars_tiny", ["Car"], rig, truth, settings, 3, wide)
+    assert len(boxes[0]) == 12
+    for one, other in zip(*boxes, strict=True):
+        assert np.array_equal(one, other)
+
+
 def test_frames_without_points_or_boxes_and_a_checkpoint(tmp_path):
     crop = (0.0, -20.0, -1.0, 40.0, 20.0, 5.0)
     empty = np.zeros((0, 4), np.float32)

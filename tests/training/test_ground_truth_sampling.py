@@ -119,9 +119,42 @@ def test_an_object_is_not_pasted_onto_itself():
         np.array([0, len(database.points), 2 * len(database.points)]),
         np.concatenate([database.boxes, database.boxes + np.float32(0.1)]),
         np.array([1, 1]),
+        np.array([0, 1]),
+        2,
         {1: 20},
     )
     assert len(twice.paste(frames[1], random).boxes) == 0
+
+
+def test_rigs_that_see_other_objects_paste_the_same_where_they_can():
+    clouds, truth = scenes(20, seed=2, objects=8)
+    thinned = PointClouds.from_frames(
+        clouds.frames,
+        ((clouds[k][::12], [len(clouds[k][::12])]) for k in range(len(clouds))),
+        (0, -20, -1, 40, 20, 5),
+    )
+    empty = Sample(
+        np.zeros((0, 4), np.float32), np.zeros((0, 7), np.float32), np.zeros(0, np.int64)
+    )
+    dense, sparse = (
+        ObjectDatabase.of(
+            TrainingFrames(["Car"], rig, truth, 0.0, min_points=5), ["Car"], {"Car": 10}, 5
+        )
+        for rig in (clouds, thinned)
+    )
+    assert 20 < len(sparse.boxes) < 0.8 * len(dense.boxes)
+    known = {tuple(box) for box in sparse.boxes.tolist()}
+    for seed in range(20):
+        many, few = (
+            {
+                tuple(box)
+                for box in database.paste(empty, np.random.default_rng(seed)).boxes.tolist()
+            }
+            for database in (dense, sparse)
+        )
+        # Objects that both have are pasted by both, but for those that touch one of another's.
+        shared = many & known
+        assert len(shared & few) >= len(shared) - 3
 
 
 def test_objects_are_drawn_evenly_and_by_the_seed(frames, database):
