@@ -2,7 +2,7 @@
 
     OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 python benchmarks/raycast.py
 
-A street with 20 buildings and 34 road users, 150 parts in all. 4 LiDARs x 16 beams x 5,625 azimuth
+A street with 20 buildings and 34 road users, 256 parts in all. 4 LiDARs x 16 beams x 5,625 azimuth
 steps = 360,000 rays of `line_roll` are cast with the kernel of `lidarplace.lidar.raycast` (float64;
 ground and own body too) and with embreex (float32, triangles of the same parts). Then the returns
 become points: drop-off, noise, cut to the paper's front ROI, merging. Minimum of 40 runs, taken in
@@ -23,12 +23,14 @@ from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
 from lidarplace import PAPER_PLACEMENTS
+from lidarplace.lidar.facades import facades
+from lidarplace.lidar.ground import Ground, square
 from lidarplace.lidar.raycast import EVERYWHERE, GROUND, NOTHING, cast
 from lidarplace.lidar.returns import sample_points
-from lidarplace.lidar.shapes import BUILDING, Parts, bricks, own_body, shapes_of
+from lidarplace.lidar.shapes import BUILDING, Parts, own_body, shapes_of
 from lidarplace.placement import Placement
 
-PARTS = 150
+ROAD_USERS = 34
 PLACEMENT = PAPER_PLACEMENTS["line_roll"]
 FRONT = (0.0, -20.0, 0.0, 40.0, 20.0, 4.0)
 RUNS = 40
@@ -54,16 +56,14 @@ def street(seed: int = 0) -> Parts:
             name = "Car" if kind == "Car" else "Cyclist"
             yaw = rng.normal(0, 0.05) + (np.pi if lane > 0 else 0.0)
             rows.append((name, x, lane, size[kind][2] / 2, *size[kind], yaw))
-    while True:
+    while len(rows) < ROAD_USERS:
         x, y = rng.uniform(-40, 40), rng.choice([-9.0, 9.0])
         rows.append(("Pedestrian", x, y, 0.875, 0.55, 0.6, 1.75, rng.uniform(-3, 3)))
-        columns = ["class", "x", "y", "z", "length", "width", "height", "yaw"]
-        boxes = pd.DataFrame(rows, columns=columns)
-        boxes["object_id"] = np.arange(len(boxes))
-        everything = np.arange(len(boxes))
-        objects = shapes_of(boxes).parts(everything, boxes[columns[1:]].to_numpy(np.float64))
-        if len(objects) + len(buildings) >= PARTS:
-            return objects.and_(bricks(buildings, BUILDING, 0.4))
+    columns = ["class", "x", "y", "z", "length", "width", "height", "yaw"]
+    boxes = pd.DataFrame(rows, columns=columns)
+    boxes["object_id"] = everything = np.arange(len(boxes))
+    objects = shapes_of(boxes).parts(everything, boxes[columns[1:]].to_numpy(np.float64))
+    return objects.and_(facades(buildings, seed))
 
 
 def triangles(parts: Parts) -> NDArray[np.float32]:
@@ -127,6 +127,7 @@ def main() -> None:
     hits = [cast(mount, lidar, parts) for mount in PLACEMENT.mounts]
     noisy = replace(lidar, range_noise=0.02, drop_off=0.1)
     points = np.empty((len(hits) * lidar.rays, 4), np.float32)
+    ground = Ground(square(0), (0.0, 0.0, 0.3))
 
     def cast_all(crop: tuple[float, ...] = EVERYWHERE) -> None:
         for mount, into in zip(PLACEMENT.mounts, hits, strict=True):
@@ -135,7 +136,8 @@ def main() -> None:
     def sample_all() -> int:
         count = 0
         for m, mount in enumerate(PLACEMENT.mounts):
-            count += sample_points(mount, noisy, hits[m], FRONT, (0, 0, m), points[count:])
+            free = points[count:]
+            count += sample_points(mount, noisy, hits[m], ground, FRONT, (0, 0, m), free)
         return count
 
     embree = Embree(PLACEMENT, parts)

@@ -51,7 +51,7 @@ def collect(
         frames: frame numbers, shape (F,); a frame without a box shows ground and buildings.
         placement: mounts and LiDAR.
         crop: x0, y0, z0, x1, y1, z1 in the ego frame, metres; points outside are left out.
-        seed: of shapes, drop-off and range noise.
+        seed: of shapes and materials, drop-off and range noise.
         misaligned_heights: merge the clouds as if every LiDAR were as high as the first: those of
             higher ones sink, those of lower ones rise. They are cut after that.
 
@@ -94,11 +94,11 @@ def _clouds(
     points = np.empty((sum(lidar.rays for lidar in lidars), 4), np.float32)
     memory: dict[int, Hits] = {}
     for frame in frames.tolist():
-        parts = surroundings.parts(frame, reach)
+        parts, ground = surroundings.parts(frame, reach), surroundings.ground(frame)
         counts = np.zeros(len(mounts), np.int32)
         for m, (mount, lidar) in enumerate(zip(mounts, lidars, strict=True)):
             hits = cast(mount, lidar, parts, wide[m], into=memory.get(lidar.rays))
             memory[lidar.rays] = hits
             free, key = points[counts.sum() :], (seed, frame, m)
-            counts[m] = sample_points(mount, lidar, hits, crop, key, free, lifts[m])
+            counts[m] = sample_points(mount, lidar, hits, ground, crop, key, free, lifts[m])
         yield points[: counts.sum()], counts

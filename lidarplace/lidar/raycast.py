@@ -27,10 +27,8 @@ from lidarplace.lidar.shapes import Parts, own_body
 from lidarplace.placement import Mount
 from lidarplace.sensor import Lidar
 
-GROUND, NOTHING = -1, -4
+GROUND, NOTHING = -1, -5
 """What a ray hit when it was no part; parts have owners above and between."""
-
-GROUND_REFLECTIVITY = 0.3
 
 EVERYWHERE = (-math.inf, -math.inf, -math.inf, math.inf, math.inf, math.inf)
 
@@ -41,10 +39,10 @@ class Hits:
 
     Attributes:
         range: metres, `inf` where nothing is met within the LiDAR's range, shape (rays,), float64.
-        target: owner of the part (row of an object, BUILDING, BODY), or GROUND, NOTHING, shape
-            (rays,), int32. What is at least BUILDING returns light.
-        reflected: cosine between ray and surface normal times reflectivity, 0 where nothing is
-            met, shape (rays,), float64.
+        target: owner of the part (row of an object, BUILDING, SIGN, BODY), or GROUND, NOTHING,
+            shape (rays,), int32. What is at least SIGN returns light.
+        reflected: cosine between ray and surface normal times reflectivity, of the ground the
+            cosine alone, 0 where nothing is met, shape (rays,), float64.
     """
 
     range: NDArray[np.float64]
@@ -82,7 +80,6 @@ def cast(
         everything.geometry,
         everything.owner,
         everything.reflectivity,
-        GROUND_REFLECTIVITY,
         np.array(crop, np.float64),
         hits.range,
         hits.target,
@@ -291,7 +288,6 @@ def _cast(
     parts,
     owners,
     reflectivities,
-    ground_reflectivity,
     crop,
     ranges,
     targets,
@@ -316,7 +312,7 @@ def _cast(
         for n in range(steps):
             ground = a * cosines[n] + b * sines[n] + c
             best[n] = ground if ground > farthest else farthest
-            which[n] = -1 if ground > farthest else -4
+            which[n] = GROUND if ground > farthest else NOTHING
 
     number = len(parts)
     planes = np.empty((number, 6, 5))
@@ -332,11 +328,14 @@ def _cast(
             apart |= corners[:, axis].min() > top or corners[:, axis].max() < low
         if apart:
             continue
+        middle, below, above, lowest, highest, near, _ = _window(corners, origin, rotation)
+        met = False  # what is thin, as a plate is, mostly lies between two beams
+        for beam in range(beams):
+            met |= lowest <= elevations[beam, 0] <= highest
+        if near > reach or not met:
+            continue
         facing[p] = _planes(parts[p], origin, rotation, planes[p])
         if facing[p] == 0:
-            continue
-        middle, below, above, lowest, highest, near, _ = _window(corners, origin, rotation)
-        if near > reach:
             continue
         # One step wider than the interval on both sides, so that rounding costs nothing.
         start = math.floor((middle - below) / per_step)
@@ -367,12 +366,12 @@ def _cast(
         for n in range(steps):
             ray = beam * steps + n
             p, inverse = targets[ray], ranges[ray]
-            if p == -4:
+            if p == NOTHING:
                 ranges[ray], reflected[ray] = np.inf, 0.0
                 continue
             ranges[ray] = 1.0 / inverse
-            if p == -1:
-                reflected[ray] = min(inverse * high, 1.0) * ground_reflectivity
+            if p == GROUND:
+                reflected[ray] = min(inverse * high, 1.0)
                 continue
             least, cosine = np.inf, 0.0
             for k in range(facing[p]):

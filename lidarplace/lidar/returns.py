@@ -13,8 +13,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from lidarplace.lidar.ground import CELL_M, Ground
 from lidarplace.lidar.raycast import GROUND, Hits, beam_tables
-from lidarplace.lidar.shapes import BUILDING
+from lidarplace.lidar.shapes import SIGN
 from lidarplace.placement import Mount
 from lidarplace.sensor import Lidar
 
@@ -29,6 +30,7 @@ def sample_points(
     mount: Mount,
     lidar: Lidar,
     hits: Hits,
+    ground: Ground,
     crop: Sequence[float],
     key: tuple[int, int, int],
     points: NDArray[np.float32],
@@ -37,12 +39,14 @@ def sample_points(
     """Write the points that one LiDAR returns from within `crop`; return their number.
 
     A return is lost with probability `lidar.drop_off`; its range errs by a normal of standard
-    deviation `lidar.range_noise`, along the ray. Intensity is the reflected share of the light
-    times `exp(-ATTENUATION_PER_M * range)`, within [0, 1]. Own body returns nothing.
+    deviation `lidar.range_noise`, along the ray. Intensity is the light reflected, in terms of
+    a white diffuser that faces the ray, times `exp(-ATTENUATION_PER_M * range)`; at 1, where
+    retroreflectors are, it saturates. Own body returns nothing.
 
     Args:
         mount, lidar: as cast.
         hits: from `lidarplace.lidar.raycast.cast`.
+        ground: decides how bright the ground is where it is hit.
         crop: x0, y0, z0, x1, y1, z1 in the ego frame, metres; the faces belong to it.
         key: seed, frame and index of the LiDAR; decides drop-off and noise together with the ray.
         points: x, y, z, intensity go to its first rows, in the order of the rays; float32, shape
@@ -59,13 +63,21 @@ def sample_points(
         hits.range,
         hits.target,
         hits.reflected,
-        (BUILDING, GROUND),
+        (SIGN, GROUND),
+        ground.reflectivity,
+        _to_cells(ground.pose),
         lidar.range_noise,
         lidar.drop_off,
         np.array([value % 2**64 for value in key], np.uint64),
         ATTENUATION_PER_M,
         points,
     )
+
+
+def _to_cells(pose: tuple[float, float, float]) -> tuple[float, float, float, float]:
+    """Origin of the ego frame in cells of the ground, and its x axis in cells a metre."""
+    x, y, yaw = pose
+    return x / CELL_M, y / CELL_M, math.cos(yaw) / CELL_M, math.sin(yaw) / CELL_M
 
 
 _inner = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
@@ -143,6 +155,8 @@ def _sample(
     targets,
     reflected,
     codes,
+    cells,
+    to_cells,
     range_noise,
     drop_off,
     key,
@@ -154,6 +168,8 @@ def _sample(
     Beam by beam, in short loops over arrays without branches.
     """
     faintest, ground = codes
+    cell_x, cell_y, cell_c, cell_s = to_cells
+    last_row, last_column = cells.shape[0] - 1, cells.shape[1] - 1
     stream = np.uint64(0)
     for part in key:
         stream = _mix((stream ^ part) + np.uint64(0x9E3779B97F4A7C15))
@@ -216,7 +232,13 @@ def _sample(
             dz = az * cosines[n] + bz * sines[n] + cz
             pz = lift + error * dz if target[n] == ground else bottom + length * dz
             points[count, 0], points[count, 1], points[count, 2] = px, py, pz
-            points[count, 3] = light[n]
+            bright = light[n]
+            if target[n] == ground:
+                u = cell_x + cell_c * px - cell_s * py
+                v = cell_y + cell_s * px + cell_c * py
+                row, column = np.int64(math.floor(v)), np.int64(math.floor(u))
+                bright *= cells[row & last_row, column & last_column]
+            points[count, 3] = bright
             errors[count - start] = length
             count += (
                 (px >= left)
@@ -227,5 +249,6 @@ def _sample(
                 & (pz <= roof)
             )
         for i in range(count - start):
-            points[start + i, 3] *= math.exp(-attenuation * errors[i])
+            bright = points[start + i, 3] * math.exp(-attenuation * errors[i])
+            points[start + i, 3] = min(bright, 1.0)
     return count

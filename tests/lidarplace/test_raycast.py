@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidarplace.lidar.raycast import GROUND, GROUND_REFLECTIVITY, NOTHING, Hits, visible_share
+from lidarplace.lidar.raycast import GROUND, NOTHING, Hits, visible_share
 from lidarplace.lidar.raycast import cast as cast_parts
 from lidarplace.lidar.shapes import BODY, Parts, bricks, own_body
 from lidarplace.placement import Mount
@@ -82,7 +82,7 @@ def brute_force(mount: Mount, lidar: Lidar, parts: Parts) -> tuple[np.ndarray, .
         best = np.where(rays[:, 2] < 0, -mount.z / rays[:, 2], np.inf)
         best[(best < 0) | (best > lidar.range)] = np.inf
         target = np.where(np.isfinite(best), GROUND, NOTHING)
-        reflected = np.where(np.isfinite(best), -GROUND_REFLECTIVITY * rays[:, 2], 0)
+        reflected = np.where(np.isfinite(best), -rays[:, 2], 0)
         for p, part in enumerate(everything.geometry):
             planes = faces(part)[1]
             along = rays @ planes[:, :3].T
@@ -289,12 +289,13 @@ def test_nothing_is_met_beyond_the_range():
 
 
 def test_reflected_is_the_cosine_to_the_normal_times_reflectivity():
+    """Of the ground the cosine alone."""
     turned = np.array([[10.0, 0.0, 2.0, 0.0, 40.0, 20.0, math.pi / 3]])
     assert cast(Mount(z=2.0), one_ray(0.0), turned).reflected[0] == pytest.approx(0.5)
     dull = bricks(turned, 0, reflectivity=0.2)
     assert cast_parts(Mount(z=2.0), one_ray(0.0), dull).reflected[0] == pytest.approx(0.1)
     ground = cast(Mount(x=5, z=2.0), one_ray(-0.5), NO_BOXES).reflected[0]
-    assert ground == pytest.approx(GROUND_REFLECTIVITY * math.sin(0.5))
+    assert ground == pytest.approx(math.sin(0.5))
 
 
 def test_many_parts():

@@ -1,0 +1,114 @@
+"""How much light materials send back at 905 nm: one table, and draws from it.
+
+A reflectivity is that of an ideal white diffuser times so much: 1 sends all light back, spread as
+Lambert's law says. Retroreflectors send it back to where it came from and have far more than 1; the
+intensity of a point ends at 1.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Material(IntEnum):
+    """What surfaces of a simulated scene are made of."""
+
+    PAINT = 0
+    """Of cars, trucks and two-wheelers."""
+    GLASS = 1
+    """The cabin of a car: windows, frames, and what is seen through them."""
+    TYRE = 2
+    """Tyres, and other black rubber and plastic."""
+    RETROREFLECTOR = 3
+    """Licence plates, reflectors of vehicles and traffic signs."""
+    LAMP = 4
+    """Head and tail lamps, which reflect to the source in part."""
+    CLOTHES = 5
+    SKIN = 6
+    """Skin and hair."""
+    WALL = 7
+    """Of buildings: brick, concrete, wood, plaster and glass."""
+    ASPHALT = 8
+    PAVING = 9
+    """Concrete and stone on the ground."""
+    GRASS = 10
+    MARKING = 11
+    """Marks on roads, with glass beads."""
+
+
+REFLECTIVITY: dict[Material, tuple[tuple[float, float], ...]] = {
+    Material.PAINT: ((0.0, 0.03), (0.19, 0.06), (0.38, 0.2), (0.55, 0.4), (0.65, 0.55), (1.0, 0.8)),
+    Material.GLASS: ((0.0, 0.02), (0.5, 0.1), (1.0, 0.35)),
+    Material.TYRE: ((0.0, 0.02), (1.0, 0.1)),
+    Material.RETROREFLECTOR: ((0.0, 0.4), (0.1, 2.0), (0.5, 100.0), (1.0, 300.0)),
+    Material.LAMP: ((0.0, 0.1), (0.5, 0.6), (0.8, 3.0), (1.0, 30.0)),
+    Material.CLOTHES: ((0.0, 0.05), (0.2, 0.2), (0.6, 0.5), (1.0, 0.8)),
+    Material.SKIN: ((0.0, 0.3), (0.5, 0.5), (1.0, 0.65)),
+    Material.WALL: ((0.0, 0.05), (0.2, 0.15), (0.5, 0.3), (0.8, 0.5), (1.0, 0.85)),
+    Material.ASPHALT: ((0.0, 0.06), (0.3, 0.12), (1.0, 0.3)),
+    Material.PAVING: ((0.0, 0.2), (0.5, 0.35), (1.0, 0.5)),
+    Material.GRASS: ((0.0, 0.25), (0.5, 0.45), (1.0, 0.6)),
+    Material.MARKING: ((0.0, 0.5), (0.3, 1.5), (1.0, 6.0)),
+}
+"""Quantiles of the reflectivity of every material, as pairs (share of all surfaces, reflectivity
+which that share does not exceed), linear between them. Rounded from what is published; where a work
+gives a range and no frequencies, the range is what is kept.
+
+PAINT. Pigments with carbon black absorb the near infrared too: black cars reflect some 5 %, white
+and silver ones some 60 % (Levinson, Pan, Ban-Weiss, Rosado, Paolini, Akbari, *Potential benefits of
+solar reflective car shells: cooler cabins, fuel savings and emission reductions*, Applied Energy,
+2011; at 905 nm: Lim, Bae, Yu, Baek, Cho, *Near-infrared reflective dark-tone bilayer system for
+LiDAR-based autonomous vehicles*, Macromolecular Research, 2022). How many cars are white (35 %),
+black (19 %), grey (19 %), or else: Axalta, *Global automotive color popularity report*, 2021.
+GLASS, TYRE, CLOTHES, LAMP. Muckenhuber, Holzer, Bockaj, *Automotive lidar modelling approach based
+on material properties and lidar capabilities*, Sensors, 2020, and the measurements at 945 nm
+that followed: Ritter and others, *Angle-dependent spectral reflectance material dataset based on
+945 nm time-of-flight camera measurements*, Data in Brief, 2023.
+RETROREFLECTOR. Signs of class RA1 to RA2 send back 70 to 250 cd per lux and square metre, plates
+at least some 50: pi times that in terms of a white diffuser, less where they are dirty or the beam
+meets them in part (EN 12899-1, *Fixed, vertical road traffic signs*, 2007; ISO 7591,
+*Retro-reflective registration plates for motor vehicles and trailers*, 1982).
+SKIN. Cooksey, Allen, Tsai, *Reference data set of human skin reflectance*, Journal of Research of
+NIST, 2017.
+WALL, PAVING. Kotthaus, Smith, Wooster, Grimmond, *Derivation of an urban materials spectral library
+through emittance and reflectance spectroscopy*, ISPRS Journal of Photogrammetry and Remote Sensing,
+2014; Ilehag, Schenk, Huang, Hinz, *KLUM: an urban VNIR and SWIR spectral library consisting of
+building materials*, Remote Sensing, 2019.
+ASPHALT. New roads are dark, old ones bright: Herold, Roberts, *Mapping asphalt road conditions with
+hyperspectral remote sensing*, 2005.
+GRASS. Meerdink, Hook, Roberts, Abbott, *The ECOSTRESS spectral library version 1.0*, Remote Sensing
+of Environment, 2019.
+MARKING. At 30 m classes R2 to R5 send back 100 to 300 mcd per lux and square metre (EN 1436, *Road
+marking performance for road users*, 2018), 0.3 to 0.9 of what a white diffuser does that faces the
+beam. It lies flat here, so the cosine is taken out for 10 m; less where it is worn.
+"""
+
+
+def reflectivity(
+    materials: NDArray[np.integer], shares: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Reflectivities of surfaces: quantiles of their materials at `shares`, in [0, 1]; same shape.
+
+    Raises:
+        ValueError: a number is no `Material`.
+    """
+    found = np.full(np.shape(materials), np.nan)
+    for material, knots in REFLECTIVITY.items():
+        own = materials == material
+        found[own] = np.interp(shares[own], *np.transpose(knots))
+    if np.isnan(found).any():
+        raise ValueError(f"no material {materials[np.isnan(found)].flat[0]}")
+    return found
+
+
+def uniforms(key: str, number: int, purpose: bytes = b"") -> NDArray[np.float64]:
+    """Uniform numbers in [0, 1) that depend on key and purpose alone; at most 8, shape (number,).
+
+    Python's own hash differs from run to run.
+    """
+    digest = hashlib.blake2b(key.encode(), digest_size=8 * number, person=purpose).digest()
+    return np.frombuffer(digest, "<u8") * 2.0**-64
