@@ -16,20 +16,17 @@ from numpy.typing import NDArray
 from lidarplace.box_log import BoxLog, join_logs
 from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS, POSE_COLUMNS
 from lidarplace.scenes.buildings import build_along, within_reach
+from lidarplace.scenes.egos import choose_egos
 from lidarplace.scenes.maps import build_network
 from lidarplace.scenes.overlap import overlaps
 from lidarplace.scenes.routes import KEEP_M, split_of
 from lidarplace.scenes.settings import SumoScene, TownRun
 from lidarplace.scenes.town import sumo_home
-from lidarplace.scenes.traffic import CAR, cars_among, write_demand
+from lidarplace.scenes.traffic import cars_among, write_demand
 from lidarplace.scenes.trajectories import LEVEL_M, Trajectories, simulate
 
 if TYPE_CHECKING:
     from sumolib.net import Net
-
-FASTEST_M_S = 30.0
-LEAP_M = 5.0
-"""A car that gets farther than it can drive, and than a bend of its road explains, was moved."""
 
 
 def record(scene: SumoScene) -> BoxLog:
@@ -121,32 +118,6 @@ def moved(position: NDArray[np.float64], distance: float) -> NDArray[np.int64]:
         if step and math.dist(place, position[kept[-1]]) >= distance:
             kept.append(step)
     return np.array(kept, np.int64)
-
-
-def choose_egos(traffic: Trajectories, count: int) -> list[int]:
-    """Indices of `count` of the cars that were on the road all the time, sorted.
-
-    A standing ego gives near-duplicates of one frame, so those that drove less than half the
-    median are the last choice. The others are taken evenly from the ranking by distance: the very
-    farthest alone would all be on the emptiest roads. A car that SUMO put elsewhere is no ego.
-
-    Raises:
-        ValueError: fewer cars stayed on the road.
-    """
-    car = np.array([user.kind is CAR for user in traffic.users])
-    hops = np.hypot(*np.diff(traffic.pose[:, :, :2], axis=0).transpose(2, 0, 1))
-    leap = LEAP_M + FASTEST_M_S * np.diff(traffic.time_s)[:, None]
-    stayed = car & ~np.isnan(traffic.pose[:, :, 0]).any(axis=0) & (hops <= leap).all(axis=0)
-    candidates = np.flatnonzero(stayed)
-    if len(candidates) < count:
-        raise ValueError(
-            f"only {len(candidates)} cars stayed on the road for the whole recording, "
-            f"{count} are needed as egos: ask for fewer routes or more vehicles"
-        )
-    distance = traffic.speed[:, candidates].sum(axis=0)
-    driving = int(np.count_nonzero(distance >= np.median(distance) / 2))
-    ranks = np.linspace(0, max(driving, count) - 1, count).round().astype(np.int64)
-    return sorted(candidates[np.argsort(-distance, kind="stable")[ranks]].tolist())
 
 
 def boxes_around(

@@ -18,7 +18,7 @@ from lidarplace.boxes import BOX_COLUMNS, BUILDING_COLUMNS, FRAME_COLUMNS, POSE_
 from lidarplace.lidar.shapes import OWN_BODY
 from lidarplace.scenes.overlap import overlaps, rectangles_meet
 from lidarplace.scenes.settings import SumoScene
-from lidarplace.scenes.sumo import KEEP_M, boxes_around, choose_egos, drive, moved, record
+from lidarplace.scenes.sumo import KEEP_M, boxes_around, drive, moved, record
 from lidarplace.scenes.traffic import (
     BICYCLE,
     BOX_TRUCK,
@@ -250,31 +250,6 @@ def test_only_near_ones_on_the_road_and_one_of_an_overlapping_pair():
     assert f"{RUN.name}-car4" not in boxes["object_id"].tolist()
 
 
-def test_egos_are_cars_that_drove_far_and_not_so_far():
-    kinds = [CAR, BICYCLE, *[CAR] * 6]
-    pose = [(u * 10.0, 0.0, 0.0) for u in range(8)]
-    pose[4] = (np.nan,) * 3
-    speed = [1.0, 9.0, 3.0, 5.0, 9.0, 6.0, 4.0, 0.5]
-    traffic = synthetic(*pose, kinds=kinds, speed=speed)
-    # Of cars at 6, 5, 4, 3, 1 and 0.5 m/s the last two drove less than half the median.
-    assert choose_egos(traffic, 1) == [5]
-    assert choose_egos(traffic, 2) == [2, 5]
-    assert choose_egos(traffic, 4) == [2, 3, 5, 6]
-    assert choose_egos(traffic, 5) == [0, 2, 3, 5, 6]
-    with pytest.raises(ValueError, match="only 6 cars stayed on the road"):
-        choose_egos(traffic, 7)
-
-
-def test_a_car_put_elsewhere_is_no_ego():
-    users = [RoadUser(f"car{u}", CAR, 4.0, 2.0, 1.5) for u in range(2)]
-    pose = np.zeros((3, 2, 3))
-    pose[:, 1, 1] = 50
-    pose[2, 0, 0] = 300  # in half a second
-    time_s = np.array([0.0, 0.5, 1.0])
-    traffic = Trajectories(users, time_s, pose, np.zeros((3, 2)), np.full((3, 2), 9.0))
-    assert choose_egos(traffic, 1) == [1]
-
-
 def test_another_level_is_neither_seen_nor_hit():
     traffic = synthetic((0, 0, 0), (1, 0, 0), (10, 0, 0), (11, 0, 0))
     bridge = replace(traffic, z=np.array([[0.0, 6.0, 0.5, 6.0]]))
@@ -311,8 +286,9 @@ def test_min_travel_thins_the_log_and_keeps_the_numbers_of_routes(log):
         np.testing.assert_array_equal(part_boxes["x"], log.boxes.loc[same, "x"])
 
 
-def test_the_pose_places_a_box_where_its_object_is(log):
+def test_the_pose_places_a_box_where_its_object_is():
     """The same object seen by two egos of a town is in one place of the town's frame."""
+    log = record(TINY.model_copy(update={"routes": 8, "test_routes": 0}))
     merged = log.boxes.merge(log.frames, on=["scene", "frame", "timestamp_s"])
     cos, sin = np.cos(merged["ego_yaw"]), np.sin(merged["ego_yaw"])
     merged["world_x"] = merged["ego_x"] + cos * merged["x"] - sin * merged["y"]
