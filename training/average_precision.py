@@ -73,9 +73,8 @@ class PrecisionCurve:
 
 @njit(cache=True)
 def _recall_pass(truths, found, pairs, overlaps, scores, truth_role, found_role, minimum):
-    """Scores of the true positives when each ground truth takes the detection of highest score."""
-    hits = np.empty(len(truth_role))
-    count = 0
+    """Score of each ground truth's hit when it takes the detection of highest score; NaN: none."""
+    hits = np.full(len(truth_role), np.nan)
     taken = np.zeros(len(found_role), np.bool_)
     for f in range(len(pairs) - 1):
         width = found[f + 1] - found[f]
@@ -93,9 +92,8 @@ def _recall_pass(truths, found, pairs, overlaps, scores, truth_role, found_role,
                 continue
             taken[best] = True
             if truth_role[g] == 0 and found_role[best] == 0:
-                hits[count] = scores[best]
-                count += 1
-    return hits[:count]
+                hits[g] = scores[best]
+    return hits
 
 
 @njit(cache=True)
@@ -150,7 +148,7 @@ def _precision_pass(
 
 
 @njit(cache=True)
-def _sampled_scores(hits, truths, points):
+def sampled_scores(hits, truths, points):
     """The scores among `hits`, sorted downwards, where recall is nearest to each of the points."""
     chosen = np.empty(len(hits))
     count = 0
@@ -199,23 +197,42 @@ def precision_curve(
     layout = (pairs.ground_truth_offsets, pairs.detection_offsets, pairs.pair_offsets)
     roles = (ground_truth_role, detection_role)
     hits = _recall_pass(*layout, overlaps, scores, *roles, minimum_overlap)
+    hits = hits[~np.isnan(hits)]
     if len(hits) == 0:
         return PrecisionCurve(np.zeros(RECALL_POINTS), np.zeros(RECALL_POINTS), 0.0)
     counted = np.count_nonzero(ground_truth_role == COUNTS)
-    lowest = _sampled_scores(np.sort(hits)[::-1].copy(), counted, RECALL_POINTS)
+    lowest = sampled_scores(np.sort(hits)[::-1].copy(), counted, RECALL_POINTS)
     counts = _precision_pass(
         *layout, overlaps, similarity, scores, *roles, harmless, minimum_overlap, lowest
     )
     # Taking the largest overlap can lose every hit of the first pass to ignored ground truths.
     positives = np.maximum(counts[:, 0] + counts[:, 1], 1)
     return PrecisionCurve(
-        _monotone(counts[:, 0] / positives),
-        _monotone(counts[:, 2] / positives),
+        monotone(counts[:, 0] / positives),
+        monotone(counts[:, 2] / positives),
         len(hits) / counted,
     )
 
 
-def _monotone(sampled: NDArray[np.float64]) -> NDArray[np.float64]:
+def hit_scores(
+    pairs: FramePairs,
+    overlaps: NDArray[np.float64],
+    scores: NDArray[np.float64],
+    minimum_overlap: float,
+) -> NDArray[np.float64]:
+    """Score with which each ground truth counts for recall where all boxes count, shape (G,).
+
+    NaN where it is missed. Arguments as of `precision_curve`.
+    """
+    layout = (pairs.ground_truth_offsets, pairs.detection_offsets, pairs.pair_offsets)
+    roles = (
+        np.full(pairs.ground_truth_offsets[-1], COUNTS, np.int8),
+        np.full(pairs.detection_offsets[-1], COUNTS, np.int8),
+    )
+    return _recall_pass(*layout, overlaps, scores, *roles, minimum_overlap)
+
+
+def monotone(sampled: NDArray[np.float64]) -> NDArray[np.float64]:
     """The values, none below one to its right, and 0 up to the last recall point; shape (41,)."""
     curve = np.zeros(RECALL_POINTS)
     curve[: len(sampled)] = np.maximum.accumulate(sampled[::-1])[::-1]

@@ -22,6 +22,8 @@ from training.kitti_labels import (
     image_iou,
     orientation_similarity,
 )
+from training.leave_out import COLUMNS as LEFT_OUT_COLUMNS
+from training.leave_out import ap_without_each, overlapped_most, recall_without_each, units_of
 from training.ops.rotated_iou import paired_iou
 
 RECALL_IOU = (0.5, 0.7)
@@ -38,10 +40,14 @@ class Evaluation:
         curves: what the APs are means of: class, metric ("AP_R40_3D", "AP_R40_BEV"), iou, and at
             the 41 recall points 0, 2.5, …, 100 the precision, both in percent. Classes without
             ground truth have no curve.
+        left_out: the same metrics without each route and each individual of the frames in turn:
+            `training.leave_out.COLUMNS`, values in percent, NaN where no ground truth is left.
+            None unless routes were given.
     """
 
     metrics: pd.DataFrame
     curves: pd.DataFrame
+    left_out: pd.DataFrame | None = None
 
 
 def iou_thresholds(object_class: str) -> tuple[float, float]:
@@ -88,8 +94,13 @@ def evaluation(
     frames: Sequence[int],
     classes: Sequence[str],
     refined: pd.DataFrame | None = None,
+    routes: pd.DataFrame | None = None,
 ) -> Evaluation:
-    """`evaluate_boxes`, and the precision over recall behind it. Arguments and errors as there."""
+    """`evaluate_boxes`, the precision over recall behind it, and what hangs on each route.
+
+    Arguments and errors as there, and `routes`: scene, frame and route of the frames. With these
+    the ground truth needs columns scene and object_id.
+    """
     check_boxes(ground_truth, "ground truth")
     _check_detections(detections)
     if refined is not None:
@@ -100,6 +111,7 @@ def evaluation(
     found = _rows_of(detections, wanted)
     rows: list[tuple[str, str, float, str, float, int]] = []
     drawn: list[pd.DataFrame] = []
+    left_out: list[pd.DataFrame] = []
 
     def add(name: str, metric: str, iou: float, value: float, count: int) -> None:
         rows.append((name, metric, iou, "all", value if count else np.nan, count))
@@ -112,6 +124,12 @@ def evaluation(
         pairs = _pairs(own, own_found, wanted)
         scores = own_found["score"].to_numpy(np.float64)
         overlaps = {view: _overlaps(own, own_found, pairs, view == "3D") for view in ("3D", "BEV")}
+        if routes is not None and len(own):
+            nearest = overlapped_most(pairs, overlaps["BEV"], len(own_found))
+            units = units_of(own, own_found["frame"].to_numpy(np.int64), nearest, routes)
+            for iou in iou_thresholds(name):
+                left_out += ap_without_each(name, iou, pairs, overlaps, scores, units)
+            left_out += recall_without_each(name, RECALL_IOU, best[truth_class == name], units)
         for iou in iou_thresholds(name):
             curves = {
                 view: precision_curve(pairs, values, scores, iou)
@@ -127,8 +145,19 @@ def evaluation(
             add(name, "recall", iou, _share_above(best[truth_class == name], iou), len(own))
     for iou in RECALL_IOU:
         add("all", "recall", iou, _share_above(best, iou), len(truths))
-    table = pd.concat(drawn, ignore_index=True) if drawn else pd.DataFrame(columns=CURVE_COLUMNS)
-    return Evaluation(pd.DataFrame(rows, columns=list(COLUMNS)), table)
+    if routes is not None and len(truths):
+        none = np.zeros(0, np.int64)
+        units = units_of(truths, none, none, routes)
+        left_out += recall_without_each("all", RECALL_IOU, best, units)
+    return Evaluation(
+        pd.DataFrame(rows, columns=list(COLUMNS)),
+        _stack(drawn, CURVE_COLUMNS),
+        None if routes is None else _stack(left_out, LEFT_OUT_COLUMNS),
+    )
+
+
+def _stack(tables: Sequence[pd.DataFrame], columns: Sequence[str]) -> pd.DataFrame:
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=list(columns))
 
 
 def _curve_table(

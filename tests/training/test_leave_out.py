@@ -1,0 +1,108 @@
+"""AP and recall without each route or individual, against evaluations of what is left."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from lidarplace.boxes import GEOMETRY
+from training.kitti_ap import evaluate_boxes, evaluation
+from training.leave_out import MOST_UNITS
+
+CLASSES = ["Car", "Cyclist", "Pedestrian"]
+KEYS = ["class", "metric", "iou"]
+
+
+def scene(random, frames, routes, spread, individuals=8):
+    """Ground truth, detections that jitter around it and scatter, and the routes of the frames.
+
+    With a small `spread` objects and detections overlap each other, and scores are tied.
+    """
+    truths, found = [], []
+    for frame in range(frames):
+        for k in range(individuals):
+            if random.random() < 0.6:
+                box = [*random.uniform(-spread, spread, 2), 0.8, 4.0, 2.0, 1.6, 0.0]
+                name = CLASSES[k % 3]
+                key = f"{frame * routes // frames}-{k}"
+                truths.append(("s", frame, key, name, *box))
+                for _ in range(random.integers(0, 3)):
+                    shifted = [*(box[:2] + random.normal(0, 0.25, 2)), *box[2:]]
+                    found.append((frame, name, *shifted, round(random.random(), 1)))
+        for _ in range(random.integers(0, 3)):
+            alarm = [*random.uniform(-spread, spread, 2), 0.8, 4.0, 2.0, 1.6, 0.0]
+            found.append((frame, "Car", *alarm, round(random.random(), 1)))
+    numbers = np.arange(frames)
+    table = pd.DataFrame({"scene": "s", "frame": numbers, "route": numbers * routes // frames})
+    return (
+        pd.DataFrame(truths, columns=["scene", "frame", "object_id", "class", *GEOMETRY]),
+        pd.DataFrame(found, columns=["frame", "class", *GEOMETRY, "score"]),
+        table,
+    )
+
+
+@pytest.mark.parametrize("spread", [3.0, 40.0])
+def test_without_a_route_it_is_the_evaluation_of_the_others(spread):
+    """In crowds and with equal scores too: a route has whole frames."""
+    random = np.random.default_rng(3)
+    truths, found, routes = scene(random, 40, 4, spread)
+    frames = routes["frame"].tolist()
+    left_out = evaluation(truths, found, frames, CLASSES, None, routes).left_out
+    assert set(left_out["unit"]) == {"route", "individual"}
+    for route in range(4):
+        others = routes.loc[routes["route"] != route, "frame"].tolist()
+        expected = evaluate_boxes(truths, found, others, CLASSES).set_index(KEYS)["value"]
+        own = left_out[left_out["left_out"] == f"s {route}"].set_index(KEYS)
+        assert own["value"].to_dict() == pytest.approx(expected.to_dict(), rel=1e-14)
+        counts = truths[truths["frame"].isin(frames) & ~truths["frame"].isin(others)]
+        per_class = counts["class"].value_counts().to_dict() | {"all": len(counts)}
+        for key, number in own["ground_truths"].items():
+            assert number == per_class[key[0]]
+
+
+def test_without_an_individual_what_was_found_of_it_is_gone_too():
+    random = np.random.default_rng(4)
+    # Nothing overlaps but an object and its own detections.
+    truths, found, routes = scene(random, 30, 3, 4000.0)
+    frames = routes["frame"].tolist()
+    left_out = evaluation(truths, found, frames, CLASSES, None, routes).left_out
+    cars = truths[truths["class"] == "Car"]
+    for key in cars["object_id"].unique():
+        own = truths[truths["object_id"] == key]
+        near = np.zeros(len(found), bool)
+        for _, box in own.iterrows():
+            near |= (found["frame"] == box["frame"]) & (
+                np.hypot(found["x"] - box["x"], found["y"] - box["y"]) < 2
+            )
+        rest = truths[truths["object_id"] != key]
+        expected = evaluate_boxes(rest, found[~near], frames, ["Car"]).set_index(KEYS)["value"]
+        found_values = left_out[(left_out["left_out"] == f"s {key}") & (left_out["class"] == "Car")]
+        for at, value in found_values.set_index(KEYS)["value"].items():
+            assert value == pytest.approx(expected[at])
+    alarms = left_out[left_out["left_out"].str.startswith("false alarms")]
+    assert (alarms["ground_truths"] == 0).all()
+
+
+def test_the_last_objects_leave_nothing():
+    random = np.random.default_rng(6)
+    truths, found, routes = scene(random, 12, 2, 40.0, individuals=1)
+    truths["object_id"] = "only"
+    left_out = evaluation(truths, found, range(12), ["Car"], None, routes).left_out
+    only = left_out[left_out["left_out"] == "s only"]
+    assert len(only) == 10
+    assert only["value"].isna().all()
+    none = evaluation(truths[:0], found, range(12), ["Car"], None, routes).left_out
+    assert none.empty
+    assert "value" in none.columns
+    assert evaluation(truths, found, range(12), ["Car"]).left_out is None
+
+
+def test_many_units_are_thrown_together():
+    random = np.random.default_rng(7)
+    truths, found, routes = scene(random, 3 * MOST_UNITS, 2 * MOST_UNITS, 40.0)
+    frames = routes["frame"].tolist()
+    left_out = evaluation(truths, found, frames, ["Car"], None, routes).left_out
+    own = left_out[(left_out["metric"] == "recall") & (left_out["class"] == "Car")]
+    own = own[own["unit"] == "individual"]
+    assert own.groupby("iou").size().eq(MOST_UNITS).all()
+    cars = (truths["class"] == "Car").sum()
+    assert own.groupby("iou")["ground_truths"].sum().eq(cars).all()

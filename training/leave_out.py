@@ -1,0 +1,148 @@
+"""AP and recall without each route, and without each individual, of the test frames in turn.
+
+Objects of one route share its streets, its traffic and its vehicle, and boxes of one individual are
+nearly the same object. The spread of what remains is the jackknife's estimate of how much another
+test set would change the number (`tracking.jackknife`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from training.average_precision import FramePairs
+from training.matches import Matches
+
+MOST_UNITS = 100
+"""More are thrown together at random: the delete-a-group jackknife (Kott 2001)."""
+COLUMNS = ("class", "metric", "iou", "unit", "left_out", "ground_truths", "value")
+
+
+@dataclass(frozen=True)
+class Units:
+    """What is left out.
+
+    Attributes:
+        kind: "route" or "individual".
+        names: of the units, the same for all detectors.
+        truth: unit of every ground truth, shape (G,).
+        detection: unit of every detection, shape (D,). Of individuals it is the one that the
+            detection overlaps most; false alarms that overlap none are a unit a route.
+    """
+
+    kind: str
+    names: tuple[str, ...]
+    truth: NDArray[np.intp]
+    detection: NDArray[np.intp]
+
+    def table(
+        self, object_class: str, metric: str, iou: float, values: NDArray[np.float64]
+    ) -> pd.DataFrame:
+        """`COLUMNS` of the values without each unit."""
+        counts = np.bincount(self.truth, minlength=len(self.names))
+        cells = (object_class, metric, iou, self.kind, self.names, counts, values)
+        return pd.DataFrame(dict(zip(COLUMNS, cells, strict=True)))
+
+
+def units_of(
+    truths: pd.DataFrame,
+    detection_frame: NDArray[np.int64],
+    nearest: NDArray[np.int64],
+    routes: pd.DataFrame,
+) -> tuple[Units, Units]:
+    """Routes and individuals of the ground truths and detections of one class.
+
+    Args:
+        truths: scene, object_id, frame.
+        detection_frame: of every detection, shape (D,).
+        nearest: row of `truths` that a detection overlaps most, -1 where it overlaps none, (D,).
+        routes: scene, frame, route: of all frames that are evaluated.
+    """
+    number, names = _numbered(routes, ["scene", "route"])
+    of_frame = pd.Series(number, routes["frame"].to_numpy(np.int64))
+    truth = of_frame.loc[truths["frame"]].to_numpy(np.intp)
+    detection = of_frame.loc[detection_frame].to_numpy(np.intp)
+    individual, individuals = _numbered(truths, ["scene", "object_id"])
+    owner = individual[nearest] if len(individual) else nearest
+    owner = np.where(nearest >= 0, owner, detection + len(individuals))
+    alarms = tuple(f"false alarms of {name}" for name in names)
+    return (
+        _grouped(Units("route", names, truth, detection)),
+        _grouped(Units("individual", (*individuals, *alarms), individual, owner)),
+    )
+
+
+def overlapped_most(
+    pairs: FramePairs, overlaps: NDArray[np.float64], detections: int
+) -> NDArray[np.int64]:
+    """Row of the ground truth that each detection overlaps most, shape (D,); -1: it meets none."""
+    nearest = np.full(detections, -1)
+    rising = np.argsort(overlaps, kind="stable")  # of several assignments the last one stays
+    rising = rising[overlaps[rising] > 0]
+    nearest[pairs.detection[rising]] = pairs.ground_truth[rising]
+    return nearest
+
+
+def ap_without_each(
+    object_class: str,
+    iou: float,
+    pairs: FramePairs,
+    overlaps: Mapping[str, NDArray[np.float64]],
+    scores: NDArray[np.float64],
+    either: Sequence[Units],
+) -> list[pd.DataFrame]:
+    """AP in both views and recall of a class without each unit.
+
+    Args:
+        overlaps: of every pair, in "3D" and "BEV".
+        either: `units_of` the boxes.
+    """
+    tables = []
+    for view, values in overlaps.items():
+        matches = Matches.of(pairs, values, scores, iou)
+        for units in either:
+            ap = matches.without_each(units.truth, units.detection, len(units.names))
+            tables.append(units.table(object_class, f"AP_R40_{view}", iou, ap))
+            if view == "3D":
+                recall = _share_without_each(~np.isnan(matches.hit), units)
+                tables.append(units.table(object_class, "class_recall_3D", iou, recall))
+    return tables
+
+
+def recall_without_each(
+    object_class: str, ious: Sequence[float], best: NDArray[np.float64], either: Sequence[Units]
+) -> list[pd.DataFrame]:
+    """Recall by boxes of any class without each unit, from each ground truth's best overlap."""
+    return [
+        units.table(object_class, "recall", iou, _share_without_each(best > iou, units))
+        for iou in ious
+        for units in either
+    ]
+
+
+def _share_without_each(hit: NDArray[np.bool_], units: Units) -> NDArray[np.float64]:
+    """Share of the ground truths that are hit, percent, without each unit; NaN without any."""
+    size = len(units.names)
+    left = len(hit) - np.bincount(units.truth, minlength=size)
+    hits = np.count_nonzero(hit) - np.bincount(units.truth[hit], minlength=size)
+    return np.where(left > 0, 100 * hits / np.maximum(left, 1), np.nan)
+
+
+def _numbered(table: pd.DataFrame, keys: list[str]) -> tuple[NDArray[np.intp], tuple[str, ...]]:
+    """Number of each row's keys, in their order, and the names of the numbers."""
+    groups = table.groupby(keys, sort=True)
+    return groups.ngroup().to_numpy(np.intp), tuple(" ".join(map(str, k)) for k in groups.groups)
+
+
+def _grouped(units: Units) -> Units:
+    """The same, at most `MOST_UNITS`."""
+    size = len(units.names)
+    if size <= MOST_UNITS:
+        return units
+    group = np.random.default_rng(0).permutation(size) % MOST_UNITS
+    names = tuple(f"group {number}" for number in range(MOST_UNITS))
+    return Units(units.kind, names, group[units.truth], group[units.detection])

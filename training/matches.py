@@ -1,0 +1,142 @@
+"""Which ground truths are found from which score on: enough for the AP of any part of them.
+
+AP where every box counts needs of the second pass of KITTI's evaluation only how many ground truths
+are matched at a score, and how many detections there are. A ground truth that is matched at some
+score stays matched at lower ones, whatever takes it: further detections only add to the choice of
+each. So two scores of every ground truth replace the overlaps, and leaving objects or frames out
+takes no new matching.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from training.average_precision import (
+    RECALL_POINTS,
+    FramePairs,
+    ap_r40,
+    hit_scores,
+    monotone,
+    sampled_scores,
+)
+
+
+@dataclass(frozen=True)
+class Matches:
+    """Ground truths and detections of one class at one overlap.
+
+    Attributes:
+        hit: score with which each ground truth counts for recall, NaN where it is missed,
+            shape (G,).
+        matched: highest score from which on it is a true positive, NaN if never, shape (G,).
+        scores: of the detections, shape (D,).
+    """
+
+    hit: NDArray[np.float64]
+    matched: NDArray[np.float64]
+    scores: NDArray[np.float64]
+
+    @classmethod
+    def of(
+        cls,
+        pairs: FramePairs,
+        overlaps: NDArray[np.float64],
+        scores: NDArray[np.float64],
+        minimum_overlap: float,
+    ) -> Matches:
+        """Of boxes that all count. Arguments as of `average_precision.precision_curve`."""
+        layout = (pairs.ground_truth_offsets, pairs.detection_offsets, pairs.pair_offsets)
+        return cls(
+            hit_scores(pairs, overlaps, scores, minimum_overlap),
+            _matched_from(*layout, overlaps, scores, minimum_overlap),
+            scores,
+        )
+
+    def without_each(
+        self, truth_unit: NDArray[np.intp], detection_unit: NDArray[np.intp], units: int
+    ) -> NDArray[np.float64]:
+        """AP_R40 in percent without each unit, shape (units,); NaN where no ground truth is left.
+
+        Exact where a unit has whole frames; else as if the detections that stay were matched as
+        they were.
+
+        Args:
+            truth_unit, detection_unit: unit of every ground truth and detection, shapes (G,), (D,).
+        """
+        hits, matched, scores = (
+            _rising(values, of_unit)
+            for values, of_unit in (
+                (self.hit, truth_unit),
+                (self.matched, truth_unit),
+                (self.scores, detection_unit),
+            )
+        )
+        left = len(truth_unit) - np.bincount(truth_unit, minlength=units)
+        return np.array(
+            [
+                _ap(*(values[of != u] for values, of in (hits, matched, scores)), int(left[u]))
+                for u in range(units)
+            ]
+        )
+
+
+def _rising(
+    values: NDArray[np.float64], unit: NDArray[np.intp]
+) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Values that are known, rising, and the unit of each."""
+    order = np.argsort(values, kind="stable")  # NaN comes last
+    order = order[: np.count_nonzero(~np.isnan(values))]
+    return values[order], unit[order]
+
+
+def _ap(
+    hits: NDArray[np.float64],
+    matched: NDArray[np.float64],
+    scores: NDArray[np.float64],
+    truths: int,
+) -> float:
+    """AP_R40 in percent from rising scores of `truths` ground truths and their detections."""
+    if truths == 0:
+        return float("nan")
+    if len(hits) == 0:
+        return 0.0
+    lowest = sampled_scores(hits[::-1].copy(), truths, RECALL_POINTS)
+    positives = len(matched) - np.searchsorted(matched, lowest)
+    found = len(scores) - np.searchsorted(scores, lowest)
+    return ap_r40(monotone(positives / np.maximum(found, 1)))
+
+
+@njit(cache=True)
+def _matched_from(truths, found, pairs, overlaps, scores, minimum):  # pragma: no cover - compiled
+    """Highest score at which each ground truth is matched by KITTI's second pass; NaN: never."""
+    matched = np.full(truths[-1], np.nan)
+    taken = np.zeros(found[-1], np.bool_)
+    for f in range(len(pairs) - 1):
+        width = found[f + 1] - found[f]
+        count = 0
+        near = np.empty(width, np.int64)  # detections that can be a match
+        for d in range(found[f], found[f + 1]):
+            for g in range(truths[f], truths[f + 1]):
+                if overlaps[pairs[f] + (g - truths[f]) * width + d - found[f]] > minimum:
+                    near[count] = d
+                    count += 1
+                    break
+        near = near[:count]
+        for lowest in np.unique(scores[near])[::-1]:
+            for d in near:
+                taken[d] = scores[d] < lowest  # not there yet
+            for g in range(truths[f], truths[f + 1]):
+                row = pairs[f] + (g - truths[f]) * width - found[f]
+                best, best_overlap = -1, minimum
+                for d in near:
+                    if not taken[d] and overlaps[row + d] > best_overlap:
+                        best, best_overlap = d, overlaps[row + d]
+                if best >= 0:
+                    taken[best] = True
+                    if np.isnan(matched[g]):
+                        matched[g] = lowest
+    return matched
