@@ -56,13 +56,12 @@ def scene(params: Params) -> Value:
 
 
 def ground_truth(params: Params, log: Value) -> Value:
-    """Objects of every frame that count, the same for every placement."""
+    """Objects of every frame that count, the same for every placement, and all frames."""
     from lidarplace.lidar.visibility import ground_truth as visible_objects
 
-    objects = visible_objects(
-        box_log(log), params["x"], params["y"], params["z"], seed=params["seed"]
-    )
-    return {"objects": objects}
+    recorded = box_log(log)
+    objects = visible_objects(recorded, params["x"], params["y"], params["z"], seed=params["seed"])
+    return {"objects": objects, "frames": recorded.frames[["scene", "frame", "route", "split"]]}
 
 
 def pog(params: Params, *logs: Value) -> Value:
@@ -258,10 +257,13 @@ def evaluate_detector(params: Params, weights: Value, *inputs: Value) -> Value:
     )
     frames = clouds.frames.tolist()
     classes = params["classes"]
-    whole = evaluation(objects, found.boxes, frames, classes, found.refined)
+    routes = pd.concat([value["frames"] for value in inputs if "objects" in value])
+    routes = routes[routes["frame"].isin(frames)]
+    whole = evaluation(objects, found.boxes, frames, classes, found.refined, routes)
     return {
         "metrics": whole.metrics,
         "pr_curves": whole.curves,
+        "left_out": whole.left_out,
         "by_distance": evaluate_by_distance(objects, found.boxes, frames, classes),
         "detections": found.boxes,
     }

@@ -92,8 +92,10 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
         ("expected_ig_by_q", gathered("surrogates", "by_q", with_rays)),
         ("curves", _stack([_curve(trial, store) for trial in tested])),
         ("pr_curves", _stack([_of_trial(trial, "pr_curves", store, axes) for trial in tested])),
+        ("left_out", _stack([_of_trial(trial, "left_out", store, axes) for trial in tested])),
         ("distance", _stack([_of_trial(trial, "by_distance", store, axes) for trial in tested])),
         ("points", _points(tested, store, axes)),
+        ("individuals", _individuals(good, store, axes)),
         ("accuracy", gathered("accuracy", "table", known)),
         ("sampling_error", gathered("sampling_error", "estimates", known)),
         ("pog_resamples", gathered("sampling_error", "resamples", known)),
@@ -168,6 +170,25 @@ def _points(trials: Sequence[Trial], store: AnyStore, axes: Sequence[str]) -> pd
         ]
         found = points_by_distance(objects, pd.concat(counts))
         tables[place] = with_columns(found, own)
+    return _stack(list(tables.values()))
+
+
+def _individuals(trials: Sequence[Trial], store: AnyStore, axes: Sequence[str]) -> pd.DataFrame:
+    """In how many frames of a split and a route every object counts; once for what trials share."""
+    keys = ["split", "scene", "route", "class", "object_id"]
+    own = [axis for axis in axes if axis.partition(".")[0] in ("scene", "roi")]
+    tables: dict[tuple[object, ...], pd.DataFrame] = {}
+    for trial in trials:
+        setting = axis_values(trial, own)
+        place = (*(task.key for task in trial.ground_truths), *setting.values())
+        if place in tables or not trial.ground_truths:
+            continue
+        values = [store.load(task, ("objects", "frames")) for task in trial.ground_truths]
+        objects = pd.concat([value["objects"] for value in values])
+        objects = objects[objects["class"].isin(trial.grid_point.point.classes)]
+        frames = pd.concat([value["frames"] for value in values])
+        counts = objects.merge(frames[["frame", "route", "split"]], on="frame").value_counts(keys)
+        tables[place] = with_columns(counts.sort_index().reset_index(name="boxes"), setting)
     return _stack(list(tables.values()))
 
 

@@ -26,10 +26,12 @@ _OPTIONAL_TABLES: dict[str, tuple[str, ...]] = {
     "curves": ("trial", "epoch", "metric", "value"),
     "pr_curves": (*RESULT_KEYS[:-1], "recall", "precision"),
     "distance": (*RESULT_KEYS[:-1], "from_m", "to_m", "value", "ground_truths"),
+    "left_out": (*RESULT_KEYS[:-1], "unit", "left_out", "ground_truths", "value"),
     "points": (
         *("placement", "class", "from_m", "to_m", "objects"),
         *("mean", "median", "p10", "unseen"),
     ),
+    "individuals": ("split", "scene", "route", "class", "object_id", "boxes"),
     "accuracy": (
         *("placement", "class", "surrogate", "method", "resolution", "azimuth_steps", "frames"),
         *("comparable", "reference", "seconds", "pog_seconds"),
@@ -55,7 +57,7 @@ _NUMBERS = frozenset(
         *("value", "ground_truths", "iou", "seconds", "pog_seconds", "q", "expected_ig", "epoch"),
         *("recall", "precision", "from_m", "to_m", "objects", "mean", "median", "p10", "unseen"),
         *("resolution", "azimuth_steps", "frames", "comparable", "sd", "bias", "low", "high"),
-        *("resample", "rank"),
+        *("resample", "rank", "boxes"),
     )
 )
 """Required columns that hold numbers, in whichever table."""
@@ -120,8 +122,11 @@ class RunFolder:
         promotions: how every rung of `promote:` ranked the placements.
         pr_curves: precision over recall of every trial, percent.
         distance: AP and recall of every trial by the objects' distance, percent.
+        left_out: the results of every trial without each route and each individual of the test
+            frames in turn, percent; older run folders lack it.
         points: points per object of the test frames by distance, one of the settings that
             surrogates depend on.
+        individuals: in how many frames of a split and a route every object counts.
     """
 
     path: Path
@@ -137,7 +142,9 @@ class RunFolder:
     curves: pd.DataFrame | None
     pr_curves: pd.DataFrame | None
     distance: pd.DataFrame | None
+    left_out: pd.DataFrame | None
     points: pd.DataFrame | None
+    individuals: pd.DataFrame | None
     accuracy: pd.DataFrame | None
     sampling_error: pd.DataFrame | None
     pog_resamples: pd.DataFrame | None
@@ -207,7 +214,9 @@ class RunFolder:
             curves=optional["curves"],
             pr_curves=optional["pr_curves"],
             distance=optional["distance"],
+            left_out=optional["left_out"],
             points=optional["points"],
+            individuals=optional["individuals"],
             accuracy=optional["accuracy"],
             sampling_error=optional["sampling_error"],
             pog_resamples=optional["pog_resamples"],

@@ -89,6 +89,11 @@ def test_the_run_folder_holds_the_results(folder, first):
     assert (error["low"] <= error["high"]).all()
     drawn = pd.read_parquet(run / "pog_resamples.parquet")
     assert drawn.groupby(keys).size().eq(error["resamples"].iloc[0]).all()
+    objects = pd.read_parquet(run / "individuals.parquet")
+    assert not objects.duplicated(["split", "scene", "route", "object_id"]).any()
+    boxes = objects[objects["split"] == "test"].groupby("class")["boxes"].sum()
+    of_class = results[results["class"] != "all"].groupby("class")["ground_truths"]
+    assert of_class.agg(set).to_dict() == {name: {boxes.get(name, 0)} for name, _ in of_class}
     about = json.loads((run / "sweep.json").read_text())
     assert about["frames"] == {"train": 8, "test": 4}
     assert about["tracking_uri"] == f"sqlite:///{folder / 'runs/mlflow.db'}"

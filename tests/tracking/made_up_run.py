@@ -74,6 +74,7 @@ def write_run(
         "pr_curves": _pr_curves(results),
         "distance": _distance(results),
         "points": _points(rng, quality, scenes) if detectors else [],
+        "individuals": _individuals(scenes) if detectors else [],
         "surrogates": _surrogates(rng, quality, scenes),
         "expected_ig_by_q": _by_q(rng, quality, scenes),
         "accuracy": _accuracy(rng, names),
@@ -170,6 +171,18 @@ def _points(
         for name, value in quality.items()
         for object_class in ("Car", "Pedestrian")
         for low, mean in ((0.0, 900 * (1 + value)), (10.0, 90 * (1 + value) + rng.random()))
+    ]
+
+
+def _individuals(settings: list[dict[str, int]]) -> list[dict[str, object]]:
+    """Of every class 34 on four routes: ten of them are in 30 frames, the others in five."""
+    return [
+        {**setting, "split": split, "scene": split, "route": i % 4, "class": object_class}
+        | {"object_id": f"{object_class}-{i}", "boxes": 30 if i < 10 else 5}
+        for setting in settings
+        for split in ("train", "test")
+        for object_class in ("Car", "Pedestrian")
+        for i in range(34)
     ]
 
 

@@ -127,7 +127,8 @@ def test_the_sections_are_in_order(page):
         *("Best for Car", "Which placement is best?", "Placements"),
         *("Which surrogate predicts best?", "Did the surrogates predict AP and recall?"),
         *("Detectors", "Rigs and traffic", "Coverage and residual entropy"),
-        *("One frame, as each placement sees it", "Objects by their distance"),
+        *("One frame, as each placement sees it", "Objects: boxes and individuals"),
+        "Objects by their distance",
         *("Surrogates: error against run time", "Surrogates: sampling error of the POG"),
         *("Learning curves", "Where the time went"),
         "Configuration and command",
@@ -193,7 +194,10 @@ def test_what_the_sweep_did_not_make_is_said(made_up_run, tmp_path):
         "frame.npz",
         *(
             f"{t}.parquet"
-            for t in ("curves", "accuracy", "sampling_error", "pog_resamples", "tasks")
+            for t in (
+                *("curves", "individuals", "accuracy", "sampling_error", "pog_resamples"),
+                "tasks",
+            )
         ),
     )
     for name in optional:

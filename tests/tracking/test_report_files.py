@@ -67,7 +67,10 @@ def test_markdown_has_every_table_of_the_page(folder):
 
 
 def test_markdown_tells_how_much_was_compared_as_the_page_does(folder):
-    extent = "5 placements, 10 trials, 400 training and 100 test frames."
+    extent = (
+        "5 placements, 10 trials, 400 training and 100 test frames with 840 boxes of 68 "
+        "individuals."
+    )
     assert (folder / "report.md").read_text().split("\n\n")[1] == extent
     assert f">{extent}<" in (folder / "report.html").read_text()
 

@@ -10,6 +10,7 @@ import pandas as pd
 
 from tracking.correlation import correlate
 from tracking.distinct_rigs import copies, without
+from tracking.individuals import count_individuals
 from tracking.kitti_iou import headline_iou
 from tracking.labels import some
 from tracking.leave_one_out import leave_one_out
@@ -33,6 +34,7 @@ from tracking.report.headline import (
     surrogate_verdicts,
     verdicts,
 )
+from tracking.report.individuals import individuals_section
 from tracking.report.markdown import escaped, write_markdown
 from tracking.report.page import write_page
 from tracking.report.placements import placements_section
@@ -92,6 +94,7 @@ def build_report(run: Path) -> Path:
             rigs_section(folder, order),
             coverage_section(folder, order),
             clouds_section(folder, order),
+            individuals_section(folder),
             by_distance_section(folder, found),
             accuracy_section(folder),
             sampling_error_section(folder, order),
@@ -162,10 +165,19 @@ def _extent(run: RunFolder) -> str:
     parts = [
         f"{len(run.placements)} placements, {len(run.trials)} trials",
         *([f"{pruned} of them pruned by promotion"] if pruned else []),
-        f"{frames['train']} training and {frames['test']} test frames",
+        f"{frames['train']} training and {frames['test']} test frames{_met(run)}",
         *([shown] if shown else []),
     ]
     return f"{', '.join(parts)}."
+
+
+def _met(run: RunFolder) -> str:
+    """The objects of the test frames; "" where they are unknown or differ with the setting."""
+    if run.individuals is None or set(run.axes) & set(run.individuals.columns):
+        return ""
+    counts = count_individuals(run.individuals[run.individuals["split"] == "test"])
+    boxes, individuals = counts["boxes"].sum(), counts["individuals"].sum()
+    return f" with {boxes:,} boxes of {individuals:,} individuals" if boxes else ""
 
 
 def _same_rigs(copies: dict[str, str]) -> list[str]:
