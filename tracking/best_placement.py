@@ -10,6 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
+from tracking.jackknife import SampleError, combined, sample_error
 from tracking.probability_of_best import probability_of_best
 from tracking.reliability import pooled_variance, seed_mean
 
@@ -26,6 +27,8 @@ class BestPlacement:
         sure: index placement, best mean first: the probability that its expected metric is the
             highest (`tracking.probability_of_best`).
         sd: over seeds within placements, pooled.
+        sample: error of a placement against the others by the choice of the test objects; None
+            where it is unknown, and intervals and probabilities are over seeds alone.
         note: why there are no intervals, or "".
     """
 
@@ -34,6 +37,7 @@ class BestPlacement:
     others: pd.DataFrame
     sure: pd.Series
     sd: float
+    sample: SampleError | None
     note: str
 
     @property
@@ -47,17 +51,22 @@ class BestPlacement:
         return [str(name) for name in self.others.index[~(self.others["low"] > 0)]]
 
 
-def best_placement(results: pd.DataFrame, seed: int = 0) -> BestPlacement | None:
+def best_placement(
+    results: pd.DataFrame, seed: int = 0, left_out: pd.DataFrame | None = None
+) -> BestPlacement | None:
     """Compare all placements with the best.
 
     The best is chosen from the same results. So its leads have the intervals of Tukey and Kramer,
     which hold for all pairs of placements at once, whichever is chosen afterwards. Seeds are taken
-    to scatter alike under all placements, and normally.
+    to scatter alike under all placements, and normally; other test objects to shift any placement
+    against the others alike.
 
     Args:
         results: placement, seed, value: rows of one class, detector, setting, metric, IoU and
             difficulty. NaN where a training failed or there was no ground truth.
         seed: of the draws from the posterior.
+        left_out: the same without each unit of the test objects, see
+            `tracking.jackknife.sample_error`.
 
     Returns:
         None if there is no value. NaN for all that needs the spread over seeds if no placement has
@@ -77,12 +86,16 @@ def best_placement(results: pd.DataFrame, seed: int = 0) -> BestPlacement | None
     y = y.reindex(known["placement"].unique())
     y = y.iloc[np.argsort(-seed_mean(y.to_numpy(np.float64)), kind="stable")]
     values = y.to_numpy(np.float64)
-    means, counts = seed_mean(values), np.isfinite(values).sum(axis=1)
+    means, counts = seed_mean(values), np.isfinite(values).sum(axis=1).astype(np.float64)
     pooled, extra = pooled_variance(values)
-    variance, degrees = float(pooled), int(extra)
-    low, high = lead_intervals(means, counts, variance, degrees).T
+    variance, degrees = float(pooled), float(extra)
+    sample = None if left_out is None else sample_error(left_out, paired=True)
+    noise = (counts, variance, degrees)
+    if degrees > 0:
+        noise = combined(counts, variance, degrees, sample)
+    low, high = lead_intervals(means, *noise).T
     table = {"mean": means, "seeds": counts, "lead": means[0] - means, "low": low, "high": high}
-    p = _lead_tests(means, counts, variance, degrees)
+    p = _lead_tests(means, *noise)
     others = pd.DataFrame({**table, "p": p}, index=y.index)
     note = ""
     if len(y) == 1:
@@ -93,16 +106,15 @@ def best_placement(results: pd.DataFrame, seed: int = 0) -> BestPlacement | None
         best=str(y.index[0]),
         mean=float(means[0]),
         others=others.iloc[1:],
-        sure=pd.Series(
-            probability_of_best(means, counts, variance, degrees, seed), y.index, name="sure"
-        ),
+        sure=pd.Series(probability_of_best(means, *noise, seed), y.index, name="sure"),
         sd=float(np.sqrt(variance)),
+        sample=sample,
         note=note,
     )
 
 
 def lead_intervals(
-    means: NDArray[np.float64], counts: NDArray[np.intp], variance: float, degrees: int
+    means: NDArray[np.float64], counts: NDArray[np.float64], variance: float, degrees: float
 ) -> NDArray[np.float64]:
     """95 % intervals of the lead of the first over each, for all pairs at once, shape (n, 2).
 
@@ -118,7 +130,7 @@ def lead_intervals(
 
 
 def _lead_tests(
-    means: NDArray[np.float64], counts: NDArray[np.intp], variance: float, degrees: int
+    means: NDArray[np.float64], counts: NDArray[np.float64], variance: float, degrees: float
 ) -> NDArray[np.float64]:
     """p of no lead of the first over each, adjusted as `lead_intervals`, shape (n,)."""
     if degrees == 0 or len(means) < 2:
@@ -131,12 +143,12 @@ def _lead_tests(
     return np.where(np.isinf(ratio), 0.0, p)
 
 
-def _error(counts: NDArray[np.intp], variance: float) -> NDArray[np.float64]:
+def _error(counts: NDArray[np.float64], variance: float) -> NDArray[np.float64]:
     """Standard error of the lead of the first over each, by the root of 2."""
     return np.sqrt(variance / 2 * (1 / counts[0] + 1 / counts))
 
 
 @lru_cache(maxsize=256)
-def _critical_range(placements: int, degrees: int) -> float:
+def _critical_range(placements: int, degrees: float) -> float:
     """What 5 % of studentized ranges exceed; slow to compute, and the same for every metric."""
     return float(stats.studentized_range.ppf(0.95, placements, degrees))

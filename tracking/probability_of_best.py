@@ -13,9 +13,9 @@ _LOG_RATIOS = np.linspace(-24.0, 40.0, 1281)
 
 def probability_of_best(
     means: NDArray[np.float64],
-    counts: NDArray[np.intp],
+    counts: NDArray[np.float64],
     variance: float,
-    degrees: int,
+    degrees: float,
     seed: int = 0,
     draws: int = _DRAWS,
 ) -> NDArray[np.float64]:
@@ -30,7 +30,8 @@ def probability_of_best(
     Args:
         means: over seeds, shape (n,).
         counts: seeds of each, shape (n,).
-        variance: over seeds within placements, pooled (`tracking.reliability.pooled_variance`).
+        variance: over seeds within placements, pooled (`tracking.reliability.pooled_variance`);
+            with the noise of the test objects as well, see `tracking.jackknife.combined`.
         degrees: its degrees of freedom.
         seed: of the draws.
 

@@ -9,6 +9,7 @@ import pandas as pd
 from scipy import stats
 
 from tracking.kitti_iou import headline_iou
+from tracking.jackknife import sample_error
 from tracking.labels import in_order, surrogate_name
 from tracking.paired import group_columns
 from tracking.run_folder import RunFolder
@@ -19,18 +20,26 @@ TERMINAL_ROWS = 20
 _SHORT = {"s_mig": "S-MIG", "expected_ig": "E-IG"}
 
 
-def seed_means(results: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
+def seed_means(
+    results: pd.DataFrame, axes: Sequence[str] = (), left_out: pd.DataFrame | None = None
+) -> pd.DataFrame:
     """Mean over seeds.
 
     Its 95 % interval is Student's with the variance over seeds pooled over the placements of the
     same (class, detector, axes, metric, iou, difficulty), as if seeds scattered alike under all of
-    them: two or three seeds alone do not tell their spread.
+    them: two or three seeds alone do not tell their spread. With `left_out` the choice of the test
+    objects adds its own variance (`tracking.jackknife`).
+
+    Args:
+        left_out: `RunFolder.left_out`; None: intervals are over seeds alone.
 
     Returns:
         One row per (placement, class, detector, axes, metric, iou, difficulty): `mean`, `sd`
-        (n - 1; NaN for one seed), `seeds`, the smallest number of `ground_truths`, and `low` and
-        `high`, NaN where no placement has two seeds. Rows whose value is NaN for every seed have 0
-        seeds.
+        (n - 1; NaN for one seed), `seeds`, the smallest number of `ground_truths`;
+        `sample_sd`, the error by the choice of the test objects, NaN where it is unknown; `low`
+        and `high`; and `half`, half the interval of the mean against other placements that were
+        tested on the same frames, two of which add in squares. All three are NaN where no placement
+        has two seeds. Rows whose value is NaN for every seed have 0 seeds.
     """
     groups = group_columns(axes)
     means = (
@@ -48,9 +57,48 @@ def seed_means(results: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
     total = pooled.groupby(groups, dropna=False, observed=True)[["squares", "extra"]]
     summed = total.transform("sum")
     degrees = summed["extra"].where(summed["extra"] > 0)
-    error = np.sqrt(summed["squares"] / degrees / means["seeds"].where(means["seeds"] > 0))
-    half = stats.t.ppf(0.975, degrees) * error
-    return means.assign(low=means["mean"] - half, high=means["mean"] + half)
+    variance = summed["squares"] / degrees / means["seeds"].where(means["seeds"] > 0)
+    errors = _sample_errors(means, left_out, groups)
+    half = {
+        name: _half(variance, degrees, errors[f"{name}_variance"], errors[f"{name}_degrees"])
+        for name in ("single", "paired")
+    }
+    return means.assign(
+        sample_sd=np.sqrt(errors["single_variance"]),
+        low=means["mean"] - half["single"],
+        high=means["mean"] + half["single"],
+        half=half["paired"],
+    )
+
+
+def _half(
+    variance: pd.Series, degrees: pd.Series, other: pd.Series, other_degrees: pd.Series
+) -> pd.Series:
+    """Half of Student's 95 % interval for a sum of two variances, by Satterthwaite."""
+    whole = variance + other.fillna(0)
+    parts = variance**2 / degrees + (other**2 / other_degrees).fillna(0)
+    freedom = (whole**2 / parts.where(parts > 0)).fillna(degrees)
+    return stats.t.ppf(0.975, freedom) * np.sqrt(whole)
+
+
+def _sample_errors(
+    means: pd.DataFrame, left_out: pd.DataFrame | None, groups: list[str]
+) -> pd.DataFrame:
+    """`sample_error` of every row of `means`, of one placement and of paired ones; NaN: unknown."""
+    names = ["single_variance", "single_degrees", "paired_variance", "paired_degrees"]
+    if left_out is None or left_out.empty:
+        return pd.DataFrame(np.nan, index=means.index, columns=names)
+    keys = [key for key in groups if key in left_out.columns]
+    rows = []
+    for values, own in left_out.groupby(keys, dropna=False, sort=False, observed=True):
+        row = dict(zip(keys, values, strict=True))
+        for name, paired in (("single", False), ("paired", True)):
+            error = sample_error(own, paired)
+            if error is not None:
+                row |= {f"{name}_variance": error.variance, f"{name}_degrees": error.degrees}
+        rows.append(row)
+    table = pd.DataFrame(rows).reindex(columns=[*keys, *names])
+    return means[keys].merge(table, on=keys, how="left").set_index(means.index)[names]
 
 
 def surrogates_of(

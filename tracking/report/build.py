@@ -68,7 +68,7 @@ def build_report(run: Path) -> Path:
     # Placements are compared after the longest training; shorter ones show what they cost.
     full = is_full(whole.results, whole.axes, whole.sweep.get("promote", ()))
     folder = replace(whole, results=whole.results[full])
-    means = seed_means(folder.results, folder.axes)
+    means = seed_means(folder.results, folder.axes, folder.left_out)
     sample = (folder.results, folder.surrogates)
     correlations = correlate(*sample, folder.axes)
     errors = leave_one_out(*sample, folder.axes)

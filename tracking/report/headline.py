@@ -91,11 +91,16 @@ def class_label(object_class: str) -> str:
 
 def headline_ranking(run: RunFolder, group: Group) -> dict[str, BestPlacement]:
     """`best_placement` of headline AP for every class that has any, and of recall for "all"."""
-    own = group.of(run.results)
     found = {}
     for name in (*run.classes, "all"):
-        match = (own["class"] == name) & (own["metric"] == headline_metric(name))
-        best = best_placement(own[match & (own["iou"] == headline_iou(run.results, name))])
+
+        def judged(table: pd.DataFrame, name: str = name) -> pd.DataFrame:
+            own = group.of(table)
+            own = own[(own["class"] == name) & (own["metric"] == headline_metric(name))]
+            return own[own["iou"] == headline_iou(run.results, name)]
+
+        left_out = None if run.left_out is None else judged(run.left_out)
+        best = best_placement(judged(run.results), left_out=left_out)
         if best is not None:
             found[name] = best
     return found
@@ -119,7 +124,7 @@ def _lead(best: BestPlacement) -> str:
 
 
 def _sure(best: BestPlacement) -> str:
-    """How sure it is that the best is the best, over the seeds of the training alone."""
+    """How sure it is that the best is the best."""
     if best.others.empty:
         return "There is no other placement."
     if not np.isfinite(best.sure.iloc[0]):

@@ -78,8 +78,7 @@ def _difference(means: pd.DataFrame, pair: TiltPair) -> dict[str, float]:
     """Of two means over seeds. Their intervals share one pooled spread, so they add in squares."""
     upright, tilted = means["mean"][pair.upright], means["mean"][pair.tilted]
     difference = tilted - upright
-    halves = (means["high"] - means["low"]) / 2
-    half = np.hypot(halves[pair.upright], halves[pair.tilted])
+    half = np.hypot(means["half"][pair.upright], means["half"][pair.tilted])
     return {
         "upright": upright,
         "tilted": tilted,

@@ -1,0 +1,143 @@
+"""The error by the choice of the test objects, against statistics by hand and in simulated studies."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from tracking.best_placement import best_placement
+from tracking.jackknife import LEAST_ROUTES, sample_error
+from tracking.summary import seed_means
+
+
+def mean_without(values, sizes=None, unit="route", placement="a", seed=1):
+    """Left-out rows of a metric that is the mean over units, weighted by their sizes."""
+    sizes = np.ones(len(values)) if sizes is None else np.asarray(sizes)
+    whole = np.sum(sizes * values)
+    return pd.DataFrame(
+        {
+            **{"placement": placement, "seed": seed, "unit": unit},
+            "left_out": [f"{unit} {i}" for i in range(len(values))],
+            "ground_truths": sizes,
+            "value": (whole - sizes * values)
+            / np.where(sizes < sizes.sum(), sizes.sum() - sizes, np.nan),
+        }
+    )
+
+
+def test_it_is_the_error_of_a_mean():
+    values = np.array([3.0, 8.0, 5.0, 1.0, 9.0])
+    error = sample_error(mean_without(values), paired=False)
+    assert error.variance == pytest.approx(stats.sem(values) ** 2)
+    assert (error.degrees, error.unit) == (4, "route")
+
+
+def test_what_a_unit_does_to_all_placements_cancels_between_them():
+    random = np.random.default_rng(0)
+    common, own = 20 * random.normal(size=12), random.normal(size=(3, 12))
+    rows = pd.concat(
+        mean_without(common + own[i], placement=name, unit="individual")
+        for i, name in enumerate("abc")
+    )
+    single, paired = sample_error(rows, paired=False), sample_error(rows, paired=True)
+    differences = own - own.mean(axis=0)
+    by_hand = np.sum(differences.var(axis=1, ddof=1)) / 2 / 12
+    assert paired.variance == pytest.approx(by_hand)
+    assert single.variance > 100 * paired.variance
+    assert single.degrees == 11
+    assert 11 < paired.degrees <= 22
+    assert sample_error(rows[rows["placement"] == "a"], paired=True) is None
+
+
+def test_the_larger_of_routes_and_individuals_counts_if_the_routes_are_enough():
+    quiet, loud = np.arange(8.0), 10 * np.arange(8.0)
+
+    def unit(routes, individuals):
+        rows = [mean_without(routes), mean_without(individuals, unit="individual")]
+        return sample_error(pd.concat(rows), paired=False).unit
+
+    assert unit(loud, quiet) == "route"
+    assert unit(quiet, loud) == "individual"
+    assert unit(loud[: LEAST_ROUTES - 1], quiet) == "individual"
+    # A route without objects is none.
+    rows = mean_without(loud[:LEAST_ROUTES], [5, 5, 5, 0])
+    assert sample_error(rows, paired=False) is None
+
+
+def test_without_anything_to_leave_out_it_is_unknown():
+    values = np.arange(6.0)
+    alone = mean_without(values).assign(value=lambda t: t["value"].where(t.index > 0))
+    assert sample_error(alone, paired=False) is None
+    assert sample_error(mean_without(values)[:0], paired=False) is None
+    assert sample_error(mean_without(values[:1], unit="individual"), paired=False) is None
+
+
+def test_large_units_count_as_fewer():
+    sizes = np.array([100] * 4 + [1] * 30)
+    error = sample_error(mean_without(np.arange(34.0), sizes, "individual"), paired=False)
+    assert 4 - 1 < error.degrees < 6
+
+
+def study(random, placements=4, seeds=3, units=12, shared=3.0, own=2.0, noise=0.5):
+    """Results and left-out values of a metric that is a mean over units, all true means 50."""
+    common = shared * random.standard_normal(units)
+    values, left_out = [], []
+    for i in range(placements):
+        deviations = common + own * random.standard_normal(units)
+        for seed in range(seeds):
+            luck = noise * random.standard_normal()
+            values.append((f"p{i}", seed, 50 + deviations.mean() + luck))
+            rows = mean_without(50 + deviations + luck, None, "individual", f"p{i}", seed)
+            left_out.append(rows)
+    results = pd.DataFrame(values, columns=["placement", "seed", "value"])
+    fixed = {"class": "Car", "detector": "d", "metric": "AP_R40_3D", "iou": 0.7}
+    results = results.assign(**fixed, difficulty="all", ground_truths=100)
+    return results, pd.concat(left_out).assign(**fixed)
+
+
+def test_intervals_hold_the_truth_of_other_test_objects():
+    random = np.random.default_rng(1)
+    mean_held, lead_held, said = ({True: [], False: []} for _ in range(3))
+    for _ in range(40):
+        results, left_out = study(random)
+        for known in (True, False):
+            table = left_out if known else None
+            means = seed_means(results, left_out=table)
+            mean_held[known].append(((means["low"] <= 50) & (means["high"] >= 50)).mean())
+            best = best_placement(results, left_out=table)
+            lead_held[known].append((best.others["low"] <= 0).all())
+            said[known].append(best.sure.iloc[0])
+    assert np.mean(mean_held[True]) > 0.9 > 0.6 > np.mean(mean_held[False])
+    assert np.mean(lead_held[True]) > 0.9 > 0.75 > np.mean(lead_held[False])
+    assert np.mean(said[True]) < np.mean(said[False]) - 0.05  # the best of equals is one of four
+
+
+def test_an_interval_by_hand():
+    results, left_out = study(np.random.default_rng(2), placements=2)
+    best = best_placement(results, left_out=left_out)
+    wide = results.pivot(index="placement", columns="seed", values="value")
+    seeds = wide.var(axis=1, ddof=1).mean()
+    error = sample_error(left_out, paired=True)
+    assert best.sample == error
+    whole = seeds / 3 + error.variance
+    freedom = whole**2 / ((seeds / 3) ** 2 / 4 + error.variance**2 / error.degrees)
+    half = stats.t.ppf(0.975, np.floor(freedom)) * np.sqrt(2 * whole)
+    row = best.others.iloc[0]
+    assert (row["high"] - row["low"]) / 2 == pytest.approx(half, rel=1e-6)
+    means = seed_means(results, left_out=left_out)
+    exact = stats.t.ppf(0.975, freedom) * np.sqrt(whole)
+    assert means["half"].tolist() == pytest.approx([exact] * 2)
+    single = sample_error(left_out, paired=False)
+    assert means["sample_sd"].tolist() == pytest.approx([np.sqrt(single.variance)] * 2)
+
+
+def test_without_a_table_and_with_one_seed_intervals_are_as_they_were():
+    results, left_out = study(np.random.default_rng(3))
+    alone = seed_means(results)
+    pd.testing.assert_frame_equal(alone, seed_means(results, left_out=left_out[:0]))
+    assert alone["half"].to_list() == pytest.approx(((alone["high"] - alone["low"]) / 2).to_list())
+    one = results[results["seed"] == 0]
+    means = seed_means(one, left_out=left_out[left_out["seed"] == 0])
+    assert means[["low", "high", "half"]].isna().all(axis=None)
+    assert means["sample_sd"].notna().all()
+    assert best_placement(one, left_out=left_out).others["low"].isna().all()
