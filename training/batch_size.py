@@ -29,7 +29,7 @@ def batch_size_for(
     """
     if settings.batch_size != "auto":
         return settings.batch_size
-    if model.device.type != "cuda":
+    if model.device.type == "cpu":
         return ON_CPU
     return largest_that_fits(lambda size: _fits(model, frames, settings, size, gpu_share))
 
@@ -49,11 +49,11 @@ def step_bytes(
 
     0 on a CPU, where it is not counted; None if the step does not fit.
     """
-    on_gpu = model.device.type == "cuda"
-    if on_gpu:
-        torch.cuda.empty_cache()
-        torch.cuda.reset_peak_memory_stats(model.device)
-    before = torch.cuda.memory_reserved(model.device) if on_gpu else 0
+    gpu = None if model.device.type == "cpu" else torch.get_device_module(model.device)
+    if gpu:
+        gpu.empty_cache()
+        gpu.reset_peak_memory_stats(model.device)
+    before = gpu.memory_reserved(model.device) if gpu else 0
     try:
         trial = Optimisation(copy.deepcopy(model).train(), settings, steps=1)
         trial.step(as_tensors(frames.largest(size)))
@@ -61,14 +61,15 @@ def step_bytes(
         return None
     except ArithmeticError:
         pass  # its memory is known all the same; the training will name the frames
-    return torch.cuda.max_memory_reserved(model.device) - before if on_gpu else 0
+    return gpu.max_memory_reserved(model.device) - before if gpu else 0
 
 
 def _fits(
     model: Detector, frames: TrainingFrames, settings: TrainingSettings, size: int, share: float
 ) -> bool:
     """Whether one step with `size` frames stays within the share of the memory."""
-    torch.cuda.empty_cache()
-    free, total = torch.cuda.mem_get_info(model.device)
+    gpu = torch.get_device_module(model.device)
+    gpu.empty_cache()
+    free, total = gpu.mem_get_info(model.device)
     taken = step_bytes(model, frames, settings, size)
     return taken is not None and taken <= MEMORY_SHARE * min(free, share * total)

@@ -33,10 +33,13 @@ class Optimisation:
         self._settings = settings
         self._schedule = OneCycle(settings, steps)
         self._optimizer = _optimizer(model, settings)
-        self._mixed = settings.mixed_precision and model.device.type == "cuda"
-        bfloat = self._mixed and torch.cuda.is_bf16_supported(including_emulation=False)
+        place = model.device.type
+        self._mixed = settings.mixed_precision and place != "cpu"
+        bfloat = self._mixed and torch.get_device_module(place).is_bf16_supported(
+            including_emulation=False
+        )
         self._dtype = torch.bfloat16 if bfloat else torch.float16
-        self._scaler = torch.amp.GradScaler("cuda", enabled=self._mixed and not bfloat)
+        self._scaler = torch.amp.GradScaler(place, enabled=self._mixed and not bfloat)
         self.steps = 0
         self.lr = 0.0
 

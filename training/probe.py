@@ -52,8 +52,9 @@ def probe(
     batch_size = batch_size_for(model, frames, settings, gpu_share)
     taken = step_bytes(model, frames, settings, batch_size)
     del database  # it had to be there until now
-    if model.device.type != "cuda" or taken is None:
+    if model.device.type == "cpu" or taken is None:
         return Probe(batch_size, None)
-    _, total = torch.cuda.mem_get_info(model.device)
-    peak = torch.cuda.max_memory_reserved(model.device)  # with the network itself
+    gpu = torch.get_device_module(model.device)
+    _, total = gpu.mem_get_info(model.device)
+    peak = gpu.max_memory_reserved(model.device)  # with the network itself
     return Probe(batch_size, min(1.0, peak / total))

@@ -1,4 +1,7 @@
-"""Operations, networks and training on a GPU against the CPU; skipped where there is none."""
+"""Operations, networks and training on a GPU against the CPU.
+
+Everything runs on the device that stands for a GPU, and where there is one, on that as well.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +9,19 @@ import copy
 from functools import cache
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
+from other_device import MEMORY, other_device
 from synthetic_scenes import scenes
 
 from training import NETWORKS, build_detector
-from training.batch_size import batch_size_for
+from training.batch_size import MEMORY_SHARE, batch_size_for, step_bytes
+from training.checkpoints import load_checkpoint, write_checkpoint
 from training.dataset import TrainingFrames, as_tensors
+from training.detect import detect
 from training.detectors.detector import Selection
+from training.finetune import finetune
 from training.ops.ball_query import ball_query
 from training.ops.box_overlap import iou_3d, iou_bev
 from training.ops.grouping import group
@@ -25,12 +33,13 @@ from training.ops.sampling import furthest_point_sample
 from training.ops.sparse_conv import InverseConv3d, SparseConv3d, SparseTensor, SubmanifoldConv3d
 from training.ops.voxel_query import voxel_query
 from training.optimisation import Optimisation
+from training.probe import probe
 from training.settings import TrainingSettings
 
-pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA GPU")
+pytestmark = pytest.mark.usefixtures("one_thread")
 
-GPU = torch.device("cuda")
 CPU = torch.device("cpu")
+NEEDS_GPU = pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA GPU")
 GEOMETRY = (2, 2, 2), (2, 2, 2), (0, 0, 0)
 SHAPE = (6, 20, 20)
 
@@ -40,11 +49,31 @@ def on_cpu():
     """Overrides the fixture that keeps other tests on the CPU."""
 
 
-@pytest.fixture(autouse=True)
-def _all_digits():
-    """Convolutions on a GPU round their input to 10 bits unless told not to."""
-    with torch.backends.cudnn.flags(enabled=True, allow_tf32=False):
-        yield
+@pytest.fixture(params=["other", pytest.param("cuda", marks=NEEDS_GPU)])
+def device(request, monkeypatch):
+    """Where networks run; not the CPU."""
+    if request.param == "other":
+        with other_device() as place:
+            run_on(place, monkeypatch)
+            yield place
+    else:
+        # Convolutions on a GPU round their input to 10 bits unless told not to.
+        with torch.backends.cudnn.flags(enabled=True, allow_tf32=False):
+            yield torch.device(request.param)
+
+
+@pytest.fixture
+def other(monkeypatch):
+    """The device that stands for a GPU; what a test changes of its memory is undone."""
+    monkeypatch.setattr(MEMORY, "total", MEMORY.total)
+    with other_device() as place:
+        run_on(place, monkeypatch)
+        yield place
+
+
+def run_on(place, monkeypatch):
+    for module in ("detect", "finetune", "probe"):
+        monkeypatch.setattr(f"training.{module}.device", lambda: place)
 
 
 # Operations: each takes a device, puts the same random input there, and returns its results.
@@ -174,16 +203,12 @@ def assert_close(found, expected, tolerance):
     )
 
 
-def check_operation(operation, device):
+@pytest.mark.parametrize("operation", OPERATIONS)
+def test_operations_are_those_of_the_cpu(operation, device):
     for found, expected in zip(operation(device), operation(CPU), strict=True):
         assert found.device.type == device.type
         assert expected.numel() > 0
         assert_close(found, expected, 1e-5)
-
-
-@pytest.mark.parametrize("operation", OPERATIONS)
-def test_operations_are_those_of_the_cpu(operation):
-    check_operation(operation, GPU)
 
 
 # Networks
@@ -217,10 +242,21 @@ def step(model, dtype):
     return {name: value.item() for name, value in losses.items()}, norms
 
 
-def check_network(network, device, dtype, tolerance):
+TOLERANCES = {
+    ("other", torch.float32): 1e-4,
+    ("other", torch.float64): 1e-8,
+    ("cuda", torch.float32): 1e-2,
+    ("cuda", torch.float64): 1e-5,
+}
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("network", NETWORKS)
+def test_networks_are_those_of_the_cpu(network, dtype, device):
     """One step and the best boxes of a trained network."""
+    tolerance = TOLERANCES[device.type, dtype]
     here, there = (copy.deepcopy(trained(network)).to(place, dtype) for place in (CPU, device))
-    best, more = (Selection(score=0.0, nms=0.1, post=count) for count in (10, 20))
+    best, more = (Selection(score=0.0, nms=0.1, pre=500, post=count) for count in (10, 20))
     points = some_frames()[0]
     for found, expected in zip(
         there.predict(points, more), here.predict(points, best), strict=True
@@ -241,13 +277,37 @@ def check_network(network, device, dtype, tolerance):
         ), name
 
 
-@pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float32, 1e-2), (torch.float64, 1e-5)])
 @pytest.mark.parametrize("network", NETWORKS)
-def test_networks_are_those_of_the_cpu(network, dtype, tolerance):
-    check_network(network, GPU, dtype, tolerance)
+def test_where_the_points_lie_does_not_matter(network, device):
+    model = copy.deepcopy(trained(network))
+    points, few = some_frames()[0], Selection(score=0.0, pre=100, post=5)
+    for place in (CPU, device):
+        model = model.to(place)
+        here, there = (model.predict([item.to(at) for item in points], few) for at in (CPU, device))
+        for a, b in zip(here, there, strict=True):
+            assert all(torch.equal(a[name], b[name]) for name in a)
 
 
-def check_mixed_precision(network, device):
+@pytest.mark.parametrize("network", NETWORKS)
+def test_frames_without_points_or_objects(network, device):
+    points, boxes, labels = some_frames()
+    points = [points[0], points[0][:0], torch.full((5, 4), torch.nan), points[1]]
+    boxes = [boxes[0], boxes[0][:0], boxes[1], boxes[1][:0]]
+    labels = [labels[0], labels[0][:0], labels[1], labels[1][:0]]
+    losses, found = [], []
+    for place in (CPU, device):
+        model = copy.deepcopy(trained(network)).to(place)
+        torch.manual_seed(1)
+        losses.append(
+            {key: value.item() for key, value in model.loss(points, boxes, labels).items()}
+        )
+        found.append([len(frame["boxes"]) for frame in model.predict(points)])
+    assert losses[1] == pytest.approx(losses[0], rel=1e-2, abs=1e-3)
+    assert found[1] == found[0]
+
+
+@pytest.mark.parametrize("network", NETWORKS)
+def test_mixed_precision(network, device):
     """Losses and gradients are finite, and so are the boxes."""
     torch.manual_seed(0)
     model = build_detector(network, ["Car"], preset="tiny").to(device)
@@ -258,24 +318,24 @@ def check_mixed_precision(network, device):
     for value in (*losses.values(), *(p.grad for p in model.parameters() if p.grad is not None)):
         assert torch.isfinite(value).all()
     with torch.autocast(device.type, dtype=torch.bfloat16):
-        found = model.predict(some_frames()[0], Selection(score=0.0, post=50))
+        found = model.predict(some_frames()[0], Selection(score=0.0, pre=200, post=50))
     for frame in found:
         assert len(frame["boxes"]) > 0
         assert all(torch.isfinite(value).all() for value in frame.values())
 
 
-@pytest.mark.parametrize("network", NETWORKS)
-def test_mixed_precision(network):
-    check_mixed_precision(network, GPU)
-
-
 # Training
 
 
-def check_training(device):
-    """A batch size, and one step with 16-bit floats."""
+def some_training():
+    """Clouds, ground truth and the frames of both."""
     clouds, truth = scenes(3, seed=0)
-    frames = TrainingFrames(["Car"], clouds, truth, 0.0, min_points=1)
+    return clouds, truth, TrainingFrames(["Car"], clouds, truth, 0.0, min_points=1)
+
+
+def test_training(device):
+    """A batch size, and one step with 16-bit floats."""
+    frames = some_training()[2]
     model = build_detector("second_tiny", ["Car"]).to(device)
     settings = TrainingSettings(batch_size="auto", mixed_precision=True)
     before = {name: value.clone() for name, value in model.state_dict().items()}
@@ -288,5 +348,100 @@ def check_training(device):
     assert any(not torch.equal(p, before[name]) for name, p in model.named_parameters())
 
 
-def test_training():
-    check_training(GPU)
+def test_float16_where_there_is_no_bfloat16(other, monkeypatch):
+    """The scaler leaves out steps until its scale is low enough."""
+    monkeypatch.setattr(MEMORY, "bfloat16", False)
+    frames = some_training()[2]
+    model = build_detector("second_tiny", ["Car"]).to(other).train()
+    before = {name: value.clone() for name, value in model.named_parameters()}
+    optimisation = Optimisation(model, TrainingSettings(mixed_precision=True), steps=20)
+    for _ in range(20):
+        losses = optimisation.step(as_tensors([frames[0]]))
+        assert all(torch.isfinite(value) for value in losses.values())
+        if any(not torch.equal(p, before[name]) for name, p in model.named_parameters()):
+            break
+    else:
+        pytest.fail("no step changed a weight")
+    assert all(torch.isfinite(p).all() for p in model.parameters())
+    scaler = optimisation.state_dict()["scaler"]
+    again = Optimisation(model, TrainingSettings(mixed_precision=True), steps=20)
+    again.load_state_dict(optimisation.state_dict())
+    assert again.state_dict()["scaler"] == scaler
+    assert scaler["scale"] < 65536
+
+
+def test_the_batch_is_what_the_memory_holds(other):
+    clouds, truth, frames = some_training()
+    model = build_detector("second_tiny", ["Car"]).to(other)
+    settings = TrainingSettings(batch_size="auto")
+    taken = MEMORY.taken
+    one, two, four = (step_bytes(model, frames, settings, size) for size in (1, 2, 4))
+    assert MEMORY.taken == taken, "a trial must leave no memory taken"
+    assert 0 < one < two < four
+    MEMORY.total = taken + round((two + four) / 2 / MEMORY_SHARE)
+    assert batch_size_for(model, frames, settings) == 2
+    assert batch_size_for(model, frames, settings, gpu_share=one / two) == 1
+    MEMORY.total = taken + (one + two) // 2
+    assert step_bytes(model, frames, settings, 2) is None
+    assert batch_size_for(model, frames, settings) == 1
+    MEMORY.total = taken + one // 2
+    assert batch_size_for(model, frames, settings) == 1
+    fixed = settings.model_copy(update={"batch_size": 1})
+    assert probe("second_tiny", ["Car"], clouds, truth, fixed).gpu_share is None
+    MEMORY.total = 10 * (taken + one)
+    assert 0 < probe("second_tiny", ["Car"], clouds, truth, fixed).gpu_share < 0.2
+    model.cpu()
+    assert step_bytes(model, frames, settings, 1) == 0
+
+
+@pytest.mark.parametrize("detector", ["second_tiny", "pv_rcnn_tiny"])
+def test_a_training_moves_between_devices(detector, device, tmp_path, monkeypatch):
+    """One that was stopped goes on elsewhere, and gives what one on the CPU gives."""
+
+    def stop(values):
+        raise InterruptedError
+
+    clouds, truth, _ = some_training()
+    settings = TrainingSettings(batch_size=3, epochs=2, mixed_precision=False)
+    tolerance = TOLERANCES[device.type, torch.float32]
+    run_on(CPU, monkeypatch)
+    expected = finetune(detector, ["Car"], clouds, truth, settings, 0)
+    for first, then in ((device, CPU), (CPU, device)):
+        folder = tmp_path / first.type
+        run_on(first, monkeypatch)
+        with pytest.raises(InterruptedError):
+            finetune(detector, ["Car"], clouds, truth, settings, 0, folder=folder, on_epoch=stop)
+        run_on(then, monkeypatch)
+        result = finetune(detector, ["Car"], clouds, truth, settings, 0, folder=folder)
+        assert all(value.device == CPU for value in result.state_dict.values())
+        curves = (item.curve.set_index(["epoch", "metric"])["value"] for item in (result, expected))
+        found, wanted = (curve.drop("seconds", level="metric") for curve in curves)
+        assert len(found) > 8
+        pd.testing.assert_series_equal(found, wanted, rtol=tolerance, atol=tolerance)
+
+
+@pytest.mark.parametrize("detector", ["second_tiny", "pv_rcnn_tiny"])
+def test_detections_are_tables_wherever_they_were_made(detector, device, monkeypatch):
+    clouds, settings = some_training()[0], TrainingSettings(score_threshold=0.0)
+    state = trained(detector.removesuffix("_tiny")).state_dict()
+    tables = []
+    for place in (device, CPU):
+        run_on(place, monkeypatch)
+        tables.append(detect(detector, ["Car"], state, clouds, settings))
+    tolerance = TOLERANCES[device.type, torch.float32]
+    assert len(tables[1].boxes) > 10
+    pd.testing.assert_frame_equal(tables[0].boxes, tables[1].boxes, rtol=tolerance, atol=tolerance)
+    assert (tables[0].refined is None) == (tables[1].refined is None)
+
+
+def test_a_checkpoint_is_of_no_device(device, tmp_path):
+    trained_there = copy.deepcopy(trained("second")).to(device)
+    expected = trained("second").state_dict()
+    write_checkpoint(tmp_path / "a.pt", trained_there.state_dict(), "second_tiny", ["Car"])
+    for place in (CPU, device):
+        model = build_detector("second_tiny", ["Car"]).to(place)
+        report = load_checkpoint(model, tmp_path / "a.pt")
+        assert len(report.loaded) == len(expected)
+        for name, value in model.state_dict().items():
+            assert value.device.type == place.type
+            assert torch.equal(value.cpu(), expected[name])

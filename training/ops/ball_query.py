@@ -30,7 +30,7 @@ def ball_query(
         Rows of `xyz`, (M, S) int64; the first repeats where there are fewer, all are 0 where there
         is none. And which new points have no neighbour, (M,) bool.
     """
-    search = _query_torch if xyz.is_cuda else _query_numba
+    search = _query_numba if xyz.is_cpu else _query_torch
     return search(radius, samples, xyz.detach(), counts, new_xyz.detach(), new_counts)
 
 

@@ -34,7 +34,7 @@ def iou_3d(a: Tensor, b: Tensor) -> Tensor:
 
 
 def _iou(a: Tensor, b: Tensor, three_d: bool) -> Tensor:
-    if a.is_cuda:
+    if not a.is_cpu:
         return _iou_torch(a, b, three_d).to(a.dtype)
     numba_iou = rotated_iou.iou_3d if three_d else rotated_iou.iou_bev
     return torch.from_numpy(numba_iou(a.detach().numpy(), b.detach().numpy())).to(a.dtype)

@@ -26,7 +26,7 @@ def three_nn(
         Distances in metres, (M, 3), and rows of `known`, (M, 3) int64. A frame with fewer than
         three known points fills up with distance infinity and row 0.
     """
-    search = _nearest_torch if unknown.is_cuda else _nearest_numba
+    search = _nearest_numba if unknown.is_cpu else _nearest_torch
     distances = torch.full_like(unknown.detach(), torch.inf)
     idx = torch.zeros(unknown.shape, dtype=torch.int64, device=unknown.device)
     start = known_start = 0

@@ -32,7 +32,7 @@ def nms(
     """
     order = scores.detach().argsort(descending=True, stable=True)[:pre]
     best = boxes.detach()[order]
-    if best.is_cuda:
+    if not best.is_cpu:
         return order[_unsuppressed_torch(best, threshold)[:post]]
     return order[torch.from_numpy(unsuppressed(best.numpy(), threshold, post))]
 

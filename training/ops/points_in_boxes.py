@@ -15,7 +15,7 @@ _CHUNK = 1 << 24
 
 def box_of_points(points: Tensor, boxes: Tensor) -> Tensor:
     """The first of the boxes (M, 7) that each point (N, 3) lies in, -1 if none, (N,) int64."""
-    search = _first_box_torch if points.is_cuda else _first_box_numba
+    search = _first_box_numba if points.is_cpu else _first_box_torch
     return search(points.detach(), boxes.detach().to(points))
 
 

@@ -33,7 +33,7 @@ def roipoint_pool(
     """
     large = boxes.detach().to(points).clone()
     large[:, 3:6] += extra
-    search = _points_torch if points.is_cuda else _points_numba
+    search = _points_numba if points.is_cpu else _points_torch
     idx, empty = search(points.detach(), large, samples)
     pooled = torch.cat([group(points, idx), group(features, idx)], dim=2)
     return pooled.masked_fill(empty[:, None, None], 0), empty

@@ -29,7 +29,7 @@ def furthest_point_sample(xyz: Tensor, counts: Tensor, samples: int) -> tuple[Te
         Rows of `xyz`, int64, `samples` for each frame that has points; a frame with fewer points
         repeats its rows in their order. And the chosen points of each frame, (B,) int64.
     """
-    search = _furthest_torch if xyz.is_cuda else _furthest_numba
+    search = _furthest_numba if xyz.is_cpu else _furthest_torch
     rows = search(xyz.detach(), counts.tolist(), samples)
     return rows, torch.where(counts > 0, samples, 0)
 

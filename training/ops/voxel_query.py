@@ -39,7 +39,7 @@ def voxel_query(
         Rows of `xyz`, (M, S) int64; the first repeats where there are fewer, all are 0 where there
         is none. And which new points have no neighbour, (M,) bool.
     """
-    search = _query_torch if xyz.is_cuda else _query_numba
+    search = _query_numba if xyz.is_cpu else _query_torch
     return search(
         max_range, radius, samples, xyz.detach(), coordinates, shape, new_xyz.detach(),
         new_coordinates,

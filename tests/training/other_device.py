@@ -1,0 +1,227 @@
+"""A device that stands for a GPU where there is none: its tensors say that they lie elsewhere, and
+compute on the CPU.
+
+As with a GPU, an operation on tensors of two devices is an error, so is `numpy()`, branches on the
+device take the GPU's side, autocast has CUDA's rules for the operations of the networks, and memory
+ends. Unlike a GPU it has the CPU's kernels: it rounds and orders as they do and waits for every
+result. Row numbers on the CPU, which a GPU would copy for itself, are an error here.
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections import Counter
+from contextlib import contextmanager
+from functools import cache
+
+import torch
+from torch import Tensor
+from torch.utils._python_dispatch import return_and_correct_aliasing
+from torch.utils._pytree import tree_leaves, tree_map_only
+from torch.utils.backend_registration import (
+    _DummyBackendModule,
+    _setup_privateuseone_for_python_backend,
+)
+
+NAME = "other"
+_aten = torch.ops.aten
+_MOVES = (_aten._to_copy.default, _aten.copy_.default)
+"""Operations that may have tensors of two devices."""
+
+
+class Memory(_DummyBackendModule):
+    """What torch.cuda is to a GPU; counts the bytes of the tensors that are alive.
+
+    Attributes:
+        total: bytes that there are.
+        bfloat16: whether there is hardware for it.
+    """
+
+    total = 1 << 40
+    bfloat16 = True
+
+    def __init__(self) -> None:
+        self.taken = self.peak = 0
+        self._users: Counter[int] = Counter()
+        self._sizes: dict[int, int] = {}
+
+    def take(self, tensor: Tensor, held: Tensor) -> None:
+        """Count the memory of `held` for as long as `tensor` lives; views share theirs."""
+        storage = held.untyped_storage()
+        place, size = storage.data_ptr(), storage.nbytes()
+        if size == 0:
+            return
+        if not self._users[place]:
+            if self.taken + size > self.total:
+                raise torch.OutOfMemoryError(f"{NAME} out of memory. Tried to allocate {size} B")
+            self._sizes[place] = size
+            self.taken += size
+            self.peak = max(self.peak, self.taken)
+        self._users[place] += 1
+        weakref.finalize(tensor, self._leave, place).atexit = False
+
+    def _leave(self, place: int) -> None:
+        self._users[place] -= 1
+        if not self._users[place]:
+            self.taken -= self._sizes.pop(place)
+
+    def empty_cache(self) -> None:
+        """Nothing is cached."""
+
+    def reset_peak_memory_stats(self, device=None) -> None:
+        self.peak = self.taken
+
+    def memory_reserved(self, device=None) -> int:
+        return self.taken
+
+    def max_memory_reserved(self, device=None) -> int:
+        return self.peak
+
+    def mem_get_info(self, device=None) -> tuple[int, int]:
+        return self.total - self.taken, self.total
+
+    def is_bf16_supported(self, including_emulation: bool = True) -> bool:
+        return self.bfloat16
+
+    def get_amp_supported_dtype(self) -> list[torch.dtype]:
+        return [torch.float16, torch.bfloat16]
+
+
+MEMORY = Memory()
+
+
+class OtherTensor(Tensor):
+    """A tensor on the other device; `held` is the CPU tensor that has its numbers."""
+
+    held: Tensor
+    __torch_function__ = torch._C._disabled_torch_function_impl
+
+    @staticmethod
+    def __new__(cls, held: Tensor) -> OtherTensor:
+        self = Tensor._make_wrapper_subclass(
+            cls,
+            held.shape,
+            strides=held.stride(),
+            storage_offset=held.storage_offset(),
+            dtype=held.dtype,
+            device=torch.device(NAME, 0),
+        )
+        self.held = held
+        MEMORY.take(self, held)
+        return self
+
+    @classmethod
+    def __torch_dispatch__(cls, operation, types, args=(), kwargs=None):
+        kwargs = kwargs or {}
+        inputs = [item for item in tree_leaves((args, kwargs)) if isinstance(item, Tensor)]
+        if operation not in _MOVES:
+            for item in inputs:
+                # A single number may come from anywhere, as with a GPU.
+                if not isinstance(item, cls) and item.dim() > 0:
+                    raise RuntimeError(
+                        f"{operation} needs all tensors on {NAME}, found one on {item.device}: "
+                        f"shape {tuple(item.shape)}, {item.dtype}"
+                    )
+        goal = torch.device(kwargs.get("device") or NAME)
+        options = kwargs | {"device": torch.device("cpu")} if "device" in kwargs else kwargs
+        held_args, held_kwargs = tree_map_only(cls, lambda item: item.held, (args, options))
+        out = operation(*held_args, **held_kwargs)
+        if goal.type == NAME:
+            out = tree_map_only(Tensor, cls, out)
+        out = return_and_correct_aliasing(operation, args, kwargs, out)
+        for item in inputs:
+            if isinstance(item, cls):
+                same = item.shape == item.held.shape and item.dtype == item.held.dtype
+                assert same, f"{operation} changes a tensor in a way that {NAME} cannot follow"
+        return out
+
+    def tolist(self):
+        return self.held.tolist()
+
+    def __reduce_ex__(self, protocol):
+        """A file has the CPU's tensor: `torch.load` need not know this class."""
+        return self.held.__reduce_ex__(protocol)
+
+    def __format__(self, spec: str) -> str:
+        return format(self.item() if self.dim() == 0 else repr(self), spec)
+
+    def __repr__(self, *, tensor_contents=None) -> str:
+        return f"{NAME}: {self.held}"
+
+
+# What torch does without a tensor of the device, and so not through __torch_dispatch__.
+
+
+def _made(operation):
+    def kernel(*args, layout=None, device=None, pin_memory=None, **options):
+        return OtherTensor(operation(*args, **options))
+
+    return kernel
+
+
+def _copy_from(source: Tensor, target: Tensor, non_blocking: bool = False) -> Tensor:
+    """`copy_` where torch looks past __torch_dispatch__, as torch.tensor does."""
+    held, numbers = (getattr(item, "held", item) for item in (target, source))
+    held.copy_(numbers)
+    return target
+
+
+_KERNELS = {
+    "empty.memory_format": _made(_aten.empty.memory_format),
+    "empty_strided": _made(_aten.empty_strided.default),
+    "arange": _made(_aten.arange.default),
+    "arange.start": _made(_aten.arange.start),
+    "arange.start_step": _made(_aten.arange.start_step),
+    "_copy_from": _copy_from,
+}
+
+# CUDA's rules of autocast, https://docs.pytorch.org/docs/stable/amp.html.
+_IN_16_BITS = (
+    *("addmm", "bmm", "conv1d", "conv2d", "conv_transpose2d.input", "linear", "matmul", "mm"),
+)
+_IN_32_BITS = (
+    *("binary_cross_entropy_with_logits", "cross_entropy_loss", "exp", "log", "log_softmax.int"),
+    *("nll_loss", "norm.Scalar", "pow.Tensor_Scalar", "smooth_l1_loss", "softmax.int", "sum"),
+    "sum.dim_IntList",
+)
+
+
+def _autocast(name: str, dtype: torch.dtype | None):
+    packet, overload = (name + ".default").split(".")[:2]
+    operation = getattr(getattr(_aten, packet), overload)
+
+    def in_precision(item: Tensor) -> Tensor:
+        eligible = item.is_floating_point() and item.dtype != torch.float64
+        return item.to(dtype or torch.get_autocast_dtype(NAME)) if eligible else item
+
+    def kernel(*args, **kwargs):
+        args, kwargs = tree_map_only(OtherTensor, in_precision, (args, kwargs))
+        with torch.autocast(NAME, enabled=False):
+            return operation(*args, **kwargs)
+
+    return kernel
+
+
+@cache
+def _registered() -> list[torch.library.Library]:
+    """Make the device known to torch, for the rest of the process."""
+    _setup_privateuseone_for_python_backend(NAME, MEMORY)
+    aten, every = torch.library.Library("aten", "IMPL"), torch.library.Library("_", "IMPL")
+    for name, kernel in _KERNELS.items():
+        aten.impl(name, kernel, "PrivateUse1")
+    every.fallback(torch.library.fallthrough_kernel, "AutocastPrivateUse1")
+    for names, dtype in ((_IN_16_BITS, None), (_IN_32_BITS, torch.float32)):
+        for name in names:
+            aten.impl(name, _autocast(name, dtype), "AutocastPrivateUse1")
+    return [aten, every]  # what is registered goes with them
+
+
+@contextmanager
+def other_device():
+    """The device, while no thread but the caller's computes.
+
+    Autograd has a thread for every device that torch knew when the process made its first step.
+    """
+    _registered()
+    with torch.autograd.set_multithreading_enabled(False):
+        yield torch.device(NAME, 0)
