@@ -10,6 +10,7 @@ from typing import Any, Protocol
 from sweeps.backends import Backend
 from sweeps.failures import Failure
 from sweeps.resources import Need, largest_share, need_of, probes_of
+from sweeps.result_folder import DamagedResult
 from sweeps.schedule import Schedule
 from sweeps.store import AnyStore
 from sweeps.task import Task
@@ -52,7 +53,8 @@ def execute(
     """Run all tasks that have no result in the store yet.
 
     A task that fails takes down those that need its result; the others go on. A training for which
-    a GPU is too small is tried again with half the batch, and the GPU to itself.
+    a GPU is too small is tried again with half the batch, and the GPU to itself. Whoever meets a
+    damaged result ends all: what waits for it is known when it is asked again what is there.
 
     Args:
         tasks: each after its inputs.
@@ -61,6 +63,10 @@ def execute(
 
     Returns:
         `outcome`, or a new one.
+
+    Raises:
+        DamagedResult: a result that a task needs was damaged, and is gone.
+        BackendLost: no task can end any more.
     """
     outcome = Outcome() if outcome is None else outcome
     done = store.finished(tasks)
@@ -120,6 +126,8 @@ def execute(
                 outcome.failures.pop(task.key, None)  # of a rung before
                 schedule.finish(task)
                 listener.finished(task)
+            elif failure.damaged or not all(map(store.has, task.inputs)):
+                raise DamagedResult(failure.reason)
             elif failure.out_of_gpu_memory and _can_be_halved(task, how):
                 attempts[task.key] = Batch(how.batch_size, how.halvings + 1)
                 schedule.again(task)

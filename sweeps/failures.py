@@ -23,6 +23,7 @@ class Failure:
         lasting: data or settings are to blame, so trying again gives the same; else the machine.
         out_of_gpu_memory: a smaller batch may help.
         follows: the task was not run, as one that it needs had failed; reason and log are of that.
+        damaged: a result that it needs was damaged, and is gone.
     """
 
     reason: str
@@ -30,17 +31,19 @@ class Failure:
     lasting: bool = False
     out_of_gpu_memory: bool = False
     follows: bool = False
+    damaged: bool = False
 
     @classmethod
     def of(cls, error: BaseException) -> Failure:
         """What to keep of an exception, while it is handled."""
         text = " ".join(str(error).split())
         name = type(error).__name__
+        damaged = isinstance(error, DamagedResult)
         return cls(
             text if isinstance(error, ValueError) else f"{name}: {text}",
             traceback.format_exc(),
-            lasting=isinstance(error, (ValueError, ArithmeticError))
-            and not isinstance(error, DamagedResult),
+            lasting=isinstance(error, (ValueError, ArithmeticError)) and not damaged,
+            damaged=damaged,
             out_of_gpu_memory=name == "OutOfMemoryError",  # torch's, which may not be imported
         )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,6 +17,7 @@ from sweeps.options import ConfigArgument, SetOption
 if TYPE_CHECKING:
     from sweeps.failures import Failure, FailureFolder
     from sweeps.progress import StageProgress
+    from sweeps.result_folder import Value
     from sweeps.task import Task
 
 app = new_app()
@@ -42,8 +44,9 @@ def pretrain(
     """
     from sweeps.backends import backend_for
     from sweeps.config_file import ConfigError
+    from sweeps.damage import until_whole
     from sweeps.execute import execute
-    from sweeps.failures import FailureFolder
+    from sweeps.failures import Failure, FailureFolder
     from sweeps.grid import read_sweep
     from sweeps.plan import read_plan
     from sweeps.pretrain_task import pretrain_task, with_inputs
@@ -78,26 +81,30 @@ def pretrain(
         wrong(error)
     console = output()
     logs = FailureFolder(sweep.common.output / sweep.common.name / "failed")
-    try:
+    say = partial(console.print, markup=False, soft_wrap=True)
+
+    def trained() -> Value | Failure:
         with (
-            going_on(console),
             store.in_use(),
             backend_for(sweep.common.ray, store) as backend,
             StageProgress(console, tasks, store.finished(tasks)) as progress,
         ):
             failures = execute(tasks, store, backend, _Listener(progress, logs)).failures
+        return failures[task.key] if task.key in failures else store.load(task)
+
+    try:
+        with going_on(console):
+            value = until_whole(trained, say)
     except ClusterError as error:
         wrong(error)
-    if task.key in failures:
-        reason = failures[task.key].reason
-        console.print(f"failed: {task.label}: {reason}", markup=False, soft_wrap=True)
-        console.print(f"see {logs.folder}", markup=False, soft_wrap=True)
+    if isinstance(value, Failure):
+        say(f"failed: {task.label}: {value.reason}")
+        say(f"see {logs.folder}")
         raise typer.Exit(1)
-    value = store.load(task)
     try:
         write_checkpoint(out, value["state_dict"], task.params["detector"], value["classes"])
     except OSError as error:
-        console.print(f"failed: {error}", markup=False, soft_wrap=True)
+        say(f"failed: {error}")
         raise typer.Exit(1) from None
     curve = value["curve"]
     losses = curve.loc[curve["metric"] == "loss", "value"].tolist()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -25,9 +26,10 @@ def record(
 
     Only the scenes of the file matter. A sweep of the same file finds them in its store.
     """
-    from lidarplace.box_log import join_logs, write_box_log
+    from lidarplace.box_log import BoxLog, join_logs, write_box_log
     from lidarplace.describe import print_description
     from sweeps.backends import backend_for
+    from sweeps.damage import until_whole
     from sweeps.execute import execute
     from sweeps.plan import read_plan
     from sweeps.progress import StageProgress
@@ -44,27 +46,41 @@ def record(
         wrong(error)
     scenes = {trial.scenes: trial.scene_label for trial in plan.trials}
     console = output()
-    try:
+
+    def recorded() -> tuple[list[tuple[str, BoxLog]], bool]:
+        """The log of every scene that did not fail, and whether none failed."""
         with (
-            going_on(console),
             store.in_use(),
             backend_for(sweep.common.ray, store) as backend,
             StageProgress(console, tasks, store.finished(tasks)) as progress,
         ):
             failures = execute(tasks, store, backend, progress).failures
+        good = {
+            parts: label
+            for parts, label in scenes.items()
+            if not any(part.key in failures for part in parts)
+        }
+        logs = [
+            (label, join_logs([box_log(store.load(part)) for part in parts]))
+            for parts, label in good.items()
+        ]
+        return logs, not failures
+
+    try:
+        with going_on(console):
+            logs, complete = until_whole(
+                recorded, partial(console.print, markup=False, soft_wrap=True)
+            )
     except ClusterError as error:
         wrong(error)
-    for parts, label in scenes.items():
-        if any(part.key in failures for part in parts):
-            continue
-        log = join_logs([box_log(store.load(part)) for part in parts])
+    for label, log in logs:
         folder = out / re.sub(r"[^\w.=-]+", "_", label)
         try:
             write_box_log(folder, log)
         except OSError as error:
             wrong(error)
         print_description(log, str(folder))
-    if failures:
+    if not complete:
         raise typer.Exit(1)
 
 

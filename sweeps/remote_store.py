@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -14,7 +15,15 @@ from fsspec.core import url_to_fs
 
 from sweeps.mirror import fetch, mirrored
 from sweeps.remote_files import put_whole
-from sweeps.result_folder import RECORD, Value, check_files, damaged, read_content
+from sweeps.result_folder import (
+    RECORD,
+    DamagedResult,
+    Value,
+    check_files,
+    damaged,
+    parse_content,
+    read_content,
+)
 from sweeps.store import SWEEPS, AnyStore, Entry, Store, check_sweeps, entry_of, keys_in
 from sweeps.task import Task
 
@@ -56,6 +65,8 @@ class RemoteStore:
 
     def save(self, task: Task, value: Mapping[str, Any], seconds: float, **about: Any) -> None:
         """Write a result here and there, see `Store.save`. One that is there already stays."""
+        with suppress(FileNotFoundError, DamagedResult):
+            self.local.load(task)  # a copy of before stays only if it is whole
         self.local.save(task, value, seconds, **about)
         if self.has(task):
             return
@@ -70,17 +81,32 @@ class RemoteStore:
         put_whole(filesystem, folder / RECORD, f"{target}/{RECORD}")
 
     def load(self, task: Task, names: Collection[str] | None = None) -> Value:
-        """Read a result, see `Store.load`; all its files are copied here first."""
-        self._copy_here(task)
-        return self.local.load(task, names)
+        """Read a result, see `Store.load`; all its files are copied here first.
+
+        A damaged copy is replaced once. If that is damaged too, so is what it was copied from.
+        """
+        copied = self.local.has(task)
+        try:
+            if not copied:
+                self._copy_here(task)
+            return self.local.load(task, names)
+        except DamagedResult as error:
+            if not copied:
+                self._remove_result(f"{task.stage}/{task.key}")
+                raise
+            logging.getLogger(__name__).warning("%s from %s", error, self.url)
+        return self.load(task, names)
 
     def record(self, task: Task) -> Mapping[str, Any]:
-        """What `save` was told about the result."""
-        if self.local.has(task):
+        """What `save` was told about the result, see `Store.record`."""
+        with suppress(FileNotFoundError, DamagedResult):
             return self.local.record(task)
-        filesystem, root = self._remote()
-        path = f"{root}/{task.stage}/{task.key}/{RECORD}"
-        record: Mapping[str, Any] = json.loads(filesystem.cat_file(path))["record"]
+        place = f"{task.stage}/{task.key}"
+        content = parse_content(self._read(f"{place}/{RECORD}"))
+        if content is None:
+            self._remove_result(place)
+            raise damaged(f"{self.url}/{place}", f"{RECORD} is not what was written")
+        record: Mapping[str, Any] = content["record"]
         return record
 
     def seconds(self, task: Task) -> float:
@@ -179,11 +205,12 @@ class RemoteStore:
         return float(modified.timestamp())
 
     def remove(self, entry: Entry) -> None:
-        """Remove an entry; of a result first what says that it is there."""
+        """Remove an entry."""
         place = f"{entry.stage}/{entry.name}"
         if entry.kind == "result":
-            self._remove_file(f"{place}/{RECORD}")
-        self._remove(place)
+            self._remove_result(place)
+        else:
+            self._remove(place)
 
     def in_use(self) -> AbstractContextManager[None]:
         """Keep cleaning away from the copies on this machine while the block runs."""
@@ -222,23 +249,23 @@ class RemoteStore:
         return {task.key: place for task, place in places.items() if place in there}
 
     def _copy_here(self, task: Task) -> None:
-        if self.local.has(task):
-            return
         filesystem, root = self._remote()
         place = f"{task.stage}/{task.key}"
         with self.local.incoming(task) as folder:
             filesystem.get_file(f"{root}/{place}/{RECORD}", str(folder / RECORD))
-            content = read_content(folder)
-            names = list(content["files"])
+            content = parse_content((folder / RECORD).read_bytes())
+            if content is None:
+                raise damaged(f"{self.url}/{place}", f"{RECORD} is not what was written")
+            files = content["files"]
             try:
-                if names:
+                if files:
                     filesystem.get(
-                        [f"{root}/{place}/{content['id']}/{name}" for name in names],
-                        [str(folder / name) for name in names],
+                        [f"{root}/{place}/{content['id']}/{name}" for name in files],
+                        [str(folder / name) for name in files],
                     )
             except FileNotFoundError:
                 raise damaged(f"{self.url}/{place}", "a file is missing") from None
-            check_files(folder, content["files"], f"{self.url}/{place}")
+            check_files(folder, files, (), f"{self.url}/{place}")  # digests when they are read
 
     def _put(self, path: Path, place: str) -> None:
         filesystem, root = self._remote()
@@ -253,6 +280,11 @@ class RemoteStore:
         filesystem, root = self._remote()
         with suppress(FileNotFoundError):
             filesystem.rm_file(f"{root}/{place}")
+
+    def _remove_result(self, place: str) -> None:
+        """First what says that it is there."""
+        self._remove_file(f"{place}/{RECORD}")
+        self._remove(place)
 
     def _remove(self, place: str) -> None:
         filesystem, root = self._remote()

@@ -19,6 +19,7 @@ from rich.table import Table
 from lidarplace.command_line import JsonOption, called, new_app, output, print_json, verb, wrong
 from sweeps.clean_store import clean_store
 from sweeps.config import SweepFile
+from sweeps.damage import until_whole
 from sweeps.failures import FailureFolder
 from sweeps.going_on import going_on
 from sweeps.grid import Sweep
@@ -81,7 +82,10 @@ def run(
     except OSError as error:
         wrong(error)
     with going_on(console):
-        complete = run_sweep(console, sweep, plan, store, called(), rerun_failed)
+        complete = until_whole(
+            lambda: run_sweep(console, sweep, plan, store, called(), rerun_failed),
+            partial(console.print, markup=False, soft_wrap=True),
+        )
     if not complete:
         raise typer.Exit(1)
 
@@ -103,6 +107,7 @@ def run_sweep(
     Raises:
         typer.Exit: another driver runs the sweep, or MLflow or Ray cannot be had.
         BackendLost: Ray has gone.
+        DamagedResult: a result was damaged; it is not there any more when this is called again.
         OSError: the run folder cannot be written.
     """
     from sweeps.backends import backend_for

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -27,25 +29,29 @@ def status(
     failed. Of a search its trials, the best so far and the trainings of `verify`.
     """
     from sweeps.any_file import is_search
+    from sweeps.damage import until_whole
     from sweeps.plan import read_plan
     from sweeps.print_state import print_search, print_state
     from sweeps.state import sweep_state
     from sweeps.sweep_store import store_of
 
     overrides = set_ or []
+    say = partial(print, file=sys.stderr)
     try:
         if is_search(config):
             from sweeps.search.problem import read_problem  # Optuna
             from sweeps.search.state import search_state
 
-            found = search_state(read_problem(config, overrides))
+            problem = read_problem(config, overrides)
+            found = until_whole(lambda: search_state(problem), say)
             if as_json:
                 print_json({"kind": "search"} | asdict(found))
             else:
                 print_search(output(), found, all_)
             return
         sweep, plan = read_plan(config, overrides)
-        state = sweep_state(sweep, plan, store_of(sweep))
+        store = store_of(sweep)
+        state = until_whole(lambda: sweep_state(sweep, plan, store), say)
     except (ValueError, OSError) as error:
         wrong(error)
     if as_json:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from lidarplace.files import replacing, temporary
 from sweeps.attempt import new_attempt
-from sweeps.result_folder import Value, read_content, read_value, write_result
+from sweeps.result_folder import DamagedResult, Value, read_content, read_value, write_result
 from sweeps.store_lock import locked
 from sweeps.task import Task
 from sweeps.whole_folder import whole_folder
@@ -98,17 +98,24 @@ class Store:
         Raises:
             FileNotFoundError: there is no result.
             KeyError: it has no entries of these names.
-            ValueError: it is damaged.
+            DamagedResult: it is not what was written, and is removed.
         """
         folder = self.path(task)
-        value = read_value(folder, names)
+        with _removed_if_damaged(folder):
+            value = read_value(folder, names)
         with suppress(OSError):  # a disk may be read-only; the time is for cleaning alone
             os.utime(folder)
         return value
 
     def record(self, task: Task) -> Mapping[str, Any]:
-        """What `save` was told about the result: "label", "seconds" and the rest."""
-        record: Mapping[str, Any] = read_content(self.path(task))["record"]
+        """What `save` was told about the result: "label", "seconds" and the rest.
+
+        Raises:
+            FileNotFoundError, DamagedResult: as `load` does.
+        """
+        folder = self.path(task)
+        with _removed_if_damaged(folder):
+            record: Mapping[str, Any] = read_content(folder)["record"]
         return record
 
     def seconds(self, task: Task) -> float:
@@ -271,6 +278,19 @@ def write_text(path: Path, text: str) -> None:
     """Write a file under a temporary name and rename it."""
     with replacing(path) as partial:
         partial.write_text(text, encoding="utf-8")
+
+
+@contextmanager
+def _removed_if_damaged(folder: Path) -> Iterator[None]:
+    """Remove a result in which the block finds a damage, which goes on from there."""
+    try:
+        yield
+    except DamagedResult as error:
+        try:
+            _remove(folder)
+        except OSError as why:
+            raise OSError(why.errno, f"{error}, but: {why.strerror}") from None
+        raise
 
 
 def _remove(path: Path) -> None:

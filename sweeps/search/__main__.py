@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -63,6 +64,7 @@ def search(
     if dry_run:
         return
     os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"  # before anything imports it
+    from sweeps.damage import until_whole
     from sweeps.search.run import run_search
     from sweeps.sweep_store import check_writable, store_of
 
@@ -72,7 +74,10 @@ def search(
     except (ValueError, OSError) as error:
         wrong(error)
     with going_on(console):
-        found = run_search(console, problem, called(), verify)
+        found = until_whole(
+            lambda: run_search(console, problem, called(), verify),
+            partial(console.print, markup=False, soft_wrap=True),
+        )
     if not found:
         raise typer.Exit(1)
 

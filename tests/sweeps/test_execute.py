@@ -1,4 +1,7 @@
+import shutil
+
 import pytest
+from flip_bit import flip_bit
 
 from sweeps import worker
 from sweeps.backends import InProcess, Room
@@ -151,13 +154,42 @@ def test_what_failed_for_good_is_not_tried_again(tmp_path, stages):
     assert not recorder.log
 
 
+def test_a_damaged_input_ends_all_and_the_next_time_it_is_computed_again(tmp_path, stages):
+    tasks = diamond()
+    _, _, store = run(tasks[:2], tmp_path)
+    flip_bit(store.path(tasks[1]) / "result.json", 0.5)
+    worker._load.cache_clear()
+    recorder = Recorder()
+    with pytest.raises(DamagedResult, match=f"{tasks[1].key} is damaged"):
+        execute(tasks, store, InProcess(store), recorder)
+    assert not [entry for entry in recorder.log if entry[0] == "failed"]
+    failures, recorder, store = run(tasks, tmp_path)
+    assert not failures
+    assert store.load(tasks[-1])["sum"] == 1112
+    assert ("started", "b") in recorder.log
+    assert ("started", "a") not in recorder.log
+
+
+def test_an_input_that_another_worker_found_damaged_is_no_failure(tmp_path, stages, monkeypatch):
+    """Two workers meet it; the second finds nothing where it was."""
+    tasks = diamond()
+    _, _, store = run(tasks[:1], tmp_path)
+
+    def gone(params, *inputs):
+        shutil.rmtree(store.path(tasks[0]))
+        raise FileNotFoundError("no such result")
+
+    monkeypatch.setitem(worker.FUNCTIONS, "collect", gone)
+    with pytest.raises(DamagedResult, match="no such result"):
+        execute(tasks, store, InProcess(store), Recorder())
+
+
 @pytest.mark.parametrize(
     ("error", "lasting"),
     [
         (ValueError("a bad box"), True),
         (ArithmeticError("the loss is nan"), True),
         (OSError(28, "No space left on device"), False),
-        (DamagedResult("table.parquet is missing; remove it"), False),
         (MemoryError(), False),
         (RuntimeError("CUDA error: unspecified launch failure"), False),
     ],

@@ -10,12 +10,14 @@ import fsspec
 import numpy as np
 import pandas as pd
 import pytest
+from flip_bit import flip_bit
 from fsspec.registry import known_implementations
 
 from lidarplace.files import replacing
 from sweeps import mirror
 from sweeps.attempt import attempts
 from sweeps.remote_store import RemoteStore, open_store
+from sweeps.result_folder import DamagedResult
 from sweeps.store import Store
 from sweeps.task import Task
 
@@ -113,9 +115,52 @@ def test_a_damaged_result_is_refused_by_name(machine, url, cut):
     filesystem.rm_file(path)
     if cut:
         filesystem.pipe_file(path, b"few")
-    with pytest.raises(ValueError, match=f"{TASK.key} is damaged: .*remove it to compute it again"):
+    with pytest.raises(DamagedResult, match=f"{TASK.key} is damaged: .*"):
         machine("other").load(TASK)
     assert not machine("other").path(TASK).exists()
+    assert not machine("third").has(TASK)
+    assert not machine("third").contents()
+
+
+@pytest.mark.parametrize("name", ["array.npy", "table.parquet", "result.json"])
+def test_what_is_damaged_at_the_url_is_removed_there(machine, url, name):
+    machine("one").save(TASK, value(), seconds=0.0)
+    filesystem, root = fsspec.url_to_fs(url)
+    (path,) = (path for path in filesystem.find(root) if path.endswith(name))
+    data = bytearray(filesystem.cat_file(path))
+    data[len(data) // 2] ^= 4
+    filesystem.pipe_file(path, bytes(data))
+    if name == "result.json":
+        with pytest.raises(DamagedResult, match=f"{TASK.key} is damaged"):
+            machine("third").record(TASK)
+    else:
+        with pytest.raises(DamagedResult, match=f"{TASK.key} is damaged: {name} is not what"):
+            machine("other").load(TASK)
+    assert not machine("third").has(TASK)
+    machine("other").save(TASK, value(5), seconds=0.0)
+    assert machine("third").load(TASK)["n"] == 5
+
+
+def test_a_damaged_copy_is_replaced(machine, caplog):
+    machine("one").save(TASK, value(), seconds=0.0)
+    other = machine("other")
+    other.load(TASK)
+    flip_bit(other.path(TASK) / "array.npy", 0.5)
+    assert other.load(TASK)["array"].tolist() == [3] * 4
+    assert "array.npy is not what was written" in caplog.text
+    assert machine("third").has(TASK)
+    flip_bit(other.path(TASK) / "result.json", 0.5)
+    assert other.seconds(TASK) == 0.0
+
+
+def test_a_damaged_copy_is_not_handed_on(machine, url):
+    one = machine("one")
+    one.save(TASK, value(), seconds=0.0)
+    filesystem, root = fsspec.url_to_fs(url)
+    filesystem.rm(f"{root}/{TASK.stage}", recursive=True)
+    flip_bit(one.path(TASK) / "array.npy", 0.5)
+    one.save(TASK, value(), seconds=0.0)
+    assert machine("other").load(TASK)["array"].tolist() == [3] * 4
 
 
 def write(path, text):

@@ -15,9 +15,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import torch
+from flip_bit import flip_bit
 
 from lidarplace.files import replacing
 from sweeps.attempt import snapshot
+from sweeps.result_folder import DamagedResult
 from sweeps.store import Store
 from sweeps.store_lock import is_locked, locked
 from sweeps.task import Task
@@ -42,8 +45,6 @@ def names(store):
 
 
 def test_what_was_saved_is_loaded(store):
-    import torch
-
     saved = value() | {"state_dict": {"w": torch.ones(2)}}
     assert not store.has(TASK)
     store.save(TASK, saved, seconds=1.5, node="n1", peak_memory=12)
@@ -160,7 +161,73 @@ def test_a_damaged_result_is_refused_by_name(store, harm, told):
     with pytest.raises(ValueError, match=told) as error:
         store.load(TASK)
     assert str(error.value).startswith(f"{store.path(TASK)} is damaged")
-    assert str(error.value).endswith("remove it to compute it again")
+    assert not store.has(TASK)
+    store.save(TASK, value(), seconds=0.0)
+    assert store.load(TASK)["n"] == 3
+
+
+def with_every_kind_of_file():
+    return value() | {
+        "large": np.arange(200_000),
+        "state_dict": {"weight": torch.arange(1000.0)},
+        "empty": np.empty(0),
+    }
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["array.npy", "large.npy", "empty.npy", "table.parquet", "state_dict.pt", "result.json"],
+)
+def test_one_changed_bit_anywhere_is_a_damage(store, name):
+    for place in np.linspace(0, 1, 7):
+        store.save(TASK, with_every_kind_of_file(), seconds=1.0)
+        assert store.finished([TASK]) == {TASK.key}
+        flip_bit(store.path(TASK) / name, place)
+        with pytest.raises(DamagedResult, match=f"{TASK.key} is damaged: {name} is not what was"):
+            store.load(TASK)
+        assert not store.finished([TASK])
+        assert not store.contents()
+
+
+def test_what_is_not_read_is_not_looked_at(store):
+    store.save(TASK, with_every_kind_of_file(), seconds=1.0)
+    flip_bit(store.path(TASK) / "large.npy", 0.5)
+    assert store.load(TASK, ["n", "table"])["n"] == 3
+    with pytest.raises(DamagedResult):
+        store.load(TASK, ["large"])
+
+
+def test_a_damaged_record_is_told_by_who_reads_it(store):
+    store.save(TASK, value(), seconds=1.0)
+    path = store.path(TASK) / "result.json"
+    text = path.read_text()
+    assert '"seconds": 1.0' in text
+    path.write_text(text.replace('"seconds": 1.0', '"seconds": 3.0'))
+    with pytest.raises(DamagedResult, match=r"result\.json is not what was written"):
+        store.seconds(TASK)
+    assert not store.has(TASK)
+
+
+def test_plain_data_survive_the_digest(store):
+    plain = {"none": None, "nan": float("nan"), "keys": {1: "a", 2: "b"}, "text": 'µ ∑ "', "f": 0.1}
+    store.save(TASK, plain, seconds=1.0)
+    found = store.load(TASK)
+    assert found["keys"] == {"1": "a", "2": "b"}
+    assert found["text"] == plain["text"]
+    assert found["f"] == 0.1
+    assert np.isnan(found["nan"])
+
+
+def test_a_damaged_result_that_cannot_be_removed_is_told(store, monkeypatch):
+    store.save(TASK, value(), seconds=1.0)
+    flip_bit(store.path(TASK) / "array.npy", 0.5)
+
+    def read_only(*args, **kwargs):
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr(Path, "rename", read_only)
+    with pytest.raises(OSError, match=r"array.npy is not .* but: Read-only file system"):
+        store.load(TASK)
 
 
 def test_no_result_is_no_damaged_one(store):
