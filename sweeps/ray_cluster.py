@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import importlib.util
+import ipaddress
+import logging
 import os
 import platform
+import secrets
 import socket
 import subprocess
 import sys
@@ -20,6 +23,12 @@ from sweeps.config import RaySettings
 
 THREADS = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 """Environment of a worker: one thread a task, as Ray runs as many tasks as there are CPUs."""
+
+_ALONE = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}
+"""Makes Ray, before it is imported, take 127.0.0.1 for a node's address and listen there alone.
+
+`_node_ip_address="127.0.0.1"` does not: Ray puts an address in its place that others can reach.
+"""
 
 _PACKAGES = ("lidarplace", "training", "tracking", "sweeps")
 _ROOT = Path(__file__).parents[1]
@@ -45,11 +54,17 @@ def ray_session(settings: RaySettings) -> Iterator[ModuleType]:
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
     # Three tries to reach a `ray://` server take 15 s in place of 30.
     os.environ.setdefault("RAY_CLIENT_MAX_CONNECTION_TIMEOUT_S", f"{_CONNECT_S:.0f}")
+    if settings.address == "local":
+        os.environ |= _ALONE
+        # Ray would write one into the home folder, where every user of the machine can read it.
+        os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))
     import ray
 
     if settings.address == "local":
         _start(ray, settings)
+        _check_alone(ray)
     else:
+        _check_token_file()
         _join(ray, settings.address)
     try:
         yield ray
@@ -65,13 +80,32 @@ def _start(ray: ModuleType, settings: RaySettings) -> None:
             num_cpus=settings.num_cpus,
             num_gpus=settings.num_gpus,
             include_dashboard=False,
-            _node_ip_address="127.0.0.1",  # this machine alone
             log_to_driver=False,
             logging_level="ERROR",
             runtime_env={"env_vars": THREADS | {"PYTHONPATH": _python_path()}},
         )
     except Exception as error:  # Ray raises no narrower one
         raise ConnectionError(f"Ray did not start: {_last_line(str(error))}") from error
+
+
+def _check_alone(ray: ModuleType) -> None:
+    """Say so if others than this machine can reach Ray, which other versions of it may do."""
+    address = ray.util.get_node_ip_address()
+    if not ipaddress.ip_address(address).is_loopback:
+        logging.getLogger(__name__).warning(
+            "Ray listens at %s, not on this machine alone; its token keeps others out", address
+        )
+
+
+def _check_token_file() -> None:
+    """Say so if other users can read the token of a cluster; Ray writes the file that way."""
+    if "RAY_AUTH_TOKEN" in os.environ:
+        return
+    path = Path(os.environ.get("RAY_AUTH_TOKEN_PATH", Path.home() / ".ray" / "auth_token"))
+    if path.is_file() and path.stat().st_mode & 0o077:
+        logging.getLogger(__name__).warning(
+            "%s: other users can read this token; chmod 600 keeps it to you", path
+        )
 
 
 def enter_folder(folder: str) -> None:
