@@ -13,6 +13,8 @@ import typer
 from rich.console import Console
 from typer.core import TyperCommand
 
+from lidarplace.secret_urls import hide_secrets
+
 if TYPE_CHECKING:
     from lidarplace.lidar.clouds import Crop
 
@@ -68,13 +70,13 @@ def verb(
 
 
 def called() -> str:
-    """The command that this process was started with, for a shell."""
+    """The command that this process was started with, for a shell, without secrets."""
     spec = sys.modules["__main__"].__spec__
     if spec is not None:
         program = ["python", "-m", spec.name.removesuffix(".__main__")]
     else:  # installed
         program = [Path(sys.argv[0]).name]
-    return shlex.join([*program, *sys.argv[1:]])
+    return shlex.join([*program, *map(hide_secrets, sys.argv[1:])])
 
 
 JsonOption = Annotated[bool, typer.Option("--json", help="print JSON for a script")]
@@ -109,7 +111,7 @@ def wrong(message: object) -> NoReturn:
     """Print what the user has to mend, in one line, and leave with exit code 2."""
     if isinstance(message, OSError) and message.filename and message.strerror:
         message = f"{message.filename}: {message.strerror}"
-    print(" ".join(str(message).split()), file=sys.stderr)
+    print(hide_secrets(" ".join(str(message).split())), file=sys.stderr)
     raise typer.Exit(2)
 
 

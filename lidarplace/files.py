@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import re
 import secrets
+import shutil
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,7 +15,12 @@ from pathlib import Path
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A temporary path beside `path` to write to; it takes the place of `path` at the end."""
+    """A temporary path beside `path` to write to; it takes the place of `path` at the end.
+
+    Raises:
+        OSError: `path` is a device, a pipe or a socket, which stays.
+    """
+    check_replaceable(path)
     partial = temporary(path)
     try:
         yield partial
@@ -25,6 +33,46 @@ def replacing(path: Path) -> Iterator[Path]:
 def temporary(path: Path) -> Path:
     """A hidden name beside `path` that no other process uses, on whatever host of a shared disk."""
     return path.with_name(f".{path.name}.{unique()}.part")
+
+
+def check_replaceable(path: Path) -> None:
+    """Raise OSError if `path` is neither a file nor a folder nor free: nobody wants /dev/full gone.
+
+    For commands that work for hours before they write.
+    """
+    if path.exists() and not path.is_file() and not path.is_dir():
+        reason = "is a device, a pipe or a socket, which is not replaced; a file is expected"
+        raise OSError(errno.EEXIST, reason, str(path))
+
+
+def remove_leftovers(folder: Path, pattern: str = ".*.part*") -> None:
+    """Remove what processes of this host were writing into a folder when they were killed.
+
+    What a running process writes stays, and what another host of a shared disk wrote.
+
+    Args:
+        pattern: of names in `folder`, or of paths from there.
+    """
+    own = re.compile(rf"\..+\.{re.escape(socket.gethostname())}-(\d+)-[0-9a-f]{{8}}\.part(-\w+)?")
+    for path in list(folder.glob(pattern)):
+        found = own.fullmatch(path.name)
+        if found is None or _runs(int(found[1])):
+            continue
+        if path.is_dir():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
+
+
+def _runs(process: int) -> bool:
+    """Whether a process of this host has that number, which may be another one's by now."""
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:  # of another user
+        return True
+    return True
 
 
 def unique() -> str:

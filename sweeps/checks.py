@@ -17,6 +17,8 @@ from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
+from lidarplace.secret_urls import hide_secrets, public_url
+
 if TYPE_CHECKING:
     from packaging.requirements import Requirement
 
@@ -228,9 +230,9 @@ def shared_memory() -> Finding:
 
 def mlflow(uri: str) -> Finding:
     """MLflow's database can be made, or its server answers. Asks only a server that is named."""
-    from tracking.mlflow_uri import absolute_uri, hide_password, is_server, public_uri, sqlite_file
+    from tracking.mlflow_uri import absolute_uri, is_server, sqlite_file
 
-    name, needed_for, shown = "MLflow", "logging of trials", public_uri(uri)
+    name, needed_for, shown = "MLflow", "logging of trials", public_url(uri)
     try:
         absolute = absolute_uri(uri)
     except ValueError as error:
@@ -243,7 +245,7 @@ def mlflow(uri: str) -> Finding:
         try:
             answer = requests.get(f"{uri.rstrip('/')}/health", timeout=_SERVER_S)
         except requests.RequestException as error:
-            found = f"{shown}: {hide_password(reason(error), uri)}"
+            found = f"{shown}: {hide_secrets(reason(error), uri)}"
         else:
             if answer.ok:
                 return Finding(name, f"{shown} answers", needed_for)
@@ -267,7 +269,7 @@ def mlflow(uri: str) -> Finding:
         package = "psycopg2-binary" if "psycopg2" in str(error) else error.name or "its driver"
         return Finding(name, f"{shown}: {error}", needed_for, "missing", _install([package]))
     except sqlalchemy.exc.SQLAlchemyError as error:
-        found = f"{shown}: {hide_password(str(error).splitlines()[0], uri)}"
+        found = f"{shown}: {hide_secrets(str(error).splitlines()[0], uri)}"
         return Finding(
             name, found, needed_for, "missing", "start the database, or mend tracking.uri"
         )
@@ -278,21 +280,22 @@ def remote_store(url: str) -> Finding:
     """The store at a URL can be written. Asks the server that the configuration names."""
     import fsspec
 
-    name, needed_for = "store", f"results in {url}"
+    name, needed_for = "store", f"results in {public_url(url)}"
     try:
         filesystem, root = fsspec.core.url_to_fs(url)
     except ImportError as error:
         package = getattr(error.__cause__, "name", None)
         return Finding(name, str(error), needed_for, "missing", _install([str(package)]))
     except ValueError as error:
-        return Finding(name, str(error), needed_for, "missing", "mend store.url in the file")
+        found = hide_secrets(str(error), url)
+        return Finding(name, found, needed_for, "missing", "mend store.url in the file")
     probe = f"{root}/.doctor-{platform.node()}-{os.getpid()}"
     try:
         filesystem.makedirs(root, exist_ok=True)
         filesystem.pipe_file(probe, b"written by sweeps.doctor")
         filesystem.rm_file(probe)
     except Exception as error:  # every kind of store has its own errors
-        found = f"cannot be written: {type(error).__name__}: {error}"
+        found = hide_secrets(f"cannot be written: {type(error).__name__}: {error}", url)
         return Finding(name, found, needed_for, "missing", "mend store.url or its credentials")
     return Finding(name, "can be written", needed_for)
 

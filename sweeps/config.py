@@ -358,6 +358,11 @@ class Common(_Settings):
         """MLflow's tracking URI."""
         return self.tracking.uri or f"sqlite:///{self.output / 'mlflow.db'}"
 
+    @property
+    def urls(self) -> tuple[str, ...]:
+        """Addresses that may hold secrets."""
+        return tuple(filter(None, (self.tracking.uri, self.store.url)))
+
     def placement_named(self, name: str, lidar: Lidar) -> Placement:
         """The placement called `name`, the paper's or an own one, with `lidar` on its mounts.
 

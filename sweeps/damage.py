@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable
 from typing import TypeVar
 
+from lidarplace.secret_urls import hide_secrets
 from sweeps.result_folder import DamagedResult
 
 T = TypeVar("T")
@@ -32,4 +33,4 @@ def until_whole(work: Callable[[], T], say: Callable[[str], object]) -> T:
             met[str(error)] += 1
             if met[str(error)] == _PATIENCE:
                 raise
-            say(str(error))
+            say(hide_secrets(str(error)))

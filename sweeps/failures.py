@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from lidarplace.files import replacing
+from lidarplace.secret_urls import hide_secrets
 from sweeps.result_folder import DamagedResult
 from sweeps.task import Task
 
@@ -36,12 +37,12 @@ class Failure:
     @classmethod
     def of(cls, error: BaseException) -> Failure:
         """What to keep of an exception, while it is handled."""
-        text = " ".join(str(error).split())
+        text = hide_secrets(" ".join(str(error).split()))
         name = type(error).__name__
         damaged = isinstance(error, DamagedResult)
         return cls(
             text if isinstance(error, ValueError) else f"{name}: {text}",
-            traceback.format_exc(),
+            hide_secrets(traceback.format_exc()),
             lasting=isinstance(error, (ValueError, ArithmeticError)) and not damaged,
             damaged=damaged,
             out_of_gpu_memory=name == "OutOfMemoryError",  # torch's, which may not be imported

@@ -8,6 +8,8 @@ from contextlib import contextmanager
 import typer
 from rich.console import Console
 
+from lidarplace.secret_urls import hide_secrets
+
 _GOES_ON = "What is finished is kept; the same command goes on from there."
 
 
@@ -23,7 +25,7 @@ def going_on(console: Console) -> Iterator[None]:
     try:
         yield
     except (BackendLost, DamagedResult, OSError) as error:
-        console.print(f"\n{error}. {_GOES_ON}", markup=False, soft_wrap=True)
+        console.print(f"\n{hide_secrets(str(error))}. {_GOES_ON}", markup=False, soft_wrap=True)
         raise typer.Exit(1) from None
     except KeyboardInterrupt:
         console.print(f"\nStopped. {_GOES_ON}")

@@ -18,6 +18,7 @@ from tempfile import TemporaryDirectory
 from fsspec import AbstractFileSystem
 
 from lidarplace.files import sync
+from lidarplace.secret_urls import hide_secrets
 from sweeps.attempt import Versions, snapshot, versions
 from sweeps.remote_files import put_whole
 from sweeps.whole_folder import whole_folder
@@ -49,7 +50,8 @@ def mirrored(folder: Path, filesystem: AbstractFileSystem, target: str) -> Itera
             try:
                 there = _copy_changed(folder, filesystem, target, there)
             except Exception as error:  # each remote place has errors of its own
-                logging.getLogger(__name__).warning("%s: cannot be written: %r", target, error)
+                told = hide_secrets(f"{target}: cannot be written: {error!r}")
+                logging.getLogger(__name__).warning(told)
 
     thread = threading.Thread(target=watch, name=f"mirror {folder}", daemon=True)
     thread.start()

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lidarplace.command_line import new_app, output, verb, wrong
+from lidarplace.files import check_replaceable
 from sweeps.going_on import going_on
 from sweeps.options import ConfigArgument, SetOption
 
@@ -65,6 +66,7 @@ def pretrain(
         if any(path is not None and path.resolve() == out.resolve() for path in checkpoints):
             overrides = [*overrides, "training.checkpoint=null"]
         sweep, plan = read_plan(config, overrides)
+        check_replaceable(out)
         out.parent.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=out.parent).close()
     except (ConfigError, OSError) as error:

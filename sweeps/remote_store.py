@@ -13,6 +13,7 @@ from typing import Any
 from fsspec import AbstractFileSystem, get_filesystem_class
 from fsspec.core import url_to_fs
 
+from lidarplace.secret_urls import check_whole, hide_secrets, public_url
 from sweeps.mirror import fetch, mirrored
 from sweeps.remote_files import put_whole
 from sweeps.result_folder import (
@@ -42,6 +43,11 @@ class RemoteStore:
 
     url: str
     cache: Path
+
+    @property
+    def shown(self) -> str:
+        """The URL without its secrets."""
+        return public_url(self.url)
 
     @property
     def local(self) -> Store:
@@ -94,7 +100,7 @@ class RemoteStore:
             if not copied:
                 self._remove_result(f"{task.stage}/{task.key}")
                 raise
-            logging.getLogger(__name__).warning("%s from %s", error, self.url)
+            logging.getLogger(__name__).warning("%s from %s", error, self.shown)
         return self.load(task, names)
 
     def record(self, task: Task) -> Mapping[str, Any]:
@@ -105,7 +111,7 @@ class RemoteStore:
         content = parse_content(self._read(f"{place}/{RECORD}"))
         if content is None:
             self._remove_result(place)
-            raise damaged(f"{self.url}/{place}", f"{RECORD} is not what was written")
+            raise damaged(f"{self.shown}/{place}", f"{RECORD} is not what was written")
         record: Mapping[str, Any] = content["record"]
         return record
 
@@ -170,13 +176,13 @@ class RemoteStore:
     def references(self) -> dict[str, set[str]]:
         """Keys that each sweep refers to. Raises ValueError that names a damaged file."""
         return {
-            name: keys_in(self._read(f"{SWEEPS}/{name}.json"), f"{self.url}/{SWEEPS}/{name}.json")
+            name: keys_in(self._read(f"{SWEEPS}/{name}.json"), f"{self.shown}/{SWEEPS}/{name}.json")
             for name in self._sweeps()
         }
 
     def forget(self, *names: str) -> None:
         """Refer to nothing in the names of sweeps, see `Store.forget`."""
-        check_sweeps(names, self.url, self._sweeps())
+        check_sweeps(names, self.shown, self._sweeps())
         for name in names:
             self._remove_file(f"{SWEEPS}/{name}.json")
             self.local.sweep_file(name).unlink(missing_ok=True)
@@ -219,7 +225,7 @@ class RemoteStore:
     def exclusive(self) -> AbstractContextManager[None]:
         """Always raises ValueError: sweeps on other machines cannot be seen."""
         raise ValueError(
-            f"{self.url} has no lock that tells whether a sweep uses it; "
+            f"{self.shown} has no lock that tells whether a sweep uses it; "
             "if none does, say so with --unlocked"
         )
 
@@ -255,7 +261,7 @@ class RemoteStore:
             filesystem.get_file(f"{root}/{place}/{RECORD}", str(folder / RECORD))
             content = parse_content((folder / RECORD).read_bytes())
             if content is None:
-                raise damaged(f"{self.url}/{place}", f"{RECORD} is not what was written")
+                raise damaged(f"{self.shown}/{place}", f"{RECORD} is not what was written")
             files = content["files"]
             try:
                 if files:
@@ -264,8 +270,8 @@ class RemoteStore:
                         [str(folder / name) for name in files],
                     )
             except FileNotFoundError:
-                raise damaged(f"{self.url}/{place}", "a file is missing") from None
-            check_files(folder, files, (), f"{self.url}/{place}")  # digests when they are read
+                raise damaged(f"{self.shown}/{place}", "a file is missing") from None
+            check_files(folder, files, (), f"{self.shown}/{place}")  # digests when they are read
 
     def _put(self, path: Path, place: str) -> None:
         filesystem, root = self._remote()
@@ -311,6 +317,7 @@ def open_store(url: str | None, output: Path, cache: Path | None = None) -> AnyS
         return Store(Path(url).absolute())
     if protocol == "file":
         return Store(Path(path).absolute())
+    check_whole("store", url)
     try:
         get_filesystem_class(protocol)
     except ImportError as error:
@@ -319,10 +326,12 @@ def open_store(url: str | None, output: Path, cache: Path | None = None) -> AnyS
             f"store: {protocol}:// needs the package {needed}: pip install {needed}"
         ) from None
     except ValueError:
-        raise ValueError(f"store: {url}: fsspec knows no protocol {protocol!r}") from None
+        shown = public_url(url)
+        raise ValueError(f"store: {shown}: fsspec knows no protocol {protocol!r}") from None
     store = RemoteStore(url.rstrip("/"), (cache or own).absolute())
     try:
         store._find(SWEEPS)
     except Exception as error:  # each remote place has errors of its own
-        raise ValueError(f"store: {url}: cannot be read: {type(error).__name__}: {error}") from None
+        reason = hide_secrets(f"{type(error).__name__}: {error}", url)
+        raise ValueError(f"store: {public_url(url)}: cannot be read: {reason}") from None
     return store

@@ -23,6 +23,7 @@ from sweeps.damage import until_whole
 from sweeps.failures import FailureFolder
 from sweeps.going_on import going_on
 from sweeps.grid import Sweep
+from sweeps.leftovers import remove_leftovers_of
 from sweeps.options import ConfigUnlessSchema, DryRunOption, SchemaOption, SetOption
 from sweeps.plan import Plan, further_axes, read_plan
 from sweeps.planned import planned, print_planned
@@ -130,6 +131,7 @@ def run_sweep(
         workers = ExitStack()  # given back before the report is written
         try:
             stack.enter_context(locked(folder, alone=True))
+            remove_leftovers_of(sweep.common, store)
             store.refer(reference(sweep), [task.key for task in plan.tasks])
             keep_to_quota(console, sweep, store)
             stack.enter_context(store.in_use())
@@ -140,7 +142,7 @@ def run_sweep(
                 _parameters(sweep, plan),
                 journal=folder / "mlflow.jsonl",
                 tags=source_tags(),
-                note=note(sweep.source, command, [sweep.common.tracking_uri]),
+                note=note(sweep.source, command, sweep.common.urls),
                 about=ABOUT,
                 columns=columns(sweep),
                 say=say,

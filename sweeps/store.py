@@ -64,6 +64,11 @@ class Store:
 
     folder: Path
 
+    @property
+    def local(self) -> Store:
+        """The results on this machine: all of them."""
+        return self
+
     def path(self, task: Task) -> Path:
         """Folder of the task's result."""
         return self.folder / task.stage / task.key

@@ -10,13 +10,13 @@ from typing import Any
 
 import yaml
 
+from lidarplace.secret_urls import hide_secrets, hide_secrets_in
 from sweeps.grid import Sweep
 from sweeps.plan import Trial, further_axes
 from sweeps.task import Task
 from sweeps.trial_results import axis_values
 from tracking.journal import Dataset
 from tracking.kitti_iou import KITTI_IOU
-from tracking.mlflow_uri import hide_password
 
 _SHOWN_SURROGATES = ("expected_ig", "s_mig", "covered_entropy")
 _LONGEST_CONFIG = 4000
@@ -51,11 +51,10 @@ def note(source: Mapping[str, Any], command: str, addresses: Iterable[str]) -> s
 
     Args:
         source: the configuration.
-        addresses: whose passwords are not shown.
+        addresses: whose secrets are not shown.
     """
-    config = yaml.safe_dump(dict(source), sort_keys=False)
-    for address in addresses:  # before a cut leaves half a password
-        config, command = hide_password(config, address), hide_password(command, address)
+    config = yaml.safe_dump(hide_secrets_in(dict(source)), sort_keys=False)
+    command = hide_secrets(command, *addresses)
     if len(config) > _LONGEST_CONFIG:
         config = config[:_LONGEST_CONFIG] + "\n# … the rest is in the artifact config.yaml"
     command = command.replace(" --set ", " \\\n    --set ")  # a page is not as wide as a terminal

@@ -16,6 +16,7 @@ import yaml
 
 from lidarplace.files import replacing
 from lidarplace.lidar.points_by_distance import points_by_distance
+from lidarplace.secret_urls import hide_secrets, hide_secrets_in, public_url
 from sweeps.execute import Outcome
 from sweeps.grid import Sweep
 from sweeps.pictures import drawn, maps, one_frame, save_arrays
@@ -33,7 +34,7 @@ from sweeps.trial_results import (
     trial_seconds,
     with_columns,
 )
-from tracking.mlflow_uri import absolute_uri, hide_password, public_uri
+from tracking.mlflow_uri import absolute_uri
 
 _VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas")
 
@@ -83,8 +84,8 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
 
     surrogates = gathered("surrogates", "table", known)
     with_rays = [t for t in known if "expected_ig" in t.grid_point.point.surrogate.names]
-    config = yaml.safe_dump(dict(sweep.source), sort_keys=False)
-    write_text(folder / "config.yaml", hide_password(config, sweep.common.tracking_uri))
+    config = yaml.safe_dump(hide_secrets_in(dict(sweep.source)), sort_keys=False)
+    write_text(folder / "config.yaml", config)
     for name, table in (
         ("trials", trials_table(plan, store, run, axes)),
         ("results", _stack([trial_results(trial, store, axes) for trial in tested])),
@@ -231,14 +232,14 @@ def _about(sweep: Sweep, frames: Mapping[str, int], run: Run) -> dict[str, Any]:
     roi = first.roi.model_dump(mode="json") | {"resolution": first.surrogate.resolution}
     return {
         "name": sweep.common.name,
-        "command": hide_password(run.command, sweep.common.tracking_uri),
+        "command": hide_secrets(run.command, *sweep.common.urls),
         "axes": list(further_axes(sweep)),
         "placements": placements,
         "classes": list(first.classes),
         "roi": roi,
         "frames": dict(frames),
         "promote": [rung.model_dump(mode="json", by_alias=True) for rung in sweep.common.promote],
-        "tracking_uri": public_uri(absolute_uri(sweep.common.tracking_uri)),
+        "tracking_uri": public_url(absolute_uri(sweep.common.tracking_uri)),
         "cores": run.cores,
         "seconds": run.seconds,
         "versions": {"python": platform.python_version()} | {n: version(n) for n in _VERSIONS},

@@ -18,9 +18,10 @@ import typer
 from pydantic import BaseModel, ValidationError
 
 from lidarplace.command_line import new_app, verb, wrong
+from lidarplace.secret_urls import hide_secrets, public_url
 from tracking.mlflow_connection import connect, reason
 from tracking.mlflow_page import VIEW_TAG, page_of
-from tracking.mlflow_uri import absolute_uri, hide_password, is_server, public_uri, sqlite_file
+from tracking.mlflow_uri import absolute_uri, is_server, sqlite_file
 
 app = new_app()
 
@@ -48,9 +49,9 @@ def dashboard(
     except ValueError as error:
         wrong(error)
     except Exception as error:  # of MLflow, SQLAlchemy or requests, by what is wrong there
-        wrong(hide_password(f"{where}: {reason(error)}", where))
+        wrong(hide_secrets(f"{where}: {reason(error)}", where))
     if port is None:
-        print(public_uri(uri).rstrip("/") + page)
+        print(public_url(uri).rstrip("/") + page)
         return
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # else the server would go on alone
     with server(uri, port) as (process, address):
@@ -68,14 +69,20 @@ def server(uri: str, port: int) -> Iterator[tuple[subprocess.Popen[bytes], str]]
         typer.Exit: it does not start; what it said is on stderr.
     """
     address = f"http://127.0.0.1:{port}"
-    command = [sys.executable, "-m", "mlflow", "server", "--host", "127.0.0.1"]
+    python = (sys.executable, "-m")
+    command = [*python, "tracking.ends_with_parent", *python, "mlflow", "server"]
+    command += ["--host", "127.0.0.1"]
     command += ["--port", str(port), "--workers", "1"]
     quiet = {"MLFLOW_DISABLE_TELEMETRY": "true", "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
     quiet["PYTHONWARNINGS"] = "ignore:starlette.middleware.wsgi"  # MLflow's to mend
     # Not as an argument, where every user of the machine could read a password.
     own = {"MLFLOW_BACKEND_STORE_URI": uri, "UVICORN_LOG_LEVEL": "warning"}
     process = subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, env=os.environ | quiet | own, start_new_session=True
+        command,
+        stdin=subprocess.PIPE,  # its end tells that this process has ended, however it did
+        stdout=subprocess.DEVNULL,
+        env=os.environ | quiet | own,
+        start_new_session=True,
     )
     try:
         _wait(process, address)

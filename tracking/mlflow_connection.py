@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from lidarplace.files import temporary
-from tracking.mlflow_uri import is_server, public_uri, sqlite_file
+from lidarplace.secret_urls import public_url
+from tracking.mlflow_uri import is_server, sqlite_file
 
 
 def connect(uri: str) -> Any:
@@ -70,7 +71,7 @@ def _try_database(uri: str) -> None:
         engine = sqlalchemy.create_engine(uri)
     except ModuleNotFoundError as error:
         hint = ": pip install 'lidarplace[postgres]'" if uri.startswith("postgresql") else ""
-        raise ValueError(f"{public_uri(uri)} needs the package {error.name}{hint}") from error
+        raise ValueError(f"{public_url(uri)} needs the package {error.name}{hint}") from error
     try:
         sqlalchemy.inspect(engine).get_table_names()
     finally:

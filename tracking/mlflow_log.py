@@ -12,6 +12,7 @@ from types import TracebackType
 import numpy as np
 import pandas as pd
 
+from lidarplace.secret_urls import hide_secrets, public_url
 from tracking.delivery import Away, Delivery
 from tracking.journal import (
     ArtifactEntry,
@@ -26,9 +27,9 @@ from tracking.journal import (
     TrialEntry,
 )
 from tracking.mlflow_runs import SweepRuns
-from tracking.mlflow_uri import absolute_uri, hide_password, public_uri, sqlite_file, ui_command
+from tracking.mlflow_uri import absolute_uri, sqlite_file, ui_command
 
-__all__ = ["SweepLog", "public_uri", "trial_metrics", "ui_command"]
+__all__ = ["SweepLog", "trial_metrics", "ui_command"]
 
 _AFTER_CTRL_C_S = 3.0
 
@@ -101,7 +102,7 @@ class SweepLog:
             name=name,
             params=_texts(params),
             tags=dict(tags or {}),
-            note=hide_password(note, uri),
+            note=hide_secrets(note, uri),
             about=about,
             columns=tuple(columns),
             ascending=ascending,
@@ -135,7 +136,7 @@ class SweepLog:
         except Away as error:
             away = error
         except ValueError as error:
-            raise ValueError(hide_password(str(error), self._uri)) from None
+            raise ValueError(hide_secrets(str(error), self._uri)) from None
         self._settled = set(own.finished)
         for entry in self._journal.entries:
             if isinstance(entry, SweepEntry):
@@ -293,7 +294,7 @@ class SweepLog:
 
     def _refuse(self, entry: Deliverable, error: Exception) -> None:
         self.refused += 1
-        reason = hide_password(" ".join(str(error).split()), self._uri)
+        reason = hide_secrets(" ".join(str(error).split()), self._uri)
         what = entry.run_name if isinstance(entry, TrialEntry) else entry.kind
         self._say(f"MLflow refuses {what!r}, kept in {self._journal.path}: {reason}")
         with suppress(OSError):  # the entry itself is there, this is for the reader only
@@ -301,15 +302,15 @@ class SweepLog:
 
     def _away(self, reason: Away) -> None:
         self._say(
-            f"MLflow at {public_uri(self._uri)} is away, the sweep goes on, entries wait in "
+            f"MLflow at {public_url(self._uri)} is away, the sweep goes on, entries wait in "
             f"{self._journal.path}: {reason}"
         )
 
     def _back(self) -> None:
-        self._say(f"MLflow at {public_uri(self._uri)} is back")
+        self._say(f"MLflow at {public_url(self._uri)} is back")
 
     def _say(self, line: str) -> None:
-        self._print(hide_password(line, self._uri))
+        self._print(hide_secrets(line, self._uri))
 
 
 def trial_metrics(results: pd.DataFrame, surrogates: pd.DataFrame) -> dict[str, float]:

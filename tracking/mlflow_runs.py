@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from lidarplace.secret_urls import public_url
 from tracking.delivery import Away
 from tracking.journal import (
     ArtifactEntry,
@@ -26,7 +27,7 @@ from tracking.mlflow_connection import (
 )
 from tracking.mlflow_models import write_model
 from tracking.mlflow_page import NOTE_TAG, VIEW_TAG, page_of, view
-from tracking.mlflow_uri import is_server, public_uri
+from tracking.mlflow_uri import is_server
 
 SWEEP_TAG = "lidarplace.sweep"
 TRIAL_TAG = "lidarplace.trial"
@@ -79,7 +80,7 @@ class SweepRuns:
             self._client = None
             if is_away(error, self._uri) and not is_forbidden(error):
                 raise Away(reason(error)) from error
-            raise ValueError(f"{public_uri(self._uri)}: {reason(error)}") from error
+            raise ValueError(f"{public_url(self._uri)}: {reason(error)}") from error
 
     def write(self, entry: Entry) -> None:
         """Write one entry, after `open` if need be.

@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 import shlex
 from pathlib import Path
-from urllib.parse import unquote
+
+from lidarplace.secret_urls import check_whole, public_url
 
 
 def absolute_uri(uri: str) -> str:
@@ -17,8 +18,9 @@ def absolute_uri(uri: str) -> str:
     if "://" not in uri or uri.startswith("file:"):
         raise ValueError(
             f"MLflow keeps runs in a database or on a server, for example sqlite:///runs/mlflow.db "
-            f"or http://host:5000; found {public_uri(uri)!r}"
+            f"or http://host:5000; found {public_url(uri)!r}"
         )
+    check_whole("tracking.uri", uri)
     # Which driver a plain postgresql:// means depends on the version of SQLAlchemy.
     uri = re.sub("^postgresql://", "postgresql+psycopg2://", uri)
     database = sqlite_file(uri)
@@ -36,21 +38,6 @@ def is_server(uri: str) -> bool:
     return uri.startswith(("http://", "https://"))
 
 
-def public_uri(uri: str) -> str:
-    """`uri` with *** for its password: what may be printed and stored."""
-    # Up to the last @: a password in which @ or / was not escaped must not show its end.
-    masked = re.sub(r"://([^:/@]*):.*@", r"://\1:***@", uri)
-    return re.sub(r"([?&]password=)[^&]*", r"\1***", masked)
-
-
-def hide_password(text: str, uri: str) -> str:
-    """`text`, such as a library's message, without the password of `uri`."""
-    found = re.findall(r"://[^:/@]*:(.*)@", uri) + re.findall(r"[?&]password=([^&]+)", uri)
-    for password in filter(None, found):
-        text = text.replace(password, "***").replace(unquote(password), "***")
-    return text
-
-
 def ui_command(uri: str, page: str = "") -> str:
     """What opens the experiments in a browser: a command line, of a server its address.
 
@@ -60,6 +47,6 @@ def ui_command(uri: str, page: str = "") -> str:
         page: below the server's address.
     """
     if is_server(uri):
-        return public_uri(uri).rstrip("/") + page
+        return public_url(uri).rstrip("/") + page
     uri = absolute_uri(uri)
-    return f"python -m tracking.dashboard {shlex.quote(str(sqlite_file(uri) or public_uri(uri)))}"
+    return f"python -m tracking.dashboard {shlex.quote(str(sqlite_file(uri) or public_url(uri)))}"

@@ -5,6 +5,9 @@ from __future__ import annotations
 import hashlib
 import io
 import pickle
+import re
+import warnings
+import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -128,12 +131,21 @@ def read_checkpoint(path: Path) -> tuple[dict[str, Any], str]:
 
     Raises:
         OSError: a file that cannot be read.
-        ValueError: not a dict of tensors and plain values, or a damaged file.
+        DamagedCheckpoint: the file is not what was written.
+        ValueError: not a dict of tensors and plain values.
     """
     data = path.read_bytes()
+    _check_sums(path, data)
     try:
-        content = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
+        with warnings.catch_warnings(record=True, action="always") as told:
+            content = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
     except pickle.UnpicklingError as error:
+        protocol = re.search(r"pickle protocol \d+", " ".join(str(item.message) for item in told))
+        if protocol:  # 3 is loaded all the same
+            raise ValueError(
+                f"{path} is written in {protocol[0]}, which torch does not load without running "
+                "code; save it again with torch.save's own pickle_protocol"
+            ) from error
         raise ValueError(
             f"{path} is no checkpoint, or holds objects other than tensors and plain values, "
             "which are not loaded because they could run code; save its state_dict alone"
@@ -141,10 +153,27 @@ def read_checkpoint(path: Path) -> tuple[dict[str, Any], str]:
     # A damaged file raises almost anything, also KeyError and OSError.
     except Exception as error:
         reason = f"{type(error).__name__}: {error}".split("\n")[0]
-        raise ValueError(f"{path} is no checkpoint, or a damaged one: {reason}") from error
+        raise DamagedCheckpoint(f"{path} is no checkpoint, or a damaged one: {reason}") from error
     if not isinstance(content, Mapping):
         raise ValueError(f"{path} is no checkpoint: it holds a {type(content).__name__}, no dict")
     return dict(content), hashlib.sha256(data).hexdigest()
+
+
+class DamagedCheckpoint(ValueError):
+    """A file that is not what was written."""
+
+
+def _check_sums(path: Path, data: bytes) -> None:
+    """Compare the contents of a checkpoint with their CRC-32, which torch writes and ignores."""
+    if not zipfile.is_zipfile(io.BytesIO(data)):  # of a torch before 1.6
+        return
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            name = archive.testzip()
+    except Exception as error:  # a damaged archive raises almost anything
+        raise DamagedCheckpoint(f"{path} is no checkpoint, or a damaged one: {error}") from error
+    if name is not None:
+        raise DamagedCheckpoint(f"{path} is no checkpoint, or a damaged one: CRC-32 of {name}")
 
 
 def _same_keys(path: Path, own: Mapping[str, Tensor], found: Mapping[str, Tensor]) -> None:

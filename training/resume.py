@@ -7,6 +7,7 @@ what was logged are all that has to be kept.
 from __future__ import annotations
 
 import hashlib
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +19,7 @@ from torch import Tensor
 
 from lidarplace.boxes import GEOMETRY
 from lidarplace.lidar.clouds import Clouds, JoinedClouds
-from training.checkpoints import read_checkpoint, save_checkpoint
+from training.checkpoints import DamagedCheckpoint, read_checkpoint, save_checkpoint
 
 LAST = "last.pt"
 BEST = "best.pt"
@@ -65,17 +66,21 @@ class TrainingFolder:
     classes: tuple[str, ...]
 
     def load(self) -> TrainingState | None:
-        """Where the training was, None if it has not begun.
+        """Where the training was, None if it has not begun, or if what was kept is damaged.
 
         Raises:
-            ValueError: what is there is of another training, or cannot be read.
+            ValueError: what is there is of another training.
         """
         if self.folder is None or not (path := self.folder / LAST).exists():
             return None
         try:
             content, _ = read_checkpoint(path)
+            self.best()  # here, and not after the last epoch
             found = content.pop("fingerprint")
             state = TrainingState(**content)
+        except (DamagedCheckpoint, FileNotFoundError) as error:
+            logging.getLogger(__name__).warning("%s; the training starts again", error)
+            return None
         except (ValueError, KeyError, TypeError) as error:
             raise ValueError(
                 f"{path} is no checkpoint of a training; remove it to start again: {error}"

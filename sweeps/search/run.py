@@ -14,8 +14,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from lidarplace import OccupancyGrid
 from lidarplace.command_line import wrong
+from lidarplace.secret_urls import hide_secrets
 from sweeps.backends import Backend, BackendLost, backend_for
 from sweeps.config_file import ConfigError
+from sweeps.leftovers import remove_leftovers_of
 from sweeps.search.answers import SurrogateAnswers
 from sweeps.search.certificate import Certificate, first_params, kept_certificate, why_none
 from sweeps.search.found import Found, baseline_of
@@ -36,7 +38,7 @@ from sweeps.search.study import (
 from sweeps.search.trainings import TrainingAnswers
 from sweeps.search.trial_log import TrialRuns
 from sweeps.search.winners import Judged, best_trials, exact, judge, judge_others
-from sweeps.search.write import hide_passwords, write_search
+from sweeps.search.write import write_search
 from sweeps.store import AnyStore
 from sweeps.store_lock import locked
 from sweeps.sweep_in_mlflow import note
@@ -57,12 +59,13 @@ def run_search(console: Console, problem: Problem, command: str, verify: bool) -
     start = time.monotonic()
     folder, file = problem.folder, problem.file
     say = partial(console.print, markup=False, soft_wrap=True)
-    command = hide_passwords(problem, command)
+    command = hide_secrets(command, *file.urls)
     with ExitStack() as stack:
         workers = ExitStack()  # given back before the results are written
         try:
             store = store_of(problem.sweep())
             stack.enter_context(locked(folder, alone=True))
+            remove_leftovers_of(file, store)
             stack.enter_context(store.in_use())
             storage = storage_for(file.search.storage, folder)
             log = stack.enter_context(_mlflow(problem, command, say))
@@ -109,7 +112,6 @@ def _mlflow(problem: Problem, command: str, say: Callable[[str], None]) -> Sweep
         "seed": search.seed,
         "batch_size": search.batch_size,
     }
-    addresses = [file.tracking_uri, search.storage or ""]
     return SweepLog(
         file.tracking_uri,
         file.name,
@@ -117,7 +119,7 @@ def _mlflow(problem: Problem, command: str, say: Callable[[str], None]) -> Sweep
         params,
         journal=problem.folder / "mlflow.jsonl",
         tags=source_tags(),
-        note=note(problem.source, command, addresses),
+        note=note(problem.source, command, file.urls),
         about=ABOUT,
         columns=columns(problem),
         ascending=search.objective[0].best == "minimize",

@@ -351,3 +351,8 @@ class SearchFile(Common, Point):
     verify: VerifySettings | None = Field(
         None, description="detectors for the winners and the paper's eight; null: none"
     )
+
+    @property
+    def urls(self) -> tuple[str, ...]:
+        """Addresses that may hold secrets."""
+        return (*super().urls, *filter(None, [self.search.storage]))

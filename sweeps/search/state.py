@@ -9,10 +9,11 @@ import optuna
 from optuna.storages import BaseStorage, JournalStorage, RDBStorage
 from optuna.storages.journal import JournalFileBackend
 
+from lidarplace.secret_urls import hide_secrets
 from lidarplace.surrogate import RAY_SURROGATES
-from sweeps.plan import read_plan
 from sweeps.search.problem import Problem
 from sweeps.search.study import assessment_of, finished_trials, journal_path, quiet
+from sweeps.search.verify import read_verification
 from sweeps.search.winners import best_trials
 from sweeps.state import SweepState, sweep_state
 from sweeps.store_lock import is_locked
@@ -98,7 +99,7 @@ def _study(problem: Problem) -> optuna.Study | None:
     except KeyError:  # another configuration, or none yet
         return None
     except Exception as error:
-        reason = " ".join(str(error).split())[:200]
+        reason = hide_secrets(" ".join(str(error).split()), url)[:200]
         raise ValueError(f"{'search.storage' if url else path}: cannot be read: {reason}") from None
 
 
@@ -106,7 +107,7 @@ def _verify(problem: Problem) -> SweepState | None:
     path = problem.folder / "sweep.yaml"
     if problem.file.verify is None or not path.exists():
         return None
-    sweep, plan = read_plan(path)
+    sweep, plan = read_verification(problem)
     if not (sweep.common.output / sweep.common.name).exists():
         return None
     return sweep_state(sweep, plan, store_of(sweep))

@@ -20,6 +20,7 @@ from optuna.storages import BaseStorage, JournalStorage, RDBStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
 
+from lidarplace.secret_urls import check_whole, hide_secrets
 from sweeps.search.assess import Assessment
 from sweeps.search.rig import Rig
 from sweeps.search.samplers import Repeatable, pruner_for
@@ -72,10 +73,11 @@ def storage_for(url: str | None, folder: Path) -> BaseStorage:
         ValueError: the database cannot be had.
     """
     if url is not None:
+        check_whole("search.storage", url)
         try:
             return RDBStorage(url)
         except Exception as error:
-            reason = " ".join(str(error).split())[:200]
+            reason = hide_secrets(" ".join(str(error).split()), url)[:200]
             raise ValueError(f"search.storage: cannot be opened: {reason}") from None
     path = journal_path(folder)
     _mend(path)

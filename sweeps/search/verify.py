@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 
@@ -13,7 +14,8 @@ from scipy import stats
 from lidarplace.command_line import wrong
 from lidarplace.files import replacing
 from sweeps.config import METRICS
-from sweeps.plan import read_plan
+from sweeps.grid import Sweep
+from sweeps.plan import Plan, read_plan
 from sweeps.search.found import Found
 from sweeps.search.problem import Problem
 from sweeps.search.winners import Judged
@@ -36,7 +38,7 @@ def verify_found(console: Console, problem: Problem, found: Found, command: str)
     from sweeps.run import run_sweep
 
     try:
-        sweep, plan = read_plan(problem.folder / "sweep.yaml")
+        sweep, plan = read_verification(problem)
         store = store_of(sweep)
     except ValueError as error:
         wrong(error)
@@ -56,6 +58,17 @@ def verify_found(console: Console, problem: Problem, found: Found, command: str)
     with replacing(problem.folder / "verified.parquet") as partial:
         table.to_parquet(partial, index=False)
     return complete
+
+
+def read_verification(problem: Problem) -> tuple[Sweep, Plan]:
+    """The sweep that a search left in `sweep.yaml`, with the addresses of the search.
+
+    Raises:
+        ConfigError: the file, which a user may have changed, is wrong.
+    """
+    whole = problem.file.model_dump(mode="json", include={"store", "tracking"})
+    overrides = [f"{key}={json.dumps(value)}" for key, value in whole.items()]
+    return read_plan(problem.folder / "sweep.yaml", overrides)
 
 
 def verified_table(

@@ -7,7 +7,6 @@ import platform
 import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import astuple
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ import yaml
 
 from lidarplace import Mount
 from lidarplace.files import replacing
+from lidarplace.secret_urls import hide_secrets_in, public_url
 from lidarplace.sensor_settings import SensorSettings
 from lidarplace.surrogate import RAY_SURROGATES
 from sweeps.pictures import save_arrays
@@ -33,7 +33,7 @@ from sweeps.search.tables import greedy_table, trials_table
 from sweeps.search.unseen import maps
 from sweeps.search.winners import Judged, stride_error
 from sweeps.store import write_text
-from tracking.mlflow_uri import absolute_uri, hide_password, public_uri
+from tracking.mlflow_uri import absolute_uri
 
 _VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas", "optuna")
 
@@ -50,7 +50,6 @@ def write_search(
     folder: Path, problem: Problem, found: Found, command: str, seconds: float
 ) -> None:
     """Write all results into `folder`, each file renamed into place."""
-    hide = partial(hide_passwords, problem)
     tables = {"trials": trials_table(found.study, problem)}
     if found.certificate is not None:
         tables["bound"] = found.certificate.history
@@ -62,11 +61,10 @@ def write_search(
         (folder / name).unlink(missing_ok=True)
     for name, table in tables.items():
         _parquet(folder / f"{name}.parquet", table)
-    config = yaml.safe_dump(dict(problem.source), sort_keys=False)
-    write_text(folder / "config.yaml", hide(config))
+    write_text(folder / "config.yaml", _yaml(problem.source))
     if found.trials:
         write_text(folder / "placement.yaml", _placement(problem, found))
-        write_text(folder / "sweep.yaml", hide(_sweep(problem, found)))
+        write_text(folder / "sweep.yaml", _sweep(problem, found))
         if found.grids:
             rigs = {name: found.judged[name].rig for name in ("found_1", found.baseline)}
             save_arrays(folder / "maps.npz", maps(rigs, problem, found.grids))
@@ -76,11 +74,9 @@ def write_search(
     write_text(folder / "search.json", json.dumps(_finite(about), indent=1))
 
 
-def hide_passwords(problem: Problem, text: str) -> str:
-    """`text` without the passwords of the configuration's addresses."""
-    for url in (problem.file.tracking_uri, problem.file.search.storage):
-        text = hide_password(text, url) if url else text
-    return text
+def _yaml(config: Mapping[str, Any]) -> str:
+    """A configuration without secrets."""
+    return yaml.safe_dump(hide_secrets_in(dict(config)), sort_keys=False)
 
 
 def _parquet(path: Path, table: pd.DataFrame) -> None:
@@ -113,7 +109,7 @@ def _sweep(problem: Problem, found: Found) -> str:
     rigs = {name: found.judged[name].rig for name in new[:most]}
     values = found.judged[found.best[0]].values_beside
     config = verify_settings(problem.source, problem.file, rigs, list(paper), values)
-    return yaml.safe_dump(config, sort_keys=False)
+    return _yaml(config)
 
 
 def _is_one_of(rig: Rig, others: Iterable[Rig]) -> bool:
@@ -184,7 +180,7 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> dict
         "importance": importances(found.study) or None,
         "stride": _stride(problem, found),
         "linear_share": found.linear_share(question),
-        "tracking_uri": public_uri(absolute_uri(file.tracking_uri)),
+        "tracking_uri": public_url(absolute_uri(file.tracking_uri)),
         "versions": {"python": platform.python_version()} | {n: version(n) for n in _VERSIONS},
     }
 

@@ -22,9 +22,10 @@ from mlflow_runs_of import (
     until,
 )
 
+from lidarplace.secret_urls import public_url
 from tracking.journal import Journal, RefusedEntry
 from tracking.mlflow_connection import is_away
-from tracking.mlflow_log import SweepLog, public_uri, trial_metrics, ui_command
+from tracking.mlflow_log import SweepLog, trial_metrics, ui_command
 from tracking.run_folder import RunFolder
 
 
@@ -387,7 +388,7 @@ def test_the_command_opens_the_database(tmp_path, monkeypatch):
     ],
 )
 def test_passwords_are_masked(uri, shown):
-    assert public_uri(uri) == shown
+    assert public_url(uri) == shown
     assert shown.removeprefix("sqlite:///") in ui_command(uri).replace("+psycopg2", "")
 
 

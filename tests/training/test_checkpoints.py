@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import collections
+import struct
+import zipfile
 
 import pytest
 import torch
 from torch import nn
 
 from training import build_detector
-from training.checkpoints import load_checkpoint, write_checkpoint
+from training.checkpoints import DamagedCheckpoint, load_checkpoint, write_checkpoint
 from training.detectors.detector import Detector, Selection
 
 
@@ -185,3 +187,34 @@ def test_damaged_files(tmp_path):
             load_checkpoint(Sparse(), path)
     with pytest.raises(FileNotFoundError, match=r"none\.pth"):
         load_checkpoint(Sparse(), tmp_path / "none.pth")
+
+
+def test_one_changed_bit_of_a_tensor_is_a_damage(tmp_path):
+    path = write(tmp_path / "a.pth", Sparse().state_dict())
+    whole = path.read_bytes()
+    with zipfile.ZipFile(path) as archive:
+        starts = [info.header_offset for info in archive.infolist() if "/data/" in info.filename]
+    # A header has 30 bytes, then the name and what fills up, whose lengths stand in it.
+    lengths = [struct.unpack_from("<HH", whole, start + 26) for start in starts]
+    places = [start + 30 + sum(more) for start, more in zip(starts, lengths, strict=True)]
+    assert places
+    for place in places:
+        data = bytearray(whole)
+        data[place] ^= 1
+        path.write_bytes(data)
+        with pytest.raises(DamagedCheckpoint, match=r"a\.pth is no checkpoint, or a damaged one"):
+            load_checkpoint(Sparse(), path)
+
+
+@pytest.mark.parametrize("zipped", [True, False])
+@pytest.mark.parametrize("protocol", [2, 3, 4, 5])
+def test_pickle_protocols(tmp_path, protocol, zipped, recwarn):
+    path, model = tmp_path / "a.pth", Sparse()
+    state = model.state_dict()
+    torch.save(state, path, pickle_protocol=protocol, _use_new_zipfile_serialization=zipped)
+    if protocol < 4:
+        assert load_checkpoint(model, path).loaded == tuple(state)
+    else:
+        with pytest.raises(ValueError, match=f"is written in pickle protocol {protocol}"):
+            load_checkpoint(model, path)
+    assert not recwarn.list

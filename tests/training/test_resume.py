@@ -119,18 +119,35 @@ def test_another_training_does_not_go_on_here(data, tmp_path):
             train(**({"data": data, "folder": tmp_path} | kind))
 
 
-@pytest.mark.parametrize("content", [b"", b"not a file of torch", "list", "text", "half"])
-def test_a_file_of_something_else_is_an_error(data, tmp_path, content):
-    path = tmp_path / "last.pt"
-    if isinstance(content, bytes):
+@pytest.mark.parametrize("name", ["last.pt", "best.pt"])
+@pytest.mark.parametrize("harm", ["empty", "half", "bit", "gone"])
+def test_a_damaged_checkpoint_is_told_and_the_training_starts_again(
+    data, tmp_path, caplog, name, harm
+):
+    settings = SETTINGS.model_copy(update={"epochs": 2})
+    whole, _ = train(data, tmp_path, settings)
+    path = tmp_path / name
+    content = bytearray(path.read_bytes())
+    if harm == "gone":
+        path.unlink()
+    elif harm == "bit":
+        content[len(content) // 2] ^= 1
         path.write_bytes(content)
-    elif content == "list":
-        torch.save([1, 2], path)
-    elif content == "text":
-        torch.save("weights", path)
     else:
-        train(data, tmp_path)
-        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+        path.write_bytes(content[: 5000 * (harm == "half")])
+    again, epochs = train(data, tmp_path, settings)
+    assert epochs == [1, 2]
+    same(whole, again)
+    assert name in caplog.text or harm == "gone"
+
+
+@pytest.mark.parametrize("content", [[1, 2], "weights", b"not a file of torch"])
+def test_a_file_of_something_else_is_an_error(data, tmp_path, content):
+    if isinstance(content, bytes):
+        (tmp_path / "last.pt").write_bytes(content)
+    else:
+        torch.save(content, tmp_path / "last.pt")
+    torch.save({"model_state": {}}, tmp_path / "best.pt")
     with pytest.raises(ValueError, match=r"last\.pt is no checkpoint of a training"):
         train(data, tmp_path)
 

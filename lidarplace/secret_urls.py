@@ -1,0 +1,70 @@
+"""Passwords and tokens in addresses stay in the process: what is written or said has *** there."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+from urllib.parse import unquote
+
+HIDDEN = "***"
+
+# Up to the last @: a password in which @ or / was not escaped must not show its end.
+_PASSWORD = re.compile(r"(://[^\s:/@\"']*):([^\s\"]*)@")
+_TOKEN_AS_USER = re.compile(r"(https?://)([^\s:/@\"']+)@")
+_QUERY = re.compile(
+    r"([?&;](?:[\w.%-]*(?:passw|pwd|token|secret|signature|credential|key)[\w.%-]*|sig)=)"
+    r"([^&\s\"'#;]+)",
+    re.IGNORECASE,
+)
+_SHORTEST = 4
+"""Characters of a secret that is looked for by itself: shorter ones are parts of other words."""
+
+
+def hide_secrets(text: str, *urls: str | None) -> str:
+    """`text` with *** for the password of every address in it, and for tokens of its query.
+
+    Args:
+        text: an address, or anything that may hold some, such as a library's message.
+        urls: addresses whose secrets `text` may hold by themselves, or in spaces.
+    """
+    for url in filter(None, urls):
+        for secret in secrets_in(url):
+            if len(secret) >= _SHORTEST:
+                text = text.replace(secret, HIDDEN).replace(unquote(secret), HIDDEN)
+    text = _PASSWORD.sub(rf"\1:{HIDDEN}@", text)
+    text = _TOKEN_AS_USER.sub(rf"\1{HIDDEN}@", text)
+    return _QUERY.sub(rf"\1{HIDDEN}", text)
+
+
+def public_url(url: str) -> str:
+    """An address without its secrets, whatever is in them."""
+    return hide_secrets(url, url)
+
+
+def hide_secrets_in(value: Any) -> Any:
+    """Plain data, such as a configuration, with `public_url` for every text in it."""
+    if isinstance(value, str):
+        return public_url(value)
+    if isinstance(value, dict):
+        return {key: hide_secrets_in(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [hide_secrets_in(item) for item in value]
+    return value
+
+
+def secrets_in(url: str) -> list[str]:
+    """The password and the tokens of one address, which may have spaces in them."""
+    found = re.findall(r"://[^:/@]*:(.*)@", url) + [m[2] for m in _TOKEN_AS_USER.finditer(url)]
+    return [secret for secret in found + [m[2] for m in _QUERY.finditer(url)] if secret]
+
+
+def check_whole(key: str, url: str) -> None:
+    """Raise ValueError if a secret was hidden, as in the files that a command leaves.
+
+    Args:
+        key: of the configuration.
+    """
+    if HIDDEN in secrets_in(url):
+        raise ValueError(
+            f"{key}: {url}: the secret was left out where this was written; give the whole address"
+        )
