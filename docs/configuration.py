@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -158,7 +159,11 @@ def _value(field: Schema, path: str, definitions: Schema) -> str:
 
 def _limits(field: Schema) -> str:
     signs = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
-    limits = [f"{sign} {field[key]:.6g}" for key, sign in signs.items() if key in field]
+    if field.get("exclusiveMinimum", -math.inf) >= field.get("minimum", math.inf):
+        del signs["minimum"]  # of the kind of number, which the field narrows
+    if field.get("exclusiveMaximum", math.inf) <= field.get("maximum", -math.inf):
+        del signs["maximum"]
+    limits = [f"{sign} {field[key]:,.6g}" for key, sign in signs.items() if key in field]
     return f" {', '.join(limits)}" if limits else ""
 
 

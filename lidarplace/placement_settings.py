@@ -2,47 +2,44 @@
 
 from __future__ import annotations
 
-import reprlib
 from pathlib import Path
 from typing import Literal
 
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import Field, ValidationError
 
 from lidarplace.placement import PAPER_PLACEMENTS, Mount, Placement
 from lidarplace.pose import from_carla
 from lidarplace.sensor import Lidar
 from lidarplace.sensor_settings import SensorSettings
-from lidarplace.yaml_loader import parse_yaml
+from lidarplace.settings import Angle, Length, Settings, fault
+from lidarplace.yaml_loader import read_yaml_file
+
+MOST_MOUNTS = 100
 
 
-class MountSettings(BaseModel):
+class MountSettings(Settings):
     """Pose of one LiDAR, metres and radians, in the convention of its placement."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    x: FiniteFloat = Field(0.0, description="forward, metres")
-    y: FiniteFloat = Field(0.0, description="to the left, metres")
-    z: FiniteFloat = Field(description="above the ground, metres")
-    roll: FiniteFloat = Field(0.0, description="radians; > 0 lifts the left side")
-    pitch: FiniteFloat = Field(0.0, description="radians; > 0 tips the nose down")
-    yaw: FiniteFloat = Field(0.0, description="radians; > 0 turns to the left")
+    x: Length = Field(0.0, description="forward, metres")
+    y: Length = Field(0.0, description="to the left, metres")
+    z: Length = Field(description="above the ground, metres")
+    roll: Angle = Field(0.0, description="radians; > 0 lifts the left side")
+    pitch: Angle = Field(0.0, description="radians; > 0 tips the nose down")
+    yaw: Angle = Field(0.0, description="radians; > 0 turns to the left")
     lidar: SensorSettings | None = Field(
         None, description="this mount's own LiDAR model; by default that of the whole placement"
     )
 
 
-class PlacementSettings(BaseModel):
+class PlacementSettings(Settings):
     """A placement by coordinates."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     convention: Literal["ego", "carla"] = Field(
         "ego",
         description="ego: right-handed, y to the left, pitch > 0 tips the nose down; "
         "carla: left-handed, y to the right, pitch > 0 lifts the nose",
     )
-    mounts: tuple[MountSettings, ...] = Field(description="a LiDAR each")
+    mounts: tuple[MountSettings, ...] = Field(max_length=MOST_MOUNTS, description="a LiDAR each")
 
     def placement(self, name: str, lidar: Lidar) -> Placement:
         """The placement in our ego frame, `lidar` on mounts that have none of their own.
@@ -80,10 +77,7 @@ def read_placement(path: Path, lidar: Lidar) -> Placement:
         OSError: the file cannot be read.
         ValueError: the file is not such a list; the message names file, key and value.
     """
-    try:
-        raw = parse_yaml(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: is not YAML: {' '.join(str(error).split())}") from None
+    raw = read_yaml_file(path)
     if isinstance(raw, dict) and "mounts" not in raw:
         raise ValueError(
             f"{path}: no key mounts; a placement's file lists its LiDARs, such as "
@@ -92,12 +86,7 @@ def read_placement(path: Path, lidar: Lidar) -> Placement:
     try:
         settings = PlacementSettings.model_validate(raw)
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        found = reprlib.repr(first["input"])  # which may be a whole file
-        raise ValueError(
-            f"{path}: {key + ': ' if key else ''}{first['msg']}, found {found}"
-        ) from None
+        raise ValueError(f"{path}: {fault(error)}") from None
     try:
         return settings.placement(path.stem, lidar)
     except ValueError as error:

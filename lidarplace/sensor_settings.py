@@ -5,30 +5,33 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from lidarplace.sensor import Lidar
+from lidarplace.settings import CountFromOne, Degrees, Distance, Elevation, Probability, Settings
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+MOST_BEAMS = 10_000
+MOST_RAYS = 20_000_000
+"""Of a turn: two hundred times the paper's, beyond which a mistyped number is likelier."""
 
 
-class SensorSettings(BaseModel):
+class SensorSettings(Settings):
     """A LiDAR model; the defaults are the paper's, without noise."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    beams: int = Field(16, ge=1, description="beams, evenly spread over elevation_deg")
-    elevation_deg: tuple[Finite, Finite] = Field(
+    beams: Annotated[CountFromOne, Field(le=MOST_BEAMS)] = Field(
+        16, description="beams, evenly spread over elevation_deg"
+    )
+    elevation_deg: tuple[Elevation, Elevation] = Field(
         (-25.0, 5.0), description="elevation of the lowest and the highest beam, degrees"
     )
-    elevations_deg: tuple[Finite, ...] | None = Field(
+    elevations_deg: Annotated[tuple[Elevation, ...], Field(max_length=MOST_BEAMS)] | None = Field(
         None, description="elevation of every beam, degrees, in place of the two keys above"
     )
-    azimuth_steps: int = Field(5625, ge=1, description="firings of a beam in one turn")
-    range: float = Field(100.0, gt=0, allow_inf_nan=False, description="farthest return, metres")
-    range_noise: float = Field(0.0, ge=0, allow_inf_nan=False, description="standard deviation, m")
-    drop_off: float = Field(0.0, ge=0, lt=1, description="probability that a return is lost")
-    azimuth_deg: tuple[Finite, Finite] = Field(
+    azimuth_steps: CountFromOne = Field(5625, description="firings of a beam in one turn")
+    range: Distance = Field(100.0, gt=0, description="farthest return, metres")
+    range_noise: Distance = Field(0.0, description="standard deviation, m")
+    drop_off: Probability = Field(0.0, lt=1, description="probability that a return is lost")
+    azimuth_deg: tuple[Degrees, Degrees] = Field(
         (-180.0, 180.0),
         description="horizontal field of view [min, max] in the sensor's frame, degrees; 0 is its "
         "x axis, growing to the left, and the interval may cross 180",
@@ -45,6 +48,12 @@ class SensorSettings(BaseModel):
     def _build(self) -> SensorSettings:
         if self.elevations_deg is not None and (self.model_fields_set & {"beams", "elevation_deg"}):
             raise ValueError("elevations_deg replaces beams and elevation_deg; name one or the two")
+        beams = len(self.elevations_deg) if self.elevations_deg is not None else self.beams
+        if beams * self.azimuth_steps > MOST_RAYS:
+            raise ValueError(
+                f"azimuth_steps: found {self.azimuth_steps:,} with {beams:,} beams; allowed are "
+                f"{MOST_RAYS:,} rays, beams times azimuth steps"
+            )
         self.lidar()
         return self
 

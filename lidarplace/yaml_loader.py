@@ -1,32 +1,174 @@
-"""YAML that people write: safe, and a key given twice is a mistake."""
+"""YAML that people write: plain data, within limits, and a key given twice is a mistake."""
 
 from __future__ import annotations
 
+import re
+import reprlib
+from pathlib import Path
 from typing import Any
 
 import yaml
+from yaml.composer import Composer
+from yaml.constructor import ConstructorError, SafeConstructor
+from yaml.parser import ParserError
+from yaml.reader import ReaderError
+from yaml.resolver import Resolver
+from yaml.scanner import ScannerError
 
-# The loader in C is ten times as fast: a file may hold thousands of placements.
-_Base: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+MOST_BYTES = 16_000_000
+"""Of a file: some 50,000 placements of four mounts. Beyond, it is likely to be another file."""
+MOST_VALUES = 5_000_000
+"""Keys and values of a file; what an alias stands for is counted each time."""
+DEEPEST = 100
+"""Mappings and lists inside each other."""
+
+_TAG = "tag:yaml.org,2002:"
+_KINDS = {f"{_TAG}{kind}" for kind in ("null", "bool", "int", "float", "str", "seq", "map")}
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
+_EXPONENT = re.compile(r"[-+]?[0-9]+[eE][-+]?[0-9]+$")
 
 
-class _Loader(_Base):
-    """Refuses a key that is given twice, of which YAML would silently take the last."""
+class YamlError(ValueError):
+    """What is wrong with a YAML document and where, in one line."""
 
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [self.construct_object(key) for key, _ in node.value]
-        for i, key in enumerate(keys):
-            if key in keys[:i]:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"key {key!r} is given twice", node.value[i][0].start_mark
-                )
-        return super().construct_mapping(node, deep)
+
+if yaml.__with_libyaml__:
+    # Ten times as fast: a file may hold thousands of placements.
+    from yaml.cyaml import CParser as _Parser  # type: ignore[attr-defined]
+else:
+
+    class _Parser(yaml.reader.Reader, yaml.scanner.Scanner, yaml.parser.Parser):  # type: ignore[no-redef]
+        def __init__(self, text: str) -> None:
+            yaml.reader.Reader.__init__(self, text)
+            yaml.scanner.Scanner.__init__(self)
+            yaml.parser.Parser.__init__(self)
+
+
+class _Loader(Composer, _Parser, SafeConstructor, Resolver):
+    """Composes nodes in Python, where depth, size and keys can be watched.
+
+    Only numbers, truth values, text, lists and mappings are there: a date is text, and YAML's sets
+    and binaries are refused as Python's objects are. `1e-3` is a number, as in YAML 1.2.
+    """
+
+    yaml_constructors = {  # noqa: RUF012 - of PyYAML
+        tag: constructor
+        for tag, constructor in SafeConstructor.yaml_constructors.items()
+        if tag in _KINDS
+    }
+    yaml_implicit_resolvers = {  # noqa: RUF012
+        first: [(tag, pattern) for tag, pattern in choices if tag in {*_KINDS, f"{_TAG}merge"}]
+        for first, choices in Resolver.yaml_implicit_resolvers.items()
+    }
+
+    def __init__(self, text: str) -> None:
+        _Parser.__init__(self, text)
+        Composer.__init__(self)
+        SafeConstructor.__init__(self)
+        Resolver.__init__(self)
+        self._depth = self._values = 0
+        self._sizes: dict[int, int] = {}
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """A value with all that is in it."""
+        event: Any = self.peek_event()
+        before = self._values
+        self._depth += 1
+        self._values += 1
+        if self._depth > DEEPEST:
+            raise _error(f"more than {DEEPEST} mappings and lists inside each other", event)
+        node = super().compose_node(parent, index)
+        if isinstance(event, yaml.AliasEvent):
+            if id(node) not in self._sizes:
+                raise _error(f"*{event.anchor} stands inside of what it stands for", event)
+            self._values += self._sizes[id(node)]
+        elif event.anchor is not None:
+            self._sizes[id(node)] = self._values - before
+        if self._values > MOST_VALUES:
+            raise _error(f"more than {MOST_VALUES:,} values, aliases written out", event)
+        self._depth -= 1
+        return node
+
+    def compose_mapping_node(self, anchor: Any) -> Any:
+        """A mapping. Of equal keys YAML would silently take the last."""
+        node = super().compose_mapping_node(anchor)
+        seen = set()
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode) and key.tag != f"{_TAG}merge":
+                value = self.construct_object(key)
+                if value in seen:
+                    raise _error(f"key {value!r} is given twice", key)
+                seen.add(value)
+        return node
+
+    def construct_undefined(self, node: Any) -> Any:
+        """What has another tag."""
+        raise _error(f"tag {reprlib.repr(node.tag)} is not taken", node)
+
+    def construct_object(self, node: Any, deep: bool = False) -> Any:
+        """The value of a node."""
+        if isinstance(node, yaml.ScalarNode) and (found := _CONTROL.search(node.value)):
+            raise _error(f"control character {found[0]!r} in a text", node)
+        try:
+            return super().construct_object(node, deep)
+        except (ValueError, LookupError, TypeError, AttributeError):  # such as `!!bool abc`
+            kind = node.tag.removeprefix(_TAG)
+            raise _error(f"{reprlib.repr(node.value)} is no {kind}", node) from None
+
+
+_Loader.add_constructor(None, _Loader.construct_undefined)  # type: ignore[type-var]
+_Loader.add_implicit_resolver(f"{_TAG}float", _EXPONENT, list("-+0123456789"))
 
 
 def parse_yaml(text: str) -> Any:
-    """The content of a YAML document.
+    """The content of a YAML document, None for an empty one; no two places share an object.
 
     Raises:
-        yaml.YAMLError: it is none, holds anything but plain data, or gives a key twice.
+        YamlError: it is none, holds anything but plain data, gives a key twice, or is beyond the
+            limits `MOST_VALUES` and `DEEPEST`.
     """
-    return yaml.load(text, Loader=_Loader)
+    try:
+        return _unshared(_Loader(text).get_single_data())
+    except ReaderError as error:
+        before = text[: error.position]
+        where = f"line {before.count(chr(10)) + 1}, column {len(before.rpartition(chr(10))[2]) + 1}"
+        raise YamlError(f"{where}: is not YAML: {error.reason}") from None
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
+        syntax = "is not YAML: " if isinstance(error, (ScannerError, ParserError)) else ""
+        problem = str(error.problem)
+        if problem.startswith("but "):
+            problem = f"{error.context}, {problem}"
+        raise YamlError(f"{where}{syntax}{' '.join(problem.split())}") from None
+
+
+def read_yaml_file(path: Path) -> Any:
+    """The content of a YAML file, as `parse_yaml` has it.
+
+    Raises:
+        OSError: the file cannot be read.
+        YamlError: it is no text, too large, or not as `parse_yaml` takes it; names the file.
+    """
+    with path.open("rb") as file:
+        content = file.read(MOST_BYTES + 1)  # a device has no end
+    if len(content) > MOST_BYTES:
+        raise YamlError(f"{path}: has more than {MOST_BYTES:,} bytes")
+    try:
+        return parse_yaml(content.decode("utf-8-sig"))
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise YamlError(f"{path}: line {line}: is not UTF-8 text") from None
+    except YamlError as error:
+        raise YamlError(f"{path}: {error}") from None
+
+
+def _error(problem: str, at: Any) -> ConstructorError:
+    return ConstructorError(None, None, problem, at.start_mark)
+
+
+def _unshared(value: Any) -> Any:
+    """A copy in which what an alias stands for is there each time: a change is of one place."""
+    if isinstance(value, dict):
+        return {key: _unshared(inner) for key, inner in value.items()}
+    return [_unshared(inner) for inner in value] if isinstance(value, list) else value

@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import yaml
-
-from lidarplace.yaml_loader import parse_yaml
+from lidarplace.yaml_loader import YamlError, read_yaml_file
 from sweeps.grid import Sweep, read_sweep
 
 
 def is_search(path: Path) -> bool:
     """Whether a file describes a search. What is wrong with a file is told by who reads it."""
     try:
-        content = parse_yaml(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+        content = read_yaml_file(path)
+    except (OSError, YamlError):
         return False
     return isinstance(content, dict) and "search" in content
 

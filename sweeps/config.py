@@ -10,7 +10,6 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import (
     BaseModel,
     BeforeValidator,
-    ConfigDict,
     Discriminator,
     Field,
     Tag,
@@ -29,7 +28,20 @@ from lidarplace.scenes.recorded import LogScene
 from lidarplace.scenes.routes import KEEP_M
 from lidarplace.scenes.settings import SumoScene
 from lidarplace.sensor import Lidar
-from lidarplace.sensor_settings import Finite, SensorSettings
+from lidarplace.sensor_settings import SensorSettings
+from lidarplace.settings import (
+    Amount,
+    Count,
+    CountFromOne,
+    Distance,
+    FilePath,
+    Length,
+    Name,
+    Probability,
+    Seed,
+    Settings,
+    Text,
+)
 from training import DETECTORS
 from training.settings import TrainingSettings
 
@@ -57,16 +69,12 @@ NAME = r"^\w[\w.-]*$"
 """What a sweep or a search can be called: its name is one of a folder, too."""
 
 
-class _Settings(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class RoiSettings(_Settings):
+class RoiSettings(Settings):
     """Region of interest in the ego frame, metres."""
 
-    x: tuple[Finite, Finite] = Field((0.0, 40.0), description="from back to front, metres")
-    y: tuple[Finite, Finite] = Field((-20.0, 20.0), description="from right to left, metres")
-    z: tuple[Finite, Finite] = Field((0.0, 4.0), description="above the ground, metres")
+    x: tuple[Length, Length] = Field((0.0, 40.0), description="from back to front, metres")
+    y: tuple[Length, Length] = Field((-20.0, 20.0), description="from right to left, metres")
+    z: tuple[Length, Length] = Field((0.0, 4.0), description="above the ground, metres")
 
     @field_validator("x", "y", "z")
     @classmethod
@@ -112,20 +120,20 @@ class LidarSettings(SensorSettings):
         } | data
 
 
-class SurrogateSettings(_Settings):
+class SurrogateSettings(Settings):
     """Which surrogates are computed, and how."""
 
     names: tuple[SurrogateName, ...] = Field(
         get_args(SurrogateName), min_length=1, description="docs/method.md has their formulas"
     )
-    resolution: float = Field(0.1, gt=0, allow_inf_nan=False, description="edge of a voxel, metres")
+    resolution: Distance = Field(0.1, gt=0, description="edge of a voxel, metres")
     method: Method = Field(
         "cone",
         description="which voxels a placement sees: cone is exact, dda and bresenham follow single "
         "rays",
     )
-    detection_probability: float = Field(
-        0.1, gt=0, le=1, description="q of expected_ig: chance that a ray detects what it crosses"
+    detection_probability: Probability = Field(
+        0.1, gt=0, description="q of expected_ig: chance that a ray detects what it crosses"
     )
     occlusion: bool = Field(False, description="expected_ig with rays weakened on their way")
     accuracy: bool = Field(
@@ -156,14 +164,14 @@ SceneSettings = Annotated[
 ]
 
 
-class Point(_Settings):
+class Point(Settings):
     """One point of the grid: what is trained and evaluated once."""
 
-    placement: str = Field(description="one of the paper's eight or of `placements`")
+    placement: Name = Field(description="one of the paper's eight or of `placements`")
     detector: Literal[DETECTORS] | None = Field(  # type: ignore[valid-type]
         "pointpillars_tiny", description="null: surrogates alone, nothing is trained"
     )
-    seed: int = Field(0, ge=0, description="of a training: weights, order of frames, augmentation")
+    seed: Seed = Field(0, description="of a training: weights, order of frames, augmentation")
     scene: SceneSettings = Field(SumoScene(), description="traffic, simulated or recorded")
     roi: RoiSettings = Field(RoiSettings(), description="where objects count")
     classes: tuple[ClassName, ...] = Field(
@@ -232,17 +240,17 @@ def _short_for(key: str) -> BeforeValidator:
     return BeforeValidator(lambda value: {key: value} if isinstance(value, str) else value)
 
 
-class RaySettings(_Settings):
+class RaySettings(Settings):
     """Where the tasks run."""
 
-    address: str = Field(
+    address: Text = Field(
         "local",
         description="local: this machine; debug: in this process, without Ray; auto, ray://… or "
         "host:port: a running cluster",
     )
-    num_cpus: int | None = Field(None, ge=1, description="CPUs of a local run; all by default")
-    num_gpus: int | None = Field(None, ge=0, description="GPUs of a local run; all by default")
-    gpus_per_training: Annotated[float, Field(ge=0, le=1)] | Literal["auto"] = Field(
+    num_cpus: CountFromOne | None = Field(None, description="CPUs of a local run; all by default")
+    num_gpus: Count | None = Field(None, description="GPUs of a local run; all by default")
+    gpus_per_training: Probability | Literal["auto"] = Field(
         1.0,
         description="share of a GPU that one training takes, where there is a GPU; auto: by the "
         "memory that one step was seen to need",
@@ -256,36 +264,35 @@ class RaySettings(_Settings):
         return address
 
 
-class TrackingSettings(_Settings):
+class TrackingSettings(Settings):
     """Where MLflow keeps the runs."""
 
-    uri: str | None = Field(None, description="tracking URI; sqlite in the output folder if null")
+    uri: Text | None = Field(None, description="tracking URI; sqlite in the output folder if null")
 
 
-class StoreSettings(_Settings):
+class StoreSettings(Settings):
     """Where results are kept, for all machines that take part."""
 
-    url: str | None = Field(
+    url: Text | None = Field(
         None,
         description="a folder that all machines share, or a URL that fsspec knows, such as "
         "s3://bucket/folder; `store` in the output folder if null",
     )
-    cache: Path | None = Field(None, description="folder on each machine for results of a URL")
-    quota_gb: float | None = Field(
+    cache: FilePath | None = Field(None, description="folder on each machine for results of a URL")
+    quota_gb: Amount | None = Field(
         None,
         gt=0,
-        allow_inf_nan=False,
         description="results that no sweep refers to are removed, oldest first, beyond this size",
     )
 
 
-class Rung(_Settings):
+class Rung(Settings):
     """A step of `promote`: the best placements by one value go on to the next."""
 
     by: Literal[get_args(SurrogateName) + METRICS] = Field(  # type: ignore[valid-type]
         description="the value: a surrogate, or a metric of short trainings"
     )
-    keep: int = Field(ge=1, description="placements that go on; equal ones go on together")
+    keep: CountFromOne = Field(description="placements that go on; equal ones go on together")
     object_class: ClassName | None = Field(
         None,
         alias="class",
@@ -318,21 +325,21 @@ class Rung(_Settings):
         return self.direction or ("minimize" if self.by == "residual_entropy" else "maximize")
 
 
-class Common(_Settings):
+class Common(Settings):
     """What is common to all points of the grid."""
 
-    name: str = Field(
+    name: Name = Field(
         pattern=NAME,
         description="names the run folder and the experiment; the file's own name by default",
     )
-    placements: dict[str, PlacementSettings] = Field(
+    placements: dict[Name, PlacementSettings] = Field(
         default={}, description="own placements by name, beside the paper's eight"
     )
     ray: Annotated[RaySettings, _short_for("address")] = Field(
         RaySettings(), description="where the tasks run; a string is short for address"
     )
     tracking: TrackingSettings = Field(TrackingSettings(), description="MLflow")
-    output: Path = Field(Path("runs"), description="folder of the run folders")
+    output: FilePath = Field(Path("runs"), description="folder of the run folders")
     store: Annotated[StoreSettings, _short_for("url")] = Field(
         StoreSettings(), description="where results are kept; a string is short for url"
     )

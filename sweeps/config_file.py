@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from copy import deepcopy
 from pathlib import Path
 from typing import Any, TypeVar
 
-import yaml
 from pydantic import BaseModel, ValidationError
 
-from lidarplace.yaml_loader import parse_yaml
+from lidarplace.settings import key_path, shortened, what_is_wrong
+from lidarplace.yaml_loader import YamlError, parse_yaml, read_yaml_file
 from sweeps.config import NAME, SCENES
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -32,25 +33,20 @@ class ConfigError(ValueError):
 def read_yaml(path: Path, model: type[BaseModel]) -> dict[str, Any]:
     """The mapping in `path`, whose keys are fields of `model`. Raises ConfigError."""
     try:
-        raw = parse_yaml(path.read_text(encoding="utf-8"))
+        raw = read_yaml_file(path)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise ConfigError(f"{path}: is not UTF-8 text") from None
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
-        raise ConfigError(f"{path}: {where}{error.problem}") from None
-    except yaml.YAMLError as error:
-        raise ConfigError(f"{path}: is not YAML: {' '.join(str(error).split())}") from None
+    except YamlError as error:
+        raise ConfigError(str(error)) from None
     if not isinstance(raw, dict):
-        raise ConfigError(f"{path}: found {type(raw).__name__}; a mapping of keys is expected")
+        what = "nothing" if raw is None else type(raw).__name__
+        raise ConfigError(f"{path}: found {what}; a mapping of keys is expected")
     for key, (kind, command) in _COMMANDS.items():
         if key in raw and key not in model.model_fields:
             raise ConfigError(f"{path}: {key}: is a key of {kind}; {command} takes this file")
     for key in raw:
         if key not in model.model_fields:
-            raise ConfigError(f"{path}: {key}: {unknown_key(str(key), model)}")
+            raise ConfigError(f"{path}: {shortened(str(key))}: {unknown_key(str(key), model)}")
     return raw
 
 
@@ -74,8 +70,8 @@ def override(raw: dict[str, Any], pair: str, path: Path, model: type[BaseModel])
         raise ConfigError(f"--set {pair}: expected KEY=VALUE")
     try:
         value = parse_yaml(text)
-    except yaml.YAMLError:
-        raise ConfigError(f"--set {pair}: the value is not YAML") from None
+    except YamlError as error:
+        raise ConfigError(f"--set {pair}: the value: {error}") from None
     if key.partition(".")[0] not in model.model_fields:
         raise ConfigError(f"--set {pair}: {unknown_key(key, model)}")
     for mapping in ("grid", "search.space"):  # their keys are key paths: grid."training.lr"
@@ -87,8 +83,10 @@ def override(raw: dict[str, Any], pair: str, path: Path, model: type[BaseModel])
                     raise ConfigError(f"{path}: {part}: found {place!r}; allowed is a mapping")
             place[key.removeprefix(f"{mapping}.")] = value
             return
-    if key in (raw.get("grid") or {}):
-        raise ConfigError(f"--set {pair}: {key} is an axis of the grid; use grid.{key}=[…]")
+    axes = raw["grid"] if isinstance(raw.get("grid"), dict) else {}
+    for axis in axes:
+        if f"{key}.".startswith(f"{axis}."):
+            raise ConfigError(f"--set {pair}: {axis} is an axis of the grid; use grid.{axis}=[…]")
     put(raw, key, value, path)
 
 
@@ -99,7 +97,38 @@ def put(data: dict[str, Any], key_path: str, value: Any, path: Path) -> None:
         data = data.setdefault(key, {})
         if not isinstance(data, dict):
             raise ConfigError(f"{path}: {key_path}: {key} is {data!r}, not a mapping of keys")
-    data[last] = value
+    data[last] = deepcopy(value)
+
+
+def refuse_overlaps(
+    key_paths: Collection[str],
+    where: str,
+    others: Collection[str] = (),
+    whose: str = "which is given too",
+) -> None:
+    """Refuse a key path inside of another: which of the two counts would depend on their order.
+
+    Args:
+        key_paths: of the mapping `where`, which the message names.
+        others: key paths that are set beside them; `whose` says what they are.
+
+    Raises:
+        ConfigError: the key path that is inside of another, or that has another inside.
+    """
+    for outer, inner in (*_nested(key_paths, key_paths), *_nested(others, key_paths)):
+        what = "which is given too" if outer in key_paths else whose
+        raise ConfigError(f"{where}.{inner}: is inside of {outer}, {what}")
+    for outer, inner in _nested(key_paths, others):
+        raise ConfigError(f"{where}.{outer}: has {inner} inside, {whose}")
+
+
+def _nested(outer: Iterable[str], inner: Iterable[str]) -> Iterator[tuple[str, str]]:
+    """Pairs of which the second is a key path inside of the first."""
+    known = set(outer)
+    for path in inner:
+        for i, letter in enumerate(path):
+            if letter == "." and path[:i] in known:
+                yield path[:i], path
 
 
 def check(
@@ -114,19 +143,14 @@ def check(
     except ValidationError as error:
         first = error.errors()[0]
         loc = _without_tags(first["loc"])
-        key_path = ".".join(str(part) for part in loc if isinstance(part, str))
-        written = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in loc).lstrip(".")
+        keys = ".".join(part for part in loc if isinstance(part, str))
         index = "".join(f"[{part}]" for part in loc if isinstance(part, int))
-        key = names[key_path] + index if names and key_path in names else written
+        key = names[keys] + index if names and keys in names else key_path(loc)
         if first["type"] == "extra_forbidden":
             parent = _model_at(model, first["loc"][:-1])
             message = unknown_key(str(loc[-1]), parent)
-        elif first["type"] == "missing":
-            message = "is missing"
         else:
-            text = first["msg"].removeprefix("Value error, ").removeprefix("Input ")
-            found = first["input"]
-            message = text if isinstance(found, (dict, BaseModel)) else f"found {found!r}; {text}"
+            message = what_is_wrong(first)
         raise ConfigError(f"{path}: {key}: {message}" if key else f"{path}: {message}") from None
 
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from lidarplace.sensor import Lidar
+from lidarplace.settings import found, shortened
 from sweeps.config import METRICS, Common, Point, SweepFile
 from sweeps.config_file import (
     ConfigError,
@@ -17,9 +20,13 @@ from sweeps.config_file import (
     override,
     put,
     read_yaml,
+    refuse_overlaps,
     unknown_key,
 )
 from training.settings import TrainingSettings
+
+MOST_POINTS = 100_000
+"""Of a grid. Each is checked, planned and a row of tables: beyond, axes were likelier confused."""
 
 
 @dataclass(frozen=True)
@@ -78,12 +85,14 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
     """
     grid = _axes(raw, path)
     common = {key: value for key, value in raw.items() if key in Common.model_fields}
-    base = {key: value for key, value in raw.items() if key not in (*common, "grid", "exclude")}
+    own = {key: value for key, value in raw.items() if key not in (*common, "grid", "exclude")}
+    base = deepcopy(own)
     for axis, values in grid.items():
         put(base, axis, values[0], path)
     # Every value of every axis by itself first: the error can then name it.
     checked_common = check(Common, common, path)
     check(Point, base, path, {axis: f"grid.{axis}[0]" for axis in grid})
+    _check_own_values(own, base, grid, checked_common, path)
     for axis, values in grid.items():
         for i, value in enumerate(values[1:], start=1):
             varied = deepcopy(base)
@@ -96,7 +105,7 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
     for rung, settings in rungs:
         for combination in itertools.product(*grid.values()):
             axes = dict(zip(grid, combination, strict=True))
-            if any(all(axes[key] in values for key, values in rule.items()) for rule in exclude):
+            if any(all(_key(axes[k]) in v for k, v in rule.items()) for rule in exclude):
                 continue
             data = deepcopy(base)
             for key, value in (axes | settings).items():
@@ -117,6 +126,38 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
     return Sweep(checked_common, tuple(points), tuple(points[0].axes), raw)
 
 
+def _check_own_values(
+    own: dict[str, Any],
+    base: Mapping[str, Any],
+    grid: Mapping[str, list[Any]],
+    common: Common,
+    path: Path,
+) -> None:
+    """Refuse what the file says wrongly beside the grid, though an axis replaces it."""
+    for axis in grid:
+        key, _, _ = axis.partition(".")
+        if key not in own:
+            continue
+        data = dict(base) | {key: deepcopy(own[key])}
+        for other, values in grid.items():
+            if other.startswith(f"{key}.") and not _has(own, other):
+                put(data, other, values[0], path)
+        check(Point, data, path)
+    if "placement" in own and "placement" in grid:
+        try:
+            common.placement_named(str(own["placement"]), Lidar.paper())
+        except ValueError as error:
+            raise ConfigError(f"{path}: placement: {error}") from None
+
+
+def _has(data: Any, key_path: str) -> bool:
+    for key in key_path.split("."):
+        if not isinstance(data, dict) or key not in data:
+            return False
+        data = data[key]
+    return True
+
+
 def _trained_rungs(
     common: Common, grid: Mapping[str, Any], path: Path
 ) -> list[tuple[int, dict[str, Any]]]:
@@ -131,6 +172,7 @@ def _trained_rungs(
                     f"{path}: promote[{number}].set.{key}: allowed are keys of training, such as "
                     "training.epochs"
                 )
+        refuse_overlaps(rung.set, f"{path}: promote[{number}].set", grid, "an axis of the grid")
         if rung.set:
             rungs.append((number, rung.set))
     return [*rungs, (len(common.promote), {})]
@@ -171,42 +213,59 @@ def _value_at(point: Point, key_path: str) -> Any:
 def _axes(raw: Mapping[str, Any], path: Path) -> dict[str, list[Any]]:
     grid = raw.get("grid") or {}
     if not isinstance(grid, dict):
-        raise ConfigError(f"{path}: grid: found {grid!r}; allowed is a mapping of key paths")
+        raise ConfigError(f"{path}: grid: found {found(grid)}; allowed is a mapping of key paths")
     for axis, values in grid.items():
         if str(axis).partition(".")[0] not in Point.model_fields:
-            raise ConfigError(f"{path}: grid.{axis}: {unknown_key(str(axis), Point)}")
+            raise ConfigError(
+                f"{path}: grid.{shortened(str(axis))}: {unknown_key(str(axis), Point)}"
+            )
         if not isinstance(values, list) or not values:
             raise ConfigError(
-                f"{path}: grid.{axis}: found {values!r}; allowed is a list with a value or more"
+                f"{path}: grid.{axis}: found {found(values)}; allowed is a list with a value or "
+                "more"
             )
-        repeated = [value for i, value in enumerate(values) if value in values[:i]]
-        if repeated:
-            raise ConfigError(f"{path}: grid.{axis}: {repeated[0]!r} is given twice")
+        seen = set()
+        for value in values:
+            if _key(value) in seen:
+                raise ConfigError(f"{path}: grid.{axis}: {found(value)} is given twice")
+            seen.add(_key(value))
+    refuse_overlaps(grid, f"{path}: grid")
+    points = math.prod(len(values) for values in grid.values())
+    if points > MOST_POINTS:
+        raise ConfigError(f"{path}: grid: found {points:,} points; allowed are {MOST_POINTS:,}")
     return grid
 
 
-def _exclusions(
-    rules: Any, grid: Mapping[str, list[Any]], path: Path
-) -> list[dict[str, list[Any]]]:
+def _key(value: Any) -> Any:
+    """Something hashable that is equal for equal values."""
+    if isinstance(value, dict):
+        return "mapping", frozenset((key, _key(inner)) for key, inner in value.items())
+    return ("list", *map(_key, value)) if isinstance(value, list) else value
+
+
+def _exclusions(rules: Any, grid: Mapping[str, list[Any]], path: Path) -> list[dict[str, set[Any]]]:
+    """For every rule the excluded values of its axes, as `_key` has them."""
     if not isinstance(rules, list):
-        raise ConfigError(f"{path}: exclude: found {rules!r}; allowed is a list of mappings")
+        raise ConfigError(f"{path}: exclude: found {found(rules)}; allowed is a list of mappings")
+    known = {axis: {_key(value) for value in values} for axis, values in grid.items()}
     checked = []
     for i, rule in enumerate(rules):
         if not isinstance(rule, dict) or not rule:
             raise ConfigError(
-                f"{path}: exclude[{i}]: found {rule!r}; allowed is a mapping of axes to values"
+                f"{path}: exclude[{i}]: found {found(rule)}; allowed is a mapping of axes to values"
             )
         lists = {key: v if isinstance(v, list) else [v] for key, v in rule.items()}
         for key, values in lists.items():
             if key not in grid:
                 raise ConfigError(
-                    f"{path}: exclude[{i}].{key}: no axis of the grid; "
+                    f"{path}: exclude[{i}].{shortened(str(key))}: no axis of the grid; "
                     f"allowed are {', '.join(grid) or 'none'}"
                 )
             for value in values:
-                if value not in grid[key]:
+                if _key(value) not in known[key]:
                     raise ConfigError(
-                        f"{path}: exclude[{i}].{key}: found {value!r}; allowed are {grid[key]}"
+                        f"{path}: exclude[{i}].{key}: found {found(value)}; allowed are "
+                        f"{found(grid[key])}"
                     )
-        checked.append(lists)
+        checked.append({key: set(map(_key, values)) for key, values in lists.items()})
     return checked

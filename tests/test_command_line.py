@@ -187,7 +187,7 @@ def test_a_folder_in_place_of_a_file(in_folder, verb, log):
         ("training.epochs", "expected KEY=VALUE"),
         ("trainin.epochs=2", "did you mean training?"),
         ("training.epochs=many", "found 'many'"),
-        ("training.epochs=[", "the value is not YAML"),
+        ("training.epochs=[", "is not YAML"),
     ],
 )
 def test_an_override_with_a_mistake(in_folder, verb, pair, told):

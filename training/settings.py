@@ -3,53 +3,50 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from lidarplace.boxes import CLASSES
+from lidarplace.settings import Angle, Count, CountFromOne, Factor, FilePath, Probability, Settings
 
-Moment = Annotated[float, Field(ge=0, lt=1)]
-Probability = Annotated[float, Field(ge=0, le=1)]
-Count = Annotated[int, Field(ge=0)]
-
+Moment = Annotated[Probability, Field(lt=1)]
 
 LARGEST_BATCH = 16
 """Frames of a step that `batch_size: auto` comes to at most."""
 
 
-class TrainingSettings(BaseModel):
+class TrainingSettings(Settings):
     """Settings of one fine-tuning; the defaults are the paper's, augmentation is KITTI's.
 
     Raises pydantic's ValidationError (a ValueError) that names the field, the limit and the value.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    epochs: int = Field(10, ge=1, description="passes over the training frames")
-    batch_size: int | Literal["auto"] = Field(
+    epochs: CountFromOne = Field(10, description="passes over the training frames")
+    batch_size: Count | Literal["auto"] = Field(
         "auto",
         description="frames per step; auto: 4 on a CPU, on a GPU the largest power of two up to 16 "
         "that its memory holds",
     )
-    frame_share: float = Field(
-        1.0, gt=0, le=1, description="share of the training frames that is used, evenly spread"
+    frame_share: Probability = Field(
+        1.0, gt=0, description="share of the training frames that is used, evenly spread"
     )
     optimizer: Literal["adam_onecycle", "sgd"] = Field(
         "adam_onecycle",
         description="adam_onecycle: Adam with decoupled weight decay, learning rate and momentum "
         "on one cycle; sgd: stochastic gradient descent, same learning rates, fixed momentum",
     )
-    lr: float = Field(0.01, gt=0, allow_inf_nan=False, description="highest learning rate")
-    weight_decay: float = Field(0.01, ge=0, description="weight decay")
-    momentum: float = Field(0.9, ge=0, lt=1, description="momentum of sgd")
+    lr: Factor = Field(0.01, gt=0, description="highest learning rate")
+    weight_decay: Factor = Field(0.01, description="weight decay")
+    momentum: Moment = Field(0.9, description="momentum of sgd")
     moms: tuple[Moment, Moment] = Field(
         (0.95, 0.85), description="first Adam coefficient at the ends and at the top of the cycle"
     )
-    pct_start: float = Field(0.1, ge=0, lt=1, description="share of the steps that warm up")
-    div_factor: float = Field(10.0, ge=1, description="the cycle starts at lr / div_factor")
-    grad_norm_clip: float = Field(10.0, gt=0, description="largest norm of the gradient")
+    pct_start: Moment = Field(0.1, description="share of the steps that warm up")
+    div_factor: Annotated[Factor, Field(ge=1)] = Field(
+        10.0, description="the cycle starts at lr / div_factor"
+    )
+    grad_norm_clip: Factor = Field(10.0, gt=0, description="largest norm of the gradient")
     mixed_precision: bool = Field(
         True, description="16-bit floats in the network where it runs on a GPU"
     )
@@ -60,20 +57,16 @@ class TrainingSettings(BaseModel):
         "so many of a class; {} pastes none",
     )
     flip_y: bool = Field(True, description="mirror left and right in every second frame")
-    rotation: float = Field(
+    rotation: Annotated[Angle, Field(ge=0, le=math.pi)] = Field(
         math.pi / 4,
-        ge=0,
-        le=math.pi,
         description="largest random turn about z, radians; what leaves the range is dropped",
     )
-    scaling: tuple[float, float] = Field(
+    scaling: tuple[Factor, Factor] = Field(
         (0.95, 1.05), description="range of the random scale of points and boxes"
     )
-    min_points: int = Field(
-        5, ge=0, description="objects with fewer points are left out of training"
-    )
+    min_points: Count = Field(5, description="objects with fewer points are left out of training")
 
-    checkpoint: Path | None = Field(
+    checkpoint: FilePath | None = Field(
         None, description="weights to start from: OpenPCDet's, or a base of sweeps.pretrain"
     )
     new_heads: bool = Field(
@@ -100,6 +93,6 @@ class TrainingSettings(BaseModel):
     @model_validator(mode="after")
     def _scales(self) -> TrainingSettings:
         low, high = self.scaling
-        if not 0 < low <= high < math.inf:
-            raise ValueError(f"scaling needs 0 < low <= high, both finite, found {self.scaling}")
+        if not 0 < low <= high:
+            raise ValueError(f"scaling needs 0 < low <= high, found {self.scaling}")
         return self

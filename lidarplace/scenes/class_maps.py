@@ -14,11 +14,11 @@ from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
-import yaml
 from numpy.typing import NDArray
 
 from lidarplace.boxes import CLASSES
-from lidarplace.yaml_loader import parse_yaml
+from lidarplace.settings import found
+from lidarplace.yaml_loader import read_yaml_file
 
 IGNORE = "ignore"
 """What a class map says of a category whose boxes are left out."""
@@ -103,14 +103,9 @@ def read_class_map(path: Path) -> dict[str, str]:
         OSError: the file cannot be read.
         ValueError: the file is no YAML, or no class map.
     """
-    try:
-        content = parse_yaml(path.read_text())
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f" line {mark.line + 1}:" if mark else ""
-        raise ValueError(f"{path}:{line} {getattr(error, 'problem', error)}") from None
+    content = read_yaml_file(path)
     if not isinstance(content, dict):
-        raise ValueError(f"{path}: must have lines `category: class`, found {content!r}")
+        raise ValueError(f"{path}: must have lines `category: class`, found {found(content)}")
     check_class_map(content, str(path))
     return content
 
@@ -119,7 +114,7 @@ def check_class_map(class_map: ClassMap, source: str = "class map") -> None:
     """Raise ValueError that names the entry, unless categories are text and classes are known."""
     for category, name in class_map.items():
         if not isinstance(category, str):
-            raise ValueError(f"{source}: a category must be text, found {category!r}")
+            raise ValueError(f"{source}: a category must be text, found {found(category)}")
         if name not in (*CLASSES, IGNORE):
             raise ValueError(
                 f"{source}: {category}: must be {', '.join(CLASSES)} or {IGNORE}, found {name!r}"

@@ -6,21 +6,20 @@ import hashlib
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import Field, field_validator
 
 from lidarplace.box_log import BoxLog, read_box_log, read_frames
 from lidarplace.boxes import SPLITS
+from lidarplace.settings import FilePath, Seed, Settings
 
 
-class LogScene(BaseModel):
+class LogScene(Settings):
     """A box log on disk, as `lidarplace.box_log.write_box_log` writes it."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     source: Literal["log"] = Field(
         description="tells this kind of scene from others: a log that is there already"
     )
-    folder: Path = Field(
+    folder: FilePath = Field(
         description="holds boxes.parquet, frames.parquet and, if there are any, buildings.parquet; "
         "column split of the frames says which train and which test"
     )
@@ -29,8 +28,8 @@ class LogScene(BaseModel):
         description="simulated: rays are cast at the boxes; recorded: the clouds in "
         "folder/clouds/PLACEMENT, such as CARLA's",
     )
-    seed: int = Field(
-        default=0, ge=0, description="of shapes, drop-off and range noise of simulated clouds"
+    seed: Seed = Field(
+        default=0, description="of shapes, drop-off and range noise of simulated clouds"
     )
 
     @field_validator("folder")

@@ -7,7 +7,9 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from lidarplace.settings import CountFromOne, Distance, Seconds, Settings
 
 STEP_S = 0.05
 """One simulation step: the sensors of the paper turn at 20 Hz."""
@@ -22,26 +24,20 @@ TEST_EVERY = 10
 Part = Literal["train", "test"]
 
 
-class RouteSettings(BaseModel):
+class RouteSettings(Settings):
     """The length of routes, and which of their frames are kept and for what."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    frames_per_route: int = Field(
-        default=200, ge=1, description="frames of every route; at most so many with min_travel_m"
+    frames_per_route: CountFromOne = Field(
+        default=200, description="frames of every route; at most so many with min_travel_m"
     )
-    frame_stride: int = Field(default=10, ge=1, description="record every n-th step of 20 Hz")
-    min_travel_m: float = Field(
+    frame_stride: CountFromOne = Field(default=10, description="record every n-th step of 20 Hz")
+    min_travel_m: Distance = Field(
         default=0.0,
-        ge=0.0,
-        allow_inf_nan=False,
         description="leave a frame out until the ego has moved so far, metres, since the last one "
         "that was kept; the code released with the paper used 1 m",
     )
-    warmup_s: float = Field(
+    warmup_s: Seconds = Field(
         default=30.0,
-        ge=0.0,
-        allow_inf_nan=False,
         description="simulated seconds before the first frame, in which traffic spreads out",
     )
     split: Literal["route", "paper"] = Field(

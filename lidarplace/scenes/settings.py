@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from lidarplace.scenes.routes import STEP_S, TEST_EVERY, Part, RouteSettings, seed_of
+from lidarplace.settings import Count, CountFromOne, Seed, Text
 
 GENERATED = "generated"
 MAP_SUFFIXES = (".net.xml", ".xodr", ".xodr.gz")
@@ -24,7 +25,7 @@ def _town(name: str) -> str:
     )
 
 
-Town = Annotated[str, AfterValidator(_town)]
+Town = Annotated[Text, AfterValidator(_town)]
 
 
 class TownRun(BaseModel):
@@ -64,9 +65,8 @@ class SumoScene(RouteSettings):
     source: Literal["sumo"] = Field(
         "sumo", description="tells this kind of scene from others: traffic is simulated"
     )
-    seed: int = Field(
+    seed: Seed = Field(
         default=0,
-        ge=0,
         description="decides generated towns, buildings, traffic and sizes; the same seed gives "
         "the same log to the byte",
     )
@@ -81,16 +81,15 @@ class SumoScene(RouteSettings):
         min_length=1,
         description="towns of the test routes; those of towns if null, a generated one made anew",
     )
-    density: int = Field(
-        default=80, ge=1, description="vehicles in each town; the paper's are 40, 80 and 120"
+    density: CountFromOne = Field(
+        default=80, description="vehicles in each town; the paper's are 40, 80 and 120"
     )
-    pedestrians: int = Field(default=60, ge=0, description="pedestrians in each town")
+    pedestrians: Count = Field(default=60, description="pedestrians in each town")
     buildings: bool = Field(True, description="whether buildings stand along the roads")
-    routes: int = Field(default=8, ge=1, description="egos recorded in each training town")
-    test_routes: int = Field(default=4, ge=0, description="egos recorded in each test town")
-    egos_per_run: int | None = Field(
+    routes: CountFromOne = Field(default=8, description="egos recorded in each training town")
+    test_routes: Count = Field(default=4, description="egos recorded in each test town")
+    egos_per_run: CountFromOne | None = Field(
         default=None,
-        ge=1,
         description="egos recorded from one simulation of a town; all of them if null. Fewer are "
         "less alike, and simulations can run in parallel",
     )

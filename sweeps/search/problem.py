@@ -14,7 +14,15 @@ from typing import Any
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount
 from lidarplace.mounting.near_field import near_field_coverage
 from sweeps.config import Common, Point
-from sweeps.config_file import ConfigError, check, name_by_file, override, put, read_yaml
+from sweeps.config_file import (
+    ConfigError,
+    check,
+    name_by_file,
+    override,
+    put,
+    read_yaml,
+    refuse_overlaps,
+)
 from sweeps.grid import GridPoint, Sweep, build_sweep
 from sweeps.plan import Trial, make_plan
 from sweeps.search.as_sweep import sweep_of, sweep_settings, verify_settings
@@ -181,6 +189,18 @@ def _check_keys(file: SearchFile, source: Mapping[str, Any], path: Path) -> None
     for key in ("models", "start", "fixed"):
         if not settings.zones and getattr(settings, key):
             raise ConfigError(f"{path}: search.{key}: there are no zones to place LiDARs in")
+    refuse_overlaps(settings.space, f"{path}: search.space")
+    for number, rung in enumerate(settings.rungs):
+        where = f"{path}: search.rungs[{number}]"
+        refuse_overlaps(rung, where, settings.space, "a key path of search.space")
+    for name, scene in (file.robustness.scenes if file.robustness else {}).items():
+        refuse_overlaps(scene, f"{path}: robustness.scenes.{name}")
+    if file.verify is not None:
+        where, axes = f"{path}: verify.set", ("placement", "seed")
+        refuse_overlaps(file.verify.set, where, settings.space, "a key path of search.space")
+        for key in axes:
+            if key in file.verify.set:
+                raise ConfigError(f"{where}.{key}: is what the verification varies; see verify")
     for key in settings.space:
         if key.partition(".")[0] not in Point.model_fields or key in ("placement", "seed"):
             raise ConfigError(
@@ -212,15 +232,17 @@ def _check_what_comes_later(problem: Problem) -> None:
                 )
         problem.pog_tasks(problem.sweep(changes))
     rigs = {"found_1": problem.paper_rigs()["line"]}
-    ends = [{k: _end(v, i) for k, v in file.search.space.items()} for i in (0, -1)]
+    space = {key: _values(wanted) for key, wanted in file.search.space.items()}
+    first = {key: values[0] for key, values in space.items()}
+    varied = [first | {key: value} for key, values in space.items() for value in values[1:]]
     if any(objective.measured for objective in file.search.objective):
         config = sweep_settings(problem.source, file, rigs, file.name)
-        for values in ends:
+        for values in (first, *varied):
             for rung in (*file.search.rungs, {}):
                 sweep_of(config, path, {"found_1": values}, file.search.seeds, rung)
     if file.verify is None:
         return
-    config = verify_settings(problem.source, file, rigs, ["line"], ends[0])
+    config = verify_settings(problem.source, file, rigs, ["line"], first)
     try:
         sweep = build_sweep(config, path)
     except ConfigError as error:
@@ -229,11 +251,9 @@ def _check_what_comes_later(problem: Problem) -> None:
         raise ConfigError(f"{path}: verify: needs a detector")
 
 
-def _end(values: Sequence[Any] | RangeSettings, i: int) -> Any:
-    """The first or the last value."""
-    if isinstance(values, RangeSettings):
-        return (values.low, values.high)[i]
-    return values[i]
+def _values(wanted: Sequence[Any] | RangeSettings) -> Sequence[Any]:
+    """All values of a list, both ends of a range."""
+    return (wanted.low, wanted.high) if isinstance(wanted, RangeSettings) else wanted
 
 
 def _start(file: SearchFile, name: str, space: Space) -> list[Placed]:

@@ -5,29 +5,39 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Annotated, Any, Literal, get_args
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
 
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.mounting.zone import Zone
 from lidarplace.placement_settings import MountSettings
-from lidarplace.sensor_settings import Finite, SensorSettings
+from lidarplace.sensor_settings import SensorSettings
+from lidarplace.settings import (
+    Amount,
+    Count,
+    CountFromOne,
+    Degrees,
+    Distance,
+    Factor,
+    Length,
+    Name,
+    Number,
+    Probability,
+    Seconds,
+    Seed,
+    Settings,
+    Text,
+)
 from sweeps.config import METRICS, ClassName, Common, Point, SurrogateName
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Share = Annotated[float, Field(ge=0, le=1)]
-Pair = tuple[Finite, Finite]
+Pair = tuple[Length, Length]
 
-Scalar = str | bool | int | Finite | None
+Scalar = Text | bool | int | Number | None
 
 SAMPLERS = ("tpe", "gp", "cmaes", "nsga2", "nsga3", "random", "qmc")
 PRUNERS = ("median", "successive_halving")
 
 
-class _Settings(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-def _ordered(interval: Pair) -> Pair:
+def _ordered(interval: tuple[float, float]) -> tuple[float, float]:
     if interval[0] > interval[1]:
         raise ValueError("allowed is a number, or [min, max] with min <= max")
     return interval
@@ -39,9 +49,13 @@ def _number_as_interval(value: Any) -> Any:
 
 Span = Annotated[Pair, BeforeValidator(_number_as_interval), Field()]
 """A number, or [min, max]."""
+Turn = Annotated[
+    tuple[Degrees, Degrees], BeforeValidator(_number_as_interval), AfterValidator(_ordered)
+]
+"""The same of an angle."""
 
 
-class ZoneSettings(_Settings):
+class ZoneSettings(Settings):
     """Where a LiDAR may sit: a box, or a polygon with heights; metres, ego frame."""
 
     x: Span | None = Field(None, description="a number or [min, max], metres")
@@ -71,47 +85,45 @@ class ZoneSettings(_Settings):
 class ModelSettings(SensorSettings):
     """A LiDAR model that may be chosen."""
 
-    price: float = Field(0.0, ge=0, allow_inf_nan=False, description="in any currency")
+    price: Amount = Field(0.0, description="in any currency")
 
 
 class FixedSettings(MountSettings):
     """A LiDAR that stays where it is; metres and radians as in `placements`."""
 
-    model: str | None = Field(None, description="of `models`; the first one by default")
+    model: Name | None = Field(None, description="of `models`; the first one by default")
 
 
-class NearFieldSettings(_Settings):
+class NearFieldSettings(Settings):
     """A box around the vehicle that has to be seen, past the vehicle's own body."""
 
     x: Pair = Field((-4.0, 4.0), description="metres")
     y: Pair = Field((-2.5, 2.5), description="metres")
     z: Pair = Field((0.0, 1.0), description="metres")
-    resolution: Positive = Field(0.2, description="edge of a voxel, metres")
-    coverage: Share = Field(description="least share of its voxels")
+    resolution: Distance = Field(0.2, gt=0, description="edge of a voxel, metres")
+    coverage: Probability = Field(description="least share of its voxels")
 
 
-class ConstraintSettings(_Settings):
+class ConstraintSettings(Settings):
     """What a placement has to keep."""
 
-    distance: float = Field(
-        0.2, ge=0, allow_inf_nan=False, description="least distance between LiDARs, m; 0: any"
-    )
-    body_share: Share | None = Field(
+    distance: Distance = Field(0.2, description="least distance between LiDARs, m; 0: any")
+    body_share: Probability | None = Field(
         None, description="largest share of a LiDAR's rays that may meet the vehicle's own body"
     )
-    price: float | None = Field(None, ge=0, description="most that all LiDARs may cost together")
+    price: Amount | None = Field(None, description="most that all LiDARs may cost together")
     near_field: NearFieldSettings | None = Field(
         None, description="what has to be seen close to the vehicle"
     )
 
 
-class ObjectiveSettings(_Settings):
+class ObjectiveSettings(Settings):
     """What is searched for; `expected_ig.Car` is short for one class."""
 
     by: Literal[(*get_args(SurrogateName), *METRICS, "price")] = Field(  # type: ignore[valid-type]
         description="a surrogate, a measured value, or the price"
     )
-    weights: dict[ClassName, Positive] | None = Field(
+    weights: dict[ClassName, Annotated[Factor, Field(gt=0)]] | None = Field(
         None, description="class -> weight in the sum; by default all classes, each once"
     )
     direction: Literal["maximize", "minimize"] | None = Field(
@@ -165,11 +177,11 @@ def _several(value: Any) -> Any:
     return value if isinstance(value, (list, tuple)) else [value]
 
 
-class RangeSettings(_Settings):
+class RangeSettings(Settings):
     """Numbers from `low` to `high`; whole ones if both are."""
 
-    low: int | Finite = Field(description="smallest value")
-    high: int | Finite = Field(description="largest value")
+    low: int | Number = Field(description="smallest value")
+    high: int | Number = Field(description="largest value")
     log: bool = Field(False, description="on a logarithmic scale")
 
     @model_validator(mode="after")
@@ -179,42 +191,42 @@ class RangeSettings(_Settings):
         return self
 
 
-class GreedySettings(_Settings):
+class GreedySettings(Settings):
     """A grid of candidate mounts, from which greedy choice takes the best, one after the other."""
 
-    position_step: Positive = Field(0.25, description="metres between candidates")
-    angle_step_deg: Positive = Field(10.0, description="degrees between candidates")
-    most: int = Field(4000, ge=1, description="candidates that are affordable")
-    refine: int = Field(
-        3, ge=0, description="how often the steps are halved around greedy's LiDARs, one by one"
+    position_step: Distance = Field(0.25, gt=0, description="metres between candidates")
+    angle_step_deg: Degrees = Field(10.0, gt=0, description="degrees between candidates")
+    most: CountFromOne = Field(4000, description="candidates that are affordable")
+    refine: Count = Field(
+        3, description="how often the steps are halved around greedy's LiDARs, one by one"
     )
-    bound_seconds: float = Field(30.0, ge=0, description="time for the upper bound")
+    bound_seconds: Seconds = Field(30.0, description="time for the upper bound")
     warm_start: bool = Field(True, description="the first trial is greedy's placement")
 
 
-class SearchSettings(_Settings):
+class SearchSettings(Settings):
     """What may be mounted where, and how it is searched."""
 
-    lidars: Annotated[tuple[int, int], BeforeValidator(_number_as_interval)] = Field(
+    lidars: Annotated[tuple[Count, Count], BeforeValidator(_number_as_interval)] = Field(
         (4, 4), description="number of LiDARs, or [min, max]; those that are `fixed` come on top"
     )
-    zones: dict[str, ZoneSettings] = Field(
+    zones: dict[Name, ZoneSettings] = Field(
         default={}, description="by name; without zones LiDARs are where `placement` has them"
     )
-    models: dict[str, ModelSettings] = Field(
+    models: dict[Name, ModelSettings] = Field(
         default={}, description="LiDAR models by name; by default the one of the key `lidar`"
     )
-    roll_deg: Span = Field((0.0, 0.0), description="a number or [min, max], degrees")
-    pitch_deg: Span = Field((0.0, 0.0), description="a number or [min, max], degrees")
-    yaw_deg: Span = Field((0.0, 0.0), description="a number or [min, max], degrees")
+    roll_deg: Turn = Field((0.0, 0.0), description="a number or [min, max], degrees")
+    pitch_deg: Turn = Field((0.0, 0.0), description="a number or [min, max], degrees")
+    yaw_deg: Turn = Field((0.0, 0.0), description="a number or [min, max], degrees")
     symmetric: bool = Field(
         False, description="mirrored pairs, and one on the centre line if the number is odd"
     )
     fixed: tuple[FixedSettings, ...] = Field((), description="LiDARs that stay where they are")
-    start: tuple[str, ...] = Field(
+    start: tuple[Name, ...] = Field(
         (), description="placements to begin with, the paper's or own ones: the rig that you have"
     )
-    vehicle: tuple[tuple[tuple[Finite, Finite, Finite], tuple[Finite, Finite, Finite]], ...] = (
+    vehicle: tuple[tuple[tuple[Length, Length, Length], tuple[Length, Length, Length]], ...] = (
         Field(
             None,
             validate_default=True,
@@ -238,22 +250,22 @@ class SearchSettings(_Settings):
     sampler: Literal[SAMPLERS] = Field(  # type: ignore[valid-type]
         "tpe", description="which of Optuna's samplers asks for rigs"
     )
-    trials: int = Field(400, ge=1, description="rigs that are evaluated; more continue a search")
-    batch_size: int = Field(
-        8, ge=1, description="trials asked for at once; the outcome depends on it"
+    trials: CountFromOne = Field(400, description="rigs that are evaluated; more continue a search")
+    batch_size: CountFromOne = Field(
+        8, description="trials asked for at once; the outcome depends on it"
     )
-    seed: int = Field(0, ge=0, description="of the sampler")
-    azimuth_stride: int = Field(
-        8, ge=1, description="rays of expected_points and expected_ig: every so many azimuth steps"
+    seed: Seed = Field(0, description="of the sampler")
+    azimuth_stride: CountFromOne = Field(
+        8, description="rays of expected_points and expected_ig: every so many azimuth steps"
     )
-    seeds: tuple[int, ...] = Field((0,), min_length=1, description="trainings of a measured value")
+    seeds: tuple[Seed, ...] = Field((0,), min_length=1, description="trainings of a measured value")
     rungs: tuple[dict[str, Any], ...] = Field(
         default=(), description="shorter trainings first, such as {training.epochs: 1}"
     )
     pruner: Literal[PRUNERS] = Field(  # type: ignore[valid-type]
         "median", description="stops trials after a rung"
     )
-    storage: str | None = Field(
+    storage: Text | None = Field(
         None, description="URL of a database for Optuna; a journal in the run folder if null"
     )
     greedy: GreedySettings | None = Field(
@@ -264,13 +276,6 @@ class SearchSettings(_Settings):
     @classmethod
     def _car(cls, boxes: Any) -> Any:
         return Vehicle.car().boxes.tolist() if boxes is None else boxes
-
-    @field_validator("roll_deg", "pitch_deg", "yaw_deg")
-    @classmethod
-    def _turn(cls, span: Pair) -> Pair:
-        if not -360 <= span[0] <= span[1] <= 360:
-            raise ValueError("allowed is a number, or [min, max] within ±360 degrees")
-        return span
 
     @model_validator(mode="after")
     def _fits(self) -> SearchSettings:
@@ -320,29 +325,31 @@ class SearchSettings(_Settings):
             )
 
 
-class RobustnessSettings(_Settings):
+class RobustnessSettings(Settings):
     """How far the winner depends on what it was searched on."""
 
-    draws: int = Field(32, ge=1, description="rigs with every mount off")
-    offset: float = Field(0.01, ge=0, description="metres that a mount is off at most, each axis")
-    angle_deg: float = Field(0.5, ge=0, description="degrees that it is off at most, each axis")
-    scenes: dict[str, dict[str, Any]] = Field(
+    draws: CountFromOne = Field(32, description="rigs with every mount off")
+    offset: Distance = Field(0.01, description="metres that a mount is off at most, each axis")
+    angle_deg: Annotated[Degrees, Field(ge=0)] = Field(
+        0.5, description="degrees that it is off at most, each axis"
+    )
+    scenes: dict[Name, dict[str, Any]] = Field(
         default={}, description="name -> key paths of `scene` to change: other towns, densities"
     )
 
 
-class VerifySettings(_Settings):
+class VerifySettings(Settings):
     """Detectors for the winners and the paper's rigs."""
 
-    top: int = Field(3, ge=1, description="placements of the search that are trained")
-    seeds: tuple[int, ...] = Field((1, 2, 3), min_length=1, description="trainings of each")
+    top: CountFromOne = Field(3, description="placements of the search that are trained")
+    seeds: tuple[Seed, ...] = Field((1, 2, 3), min_length=1, description="trainings of each")
     set: dict[str, Any] = Field(default={}, description="key path -> value for this sweep alone")
 
 
 class SearchFile(Common, Point):
     """A configuration file of a search as a whole."""
 
-    placement: str = Field("line", description="where no zone is given")
+    placement: Name = Field("line", description="where no zone is given")
     search: SearchSettings = Field(description="what may be mounted where, and how it is searched")
     robustness: RobustnessSettings | None = Field(
         RobustnessSettings(),

@@ -63,7 +63,7 @@ def test_class_map(tmp_path, nuscenes):
         ("3: Car\n", "a category must be text, found 3"),
         ("- Car\n", "must have lines `category: class`, found ['Car']"),
         ("", "must have lines `category: class`, found None"),
-        ("a: Car\nb: [\n", "line 3: "),
+        ("a: Car\nb: [\n", "line 3, column 1: is not YAML"),
     ):
         own.write_text(text)
         result = convert(*arguments)

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-import yaml
 
 from lidarplace.placement import Mount
+from lidarplace.yaml_loader import YamlError, parse_yaml
 from tracking.paired import with_sums
 from tracking.report.groups import Group, groups
 from tracking.run_folder import RunFolder
@@ -103,9 +103,9 @@ def differing_settings(runs: Sequence[RunFolder]) -> dict[str, list[str]]:
 
 def _configuration(file: Path, text: str) -> Mapping[str, Any]:
     try:
-        loaded = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise ValueError(f"{file} is no YAML: {error}") from error
+        loaded = parse_yaml(text)
+    except YamlError as error:
+        raise ValueError(f"{file}: {error}") from None
     if not isinstance(loaded, Mapping):
         raise ValueError(f"{file} must be a mapping of keys, found {type(loaded).__name__}")
     return loaded

@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from lidarplace.command_line import new_app, verb, wrong
 from lidarplace.placement import PAPER_PLACEMENTS, Placement
@@ -15,12 +14,13 @@ from lidarplace.placement_settings import PlacementSettings
 from lidarplace.scenes.carla.collect import collect
 from lidarplace.scenes.carla.settings import CarlaScene
 from lidarplace.sensor import Lidar
-from lidarplace.yaml_loader import parse_yaml
+from lidarplace.settings import Name, Settings, fault
+from lidarplace.yaml_loader import read_yaml_file
 
 app = new_app()
 
 
-class Collection(BaseModel):
+class Collection(Settings):
     """A settings file.
 
     Attributes:
@@ -30,11 +30,9 @@ class Collection(BaseModel):
             one of the paper's eight.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
     scene: CarlaScene = Field(default_factory=CarlaScene)
     lidar: Lidar | None = None
-    placements: dict[str, PlacementSettings | None] = Field(
+    placements: dict[Name, PlacementSettings | None] = Field(
         default_factory=lambda: dict.fromkeys(PAPER_PLACEMENTS)
     )
 
@@ -68,7 +66,7 @@ def carla(
     What OUT holds already is not done again. A server that cannot be had is a wrong input.
     """
     try:
-        content = parse_yaml(config.read_text(encoding="utf-8")) or {}
+        content = read_yaml_file(config) or {}
         given = {"host": host, "port": port, "timeout_s": timeout}
         if isinstance(content, dict) and isinstance(content.get("scene", {}), dict):
             named = {key: value for key, value in given.items() if value is not None}
@@ -76,13 +74,7 @@ def carla(
         collection = Collection.model_validate(content)
         collect(collection.scene, collection.rigs(), out, report=print)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        place = ".".join(map(str, first["loc"]))
-        wrong(f"{config}: {place}: {first['msg']}, found {first['input']!r}")
-    except UnicodeDecodeError:
-        wrong(f"{config}: is not UTF-8 text")
-    except yaml.YAMLError as error:
-        wrong(f"{config}: {' '.join(str(error).split())}")
+        wrong(f"{config}: {fault(error)}")
     except (ValueError, OSError, RuntimeError, ImportError) as error:
         wrong(error)
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
 from lidarplace.boxes import CLASSES
 from lidarplace.lidar.clouds import Crop
 from lidarplace.scenes.routes import Part, RouteSettings, seed_of
+from lidarplace.settings import Count, CountFromOne, Length, Seconds, Seed, Text
 
 PAPER_TOWNS = ("Town01", "Town03", "Town04", "Town06")
 
@@ -47,40 +48,38 @@ class CarlaScene(RouteSettings):
     """
 
     source: Literal["carla"] = Field("carla", description="tells this kind of scene from others")
-    host: str = Field("localhost", description="where the server runs")
-    port: int = Field(
-        default=2000, ge=1, le=65534, description="its first port; it also uses the next one"
+    host: Text = Field("localhost", description="where the server runs")
+    port: Annotated[CountFromOne, Field(le=65534)] = Field(
+        default=2000, description="its first port; it also uses the next one"
     )
-    traffic_manager_port: int = Field(
-        default=8000, ge=1, le=65535, description="where the client opens the traffic manager"
+    traffic_manager_port: Annotated[CountFromOne, Field(le=65535)] = Field(
+        default=8000, description="where the client opens the traffic manager"
     )
-    timeout_s: float = Field(
+    timeout_s: Seconds = Field(
         default=60.0,
         gt=0.0,
-        allow_inf_nan=False,
         description="longest wait for an answer, seconds; loading a town takes the longest",
     )
-    seed: int = Field(default=0, ge=0, description="decides starts, traffic and dropped returns")
-    towns: tuple[str, ...] = Field(
+    seed: Seed = Field(default=0, description="decides starts, traffic and dropped returns")
+    towns: tuple[Text, ...] = Field(
         default=PAPER_TOWNS, min_length=1, description="CARLA's maps of the training routes"
     )
-    test_towns: tuple[str, ...] | None = Field(
+    test_towns: tuple[Text, ...] | None = Field(
         default=None,
         min_length=1,
         description="those of the test routes; the same towns with other starts if null",
     )
-    density: int = Field(
+    density: CountFromOne = Field(
         default=80,
-        ge=1,
         description="vehicles in each town, the ego among them; the paper's are 40, 80 and 120",
     )
-    pedestrians: int = Field(default=60, ge=0, description="pedestrians in each town")
-    routes: int = Field(default=8, ge=1, description="routes in each training town")
-    test_routes: int = Field(default=2, ge=0, description="routes in each test town")
-    ego: str = Field(
+    pedestrians: Count = Field(default=60, description="pedestrians in each town")
+    routes: CountFromOne = Field(default=8, description="routes in each training town")
+    test_routes: Count = Field(default=2, description="routes in each test town")
+    ego: Text = Field(
         "vehicle.tesla.model3", description="blueprint of the vehicle that carries the LiDARs"
     )
-    crop: Crop = Field(
+    crop: tuple[Length, Length, Length, Length, Length, Length] = Field(
         (-50.0, -50.0, -3.0, 50.0, 50.0, 5.0),
         description="x0, y0, z0, x1, y1, z1 in the ego frame, metres; points outside are left out",
     )

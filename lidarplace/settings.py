@@ -1,0 +1,103 @@
+"""What all settings are made of: kinds of numbers and of text with their ranges, and one error."""
+
+from __future__ import annotations
+
+import reprlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, ValidationError
+
+
+class Settings(BaseModel):
+    """Settings are not changed, and a key that is unknown is a mistake."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+# Strict, so that neither `true` nor "3" is a number. A field may add limits that its kind has not,
+# such as `gt=0`; those that the kind has would win over the field's own (pydantic), so a narrower
+# kind is `Annotated[Kind, Field(le=…)]`.
+
+Count = Annotated[int, Strict(), Field(ge=0, le=10_000_000)]
+"""How many of something there are."""
+CountFromOne = Annotated[int, Strict(), Field(ge=1, le=10_000_000)]
+"""The same, where there has to be one."""
+Seed = Annotated[int, Strict(), Field(ge=0, le=2**32 - 1)]
+"""Of random numbers: what NumPy, torch and Optuna all take."""
+Length = Annotated[float, Strict(), Field(ge=-10_000, le=10_000, allow_inf_nan=False)]
+"""Metres: a coordinate."""
+Distance = Annotated[float, Strict(), Field(ge=0, le=10_000, allow_inf_nan=False)]
+"""Metres, not negative."""
+Angle = Annotated[float, Strict(), Field(ge=-6.2832, le=6.2832, allow_inf_nan=False)]
+"""Radians, a turn to either side. Degrees that were taken for radians are mostly beyond."""
+Degrees = Annotated[float, Strict(), Field(ge=-360, le=360, allow_inf_nan=False)]
+"""Degrees, a turn to either side."""
+Elevation = Annotated[float, Strict(), Field(ge=-90, le=90, allow_inf_nan=False)]
+"""Degrees above the horizon."""
+Probability = Annotated[float, Strict(), Field(ge=0, le=1, allow_inf_nan=False)]
+"""A probability or a share."""
+Seconds = Annotated[float, Strict(), Field(ge=0, le=10_000_000, allow_inf_nan=False)]
+"""Seconds of a wait, of work or of a simulation, up to 16 weeks."""
+Factor = Annotated[float, Strict(), Field(ge=0, le=1_000_000, allow_inf_nan=False)]
+"""A number without a unit that something is multiplied with."""
+Amount = Annotated[float, Strict(), Field(ge=0, le=1e12, allow_inf_nan=False)]
+"""Of money, or of gigabytes."""
+Number = Annotated[float, Strict(), Field(ge=-1e12, le=1e12, allow_inf_nan=False)]
+"""A number of which no more is known."""
+
+Name = Annotated[str, Field(min_length=1, max_length=100)]
+"""What something is called: pages, tables and plots have room for it."""
+Text = Annotated[str, Field(max_length=2000)]
+"""An address, or what another program has a name for."""
+
+
+def _possible(path: Path) -> Path:
+    if len(bytes(path)) > 4000 or any(len(part.encode()) > 255 for part in path.parts):
+        raise ValueError("allowed are 4000 bytes, and 255 for the name of a file or a folder")
+    return path
+
+
+FilePath = Annotated[Path, AfterValidator(_possible)]
+"""Where a file or a folder is, within what file systems take."""
+
+_short = reprlib.Repr()
+_short.maxstring = _short.maxother = 100
+_short.maxlist = 20
+_LONGEST_KEY = 60
+
+
+def fault(error: ValidationError) -> str:
+    """The first mistake of an error in one line: its key, what was found, what is allowed."""
+    first = error.errors(include_url=False)[0]
+    key = key_path(first["loc"])
+    return f"{key}: {what_is_wrong(first)}" if key else what_is_wrong(first)
+
+
+def key_path(loc: Sequence[int | str]) -> str:
+    """A place in nested settings as one would write it, `mounts[0].z`."""
+    parts = (f"[{part}]" if isinstance(part, int) else f".{shortened(part)}" for part in loc)
+    return "".join(parts).lstrip(".")
+
+
+def what_is_wrong(mistake: Mapping[str, Any]) -> str:
+    """What was found and what is allowed, of one of pydantic's `errors()`."""
+    if mistake["type"] == "missing":
+        return "is missing"
+    if mistake["type"] == "extra_forbidden":
+        return f"unknown key, found {found(mistake['input'])}"
+    allowed = mistake["msg"].removeprefix("Value error, ").removeprefix("Input ")
+    if isinstance(mistake["input"], (dict, BaseModel)):
+        return str(allowed)
+    return f"found {found(mistake['input'])}; {allowed}"
+
+
+def found(value: Any) -> str:
+    """A value as Python writes it, cut where it is long."""
+    return _short.repr(value)
+
+
+def shortened(key: str) -> str:
+    """A key of a file, cut where it is long."""
+    return key if len(key) <= _LONGEST_KEY else f"{key[:_LONGEST_KEY]}…"

@@ -1,0 +1,149 @@
+"""YAML files as plain data: what is taken, what is refused and in which words."""
+
+import pytest
+import yaml
+
+from lidarplace import yaml_loader
+from lidarplace.yaml_loader import YamlError, parse_yaml, read_yaml_file
+
+
+def refusal(text):
+    with pytest.raises(YamlError) as error:
+        parse_yaml(text)
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+def test_plain_data_is_as_pyyaml_reads_it():
+    text = """
+numbers: [1, -2, 0x10, 1.5, -.5, 1.0e-3, .inf, 1_000]
+texts: [a, "b", 'c d', ~, null, yes, No, "", 1e, e1, 12e3x, a=b]
+nested: {a: [{b: {}}, []]}
+lines: |
+  two
+    lines
+"""
+    assert parse_yaml(text) == yaml.safe_load(text)
+    assert parse_yaml("") is None
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("1e-3", 0.001), ("-2E+4", -20000.0), ("2026-11-22", "2026-11-22"), ("=", "="), ("é", "é")],
+)
+def test_a_number_needs_no_dot_and_a_date_is_text(text, value):
+    found = parse_yaml(text)
+    assert (found, type(found)) == (value, type(value))
+
+
+def test_what_an_alias_stands_for_is_not_shared():
+    found = parse_yaml("a: &m {x: [1]}\nb: *m\nc: {<<: *m, y: 2}")
+    found["a"]["x"].append(2)
+    assert found == {"a": {"x": [1, 2]}, "b": {"x": [1]}, "c": {"x": [1], "y": 2}}
+
+
+@pytest.mark.parametrize("key", ["b", "2", "2.0", "~", "'b'"])
+def test_a_key_given_twice_is_named_with_its_place(key):
+    text = f"b: 1\n2: 1\n~: 1\nc:\n  a: 1\n{key}: 3"
+    assert refusal(text).startswith("line 6, column 1: key ")
+
+
+def test_own_keys_win_over_merged_ones_wherever_they_stand():
+    text = "p: {q: &b {<<: &a {x: 0}, x: 1}}\nc: {<<: *b}"
+    assert parse_yaml(text) == {"p": {"q": {"x": 1}}, "c": {"x": 1}}
+
+
+def test_keys_are_compared_by_their_hashes(monkeypatch):
+    """And so in linear time: no pair of these keys is compared."""
+    compared = []
+
+    class Key(str):
+        def __eq__(self, other):
+            compared.append(other)
+            return str.__eq__(self, other)
+
+        __hash__ = str.__hash__
+
+    monkeypatch.setattr(
+        yaml_loader._Loader,
+        "yaml_constructors",
+        yaml_loader._Loader.yaml_constructors
+        | {"tag:yaml.org,2002:str": lambda loader, node: Key(node.value)},
+    )
+    assert len(parse_yaml("\n".join(f"k{i}: 1" for i in range(500)))) == 500
+    assert len(compared) < 50  # of keys whose hashes happen to be alike
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a: !!bool abc", "line 1, column 4: 'abc' is no bool"),
+        ("a: !!int abc", "line 1, column 4: 'abc' is no int"),
+        ("a: !!float abc", "line 1, column 4: 'abc' is no float"),
+        ("a: " + "9" * 5000, "line 1, column 4: .* is no int"),
+        ("a: 1\nb: !!set {c}", "line 2, column 4: tag .*set' is not taken"),
+        ("a: !!binary abc", "line 1, column 4: tag .*binary' is not taken"),
+        ("!!omap [a: 1]", "line 1, column 1: tag .*omap' is not taken"),
+        ("!!python/object:os.system {}", "line 1, column 1: tag .* is not taken"),
+        ("!own a", "line 1, column 1: tag '!own' is not taken"),
+        ('a: "x\\0y"', r"line 1, column 4: control character '\\x00'"),
+        ('a: "\\e[31mred"', r"line 1, column 4: control character '\\x1b'"),
+        ("a:\n  b: \0", "line 2, column 6: is not YAML: .*characters are not allowed"),
+        ("? [a]\n: b", "line 1, column 3: found unhashable key"),
+        ("a: 1\n---\nb: 2", "line 2, column 1: .*found another document"),
+        ("a: *b", "line 1, column 4: found undefined alias"),
+        ("a:\n- &x [*x]", r"line 2, column 7: \*x stands inside of what it stands for"),
+        ("a: [1", "line 2, column 1: is not YAML: "),
+        ("a: %", "line 1, column 4: is not YAML: "),
+    ],
+)
+def test_what_is_no_plain_data_is_refused_with_its_place(text, words):
+    with pytest.raises(YamlError, match=f"^{words}"):
+        parse_yaml(text)
+    refusal(text)
+
+
+@pytest.mark.parametrize("opening", ["[", "{a: ", "- ", "[{? "])
+def test_nesting_beyond_the_limit_is_refused_however_deep(opening):
+    assert "more than 100 mappings and lists inside each other" in refusal(opening * 100_000)
+
+
+def test_nesting_within_the_limit_is_taken():
+    depth = yaml_loader.DEEPEST - 1
+    found = parse_yaml("[" * depth + "1" + "]" * depth)
+    for _ in range(depth):
+        (found,) = found
+    assert found == 1
+
+
+def test_aliases_of_aliases_count_as_what_they_stand_for():
+    """A few hundred bytes would be ten thousand million values."""
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
+    lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]" for i in range(1, 10)]
+    assert "values, aliases written out" in refusal("\n".join(lines))
+    merged = ["b0: &b0 {x: 1}"]
+    merged += [f"b{i}: &b{i} {{<<: [{', '.join([f'*b{i - 1}'] * 10)}]}}" for i in range(1, 10)]
+    assert "values, aliases written out" in refusal("\n".join(merged))
+
+
+def test_a_file_is_read_with_its_name_in_every_mistake(tmp_path, monkeypatch):
+    path = tmp_path / "own.yaml"
+    path.write_bytes(b"\xef\xbb\xbfa: 1")  # as Windows' editors write it
+    assert read_yaml_file(path) == {"a": 1}
+    for content, words in (
+        (b"a: 1\nb: \xff", "line 2: is not UTF-8 text"),
+        ("a: 1".encode("utf-16"), "line 1: is not UTF-8 text"),
+        (b"a: [", "is not YAML"),
+        (b"a: 1\na: 2", "line 2, column 1: key 'a' is given twice"),
+    ):
+        path.write_bytes(content)
+        with pytest.raises(YamlError, match=rf"^{path}: .*{words}"):
+            read_yaml_file(path)
+    with pytest.raises(IsADirectoryError):
+        read_yaml_file(tmp_path)
+    monkeypatch.setattr(yaml_loader, "MOST_BYTES", 4)
+    path.write_text("a: 1")
+    assert read_yaml_file(path) == {"a": 1}
+    path.write_text("a: 12")
+    with pytest.raises(YamlError, match="has more than 4 bytes"):
+        read_yaml_file(path)
