@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -139,7 +138,11 @@ def _value(field: Schema, path: str, definitions: Schema) -> str:
     if "const" in field or "enum" in field:
         return ", ".join(f"`{value}`" for value in field.get("enum", [field.get("const")]))
     if "prefixItems" in field:
-        items = (_value(item, path, definitions) for item in field["prefixItems"])
+        items = [_value(item, path, definitions) for item in field["prefixItems"]]
+        limits = {_limits(item) for item in field["prefixItems"]}
+        if len(limits) == 1:  # told once
+            items = [item.removesuffix(*limits) for item in items]
+            return f"[{', '.join(items)}]{limits.pop()}"
         return f"[{', '.join(items)}]"
     name = field.get("type", "any")
     if name == "array":
@@ -158,13 +161,20 @@ def _value(field: Schema, path: str, definitions: Schema) -> str:
 
 
 def _limits(field: Schema) -> str:
-    signs = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
-    if field.get("exclusiveMinimum", -math.inf) >= field.get("minimum", math.inf):
-        del signs["minimum"]  # of the kind of number, which the field narrows
-    if field.get("exclusiveMaximum", math.inf) <= field.get("maximum", -math.inf):
-        del signs["maximum"]
-    limits = [f"{sign} {field[key]:,.6g}" for key, sign in signs.items() if key in field]
+    """The range of a number; of two limits, of its kind and its own, the narrower one."""
+    lower, upper = ("minimum", "exclusiveMinimum"), ("exclusiveMaximum", "maximum")
+    lows = [(field[key], key == lower[1]) for key in lower if key in field]
+    highs = [(field[key], key == upper[1]) for key in upper if key in field]
+    (low, above), (high, included) = max(lows, default=("", 0)), min(highs, default=("", 0))
+    if lows and highs and included and not above:
+        return f" {_short(low)} to {_short(high)}"
+    limits = [f"{'>' if above else '≥'} {_short(low)}"] if lows else []
+    limits += [f"{'≤' if included else '<'} {_short(high)}"] if highs else []
     return f" {', '.join(limits)}" if limits else ""
+
+
+def _short(number: float) -> str:
+    return f"{number:,}" if number == round(number) else f"{number:.6g}"
 
 
 def _default(field: Schema) -> str:
