@@ -24,7 +24,7 @@ import numpy as np
 import optuna
 import pandas as pd
 
-from lidarplace.command_line import output
+from lidarplace.terminal import output
 from sweeps.backends import InProcess
 from sweeps.search.assess import assess
 from sweeps.search.certificate import Certificate, certify, first_params

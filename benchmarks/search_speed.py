@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import optuna
 
-from lidarplace.command_line import output
+from lidarplace.terminal import output
 from sweeps.backends import InProcess
 from sweeps.search.assess import assess
 from sweeps.search.pog import pog

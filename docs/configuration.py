@@ -174,7 +174,7 @@ def _limits(field: Schema) -> str:
 
 
 def _short(number: float) -> str:
-    return f"{number:,}" if number == round(number) else f"{number:.6g}"
+    return f"{int(number):,}" if number == int(number) else f"{number:.6g}"
 
 
 def _default(field: Schema) -> str:

@@ -10,15 +10,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeVar
 
 import typer
-from rich.console import Console
 from typer.core import TyperCommand
 
 from lidarplace.secret_urls import hide_secrets
+from lidarplace.terminal import say, visible
 
 if TYPE_CHECKING:
     from lidarplace.lidar.clouds import Crop
 
 T = TypeVar("T")
+
+_LONGEST_MESSAGE = 2000
+_UsageError: Any = typer.BadParameter.__mro__[1]
+"""Of click, which typer has in another module with every version."""
 
 
 class Verb(TyperCommand):
@@ -29,6 +33,14 @@ class Verb(TyperCommand):
         for parameter in self.params:
             if parameter.param_type_name == "argument" and parameter.metavar is None:
                 parameter.metavar = str(parameter.name).upper()
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the command line."""
+        try:
+            return super().parse_args(ctx, args)
+        except _UsageError as error:
+            error.message = visible(error.message)
+            raise
 
     def invoke(self, ctx: Any) -> Any:
         """Run it. Ctrl-C is one line and exit code 130."""
@@ -111,15 +123,13 @@ def wrong(message: object) -> NoReturn:
     """Print what the user has to mend, in one line, and leave with exit code 2."""
     if isinstance(message, OSError) and message.filename and message.strerror:
         message = f"{message.filename}: {message.strerror}"
-    print(hide_secrets(" ".join(str(message).split())), file=sys.stderr)
+    line = hide_secrets(" ".join(str(message).split()))
+    if len(line) > _LONGEST_MESSAGE:  # of names and values that nobody wrote by hand
+        line = f"{line[: _LONGEST_MESSAGE // 2]} … {line[-_LONGEST_MESSAGE // 2 :]}"
+    say(line, sys.stderr)
     raise typer.Exit(2)
 
 
 def print_json(value: object) -> None:
     """Print for a script, nothing else being on stdout. Raises ValueError for NaN."""
     print(json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False))
-
-
-def output() -> Console:
-    """Where tables are printed. A log file has no width, for which rich would take 80 columns."""
-    return Console() if sys.stdout.isatty() else Console(width=160)

@@ -15,13 +15,14 @@ from rich.table import Table
 
 from lidarplace.box_log import BoxLog, write_box_log
 from lidarplace.boxes import CLASSES
-from lidarplace.command_line import new_app, output, verb, wrong
+from lidarplace.command_line import new_app, verb, wrong
 from lidarplace.scenes.argoverse import read_argoverse
 from lidarplace.scenes.class_maps import read_class_map
 from lidarplace.scenes.kitti.calibration import LIDAR_HEIGHT_M
 from lidarplace.scenes.kitti.read import read_kitti
 from lidarplace.scenes.nuscenes import read_nuscenes
 from lidarplace.scenes.tabular import read_tabular
+from lidarplace.terminal import output, say
 
 app = new_app(
     no_args_is_help=True,
@@ -145,7 +146,7 @@ def kitti(
 
     _convert(read, out)
     if skipped:
-        print(f"skipped {len(skipped)}:", *skipped, sep="\n")
+        say("\n".join([f"skipped {len(skipped)}:", *map(str, skipped)]))
 
 
 def _class_map(path: Path | None) -> dict[str, str] | None:
@@ -161,8 +162,10 @@ def _convert(read: Callable[[Counter[str]], BoxLog], out: Path) -> None:
     except (ValueError, OSError) as error:
         wrong(error)
     for warning in _warnings(log.boxes):
-        print(f"warning: {warning}", file=sys.stderr)
-    output().print(_frames_table(log), _boxes_table(log, ignored), out, sep="\n", soft_wrap=True)
+        say(f"warning: {warning}", sys.stderr)
+    output().print(
+        _frames_table(log), _boxes_table(log, ignored), str(out), sep="\n", soft_wrap=True
+    )
 
 
 def _warnings(boxes: pd.DataFrame) -> list[str]:

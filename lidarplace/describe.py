@@ -12,7 +12,8 @@ from rich.table import Table
 
 from lidarplace.box_log import BoxLog, read_box_log
 from lidarplace.boxes import CLASSES
-from lidarplace.command_line import JsonOption, new_app, output, print_json, verb, wrong
+from lidarplace.command_line import JsonOption, new_app, print_json, verb, wrong
+from lidarplace.terminal import output
 
 app = new_app()
 

@@ -31,6 +31,7 @@ from lidarplace.placement import Placement
 from lidarplace.placement_settings import named_placement
 from lidarplace.scenes.kitti.labels import in_image, to_labels
 from lidarplace.scenes.kitti.write import check_new, write_kitti
+from lidarplace.terminal import Terminal, say
 
 PORTION = 100
 """Frames whose clouds are in memory at a time."""
@@ -84,7 +85,7 @@ def export(
     except (ValueError, OSError) as error:
         wrong(error)
     outside = "labelled all the same" if all_around else "left out (--all-around labels them)"
-    print(
+    say(
         f"{out}: {len(frames):,} frames, {counts['labels']:,} labels, {counts['points']:,} points\n"
         f"  {counts['hidden']:,} objects of the ROI left out: an ideal sensor would not see them\n"
         f"  {counts['outside']:,} objects outside the image {outside}"
@@ -101,12 +102,11 @@ def _portions(
     counts: Counter[str],
 ) -> Iterator[tuple[pd.DataFrame, PointClouds]]:
     """Labels and clouds of some frames at a time; counts what is in them."""
-    from rich.console import Console
     from rich.progress import track
 
     x0, y0, z0, x1, y1, z1 = roi
     crop = crop_for((x0, x1), (y0, y1), (z0, z1), placement, misaligned_heights)
-    starts, console = range(0, len(log.frames), PORTION), Console(stderr=True)
+    starts, console = range(0, len(log.frames), PORTION), Terminal(stderr=True)
     for first in track(starts, "frames", console=console, disable=not console.is_terminal):
         frames = log.frames.iloc[first : first + PORTION]
         boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])]

@@ -23,6 +23,7 @@ from lidarplace.lidar.profiles import PROFILES, Profile
 from lidarplace.log_options import LogArgument, ProfileOption, paper_placements
 from lidarplace.placement import Placement
 from lidarplace.placement_settings import named_placement
+from lidarplace.terminal import say
 from lidarplace.viewing.frame import Frame, busiest_frame, read_frame
 from lidarplace.viewing.page import write_page
 from lidarplace.viewing.scene import POINTS, draw_frame
@@ -72,7 +73,7 @@ def view(
         write_page(out, title, _notes(shown, crop, profile), figures)
     except (ValueError, OSError) as error:
         wrong(error)
-    print(f"{out}: frame {number}, {shown.inside.sum()} objects in the ROI")
+    say(f"{out}: frame {number}, {shown.inside.sum()} objects in the ROI")
 
 
 def _placements(names: Sequence[str], profile: Profile) -> list[Placement]:

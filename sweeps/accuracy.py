@@ -12,10 +12,11 @@ import typer
 
 from lidarplace import PAPER_PLACEMENTS, Placement, Roi
 from lidarplace.boxes import CLASSES
-from lidarplace.command_line import JsonOption, new_app, output, print_json, verb, wrong
+from lidarplace.command_line import JsonOption, new_app, print_json, verb, wrong
 from lidarplace.command_line import known as known_name
 from lidarplace.log_options import classes as classes_of_objects
 from lidarplace.log_options import paper_placements
+from lidarplace.terminal import output, say
 
 _SUFFIXES = ("parquet", "csv", "html")
 
@@ -101,7 +102,7 @@ def accuracy_command(
         print_json({"files": paths, "summary": rows})
     else:
         _print(summary)
-        print(", ".join(paths.values()))
+        say(", ".join(paths.values()))
 
 
 def _read(path: Path, frames: int | None) -> tuple[pd.DataFrame, pd.DataFrame]:

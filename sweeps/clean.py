@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lidarplace.command_line import JsonOption, new_app, output, print_json, verb, wrong
+from lidarplace.command_line import JsonOption, new_app, print_json, verb, wrong
+from lidarplace.terminal import output
 
 if TYPE_CHECKING:
     from sweeps.store import AnyStore

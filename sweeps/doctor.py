@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 from typer.core import TyperCommand
 
 from sweeps import checks
@@ -49,10 +50,10 @@ class _Doctor(TyperCommand):
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
 _SIGNS = {
-    "good": "[green]✓[/]",
-    "weak": "[yellow]![/]",
-    "optional": "[dim]–[/]",
-    "missing": "[red]✗[/]",
+    "good": Text("✓", "green"),
+    "weak": Text("!", "yellow"),
+    "optional": Text("–", "dim"),
+    "missing": Text("✗", "red"),
 }
 
 
@@ -109,7 +110,7 @@ def doctor(
     if as_json:
         print(json.dumps([asdict(finding) for finding in findings], indent=1))
     else:
-        # As `lidarplace.command_line.output`, which needs them too.
+        # As `lidarplace.terminal.output`, which needs them too.
         _print(Console() if sys.stdout.isatty() else Console(width=160), findings)
     if any(finding.state == "missing" for finding in findings):
         raise typer.Exit(1)
@@ -207,7 +208,7 @@ def _print(console: Console, findings: list[Finding]) -> None:
         table.add_column(column, overflow="fold")
     for finding in findings:
         table.add_row(
-            _SIGNS[finding.state], *map(_plain, (finding.check, finding.found, finding.needed_for))
+            _SIGNS[finding.state], *map(_text, (finding.check, finding.found, finding.needed_for))
         )
     console.print(table)
     # Below the table, where a command is one line that can be copied.
@@ -218,23 +219,24 @@ def _print(console: Console, findings: list[Finding]) -> None:
     ):
         mends = [f for f in findings if f.state == state and f.remedy]
         if mends:
-            console.print(f"\n{_SIGNS[state]} [bold]{title}[/]")
+            console.print("\n", _SIGNS[state], " ", Text(title, "bold"), sep="")
         for finding in mends:
             console.print(
-                f"  {_plain(finding.check)}: [cyan]{_plain(finding.remedy)}[/]",
+                Text.assemble("  ", _text(finding.check), ": ", _text(finding.remedy, "cyan")),
                 soft_wrap=True,
                 highlight=False,
             )
     missing = [f.check for f in findings if f.state == "missing"]
     console.print(
-        f"\nMissing: {', '.join(missing)}" if missing else "\nAll that is needed is there.",
+        _text(f"\nMissing: {', '.join(missing)}" if missing else "\nAll that is needed is there."),
         highlight=False,
     )
 
 
-def _plain(text: str) -> str:
-    """Text whose brackets are no markup."""
-    return text.replace("[", "\\[")
+def _text(text: str, style: str = "") -> Text:
+    """A text without markup; as `lidarplace.terminal`, which needs packages that may be missing."""
+    shown = (c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
+    return Text("".join(shown), style)
 
 
 if __name__ == "__main__":

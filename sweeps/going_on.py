@@ -25,7 +25,7 @@ def going_on(console: Console) -> Iterator[None]:
     try:
         yield
     except (BackendLost, DamagedResult, OSError) as error:
-        console.print(f"\n{hide_secrets(str(error))}. {_GOES_ON}", markup=False, soft_wrap=True)
+        console.print(f"\n{hide_secrets(str(error))}. {_GOES_ON}", soft_wrap=True)
         raise typer.Exit(1) from None
     except KeyboardInterrupt:
         console.print(f"\nStopped. {_GOES_ON}")

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lidarplace.command_line import new_app, output, verb, wrong
+from lidarplace.command_line import new_app, verb, wrong
 from lidarplace.files import check_replaceable
+from lidarplace.terminal import output
 from sweeps.going_on import going_on
 from sweeps.options import ConfigArgument, SetOption
 
@@ -83,7 +84,7 @@ def pretrain(
         wrong(error)
     console = output()
     logs = FailureFolder(sweep.common.output / sweep.common.name / "failed")
-    say = partial(console.print, markup=False, soft_wrap=True)
+    say = partial(console.print, soft_wrap=True)
 
     def trained() -> Value | Failure:
         with (
@@ -113,7 +114,6 @@ def pretrain(
     console.print(
         f"{out}: {task.label}, classes {', '.join(value['classes'])}, from {value['weights']}, "
         f"loss {losses[0]:.3g} in the first of {len(losses)} epochs, {losses[-1]:.3g} in the last",
-        markup=False,
         highlight=False,
         soft_wrap=True,
     )

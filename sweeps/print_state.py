@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from sweeps.state import Status, SweepState
 
@@ -41,10 +42,8 @@ def print_state(console: Console, state: SweepState, every: bool) -> None:
     if trials:
         table = Table("trial", "status", "")
         for trial in trials:
-            colour = _COLOURS.get(trial.status, "default")
             detail = trial.detail + (f"\n{trial.log}" if trial.log else "")
-            label, detail = (text.replace("[", r"\[") for text in (trial.label, detail))
-            table.add_row(label, f"[{colour}]{trial.status}[/]", detail)
+            table.add_row(trial.label, Text(trial.status, _COLOURS.get(trial.status, "")), detail)
         console.print(table)
     if len(trials) < len(state.trials):
         console.print(f"{len(state.trials) - len(trials)} more trials: --all lists them")
@@ -66,12 +65,12 @@ def print_search(console: Console, state: SearchState, every: bool) -> None:
     for found in best:
         values = ", ".join(f"{name} {value:.6g}" for name, value in found["values"].items())
         beside = "".join(f", {key}={value}" for key, value in found["beside"].items())
-        console.print(f"best so far: trial {found['trial']}: {values}{beside}{rays}", markup=False)
+        console.print(f"best so far: trial {found['trial']}: {values}{beside}{rays}")
     if len(best) < len(state.best):
         console.print(f"{len(state.best) - len(best)} more of the Pareto front: --all lists them")
     for failure in state.failures:
         text = f"trial {failure['trial']} failed: {failure['reason']}"
-        console.print(text, markup=False, soft_wrap=True)
+        console.print(text, soft_wrap=True)
     if state.verify is not None:
         console.print()
         print_state(console, state.verify, every)

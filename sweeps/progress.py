@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Column
 
+from lidarplace.terminal import visible
 from sweeps.failures import Failure
 from sweeps.task import Task
 
@@ -29,13 +30,17 @@ class StageProgress:
         self._failed: Counter[str] = Counter()
         self._running: dict[str, list[str]] = {stage: [] for stage in self._total}
         self._progress = Progress(
-            TextColumn("{task.description}", table_column=Column(min_width=17, no_wrap=True)),
+            TextColumn(
+                "{task.description}", markup=False, table_column=Column(min_width=17, no_wrap=True)
+            ),
             BarColumn(16),
             MofNCompleteColumn(table_column=Column(min_width=5, no_wrap=True)),
             TimeRemainingColumn(compact=True, table_column=Column(min_width=5, no_wrap=True)),
             # What runs now takes the rest of the line and is cut there.
             TextColumn(
-                "[dim]{task.fields[now]}",
+                "{task.fields[now]}",
+                style="dim",
+                markup=False,
                 table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"),
             ),
             console=console,
@@ -71,7 +76,7 @@ class StageProgress:
 
     def failed(self, task: Task, failure: Failure) -> None:
         text = f"failed: {task.stage} '{task.label}': {failure.reason}"
-        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+        self._console.print(text, highlight=False, soft_wrap=True)
         self._failed[task.stage] += 1
         self._ended(task)
 
@@ -86,11 +91,11 @@ class StageProgress:
         if self._progress.disable and self._done[stage] == self._total[stage]:
             failed = self._failed[stage]
             text = f"{stage}: {self._total[stage] - failed} done"
-            self._console.print(text + (f", {failed} failed" if failed else ""), markup=False)
+            self._console.print(text + (f", {failed} failed" if failed else ""))
 
     def _show(self, stage: str) -> None:
         self._progress.update(
             self._bars[stage],
             completed=self._done[stage],
-            now=", ".join(self._running[stage]).replace("[", r"\["),
+            now=visible(", ".join(self._running[stage])),
         )

@@ -9,7 +9,8 @@ from typing import Annotated
 
 import typer
 
-from lidarplace.command_line import new_app, output, verb, wrong
+from lidarplace.command_line import new_app, verb, wrong
+from lidarplace.terminal import output
 from sweeps.going_on import going_on
 from sweeps.options import ConfigArgument, SetOption
 
@@ -68,9 +69,7 @@ def record(
 
     try:
         with going_on(console):
-            logs, complete = until_whole(
-                recorded, partial(console.print, markup=False, soft_wrap=True)
-            )
+            logs, complete = until_whole(recorded, partial(console.print, soft_wrap=True))
     except ClusterError as error:
         wrong(error)
     for label, log in logs:

@@ -16,7 +16,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from lidarplace.command_line import JsonOption, called, new_app, output, print_json, verb, wrong
+from lidarplace.command_line import JsonOption, called, new_app, print_json, verb, wrong
+from lidarplace.terminal import output
 from sweeps.clean_store import clean_store
 from sweeps.config import SweepFile
 from sweeps.damage import until_whole
@@ -85,7 +86,7 @@ def run(
     with going_on(console):
         complete = until_whole(
             lambda: run_sweep(console, sweep, plan, store, called(), rerun_failed),
-            partial(console.print, markup=False, soft_wrap=True),
+            partial(console.print, soft_wrap=True),
         )
     if not complete:
         raise typer.Exit(1)
@@ -126,7 +127,7 @@ def run_sweep(
 
     start = time.monotonic()
     folder = sweep.common.output / sweep.common.name
-    say = partial(console.print, markup=False, soft_wrap=True)
+    say = partial(console.print, soft_wrap=True)
     with ExitStack() as stack:
         workers = ExitStack()  # given back before the report is written
         try:
@@ -211,7 +212,7 @@ def keep_to_quota(console: Console, sweep: Sweep, store: AnyStore) -> None:
         with store.exclusive():
             cleaned = clean_store(store, int(quota_gb * 1e9))
     except ValueError as error:
-        console.print(f"store: not cleaned: {error}", markup=False, soft_wrap=True)
+        console.print(f"store: not cleaned: {error}", soft_wrap=True)
         return
     if cleaned.kept_bytes > quota_gb * 1e9:
         console.print(
@@ -253,7 +254,7 @@ def _print_summary(console: Console, folder: Path) -> None:
     console.print(table)
     said = ray_counting_caution(largest_linear_share(run.surrogates))
     if said:
-        console.print(f"warning: {said}", style="yellow", markup=False, soft_wrap=True)
+        console.print(f"warning: {said}", style="yellow", soft_wrap=True)
 
 
 def _short(value: object) -> str:

@@ -10,7 +10,8 @@ from typing import Annotated
 
 import typer
 
-from lidarplace.command_line import JsonOption, new_app, output, print_json, verb, wrong
+from lidarplace.command_line import JsonOption, new_app, print_json, verb, wrong
+from lidarplace.terminal import output
 from sweeps.options import SetOption
 
 app = new_app()

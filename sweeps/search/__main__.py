@@ -9,7 +9,8 @@ from typing import Annotated
 
 import typer
 
-from lidarplace.command_line import JsonOption, called, new_app, output, print_json, verb, wrong
+from lidarplace.command_line import JsonOption, called, new_app, print_json, verb, wrong
+from lidarplace.terminal import output
 from sweeps.going_on import going_on
 from sweeps.options import DryRunOption, SchemaOption, SetOption
 
@@ -76,7 +77,7 @@ def search(
     with going_on(console):
         found = until_whole(
             lambda: run_search(console, problem, called(), verify),
-            partial(console.print, markup=False, soft_wrap=True),
+            partial(console.print, soft_wrap=True),
         )
     if not found:
         raise typer.Exit(1)

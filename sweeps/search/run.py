@@ -58,7 +58,7 @@ def run_search(console: Console, problem: Problem, command: str, verify: bool) -
     """
     start = time.monotonic()
     folder, file = problem.folder, problem.file
-    say = partial(console.print, markup=False, soft_wrap=True)
+    say = partial(console.print, soft_wrap=True)
     command = hide_secrets(command, *file.urls)
     with ExitStack() as stack:
         workers = ExitStack()  # given back before the results are written
@@ -249,7 +249,7 @@ def _in_scenes(
         try:
             grids = pog(console, problem, store, backend, changes)
         except NoPog as error:  # what was found is worth more than one more scene
-            console.print(f"robustness: {name} is left out: {error}", markup=False, soft_wrap=True)
+            console.print(f"robustness: {name} is left out: {error}", soft_wrap=True)
             continue
         pool = pool_for(backend, grids)
         tables.append(in_scene(rigs, exact(problem.question), pool, name))

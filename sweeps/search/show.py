@@ -45,22 +45,19 @@ def print_problem(console: Console, problem: Problem) -> None:
         console.print(
             f"{problem.file.name}: {number} LiDARs in {', '.join(settings.zones)}, "
             f"{parameters} parameters; {wanted}",
-            markup=False,
         )
     else:
         console.print(
             f"{problem.file.name}: {problem.file.placement}, {parameters} parameters; {wanted}",
-            markup=False,
         )
     limits = ", ".join(describe(c) for c in problem.question.constraints) or "none"
-    console.print(f"constraints: {limits}", markup=False)
+    console.print(f"constraints: {limits}")
     console.print(
         f"{settings.trials} trials by {settings.sampler}, {settings.batch_size} at a time, "
         f"seed {settings.seed}",
-        markup=False,
     )
     for warning in warnings_of(problem):
-        console.print(f"warning: {warning}", style="yellow", markup=False, soft_wrap=True)
+        console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
 
 
 def describe(constraint: Constraint) -> str:
@@ -83,7 +80,7 @@ def print_failures(console: Console, found: Found) -> int:
     failed = [t for t in finished_trials(found.study) if "failure" in t.user_attrs]
     for trial in failed:
         text = f"trial {trial.number} failed: {trial.user_attrs['failure']}"
-        console.print(text, markup=False, soft_wrap=True)
+        console.print(text, soft_wrap=True)
     return len(failed)
 
 
@@ -101,7 +98,7 @@ def _print_infeasible(
         by = least[constraint.name]
         unit = f" {constraint.unit}" if constraint.unit else ""
         text = f"violated by at least {by:.4g}{unit}" if by > 0 else "kept by some placement"
-        console.print(f"  {describe(constraint)}: {text}", markup=False)
+        console.print(f"  {describe(constraint)}: {text}")
     shared = sum(assessment.values is None for assessment in found)
     if shared:
         console.print(f"  two LiDARs were in one place in {shared} of {len(found)} trials")
@@ -163,7 +160,7 @@ def print_found(console: Console, problem: Problem, found: Found) -> None:
             highlight=False,
         )
     elif found.no_certificate:
-        console.print(f"no bound: {found.no_certificate}", markup=False)
+        console.print(f"no bound: {found.no_certificate}")
     table = Table(title="found_1, metres and degrees")
     rows = [mount_columns(lidar) for lidar in found.judged["found_1"].rig.lidars]
     for column in rows[0]:
@@ -172,7 +169,7 @@ def print_found(console: Console, problem: Problem, found: Found) -> None:
         table.add_row(*(f"{v:.3f}" if isinstance(v, float) else str(v) for v in row.values()))
     console.print(table)
     for key, value in found.judged["found_1"].values_beside.items():
-        console.print(f"{key}: {value}", markup=False)
+        console.print(f"{key}: {value}")
     said = ray_counting_caution(found.linear_share(problem.question) or 0.0)
     if said:
-        console.print(f"warning: {said}", style="yellow", markup=False, soft_wrap=True)
+        console.print(f"warning: {said}", style="yellow", soft_wrap=True)

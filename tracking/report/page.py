@@ -13,6 +13,7 @@ import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 
 from lidarplace.files import replacing
+from lidarplace.terminal import say
 from tracking.figures.style import theme
 from tracking.report.csv_files import FOLDER
 from tracking.report.section import Section, figure_title
@@ -91,7 +92,7 @@ def _leave_out(
         # The note is in the page too.
         excess += len(note.encode()) + 100 - size
     limit = f"{LARGEST_PAGE / 1e6:.0f} MB"
-    print(f"{target}: left out to stay below {limit}: {'; '.join(gone)}", file=sys.stderr)
+    say(f"{target}: left out to stay below {limit}: {'; '.join(gone)}", sys.stderr)
 
 
 def _as_json(figure: go.Figure) -> str:

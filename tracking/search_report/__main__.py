@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from lidarplace.command_line import JsonOption, new_app, print_json, verb, wrong
+from lidarplace.terminal import say
 
 app = new_app()
 
@@ -27,7 +28,7 @@ def search_report(
     if as_json:
         print_json({"report": str(page)})
     else:
-        print(page)
+        say(page)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from lidarplace.scenes.carla.collect import collect
 from lidarplace.scenes.carla.settings import CarlaScene
 from lidarplace.sensor import Lidar
 from lidarplace.settings import Name, Settings, fault
+from lidarplace.terminal import say
 from lidarplace.yaml_loader import read_yaml_file
 
 app = new_app()
@@ -72,7 +73,7 @@ def carla(
             named = {key: value for key, value in given.items() if value is not None}
             content = content | {"scene": content.get("scene", {}) | named}
         collection = Collection.model_validate(content)
-        collect(collection.scene, collection.rigs(), out, report=print)
+        collect(collection.scene, collection.rigs(), out, report=say)
     except ValidationError as error:
         wrong(f"{config}: {fault(error)}")
     except (ValueError, OSError, RuntimeError, ImportError) as error:

@@ -1,0 +1,46 @@
+"""Where text meets the terminal: names are shown as they are, and nothing in them is obeyed."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any, TextIO
+
+from rich.console import Console
+from rich.text import Text
+
+
+def visible(text: str) -> str:
+    """Text whose control characters, and whatever else has no shape, are written out.
+
+    A name can hold what moves the cursor, or half a character of another encoding, which cannot be
+    printed at all. Lines and tabs stay.
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c in "\n\t" else _written(c) for c in text)
+
+
+def _written(character: str) -> str:
+    number = ord(character)
+    return f"\\x{number:02x}" if number < 0x100 else f"\\u{number:04x}"
+
+
+def say(text: object, file: TextIO | None = None) -> None:
+    """Print a text, on stdout unless it says else."""
+    print(visible(str(text)), file=file or sys.stdout)
+
+
+class Terminal(Console):
+    """A console for which `[x]` is no style and `:x:` no picture: styles are given as such."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(markup=False, emoji=False, **settings)
+
+    def render_str(self, text: str, **settings: Any) -> Text:
+        """A text with a style, as cells, titles and lines are made of."""
+        return super().render_str(visible(text), **settings)
+
+
+def output() -> Terminal:
+    """Where tables are printed. A log file has no width, for which rich would take 80 columns."""
+    return Terminal() if sys.stdout.isatty() else Terminal(width=160)

@@ -1,0 +1,129 @@
+"""Names reach the terminal as they are: as no style, no picture, no order to the terminal."""
+
+import ast
+import io
+import sys
+from pathlib import Path
+
+import pytest
+import typer
+from rich.table import Table
+
+from lidarplace.command_line import wrong
+from lidarplace.terminal import Terminal, say, visible
+from sweeps.doctor import Finding
+from sweeps.doctor import _print as print_findings
+from sweeps.failures import Failure
+from sweeps.planned import Planned, print_planned
+from sweeps.print_state import print_state
+from sweeps.progress import StageProgress
+from sweeps.state import SweepState, TrialState
+from sweeps.task import Task
+
+ROOT = Path(__file__).parents[2]
+NAMES = ["a[/x]", "roof[left]", "[bold]b[/bold]", ":smile:", r"c\[d]", "[/]"]
+OBEYED = "up\x1b[2A\x1b]0;title\x07\x9b1m\rover\x7f"
+
+
+def printed(print_to, *arguments, terminal=False):
+    """What is printed on a wide console, without the colours of our own."""
+    file = io.StringIO()
+    console = Terminal(file=file, width=400, force_terminal=terminal, color_system=None)
+    print_to(console, *arguments)
+    return file.getvalue()
+
+
+def assert_shown(text):
+    for name in NAMES:
+        assert name in text
+    assert not set(text) & set("\x07\x9b\r\x7f")
+    assert "\x1b[2A" not in text
+    assert r"up\x1b[2A" in text
+
+
+def test_only_what_a_terminal_obeys_is_written_out():
+    assert visible("é ✓ 中 a\tb\nc – [x] \\") == "é ✓ 中 a\tb\nc – [x] \\"
+    assert visible("\x1b\x00\x7f\x9b\r\u202e\udce9") == r"\x1b\x00\x7f\x9b\x0d\u202e\udce9"
+
+
+def test_lines_cells_heads_and_titles():
+    table = Table(OBEYED, title=OBEYED)
+    for name in NAMES:
+        table.add_row(name)
+    assert_shown(printed(lambda console: console.print(table, *NAMES, OBEYED)))
+
+
+def test_plain_lines(capsys):
+    say("\n".join([*NAMES, OBEYED, "\udce9"]))
+    assert_shown(capsys.readouterr().out)
+    with pytest.raises(typer.Exit) as exit_:
+        wrong(f"{' '.join(NAMES)} {OBEYED}")
+    assert exit_.value.exit_code == 2
+    assert_shown(capsys.readouterr().err.replace("\n", ""))
+
+
+def test_a_line_is_not_longer_than_somebody_reads(capsys):
+    with pytest.raises(typer.Exit):
+        wrong(f"first {'x' * 10**6} last")
+    line = capsys.readouterr().err
+    assert len(line) < 3000
+    assert line.startswith("first x")
+    assert line.endswith("x last\n")
+
+
+def test_an_option_that_is_unknown(capsys, monkeypatch):
+    from sweeps.status import app
+
+    monkeypatch.setattr(sys, "argv", ["status", f"--{OBEYED}"])
+    with pytest.raises(SystemExit) as exit_:
+        app()
+    assert exit_.value.code == 2
+    told = capsys.readouterr().err
+    assert not set(told) & set("\x07\x1b\x9b\r\x7f")
+    assert r"up\x1b[2A" in told
+
+
+def test_the_state_of_a_sweep():
+    trials = [TrialState(name, "failed", OBEYED, name) for name in NAMES]
+    state = SweepState(NAMES[0], False, {"train": {"failed": 6}}, trials)
+    assert_shown(printed(print_state, state, True))
+
+
+def test_the_plan_of_a_sweep():
+    trials = [{"key": "k", "label": name, "cached": False} for name in NAMES]
+    scenes = [{"scene": OBEYED, "train_frames": 1, "test_frames": 1}]
+    stages = {"train": {"tasks": 6, "cached": 0}}
+    assert_shown(printed(print_planned, Planned(OBEYED, stages, [], scenes, trials)))
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_the_progress_of_a_sweep(terminal):
+    tasks = [Task("train", name, {}) for name in [*NAMES, OBEYED]]
+
+    def run(console):
+        with StageProgress(console, tasks, []) as progress:
+            for task in tasks:
+                progress.started(task)
+            progress._progress.refresh()
+            for task in tasks:
+                progress.failed(task, Failure(f"{task.label} has no points"))
+
+    assert_shown("".join(c for c in printed(run, terminal=terminal) if c != "\r"))
+
+
+def test_what_the_doctor_finds():
+    findings = [Finding(name, OBEYED, name, "missing", name) for name in NAMES]
+    text = printed(print_findings, findings)
+    assert_shown(text)
+    assert "✗ Missing\n" in text
+
+
+def test_there_is_no_other_console():
+    """`sweeps.doctor` has to run without this project's packages: it prints nothing but `Text`."""
+    others = []
+    for package in ("lidarplace", "training", "tracking", "sweeps"):
+        for file in (ROOT / package).rglob("*.py"):
+            for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "Console":
+                    others.append(file.relative_to(ROOT).as_posix())
+    assert set(others) == {"sweeps/doctor.py"}
