@@ -87,6 +87,8 @@ def what_is_wrong(mistake: Mapping[str, Any]) -> str:
         return "is missing"
     if mistake["type"] == "extra_forbidden":
         return f"unknown key, found {found(mistake['input'])}"
+    if mistake["type"] == "json_invalid":  # the whole text was found
+        return str(mistake["msg"])
     allowed = mistake["msg"].removeprefix("Value error, ").removeprefix("Input ")
     if isinstance(mistake["input"], (dict, BaseModel)):
         return str(allowed)

@@ -188,15 +188,17 @@ def _print(summary: pd.DataFrame) -> None:
 
 
 def _write(errors: pd.DataFrame, summary: pd.DataFrame, out: Path) -> None:
+    from lidarplace.csv_table import write_csv
     from lidarplace.files import replacing
     from sweeps.store import write_text
     from tracking.figures.accuracy import accuracy_figure
     from tracking.figures.style import theme
 
     out.parent.mkdir(parents=True, exist_ok=True)
-    for suffix, write in ((".parquet", errors.to_parquet), (".csv", errors.to_csv)):
-        with replacing(out.with_name(out.name + suffix)) as partial:
-            write(partial, index=False)
+    with replacing(out.with_name(out.name + ".parquet")) as partial:
+        errors.to_parquet(partial, index=False)
+    with replacing(out.with_name(out.name + ".csv")) as partial:
+        write_csv(errors, partial)
     figures = [
         accuracy_figure(own, f"Error against run time · {name}")
         .update_layout(template=theme(False))

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from lidarplace.files import remove_leftovers
 from sweeps.config import Common
 from sweeps.store import AnyStore
-from lidarplace.files import remove_leftovers
 from tracking.mlflow_uri import sqlite_file
 
 

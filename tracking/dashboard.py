@@ -15,13 +15,13 @@ from typing import Annotated, Any
 
 import requests
 import typer
-from pydantic import BaseModel, ValidationError
 
 from lidarplace.command_line import new_app, verb, wrong
 from lidarplace.secret_urls import hide_secrets, public_url
 from tracking.mlflow_connection import connect, reason
 from tracking.mlflow_page import VIEW_TAG, page_of
 from tracking.mlflow_uri import absolute_uri, is_server, sqlite_file
+from tracking.result_file import Part, read_result_file
 
 app = new_app()
 
@@ -105,7 +105,7 @@ def _wait(process: subprocess.Popen[bytes], address: str) -> None:
     raise typer.Exit(1)
 
 
-class _About(BaseModel):
+class _About(Part):
     """What `sweep.json` or `search.json` says of MLflow."""
 
     name: str
@@ -122,12 +122,7 @@ def _tracking(where: str) -> tuple[str, str | None]:
         there = [file for file in about if file.is_file()]
         if not there:
             raise ValueError(f"{where}: neither sweep.json nor search.json is there, so no results")
-        try:
-            known = _About.model_validate_json(there[0].read_bytes())
-        except ValidationError as error:
-            first = error.errors()[0]
-            key = "".join(f"{part}: " for part in first["loc"])
-            raise ValueError(f"{there[0]}: {key}{first['msg']}") from None
+        known = read_result_file(there[0], _About)
         uri, name = absolute_uri(known.tracking_uri), known.name
     else:
         uri = absolute_uri(f"sqlite:///{where}")

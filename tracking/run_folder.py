@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,8 @@ from numpy.typing import NDArray
 
 from lidarplace.placement import Mount
 from lidarplace.roi import Roi
+from tracking.result_file import read_result_file, read_words
+from tracking.sweep_result import SweepResult
 
 RESULT_KEYS = ("trial", "placement", "class", "detector", "seed", "metric", "iou", "difficulty")
 
@@ -63,7 +64,6 @@ _NUMBERS = frozenset(
 """Required columns that hold numbers, in whichever table."""
 _LOCK = ".lock"
 """File that a sweep leaves in its folder from the start; it writes the others at its end."""
-_SWEEP_KEYS = ("name", "command", "axes", "placements", "classes", "roi", "frames")
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class RunFolder:
 
     Attributes:
         config: text of the resolved configuration.
-        sweep: `sweep.json` as it is: name, command, axes, placements, classes, roi, frames, ...
+        sweep: `sweep.json`.
         roi: the region of interest.
         placements: mounts by the placement's name.
         axes: further axes of the grid, columns of `results` and `trials`.
@@ -131,7 +131,7 @@ class RunFolder:
 
     path: Path
     config: str
-    sweep: dict[str, Any]
+    sweep: SweepResult
     roi: Roi
     placements: dict[str, tuple[Mount, ...]]
     axes: tuple[str, ...]
@@ -156,7 +156,7 @@ class RunFolder:
     @property
     def classes(self) -> tuple[str, ...]:
         """Object classes in the order of the configuration."""
-        return tuple(self.sweep["classes"])
+        return self.sweep.classes
 
     @classmethod
     def read(cls, path: Path) -> RunFolder:
@@ -177,7 +177,7 @@ class RunFolder:
             )
         if missing:
             raise ValueError(f"{path} is no run folder: it has no {', '.join(missing)}")
-        sweep = _read_sweep(path / "sweep.json")
+        sweep = read_result_file(path / "sweep.json", SweepResult)
         tables = {
             name: _read_table(path, name, _REQUIRED_TABLES[name]) for name in _REQUIRED_TABLES
         }
@@ -185,8 +185,17 @@ class RunFolder:
             name: _read_table(path, name, columns) if (path / f"{name}.parquet").is_file() else None
             for name, columns in _OPTIONAL_TABLES.items()
         }
+        for name in ("surrogates", "trials"):
+            unknown = tables[name].loc[
+                ~tables[name]["placement"].isin(sweep.placements), "placement"
+            ]
+            if len(unknown):
+                raise ValueError(
+                    f"{path / 'sweep.json'}: placements: has no {unknown.iloc[0]!r}, which is in "
+                    f"{name}.parquet"
+                )
         reserved = {*RESULT_KEYS, "value", "ground_truths"}
-        axes = tuple(axis for axis in sweep["axes"] if axis not in reserved)
+        axes = tuple(axis for axis in sweep.axes if axis not in reserved)
         # An axis over placements, detectors or seeds is one of the fixed columns already.
         axes = tuple(axis for axis in axes if axis in tables["trials"].columns)
         missing_axes = [axis for axis in axes if axis not in tables["results"].columns]
@@ -199,13 +208,10 @@ class RunFolder:
         tasks, promotions = optional["tasks"], optional["promotions"]
         return cls(
             path=path,
-            config=(path / "config.yaml").read_text(encoding="utf-8"),
+            config=read_words(path / "config.yaml"),
             sweep=sweep,
-            roi=Roi(**sweep["roi"]),
-            placements={
-                name: tuple(Mount(*mount) for mount in mounts)
-                for name, mounts in sweep["placements"].items()
-            },
+            roi=sweep.roi,
+            placements=sweep.rigs,
             axes=axes,
             results=results,
             surrogates=tables["surrogates"],
@@ -225,17 +231,6 @@ class RunFolder:
             maps=_read_maps(path / "maps.npz"),
             frame=_read_frame(path / "frame.npz"),
         )
-
-
-def _read_sweep(path: Path) -> dict[str, Any]:
-    try:
-        sweep = json.loads(path.read_text(encoding="utf-8"))
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{path} is no JSON: {error}") from error
-    missing = [key for key in _SWEEP_KEYS if key not in sweep]
-    if missing:
-        raise ValueError(f"{path} has no {', '.join(missing)}; found {sorted(sweep)}")
-    return sweep
 
 
 def _read_table(path: Path, name: str, columns: tuple[str, ...]) -> pd.DataFrame:

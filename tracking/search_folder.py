@@ -12,6 +12,7 @@ import plotly.io
 from numpy.typing import NDArray
 
 from lidarplace.roi import Roi
+from tracking.result_file import read_words
 from tracking.search_result import Rig, SearchResult, read_search_result
 
 _TABLES: dict[str, tuple[str, ...]] = {
@@ -117,8 +118,8 @@ class SearchFolder:
         return cls(
             path=path,
             search=search,
-            config=config.read_text(encoding="utf-8") if config.is_file() else "",
-            roi=Roi(**search.roi),
+            config=read_words(config) if config.is_file() else "",
+            roi=search.roi,
             trials=trials.sort_values("number", ignore_index=True),
             **tables,
             pog=pog,

@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import model_validator
 
 from lidarplace.placement import Mount
+from lidarplace.roi import Roi
+from tracking.result_file import Part, read_result_file
 
 Point = tuple[float, float, float]
 
 
-class _Part(BaseModel):
-    """Frozen; keys that a page does not show are ignored."""
-
-    model_config = ConfigDict(frozen=True)
-
-
-class Objective(_Part):
+class Objective(Part):
     """A value that the search makes large or small.
 
     Attributes:
@@ -51,7 +45,7 @@ class Objective(_Part):
         return "more is better" if self.sign > 0 else "less is better"
 
 
-class Constraint(_Part):
+class Constraint(Part):
     """A measure of a rig that must be at most, or at least, `limit`."""
 
     name: str
@@ -60,7 +54,7 @@ class Constraint(_Part):
     sense: Literal["at most", "at least"]
 
 
-class Zone(_Part):
+class Zone(Part):
     """Where LiDARs may sit: a polygon from above, corners in metres, between two heights."""
 
     name: str
@@ -68,7 +62,7 @@ class Zone(_Part):
     z: tuple[float, float]
 
 
-class Model(_Part):
+class Model(Part):
     """A LiDAR model that the search could choose; `price` is None where it is not known."""
 
     price: float | None
@@ -76,7 +70,7 @@ class Model(_Part):
     azimuth_steps: int
 
 
-class Rig(_Part):
+class Rig(Part):
     """A placement with what it measures.
 
     Attributes:
@@ -122,7 +116,7 @@ class Rig(_Part):
         return self
 
 
-class Bound(_Part):
+class Bound(Part):
     """How good the first objective can be over a grid of candidate mounts, as searched.
 
     Attributes:
@@ -144,14 +138,14 @@ class Bound(_Part):
     reason: str | None = None
 
 
-class Stride(_Part):
+class Stride(Part):
     """Every `azimuth_stride`-th azimuth step was fired, with this relative error of the values."""
 
     azimuth_stride: int
     relative_error: float | None = None
 
 
-class Spans(_Part):
+class Spans(Part):
     """Lowest and highest angles of mounts that the search may choose, degrees."""
 
     roll_deg: tuple[float, float]
@@ -159,14 +153,14 @@ class Spans(_Part):
     yaw_deg: tuple[float, float]
 
 
-class Command(_Part):
+class Command(Part):
     """A line for the shell and what it does."""
 
     what: str
     line: str
 
 
-class SearchResult(_Part):
+class SearchResult(Part):
     """`search.json`; lengths in metres, angles in radians.
 
     Attributes:
@@ -175,7 +169,7 @@ class SearchResult(_Part):
         trials: asked for; evaluations: rigs that were evaluated; repeated: duplicates that were
             not; feasible: trials that kept every constraint.
         parameters: the largest number of parameters of a trial.
-        roi: arguments of `lidarplace.Roi`.
+        roi: the region of interest.
         frames: in the POG.
         vehicle: boxes, lowest and highest corner.
         best: names of `rigs`, best first; several are of a Pareto front; empty if none is feasible.
@@ -203,7 +197,7 @@ class SearchResult(_Part):
     parameters: int
     constraints: tuple[Constraint, ...]
     classes: tuple[str, ...]
-    roi: dict[str, Any]
+    roi: Roi
     frames: int
     zones: tuple[Zone, ...]
     spans: Spans
@@ -249,18 +243,6 @@ def read_search_result(path: Path) -> SearchResult:
 
     Raises:
         ValueError: it is no JSON, or a key is missing or not as it must be.
+        OSError: it cannot be read.
     """
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{path} is no JSON: {error}") from error
-    if not isinstance(content, Mapping):
-        raise ValueError(f"{path} must hold keys and values, found {type(content).__name__}")
-    try:
-        return SearchResult.model_validate(content)
-    except ValidationError as error:
-        faults = [
-            f"{'.'.join(map(str, fault['loc'])) or 'content'}: {fault['msg']}"
-            for fault in error.errors(include_url=False)
-        ]
-        raise ValueError(f"{path}: {'; '.join(faults[:5])}") from error
+    return read_result_file(path, SearchResult)

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from tracking.kitti_iou import headline_iou
 from tracking.jackknife import sample_error
+from tracking.kitti_iou import headline_iou
 from tracking.labels import in_order, surrogate_name
 from tracking.paired import group_columns
 from tracking.run_folder import RunFolder

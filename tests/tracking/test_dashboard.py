@@ -125,7 +125,7 @@ def test_mistakes_are_one_line(runs):
     for where, told in (
         ("runs/mlflow.db", "no such database"),
         (empty, "neither sweep.json nor search.json is there"),
-        ("without", "without/sweep.json: name: Field required"),
+        ("without", "without/sweep.json: name: is missing"),
         ("damaged", "damaged/sweep.json: Invalid JSON"),
         ("sqlite:///mistyped.db", "mistyped.db: no such database"),
         ("text.db", "file is not a database"),

@@ -14,6 +14,7 @@ from tracking.report.groups import groups
 from tracking.report.headline import headline_ranking, percent, surrogate_verdicts, verdicts
 from tracking.run_folder import RunFolder
 from tracking.summary import seed_means
+from tracking.sweep_result import Frames
 from tracking.which_predicts import which_predicts
 
 
@@ -148,7 +149,9 @@ def test_expected_ig_that_counts_rays_is_a_caution(run, share, said):
     ],
 )
 def test_few_frames_are_a_caution(run, train, test, said):
-    few = replace(run, sweep=run.sweep | {"frames": {"train": train, "test": test}})
+    few = replace(
+        run, sweep=run.sweep.model_copy(update={"frames": Frames(train=train, test=test)})
+    )
     found = [s for s in cautions(few, seed_means(run.results)) if "frame" in s.split(":")[0]]
     assert [s.startswith(start) for s, start in zip(found, said, strict=True)] == [True] * len(said)
 
@@ -161,7 +164,9 @@ def alone(tmp_path_factory):
 
 def test_surrogates_of_few_frames_are_a_caution(alone):
     def said(frames):
-        few = replace(alone, sweep=alone.sweep | {"frames": {"train": frames, "test": 0}})
+        few = replace(
+            alone, sweep=alone.sweep.model_copy(update={"frames": Frames(train=frames, test=0)})
+        )
         return [s for s in cautions(few, seed_means(few.results)) if "frame" in s]
 
     assert said(10) == []

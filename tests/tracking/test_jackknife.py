@@ -16,7 +16,9 @@ def mean_without(values, sizes=None, unit="route", placement="a", seed=1):
     whole = np.sum(sizes * values)
     return pd.DataFrame(
         {
-            **{"placement": placement, "seed": seed, "unit": unit},
+            "placement": placement,
+            "seed": seed,
+            "unit": unit,
             "left_out": [f"{unit} {i}" for i in range(len(values))],
             "ground_truths": sizes,
             "value": (whole - sizes * values)

@@ -41,7 +41,7 @@ def page(folder):
 
 
 def _groups(run):
-    return promoted(run.promotions, run.trials, run.results, run.axes, run.sweep["promote"])
+    return promoted(run.promotions, run.trials, run.results, run.axes, run.sweep.promote)
 
 
 def _full(run, detector="tiny"):
@@ -68,7 +68,7 @@ def test_a_group_has_its_rungs_and_its_full_trainings(run, group):
 
 def test_the_ap_of_all_classes_is_the_mean_of_those_with_ground_truth(run):
     promotions = run.promotions.assign(**{"class": "all"})
-    group = next(promoted(promotions, run.trials, run.results, run.axes, run.sweep["promote"]))
+    group = next(promoted(promotions, run.trials, run.results, run.axes, run.sweep.promote))
     own = run.results.query("detector == 'tiny' and metric == 'AP_R40_3D'")
     own = own[own[EPOCHS] == FULL].set_index(["class", "iou"])["value"]
     best = group.ap.index
@@ -149,7 +149,7 @@ def test_a_placement_without_a_value_has_no_rank(run):
     promotions = run.promotions.copy()
     lost = promotions.query("detector == 'tiny' and rung == 1 and rank == 8").index
     promotions.loc[lost, "value"] = np.nan
-    group = next(promoted(promotions, run.trials, run.results, run.axes, run.sweep["promote"]))
+    group = next(promoted(promotions, run.trials, run.results, run.axes, run.sweep.promote))
     assert stage_ranks(group)[1].notna().sum() == 7
     assert rung_costs(group)["without_value"].tolist() == [0, 1, 0]
     assert agreement(group)["n"].tolist() == [7, 3, 3]
@@ -179,7 +179,7 @@ def test_nothing_is_estimated_when_no_full_training_finished(run):
     full = trials[EPOCHS] == FULL
     trials.loc[full & (trials["status"] == "finished"), ["status", "error"]] = "failed", "no memory"
     results = run.results[run.results[EPOCHS] == SHORT]
-    groups = list(promoted(run.promotions, trials, results, run.axes, run.sweep["promote"]))
+    groups = list(promoted(run.promotions, trials, results, run.axes, run.sweep.promote))
     assert [len(group.ap) for group in groups] == [0, 0]
     assert savings(groups, ())["without"].isna().all()
     assert agreement(groups[0])["to_full"].tolist() == [False]

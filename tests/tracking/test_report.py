@@ -228,7 +228,7 @@ def test_without_times_or_cores_there_is_no_efficiency(made_up_run):
     run = RunFolder.read(made_up_run)
     before = replace(run, tasks=run.tasks.assign(started=np.nan, ended=np.nan))
     assert where_time_went(before).notes[-1] == "No task ran, so no efficiency."
-    older = replace(run, sweep={k: v for k, v in run.sweep.items() if k != "cores"})
+    older = replace(run, sweep=run.sweep.model_copy(update={"cores": None}))
     assert "does not say how many cores" in where_time_went(older).notes[-1]
     assert not where_time_went(older).tables
 

@@ -52,10 +52,10 @@ def test_what_is_missing_is_named(copy, tmp_path):
         RunFolder.read(copy)
     sweep = json.loads((copy / "sweep.json").read_text())
     (copy / "sweep.json").write_text(json.dumps({k: v for k, v in sweep.items() if k != "roi"}))
-    with pytest.raises(ValueError, match=r"sweep.json has no roi"):
+    with pytest.raises(ValueError, match=r"sweep.json: roi: is missing"):
         RunFolder.read(copy)
     (copy / "sweep.json").write_text("{")
-    with pytest.raises(ValueError, match=r"sweep.json is no JSON"):
+    with pytest.raises(ValueError, match=r"sweep.json: Invalid JSON"):
         RunFolder.read(copy)
 
 

@@ -48,7 +48,7 @@ def test_absent_parts_are_none_or_empty(folder):
         ({"best": ["nobody"]}, "has no 'nobody'"),
         ({"seed": "first"}, "seed"),
         ({"rigs": {}}, "rigs: has no"),
-        ({"spans": {"roll_deg": [0, 1], "pitch_deg": [0, 1]}}, "spans.yaw_deg: Field required"),
+        ({"spans": {"roll_deg": [0, 1], "pitch_deg": [0, 1]}}, "spans.yaw_deg: is missing"),
     ],
 )
 def test_a_bad_key_is_named_with_the_file(folder, keys, words):
@@ -87,5 +87,5 @@ def test_what_is_no_json_or_no_figure_is_named(folder):
     with pytest.raises(ValueError, match=r"slice.json is no figure"):
         SearchFolder.read(folder)
     (folder / "search.json").write_text("{")
-    with pytest.raises(ValueError, match=r"search.json is no JSON"):
+    with pytest.raises(ValueError, match=r"search.json: Invalid JSON"):
         SearchFolder.read(folder)

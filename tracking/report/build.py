@@ -66,7 +66,7 @@ def build_report(run: Path) -> Path:
     same = copies(complete)
     whole = without(complete, set(same))
     # Placements are compared after the longest training; shorter ones show what they cost.
-    full = is_full(whole.results, whole.axes, whole.sweep.get("promote", ()))
+    full = is_full(whole.results, whole.axes, whole.sweep.promote)
     folder = replace(whole, results=whole.results[full])
     means = seed_means(folder.results, folder.axes, folder.left_out)
     sample = (folder.results, folder.surrogates)
@@ -111,13 +111,13 @@ def build_report(run: Path) -> Path:
     findings = counted(folder, predicted, correlations) if many else ""
     weaknesses = [*cautions(folder, means), *_same_rigs(same), *reduced_batches(folder.tasks)]
     extent = _extent(folder)
-    facts = {k: v for k, v in folder.sweep.items() if k != "placements"}
+    facts = folder.sweep.model_dump(mode="json", exclude_unset=True, exclude={"placements"})
     write_csv_files(folder.path / FOLDER, sections)
     page = write_page(
         folder.path / "report.html",
         Path(__file__).with_name("report.html"),
         sections,
-        name=folder.sweep["name"],
+        name=folder.sweep.name,
         run=folder,
         verdicts=cards,
         most_cards=MOST_CARDS,
@@ -128,7 +128,7 @@ def build_report(run: Path) -> Path:
     )
     write_markdown(
         folder.path / "report.md",
-        folder.sweep["name"],
+        folder.sweep.name,
         [
             escaped(extent),
             *(
@@ -139,7 +139,7 @@ def build_report(run: Path) -> Path:
             *(f"> Warning: {escaped(warning)}" for warning in weaknesses),
         ],
         sections,
-        {"Command": folder.sweep["command"], "Configuration": folder.config},
+        {"Command": folder.sweep.command, "Configuration": folder.config},
         page.name,
     )
     return page
@@ -161,11 +161,11 @@ def _extent(run: RunFolder) -> str:
     """How much was compared, in one line."""
     pruned = int((run.trials["status"] == "pruned").sum())
     shown = pictured(run)
-    frames = run.sweep["frames"]
+    frames = run.sweep.frames
     parts = [
         f"{len(run.placements)} placements, {len(run.trials)} trials",
         *([f"{pruned} of them pruned by promotion"] if pruned else []),
-        f"{frames['train']} training and {frames['test']} test frames{_met(run)}",
+        f"{frames.train} training and {frames.test} test frames{_met(run)}",
         *([shown] if shown else []),
     ]
     return f"{', '.join(parts)}."

@@ -108,7 +108,7 @@ def _few_seeds(means: pd.DataFrame) -> list[str]:
 
 
 def _few_frames(run: RunFolder) -> list[str]:
-    train, test = run.sweep["frames"]["train"], run.sweep["frames"]["test"]
+    train, test = run.sweep.frames.train, run.sweep.frames.test
     said = []
     if train < FEW_FRAMES:
         said.append(
@@ -125,7 +125,7 @@ def _few_frames(run: RunFolder) -> list[str]:
 
 def _few_pog_frames(run: RunFolder) -> list[str]:
     """Of surrogates alone; without any there is nothing to be careful about."""
-    frames = run.sweep["frames"]["train"]
+    frames = run.sweep.frames.train
     if run.surrogates.empty or frames >= FEW_POG_FRAMES:
         return []
     return [

@@ -92,7 +92,7 @@ def build_comparison(runs: Sequence[Path], target: Path) -> Path:
         warnings=notes,
         shared=len(same),
     )
-    commands = "\n".join(str(run.sweep["command"]) for run in read)
+    commands = "\n".join(run.sweep.command for run in read)
     first = [f"> Warning: {escaped(note)}" for note in notes]
     title, last = " / ".join(names), {"Commands": commands}
     write_markdown(target / "comparison.md", title, first, sections, last, page.name)
@@ -100,7 +100,7 @@ def build_comparison(runs: Sequence[Path], target: Path) -> Path:
 
 
 def _of_full_trainings(run: RunFolder) -> RunFolder:
-    full = is_full(run.results, run.axes, run.sweep.get("promote", ()))
+    full = is_full(run.results, run.axes, run.sweep.promote)
     return replace(run, results=run.results[full])
 
 
@@ -116,8 +116,8 @@ def _sweeps_section(runs: Sequence[RunFolder], names: Sequence[str], same: list[
                 ", ".join(filter(None, dict.fromkeys(run.trials["detector"]))) for run in runs
             ],
             "seeds": [run.trials["seed"].nunique() for run in runs],
-            "training frames": [run.sweep["frames"]["train"] for run in runs],
-            "test frames": [run.sweep["frames"]["test"] for run in runs],
+            "training frames": [run.sweep.frames.train for run in runs],
+            "test frames": [run.sweep.frames.test for run in runs],
         }
     )
     return Section("Sweeps", tables=[_plain("Sweeps", data, {0, 1, 4, 5}, "sweeps")])

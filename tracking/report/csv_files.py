@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from lidarplace.csv_table import write_csv
 from lidarplace.files import replacing
 from tracking.report.section import Section
 
@@ -31,7 +32,7 @@ def write_csv_files(folder: Path, sections: Sequence[Section]) -> None:
             taken.add(name)
             section.tables[i] = replace(table, name=name)
             with replacing(folder / f"{name}.csv") as partial:
-                table.data.to_csv(partial, index=False)
+                write_csv(table.data, partial)
     for file in folder.glob("*.csv"):
         if file.stem not in taken:
             file.unlink()

@@ -50,8 +50,8 @@ def pictured(run: RunFolder) -> str:
 
     Run folders of before do not say it.
     """
-    setting = run.sweep.get("pictured", {})
-    varied = {a: v for a, v in setting.items() if run.surrogates[a].nunique() > 1}
+    known = {a: v for a, v in run.sweep.pictured.items() if a in run.surrogates.columns}
+    varied = {a: v for a, v in known.items() if run.surrogates[a].nunique() > 1}
     return f"at {setting_label(varied, varied.values())}" if varied else ""
 
 

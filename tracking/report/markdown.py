@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from lidarplace.files import replacing
+from lidarplace.terminal import visible
 from tracking.report.csv_files import FOLDER
 from tracking.report.section import Section, figure_title
 from tracking.report.tables import Table
@@ -46,7 +47,9 @@ def write_markdown(
 
 def escaped(words: str) -> str:
     """Words in one line that Markdown shows as they are."""
-    return re.sub(r"([\\`*_\[\]<>|#])", r"\\\1", " ".join(words.split()))
+    line = visible(" ".join(words.split()))
+    # A list would begin with the last two.
+    return re.sub(r"([\\`*_\[\]<>|#&~]|^[-+])", r"\\\1", line)
 
 
 def _table(table: Table) -> str:

@@ -27,7 +27,7 @@ _HOW_TO_READ = (
 def promotion_section(run: RunFolder, promotions: pd.DataFrame) -> Section:
     """Figures and tables for every group of `promotions`, and what it saved."""
     section = Section("Promotion", [_HOW_TO_READ])
-    rungs = run.sweep.get("promote", ())
+    rungs = run.sweep.promote
     found = list(promoted(promotions, run.trials, run.results, run.axes, rungs))
     surrogate_axes = [axis for axis in run.axes if axis in run.surrogates.columns]
     saved = savings(found, surrogate_axes)

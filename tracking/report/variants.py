@@ -47,10 +47,10 @@ class Variant:
 
 def sweep_names(runs: Sequence[RunFolder]) -> list[str]:
     """Names of the sweeps; those that several share get their folder behind them."""
-    count = Counter(str(run.sweep["name"]) for run in runs)
+    count = Counter(run.sweep.name for run in runs)
     return [
         name if count[name] == 1 else f"{name} ({run.path})"
-        for run, name in ((run, str(run.sweep["name"])) for run in runs)
+        for run, name in ((run, run.sweep.name) for run in runs)
     ]
 
 

@@ -19,13 +19,13 @@ def where_time_went(run: RunFolder) -> Section:
     if run.tasks is None or run.tasks.empty:
         section.notes.append("The run folder has no tasks.parquet.")
         return section
-    if "seconds" in run.sweep:
-        section.notes.append(_last_command(float(run.sweep["seconds"]), run.tasks))
+    if run.sweep.seconds is not None:
+        section.notes.append(_last_command(run.sweep.seconds, run.tasks))
     section.figures.append(times(run.tasks))
-    if "cores" not in run.sweep:
+    if run.sweep.cores is None:
         section.notes.append("The run folder does not say how many cores it had: no efficiency.")
         return section
-    cores = int(run.sweep["cores"])
+    cores = run.sweep.cores
     efficiency = stage_efficiency(run.tasks, cores)
     if efficiency.empty:
         section.notes.append("No task ran, so no efficiency.")

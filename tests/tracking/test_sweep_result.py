@@ -1,0 +1,101 @@
+"""`sweep.json` is read as what it has to be, or refused in one line."""
+
+import copy
+import json
+import math
+import shutil
+
+import pytest
+
+from tracking.result_file import read_result_file
+from tracking.run_folder import RunFolder
+from tracking.sweep_result import SweepResult
+
+NEEDED = [name for name, field in SweepResult.model_fields.items() if field.is_required()]
+WRONG = [None, True, -1, 0, 3, 1e308, math.nan, "x", "", [], ["x"], [[]], [None], {}, {"x": None}]
+
+
+@pytest.fixture(scope="module")
+def folder(made_up_run, tmp_path_factory):
+    return shutil.copytree(made_up_run, tmp_path_factory.mktemp("copies") / "grid")
+
+
+@pytest.fixture
+def sweep(folder):
+    """`sweep.json`, as it is again afterwards."""
+    text = (folder / "sweep.json").read_text()
+    yield json.loads(text)
+    (folder / "sweep.json").write_text(text)
+
+
+def refused(folder, text):
+    """How a folder with this `sweep.json` is refused; "" if it is not."""
+    mode = "wb" if isinstance(text, bytes) else "w"
+    with (folder / "sweep.json").open(mode) as file:
+        file.write(text)
+    told = ""
+    try:
+        RunFolder.read(folder)
+    except ValueError as error:
+        told = str(error)
+    assert "\n" not in told
+    assert not told or "sweep.json" in told or "axis of trials.parquet" in told
+    return told
+
+
+def places(value, at=()):
+    """Key paths of everything in nested data."""
+    yield at
+    if isinstance(value, (dict, list)):
+        for key, own in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from places(own, (*at, key))
+
+
+def test_wrong_types_everywhere(tmp_path, sweep):
+    file, lines = tmp_path / "sweep.json", []
+    for at in places(sweep):
+        if not at or at[0] == "versions" or set(at) & {1, 2, 3, "center", "trapezoid"}:
+            continue  # like others
+        for value in WRONG:
+            changed = copy.deepcopy(sweep)
+            place = changed
+            for key in at[:-1]:
+                place = place[key]
+            place[at[-1]] = value
+            file.write_text(json.dumps(changed))
+            try:
+                read_result_file(file, SweepResult).rigs  # noqa: B018 - poses are made of it
+            except ValueError as error:
+                lines.append(str(error))
+    assert len(lines) > 200
+    assert all(line.startswith(f"{file}: ") and "\n" not in line for line in lines)
+
+
+@pytest.mark.parametrize("key", NEEDED)
+def test_a_key_that_is_missing_or_null_is_named(folder, sweep, key):
+    assert f"sweep.json: {key}: is missing" in refused(
+        folder, json.dumps({k: v for k, v in sweep.items() if k != key})
+    )
+    assert f"sweep.json: {key}: found None" in refused(folder, json.dumps(sweep | {key: None}))
+
+
+@pytest.mark.parametrize(
+    "text", [b"\xff\xfe{}", "", "{", "[]", "3", "null", "[" * 100_000, '{"a":' * 100_000]
+)
+def test_what_is_no_mapping_of_json(folder, sweep, text):
+    assert refused(folder, text)
+
+
+def test_a_placement_without_mounts_is_named(folder, sweep):
+    del sweep["placements"]["line"]
+    told = refused(folder, json.dumps(sweep))
+    assert "placements: has no 'line', which is in surrogates.parquet" in told
+
+
+def test_a_configuration_that_is_no_text(folder):
+    file = folder / "config.yaml"
+    text = file.read_bytes()
+    file.write_bytes(b"name: \xff")
+    with pytest.raises(ValueError, match=r"config\.yaml: byte 6 is not UTF-8"):
+        RunFolder.read(folder)
+    file.write_bytes(text)
