@@ -8,16 +8,30 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pandas as pd
-import pyarrow as pa
 
 from lidarplace.boxes import (
     BOX_COLUMNS,
     BUILDING_COLUMNS,
     FRAME_COLUMNS,
+    GEOMETRY,
     POSE_COLUMNS,
+    SIZE,
+    SPLITS,
     check_boxes,
+    check_classes,
+)
+from lidarplace.columns import (
+    check_columns,
+    frame_numbers,
+    integers,
+    numbers,
+    numbers_if_known,
+    one_of,
+    sizes,
+    texts,
 )
 from lidarplace.files import replacing
+from lidarplace.tables import read_parquet
 
 
 def _no_buildings() -> pd.DataFrame:
@@ -79,18 +93,19 @@ def write_box_log(folder: Path, log: BoxLog) -> None:
             ("boxes", log.boxes, BOX_COLUMNS),
         ):
             partial = stack.enter_context(replacing(folder / f"{name}.parquet"))
-            table[list(columns)].to_parquet(partial, index=False)
+            with partial.open("wb") as file:  # pandas would take http:/… for an address
+                table[list(columns)].to_parquet(file, index=False)
 
 
 def read_box_log(folder: Path) -> BoxLog:
     """Read what `write_box_log` wrote; `buildings.parquet` may be missing.
 
     Raises:
-        ValueError: a table cannot be read or lacks a column, a box is bad, or a box is in no frame
-            of `frames`.
+        ValueError: a table cannot be read or lacks a column, a value is not of its column's kind
+            (a class none of `CLASSES`, a split none of `SPLITS`), or a box is in no frame of
+            `frames`; names file and row.
     """
-    boxes = _table(folder / "boxes.parquet", BOX_COLUMNS)
-    check_boxes(boxes, str(folder / "boxes.parquet"))
+    boxes = _boxes(folder / "boxes.parquet")
     frames = read_frames(folder)
     unlisted = ~boxes["frame"].isin(frames["frame"]).to_numpy()
     if unlisted.any():
@@ -102,7 +117,7 @@ def read_box_log(folder: Path) -> BoxLog:
     path = folder / "buildings.parquet"
     if not path.exists():
         return BoxLog(boxes, frames)
-    buildings = _table(path, BUILDING_COLUMNS)
+    buildings = _buildings(path)
     if len(buildings) and (missing := set(POSE_COLUMNS) - set(frames.columns)):
         raise ValueError(
             f"{folder / 'frames.parquet'}: no column {', '.join(sorted(missing))}; "
@@ -114,7 +129,7 @@ def read_box_log(folder: Path) -> BoxLog:
 def read_frames(folder: Path) -> pd.DataFrame:
     """The table of frames alone. Raises ValueError as `read_box_log` does."""
     path = folder / "frames.parquet"
-    frames = _table(path, FRAME_COLUMNS)
+    frames = _frames(path)
     twice = frames["frame"].duplicated().to_numpy()
     if twice.any():
         row = int(twice.argmax())
@@ -125,14 +140,39 @@ def read_frames(folder: Path) -> pd.DataFrame:
     return frames
 
 
+def _boxes(path: Path) -> pd.DataFrame:
+    boxes, source = _table(path, BOX_COLUMNS), str(path)
+    check_boxes(boxes, source)
+    check_classes(boxes, source)
+    boxes["frame"] = frame_numbers(boxes, source)
+    boxes["timestamp_s"] = numbers_if_known(boxes, "timestamp_s", source)
+    boxes[list(GEOMETRY)] = numbers(boxes, GEOMETRY, source)
+    return _with_texts(boxes, ("scene", "object_id"), source)
+
+
+def _frames(path: Path) -> pd.DataFrame:
+    frames, source = _table(path, FRAME_COLUMNS), str(path)
+    one_of(frames, "split", SPLITS, source)
+    frames["frame"] = frame_numbers(frames, source)
+    frames["route"] = integers(frames, "route", source)
+    for name in ("timestamp_s", *frames.columns.intersection(list(POSE_COLUMNS))):
+        frames[name] = numbers_if_known(frames, name, source)
+    return _with_texts(frames, ("scene",), source)
+
+
+def _buildings(path: Path) -> pd.DataFrame:
+    buildings, source = _table(path, BUILDING_COLUMNS), str(path)
+    buildings[list(GEOMETRY)] = numbers(buildings, GEOMETRY, source)
+    sizes(buildings, SIZE, source)
+    return _with_texts(buildings, ("scene",), source)
+
+
+def _with_texts(table: pd.DataFrame, names: Sequence[str], source: str) -> pd.DataFrame:
+    """The table with names that are numbers as text, which joins with other tables."""
+    return table.assign(**{name: texts(table, name, source) for name in names})
+
+
 def _table(path: Path, columns: Sequence[str]) -> pd.DataFrame:
-    try:
-        table = pd.read_parquet(path)
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror or 'no such file'}") from None
-    except pa.ArrowInvalid as error:
-        raise ValueError(f"{path}: is no Parquet file: {str(error).splitlines()[0]}") from None
-    missing = [name for name in columns if name not in table.columns]
-    if missing:
-        raise ValueError(f"{path}: no column {', '.join(missing)}; found {list(table.columns)}")
+    table = read_parquet(path)
+    check_columns(list(table.columns), columns, str(path))
     return table

@@ -10,12 +10,15 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from lidarplace.columns import check_columns, numbers, one_of, sizes
+
 CLASSES = ("Car", "Cyclist", "Pedestrian")
 """Object classes. Cyclist is the paper's *Van and Cyclist*: bicycles, motorcycles, box trucks."""
 
 GEOMETRY = ("x", "y", "z", "length", "width", "height", "yaw")
 """A box: centre, size, and yaw about z from the ego x axis."""
 
+SIZE = GEOMETRY[3:6]
 BOX_COLUMNS = ("scene", "frame", "timestamp_s", "object_id", "class", *GEOMETRY)
 FRAME_COLUMNS = ("scene", "frame", "timestamp_s", "route", "split")
 SPLITS = ("train", "test")
@@ -32,34 +35,19 @@ def check_boxes(boxes: pd.DataFrame, source: str = "box log") -> None:
     Needs `frame`, `class` and the columns of `GEOMETRY`, with finite values and sizes >= 0, and
     no frame (or scene, where there is one) missing.
     """
-    missing = [name for name in ("frame", "class", *GEOMETRY) if name not in boxes.columns]
-    if missing:
-        raise ValueError(f"{source}: no column {', '.join(missing)}; found {list(boxes.columns)}")
+    check_columns(list(boxes.columns), ("frame", "class", *GEOMETRY), source)
     for name in frame_keys(boxes):
-        row, _ = _first(boxes[[name]].isna().to_numpy())
-        if row >= 0:
-            raise ValueError(f"{source}: row {row}: {name} is missing")
-    geometry = boxes[list(GEOMETRY)].to_numpy(np.float64)
-    row, column = _first(~np.isfinite(geometry))
-    if row >= 0:
-        raise ValueError(
-            f"{source}: row {row}: {GEOMETRY[column]} must be a finite number, "
-            f"found {geometry[row, column]}"
-        )
-    row, column = _first(geometry[:, 3:6] < 0)
-    if row >= 0:
-        raise ValueError(
-            f"{source}: row {row}: {GEOMETRY[3 + column]} must be at least 0, "
-            f"found {geometry[row, 3 + column]}"
-        )
+        missing = boxes[name].isna().to_numpy(bool)
+        if missing.any():
+            raise ValueError(f"{source}: row {int(np.argmax(missing))}: {name} is missing")
+    numbers(boxes, GEOMETRY, source)
+    sizes(boxes, SIZE, source)
 
 
-def _first(bad: np.ndarray) -> tuple[int, int]:
-    """Row and column of the first True, or (-1, -1)."""
-    if not bad.any():
-        return -1, -1
-    row, column = np.unravel_index(int(np.argmax(bad)), bad.shape)
-    return int(row), int(column)
+def check_classes(boxes: pd.DataFrame, source: str) -> None:
+    """Raise ValueError that names the first row whose class is none of `CLASSES`."""
+    hint = "; lidarplace.convert table --class-map names the class of others"
+    one_of(boxes, "class", CLASSES, source, hint)
 
 
 def frame_ids(table: pd.DataFrame) -> np.ndarray:

@@ -16,6 +16,7 @@ from rich.table import Table
 from lidarplace.box_log import BoxLog, write_box_log
 from lidarplace.boxes import CLASSES
 from lidarplace.command_line import new_app, verb, wrong
+from lidarplace.ranges import LIDAR_HEIGHT, SHARE
 from lidarplace.scenes.argoverse import read_argoverse
 from lidarplace.scenes.class_maps import read_class_map
 from lidarplace.scenes.kitti.calibration import LIDAR_HEIGHT_M
@@ -50,7 +51,7 @@ def nuscenes(
     out: Out,
     version: Annotated[str | None, typer.Option(help="such as v1.0-trainval")] = None,
     test_share: Annotated[
-        float, typer.Option(help="share of the recordings that are test", min=0, max=1)
+        float, typer.Option(help="share of the recordings that are test", **SHARE.option)
     ] = 0.2,
     test_scenes: Annotated[
         Path | None, typer.Option(help="instead: text file with the name of a test scene a line")
@@ -124,7 +125,8 @@ def kitti(
         bool, typer.Option(help="where a frame has no calib, take KITTI's usual camera")
     ] = False,
     lidar_height: Annotated[
-        float, typer.Option(help="height of the LiDAR above the ground, metres", min=0)
+        float,
+        typer.Option(help="height of the LiDAR above the ground, metres", **LIDAR_HEIGHT.option),
     ] = LIDAR_HEIGHT_M,
     skip_bad: Annotated[
         bool, typer.Option("--skip-bad", help="leave out what is wrong, and list it")

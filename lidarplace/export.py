@@ -29,6 +29,7 @@ from lidarplace.lidar.visibility import ground_truth
 from lidarplace.log_options import LogArgument, ProfileOption, paper_placements, splits
 from lidarplace.placement import Placement
 from lidarplace.placement_settings import named_placement
+from lidarplace.ranges import SEED
 from lidarplace.scenes.kitti.labels import in_image, to_labels
 from lidarplace.scenes.kitti.write import check_new, write_kitti
 from lidarplace.terminal import Terminal, say
@@ -63,7 +64,9 @@ def export(
     images: Annotated[
         bool, typer.Option("--images", help="black images, for tools that read the size of them")
     ] = False,
-    seed: Annotated[int, typer.Option(help="of shapes, drop-off and range noise")] = 0,
+    seed: Annotated[
+        int, typer.Option(help="of shapes, drop-off and range noise", **SEED.option)
+    ] = 0,
 ) -> None:
     """Write KITTI's object layout, as OpenPCDet reads it; docs/kitti.md describes it."""
     counts: Counter[str] = Counter()

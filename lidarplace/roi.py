@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 Interval = tuple[float, float]
 
+MOST_CELLS = 10_000_000
+"""Voxels along one axis."""
+
 
 @dataclass(frozen=True)
 class Roi:
@@ -39,6 +42,11 @@ class Roi:
             if not (math.isfinite(low) and math.isfinite(high) and low < high):
                 raise ValueError(f"ROI {axis} needs min < max, found [{low}, {high}]")
             cells = (high - low) / self.resolution
+            if not cells <= MOST_CELLS:
+                raise ValueError(
+                    f"ROI {axis} is {high - low:g} m long, {cells:g} voxels of {self.resolution:g} "
+                    f"m; allowed are {MOST_CELLS:,}"
+                )
             if round(cells) < 1 or abs(cells - round(cells)) > 1e-6 * max(1.0, cells):
                 whole = max(1, round(cells))
                 raise ValueError(

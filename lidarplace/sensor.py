@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.ranges import AZIMUTH_STEPS
+
 # Ends of a field of view, and a whole turn, are meant up to the rounding of degrees to radians.
 HAIR = 1e-12
 FULL_TURN = 2 * math.pi + HAIR
@@ -45,8 +47,7 @@ class Lidar:
             raise ValueError(
                 f"elevations must lie within [-pi/2, pi/2] radians, found {self.elevations}"
             )
-        if self.azimuth_steps < 1:
-            raise ValueError(f"azimuth_steps must be at least 1, found {self.azimuth_steps}")
+        AZIMUTH_STEPS.check("azimuth_steps", self.azimuth_steps)
         if not self.range > 0:
             raise ValueError(f"range must be positive, found {self.range}")
         if not (self.range_noise >= 0 and 0 <= self.drop_off < 1):

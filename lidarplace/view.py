@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from lidarplace.box_log import read_box_log
+from lidarplace.columns import MOST_FRAME
 from lidarplace.command_line import (
     FRONT_ROI,
     RoiOption,
@@ -40,7 +41,10 @@ app = new_app()
 def view(
     log: LogArgument,
     frame: Annotated[
-        int | None, typer.Option(help="the one with most objects in the ROI by default")
+        int | None,
+        typer.Option(
+            help="the one with most objects in the ROI by default", min=-MOST_FRAME, max=MOST_FRAME
+        ),
     ] = None,
     placement: Annotated[
         list[str] | None,

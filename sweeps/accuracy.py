@@ -16,6 +16,7 @@ from lidarplace.command_line import JsonOption, new_app, print_json, verb, wrong
 from lidarplace.command_line import known as known_name
 from lidarplace.log_options import classes as classes_of_objects
 from lidarplace.log_options import paper_placements
+from lidarplace.ranges import AZIMUTH_STEPS, FRAMES, RESOLUTION, SHARE
 from lidarplace.terminal import output, say
 
 _SUFFIXES = ("parquet", "csv", "html")
@@ -52,15 +53,21 @@ def accuracy_command(
     ] = None,
     resolution: Annotated[
         list[float] | None,
-        typer.Option(help="m; repeatable: methods, steps and frames are varied at the first one"),
+        typer.Option(
+            help="m; repeatable: methods, steps and frames are varied at the first one",
+            **RESOLUTION.option,
+        ),
     ] = None,
     azimuth_steps: Annotated[
-        list[int] | None, typer.Option(help="rays of a beam a turn; repeatable")
+        list[int] | None,
+        typer.Option(help="rays of a beam a turn; repeatable", **AZIMUTH_STEPS.option),
     ] = None,
     frames_share: Annotated[
-        list[float] | None, typer.Option(help="of the POG's frames; repeatable")
+        list[float] | None, typer.Option(help="of the POG's frames; repeatable", **SHARE.option)
     ] = None,
-    frames: Annotated[int | None, typer.Option(help="T, for a file of boxes alone")] = None,
+    frames: Annotated[
+        int | None, typer.Option(help="T, for a file of boxes alone", **FRAMES.option)
+    ] = None,
     out: Annotated[
         Path, typer.Option(metavar="PATH", help="of the results, without suffix")
     ] = Path("accuracy"),
@@ -107,23 +114,20 @@ def accuracy_command(
 
 def _read(path: Path, frames: int | None) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Boxes and the frames table."""
-    import pyarrow as pa
-
     from lidarplace.box_log import read_box_log
-    from lidarplace.boxes import check_boxes, frame_keys
+    from lidarplace.boxes import check_boxes, check_classes, frame_keys
+    from lidarplace.columns import frame_numbers
+    from lidarplace.tables import read_csv, read_parquet
 
     if not path.exists():
         raise ValueError(f"{path}: no such file or folder")
-    try:
-        if path.is_dir():
-            log = read_box_log(path)
-            return log.boxes, log.frames
-        boxes = pd.read_csv(path) if path.suffix == ".csv" else pd.read_parquet(path)
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
-    except (pa.ArrowInvalid, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
-        raise ValueError(f"{path}: {str(error).splitlines()[0]}") from None
+    if path.is_dir():
+        log = read_box_log(path)
+        return log.boxes, log.frames
+    boxes = read_csv(path) if path.suffix == ".csv" else read_parquet(path)
     check_boxes(boxes, str(path))
+    check_classes(boxes, str(path))
+    boxes["frame"] = frame_numbers(boxes, str(path))
     if frames is None:
         raise ValueError(f"{path}: boxes alone do not tell the number of frames; name --frames T")
     keys = frame_keys(boxes)

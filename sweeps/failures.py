@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from lidarplace.files import replacing
+from lidarplace.json_files import read_record
 from lidarplace.secret_urls import hide_secrets
 from sweeps.result_folder import DamagedResult
 from sweeps.task import Task
@@ -66,11 +67,8 @@ class FailureFolder:
             partial.write_text(json.dumps(asdict(failure)), encoding="utf-8")
 
     def read(self) -> Mapping[str, Failure]:
-        """Failures by the task's key."""
-        return {
-            path.stem: Failure(**json.loads(path.read_text(encoding="utf-8")))
-            for path in sorted(self.folder.glob("*.json"))
-        }
+        """Failures by the task's key. Raises ValueError that names a file which is none."""
+        return {path.stem: _read(path) for path in sorted(self.folder.glob("*.json"))}
 
     def known(self, rerun: bool, there: Collection[str]) -> dict[str, Failure]:
         """Failures that would come again, by key. All others are forgotten: they are tried again.
@@ -100,3 +98,10 @@ class FailureFolder:
 
     def _record(self, key: str) -> Path:
         return self.folder / f"{key}.json"
+
+
+def _read(path: Path) -> Failure:
+    try:
+        return read_record(path, Failure, "record of a failure")
+    except ValueError as error:
+        raise ValueError(f"{error}; remove it, and its task is tried again") from None

@@ -68,7 +68,7 @@ def run(
     try:
         sweep, plan = read_plan(config, set_ or [])
         store = store_of(sweep)
-    except ValueError as error:
+    except (ValueError, OSError) as error:
         wrong(error)
     console = output()
     if dry_run:
@@ -157,7 +157,10 @@ def run_sweep(
         store.end_running(plan.tasks)  # what a killed driver left
         cached = store.finished(plan.tasks)
         failures = FailureFolder(folder / "failed")
-        known = failures.known(rerun_failed, cached)
+        try:
+            known = failures.known(rerun_failed, cached)
+        except ValueError as error:
+            wrong(error)
         outcome = Outcome()
         with workers, StageProgress(console, at_most(sweep, plan), cached) as progress:
             listener = TrialLog(

@@ -17,6 +17,7 @@ import requests
 import typer
 
 from lidarplace.command_line import new_app, verb, wrong
+from lidarplace.ranges import PORT
 from lidarplace.secret_urls import hide_secrets, public_url
 from tracking.mlflow_connection import connect, reason
 from tracking.mlflow_page import VIEW_TAG, page_of
@@ -34,7 +35,7 @@ def dashboard(
         str, typer.Argument(help="folder of a sweep, file of a database, or MLflow's tracking URI")
     ] = "runs/mlflow.db",
     port: Annotated[
-        int | None, typer.Option(min=1, max=65535, help="5000, or the next one that is free")
+        int | None, typer.Option(help="5000, or the next one that is free", **PORT.option)
     ] = None,
 ) -> None:
     """Open MLflow on this machine alone, and print the address. Ctrl-C ends it.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.arrays import check_numbers, read_npz
 from lidarplace.placement import Mount
 from lidarplace.roi import Roi
+from lidarplace.tables import read_parquet
 from tracking.result_file import read_result_file, read_words
 from tracking.sweep_result import SweepResult
 
@@ -235,7 +238,7 @@ class RunFolder:
 
 def _read_table(path: Path, name: str, columns: tuple[str, ...]) -> pd.DataFrame:
     file = path / f"{name}.parquet"
-    table = pd.read_parquet(file)
+    table = read_parquet(file)
     if table.shape == (0, 0):
         # What a sweep writes when no trial came that far: rows, and so columns, are unknown.
         return table.reindex(columns=columns)
@@ -267,26 +270,54 @@ def _with_later_columns(tasks: pd.DataFrame) -> pd.DataFrame:
 def _read_maps(path: Path) -> Maps | None:
     if not path.is_file():
         return None
-    with np.load(path) as arrays:
-        return Maps(**{field.name: _folder(arrays, field.name) for field in fields(Maps)})
+    arrays = read_npz(path)
+    for name, array in arrays.items():
+        check_numbers(name, array, 2, path)
+    return Maps(**{field.name: _folder(arrays, field.name) for field in fields(Maps)})
 
 
 def _read_frame(path: Path) -> Frame | None:
     if not path.is_file():
         return None
-    with np.load(path) as arrays:
-        missing = [name for name in ("boxes", "labels") if name not in arrays.files]
-        if missing:
-            raise ValueError(f"{path} has no array {', '.join(missing)}; found {arrays.files}")
-        return Frame(
-            points=_folder(arrays, "points"),
-            lidar=_folder(arrays, "lidar"),
-            boxes=arrays["boxes"],
-            labels=arrays["labels"],
+    arrays = read_npz(path)
+    missing = [name for name in ("boxes", "labels") if name not in arrays]
+    if missing:
+        raise ValueError(f"{path} has no array {', '.join(missing)}; found {', '.join(arrays)}")
+    frame = Frame(
+        points=_folder(arrays, "points"),
+        lidar=_folder(arrays, "lidar"),
+        boxes=arrays["boxes"],
+        labels=arrays["labels"],
+    )
+    _check_frame(frame, path)
+    return frame
+
+
+def _check_frame(frame: Frame, path: Path) -> None:
+    """Raise ValueError unless the arrays are of the shapes that `Frame` tells."""
+    check_numbers("boxes", frame.boxes, 2, path)
+    if frame.boxes.shape[1] != 7 or frame.labels.shape != frame.boxes.shape[:1]:
+        raise ValueError(
+            f"{path}: boxes need 7 numbers and a label each, found {frame.boxes.shape} and "
+            f"{frame.labels.shape} labels"
         )
+    if frame.labels.dtype.kind != "U":
+        raise ValueError(f"{path}: labels must hold text, found {frame.labels.dtype}")
+    if set(frame.points) != set(frame.lidar):
+        raise ValueError(
+            f"{path}: points of {', '.join(frame.points)}, but lidar of {', '.join(frame.lidar)}"
+        )
+    for name, points in frame.points.items():
+        check_numbers(f"points/{name}", points, 2, path)
+        check_numbers(f"lidar/{name}", frame.lidar[name], 1, path)
+        if points.shape != (len(frame.lidar[name]), 4):
+            raise ValueError(
+                f"{path}: points/{name} needs 4 numbers for each of {len(frame.lidar[name])} "
+                f"points, found shape {points.shape}"
+            )
 
 
-def _folder(arrays: Any, prefix: str) -> dict[str, NDArray[Any]]:
+def _folder(arrays: Mapping[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[Any]]:
     """Arrays called `prefix/<name>`, by name, in the order of the file."""
     start = f"{prefix}/"
-    return {name[len(start) :]: arrays[name] for name in arrays.files if name.startswith(start)}
+    return {name[len(start) :]: arrays[name] for name in arrays if name.startswith(start)}

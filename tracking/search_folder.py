@@ -11,7 +11,9 @@ import plotly.graph_objects as go
 import plotly.io
 from numpy.typing import NDArray
 
+from lidarplace.arrays import check_numbers, read_npz
 from lidarplace.roi import Roi
+from lidarplace.tables import read_parquet
 from tracking.result_file import read_words
 from tracking.search_result import Rig, SearchResult, read_search_result
 
@@ -132,7 +134,7 @@ class SearchFolder:
 
 
 def _read_table(file: Path, columns: tuple[str, ...]) -> pd.DataFrame:
-    table = pd.read_parquet(file)
+    table = read_parquet(file)
     if table.shape == (0, 0):  # no row was written, and so no column
         return table.reindex(columns=list(columns))
     missing = [column for column in columns if column not in table.columns]
@@ -149,14 +151,14 @@ def _read_maps(
     pog: dict[str, NDArray[np.float32]] = {}
     unseen: dict[str, dict[str, NDArray[np.float32]]] = {}
     if file.is_file():
-        with np.load(file) as arrays:
-            for name in arrays.files:
-                kind, _, rest = name.partition("/")
-                if kind == "pog":
-                    pog[rest] = arrays[name]
-                elif kind == "unseen":
-                    object_class, _, rig = rest.partition("/")
-                    unseen.setdefault(object_class, {})[rig] = arrays[name]
+        for name, array in read_npz(file).items():
+            check_numbers(name, array, 2, file)
+            kind, _, rest = name.partition("/")
+            if kind == "pog":
+                pog[rest] = array
+            elif kind == "unseen":
+                object_class, _, rig = rest.partition("/")
+                unseen.setdefault(object_class, {})[rig] = array
     return pog, unseen
 
 

@@ -56,7 +56,8 @@ def load_checkpoint(model: Detector, path: Path, new_heads: bool = False) -> Loa
     Raises:
         OSError: a file that cannot be read.
         ValueError: not a checkpoint, or one that does not fit; names the entries that are missing,
-            unexpected, of another shape or not finite. The model is left as it was.
+            unexpected, of another shape, not finite, or no dense tensors of floats (or integers,
+            where the model counts). The model is left as it was.
     """
     content, digest = read_checkpoint(path)
     found = content.get("model_state", content)
@@ -68,6 +69,13 @@ def load_checkpoint(model: Detector, path: Path, new_heads: bool = False) -> Loa
         raise ValueError(f"{path} is no checkpoint: it holds no state_dict of tensors")
     own = model.state_dict()
     _same_keys(path, own, found)
+    odd = [key for key in own if not _is_plain(found[key], own[key])]
+    if odd:
+        raise ValueError(
+            f"checkpoint {path}: {odd[0]} must be a dense tensor of "
+            f"{'floats' if own[odd[0]].is_floating_point() else 'integers'}, found "
+            f"{_kind(found[odd[0]])}" + f", and so are {len(odd) - 1} more" * (len(odd) > 1)
+        )
     found, converted = _in_our_layout(own, found)
     broken = [key for key, value in found.items() if not torch.isfinite(value).all()]
     if broken:
@@ -86,8 +94,9 @@ def load_checkpoint(model: Detector, path: Path, new_heads: bool = False) -> Loa
     elif differing and not (new_heads and all(map(_of_head, differing))):
         shapes = "; ".join(
             f"{key} {list(found[key].shape)}, the detector's {list(own[key].shape)}"
-            for key in differing
+            for key in differing[:_SOME]
         )
+        shapes += f" and {len(differing) - _SOME} more" * (len(differing) > _SOME)
         hint = " (heads for other classes; new_heads: true trains them afresh)"
         raise ValueError(
             f"checkpoint {path} does not fit the detector: {shapes}"
@@ -213,7 +222,25 @@ def _of_head(key: str) -> bool:
     return key.split(".")[0].endswith("_head")
 
 
+_FLOATS = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
+_INTEGERS = (torch.int32, torch.int64)
+
+
+def _is_plain(value: Tensor, own: Tensor) -> bool:
+    """Whether a tensor holds numbers that may take the place of `own`, rounded at most."""
+    allowed = _FLOATS if own.is_floating_point() else _INTEGERS
+    return value.dtype in allowed and value.layout is torch.strided and not value.is_meta
+
+
+def _kind(value: Tensor) -> str:
+    layout = "" if value.layout is torch.strided else f", {value.layout}"
+    return f"{value.dtype}{layout}{' without data' * value.is_meta}"
+
+
+_SOME = 6
+
+
 def _some(keys: Sequence[str]) -> str:
     """The first few keys, and how many more there are."""
-    shown = ", ".join(keys[:6])
-    return shown if len(keys) <= 6 else f"{shown} and {len(keys) - 6} more"
+    shown = ", ".join(keys[:_SOME])
+    return shown if len(keys) <= _SOME else f"{shown} and {len(keys) - _SOME} more"

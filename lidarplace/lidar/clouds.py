@@ -18,6 +18,7 @@ import pyarrow as pa
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from lidarplace.arrays import read_npy
 from lidarplace.files import replacing
 
 Crop = tuple[float, float, float, float, float, float]
@@ -190,19 +191,47 @@ def read_clouds(folder: Path) -> PointClouds:
 
     Raises:
         OSError: a file is missing.
-        ValueError: a file is no array.
+        ValueError: a file is no array, or the arrays do not fit together.
     """
-    names = [item.name for item in fields(PointClouds)]
-    return PointClouds(
+    clouds = PointClouds(
         **{
-            name: np.load(
-                folder / f"{name}.npy",
-                mmap_mode="r" if name == "data" else None,
-                allow_pickle=False,
-            )
-            for name in names
+            name: read_npy(folder / f"{name}.npy", dtype, ndim, mapped=name == "data")
+            for name, (dtype, ndim) in _ARRAYS.items()
         }
     )
+    _check_arrays(folder, clouds)
+    return clouds
+
+
+_ARRAYS: dict[str, tuple[type[np.generic], int]] = {
+    "data": (np.uint8, 1),
+    "offsets": (np.int64, 1),
+    "counts": (np.int32, 2),
+    "frames": (np.int64, 1),
+    "crop": (np.float64, 1),
+    "step": (np.float64, 0),
+}
+"""Type and number of axes of every attribute of `PointClouds`."""
+
+
+def _check_arrays(folder: Path, clouds: PointClouds) -> None:
+    """Raise ValueError that names the file which does not fit the others."""
+    frames, offsets = len(clouds.frames), clouds.offsets
+    fits = {
+        "offsets": len(offsets) == frames + 1
+        and offsets[0] == 0
+        and bool((np.diff(offsets) >= 0).all()),
+        "data": len(offsets) > 0 and len(clouds.data) == offsets[-1],
+        "counts": len(clouds.counts) == frames and bool((clouds.counts >= 0).all()),
+        "crop": len(clouds.crop) == 6 and bool(np.isfinite(clouds.crop).all()),
+        "step": 0 < clouds.step < np.inf,
+    }
+    for name, good in fits.items():
+        if not good:
+            raise ValueError(
+                f"{folder / name}.npy: shape {getattr(clouds, name).shape} does not fit the other "
+                f"arrays of {frames} frames, or has wrong values"
+            )
 
 
 @njit(cache=True)

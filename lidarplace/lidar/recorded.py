@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, astuple
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, model_validator
 
+from lidarplace.json_files import read_record
 from lidarplace.lidar.clouds import Crop, PointClouds, read_clouds
-from lidarplace.placement import Placement
+from lidarplace.placement import Mount, Placement
+from lidarplace.sensor import Lidar
 
 _SAMPLE = 256
 """Bytes at both ends of a packed frame that tell it from another one."""
@@ -29,25 +31,44 @@ def rig_record(placement: Placement) -> dict[str, Any]:
 
 
 def check_rig(folder: Path, placement: Placement) -> None:
-    """Raise ValueError if `placement.json` in `folder` tells of another rig than `placement`.
+    """Raise ValueError if `placement.json` in `folder` tells of no rig or another than `placement`.
 
     A folder without that file is taken at its word.
     """
     path = folder / "placement.json"
     if not path.exists():
         return
-    recorded, asked = json.loads(path.read_text()), rig_record(placement)
-    mounts, own = ([list(m.values()) for m in rig["mounts"]] for rig in (recorded, asked))
+    recorded = read_record(path, _Rig, "record of a rig")
+    mounts, own = ([astuple(mount) for mount in rig.mounts] for rig in (recorded, placement))
     if len(mounts) != len(own) or not np.allclose(mounts, own, rtol=0, atol=1e-9):
         raise ValueError(f"{path}: clouds of other mounts than those of {placement.name}")
-    # A rig of one model may be told of once.
-    models = recorded.get("lidars") or [recorded["lidar"]] * len(own)
-    for n, (model, asked_model) in enumerate(zip(models, asked["lidars"], strict=True)):
-        for key, value in asked_model.items():
-            found = model[key]
+    for n, (model, asked) in enumerate(zip(recorded.models, placement.lidars, strict=True)):
+        for key, value in asdict(asked).items():
+            found = getattr(model, key)
             same = np.shape(found) == np.shape(value)
             if not (same and np.allclose(found, value, rtol=0, atol=1e-9)):
                 raise ValueError(f"{path}: LiDAR {n} was one with {key} {found}, not {value}")
+
+
+class _Rig(BaseModel):
+    """`rig_record` as it was written. A rig of one model may be told of once, as `lidar`."""
+
+    mounts: list[Mount]
+    lidars: list[Lidar] | None = None
+    lidar: Lidar | None = None
+
+    @property
+    def models(self) -> list[Lidar]:
+        """The LiDAR of every mount."""
+        return self.lidars or [self.lidar] * len(self.mounts)  # type: ignore[list-item]
+
+    @model_validator(mode="after")
+    def _a_lidar_each(self) -> _Rig:
+        if self.lidars is None and self.lidar is None:
+            raise ValueError("lidars: is missing")
+        if len(self.models) != len(self.mounts):
+            raise ValueError(f"{len(self.models)} lidars for {len(self.mounts)} mounts")
+        return self
 
 
 def recorded_clouds(folder: Path, frames: NDArray[np.int64], crop: Crop) -> PointClouds:
@@ -83,7 +104,10 @@ def recorded_clouds(folder: Path, frames: NDArray[np.int64], crop: Crop) -> Poin
     def cut() -> Iterator[tuple[NDArray[np.float32], NDArray[np.int64]]]:
         for frame in frames.tolist():
             part, index = place[frame]
-            points = part[index]
+            try:
+                points = part[index]
+            except (OSError, ValueError) as error:  # of the codec
+                raise ValueError(f"{folder}: cloud of frame {frame} is damaged: {error}") from None
             inside = ((points[:, :3] >= low) & (points[:, :3] <= high)).all(axis=1)
             lidars = part.counts.shape[1]
             yield points[inside], np.bincount(part.lidar(index)[inside], minlength=lidars)

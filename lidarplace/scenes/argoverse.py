@@ -8,15 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 from numpy.typing import NDArray
-from pyarrow import feather
 
 from lidarplace.box_log import BoxLog
 from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS, POSE_COLUMNS
+from lidarplace.columns import integers, numbers, sizes, texts
 from lidarplace.scenes.class_maps import ARGOVERSE, IGNORE, ClassMap, check_class_map, classify
-from lidarplace.scenes.columns import check_columns, integers, numbers, sizes
 from lidarplace.scenes.se3 import Poses, poses
+from lidarplace.tables import read_feather
 
 ORIGIN = (2.850 / 2, 0.0, -0.33)
 """Our ego origin in the ego frame of Argoverse, metres.
@@ -119,7 +118,7 @@ def _log(
             "scene": path.name,
             "frame": first_frame + frame,
             "timestamp_s": seconds[frame],
-            "object_id": table["track_uuid"].astype(str),
+            "object_id": texts(table, "track_uuid", str(source)),
             "class": classify(table["category"], class_map, row, ignored),
             **dict(zip("xyz", (pose.position - ORIGIN).T, strict=True)),
             **dict(zip(("length", "width", "height"), size.T, strict=True)),
@@ -166,11 +165,4 @@ def _vehicle(path: Path, time_ns: NDArray[np.int64]) -> Poses:
 
 
 def _table(path: Path, names: Sequence[str]) -> pd.DataFrame:
-    if not path.exists():
-        raise ValueError(f"{path}: no such file")
-    try:
-        table = feather.read_table(path)
-    except pa.ArrowInvalid as error:
-        raise ValueError(f"{path}: no Feather file: {str(error).splitlines()[0]}") from None
-    check_columns(table.column_names, names, str(path))
-    return table.select(list(names)).to_pandas()
+    return read_feather(path, names)

@@ -7,8 +7,9 @@ trailers, construction machines, scooters) is ignored, and so is what is no road
 
 from __future__ import annotations
 
+import reprlib
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
@@ -131,13 +132,21 @@ def classify(
     Raises:
         ValueError: a row has no category, or one not in `class_map`; `row` names the row.
     """
-    codes, names = pd.factorize(categories, use_na_sentinel=True)
-    if (codes < 0).any():
-        raise ValueError(f"{row(int(np.argmax(codes < 0)))}: the category is missing")
+    values = categories.astype(object)
+    missing = values.isna().to_numpy(bool)
+    if missing.any():
+        raise ValueError(f"{row(int(np.argmax(missing)))}: the category is missing")
+    hashable = values.map(lambda value: isinstance(value, Hashable)).to_numpy(bool)
+    if not hashable.all():
+        index = int(np.argmin(hashable))
+        raise ValueError(
+            f"{row(index)}: the category must be text, found {reprlib.repr(values.iloc[index])}"
+        )
+    codes, names = pd.factorize(values)
     for code, name in enumerate(names):
         if name not in class_map:
             raise ValueError(
-                f"{row(int(np.argmax(codes == code)))}: unknown category {name!r}; "
+                f"{row(int(np.argmax(codes == code)))}: unknown category {reprlib.repr(name)}; "
                 f"name its class in a class map, or {IGNORE}"
             )
     classes = np.array([class_map[name] for name in names], dtype=object)

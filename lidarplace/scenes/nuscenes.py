@@ -171,7 +171,7 @@ def _vehicle(folder: Path, sample: Table) -> Poses:
     )
     lidar = np.array(sensor.columns["channel"], dtype=object) == LIDAR
     by_lidar = lidar[calibrated.rows_in(sensor, "sensor_token")]
-    is_key = np.array(sweep.columns["is_key_frame"], dtype=bool)
+    is_key = sweep.flags("is_key_frame")
     by_lidar = by_lidar[sweep.rows_in(calibrated, "calibrated_sensor_token")]
     sweep = sweep.take(np.flatnonzero(is_key & by_lidar))
     in_sample = sweep.rows_in(sample, "sample_token")

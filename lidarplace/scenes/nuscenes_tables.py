@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Mapping, Sequence
+import reprlib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
@@ -12,6 +12,16 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+
+from lidarplace.json_files import read_json
+
+TEXTS = frozenset(
+    (
+        *("token", "name", "log_token", "scene_token", "sample_token", "instance_token"),
+        *("category_token", "sensor_token", "calibrated_sensor_token", "ego_pose_token", "channel"),
+    )
+)
+"""Columns of text, in whichever table."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +59,25 @@ class Table:
             one = _floats(value)
             if one is None or one.shape != shape or not np.isfinite(one).all():
                 wanted = f"{shape[0]} finite numbers" if shape else "a finite number"
-                raise ValueError(f"{self.row(index)}: {name} must be {wanted}, found {value!r}")
+                raise ValueError(
+                    f"{self.row(index)}: {name} must be {wanted}, found {reprlib.repr(value)}"
+                )
         raise AssertionError("unreachable")
+
+    def check_texts(self, name: str) -> None:
+        """Raise ValueError that names the first row whose value is no text."""
+        for index, value in enumerate(self.columns[name]):
+            if not isinstance(value, str):
+                where = f"{self.path}: row {index}" if name == "token" else self.row(index)
+                raise ValueError(f"{where}: {name} must be text, found {reprlib.repr(value)}")
+
+    def flags(self, name: str) -> NDArray[np.bool_]:
+        """A column of true and false: (rows,), bool. Raises ValueError."""
+        for index, value in enumerate(self.columns[name]):
+            if not isinstance(value, bool):
+                shown = reprlib.repr(value)
+                raise ValueError(f"{self.row(index)}: {name} must be true or false, found {shown}")
+        return np.array(self.columns[name], bool)
 
     def rows_in(self, other: Table, name: str) -> NDArray[np.int64]:
         """Which row of `other` the tokens in column `name` point at; (rows,), int64.
@@ -93,24 +120,23 @@ def read_table(path: Path, names: Sequence[str]) -> Table:
     """
     names = ("token", *names)
     # Rows become tuples while they are read: all columns as dicts would take half as much again.
-    rows = _load(path, itemgetter(*names))
+    try:
+        rows = read_json(path, itemgetter(*names))
+    except KeyError as error:  # of the getter; the file is read once more to say where
+        raise ValueError(f"{path}: {_without(error.args[0], read_json(path))}") from None
     if not isinstance(rows, list) or not all(isinstance(row, tuple) for row in rows):
         raise ValueError(f"{path}: must be a JSON list of objects")
-    return Table(path, {name: [row[i] for row in rows] for i, name in enumerate(names)})
+    table = Table(path, {name: [row[i] for row in rows] for i, name in enumerate(names)})
+    for name in names:
+        if name in TEXTS:
+            table.check_texts(name)
+    return table
 
 
-def _load(path: Path, hook: Callable[[dict[str, Any]], Any]) -> Any:
-    try:
-        with path.open(encoding="utf-8") as file:
-            return json.load(file, object_hook=hook)
-    except FileNotFoundError:
-        raise ValueError(f"{path}: no such table") from None
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{path}: line {error.lineno}: no JSON: {error.msg}") from None
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: no JSON: byte {error.start} is not UTF-8") from None
-    except KeyError as error:
-        name = error.args[0]
-    rows = json.loads(path.read_text(encoding="utf-8"))
-    row = next(i for i, row in enumerate(rows) if name not in row)
-    raise ValueError(f"{path}: row {row}: no column {name}; found {list(rows[row])}")
+def _without(name: str, rows: Any) -> str:
+    """Where a column is missing."""
+    if isinstance(rows, list):
+        for number, row in enumerate(rows):
+            if isinstance(row, dict) and name not in row:
+                return f"row {number}: no column {name}; found {reprlib.repr(list(row))}"
+    return f"must be a JSON list of objects, found one without {name} elsewhere"

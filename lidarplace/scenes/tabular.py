@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 
 from lidarplace.box_log import BoxLog
 from lidarplace.boxes import (
@@ -18,12 +17,22 @@ from lidarplace.boxes import (
     FRAME_COLUMNS,
     GEOMETRY,
     POSE_COLUMNS,
+    SIZE,
     SPLITS,
 )
+from lidarplace.columns import (
+    check_columns,
+    frame_numbers,
+    integers,
+    numbers,
+    one_of,
+    sizes,
+    texts,
+)
+from lidarplace.ranges import FRAMES
 from lidarplace.scenes.class_maps import BOX_LOG, IGNORE, ClassMap, check_class_map, classify
-from lidarplace.scenes.columns import check_columns, integers, numbers, sizes
+from lidarplace.tables import read_csv, read_parquet
 
-SIZE = ("length", "width", "height")
 SUFFIXES = (".parquet", ".csv")
 TEXT = ("scene", "object_id", "class", "split")
 LOG, NO_BOXES = "log", "no boxes"
@@ -106,23 +115,9 @@ def _found(folder: Path, name: str) -> Path:
 def _read(path: Path) -> pd.DataFrame:
     if path.suffix not in SUFFIXES:
         raise ValueError(f"{path}: must end in {' or '.join(SUFFIXES)}")
-    try:
-        if path.suffix == ".csv":
-            return pd.read_csv(path, dtype=dict.fromkeys(TEXT, str))
-        table = pd.read_parquet(path)
-    except FileNotFoundError:
-        raise ValueError(f"{path}: no such file") from None
-    except (
-        pa.ArrowInvalid,
-        pd.errors.ParserError,
-        pd.errors.EmptyDataError,
-        UnicodeDecodeError,
-    ) as error:
-        raise ValueError(f"{path}: {str(error).splitlines()[0]}") from None
-    # Names that are numbers are text all the same; what is missing stays so, to be found.
-    for name in table.columns.intersection(list(TEXT)):
-        table[name] = table[name].where(table[name].isna(), table[name].astype(str))
-    return table
+    if path.suffix == ".csv":
+        return read_csv(path, dtype=dict.fromkeys(TEXT, str))
+    return read_parquet(path)
 
 
 def _boxes(path: Path) -> pd.DataFrame:
@@ -132,8 +127,8 @@ def _boxes(path: Path) -> pd.DataFrame:
     _check(boxes, ("frame", "class", *GEOMETRY), (*GEOMETRY, "timestamp_s"), path)
     sizes(boxes, SIZE, str(path))
     if "object_id" not in boxes:
-        boxes["object_id"] = np.arange(len(boxes))
-    return boxes.assign(object_id=boxes["object_id"].astype(str))
+        boxes["object_id"] = list(map(str, range(len(boxes))))
+    return boxes
 
 
 def _drop_empty_time(table: pd.DataFrame) -> None:
@@ -145,12 +140,13 @@ def _drop_empty_time(table: pd.DataFrame) -> None:
 def _check(table: pd.DataFrame, needed: Sequence[str], numeric: Sequence[str], path: Path) -> None:
     """Make `frame` and `numeric` columns numbers, and see that no text is missing."""
     check_columns(list(table.columns), needed, str(path))
-    table["frame"] = integers(table, "frame", str(path))
+    table["frame"] = frame_numbers(table, str(path))
     for name in table.columns.intersection(list(numeric)):
         table[name] = numbers(table, [name], str(path))
-    for name in table.columns.intersection(["scene", "object_id", "route", "split"]):
-        if (missing := table[name].isna().to_numpy()).any():
-            raise ValueError(f"{path}: row {int(np.argmax(missing))}: {name} is missing")
+    for name in table.columns.intersection(list(TEXT)):
+        table[name] = texts(table, name, str(path))
+    if "route" in table:
+        table["route"] = integers(table, "route", str(path))
 
 
 def _listed(boxes: pd.DataFrame, path: Path, source: Path) -> pd.DataFrame:
@@ -163,12 +159,8 @@ def _listed(boxes: pd.DataFrame, path: Path, source: Path) -> pd.DataFrame:
     if (twice := frames["frame"].duplicated().to_numpy()).any():
         row = int(np.argmax(twice))
         raise ValueError(f"{path}: row {row}: frame {frames['frame'].iloc[row]} is there twice")
-    if "split" in frames and not (known := frames["split"].isin(SPLITS).to_numpy()).all():
-        row = int(np.argmin(known))
-        raise ValueError(
-            f"{path}: row {row}: split must be {' or '.join(SPLITS)}, "
-            f"found {frames['split'].iloc[row]!r}"
-        )
+    if "split" in frames:
+        one_of(frames, "split", SPLITS, str(path))
     if not (listed := boxes["frame"].isin(frames["frame"]).to_numpy()).all():
         row = int(np.argmin(listed))
         raise ValueError(
@@ -184,13 +176,14 @@ def _buildings(path: Path) -> pd.DataFrame | None:
         return None
     buildings = _read(path)
     check_columns(list(buildings.columns), BUILDING_COLUMNS, str(path))
-    numbers(buildings, GEOMETRY, str(path))
+    buildings[list(GEOMETRY)] = numbers(buildings, GEOMETRY, str(path))
     sizes(buildings, SIZE, str(path))
-    return buildings
+    return buildings.assign(scene=texts(buildings, "scene", str(path)))
 
 
 def _counted(boxes: pd.DataFrame, count: int, source: Path) -> pd.DataFrame:
     """The frames of the boxes, and empty ones after them that make it `count`."""
+    FRAMES.check("the number of frames", count)
     own = boxes[["frame", *(name for name in OF_FRAMES if name in boxes)]]
     own = own.drop_duplicates("frame")
     if len(own) > count:

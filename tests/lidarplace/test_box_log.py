@@ -46,7 +46,7 @@ def test_buildings_need_poses(tmp_path):
 
 
 def test_what_is_no_log_is_named(tmp_path):
-    with pytest.raises(ValueError, match=r"boxes\.parquet: cannot be read: no such file"):
+    with pytest.raises(ValueError, match=r"boxes\.parquet: no such file"):
         read_box_log(tmp_path)
     write_box_log(tmp_path, BoxLog(BOXES, FRAMES))
     (tmp_path / "frames.parquet").write_bytes(b"no parquet at all")

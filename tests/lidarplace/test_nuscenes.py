@@ -198,7 +198,7 @@ def change(folder, table, **values):
     ("table", "values", "message"),
     [
         ("sample_annotation", {"sample_token": "x"}, "sample_token 'x' is not in sample.json"),
-        ("sample_annotation", {"instance_token": None}, "instance_token None is not in instance"),
+        ("sample_annotation", {"instance_token": None}, "instance_token must be text, found None"),
         ("sample_annotation", {"size": [1.0, -2.0, 1.0]}, r"at least 0, found \[1.0, -2.0, 1.0\]"),
         ("sample_annotation", {"size": [1.0, 2.0]}, r"size must be 3 finite .* found \[1.0, 2.0\]"),
         (
@@ -246,7 +246,7 @@ def test_wrong_tables(tmp_path):
     path.write_bytes(b'["\xff"]')
     fails(r"category\.json: no JSON: byte 2 is not UTF-8")
     path.unlink()
-    fails(r"category\.json: no such table")
+    fails(r"category\.json: no such file")
     path.write_text(kept)
     path = folder / "sample.json"
     rows = json.loads(path.read_text())

@@ -44,7 +44,7 @@ def test_a_log_is_a_scene(tmp_path):
     [
         (FRAMES.assign(split="val"), "row 0: split is 'val'; allowed are train and test"),
         (FRAMES.drop(columns="split"), "no column split"),
-        (None, "cannot be read"),
+        (None, "no such file"),
     ],
 )
 def test_what_is_no_scene_is_named(tmp_path, frames, message):

@@ -124,7 +124,7 @@ def test_class_map(tmp_path):
         ({"width": [1.0, 2.0, -3.0]}, "row 2: width must be at least 0, found -3.0"),
         ({"frame": [1, 2.5, 3]}, "row 1: frame must be a whole number, found 2.5"),
         ({"frame": [1, 3, None]}, "row 2: frame must be a whole number, found nan"),
-        ({"class": ["Car", None, "Car"]}, "row 1: the category is missing"),
+        ({"class": ["Car", None, "Car"]}, "row 1: class is missing"),
         ({"class": ["Car", "car", "Car"]}, "row 1: unknown category 'car'"),
         ({"object_id": ["a", "b", None]}, "row 2: object_id is missing"),
         ({"timestamp_s": [0.0, np.inf, 1.0]}, "row 1: timestamp_s must be a finite number"),
@@ -142,7 +142,7 @@ def test_a_wrong_box_names_file_and_row(tmp_path, change, message):
     [
         (FRAMES.assign(frame=[7, 3, 4, 3]), r"frames\.csv: row 3: frame 3 is there twice"),
         (FRAMES[1:], r"boxes\.csv: row 0: frame 7 is not in frames\.csv"),
-        (FRAMES.assign(split="val"), r"row 0: split must be train or test, found 'val'"),
+        (FRAMES.assign(split="val"), r"row 0: split is 'val'; allowed are train and test"),
         (FRAMES.assign(ego_x=1.0), r"frames\.csv: no column ego_y, ego_yaw; found scene, frame"),
         (
             FRAMES.assign(ego_x=1.0, ego_y=[1, 2, "?", 3], ego_yaw=0.0),
@@ -177,11 +177,11 @@ def test_wrong_sources(tmp_path):
     fails(r"must hold boxes\.parquet or boxes\.csv, found both", tmp_path)
     fails(r"boxes\.txt: must end in \.parquet or \.csv", tmp_path / "boxes.txt", frames=1)
     (tmp_path / "empty.csv").touch()
-    fails(r"empty\.csv: No columns", tmp_path / "empty.csv", frames=1)
+    fails(r"empty\.csv: is no CSV file: No columns", tmp_path / "empty.csv", frames=1)
     (tmp_path / "broken.csv").write_text("frame,class\n1,Car\n1,Car,3\n")
     fails(r"broken\.csv: .*line 3", tmp_path / "broken.csv", frames=1)
     (tmp_path / "latin.csv").write_bytes(b"frame,class\n1,V\xe9hicule\n")
-    fails(r"latin\.csv: .*utf-8", tmp_path / "latin.csv", frames=1)
+    fails(r"latin\.csv: .*UTF-8", tmp_path / "latin.csv", frames=1)
     (tmp_path / "broken.parquet").write_text("no Parquet")
     fails(r"broken\.parquet: ", tmp_path / "broken.parquet", frames=1)
 

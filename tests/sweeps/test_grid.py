@@ -143,7 +143,7 @@ def test_own_placements_in_both_conventions(config):
         ),
         (
             {"scene": {"source": "log", "folder": "/no/such"}},
-            "scene.folder: .*/no/such/frames.parquet: cannot be read",
+            "scene.folder: .*/no/such/frames.parquet: no such file",
         ),
         ({"scene": {"towns": ["Town.03"]}}, "scene.towns.*'Town.03' is no town; allowed are"),
         ({"lidar": {"profile": ["paper", "paper"]}}, "lidar.profile: found .*; should be 'paper'"),

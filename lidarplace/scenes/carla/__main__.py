@@ -11,6 +11,7 @@ from pydantic import Field, ValidationError
 from lidarplace.command_line import new_app, verb, wrong
 from lidarplace.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.placement_settings import PlacementSettings
+from lidarplace.ranges import PORT, TIMEOUT
 from lidarplace.scenes.carla.collect import collect
 from lidarplace.scenes.carla.settings import CarlaScene
 from lidarplace.sensor import Lidar
@@ -59,8 +60,12 @@ def carla(
     config: Annotated[Path, typer.Argument(help="YAML file of scene, placements, lidar")],
     out: Annotated[Path, typer.Argument(help="folder of the box log and the clouds")],
     host: Annotated[str | None, typer.Option(help="of the server, before the file's")] = None,
-    port: Annotated[int | None, typer.Option(help="of the server, before the file's")] = None,
-    timeout: Annotated[float | None, typer.Option(help="s, before the file's")] = None,
+    port: Annotated[
+        int | None, typer.Option(help="of the server, before the file's", **PORT.option)
+    ] = None,
+    timeout: Annotated[
+        float | None, typer.Option(help="s, before the file's", **TIMEOUT.option)
+    ] = None,
 ) -> None:
     """Collect a box log, and the clouds of placements, from a running CARLA server.
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from lidarplace.box_log import BoxLog
 from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS
+from lidarplace.ranges import LIDAR_HEIGHT
 from lidarplace.scenes.class_maps import IGNORE, ClassMap, check_class_map
 from lidarplace.scenes.kitti.calibration import (
     LIDAR_HEIGHT_M,
@@ -73,8 +74,9 @@ def read_kitti(
     Raises:
         OSError: `folder` has no labels.
         ValueError: a line is broken or of an unknown type, a calibration or a label file is
-            missing; names file and line. Or no frame is left.
+            missing; names file and line. Or no frame is left, or `lidar_height` is no height.
     """
+    LIDAR_HEIGHT.check("the height of the LiDAR", lidar_height)
     types: Mapping[str, str] = {**KITTI, **(class_map or {})}
     check_class_map(types)
     ignored = Counter() if ignored is None else ignored

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.lidar.clouds import STEP_M, Crop, PointClouds, valid_points
+from lidarplace.ranges import LIDAR_HEIGHT
 from lidarplace.scenes.kitti.calibration import LIDAR_HEIGHT_M
 from lidarplace.scenes.kitti.folder import fault, frame_name, part
 
@@ -42,6 +43,7 @@ def read_kitti_clouds(
         ValueError: a file is missing or holds no whole points, or a point is not finite or has an
             intensity outside [0, 1]; names file and point.
     """
+    LIDAR_HEIGHT.check("the height of the LiDAR", lidar_height)
     paths = {frame: part(folder, "velodyne") / f"{frame_name(frame)}.bin" for frame in frames}
     whole = {}
     for frame, path in paths.items():

@@ -1,0 +1,59 @@
+"""Arrays from NumPy's files; what is wrong with a file is one line that names it."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def read_npy(path: Path, dtype: type[np.generic], ndim: int, mapped: bool = False) -> NDArray[Any]:
+    """The array in a `.npy` file.
+
+    Args:
+        dtype, ndim: what it must have.
+        mapped: it stays on the disk until it is used.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it holds no array, or another one.
+    """
+    try:
+        array = np.load(path, mmap_mode="r" if mapped else None, allow_pickle=False)
+    except (ValueError, EOFError) as error:
+        raise ValueError(f"{path}: is no array of NumPy: {error}") from None
+    if not isinstance(array, np.ndarray) or array.dtype != dtype or array.ndim != ndim:
+        raise ValueError(f"{path}: must hold {np.dtype(dtype)}, {ndim} axes; found {_kind(array)}")
+    return array
+
+
+def read_npz(path: Path) -> dict[str, NDArray[Any]]:
+    """The arrays in a `.npz` file by name, in the order of the file.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it is no such file, or a damaged one.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in arrays.files}
+    except (ValueError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
+        raise ValueError(f"{path}: is no file of arrays, or a damaged one: {error}") from None
+    except (AttributeError, TypeError):  # a single array
+        raise ValueError(
+            f"{path}: holds one array; a file of several by name is expected"
+        ) from None
+
+
+def check_numbers(name: str, array: NDArray[Any], ndim: int, path: Path) -> None:
+    """Raise ValueError unless an array of `path` holds real numbers and has so many axes."""
+    if array.dtype.kind not in "iuf" or array.ndim != ndim:
+        raise ValueError(f"{path}: {name} must hold numbers, {ndim} axes; found {_kind(array)}")
+
+
+def _kind(array: Any) -> str:
+    return f"{array.dtype}, shape {array.shape}" if isinstance(array, np.ndarray) else "several"

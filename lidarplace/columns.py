@@ -1,0 +1,161 @@
+"""Columns that a table must have, and what must be in them; errors name file, row and value."""
+
+from __future__ import annotations
+
+import math
+import reprlib
+from collections.abc import Collection, Sequence
+from decimal import Decimal
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+MOST_FRAME = 2**53 - 1
+"""Largest number of a frame: whole also as a float, and others can follow it."""
+
+_INT64 = 2.0**63
+_LONGEST = 300  # characters of what was found
+
+
+def check_columns(found: Sequence[str], names: Sequence[str], source: str) -> None:
+    """Raise ValueError that says which of `names` are not in `found`."""
+    missing = [name for name in names if name not in found]
+    if missing:
+        listed = ", ".join(map(str, found)) or "none"
+        if len(listed) > _LONGEST:
+            listed = f"{listed[:_LONGEST]} …"
+        raise ValueError(f"{source}: no column {', '.join(missing)}; found {listed}")
+
+
+def numbers(table: pd.DataFrame, names: Sequence[str], source: str) -> NDArray[np.float64]:
+    """Columns of finite numbers; (rows, columns), float64.
+
+    Raises:
+        ValueError: a value is something else.
+    """
+    values = np.empty((len(table), len(names)))
+    for column, name in enumerate(names):
+        values[:, column] = _numeric(table[name]).to_numpy(np.float64, na_value=np.nan)
+    bad = ~np.isfinite(values)
+    if bad.any():
+        row, column = np.argwhere(bad)[0].tolist()
+        raise _wrong(table, names[column], row, "a finite number", source)
+    return values
+
+
+def numbers_if_known(table: pd.DataFrame, name: str, source: str) -> NDArray[np.float64]:
+    """A column of finite numbers, NaN where they are missing; (rows,), float64.
+
+    Raises:
+        ValueError: a value is something else.
+    """
+    missing = table[name].isna().to_numpy(bool)
+    values = np.full(len(table), np.nan)
+    values[~missing] = _numeric(table[name][~missing]).to_numpy(np.float64, na_value=np.nan)
+    bad = ~np.isfinite(values) & ~missing
+    if bad.any():
+        raise _wrong(table, name, int(np.argmax(bad)), "a finite number, or missing", source)
+    return values
+
+
+def sizes(table: pd.DataFrame, names: Sequence[str], source: str) -> NDArray[np.float64]:
+    """Columns of finite numbers >= 0; (rows, columns), float64.
+
+    Raises:
+        ValueError: a value is something else.
+    """
+    values = numbers(table, names, source)
+    if (values < 0).any():
+        row, column = np.argwhere(values < 0)[0].tolist()
+        raise _wrong(table, names[column], row, "at least 0", source)
+    return values
+
+
+def integers(table: pd.DataFrame, name: str, source: str) -> NDArray[np.int64]:
+    """A column of whole numbers of 64 bits; (rows,), int64.
+
+    Raises:
+        ValueError: a value is something else.
+    """
+    values = _numeric(table[name])
+    fits = (values >= -_INT64) & (values < _INT64)
+    bad = (values.isna() | ~fits.fillna(False) | (values % 1 != 0)).to_numpy(bool)
+    if bad.any():
+        raise _wrong(table, name, int(np.argmax(bad)), "a whole number", source)
+    return values.to_numpy(np.int64)
+
+
+def frame_numbers(table: pd.DataFrame, source: str) -> NDArray[np.int64]:
+    """The column `frame`: whole numbers up to ±`MOST_FRAME`; (rows,), int64.
+
+    Raises:
+        ValueError: a value is something else.
+    """
+    values = integers(table, "frame", source)
+    bad = (values > MOST_FRAME) | (values < -MOST_FRAME)
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise _wrong(table, "frame", row, f"a whole number up to ±{MOST_FRAME}", source)
+    return values
+
+
+def texts(table: pd.DataFrame, name: str, source: str) -> NDArray[np.object_]:
+    """A column of text, where names that are whole numbers are text too; (rows,), str.
+
+    Raises:
+        ValueError: a value is something else, or missing.
+    """
+    column = table[name].astype(object)
+    missing = column.isna().to_numpy(bool)
+    if missing.any():
+        raise ValueError(f"{source}: row {int(np.argmax(missing))}: {name} is missing")
+    if pd.api.types.infer_dtype(column) not in ("string", "empty"):
+        bad = ~column.map(lambda value: isinstance(value, str | int | np.integer)).to_numpy(bool)
+        if bad.any():
+            raise _wrong(table, name, int(np.argmax(bad)), "text", source)
+        column = column.map(str)
+    return column.to_numpy(object)
+
+
+def one_of(
+    table: pd.DataFrame, name: str, allowed: Collection[str], source: str, hint: str = ""
+) -> None:
+    """Raise ValueError that names the first row whose value is none of those allowed."""
+    known = (
+        table[name].astype(object).map(lambda value: isinstance(value, str) and value in allowed)
+    )
+    if not known.all():
+        row = int(np.argmin(known.to_numpy(bool)))
+        found = reprlib.repr(table[name].iloc[row])
+        raise ValueError(
+            f"{source}: row {row}: {name} is {found}; allowed are {' and '.join(allowed)}{hint}"
+        )
+
+
+def _numeric(column: pd.Series) -> pd.Series:
+    """The column as numbers, missing where a value is none. Text may be one, a date is none."""
+    kind = column.dtype.kind
+    if kind in "iuf":
+        return column
+    if kind in "bcmM" or isinstance(column.dtype, pd.PeriodDtype):
+        return pd.Series(np.nan, index=column.index)
+    return pd.to_numeric(column.astype(object).map(_number), errors="coerce")
+
+
+def _number(value: Any) -> Any:
+    """What may be a number."""
+    if isinstance(value, bool | np.bool_) or not isinstance(value, _NUMBERS):
+        return math.nan
+    return float(value) if isinstance(value, Decimal) else value
+
+
+_NUMBERS = (str, int, float, Decimal, np.integer, np.floating)
+
+
+def _wrong(table: pd.DataFrame, name: str, row: int, allowed: str, source: str) -> ValueError:
+    found = table[name].iloc[row]
+    return ValueError(
+        f"{source}: row {row}: {name} must be {allowed}, found {str(found)[:_LONGEST]}"
+    )

@@ -1,0 +1,97 @@
+"""Cases from a seed: which file of a target is made wrong, and how."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+
+from tests.fuzz import (
+    mutate_arrays,
+    mutate_bytes,
+    mutate_checkpoints,
+    mutate_lines,
+    mutate_tables,
+    mutate_values,
+)
+from tests.fuzz.judge import DONE, Outcome, inside, judge_reader, judge_verb
+from tests.fuzz.mutate_bytes import Mutation
+from tests.fuzz.targets import Target
+
+BY_SUFFIX: dict[str, Sequence[Mutation]] = {
+    ".parquet": mutate_tables.ANY,
+    ".csv": mutate_tables.ANY,
+    ".feather": mutate_tables.ANY,
+    ".txt": mutate_lines.ANY,
+    ".json": (mutate_values.json_value, mutate_values.json_value, mutate_values.json_syntax),
+    ".yaml": (mutate_values.yaml_value, mutate_values.yaml_value, mutate_values.yaml_syntax),
+    ".npz": (mutate_arrays.npz,),
+    ".npy": (mutate_arrays.npy,),
+    ".pt": mutate_checkpoints.ANY,
+}
+"""What fits a file, beside `mutate_bytes.ANY`."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """A case and what came of it.
+
+    Attributes:
+        target: its name.
+        case: seed and number, for `python -m tests.fuzz TARGET SEED NUMBER`.
+        what: which file was made wrong, and how.
+    """
+
+    target: str
+    case: str
+    what: str
+    outcome: Outcome
+
+    def __str__(self) -> str:
+        return f"{self.target} {self.case}: {self.what}: {self.outcome.kind}\n{self.outcome.told}"
+
+
+def run_case(target: Target, seed: int, number: int, world: Path, place: Path) -> Result:
+    """Make one file of a copy of `world` wrong, in the new folder `place`, and read it."""
+    random = Random(f"{target.name}/{seed}/{number}")
+    files = sorted(path for pattern in target.files for path in world.glob(pattern))
+    chosen = random.choice(files).relative_to(world)
+    parts = {pattern.split("/")[0] for pattern in (str(chosen), *target.needs)}
+    place.mkdir(parents=True)
+    for part in sorted(parts):
+        whole = world / part
+        (shutil.copytree if whole.is_dir() else shutil.copy)(whole, place / part)
+    path = place / chosen
+    fitting = BY_SUFFIX.get(path.suffix, ())
+    # Most cases are of the kind of the file: its bytes are made wrong in few ways.
+    mutations = fitting if fitting and random.random() < 0.75 else mutate_bytes.ANY
+    what = random.choice(mutations)(path, random)
+    with contextlib.chdir(place):
+        outcome = _outcome(target, path, place)
+    shutil.rmtree(place)
+    return Result(target.name, f"{seed} {number}", f"{chosen}: {what}", outcome)
+
+
+def _outcome(target: Target, path: Path, place: Path) -> Outcome:
+    places = (*inside(path, place), path.parent.name + "/", path.parent.name + ":", "--")
+    if target.read is not None:
+        read = target.read
+        outcome = judge_reader(lambda: read(place), places)
+    else:
+        arguments = [word.format(path.name) for word in target.arguments]
+        outcome = judge_verb(target.app(), arguments, places, target.codes)
+    if outcome.kind == DONE and (nonsense := target.check(place)):
+        return Outcome("nonsense was accepted", nonsense)
+    return outcome
+
+
+def run_cases(
+    targets: Sequence[Target], seed: int, count: int, world: Path, places: Path
+) -> Iterator[Result]:
+    """`count` cases of each target."""
+    for target in targets:
+        for number in range(count):
+            yield run_case(target, seed, number, world, places / f"{target.name}-{number}")

@@ -1,0 +1,120 @@
+"""Command lines with one wrong value: every verb, every option."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from random import Random
+from unittest.mock import patch
+
+from tests.fuzz.cases import Result
+from tests.fuzz.judge import judge_verb
+from tests.fuzz.mutate_options import wrong_line
+from tests.fuzz.targets import QUICK
+
+ACCEPTED = SystemExit(0)
+"""A command line was taken; what would follow takes long, or starts servers."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """A right command line.
+
+    Attributes:
+        module: of the verb.
+        arguments: in the world.
+        needs: what is copied.
+        stops_at: function whose call means that the command line was taken.
+        codes: exit codes that say no mistake of the input.
+    """
+
+    module: str
+    arguments: tuple[str, ...]
+    needs: tuple[str, ...]
+    stops_at: str = ""
+    codes: tuple[int, ...] = (0,)
+
+
+LINES = {
+    "run": Line("sweeps.run", ("sweep.yaml", "--dry-run"), ("sweep.yaml", "log")),
+    "search": Line("sweeps.search.__main__", ("search.yaml", "--dry-run"), ("search.yaml", "log")),
+    "status": Line("sweeps.status", ("sweep.yaml",), ("sweep.yaml", "log")),
+    "clean": Line("sweeps.clean", ("sweep.yaml",), ("sweep.yaml", "log"), codes=(0, 1)),
+    "doctor": Line("sweeps.doctor", ("sweep.yaml",), ("sweep.yaml", "log"), codes=(0, 1)),
+    "report": Line(
+        "tracking.report.__main__", ("run",), ("run",), "tracking.report.build.build_report"
+    ),
+    "search-report": Line(
+        "tracking.search_report.__main__",
+        ("found",),
+        ("found",),
+        "tracking.search_report.build.build_search_report",
+    ),
+    "dashboard": Line("tracking.dashboard", ("run",), ("run",), "tracking.dashboard.connect"),
+    "record": Line(
+        "sweeps.record", ("sweep.yaml", "out"), ("sweep.yaml", "log"), "sweeps.execute.execute"
+    ),
+    "pretrain": Line(
+        "sweeps.pretrain",
+        ("sweep.yaml", "--out", "base.pt"),
+        ("sweep.yaml", "log"),
+        "sweeps.execute.execute",
+    ),
+    "convert table": Line("lidarplace.convert", ("table", "csv", "out"), ("csv", "classes.yaml")),
+    "convert a table": Line(
+        "lidarplace.convert", ("table", "csv/boxes.csv", "out", "--frames", "9"), ("csv",)
+    ),
+    "convert kitti": Line("lidarplace.convert", ("kitti", "kitti", "out"), ("kitti",)),
+    "convert nuscenes": Line("lidarplace.convert", ("nuscenes", "nuscenes", "out"), ("nuscenes",)),
+    "convert argoverse": Line("lidarplace.convert", ("argoverse", "av2", "out"), ("av2",)),
+    "carla": Line(
+        "lidarplace.scenes.carla.__main__",
+        ("carla.yaml", "out", "--host", "127.0.0.1", "--port", "1", "--timeout", "0.1"),
+        ("carla.yaml",),
+        "lidarplace.scenes.carla.__main__.collect",
+    ),
+    "describe": Line("lidarplace.describe", ("log",), ("log",)),
+    "view": Line("lidarplace.view", ("log", "--placement", "line"), ("log", "rig.yaml")),
+    "export": Line("lidarplace.export", ("log", "out", "--placement", "line"), ("log", "rig.yaml")),
+    "accuracy": Line("sweeps.accuracy", ("log", *QUICK), ("log", "sweep.yaml")),
+    "accuracy of a table": Line(
+        "sweeps.accuracy", ("csv/boxes.csv", "--frames", "9", *QUICK), ("csv", "sweep.yaml", "log")
+    ),
+}
+"""By verb."""
+
+
+def run_line(name: str, seed: int, number: int, world: Path, place: Path) -> Result:
+    """One wrong command line, in the new folder `place`."""
+    line = LINES[name]
+    random = Random(f"{name}/{seed}/{number}")
+    app = import_module(line.module).app
+    words, parameter = wrong_line(app, line.arguments, random)
+    if line.stops_at:
+        import_module(line.stops_at.rpartition(".")[0])
+    place.mkdir(parents=True)
+    for part in line.needs:
+        whole = world / part
+        (shutil.copytree if whole.is_dir() else shutil.copy)(whole, place / part)
+    given = [ascii(word[:40])[1:-1].rstrip("/") for word in words if word not in line.arguments]
+    named = (parameter, parameter.upper(), *filter(None, given), *line.arguments)
+    places = (*named, "No such option", "extra argument", "null byte", "is no store", "--")
+    stop = patch(line.stops_at, side_effect=ACCEPTED) if line.stops_at else contextlib.nullcontext()
+    with contextlib.chdir(place), stop:
+        outcome = judge_verb(app, words, places, line.codes)
+    shutil.rmtree(place)
+    shown = " ".join(repr(word)[:60] for word in words)
+    return Result(name, f"{seed} {number}", shown, outcome)
+
+
+def run_lines(
+    names: Sequence[str], seed: int, count: int, world: Path, places: Path
+) -> Iterator[Result]:
+    """`count` wrong command lines of each verb."""
+    for name in names:
+        for number in range(count):
+            yield run_line(name, seed, number, world, places / f"{name}-{number}")

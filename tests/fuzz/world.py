@@ -1,0 +1,141 @@
+"""Right files, tiny, of every kind that something reads. A case takes a copy and makes it wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import yaml
+
+from tests.lidarplace import argoverse_layout, nuscenes_layout
+from tests.sweeps.small_log import write_small_log
+from tests.tracking import made_up_run, made_up_search
+
+MAPS = Path(__file__).parents[1] / "data" / "maps"
+
+SWEEP = {
+    "scene": {"source": "log", "folder": "log"},
+    "classes": ["Car"],
+    "roi": {"x": [0, 40], "y": [-20, 20], "z": [0, 4]},
+    "lidar": {"beams": 4, "azimuth_steps": 90},
+    "surrogate": {"resolution": 0.8, "accuracy": False, "sampling_error": False},
+    "training": {"epochs": 1, "batch_size": 2, "rotation": 0.1},
+    "placements": {"mine": {"mounts": [{"x": 0.5, "y": 0.6, "z": 2.0, "roll": -0.1}]}},
+    "grid": {"placement": ["line", "mine"], "seed": [1]},
+    "ray": "debug",
+}
+
+SEARCH = {
+    **{key: SWEEP[key] for key in ("scene", "classes", "lidar", "surrogate", "ray")},
+    "search": {
+        "lidars": 2,
+        "zones": {"roof": {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [1.8, 2.2]}},
+        "roll_deg": [-10, 10],
+        "constraints": {"distance": 0.2},
+        "azimuth_stride": 1,
+        "trials": 4,
+        "batch_size": 4,
+        "greedy": {"position_step": 0.5, "bound_seconds": 1.0},
+    },
+    "robustness": {"draws": 2},
+}
+
+CARLA = {
+    "scene": {"towns": ["Town03"]},
+    "placements": {"line": None, "mine": {"mounts": [{"x": 0.5, "z": 2.0}]}},
+}
+
+CROP = (-50.0, -50.0, -3.0, 50.0, 50.0, 5.0)
+"""Region of the recorded clouds."""
+
+FRAMES = np.array([0, 1])
+"""Frames of the recorded clouds."""
+
+
+def write_world(folder: Path) -> None:
+    """Write all of it into a new folder."""
+    folder.mkdir(parents=True)
+    write_small_log(folder / "log")
+    buildings = pd.DataFrame([("a", 20.0, 9.0, 3.0, 6.0, 4.0, 6.0, 0.1)])
+    buildings.columns = ["scene", "x", "y", "z", "length", "width", "height", "yaw"]
+    buildings.to_parquet(folder / "log/buildings.parquet")
+    frames = pd.read_parquet(folder / "log/frames.parquet")
+    frames.assign(ego_x=0.0, ego_y=0.0, ego_yaw=0.0).to_parquet(folder / "log/frames.parquet")
+    _tables(folder)
+    _kitti(folder / "kitti")
+    _data_sets(folder)
+    _clouds(folder)
+    made_up_run.write_run(folder / "run", names=("line", "center", "mine"), points=20)
+    made_up_search.write_search(folder / "found", trials=12)
+    (folder / "maps").mkdir()
+    for path in MAPS.iterdir():
+        (folder / "maps" / path.name).write_bytes(path.read_bytes())
+    for name, content in (("sweep", SWEEP), ("search", SEARCH), ("carla", CARLA)):
+        (folder / f"{name}.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
+    (folder / "rig.yaml").write_text(yaml.safe_dump(SWEEP["placements"]["mine"]))
+    (folder / "classes.yaml").write_text("Sedan: Car\nDog: ignore\n")
+    _checkpoint(folder / "base.pt")
+    (folder / "failed").mkdir()
+    failure = '{"reason": "no", "log": "", "lasting": true, "out_of_gpu_memory": false}'
+    (folder / "failed/0123456789abcdef.json").write_text(failure)
+
+
+def _tables(folder: Path) -> None:
+    boxes = pd.read_parquet(folder / "log/boxes.parquet")
+    frames = pd.read_parquet(folder / "log/frames.parquet")
+    for suffix in ("csv", "parquet"):
+        (folder / suffix).mkdir()
+        for name, table in (("boxes", boxes), ("frames", frames)):
+            path = folder / suffix / f"{name}.{suffix}"
+            table.to_csv(path, index=False) if suffix == "csv" else table.to_parquet(path)
+
+
+def _kitti(folder: Path) -> None:
+    from lidarplace.scenes.kitti.calibration import calibration_text
+
+    label = "Car 0.00 0 -1.58 587.01 173.33 614.12 200.12 1.65 1.67 3.64 -0.65 1.71 46.70 -1.59"
+    for name in ("label_2", "calib", "velodyne"):
+        (folder / "training" / name).mkdir(parents=True)
+    (folder / "ImageSets").mkdir()
+    (folder / "ImageSets/train.txt").write_text("000000\n000001\n")
+    (folder / "ImageSets/val.txt").write_text("000002\n")
+    points = np.array([[10, 1, -1, 0.5], [20, -3, 0, 0.1]], "<f4")
+    for frame in range(3):
+        stem = f"{frame:06d}"
+        (folder / f"training/label_2/{stem}.txt").write_text(f"{label}\n{label}\n")
+        (folder / f"training/calib/{stem}.txt").write_text(calibration_text())
+        (folder / f"training/velodyne/{stem}.bin").write_bytes(points.tobytes())
+
+
+def _data_sets(folder: Path) -> None:
+    boxes = [nuscenes_layout.Box("vehicle.car", (9.0, 0.0, 1.0))]
+    samples = [nuscenes_layout.Sample(5, boxes), nuscenes_layout.Sample(6)]
+    scenes = [nuscenes_layout.Scene(f"scene-{n}", samples, f"log-{n}") for n in range(2)]
+    nuscenes_layout.write_nuscenes(folder / "nuscenes", scenes, ["vehicle.car", "animal"])
+    box = argoverse_layout.Box(5, "REGULAR_VEHICLE", (9.0, 0.0, 1.0))
+    poses = dict.fromkeys((5, 6), (argoverse_layout.LEVEL, (0.0, 0.0, 0.0)))
+    log = argoverse_layout.Log("val", "log-1", [box, box], poses, [5, 6])
+    argoverse_layout.write_argoverse(folder / "av2", [log])
+
+
+def _clouds(folder: Path) -> None:
+    import json
+
+    from lidarplace.lidar.clouds import PointClouds, write_clouds
+    from lidarplace.lidar.recorded import rig_record
+    from lidarplace.placement import PAPER_PLACEMENTS
+
+    random = np.random.default_rng(0)
+    clouds = [(random.uniform(0, 1, (50, 4)).astype(np.float32), [20, 30]) for _ in FRAMES]
+    write_clouds(folder / "clouds/route", PointClouds.from_frames(FRAMES, clouds, CROP))
+    record = json.dumps(rig_record(PAPER_PLACEMENTS["line"]))
+    (folder / "clouds/placement.json").write_text(record)
+
+
+def _checkpoint(path: Path) -> None:
+    from training import build_detector
+    from training.checkpoints import write_checkpoint
+
+    model = build_detector("pointpillars_tiny", ["Car"])
+    write_checkpoint(path, model.state_dict(), "pointpillars_tiny", ["Car"])
