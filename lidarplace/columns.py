@@ -80,8 +80,10 @@ def integers(table: pd.DataFrame, name: str, source: str) -> NDArray[np.int64]:
         ValueError: a value is something else.
     """
     values = _numeric(table[name])
-    fits = (values >= -_INT64) & (values < _INT64)
-    bad = (values.isna() | ~fits.fillna(False) | (values % 1 != 0)).to_numpy(bool)
+    bad = values.isna() | (values % 1 != 0)
+    if values.dtype.kind != "i":
+        bad |= (values < -_INT64) | (values >= _INT64)
+    bad = bad.fillna(True).to_numpy(bool)
     if bad.any():
         raise _wrong(table, name, int(np.argmax(bad)), "a whole number", source)
     return values.to_numpy(np.int64)
@@ -128,9 +130,10 @@ def one_of(
     )
     if not known.all():
         row = int(np.argmin(known.to_numpy(bool)))
-        found = reprlib.repr(table[name].iloc[row])
+        found = table[name].iloc[row]
+        shown = reprlib.repr(found) if isinstance(found, str) else str(found)[:_LONGEST]
         raise ValueError(
-            f"{source}: row {row}: {name} is {found}; allowed are {' and '.join(allowed)}{hint}"
+            f"{source}: row {row}: {name} is {shown}; allowed are {' and '.join(allowed)}{hint}"
         )
 
 

@@ -60,12 +60,12 @@ class _Rig(BaseModel):
     @property
     def models(self) -> list[Lidar]:
         """The LiDAR of every mount."""
-        return self.lidars or [self.lidar] * len(self.mounts)  # type: ignore[list-item]
+        if self.lidars is not None:
+            return self.lidars
+        return [] if self.lidar is None else [self.lidar] * len(self.mounts)
 
     @model_validator(mode="after")
     def _a_lidar_each(self) -> _Rig:
-        if self.lidars is None and self.lidar is None:
-            raise ValueError("lidars: is missing")
         if len(self.models) != len(self.mounts):
             raise ValueError(f"{len(self.models)} lidars for {len(self.mounts)} mounts")
         return self

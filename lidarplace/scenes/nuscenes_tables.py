@@ -139,4 +139,7 @@ def _without(name: str, rows: Any) -> str:
         for number, row in enumerate(rows):
             if isinstance(row, dict) and name not in row:
                 return f"row {number}: no column {name}; found {reprlib.repr(list(row))}"
-    return f"must be a JSON list of objects, found one without {name} elsewhere"
+            for key, value in row.items() if isinstance(row, dict) else ():
+                if isinstance(value, dict):
+                    return f"row {number}: {key} must be no object, found {reprlib.repr(value)}"
+    return "must be a JSON list of objects"

@@ -1,10 +1,14 @@
 """The folder of a box log, and logs joined."""
 
+import math
+
+import numpy as np
 import pandas as pd
 import pytest
 
 from lidarplace.box_log import BoxLog, join_logs, read_box_log, write_box_log
 from lidarplace.boxes import BOX_COLUMNS, BUILDING_COLUMNS
+from tests.sweeps.small_log import write_small_log
 
 BOXES = pd.DataFrame(
     [
@@ -90,3 +94,66 @@ def test_joined_logs_keep_all_tables_and_refuse_a_frame_twice():
         join_logs([log, log])
     with pytest.raises(ValueError, match="no box log"):
         join_logs([])
+
+
+@pytest.mark.parametrize(
+    ("table", "column", "value", "message"),
+    [
+        ("boxes", "class", "car", "row 0: class is 'car'; allowed are Car and Cyclist and Ped"),
+        ("boxes", "class", 7, "row 0: class is 7; allowed are"),
+        ("boxes", "frame", 1e30, "row 0: frame must be a whole number, found 1e[+]30"),
+        (
+            "boxes",
+            "frame",
+            2**63 - 1,
+            "row 0: frame must be a whole number up to ±9007199254740991",
+        ),
+        ("boxes", "x", "far", "row 0: x must be a finite number, found far"),
+        ("boxes", "x", True, "row 0: x must be a finite number, found True"),
+        (
+            "boxes",
+            "yaw",
+            pd.Timestamp(2020, 1, 1),
+            "row 0: yaw must be a finite number, found 2020",
+        ),
+        ("boxes", "object_id", b"7", "row 0: object_id must be text"),
+        ("boxes", "scene", None, "row 0: scene is missing"),
+        ("frames", "split", "Train", "row 0: split is 'Train'; allowed are train and test"),
+        ("frames", "route", 0.5, "row 0: route must be a whole number, found 0.5"),
+        (
+            "frames",
+            "timestamp_s",
+            math.inf,
+            "row 0: timestamp_s must be a finite number, or missing",
+        ),
+    ],
+)
+def test_a_value_of_another_kind_is_named(tmp_path, table, column, value, message):
+    write_small_log(tmp_path)
+    path = tmp_path / f"{table}.parquet"
+    pd.read_parquet(path).assign(**{column: value}).to_parquet(path)
+    with pytest.raises(ValueError, match=rf"{table}.parquet: {message}"):
+        read_box_log(tmp_path)
+
+
+def test_a_damaged_table_is_named(tmp_path):
+    write_small_log(tmp_path)
+    path = tmp_path / "boxes.parquet"
+    data = path.read_bytes()
+    for length in range(0, len(data), 97):
+        path.write_bytes(data[:length])
+        with pytest.raises(ValueError, match=r"boxes\.parquet: is no Parquet file: "):
+            read_box_log(tmp_path)
+
+
+def test_whole_floats_and_numbers_as_names_are_taken(tmp_path):
+    write_small_log(tmp_path)
+    before = read_box_log(tmp_path)
+    for name in ("boxes", "frames"):
+        path = tmp_path / f"{name}.parquet"
+        table = pd.read_parquet(path)
+        table.assign(frame=table["frame"].astype(float), scene=3).to_parquet(path)
+    log = read_box_log(tmp_path)
+    assert log.boxes["frame"].dtype == log.frames["frame"].dtype == np.int64
+    assert set(log.boxes["scene"]) == set(log.frames["scene"]) == {"3"}
+    pd.testing.assert_frame_equal(log.boxes.assign(scene="a"), before.boxes)

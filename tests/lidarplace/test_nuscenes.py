@@ -268,3 +268,36 @@ def test_the_public_test_set_has_no_boxes(tmp_path):
     folder = write_nuscenes(tmp_path / "v1.0-test", [Scene("scene-1", [Sample(START)])], CATEGORIES)
     with pytest.raises(ValueError, match=r"sample_annotation\.json: has no boxes"):
         read_nuscenes(folder)
+
+
+@pytest.mark.parametrize(
+    ("table", "rows", "message"),
+    [
+        ("scene", 7, "must be a JSON list of objects"),
+        ("scene", {"token": "a"}, "must be a JSON list of objects"),
+        ("sample", [[]], "must be a JSON list of objects"),
+        ("sample", ["a"], "must be a JSON list of objects"),
+        ("scene", [{"token": ["a"], "name": "b", "log_token": "c"}], "row 0: token must be text"),
+        ("scene", [{"token": "a", "name": {}, "log_token": "c"}], "row 0: name must be no object"),
+        ("scene", [{"token": "a", "name": 1, "log_token": "c"}], "token a: name must be text"),
+        ("category", [{"token": "a", "name": None}], "token a: name must be text, found None"),
+        ("sensor", [{"token": "a", "channel": ["LIDAR_TOP"]}], "token a: channel must be text"),
+    ],
+)
+def test_a_table_of_another_shape_is_named(tmp_path, table, rows, message):
+    scenes = [Scene("scene-0001", [Sample(START, [Box("vehicle.car", (9.0, 0.0, 1.0))])])]
+    folder = write_nuscenes(tmp_path / "v1.0-mini", scenes, CATEGORIES)
+    (folder / f"{table}.json").write_text(json.dumps(rows))
+    with pytest.raises(ValueError, match=rf"{table}\.json: .*{message}"):
+        read_nuscenes(folder)
+
+
+def test_brackets_without_end_are_named(tmp_path):
+    scenes = [Scene("scene-0001", [Sample(START, [Box("vehicle.car", (9.0, 0.0, 1.0))])])]
+    folder = write_nuscenes(tmp_path / "v1.0-mini", scenes, CATEGORIES)
+    (folder / "log.json").write_text("[" * 100_000)
+    (folder / "sample.json").write_text("[" * 100_000)
+    with pytest.raises(
+        ValueError, match=r"sample\.json: no JSON that can be read: it is nested too"
+    ):
+        read_nuscenes(folder)

@@ -127,3 +127,46 @@ def test_other_clouds_have_another_digest(tmp_path):
     before = clouds_digest(tmp_path)
     write_clouds(tmp_path / "route", PointClouds.from_frames([1], [cloud(2)], WIDE))
     assert clouds_digest(tmp_path) != before
+
+
+@pytest.mark.parametrize(
+    ("name", "array", "message"),
+    [
+        ("step", np.ones((1, 1)), "step.npy: must hold float64, 0 axes; found float64, shape"),
+        ("counts", np.ones((1, 2)), "counts.npy: must hold int32, 2 axes; found float64"),
+        ("offsets", np.array([0, 10**9]), "data.npy: shape .* does not fit the other arrays"),
+        ("offsets", np.array([5, 0]), "offsets.npy: shape"),
+        ("crop", np.ones(3), "crop.npy: shape .3,. does not fit"),
+        ("frames", np.array([{}], dtype=object), "frames.npy: is no array of NumPy: Object arrays"),
+    ],
+)
+def test_an_array_that_does_not_fit_is_named(tmp_path, name, array, message):
+    write_clouds(tmp_path / "route", PointClouds.from_frames([1], [cloud(1)], WIDE))
+    np.save(tmp_path / f"route/{name}.npy", array)
+    with pytest.raises(ValueError, match=message):
+        recorded_clouds(tmp_path, np.array([1]), WIDE)
+
+
+def test_a_damaged_cloud_names_its_frame(tmp_path):
+    write_clouds(tmp_path / "route", PointClouds.from_frames([1], [cloud(1)], WIDE))
+    data = np.load(path := tmp_path / "route/data.npy")
+    np.save(path, np.zeros_like(data))
+    with pytest.raises(ValueError, match="cloud of frame 1 is damaged: "):
+        recorded_clouds(tmp_path, np.array([1]), WIDE)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "line 1: no JSON"),
+        ("7", "is no record of a rig: "),
+        ('{"mounts": 3}', "is no record of a rig: mounts: "),
+        ('{"mounts": [{"z": "high"}], "lidars": []}', "mounts: 0: z: "),
+        ('{"mounts": [{"z": 2}]}', "0 lidars for 1 mounts"),
+        ('{"mounts": [{"z": 2}], "lidars": []}', "0 lidars for 1 mounts"),
+    ],
+)
+def test_a_record_that_tells_no_rig_is_named(tmp_path, text, message):
+    (tmp_path / "placement.json").write_text(text)
+    with pytest.raises(ValueError, match=rf"placement\.json: .*{message}"):
+        check_rig(tmp_path, PAPER_PLACEMENTS["line"])

@@ -213,3 +213,32 @@ def test_the_headline_iou_is_kittis_where_it_was_evaluated():
     assert headline_iou(results, "Car") == 0.7
     assert headline_iou(results, "Cyclist") == 0.25
     assert headline_iou(results, "Pedestrian") == 0.5
+
+
+@pytest.mark.parametrize("name", ["maps", "frame"])
+def test_a_damaged_file_of_arrays_is_named(made_up_run, tmp_path, name):
+    run = shutil.copytree(made_up_run, tmp_path / "run")
+    data = (path := run / f"{name}.npz").read_bytes()
+    for length in range(0, len(data), len(data) // 40):
+        path.write_bytes(data[:length])
+        with pytest.raises(ValueError, match=rf"{name}\.npz: is no file of arrays, or a damaged"):
+            RunFolder.read(run)
+
+
+@pytest.mark.parametrize(
+    ("name", "array", "value", "message"),
+    [
+        ("maps", "pog/Car", np.zeros(3), "pog/Car must hold numbers, 2 axes; found float64, shape"),
+        ("maps", "coverage/line", np.full((2, 2), "a"), "coverage/line must hold numbers"),
+        ("frame", "boxes", np.zeros((2, 6)), "boxes need 7 numbers and a label each"),
+        ("frame", "points/line", np.zeros((2, 3)), "points/line needs 4 numbers for each of"),
+        ("frame", "points/nobody", np.zeros((2, 4)), "points of .*nobody, but lidar of"),
+    ],
+)
+def test_an_array_of_another_shape_is_named(made_up_run, tmp_path, name, array, value, message):
+    run = shutil.copytree(made_up_run, tmp_path / "run")
+    with np.load(path := run / f"{name}.npz") as arrays:
+        changed = {**arrays, array: value}
+    np.savez(path, **changed)
+    with pytest.raises(ValueError, match=rf"{name}\.npz: {message}"):
+        RunFolder.read(run)

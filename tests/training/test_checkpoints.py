@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import copy
 import struct
 import zipfile
 
@@ -218,3 +219,43 @@ def test_pickle_protocols(tmp_path, protocol, zipped, recwarn):
         with pytest.raises(ValueError, match=f"is written in pickle protocol {protocol}"):
             load_checkpoint(model, path)
     assert not recwarn.list
+
+
+WAYS = {
+    "torch.int8": lambda t: t.to(torch.int8),
+    "torch.bool": lambda t: t.to(torch.bool),
+    "torch.complex64": lambda t: t.to(torch.complex64),
+    "torch.qint8": lambda t: torch.quantize_per_tensor(t, 0.1, 0, torch.qint8),
+    "torch.float32, torch.sparse_coo": lambda t: t.to_sparse(),
+    "torch.float32 without data": lambda t: t.to("meta"),
+}
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("kind", WAYS)
+def test_numbers_of_another_kind_are_refused(tmp_path, kind):
+    source, target = Sparse(), Sparse()
+    before = copy.deepcopy(target.state_dict())
+    state = source.state_dict()
+    state["dense_head.weight"] = WAYS[kind](state["dense_head.weight"])
+    path = write(tmp_path / "odd.pt", state)
+    message = rf"odd.pt: dense_head.weight must be a dense tensor of floats, found {kind}$"
+    with pytest.raises(ValueError, match=message):
+        load_checkpoint(target, path)
+    assert same(before, target.state_dict())
+
+
+@pytest.mark.parametrize("kind", [torch.float16, torch.bfloat16, torch.float64])
+def test_floats_of_other_widths_are_taken(tmp_path, kind):
+    source, target = Sparse(), Sparse()
+    changed = {key: value.to(kind) for key, value in _floats(source).items()}
+    path = write(tmp_path / "half.pt", source.state_dict() | changed)
+    load_checkpoint(target, path)
+    assert all(
+        torch.allclose(value, target.state_dict()[key], rtol=1e-2)
+        for key, value in _floats(source).items()
+    )
+
+
+def _floats(model):
+    return {k: v for k, v in model.state_dict().items() if v.is_floating_point()}

@@ -1,0 +1,46 @@
+"""Wrong data, wherever it is read: refused in one line that names the place, or done."""
+
+import pytest
+
+from tests.fuzz.cases import run_cases
+from tests.fuzz.table import table
+from tests.fuzz.targets import DATA, MAPS, REPORTS
+
+
+def names(targets):
+    return [target.name for target in targets]
+
+
+def faults(targets, seed, count, world, folder):
+    """Cases that were neither done nor refused; the counts are printed."""
+    results = list(run_cases(targets, seed, count, world, folder))
+    print(table(results))
+    assert len(results) == count * len(targets)
+    return [str(result) for result in results if result.outcome.fault]
+
+
+@pytest.mark.parametrize("target", DATA, ids=names(DATA))
+def test_data(target, world, tmp_path):
+    assert not faults([target], 0, 10, world, tmp_path)
+
+
+@pytest.mark.parametrize("target", MAPS, ids=names(MAPS))
+def test_maps(target, world, tmp_path):
+    pytest.importorskip("sumolib")
+    assert not faults([target], 0, 2, world, tmp_path)
+
+
+@pytest.mark.parametrize("target", REPORTS, ids=names(REPORTS))
+def test_reports(target, world, tmp_path):
+    assert not faults([target], 0, 3, world, tmp_path)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [1, 2])
+def test_much_data(seed, world, tmp_path):
+    assert not faults(DATA, seed, 100, world, tmp_path)
+
+
+@pytest.mark.long
+def test_many_maps_and_reports(world, tmp_path):
+    assert not faults((*MAPS, *REPORTS), 1, 60, world, tmp_path)

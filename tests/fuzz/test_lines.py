@@ -1,0 +1,23 @@
+"""Command lines with one wrong value: refused in one line, or done."""
+
+import pytest
+
+from tests.fuzz.lines import LINES, run_lines
+from tests.fuzz.table import table
+
+
+def faults(names, seed, count, world, folder):
+    results = list(run_lines(names, seed, count, world, folder))
+    print(table(results))
+    assert len(results) == count * len(names)
+    return [str(result) for result in results if result.outcome.fault]
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_lines(name, world, tmp_path):
+    assert not faults([name], 0, 8, world, tmp_path)
+
+
+@pytest.mark.long
+def test_many_lines(world, tmp_path):
+    assert not faults(list(LINES), 1, 100, world, tmp_path)
