@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tokenize
 import zipfile
 import zlib
 from pathlib import Path
@@ -9,6 +10,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+_DAMAGED = (ValueError, EOFError, tokenize.TokenError)
+"""What NumPy raises for an array that is none; the last for a header taken for an old one."""
 
 
 def read_npy(path: Path, dtype: type[np.generic], ndim: int, mapped: bool = False) -> NDArray[Any]:
@@ -24,7 +28,7 @@ def read_npy(path: Path, dtype: type[np.generic], ndim: int, mapped: bool = Fals
     """
     try:
         array = np.load(path, mmap_mode="r" if mapped else None, allow_pickle=False)
-    except (ValueError, EOFError) as error:
+    except _DAMAGED as error:
         raise ValueError(f"{path}: is no array of NumPy: {error}") from None
     if not isinstance(array, np.ndarray) or array.dtype != dtype or array.ndim != ndim:
         raise ValueError(f"{path}: must hold {np.dtype(dtype)}, {ndim} axes; found {_kind(array)}")
@@ -41,7 +45,7 @@ def read_npz(path: Path) -> dict[str, NDArray[Any]]:
     try:
         with np.load(path, allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files}
-    except (ValueError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
+    except (*_DAMAGED, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
         raise ValueError(f"{path}: is no file of arrays, or a damaged one: {error}") from None
     except (AttributeError, TypeError):  # a single array
         raise ValueError(

@@ -16,6 +16,7 @@ from rich.table import Table
 from lidarplace.box_log import BoxLog, write_box_log
 from lidarplace.boxes import CLASSES
 from lidarplace.command_line import new_app, verb, wrong
+from lidarplace.files import read_text
 from lidarplace.ranges import LIDAR_HEIGHT, SHARE
 from lidarplace.scenes.argoverse import read_argoverse
 from lidarplace.scenes.class_maps import read_class_map
@@ -65,7 +66,7 @@ def nuscenes(
             source,
             version=version,
             class_map=_class_map(class_map),
-            test_scenes=test_scenes.read_text().split() if test_scenes else test_share,
+            test_scenes=read_text(test_scenes).split() if test_scenes else test_share,
             ignored=ignored,
         )
 

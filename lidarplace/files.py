@@ -1,4 +1,4 @@
-"""Files that appear in one step, so that a reader never meets half of one."""
+"""Files of text, and files that appear in one step, so that a reader never meets half of one."""
 
 from __future__ import annotations
 
@@ -11,6 +11,19 @@ import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+
+def read_text(path: Path) -> str:
+    """The text of a file.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it is not UTF-8; names the file.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: is no text: byte {error.start} is not UTF-8") from None
 
 
 @contextmanager

@@ -31,11 +31,3 @@ def read_result_file(path: Path, model: type[Model]) -> Model:
         return model.model_validate_json(path.read_bytes())
     except ValidationError as error:
         raise ValueError(f"{path}: {fault(error)}") from None
-
-
-def read_words(path: Path) -> str:
-    """The text of a file that a page shows. Raises ValueError unless it is UTF-8, and OSError."""
-    try:
-        return path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: byte {error.start} is not UTF-8 text") from None

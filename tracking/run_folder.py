@@ -12,10 +12,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.arrays import check_numbers, read_npz
+from lidarplace.files import read_text
 from lidarplace.placement import Mount
 from lidarplace.roi import Roi
-from lidarplace.tables import read_parquet
-from tracking.result_file import read_result_file, read_words
+from tracking.result_file import read_result_file
+from tracking.result_table import read_result_table
 from tracking.sweep_result import SweepResult
 
 RESULT_KEYS = ("trial", "placement", "class", "detector", "seed", "metric", "iou", "difficulty")
@@ -56,15 +57,6 @@ _LATER_TASK_COLUMNS: dict[str, float | str | bool] = {
     "batch_size_reduced": False,
 }
 """Columns that older run folders lack, and what stands for not known."""
-_NUMBERS = frozenset(
-    (
-        *("value", "ground_truths", "iou", "seconds", "pog_seconds", "q", "expected_ig", "epoch"),
-        *("recall", "precision", "from_m", "to_m", "objects", "mean", "median", "p10", "unseen"),
-        *("resolution", "azimuth_steps", "frames", "comparable", "sd", "bias", "low", "high"),
-        *("resample", "rank", "boxes"),
-    )
-)
-"""Required columns that hold numbers, in whichever table."""
 _LOCK = ".lock"
 """File that a sweep leaves in its folder from the start; it writes the others at its end."""
 
@@ -182,10 +174,13 @@ class RunFolder:
             raise ValueError(f"{path} is no run folder: it has no {', '.join(missing)}")
         sweep = read_result_file(path / "sweep.json", SweepResult)
         tables = {
-            name: _read_table(path, name, _REQUIRED_TABLES[name]) for name in _REQUIRED_TABLES
+            name: read_result_table(path / f"{name}.parquet", columns)
+            for name, columns in _REQUIRED_TABLES.items()
         }
         optional: dict[str, pd.DataFrame | None] = {
-            name: _read_table(path, name, columns) if (path / f"{name}.parquet").is_file() else None
+            name: read_result_table(file, columns)
+            if (file := path / f"{name}.parquet").is_file()
+            else None
             for name, columns in _OPTIONAL_TABLES.items()
         }
         for name in ("surrogates", "trials"):
@@ -211,7 +206,7 @@ class RunFolder:
         tasks, promotions = optional["tasks"], optional["promotions"]
         return cls(
             path=path,
-            config=read_words(path / "config.yaml"),
+            config=read_text(path / "config.yaml"),
             sweep=sweep,
             roi=sweep.roi,
             placements=sweep.rigs,
@@ -234,27 +229,6 @@ class RunFolder:
             maps=_read_maps(path / "maps.npz"),
             frame=_read_frame(path / "frame.npz"),
         )
-
-
-def _read_table(path: Path, name: str, columns: tuple[str, ...]) -> pd.DataFrame:
-    file = path / f"{name}.parquet"
-    table = read_parquet(file)
-    if table.shape == (0, 0):
-        # What a sweep writes when no trial came that far: rows, and so columns, are unknown.
-        return table.reindex(columns=columns)
-    missing = [column for column in columns if column not in table.columns]
-    if missing:
-        raise ValueError(
-            f"{file} has no column {', '.join(missing)}; found {', '.join(map(str, table.columns))}"
-        )
-    for column in (column for column in columns if column in _NUMBERS):
-        known = table[column].dropna()
-        if len(known) and not pd.api.types.is_numeric_dtype(known):
-            raise ValueError(
-                f"{file}: column {column} must hold numbers, found {known.dtype}, "
-                f"such as {known.iloc[0]!r}"
-            )
-    return table
 
 
 def _detector_named(table: pd.DataFrame) -> pd.DataFrame:

@@ -12,9 +12,9 @@ import plotly.io
 from numpy.typing import NDArray
 
 from lidarplace.arrays import check_numbers, read_npz
+from lidarplace.files import read_text
 from lidarplace.roi import Roi
-from lidarplace.tables import read_parquet
-from tracking.result_file import read_words
+from tracking.result_table import read_result_table
 from tracking.search_result import Rig, SearchResult, read_search_result
 
 _TABLES: dict[str, tuple[str, ...]] = {
@@ -108,9 +108,9 @@ class SearchFolder:
             *(f"value.{objective.name}" for objective in search.objectives),
             *(f"violation.{constraint.name}" for constraint in search.constraints),
         )
-        trials = _read_table(path / "trials.parquet", of_trials)
+        trials = read_result_table(path / "trials.parquet", of_trials)
         tables = {
-            name: _read_table(file, columns)
+            name: read_result_table(file, columns, numbers=("surrogate",))
             if (file := path / f"{name}.parquet").is_file()
             else None
             for name, columns in _TABLES.items()
@@ -120,7 +120,7 @@ class SearchFolder:
         return cls(
             path=path,
             search=search,
-            config=read_words(config) if config.is_file() else "",
+            config=read_text(config) if config.is_file() else "",
             roi=search.roi,
             trials=trials.sort_values("number", ignore_index=True),
             **tables,
@@ -131,18 +131,6 @@ class SearchFolder:
                 for file in sorted((path / "optuna").glob("*.json"))
             },
         )
-
-
-def _read_table(file: Path, columns: tuple[str, ...]) -> pd.DataFrame:
-    table = read_parquet(file)
-    if table.shape == (0, 0):  # no row was written, and so no column
-        return table.reindex(columns=list(columns))
-    missing = [column for column in columns if column not in table.columns]
-    if missing:
-        raise ValueError(
-            f"{file} has no column {', '.join(missing)}; found {', '.join(map(str, table.columns))}"
-        )
-    return table
 
 
 def _read_maps(
@@ -164,7 +152,7 @@ def _read_maps(
 
 def _read_figure(file: Path) -> go.Figure:
     try:
-        return plotly.io.from_json(file.read_text(encoding="utf-8"))
-    except ValueError as error:
+        return plotly.io.from_json(read_text(file))
+    except (ValueError, RecursionError) as error:
         reason = str(error).strip().splitlines()[0]
         raise ValueError(f"{file} is no figure of plotly: {reason}") from error

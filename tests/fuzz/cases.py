@@ -76,7 +76,9 @@ def run_case(target: Target, seed: int, number: int, world: Path, place: Path) -
 
 
 def _outcome(target: Target, path: Path, place: Path) -> Outcome:
-    places = (*inside(path, place), path.parent.name + "/", path.parent.name + ":", "--")
+    folders = [folder.name for folder in path.relative_to(place).parents]
+    places = (*inside(path, place), *(f"/{name}" for name in folders if name), "--", "CARLA server")
+    places += tuple(f"{name}:" for name in folders if name)
     if target.read is not None:
         read = target.read
         outcome = judge_reader(lambda: read(place), places)

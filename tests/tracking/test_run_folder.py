@@ -48,7 +48,7 @@ def test_what_is_missing_is_named(copy, tmp_path):
         RunFolder.read(tmp_path / "nowhere")
     results = pd.read_parquet(copy / "results.parquet")
     results.drop(columns="iou").to_parquet(copy / "results.parquet")
-    with pytest.raises(ValueError, match=r"results.parquet has no column iou; found trial"):
+    with pytest.raises(ValueError, match=r"results.parquet: no column iou; found trial"):
         RunFolder.read(copy)
     sweep = json.loads((copy / "sweep.json").read_text())
     (copy / "sweep.json").write_text(json.dumps({k: v for k, v in sweep.items() if k != "roi"}))
