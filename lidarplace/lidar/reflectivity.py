@@ -55,8 +55,8 @@ REFLECTIVITY: dict[Material, tuple[tuple[float, float], ...]] = {
     Material.MARKING: ((0.0, 0.5), (0.3, 1.5), (1.0, 6.0)),
 }
 """Quantiles of the reflectivity of every material, as pairs (share of all surfaces, reflectivity
-which that share does not exceed), linear between them. Rounded from what is published; where a work
-gives a range and no frequencies, the range is what is kept.
+which that share does not exceed), linear between them. Ranges are rounded to those of the works
+below; few of them tell how often a value occurs, so the shares between are estimates but for PAINT.
 
 PAINT. Pigments with carbon black absorb the near infrared too: black cars reflect some 5 %, white
 and silver ones some 60 % (Levinson, Pan, Ban-Weiss, Rosado, Paolini, Akbari, *Potential benefits of
@@ -64,7 +64,7 @@ solar reflective car shells: cooler cabins, fuel savings and emission reductions
 2011; at 905 nm: Lim, Bae, Yu, Baek, Cho, *Near-infrared reflective dark-tone bilayer system for
 LiDAR-based autonomous vehicles*, Macromolecular Research, 2022). How many cars are white (35 %),
 black (19 %), grey (19 %), or else: Axalta, *Global automotive color popularity report*, 2021.
-GLASS, TYRE, CLOTHES, LAMP. Muckenhuber, Holzer, Bockaj, *Automotive lidar modelling approach based
+GLASS, TYRE, CLOTHES. Muckenhuber, Holzer, Bockaj, *Automotive lidar modelling approach based
 on material properties and lidar capabilities*, Sensors, 2020, and the measurements at 945 nm
 that followed: Ritter and others, *Angle-dependent spectral reflectance material dataset based on
 945 nm time-of-flight camera measurements*, Data in Brief, 2023.
@@ -72,6 +72,7 @@ RETROREFLECTOR. Signs of class RA1 to RA2 send back 70 to 250 cd per lux and squ
 at least some 50: pi times that in terms of a white diffuser, less where they are dirty or the beam
 meets them in part (EN 12899-1, *Fixed, vertical road traffic signs*, 2007; ISO 7591,
 *Retro-reflective registration plates for motor vehicles and trailers*, 1982).
+LAMP. Estimated, between plastic and a retroreflector, which tail lamps hold.
 SKIN. Cooksey, Allen, Tsai, *Reference data set of human skin reflectance*, Journal of Research of
 NIST, 2017.
 WALL, PAVING. Kotthaus, Smith, Wooster, Grimmond, *Derivation of an urban materials spectral library
