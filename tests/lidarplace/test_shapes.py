@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarplace.boxes import GEOMETRY
+from lidarplace.lidar.raycast import cast
 from lidarplace.lidar.reflectivity import uniforms
 from lidarplace.lidar.shapes import (
     BODY,
@@ -17,7 +18,9 @@ from lidarplace.lidar.shapes import (
     own_body,
     shapes_of,
 )
+from lidarplace.placement import Mount
 from lidarplace.pose import rotation
+from lidarplace.sensor import Lidar
 
 NAMES = ("Car", "Cyclist", "Pedestrian", "Tram")
 
@@ -154,3 +157,22 @@ def test_own_body_fills_its_box():
     assert (body.owner == BODY).all()
     corners = corners_in_box(body, np.array(OWN_BODY))
     np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)], [[-1] * 3, [1] * 3])
+
+
+@pytest.mark.parametrize(("name", "size"), [("Car", (4.5, 1.8, 1.5)), ("Cyclist", (7.0, 2.5, 3.0))])
+def test_plates_and_lamps_are_seen_at_the_ends_and_not_from_the_side(name, size):
+    lidar = Lidar(tuple(np.radians(np.linspace(-20, 5, 200))), azimuth_steps=3600)
+    found = {}
+    for yaw in (0.0, math.pi / 2, math.pi):
+        box = np.array([[12.0, 0.0, size[2] / 2, *size, yaw]])
+        parts = parts_of(table([name], box))
+        lights = parts.geometry[:, 5] < 0.1 * size[2]  # they alone are so flat
+        hits = cast(
+            Mount(z=1.8), lidar, Parts(parts.geometry, lights.astype(np.int32), lights * 1.0)
+        )
+        met = hits.target >= 0
+        found[yaw] = (hits.target[met] == 1).mean()
+    assert found[0.0] > 0.01
+    assert found[math.pi] > 0.01
+    if name == "Car":
+        assert found[math.pi / 2] == 0
