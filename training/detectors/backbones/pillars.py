@@ -196,7 +196,8 @@ class PillarEncoder(nn.Module):
     def _centres(self, batch: PillarBatch) -> Tensor:
         """Centres of the pillars, shape (P, 3)."""
         nx, ny = self.grid.shape
-        low, high = self.grid.point_range[:3], self.grid.point_range[3:]
+        # In float32, as where the points were grouped.
+        low, high = np.array(self.grid.point_range, np.float32).reshape(2, 3).tolist()
         cell = batch.cells % (nx * ny)
         x = (cell % nx) * self.grid.size[0] + (self.grid.size[0] / 2 + low[0])
         y = (cell // nx) * self.grid.size[1] + (self.grid.size[1] / 2 + low[1])

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -82,18 +83,21 @@ def anchor_grid(
         centred: anchors lie at the cells' centres; if not, they are spread from edge to edge of the
             range, as in OpenPCDet's KITTI models (align_center).
     """
+    # Rounded step for step as in OpenPCDet, whose range is float32: which anchors tie for an object
+    # depends on the last bit.
+    corners = np.array(point_range, np.float32)
     axes = []
     for axis, cells in enumerate(shape):
-        low, high = point_range[axis], point_range[axis + 3]
-        step = (high - low) / cells if centred else (high - low) / (cells - 1)
-        start = low + step / 2 if centred else low
-        # Rounded as in OpenPCDet: which anchors tie for an object depends on the last bit.
-        axes.append(torch.arange(start, high + 1e-5, step, dtype=torch.float32))
+        low, high = corners[axis], corners[axis + 3]
+        step = float(high - low) / (cells if centred else cells - 1)
+        start = float(low) + step / 2 if centred else float(low)
+        axes.append(torch.arange(start, float(high) + 1e-5, step, dtype=torch.float32))
     y, x = torch.meshgrid(axes[1], axes[0], indexing="ij")
     anchors = []
     for item in classes:
         for rotation in item.rotations:
-            rest = torch.tensor([item.bottom + item.size[2] / 2, *item.size, rotation])
+            rest = torch.tensor([item.bottom, *item.size, rotation])
+            rest[0] += rest[3] / 2
             anchors.append(torch.cat([torch.stack([x, y], -1), rest.expand(*x.shape, 5)], -1))
     return torch.stack(anchors, dim=2)
 

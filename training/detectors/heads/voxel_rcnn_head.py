@@ -94,8 +94,7 @@ class VoxelRcnnHead(RoiHead):
         places = roi_grid(rois.flatten(0, 1), self.size).flatten(0, 1)
         low = places.new_tensor(self.voxels.point_range[:3])
         size = places.new_tensor(self.voxels.size)
-        # Far outside is outside: the clamp keeps what follows within int64.
-        cells = ((places - low) / size).floor().clamp(-1e6, 1e6).long()
+        cells = cells_of(places - low, size)
         frame = torch.arange(len(rois), device=rois.device)
         frame = frame.repeat_interleave(len(places) // len(rois))[:, None]
         features = []
@@ -105,6 +104,13 @@ class VoxelRcnnHead(RoiHead):
             cell = torch.div(cells, stride, rounding_mode="floor").flip(1)
             features.append(layer(voxels, centres, places, torch.cat([frame, cell], dim=1)))
         return torch.cat(features, dim=1).view(rois.shape[:2].numel(), -1)
+
+
+def cells_of(places: Tensor, size: Tensor) -> Tensor:
+    """Cells (M, 3), int64, of edges `size` (3,) in which places (M, 3) from their corner lie."""
+    # Not the floor of a quotient, which rounding can lift into the next cell. Far outside is
+    # outside: the clamp keeps what follows within int64.
+    return torch.div(places, size, rounding_mode="floor").clamp(-1e6, 1e6).long()
 
 
 class NeighbourVoxelPool(nn.Module):

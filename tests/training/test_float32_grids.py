@@ -1,0 +1,87 @@
+"""Grids to the bit as OpenPCDet computes them: its range is float32, its cell sizes are not."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import torch
+
+from training import build_detector
+from training.detectors.backbones.pillars import PillarEncoder, PillarGrid, group
+from training.detectors.heads.anchors import KITTI_ANCHORS, anchor_grid
+from training.detectors.heads.voxel_rcnn_head import cells_of
+
+CLASSES = ("Car", "Pedestrian", "Cyclist")
+
+
+def upstream_anchors(point_range, shape, classes, centred):
+    """AnchorGenerator.generate_anchors, one anchor after the other; (ny, nx, K, 7)."""
+    anchor_range = np.array(point_range, np.float32)
+    cells = np.array(shape) if centred else np.array(shape) - 1
+    stride = (anchor_range[3:5] - anchor_range[:2]).astype(np.float64) / cells
+    offset = stride / 2 if centred else 0 * stride
+    x, y = (
+        torch.arange(
+            float(anchor_range[axis]) + offset[axis],
+            float(anchor_range[axis + 3]) + 1e-5,
+            step=stride[axis],
+            dtype=torch.float32,
+        ).numpy()
+        for axis in range(2)
+    )
+    assert (len(x), len(y)) == shape
+    anchors = np.empty((len(y), len(x), 2 * len(classes), 7), np.float32)
+    anchors[..., 0], anchors[..., 1] = x[:, None], y[:, None, None]
+    for k, item in enumerate(classes):
+        for r, rotation in enumerate(item.rotations):
+            anchors[:, :, 2 * k + r, 2] = item.bottom
+            anchors[:, :, 2 * k + r, 3:6] = item.size
+            anchors[:, :, 2 * k + r, 6] = rotation
+    anchors[..., 2] += anchors[..., 5] / 2
+    return anchors
+
+
+@pytest.mark.parametrize("network", ["pointpillars", "second", "second_iou", "pv_rcnn"])
+def test_anchors_of_the_networks(network):
+    model = build_detector(network, CLASSES)
+    found = model.dense_head.anchors.numpy()
+    shape = found.shape[1], found.shape[0]
+    classes = [KITTI_ANCHORS[name] for name in CLASSES]
+    expected = upstream_anchors(model.point_range, shape, classes, centred=False)
+    assert np.array_equal(found, expected)
+
+
+@pytest.mark.parametrize("centred", [False, True])
+def test_anchors_of_any_range(centred):
+    classes = [KITTI_ANCHORS[name] for name in CLASSES]
+    for low in (-39.68, -0.1, 3.3):
+        point_range = (low, low - 7, -3.0, low + 28.8, low + 12.2, 1.0)
+        found = anchor_grid(classes, point_range, (90, 60), centred).numpy()
+        expected = upstream_anchors(point_range, (90, 60), classes, centred)
+        assert np.array_equal(found, expected)
+
+
+def test_offsets_from_the_centres_of_pillars():
+    low, size = -79.88, 0.16  # where -79.8 in float32 depends on the order of rounding
+    grid = PillarGrid((low, low, 0.0, low + 10 * size, low + 10 * size, 4.0), (size, size))
+    cloud = torch.tensor([[low + 0.5, low + 0.9, 1.0, 0.0]])
+    batch = group([cloud], grid, training=False, device=torch.device("cpu"))
+    # PillarVFE: an index times the size, plus half a size from the corner.
+    corner = torch.from_numpy(np.array([low, low, 0.0], np.float32)).tolist()
+    expected = torch.tensor([3.0, 5.0]) * size + (size / 2 + corner[0])
+    assert torch.equal(PillarEncoder(grid, 4, 0.1)._centres(batch)[0, :2], expected)
+
+
+def test_voxels_of_places_on_their_faces():
+    """VoxelRCNNHead's are those of a floor division, which no rounded quotient lifts."""
+    edge = np.float32(0.05)
+    x = edge * np.arange(-500, 500, dtype=np.float32)
+    found = cells_of(torch.from_numpy(x)[:, None].expand(-1, 3), torch.tensor([edge] * 3))
+    expected = [math.floor(Fraction(float(v)) / Fraction(float(edge))) for v in x]
+    assert found[:, 0].tolist() == expected
+    assert cells_of(torch.tensor([[1e30, -1e30, 0.0]]), torch.ones(3)).tolist() == [
+        [1_000_000, -1_000_000, 0]
+    ]
