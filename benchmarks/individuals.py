@@ -85,7 +85,7 @@ def main() -> None:
         print(individuals(log, config).round(2).to_string(index=False))
         rows = []
         for run in scene.town_runs():
-            _, traffic = drive(scene, run)
+            _, _, traffic = drive(scene, run)
             egos = choose_egos(traffic, run.routes)
             rows.append((*around(traffic, egos), *around(traffic, driving(traffic))))
         columns = [f"{what}, {who}" for who in ("egos", "all") for what in ("near", "m/s", "stand")]

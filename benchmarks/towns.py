@@ -72,7 +72,7 @@ def main() -> None:
             start = time.process_time()
             log = record_town(scene, run)
             seconds = time.process_time() - start
-            _, traffic = drive(scene, run)
+            _, _, traffic = drive(scene, run)
             rows.append(
                 (
                     *(density, town, *objects(log), standing_share(traffic), buildings_near(log)),

@@ -38,11 +38,11 @@ REACH_M = 80.0
 """Buildings farther from every recorded pose are left out."""
 
 
-def build_along(network: Net, seed: int, name: str) -> pd.DataFrame:
+def build_along(network: Net, seed: int, name: str, lefthand: bool = False) -> pd.DataFrame:
     """Buildings of the town `name`, columns `BUILDING_COLUMNS`, in the frame of the network.
 
     The log is flat, so all stand on z = 0, and none over or under a bridge.
-    `network` was read with its junctions' inner lanes.
+    `network` was read with its junctions' inner lanes; `lefthand` says that vehicles keep left.
     """
     rng = np.random.default_rng(seed)
     roads, half_roads, polygons = _roads(network)
@@ -54,7 +54,7 @@ def build_along(network: Net, seed: int, name: str) -> pd.DataFrame:
             front
             for edge in edges
             for side in _sides(edge, ends)
-            for front in _frontage(edge, side, lengths, depths, gaps, rng)
+            for front in _frontage(edge, side, lefthand, lengths, depths, gaps, rng)
         ]
         if not fronts:
             continue
@@ -84,7 +84,7 @@ def within_reach(buildings: pd.DataFrame, positions: NDArray[np.float64]) -> pd.
 
 
 def _sides(edge: Edge, ends: set[tuple[str, str]]) -> tuple[int, ...]:
-    """Sides of an edge for buildings: -1 right, 1 left; left only where no traffic comes back."""
+    """Sides of an edge for buildings: -1 the kerb's, 1 the other, where no traffic comes back."""
     back = (edge.getToNode().getID(), edge.getFromNode().getID())
     return (-1,) if back in ends or _drive_lanes(edge) >= BROAD else (-1, 1)
 
@@ -96,6 +96,7 @@ def _drive_lanes(edge: Edge) -> int:
 def _frontage(
     edge: Edge,
     side: int,
+    lefthand: bool,
     lengths: tuple[float, float],
     depths: tuple[float, float],
     gaps: tuple[float, float],
@@ -104,6 +105,7 @@ def _frontage(
     """Buildings side by side along one side of an edge: x, y, yaw, half length, half depth."""
     lanes = edge.getLanes()
     lane = lanes[0] if side < 0 else lanes[-1]
+    left = -side if lefthand else side
     shape = np.array(lane.getShape(), np.float64)[:, :2]
     steps = np.diff(shape, axis=0)
     along = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
@@ -122,7 +124,7 @@ def _frontage(
         if ends[1] > ends[0]:
             (x0, x1), (y0, y1) = (np.interp(ends, along, shape[:, k]) for k in range(2))
             yaw = np.arctan2(y1 - y0, x1 - x0)
-            out = side * (lane.getWidth() / 2 + setback + depth / 2)
+            out = left * (lane.getWidth() / 2 + setback + depth / 2)
             x, y = (x0 + x1) / 2 - out * np.sin(yaw), (y0 + y1) / 2 + out * np.cos(yaw)
             found.append((x, y, yaw, length / 2, depth / 2))
         place += length + rng.uniform(*gaps)

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from importlib.util import find_spec
 from pathlib import Path
+from xml.etree.ElementTree import ParseError, iterparse
 
 from lidarplace.scenes.opendrive import convert_opendrive
 from lidarplace.scenes.settings import GENERATED, MAP_SUFFIXES
 from lidarplace.scenes.town import build_town
+from lidarplace.scenes.town_map import TownMap
 
 PACKAGE = "py123d"
 """A package on PyPI that carries CARLA's maps (CC-BY 4.0)."""
 
 
-def build_network(town: str, seed: int, folder: Path) -> Path:
+def build_network(town: str, seed: int, folder: Path) -> TownMap:
     """SUMO network of `town`, which is named as in `SumoScene.towns`; made in `folder` if need be.
 
     Raises:
@@ -22,11 +25,19 @@ def build_network(town: str, seed: int, folder: Path) -> Path:
         ValueError: the map is nowhere to be found, or SUMO cannot read it.
     """
     if town == GENERATED:
-        return build_town(seed, folder)
+        return TownMap(build_town(seed, folder))
     path = find_map(town)
     if path.name.endswith(".net.xml"):
-        return path
+        return TownMap(path, lefthand=_keeps_left(path))
     return convert_opendrive(path, folder)
+
+
+def _keeps_left(network: Path) -> bool:
+    """Whether a SUMO network says so; what is wrong with the file is said by who reads it."""
+    with contextlib.suppress(ParseError):
+        for _, root in iterparse(network, events=("start",)):
+            return root.get("lefthand") == "true"
+    return False
 
 
 def find_map(town: str) -> Path:

@@ -18,10 +18,12 @@ from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS, POSE_COLUMNS
 from lidarplace.scenes.buildings import build_along, within_reach
 from lidarplace.scenes.egos import choose_egos
 from lidarplace.scenes.maps import build_network
+from lidarplace.scenes.mirror import mirror_log
 from lidarplace.scenes.overlap import overlaps
 from lidarplace.scenes.routes import KEEP_M, split_of
 from lidarplace.scenes.settings import SumoScene, TownRun
 from lidarplace.scenes.town import sumo_home
+from lidarplace.scenes.town_map import TownMap
 from lidarplace.scenes.traffic import cars_among, write_demand
 from lidarplace.scenes.trajectories import LEVEL_M, Trajectories, simulate
 
@@ -58,7 +60,7 @@ def record_town(scene: SumoScene, run: TownRun) -> BoxLog:
             f"density {scene.density} gives {cars} cars, too few for {run.routes} {run.part} "
             "routes in one simulation"
         )
-    network, traffic = drive(scene, run)
+    network, town, traffic = drive(scene, run)
     pairs = overlaps(traffic)
     boxes: list[pd.DataFrame] = []
     frames: list[pd.DataFrame] = []
@@ -83,29 +85,29 @@ def record_town(scene: SumoScene, run: TownRun) -> BoxLog:
         pd.concat(boxes, ignore_index=True)[list(BOX_COLUMNS)],
         pd.concat(frames, ignore_index=True)[[*FRAME_COLUMNS, *POSE_COLUMNS]],
     )
-    if not scene.buildings:
-        return log
-    walls = build_along(network, run.town_seed, run.name)
-    positions = log.frames[list(POSE_COLUMNS[:2])].to_numpy(np.float64)
-    return replace(log, buildings=within_reach(walls, positions))
+    if scene.buildings:
+        walls = build_along(network, run.town_seed, run.name, town.lefthand)
+        positions = log.frames[list(POSE_COLUMNS[:2])].to_numpy(np.float64)
+        log = replace(log, buildings=within_reach(walls, positions))
+    return mirror_log(log) if town.mirrored else log
 
 
-def drive(scene: SumoScene, run: TownRun) -> tuple[Net, Trajectories]:
-    """The road network of a town run, and its traffic."""
+def drive(scene: SumoScene, run: TownRun) -> tuple[Net, TownMap, Trajectories]:
+    """The road network of a town run, what is to know of it, and its traffic."""
     from sumolib.net import readNet
 
     demand_seed, driving = np.random.SeedSequence(run.traffic_seed).spawn(2)
     with tempfile.TemporaryDirectory(prefix="lidarplace-") as name:
-        path = build_network(run.town, run.town_seed, Path(name))
+        town = build_network(run.town, run.town_seed, Path(name))
         try:
-            network = readNet(str(path), withInternal=True, withPedestrianConnections=True)
+            network = readNet(str(town.path), withInternal=True, withPedestrianConnections=True)
         except (SAXException, KeyError, ValueError) as error:
             reason = f"no {error}" if isinstance(error, KeyError) else error
-            raise ValueError(f"{path}: not a SUMO network: {reason}") from None
+            raise ValueError(f"{town.path}: not a SUMO network: {reason}") from None
         routes = Path(name) / "routes.rou.xml"
         demand = write_demand(network, scene, np.random.default_rng(demand_seed), run.town, routes)
         seed = int(driving.generate_state(1)[0] >> 1)  # SUMO takes 31 bits
-        return network, simulate(scene, path, demand, routes, seed)
+        return network, town, simulate(scene, town.path, demand, routes, seed)
 
 
 def moved(position: NDArray[np.float64], distance: float) -> NDArray[np.int64]:

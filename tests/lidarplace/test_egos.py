@@ -93,7 +93,7 @@ def test_a_towns_egos_meet_more_than_others_would():
     scene = SumoScene(
         seed=3, density=60, pedestrians=20, frames_per_route=20, frame_stride=10, test_routes=0
     )
-    _, traffic = drive(scene, scene.town_runs()[0])
+    _, _, traffic = drive(scene, scene.town_runs()[0])
     cars = [u for u, user in enumerate(traffic.users) if user.kind is CAR]
     distance = traffic.speed[:, cars].sum(axis=0)
     driving = np.array(cars)[distance >= np.median(distance) / 2]

@@ -172,7 +172,7 @@ def test_no_two_boxes_overlap_and_none_the_ego(log):
 def traffic() -> Trajectories:
     changes = {"density": 100, "warmup_s": 30.0, "frame_stride": 4, "frames_per_route": 50}
     scene = TINY.model_copy(update=changes)
-    return drive(scene, scene.town_runs()[0])[1]
+    return drive(scene, scene.town_runs()[0])[2]
 
 
 def test_everybody_is_on_the_road_and_drives_where_he_looks(traffic):

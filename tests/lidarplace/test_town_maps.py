@@ -69,8 +69,8 @@ def test_a_missing_carla_map_says_how_to_get_it(no_maps):
 @pytest.fixture(scope="module")
 def street(tmp_path_factory):
     folder = tmp_path_factory.mktemp("street")
-    path = build_network(str(STREET), 0, folder)
-    return readNet(str(path), withInternal=True, withPedestrianConnections=True)
+    town = build_network(str(STREET), 0, folder)
+    return readNet(str(town.path), withInternal=True, withPedestrianConnections=True)
 
 
 def test_opendrive_lanes_and_coordinates(street):
@@ -102,6 +102,20 @@ def test_gzip_makes_no_difference(tmp_path):
     np.testing.assert_array_equal(one.boxes["x"], two.boxes["x"])
 
 
+def test_a_centre_lane_needs_no_type(street, tmp_path):
+    """As in OpenDRIVE 1.8; sidewalks are called walking there."""
+    text = STREET.read_text().replace('<lane id="0" type="none"', '<lane id="0"')
+    text = text.replace('"sidewalk"', '"walking"')
+    path = tmp_path / "street.xodr"
+    path.write_text(text)
+    town = build_network(str(path), 0, tmp_path)
+    network = readNet(str(town.path), withInternal=True, withPedestrianConnections=True)
+    for old, new in zip(street.getEdges(), network.getEdges(), strict=True):
+        for a, b in zip(old.getLanes(), new.getLanes(), strict=True):
+            assert a.getShape3D() == b.getShape3D()
+            assert a.getPermissions() == b.getPermissions()
+
+
 def test_a_sumo_network_needs_no_pedestrians():
     scene = SMALL.model_copy(update={"towns": (str(BLOCK),), "pedestrians": 0})
     log = record(scene)
@@ -115,7 +129,29 @@ def test_a_sumo_network_needs_no_pedestrians():
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("a.xodr", b"<foo>", r"a.xodr: not an OpenDRIVE map: netconvert: .*last tag .* 'foo'$"),
+        ("a.xodr", b"<foo>", r"a.xodr: not an OpenDRIVE map: no element found: line 1"),
+        ("a.xodr", b"<foo/>", r"a.xodr: not an OpenDRIVE map: its root is foo, not OpenDRIVE"),
+        pytest.param(
+            "a.xodr",
+            b"<OpenDRIVE>" + b"<a>" * 99999 + b"</a>" * 99999 + b"</OpenDRIVE>",
+            r"a.xodr: not an OpenDRIVE map: nested too deeply",
+            id="deep",
+        ),
+        (
+            "a.xodr",
+            b'<OpenDRIVE><junction id="7" type="direct"/></OpenDRIVE>',
+            r"a.xodr: junction 7 is of type direct, which netconvert cannot read; allowed are",
+        ),
+        (
+            "a.xodr",
+            b'<OpenDRIVE><road id="7"><lane id="-1"/></road></OpenDRIVE>',
+            r"a.xodr: road 7: lane -1 has no type",
+        ),
+        (
+            "a.xodr",
+            b'<OpenDRIVE><road id="7"><lane type="driving"/></road></OpenDRIVE>',
+            r"a.xodr: road 7: a lane has no id",
+        ),
         ("a.xodr", b"<OpenDRIVE></OpenDRIVE>", r"a.xodr: not an OpenDRIVE map: .*No nodes loaded"),
         ("a.xodr.gz", b"<OpenDRIVE>", r"a.xodr.gz: not a gzip file"),
         ("a.xodr.gz", gzip.compress(b"<OpenDRIVE>", mtime=0)[:-9], r"a.xodr.gz: not a gzip file"),

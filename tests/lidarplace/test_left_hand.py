@@ -1,0 +1,206 @@
+"""Left-hand traffic: OpenDRIVE's rule LHT and SUMO's networks; nobody drives on the wrong side."""
+
+import math
+import subprocess
+from pathlib import Path
+from xml.etree.ElementTree import Element, fromstring, tostring
+
+import numpy as np
+import pytest
+
+from lidarplace.box_log import BoxLog
+from lidarplace.scenes.mirror import mirror_map
+from lidarplace.scenes.settings import SumoScene
+
+pytest.importorskip("sumolib")
+from lidarplace.scenes.sumo import record
+from lidarplace.scenes.town import sumo_home
+
+STREET = Path(__file__).parents[1] / "data/maps/street.xodr"
+
+SMALL = SumoScene(
+    density=16, pedestrians=4, routes=4, test_routes=0, frames_per_route=30, warmup_s=20
+)
+
+
+def log_of(path: Path, **changes) -> BoxLog:
+    return record(SMALL.model_copy(update={"towns": (str(path),), **changes}))
+
+
+def oncoming(log: BoxLog) -> np.ndarray:
+    """y of the vehicles ahead that come straight towards the ego on its road."""
+    boxes = log.boxes[log.boxes["class"] != "Pedestrian"]
+    facing = np.cos(boxes["yaw"]) < -0.9999
+    return boxes.loc[facing & boxes["x"].between(2, 40) & (boxes["y"].abs() < 7), "y"].to_numpy()
+
+
+def left_hand(path: Path, source: str) -> Path:
+    path.write_text(source.replace("<road ", '<road rule="LHT" '))
+    return path
+
+
+def test_an_opendrive_street_is_driven_on_the_left(tmp_path):
+    """Its right lane is made broader: sides must not be exchanged either."""
+    source = STREET.read_text()
+    left, right = source.split("<center>")
+    source = f"{left}<center>{right.replace('3.5', '5.5', 1)}"
+    log = log_of(left_hand(tmp_path / "street.xodr", source))
+    ahead = oncoming(log)
+    assert len(ahead) > 20
+    assert (ahead < 0).all()
+    # The reference line is y = 5 up to x = 0, and bends to the left behind that.
+    frames = log.frames[log.frames["ego_x"] < -10]
+    along = np.cos(frames["ego_yaw"]) > 0
+    assert 10 < along.sum() < len(frames) - 10
+    assert frames.loc[along, "ego_y"].between(5.5, 5 + 3.5 - 0.5).all()
+    assert frames.loc[~along, "ego_y"].between(5 - 5.5 + 0.5, 4.5).all()
+    assert frames.loc[~along, "ego_y"].min() < 5 - 3.5, "the lane is 5.5 m broad"
+    assert log.frames["ego_y"].max() > 30
+    assert log.buildings["y"].max() > 30
+    assert len(oncoming(log_of(STREET))) > 20
+    assert (oncoming(log_of(STREET)) > 0).all()
+
+
+@pytest.fixture(scope="module")
+def grid(tmp_path_factory) -> tuple[Path, Path]:
+    """A town with left-hand traffic, by SUMO: its network, and as OpenDRIVE with junctions."""
+    folder = tmp_path_factory.mktemp("grid")
+    network, plain = folder / "grid.net.xml", folder / "plain.xodr"
+    programs = sumo_home() / "bin"
+    made = [
+        *("--grid", "--grid.x-number", "3", "--grid.y-number", "2", "--grid.length", "90"),
+        *("--lefthand", "--no-turnarounds", "--sidewalks.guess", "--crossings.guess"),
+    ]
+    written = ["--opendrive-output", str(plain), "--opendrive-output.lefthand-left"]
+    for command in (
+        [programs / "netgenerate", *made, "--output-file", str(network)],
+        [programs / "netconvert", "--sumo-net-file", str(network), *written],
+    ):
+        quiet = ["--no-warnings", "--xml-validation", "never"]
+        subprocess.run([*command, *quiet], check=True, capture_output=True)
+    return network, left_hand(folder / "grid.xodr", plain.read_text())
+
+
+@pytest.mark.parametrize("kind", [0, 1])
+def test_a_town_is_driven_on_the_left(grid, kind):
+    log = log_of(grid[kind], density=24, pedestrians=0, routes=6)
+    ahead = oncoming(log)
+    assert len(ahead) > 20
+    assert (ahead < 0).all()
+    assert len(log.buildings) > 20
+    # Lanes are 3.2 m wide, and the streets are the lines x = 0, 90, 180 and y = 0, 90.
+    frames = log.frames
+    east = frames[(np.cos(frames["ego_yaw"]) > 0.999) & (frames["ego_x"] % 90).between(15, 75)]
+    assert len(east) > 10
+    assert (east["ego_y"] % 90).between(0.5, 2.7).all()
+
+
+def test_the_mirror_image_of_a_map_has_the_mirror_image_of_its_traffic(tmp_path):
+    root = fromstring(STREET.read_text())
+    mirror_map(root)
+    mirrored = left_hand(tmp_path / "street.xodr", tostring(root, "unicode"))
+    one, other = log_of(STREET), log_of(mirrored)
+    assert len(one.boxes) > 100
+    for table, y, yaw in (
+        ("boxes", "y", "yaw"),
+        ("frames", "ego_y", "ego_yaw"),
+        ("buildings", "y", "yaw"),
+    ):
+        a, b = getattr(one, table), getattr(other, table)
+        np.testing.assert_allclose(b[y], -a[y], atol=1e-9)
+        np.testing.assert_allclose(np.exp(1j * b[yaw]), np.exp(-1j * a[yaw]), atol=1e-9)
+        kept = [name for name in a.columns if name not in (y, yaw)]
+        assert a[kept].equals(b[kept])
+        assert b[yaw].between(-math.pi, math.pi, inclusive="right").all()
+
+
+GEOMETRIES = """<OpenDRIVE><road>
+  <geometry x="3" y="-2.5" hdg="0.3" length="20"><line/></geometry>
+  <geometry x="-3" y="+2.5e1" hdg="-0.7" length="20"><arc curvature="-0.02"/></geometry>
+  <geometry x="0" y="0" hdg="2" length="20"><spiral curvStart="0.01" curvEnd="-0.05"/></geometry>
+  <geometry x="1" y="1" hdg="1" length="20"><poly3 a="0" b="0.1" c="-0.02" d="0.001"/></geometry>
+  <geometry x="1" y="7" hdg="1" length="20"><paramPoly3 pRange="arcLength"
+    aU="0" bU="1" cU="-0.001" dU="0" aV="0.5" bV="0" cV="-0.02" dV="1e-3"/></geometry>
+</road></OpenDRIVE>"""
+
+
+def line_of(geometry: Element) -> np.ndarray:
+    """Points of a reference line by OpenDRIVE's definitions; headings are integrated."""
+
+    def number(element: Element, name: str) -> float:
+        return float(element.get(name, "nan"))
+
+    (shape,) = geometry
+    s = np.linspace(0, number(geometry, "length"), 2001)
+    if shape.tag in ("line", "arc", "spiral"):
+        names = {"line": (), "arc": ("curvature",) * 2, "spiral": ("curvStart", "curvEnd")}
+        ends = [number(shape, name) for name in names[shape.tag]] or [0.0, 0.0]
+        curvature = ends[0] + (ends[1] - ends[0]) * s / s[-1]
+        heading = np.concatenate([[0], np.cumsum((curvature[1:] + curvature[:-1]) / 2 * s[1])])
+        u, v = (
+            np.concatenate([[0], np.cumsum(turn(heading)[:-1] * s[1])]) for turn in (np.cos, np.sin)
+        )
+    elif shape.tag == "poly3":
+        u, v = s, np.polyval([number(shape, name) for name in "dcba"], s)
+    else:
+        u, v = (np.polyval([number(shape, f"{k}{axis}") for k in "dcba"], s) for axis in "UV")
+    h = number(geometry, "hdg")
+    return np.stack(
+        [
+            number(geometry, "x") + math.cos(h) * u - math.sin(h) * v,
+            number(geometry, "y") + math.sin(h) * u + math.cos(h) * v,
+        ]
+    )
+
+
+def test_every_kind_of_line_is_mirrored():
+    root = fromstring(GEOMETRIES)
+    before = [line_of(geometry) for geometry in root.iter("geometry")]
+    mirror_map(root)
+    for (x, y), geometry in zip(before, root.iter("geometry"), strict=True):
+        assert np.ptp(y) > 1
+        np.testing.assert_allclose(line_of(geometry), [x, -y], atol=1e-9)
+
+
+LANES = """<OpenDRIVE><road><lanes><laneOffset a="1" b="-2" c="0.5" d="0"/><laneSection>
+  <left><lane id="2" type="a"/><lane id="1" type="b"><link><successor id="-1"/></link></lane></left>
+  <center><lane id="0" type="none"/></center>
+  <right><lane id="-1" type="c"><link><predecessor id="-2"/></link></lane></right>
+</laneSection></lanes></road><junction><connection><laneLink from="1" to="-1"/></connection>
+</junction></OpenDRIVE>"""
+
+
+def test_lanes_change_sides():
+    root = fromstring(LANES)
+    mirror_map(root)
+    section = root.find(".//laneSection")
+    assert [
+        (side.tag, [(int(lane.attrib["id"]), lane.get("type")) for lane in side])
+        for side in section
+    ] == [
+        ("left", [(1, "c")]),
+        ("center", [(0, "none")]),
+        ("right", [(-1, "b"), (-2, "a")]),
+    ]
+    assert [link.get("id") for link in root.iterfind(".//lane/link/*")] == ["2", "1"]
+    assert root.find(".//laneLink").attrib == {"from": "-1", "to": "1"}
+    offset = {name: float(value) for name, value in root.find(".//laneOffset").attrib.items()}
+    assert offset == {"a": -1, "b": 2, "c": -0.5, "d": 0}
+
+
+@pytest.mark.parametrize(
+    ("rule", "message"),
+    [
+        ("left", r"a.xodr: road 2: rule is 'left'; allowed are RHT and LHT"),
+        ("LHT", r"a.xodr: road 2 has left-hand traffic \(rule LHT\), road 1 right-hand traffic"),
+    ],
+)
+def test_rules_that_cannot_be_kept(tmp_path, rule, message):
+    source = STREET.read_text()
+    road = source[source.index("<road ") : source.index("</OpenDRIVE>")]
+    other = road.replace('id="1" junction', f'id="2" rule="{rule}" junction').replace('"5"', '"90"')
+    path = tmp_path / "a.xodr"
+    path.write_text(source.replace("</OpenDRIVE>", f"{other}</OpenDRIVE>"))
+    with pytest.raises(ValueError, match=message) as error:
+        log_of(path)
+    assert "\n" not in str(error.value)
