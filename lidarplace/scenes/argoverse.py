@@ -42,10 +42,11 @@ def read_argoverse(
 ) -> BoxLog:
     """The logs under `folder/<split>/<log>` as one box log.
 
-    A frame is a LiDAR sweep, `sensors/lidar/<timestamp_ns>.feather`; only names are read. Where a
-    log has no such folder, frames are the times of its annotations, and frames without a box are
-    missing. Frames count through the logs, split by split, in the order of their names; `route`
-    numbers the logs. All boxes are kept, however far away; their pitch and roll are lost.
+    A frame is a LiDAR sweep: the time of an annotation, or of a file
+    `sensors/lidar/<timestamp_ns>.feather`, of which only the name is read. A sweep without a box is
+    missing unless its file is there. Frames count through the logs, split by split, in the order of
+    their names; `route` numbers the logs. All boxes are kept, however far away; their pitch and
+    roll are lost.
 
     Args:
         folder: the data set.
@@ -98,15 +99,8 @@ def _log(
         return f"{source}: row {index}"
 
     time_ns = integers(table, "timestamp_ns", str(source))
-    frame_ns = _sweeps(path / "sensors" / "lidar")
-    if frame_ns is None:
-        frame_ns = np.unique(time_ns)
+    frame_ns = np.union1d(time_ns, _sweeps(path / "sensors" / "lidar"))
     frame = pd.Index(frame_ns).get_indexer(pd.Index(time_ns))
-    if (frame < 0).any():
-        index = int(np.argmax(frame < 0))
-        raise ValueError(
-            f"{row(index)}: timestamp_ns {time_ns[index]} is no sweep in sensors/lidar"
-        )
     size = sizes(table, SIZE, str(source))
     position, quaternion = (
         numbers(table, names, str(source)) for names in (TRANSLATION, QUATERNION)
@@ -139,14 +133,12 @@ def _log(
     return boxes[boxes["class"] != IGNORE].sort_values("frame", kind="stable"), frames
 
 
-def _sweeps(folder: Path) -> NDArray[np.int64] | None:
-    """Times of the sweeps, sorted, in nanoseconds; None where there is no such folder."""
-    if not folder.is_dir():
-        return None
+def _sweeps(folder: Path) -> NDArray[np.int64]:
+    """Times of the sweeps that are there, in nanoseconds."""
     for path in (paths := sorted(folder.glob("*.feather"))):
-        if not path.stem.isdecimal():
+        if not path.stem.isdecimal() or int(path.stem) >= 2**63:
             raise ValueError(f"{path}: a sweep must be named by its time in nanoseconds")
-    return np.array(sorted(int(path.stem) for path in paths), np.int64)
+    return np.array([int(path.stem) for path in paths], np.int64)
 
 
 def _vehicle(path: Path, time_ns: NDArray[np.int64]) -> Poses:

@@ -71,6 +71,7 @@ ARGOVERSE: ClassMap = MappingProxyType(
         "CONSTRUCTION_BARREL": IGNORE,
         "CONSTRUCTION_CONE": IGNORE,
         "DOG": IGNORE,
+        "EGO_VEHICLE": IGNORE,  # the vehicle with the sensors
         "LARGE_VEHICLE": "Cyclist",
         "MESSAGE_BOARD_TRAILER": IGNORE,
         "MOBILE_PEDESTRIAN_CROSSING_SIGN": IGNORE,
@@ -94,7 +95,7 @@ ARGOVERSE: ClassMap = MappingProxyType(
         "WHEELED_RIDER": IGNORE,
     }
 )
-"""The 30 categories of the Argoverse 2 sensor data set, one of them under two names."""
+"""The 30 categories of the Argoverse 2 sensor data set, one under two names, and the ego itself."""
 
 
 def read_class_map(path: Path) -> dict[str, str]:

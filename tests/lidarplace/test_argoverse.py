@@ -100,12 +100,37 @@ def test_logs_splits_and_empty_sweeps(tmp_path):
     assert set(read_argoverse(folder, splits=["val"]).frames["scene"]) == {"b"}
 
 
+def test_a_log_with_some_of_its_sweeps_has_all_annotated_frames(tmp_path):
+    times = sorted(HERE)
+    boxes = [car(times[0]), car(times[2], track="other")]
+    folder = write_argoverse(tmp_path, [Log("train", "a", boxes, HERE, [times[1], times[2]])])
+    log = read_argoverse(folder)
+    np.testing.assert_allclose(log.frames["timestamp_s"], [0, 0.1, 0.2], atol=1e-12)
+    assert log.boxes["frame"].tolist() == [0, 2]
+    assert log.boxes["object_id"].tolist() == ["022c398c", "other"]
+
+
+def test_an_annotation_at_a_time_of_no_pose(tmp_path):
+    boxes = [car(), car(START + 1)]
+    folder = write_argoverse(tmp_path, [Log("train", "a", boxes, HERE, sorted(HERE))])
+    with pytest.raises(ValueError, match=rf"SE3.*: no pose at timestamp_ns {START + 1}$"):
+        read_argoverse(folder)
+
+
+def test_the_vehicle_itself_is_no_object(tmp_path):
+    boxes = [car(), Box(START, "EGO_VEHICLE", (1.4, 0.0, 0.5), track="ego")]
+    folder = write_argoverse(tmp_path, [Log("train", "a", boxes, HERE)])
+    ignored = Counter()
+    assert read_argoverse(folder, ignored=ignored).boxes["object_id"].tolist() == ["022c398c"]
+    assert ignored == {"EGO_VEHICLE": 1}
+
+
 def test_classes(tmp_path):
     boxes = [Box(START, name, (9.0, 0.0, 1.0), track=name) for name in sorted(ARGOVERSE)]
     folder = write_argoverse(tmp_path, [Log("train", "a", boxes, HERE)])
     ignored = Counter()
     log = read_argoverse(folder, ignored=ignored)
-    assert len(ARGOVERSE) == 31  # 30, and the guide's other name for one of them
+    assert len(ARGOVERSE) == 32  # 30, the guide's other name for one of them, and EGO_VEHICLE
     assert log.boxes["class"].value_counts()[list(CLASSES)].tolist() == [1, 8, 2]
     assert ignored == {name: 1 for name, value in ARGOVERSE.items() if value == IGNORE}
     own = read_argoverse(folder, class_map={"BUS": "Cyclist", "TRUCK_CAB": IGNORE})
@@ -122,7 +147,6 @@ def test_classes(tmp_path):
         ([car(rotation=(0.0, 0.0, 0.0, 0.0))], "row 0: the rotation is a quaternion of length 0"),
         ([car(size=(1.0, 2.0, math.inf))], "row 0: height_m must be a finite number, found inf"),
         ([Box(START, "BUS", (1.0, math.nan, 0.0))], "row 0: ty_m must be a finite .* found nan"),
-        ([car(START + 1)], f"row 0: timestamp_ns {START + 1} is no sweep in sensors/lidar"),
     ],
 )
 def test_a_wrong_value_names_file_and_row(tmp_path, boxes, message):
@@ -142,7 +166,9 @@ def test_wrong_files(tmp_path):
     fails("test: must hold a folder for each log", splits=["train", "test"])
     (odd := tmp_path / "train" / "a" / "sensors" / "lidar" / "first.feather").touch()
     fails(r"lidar/first\.feather: a sweep must be named by its time")
-    odd.unlink()
+    odd.rename(long := odd.with_name(f"{2**63}.feather"))
+    fails(rf"lidar/{2**63}\.feather: a sweep must be named by its time")
+    long.unlink()
     path = tmp_path / "train" / "a" / "city_SE3_egovehicle.feather"
     poses = pd.read_feather(path)
     poses[2:].to_feather(path)

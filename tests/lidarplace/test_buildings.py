@@ -21,8 +21,8 @@ MAPS = Path(__file__).parents[1] / "data" / "maps"
 @pytest.fixture(scope="module", params=["generated", "street.xodr", "block.net.xml"])
 def town(request, tmp_path_factory) -> tuple[Net, pd.DataFrame]:
     name = request.param if request.param == "generated" else str(MAPS / request.param)
-    path = build_network(name, 5, tmp_path_factory.mktemp("town"))
-    network = readNet(str(path), withInternal=True, withPedestrianConnections=True)
+    found = build_network(name, 5, tmp_path_factory.mktemp("town"))
+    network = readNet(str(found.path), withInternal=True, withPedestrianConnections=True)
     return network, build_along(network, 7, "here")
 
 

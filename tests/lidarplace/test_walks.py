@@ -21,12 +21,12 @@ def read(path: Path) -> Net:
 
 @pytest.fixture(scope="module")
 def generated(tmp_path_factory) -> Net:
-    return read(build_network("generated", 5, tmp_path_factory.mktemp("town")))
+    return read(build_network("generated", 5, tmp_path_factory.mktemp("town")).path)
 
 
 @pytest.fixture(scope="module")
 def street(tmp_path_factory) -> Net:
-    return read(build_network(str(MAPS / "street.xodr"), 0, tmp_path_factory.mktemp("street")))
+    return read(build_network(str(MAPS / "street.xodr"), 0, tmp_path_factory.mktemp("street")).path)
 
 
 @pytest.mark.parametrize("sumo_class", ["passenger", "bicycle"])
