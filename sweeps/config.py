@@ -205,12 +205,14 @@ class Point(Settings):
 
     @model_validator(mode="after")
     def _fits(self) -> Point:
-        voxels = math.prod(self.voxel_roi().shape)
+        sides = (self.roi.x, self.roi.y, self.roi.z)
+        voxels = math.prod((high - low) / self.surrogate.resolution for low, high in sides)
         if voxels > MOST_VOXELS:
             raise ValueError(
                 f"surrogate.resolution: {self.surrogate.resolution:g} m divides the ROI into "
                 f"{voxels:.3g} voxels; allowed are {MOST_VOXELS:.3g}"
             )
+        self.voxel_roi()
         corner = math.hypot(*(max(map(abs, side)) for side in (self.roi.x, self.roi.y)))
         if isinstance(self.scene, SumoScene) and corner > KEEP_M:
             raise ValueError(
