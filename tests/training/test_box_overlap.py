@@ -32,6 +32,7 @@ boxes = st.lists(
 )
 
 
+@pytest.mark.usefixtures("last_bits")
 @settings(max_examples=100, deadline=None)
 @given(boxes, boxes, st.booleans())
 def test_clipping_at_once_agrees_with_one_by_one(a, b, three_d):
@@ -51,6 +52,7 @@ def test_agrees_with_openpcdet_in_pieces(three_d, monkeypatch):
     assert torch.equal(box_overlap._iou_torch(a, b, three_d), whole)
 
 
+@pytest.mark.usefixtures("last_bits")
 @pytest.mark.parametrize("angle", [0.0, 1e-16, 1e-12, 1e-9, 1e-6])
 @pytest.mark.parametrize("far", [0.0, 1e3, 1e7])
 def test_a_box_overlaps_itself_completely(angle, far):

@@ -22,6 +22,7 @@ def box(x=0.0, y=0.0, length=4.0, width=2.0, yaw=0.0):
     return [x, y, 0.0, length, width, 1.5, yaw]
 
 
+@pytest.mark.usefixtures("last_bits")
 @pytest.mark.parametrize(
     ("threshold", "pre", "expected"),
     [
@@ -68,6 +69,7 @@ def by_definition(boxes, threshold):
     return kept
 
 
+@pytest.mark.usefixtures("last_bits")
 @settings(max_examples=40, deadline=None)
 @given(
     st.integers(0, 2**32 - 1),
@@ -88,6 +90,7 @@ def test_all_pairs_decide(seed, count, threshold, spread, alike):
     assert module._unsuppressed_torch(torch.from_numpy(crowd), threshold).tolist() == expected
 
 
+@pytest.mark.usefixtures("last_bits")
 @settings(max_examples=40, deadline=None)
 @given(
     st.lists(

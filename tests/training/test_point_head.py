@@ -18,6 +18,8 @@ from training.detectors.heads.point_head import (
     segmentation_loss,
 )
 
+pytestmark = pytest.mark.usefixtures("last_bits")
+
 SIZES = [[3.9, 1.6, 1.56], [0.8, 0.6, 1.73]]
 
 

@@ -291,6 +291,7 @@ def test_first_hits(mask, samples):
 # Three nearest neighbours
 
 
+@pytest.mark.usefixtures("last_bits")
 def test_three_nn_agrees_with_openpcdet():
     new = (of("fps_batch") + torch.tensor([[0], [1500]])).flatten()
     found, idx = interpolation.three_nn(POINTS, BATCH, POINTS[new], torch.tensor([128, 128]))
@@ -309,6 +310,7 @@ def test_three_nn_agrees_with_openpcdet():
     assert found.numpy() == pytest.approx(DATA["nn_stack_distances"], rel=1e-6)
 
 
+@pytest.mark.usefixtures("last_bits")
 @pytest.mark.usefixtures("_chunks")
 @pytest.mark.parametrize("search", NEAREST)
 def test_nearest_of_openpcdet_on_both_paths(search):
@@ -318,6 +320,7 @@ def test_nearest_of_openpcdet_on_both_paths(search):
     assert found.numpy() == pytest.approx(DATA["nn_batch_distances"][0], abs=2e-6)
 
 
+@pytest.mark.usefixtures("last_bits")
 @settings(max_examples=60, deadline=None)
 @given(clouds(0, 20), clouds(1, 40))
 def test_nearest_by_brute_force(unknown, known):
@@ -326,7 +329,8 @@ def test_nearest_by_brute_force(unknown, known):
     expected, rows = squared.sort(dim=1, stable=True)
     for search in NEAREST:
         found, idx = search(unknown, known, near)
-        assert torch.equal(found, expected[:, :near].sqrt())
+        # A library's root may be one unit in the last place off.
+        torch.testing.assert_close(found, expected[:, :near].sqrt(), rtol=3e-7, atol=0)
         assert torch.equal(squared.gather(1, idx), expected[:, :near])
     # On a CPU the lowest rows of equally near ones.
     assert torch.equal(interpolation._nearest_numba(unknown, known, near)[1], rows[:, :near])
@@ -419,6 +423,7 @@ def test_features_keep_their_dtype(dtype):
     assert group(features, idx[:0]).shape == (0, 2, 2)
 
 
+@pytest.mark.usefixtures("last_bits")
 def test_geometry_in_float64():
     xyz, counts = POINTS[:200].double(), torch.tensor([80, 120])
     rows, chosen = sampling.furthest_point_sample(xyz, counts, 10)

@@ -61,6 +61,7 @@ def in_ball(xyz, place, radius, samples):
     return near + near[:1] * (samples - len(near)) if near else None
 
 
+@pytest.mark.usefixtures("last_bits")
 @pytest.mark.parametrize("training", [True, False])
 def test_set_abstraction_is_convolution_of_every_ball(training):
     torch.manual_seed(0)

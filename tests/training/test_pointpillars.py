@@ -135,6 +135,7 @@ def test_openpcdets_preset_trains_on_one_point_and_predicts_from_none():
     assert torch.equal(empty["boxes"], same["boxes"])
 
 
+@pytest.mark.usefixtures("last_bits")
 def test_encoding_and_decoding_are_inverse():
     torch.manual_seed(0)
     boxes = torch.rand(50, 7) * 4 + 0.5
@@ -148,6 +149,7 @@ def test_encoding_and_decoding_are_inverse():
     assert torch.isfinite(encode(torch.zeros(1, 7), anchor)).all()
 
 
+@pytest.mark.usefixtures("last_bits")
 def test_losses_by_hand():
     logits = torch.tensor([0.0, 0.0, 100.0, -100.0])
     targets = torch.tensor([1.0, 0.0, 1.0, 0.0])
@@ -162,6 +164,7 @@ def test_losses_by_hand():
     assert direction_bin(yaw).tolist() == [1, 0, 0, 1, 0]
 
 
+@pytest.mark.usefixtures("last_bits")
 def test_anchors_and_their_objects():
     car = AnchorClass((4.0, 2.0, 1.5), bottom=-1.0, matched=0.6, unmatched=0.45)
     grid = anchor_grid([car], (0.0, 0.0, -2.0, 8.0, 6.0, 2.0), (4, 3), centred=True)
@@ -191,12 +194,13 @@ def test_anchors_and_their_objects():
     assert overlap.item() == pytest.approx(4 / 12)
 
 
+@pytest.mark.usefixtures("last_bits")
 def test_selection():
     boxes = torch.zeros(4, 7)
     boxes[:, 3:6] = 2.0
     boxes[:, 0] = torch.tensor([0.0, 0.5, 10.0, 20.0])
     scores = torch.tensor([[0.3, 0.2], [0.1, 0.6], [0.5, 0.4], [0.05, 0.04]])
-    found = select_boxes(scores, boxes, Selection(score=0.1, nms=0.01))
+    found = select_boxes(scores.logit(), boxes, Selection(score=0.1, nms=0.01))
     assert found["labels"].tolist() == [2, 1]
     assert found["scores"].tolist() == pytest.approx([0.6, 0.5])
     assert found["boxes"][:, 0].tolist() == [0.5, 10.0]

@@ -13,6 +13,7 @@ from training import build_detector
 from training.detectors.heads.pointrcnn_head import ScoredPoints
 from training.detectors.heads.proposals import Proposals
 from training.detectors.heads.roi_head import RoiOutput
+from training.ops.roipoint_pool import roipoint_pool
 
 CLASSES = ("Car", "Pedestrian", "Cyclist")
 NETWORKS = ("pointrcnn", "pointrcnn_iou")
@@ -20,17 +21,34 @@ NETWORKS = ("pointrcnn", "pointrcnn_iou")
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 
-@pytest.mark.parametrize("network", NETWORKS)
+def distance_to_sides(xyz, boxes):
+    """Of points (N, 3) from the sides of boxes (M, 7), shape (M, N), metres; negative inside."""
+    local = xyz.double() - boxes.double()[:, None, :3]
+    turn = torch.exp(-1j * boxes[:, 6:].double()) * torch.complex(local[..., 0], local[..., 1])
+    outside = torch.stack([turn.real, turn.imag, local[..., 2]], dim=2).abs()
+    return (outside - boxes.double()[:, None, 3:6] / 2).amax(dim=2)
+
+
+@pytest.mark.parametrize(
+    ("network", "last_bits"),
+    [("pointrcnn", None), ("pointrcnn_iou", None), ("pointrcnn", 0)],
+    indirect=["last_bits"],
+)
+@pytest.mark.usefixtures("last_bits")
+@torch.no_grad()
 def test_stages_are_openpcdets(network):
     data = reference(network)
+    expected = {
+        name: torch.from_numpy(data[f"eval/roi_head/{name}/full"])
+        for name in ("rois", "batch_cls_preds", "batch_box_preds")
+    }
     model = build_detector(network, CLASSES)
     model.load_state_dict(weights(model.state_dict(), data))
     model.eval()
-    with torch.no_grad():
-        scored, output = model.first_stage(points(data))
-        proposals = model.propose(scored, output)
-        refined = model.roi_head(proposals.boxes, scored)
-        boxes = model.roi_head.refine(refined, proposals.boxes)
+    scored, output = model.first_stage(points(data))
+    proposals = model.propose(scored, output)
+    given = model.roi_head(expected["rois"], scored)
+    given_boxes = model.roi_head.refine(given, expected["rois"])
     frame = torch.zeros(len(scored.xyz), 1)
     for name, value, tolerance in (
         ("eval/backbone_3d/point_coords", torch.cat([frame, scored.xyz], dim=1), 0),
@@ -42,15 +60,35 @@ def test_stages_are_openpcdets(network):
         ("eval/roi_head/rois", proposals.boxes, 1e-4),
         ("eval/roi_head/roi_scores", proposals.scores, 1e-4),
         ("eval/roi_head/roi_labels", proposals.labels, 0),
-        ("eval/roi_head/batch_cls_preds", refined.logits[None], 1e-3),
-        ("eval/roi_head/batch_box_preds", boxes, 1e-3),
+        # Of the same RoIs the second stage takes the same points on every machine.
+        ("eval/roi_head/batch_cls_preds", given.logits[None], 1e-3),
+        ("eval/roi_head/batch_box_preds", given_boxes, 1e-3),
     ):
         assert worst_error(data, name, value) <= tolerance, name
     # The largest box is 4 km long: small ones need a comparison of their own.
-    expected = torch.from_numpy(data["eval/roi_head/batch_box_preds/full"])
-    torch.testing.assert_close(boxes, expected, rtol=5e-3, atol=5e-3)
+    torch.testing.assert_close(given_boxes, expected["batch_box_preds"], rtol=5e-3, atol=5e-3)
+
+    # Of our own RoIs, which differ by rounding, a few take other points: one that lies so near to
+    # the border. A point lies within a millimetre of 18 borders; 2 RoIs are the most ever seen.
+    own = model.roi_head(proposals.boxes, scored)
+    boxes = model.roi_head.refine(own, proposals.boxes)
+    ours, theirs = (
+        roipoint_pool(scored.xyz, scored.features[:, :0], rois, 512, 0.0)[0]
+        for rois in (proposals.boxes[0], expected["rois"][0])
+    )
+    same = (ours == theirs).flatten(1).all(dim=1)
+    assert (~same).sum() <= 4
+    gap = distance_to_sides(scored.xyz, expected["rois"][0]).abs().amin(dim=1)
+    assert (gap < 1e-3).sum() == 18
+    assert (gap[~same] < 1e-3).all()
+    error = (own.logits - expected["batch_cls_preds"][0]).abs()[same]
+    assert error.max() <= 1e-3 * expected["batch_cls_preds"].abs().max()
+    torch.testing.assert_close(
+        boxes[0, same], expected["batch_box_preds"][0, same], rtol=5e-3, atol=5e-3
+    )
 
 
+@pytest.mark.usefixtures("last_bits")
 @pytest.mark.parametrize("network", NETWORKS)
 def test_detections_are_openpcdets(network):
     data = reference(network)

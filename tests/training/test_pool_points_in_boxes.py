@@ -54,6 +54,7 @@ def inside(points, boxes):
     return outside < 0, abs(outside) > 1e-4
 
 
+@pytest.mark.usefixtures("last_bits")
 @pytest.mark.usefixtures("_chunks")
 @pytest.mark.parametrize("search", FIRST_BOX)
 def test_box_of_points_agrees_with_openpcdet(search):
@@ -62,6 +63,7 @@ def test_box_of_points_agrees_with_openpcdet(search):
     assert len(found.unique()) > 5
 
 
+@pytest.mark.usefixtures("last_bits")
 @pytest.mark.usefixtures("_chunks")
 def test_pooling_agrees_with_openpcdet(pool):
     boxes = torch.from_numpy(DATA["roi_boxes"])
@@ -74,6 +76,7 @@ def test_pooling_agrees_with_openpcdet(pool):
     assert torch.equal(empty, torch.from_numpy(DATA["roi1_empty"]))
 
 
+@pytest.mark.usefixtures("last_bits")
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 80), st.integers(0, 6), st.integers(1, 20))
 def test_against_complex_numbers(seed, count, boxes, samples):
@@ -97,6 +100,7 @@ def test_against_complex_numbers(seed, count, boxes, samples):
             assert own == (np.resize(rows, samples).tolist() if len(rows) else [0] * samples)
 
 
+@pytest.mark.usefixtures("last_bits")
 @pytest.mark.parametrize("search", FIRST_BOX)
 def test_borders(search):
     box = torch.tensor([[1.0, 2.0, 3.0, 4.0, 2.0, 1.0, math.pi / 2], [1.0, 2.0, 3.0, 9, 9, 9, 0]])

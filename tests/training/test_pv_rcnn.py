@@ -153,6 +153,7 @@ def conv_mlp(layers, grid):
     return grid
 
 
+@pytest.mark.usefixtures("last_bits")
 def test_second_stage_is_that_of_loops():
     head, keypoints = head_and_keypoints()
     boxes = rois()

@@ -67,6 +67,7 @@ def test_proposals_of_nothing_are_zeros():
     assert found.boxes.shape == (1, 4, 7)
 
 
+@pytest.mark.usefixtures("last_bits")
 def test_encoding_in_a_roi_and_decoding_are_inverse():
     boxes, rois = boxes_near(200, 0).double(), boxes_near(200, 1).double()
     residuals = encode_in_rois(boxes, rois)
@@ -78,6 +79,7 @@ def test_encoding_in_a_roi_and_decoding_are_inverse():
     assert (turn.round() % 2).sum() > 20  # some are turned round
 
 
+@pytest.mark.usefixtures("last_bits")
 def test_encoding_in_a_roi_by_hand():
     # 3 m ahead of the RoI, which faces along y: 3 m along y in the frame of both.
     roi = torch.tensor([[1.0, 2.0, 0.0, 4.0, 3.0, 2.0, math.pi / 2]])
@@ -86,6 +88,7 @@ def test_encoding_in_a_roi_by_hand():
     torch.testing.assert_close(encode_in_rois(box, roi), expected, atol=1e-6, rtol=1e-6)
 
 
+@pytest.mark.usefixtures("last_bits")
 def test_grid_of_a_roi_by_hand():
     roi = torch.tensor([[10.0, 0.0, 0.0, 4.0, 2.0, 2.0, math.pi / 2]])
     grid = roi_grid(roi, 2)
@@ -177,6 +180,7 @@ def test_the_generator_of_the_cpu_fixes_the_sample():
     assert not torch.equal(samples[0], samples[2])
 
 
+@pytest.mark.usefixtures("last_bits")
 def test_corner_loss_by_hand():
     box = torch.tensor([[1.0, 2.0, 3.0, 4.0, 2.0, 1.5, 0.3]])
     moved = box + torch.tensor([0.0, 0.0, 0.5, 0, 0, 0, math.pi])
@@ -192,6 +196,7 @@ def targets_of(rois, objects, labels):
     return sample_rois(proposals_of(rois), [objects], [labels], SETTINGS.sampling)
 
 
+@pytest.mark.usefixtures("last_bits")
 def test_losses_against_their_formulas():
     objects = boxes_near(4, 5).double()
     rois = torch.cat([objects + 0.05, boxes_near(20, 6).double()])
@@ -246,6 +251,7 @@ def test_gradients_of_the_losses():
     assert torch.autograd.gradcheck(loss, (logits, residuals))
 
 
+@pytest.mark.usefixtures("last_bits")
 def test_detections_leave_out_what_fills_up():
     rois = torch.zeros(1, 4, 7)
     rois[0, :3, 3:6] = 2
@@ -273,6 +279,7 @@ def test_layers_have_openpcdets_numbers_and_are_linear():
     torch.testing.assert_close(layers[0](rows), expected)
 
 
+@pytest.mark.usefixtures("last_bits")
 def test_turning_is_counterclockwise():
     found = turned(torch.tensor([[[1.0, 0.0, 5.0]]]), torch.tensor([math.pi / 2]))
     torch.testing.assert_close(found, torch.tensor([[[0.0, 1.0, 5.0]]]))

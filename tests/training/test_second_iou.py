@@ -39,6 +39,7 @@ def test_first_stage_and_proposals_are_openpcdets(openpcdet):
     assert_proposals_are_openpcdets(DATA, found)
 
 
+@pytest.mark.usefixtures("last_bits")
 @torch.no_grad()
 def test_second_stage_is_openpcdets(openpcdet):
     model, first = openpcdet
@@ -49,6 +50,7 @@ def test_second_stage_is_openpcdets(openpcdet):
     assert torch.equal(model.roi_head.refine(output, rois), expected("batch_box_preds"))
 
 
+@pytest.mark.usefixtures("last_bits")
 @torch.no_grad()
 def test_detections_are_openpcdets(openpcdet):
     """Given its RoIs. Its float32 kernel finds too much overlap of boxes a few millimetres wide."""

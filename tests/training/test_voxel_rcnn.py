@@ -39,6 +39,7 @@ def test_first_stage_and_proposals_are_openpcdets(openpcdet):
     assert_proposals_are_openpcdets(DATA, found)
 
 
+@pytest.mark.usefixtures("last_bits")
 @torch.no_grad()
 def test_second_stage_is_openpcdets(openpcdet):
     model, first = openpcdet
@@ -50,6 +51,7 @@ def test_second_stage_is_openpcdets(openpcdet):
     torch.testing.assert_close(refined, expected("batch_box_preds"), rtol=1e-3, atol=1e-3)
 
 
+@pytest.mark.usefixtures("last_bits")
 @torch.no_grad()
 def test_detections_are_openpcdets(openpcdet):
     """Given its RoIs, but for the order of boxes whose scores are the same to float noise."""
@@ -70,6 +72,7 @@ def test_detections_are_openpcdets(openpcdet):
     assert tied[missing].all()
 
 
+@pytest.mark.usefixtures("last_bits")
 def test_pool_against_brute_force():
     torch.manual_seed(0)
     shape, reach, radius, samples = (4, 12, 12), (2, 2, 2), 1.7, 4

@@ -37,6 +37,6 @@ class OneStageDetector(Detector):
         self.eval()
         logits, boxes = self.dense_head.decode(self.head_output(points))
         return [
-            select_boxes(frame.sigmoid(), frame_boxes, selection or self.selection)
+            select_boxes(frame, frame_boxes, selection or self.selection)
             for frame, frame_boxes in zip(logits, boxes, strict=True)
         ]

@@ -7,6 +7,8 @@ import torch
 from numba import njit
 from torch import Tensor
 
+from training.ops.rotation import cos_sin
+
 MARGIN = 1e-5
 """A point so far outside the sides of a box, metres, is inside: OpenPCDet's kernel."""
 _CHUNK = 1 << 24
@@ -20,9 +22,9 @@ def box_of_points(points: Tensor, boxes: Tensor) -> Tensor:
 
 
 @njit(cache=True)
-def _first_box_kernel(points, boxes, margin, out):
+def _first_box_kernel(points, boxes, cosine, sine, margin, out):
     count = len(boxes)
-    cosine, sine, reach = np.cos(boxes[:, 6]), np.sin(boxes[:, 6]), np.empty_like(boxes[:, 0])
+    reach = np.empty_like(boxes[:, 0])
     half = boxes[:, 3:6] / boxes.dtype.type(2)
     for k in range(count):
         # Rounded up: the exact test follows.
@@ -44,7 +46,8 @@ def _first_box_kernel(points, boxes, margin, out):
 def _first_box_numba(points: Tensor, boxes: Tensor) -> Tensor:
     xyz = points.contiguous().numpy()
     out = np.empty(len(xyz), np.int64)
-    _first_box_kernel(xyz, boxes.contiguous().numpy(), xyz.dtype.type(MARGIN), out)
+    cosine, sine = (part.numpy() for part in cos_sin(boxes[:, 6]))
+    _first_box_kernel(xyz, boxes.contiguous().numpy(), cosine, sine, xyz.dtype.type(MARGIN), out)
     return torch.from_numpy(out)
 
 
@@ -63,8 +66,9 @@ def inside_boxes(points: Tensor, boxes: Tensor) -> Tensor:
     """Which points (N, 3) lie in which boxes (M, 7), (M, N) bool."""
     x, y, z, length, width, height, yaw = boxes[:, :, None].unbind(dim=1)
     dx, dy, dz = points[:, 0] - x, points[:, 1] - y, points[:, 2] - z
-    u = dx * yaw.cos() + dy * yaw.sin()
-    v = dy * yaw.cos() - dx * yaw.sin()
+    cosine, sine = cos_sin(yaw)
+    u = dx * cosine + dy * sine
+    v = dy * cosine - dx * sine
     return (
         (u.abs() < length / 2 + MARGIN) & (v.abs() < width / 2 + MARGIN) & (dz.abs() <= height / 2)
     )

@@ -10,6 +10,7 @@ from torch import Tensor
 from training.ops.first_hits import first_hits
 from training.ops.grouping import group
 from training.ops.points_in_boxes import MARGIN, inside_boxes
+from training.ops.rotation import cos_sin
 
 _CHUNK = 1 << 24
 """Pairs that the torch path holds at once."""
@@ -40,11 +41,11 @@ def roipoint_pool(
 
 
 @njit(cache=True)
-def _points_kernel(points, boxes, margin, idx, empty):
+def _points_kernel(points, boxes, cosines, sines, margin, idx, empty):
     for r in range(len(boxes)):
         x, y, z = boxes[r, 0], boxes[r, 1], boxes[r, 2]
         half = boxes[r, 3:6] / boxes.dtype.type(2)
-        cosine, sine = np.cos(boxes[r, 6]), np.sin(boxes[r, 6])
+        cosine, sine = cosines[r], sines[r]
         # Rounded up: the exact test follows.
         reach = boxes.dtype.type(1.001) * (half[0] + half[1] + margin)
         found = 0
@@ -68,7 +69,8 @@ def _points_numba(points: Tensor, boxes: Tensor, samples: int) -> tuple[Tensor, 
     xyz = points.contiguous().numpy()
     idx = np.zeros((len(boxes), samples), np.int64)
     empty = np.empty(len(boxes), bool)
-    _points_kernel(xyz, boxes.numpy(), xyz.dtype.type(MARGIN), idx, empty)
+    cosines, sines = (part.numpy() for part in cos_sin(boxes[:, 6]))
+    _points_kernel(xyz, boxes.numpy(), cosines, sines, xyz.dtype.type(MARGIN), idx, empty)
     return torch.from_numpy(idx), torch.from_numpy(empty)
 
 

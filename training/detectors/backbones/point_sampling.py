@@ -48,7 +48,9 @@ def sample_points(points: Tensor, number: int, training: bool) -> Tensor:
         all_rows = torch.arange(count, device=points.device)
         rows = torch.cat([all_rows, *rounds])[:number]
     else:
-        far = torch.linalg.vector_norm(points[:, :3], dim=1) >= NEAR
+        # Squared: a root's last bit differs between machines.
+        x, y, z = points[:, :3].unbind(dim=1)
+        far = x * x + y * y + z * z >= NEAR**2
         rows = torch.nonzero(~far).flatten()
         kept = torch.nonzero(far).flatten()
         if len(kept) >= number:

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from training.detectors.heads.box_coder import decode, encode, limit_period
+from training.ops.rotation import cos_sin
 
 
 def encode_in_rois(boxes: Tensor, rois: Tensor) -> Tensor:
@@ -35,7 +36,7 @@ def decode_in_rois(residuals: Tensor, rois: Tensor) -> Tensor:
 def turned(points: Tensor, angle: Tensor) -> Tensor:
     """Points (…, P, 3) turned about z by angles (…), radians, counterclockwise from above."""
     x, y, z = points.unbind(dim=-1)
-    cos, sin = torch.cos(angle)[..., None], torch.sin(angle)[..., None]
+    cos, sin = (part[..., None] for part in cos_sin(angle))
     return torch.stack([x * cos - y * sin, x * sin + y * cos, z], dim=-1)
 
 

@@ -15,7 +15,7 @@ from training.detectors.heads.losses import BETA
 from training.detectors.heads.proposals import Proposals, Suppression, propose
 from training.detectors.heads.roi_box_coder import decode_in_rois, encode_in_rois, turned
 from training.detectors.heads.roi_targets import RoiSampling, RoiTargets, sample_rois
-from training.ops.nms import nms
+from training.detectors.heads.selection import probability, select_rows
 
 
 @dataclass(frozen=True)
@@ -101,23 +101,24 @@ class RoiHead(nn.Module):
         What fills up the proposals is no detection, nor a box that is not finite.
         """
         boxes = self.refine(output, proposals.boxes)
-        scores = output.logits.view(proposals.scores.shape).sigmoid()
+        logits = output.logits.view(proposals.scores.shape)
         real = (proposals.boxes[..., 3:6] > 0).all(dim=-1) & boxes.isfinite().all(dim=-1)
         return [
-            _detections_in_frame(boxes[b][own], scores[b][own], proposals.labels[b][own], selection)
+            _detections_in_frame(boxes[b][own], logits[b][own], proposals.labels[b][own], selection)
             for b, own in enumerate(real)
         ]
 
 
 def _detections_in_frame(
-    boxes: Tensor, scores: Tensor, labels: Tensor, selection: Selection
+    boxes: Tensor, logits: Tensor, labels: Tensor, selection: Selection
 ) -> dict[str, Tensor]:
-    above = torch.nonzero(scores >= selection.score).flatten()
-    kept = nms(boxes[above], scores[above], selection.nms, selection.pre, selection.post)
-    rows = above[kept]
+    rows = select_rows(logits, boxes, selection)
     return {
-        "boxes": boxes[rows], "scores": scores[rows], "labels": labels[rows], "refined": boxes
-    }  # fmt: skip
+        "boxes": boxes[rows],
+        "scores": probability(logits[rows]),
+        "labels": labels[rows],
+        "refined": boxes,
+    }
 
 
 def corner_loss(boxes: Tensor, expected: Tensor) -> Tensor:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -9,21 +11,41 @@ from training.detectors.detector import Selection
 from training.ops.nms import nms
 
 
-def select_boxes(scores: Tensor, boxes: Tensor, selection: Selection) -> dict[str, Tensor]:
+def select_boxes(logits: Tensor, boxes: Tensor, selection: Selection) -> dict[str, Tensor]:
     """Detections of one frame after class-agnostic suppression, best score first.
 
-    Boxes that are not finite are no detections.
-
     Args:
-        scores: probability of every class, shape (A, C).
+        logits: of every class, shape (A, C).
         boxes: shape (A, 7).
 
     Returns "boxes" (M, 7), "scores" (M,) and "labels" (M,), int64 from 1.
     """
-    best, label = scores.max(dim=1)
+    best, label = logits.max(dim=1)
+    rows = select_rows(best, boxes, selection)
+    return {
+        "boxes": boxes[rows], "scores": probability(best[rows]), "labels": label[rows] + 1
+    }  # fmt: skip
+
+
+def select_rows(logits: Tensor, boxes: Tensor, selection: Selection) -> Tensor:
+    """Rows (M,) of the detections among boxes (A, 7) with `logits` (A,), best first.
+
+    Boxes that are not finite are no detections. Logits decide, not probabilities: those are rounded
+    otherwise on another machine, and large ones are all 1.
+    """
     # A badly trained network makes boxes without end, which overlap nothing that could be measured.
-    usable = (best >= selection.score) & boxes.isfinite().all(dim=1)
+    usable = (logits >= _logit(selection.score)) & boxes.isfinite().all(dim=1)
     above = torch.nonzero(usable).flatten()
-    kept = nms(boxes[above], best[above], selection.nms, selection.pre, selection.post)
-    rows = above[kept]
-    return {"boxes": boxes[rows], "scores": best[rows], "labels": label[rows] + 1}
+    kept = nms(boxes[above], logits[above], selection.nms, selection.pre, selection.post)
+    return above[kept]
+
+
+def probability(logits: Tensor) -> Tensor:
+    """Their sigmoid, same shape and dtype, rounded from double precision: it never falls."""
+    return logits.double().sigmoid().to(logits.dtype)
+
+
+def _logit(probability: float) -> float:
+    if probability <= 0:
+        return -math.inf
+    return math.log(probability / (1 - probability)) if probability < 1 else math.inf

@@ -1,0 +1,26 @@
+"""Fixtures of the tests of detectors."""
+
+from __future__ import annotations
+
+import pytest
+
+
+@pytest.fixture(scope="module", params=[None, 0], ids=["as they are", "last bits moved"])
+def last_bits(request):
+    """A test runs twice: with this machine's numbers, and with those of another one.
+
+    Seed of `LastBits`, None for this machine. It changes the test's own calls, no fixtures'.
+    """
+    return request.param
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_pyfunc_call(pyfuncitem):
+    """Around the call alone: a fixture would change the tests between its first and last user."""
+    seed = pyfuncitem.funcargs.get("last_bits")
+    if seed is None:
+        return (yield)
+    from last_bits import LastBits  # imports torch
+
+    with LastBits(seed):
+        return (yield)
