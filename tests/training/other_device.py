@@ -17,7 +17,7 @@ from functools import cache
 import torch
 from torch import Tensor
 from torch.utils._python_dispatch import return_and_correct_aliasing
-from torch.utils._pytree import tree_leaves, tree_map_only
+from torch.utils._pytree import tree_map_only
 from torch.utils.backend_registration import (
     _DummyBackendModule,
     _setup_privateuseone_for_python_backend,
@@ -113,27 +113,13 @@ class OtherTensor(Tensor):
     @classmethod
     def __torch_dispatch__(cls, operation, types, args=(), kwargs=None):
         kwargs = kwargs or {}
-        inputs = [item for item in tree_leaves((args, kwargs)) if isinstance(item, Tensor)]
-        if operation not in _MOVES:
-            for item in inputs:
-                # A single number may come from anywhere, as with a GPU.
-                if not isinstance(item, cls) and item.dim() > 0:
-                    raise RuntimeError(
-                        f"{operation} needs all tensors on {NAME}, found one on {item.device}: "
-                        f"shape {tuple(item.shape)}, {item.dtype}"
-                    )
-        goal = torch.device(kwargs.get("device") or NAME)
-        options = kwargs | {"device": torch.device("cpu")} if "device" in kwargs else kwargs
-        held_args, held_kwargs = tree_map_only(cls, lambda item: item.held, (args, options))
-        out = operation(*held_args, **held_kwargs)
-        if goal.type == NAME:
-            out = tree_map_only(Tensor, cls, out)
-        out = return_and_correct_aliasing(operation, args, kwargs, out)
-        for item in inputs:
-            if isinstance(item, cls):
-                same = item.shape == item.held.shape and item.dtype == item.held.dtype
-                assert same, f"{operation} changes a tensor in a way that {NAME} cannot follow"
-        return out
+        options = {name: _held(operation, value) for name, value in kwargs.items()}
+        leaves = False
+        if options.get("device"):
+            leaves = torch.device(options["device"]).type != NAME
+            options["device"] = torch.device("cpu")
+        out = operation(*_held(operation, args), **options)
+        return return_and_correct_aliasing(operation, args, kwargs, out if leaves else _other(out))
 
     def tolist(self):
         return self.held.tolist()
@@ -147,6 +133,33 @@ class OtherTensor(Tensor):
 
     def __repr__(self, *, tensor_contents=None) -> str:
         return f"{NAME}: {self.held}"
+
+
+# The mappings of torch.utils._pytree would take most of the time.
+
+
+def _held(operation, value):
+    """CPU tensors in place of the device's, in lists and tuples too."""
+    if isinstance(value, OtherTensor):
+        same = value.shape == value.held.shape and value.dtype == value.held.dtype
+        assert same, f"an operation before {operation} changed a tensor as {NAME} cannot follow"
+        return value.held
+    if isinstance(value, list | tuple):
+        return [_held(operation, item) for item in value]
+    # A single number may come from anywhere, as with a GPU.
+    if isinstance(value, Tensor) and value.dim() and operation not in _MOVES:
+        raise RuntimeError(
+            f"{operation} needs all tensors on {NAME}, found one on {value.device}: "
+            f"shape {tuple(value.shape)}, {value.dtype}"
+        )
+    return value
+
+
+def _other(value):
+    """The device's tensors in place of the CPU's."""
+    if isinstance(value, list | tuple):
+        return type(value)(map(_other, value))
+    return OtherTensor(value) if isinstance(value, Tensor) else value
 
 
 # What torch does without a tensor of the device, and so not through __torch_dispatch__.

@@ -6,6 +6,7 @@ Everything runs on the device that stands for a GPU, and where there is one, on 
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -222,11 +223,25 @@ def some_frames(dtype=torch.float32):
     return points, [item.to(dtype) for item in boxes], labels
 
 
+def untrained(network):
+    """A tiny network; few RoIs, as the GPU's searches are slow on a CPU."""
+    torch.manual_seed(0)
+    model = build_detector(network, ["Car"], preset="tiny")
+    if hasattr(model, "roi_head"):
+        settings = model.roi_head.settings
+        model.roi_head.settings = replace(
+            settings,
+            train=replace(settings.train, pre=256, post=64),
+            test=replace(settings.test, pre=256, post=24),
+            sampling=replace(settings.sampling, rois=16),
+        )
+    return model
+
+
 @cache
 def trained(network):
-    """A tiny network after some steps: an untrained one sees little of the points."""
-    torch.manual_seed(0)
-    model = build_detector(network, ["Car"], preset="tiny").train()
+    """After some steps: an untrained one sees little of the points."""
+    model = untrained(network).train()
     optimisation = Optimisation(model, TrainingSettings(lr=0.003), steps=10)
     for _ in range(10):
         optimisation.step(some_frames())
@@ -256,13 +271,15 @@ def test_networks_are_those_of_the_cpu(network, dtype, device):
     """One step and the best boxes of a trained network."""
     tolerance = TOLERANCES[device.type, dtype]
     here, there = (copy.deepcopy(trained(network)).to(place, dtype) for place in (CPU, device))
-    best, more = (Selection(score=0.0, nms=0.1, pre=500, post=count) for count in (10, 20))
+    best, more = (Selection(score=0.0, nms=0.5, pre=256, post=count) for count in (5, 10))
     points = some_frames()[0]
+    if dtype == torch.float32:  # where they lie does not matter
+        points = [item.to(device) for item in points]
     for found, expected in zip(
         there.predict(points, more), here.predict(points, best), strict=True
     ):
         assert found["boxes"].device.type == device.type
-        assert len(expected["boxes"]) == 10
+        assert len(expected["boxes"]) == 5
         # Scores that are alike but for rounding may change places.
         nearest = torch.cdist(expected["boxes"], found["boxes"].cpu()).argmin(dim=1)
         for name in ("boxes", "scores", "labels"):
@@ -278,30 +295,19 @@ def test_networks_are_those_of_the_cpu(network, dtype, device):
 
 
 @pytest.mark.parametrize("network", NETWORKS)
-def test_where_the_points_lie_does_not_matter(network, device):
-    model = copy.deepcopy(trained(network))
-    points, few = some_frames()[0], Selection(score=0.0, pre=100, post=5)
-    for place in (CPU, device):
-        model = model.to(place)
-        here, there = (model.predict([item.to(at) for item in points], few) for at in (CPU, device))
-        for a, b in zip(here, there, strict=True):
-            assert all(torch.equal(a[name], b[name]) for name in a)
-
-
-@pytest.mark.parametrize("network", NETWORKS)
 def test_frames_without_points_or_objects(network, device):
     points, boxes, labels = some_frames()
     points = [points[0], points[0][:0], torch.full((5, 4), torch.nan), points[1]]
     boxes = [boxes[0], boxes[0][:0], boxes[1], boxes[1][:0]]
     labels = [labels[0], labels[0][:0], labels[1], labels[1][:0]]
-    losses, found = [], []
+    losses, found, few = [], [], Selection(score=0.0, pre=100, post=3)
     for place in (CPU, device):
         model = copy.deepcopy(trained(network)).to(place)
         torch.manual_seed(1)
         losses.append(
             {key: value.item() for key, value in model.loss(points, boxes, labels).items()}
         )
-        found.append([len(frame["boxes"]) for frame in model.predict(points)])
+        found.append([len(frame["boxes"]) for frame in model.predict(points, few)])
     assert losses[1] == pytest.approx(losses[0], rel=1e-2, abs=1e-3)
     assert found[1] == found[0]
 
@@ -309,8 +315,7 @@ def test_frames_without_points_or_objects(network, device):
 @pytest.mark.parametrize("network", NETWORKS)
 def test_mixed_precision(network, device):
     """Losses and gradients are finite, and so are the boxes."""
-    torch.manual_seed(0)
-    model = build_detector(network, ["Car"], preset="tiny").to(device)
+    model = untrained(network).to(device)
     with torch.autocast(device.type, dtype=torch.bfloat16):
         losses = model.train().loss(*some_frames())
     assert losses["loss"].dtype == torch.float32
@@ -318,7 +323,7 @@ def test_mixed_precision(network, device):
     for value in (*losses.values(), *(p.grad for p in model.parameters() if p.grad is not None)):
         assert torch.isfinite(value).all()
     with torch.autocast(device.type, dtype=torch.bfloat16):
-        found = model.predict(some_frames()[0], Selection(score=0.0, pre=200, post=50))
+        found = model.predict(some_frames()[0], Selection(score=0.0, pre=100, post=50))
     for frame in found:
         assert len(frame["boxes"]) > 0
         assert all(torch.isfinite(value).all() for value in frame.values())
@@ -339,7 +344,9 @@ def test_training(device):
     model = build_detector("second_tiny", ["Car"]).to(device)
     settings = TrainingSettings(batch_size="auto", mixed_precision=True)
     before = {name: value.clone() for name, value in model.state_dict().items()}
-    assert batch_size_for(model, frames, settings) in (1, 2, 4, 8, 16)
+    # Of the device that stands for a GPU a millionth is what two frames need.
+    share = 1.0 if device.type == "cuda" else 1e-6
+    assert batch_size_for(model, frames, settings, share) in (1, 2, 4, 8, 16)
     for name, value in model.state_dict().items():
         assert torch.equal(value, before[name]), "a trial must leave the network alone"
     losses = Optimisation(model.train(), settings, steps=1).step(as_tensors([frames[0], frames[1]]))
@@ -396,7 +403,7 @@ def test_the_batch_is_what_the_memory_holds(other):
 
 @pytest.mark.parametrize("detector", ["second_tiny", "pv_rcnn_tiny"])
 def test_a_training_moves_between_devices(detector, device, tmp_path, monkeypatch):
-    """One that was stopped goes on elsewhere, and gives what one on the CPU gives."""
+    """A training that was stopped goes on elsewhere, to what one on the CPU alone gives."""
 
     def stop(values):
         raise InterruptedError
@@ -420,18 +427,18 @@ def test_a_training_moves_between_devices(detector, device, tmp_path, monkeypatc
         pd.testing.assert_series_equal(found, wanted, rtol=tolerance, atol=tolerance)
 
 
-@pytest.mark.parametrize("detector", ["second_tiny", "pv_rcnn_tiny"])
-def test_detections_are_tables_wherever_they_were_made(detector, device, monkeypatch):
-    clouds, settings = some_training()[0], TrainingSettings(score_threshold=0.0)
-    state = trained(detector.removesuffix("_tiny")).state_dict()
+def test_detections_are_tables_wherever_they_were_made(device, monkeypatch):
+    clouds, settings = some_training()[0], TrainingSettings(score_threshold=0.02)
     tables = []
-    for place in (device, CPU):
+    for place in (CPU, device):
         run_on(place, monkeypatch)
-        tables.append(detect(detector, ["Car"], state, clouds, settings))
+        state = trained("pv_rcnn").state_dict()
+        tables.append(detect("pv_rcnn_tiny", ["Car"], state, clouds, settings))
     tolerance = TOLERANCES[device.type, torch.float32]
-    assert len(tables[1].boxes) > 10
-    pd.testing.assert_frame_equal(tables[0].boxes, tables[1].boxes, rtol=tolerance, atol=tolerance)
-    assert (tables[0].refined is None) == (tables[1].refined is None)
+    for name in ("boxes", "refined"):
+        expected, found = (getattr(table, name) for table in tables)
+        assert len(expected) > 0
+        pd.testing.assert_frame_equal(found, expected, rtol=tolerance, atol=tolerance)
 
 
 def test_a_checkpoint_is_of_no_device(device, tmp_path):
