@@ -1,10 +1,10 @@
 """How much would other test routes and other individuals change AP and recall?
 
-The test frames are one draw of the traffic: a few routes, and on them a few individuals. Their error is
-estimated by leaving each route out in turn, and each individual (the delete-one jackknife, with
-Student's distribution as for few clusters: MacKinnon, Nielsen and Webb 2023). Routes hold what their
-objects share, but are few; individuals are more, but are taken as independent. The larger of the
-two errors counts.
+The test frames are one draw of the traffic: a few routes, and on them a few individuals. Their
+error is estimated by leaving each route out in turn, and each individual (the delete-one jackknife,
+with Student's distribution as for few clusters: MacKinnon, Nielsen and Webb 2023). Routes hold what
+their objects share, but are few; individuals are more, but are taken as independent. The larger of
+the two errors counts.
 """
 
 from __future__ import annotations
@@ -59,10 +59,9 @@ def sample_error(left_out: pd.DataFrame, paired: bool) -> SampleError | None:
 
 
 def _by_unit(rows: pd.DataFrame, unit: str, paired: bool) -> SampleError | None:
-    values = rows.pivot_table(
-        index="left_out", columns="placement", values="value", dropna=False
-    ).to_numpy(np.float64)
-    counts = rows.groupby("left_out")["ground_truths"].first().to_numpy(np.float64)
+    by_unit = rows.groupby("left_out")  # sorted, as the values are
+    values = rows.groupby(["left_out", "placement"])["value"].mean().unstack().to_numpy()
+    counts = by_unit["ground_truths"].first().to_numpy(np.float64)
     placements, units = values.shape[1], int(np.count_nonzero(counts))
     if units < (LEAST_ROUTES if unit == "route" else 2) or not np.isfinite(values).all():
         return None

@@ -36,8 +36,8 @@ class Units:
 
     kind: str
     names: tuple[str, ...]
-    truth: NDArray[np.intp]
-    detection: NDArray[np.intp]
+    truth: NDArray[np.int64]
+    detection: NDArray[np.int64]
 
     def table(
         self, object_class: str, metric: str, iou: float, values: NDArray[np.float64]
@@ -64,8 +64,8 @@ def units_of(
     """
     number, names = _numbered(routes, ["scene", "route"])
     of_frame = pd.Series(number, routes["frame"].to_numpy(np.int64))
-    truth = of_frame.loc[truths["frame"]].to_numpy(np.intp)
-    detection = of_frame.loc[detection_frame].to_numpy(np.intp)
+    truth = of_frame.reindex(truths["frame"]).to_numpy(np.int64)
+    detection = of_frame.reindex(detection_frame).to_numpy(np.int64)
     individual, individuals = _numbered(truths, ["scene", "object_id"])
     owner = individual[nearest] if len(individual) else nearest
     owner = np.where(nearest >= 0, owner, detection + len(individuals))
@@ -132,10 +132,11 @@ def _share_without_each(hit: NDArray[np.bool_], units: Units) -> NDArray[np.floa
     return np.where(left > 0, 100 * hits / np.maximum(left, 1), np.nan)
 
 
-def _numbered(table: pd.DataFrame, keys: list[str]) -> tuple[NDArray[np.intp], tuple[str, ...]]:
+def _numbered(table: pd.DataFrame, keys: list[str]) -> tuple[NDArray[np.int64], tuple[str, ...]]:
     """Number of each row's keys, in their order, and the names of the numbers."""
-    groups = table.groupby(keys, sort=True)
-    return groups.ngroup().to_numpy(np.intp), tuple(" ".join(map(str, k)) for k in groups.groups)
+    number = np.asarray(table.groupby(keys, sort=True).ngroup(), np.int64)
+    first = table[keys].assign(number=number).drop_duplicates("number").sort_values("number")
+    return number, tuple(" ".join(map(str, row)) for row in first[keys].to_numpy().tolist())
 
 
 def _grouped(units: Units) -> Units:

@@ -57,7 +57,7 @@ class Matches:
         )
 
     def without_each(
-        self, truth_unit: NDArray[np.intp], detection_unit: NDArray[np.intp], units: int
+        self, truth_unit: NDArray[np.int64], detection_unit: NDArray[np.int64], units: int
     ) -> NDArray[np.float64]:
         """AP_R40 in percent without each unit, shape (units,); NaN where no ground truth is left.
 
@@ -76,17 +76,16 @@ class Matches:
             )
         )
         left = len(truth_unit) - np.bincount(truth_unit, minlength=units)
-        return np.array(
-            [
-                _ap(*(values[of != u] for values, of in (hits, matched, scores)), int(left[u]))
-                for u in range(units)
-            ]
-        )
+        ap = np.empty(units)
+        for unit in range(units):
+            hit, match, score = (values[of != unit] for values, of in (hits, matched, scores))
+            ap[unit] = _ap(hit, match, score, int(left[unit]))
+        return ap
 
 
 def _rising(
-    values: NDArray[np.float64], unit: NDArray[np.intp]
-) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    values: NDArray[np.float64], unit: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Values that are known, rising, and the unit of each."""
     order = np.argsort(values, kind="stable")  # NaN comes last
     order = order[: np.count_nonzero(~np.isnan(values))]

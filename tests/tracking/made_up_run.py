@@ -72,6 +72,7 @@ def write_run(
         "results": results,
         "curves": curves,
         "pr_curves": _pr_curves(results),
+        "left_out": _left_out(rng, results),
         "distance": _distance(results),
         "points": _points(rng, quality, scenes) if detectors else [],
         "individuals": _individuals(scenes) if detectors else [],
@@ -147,6 +148,27 @@ def _pr_curves(results: list[dict[str, object]]) -> list[dict[str, object]]:
         for row in results
         if str(row["metric"]).startswith("AP_") and row["ground_truths"]
         for recall in np.linspace(0, 100, 41).tolist()
+    ]
+
+
+def _left_out(
+    rng: np.random.Generator, results: list[dict[str, object]]
+) -> list[dict[str, object]]:
+    """Every result without each of four routes and 34 individuals, which differ by some points.
+
+    What a unit does is the same for all placements up to a tenth.
+    """
+    gone = ("difficulty", "value", "ground_truths")
+    units = [("route", f"test {i}", 105) for i in range(4)]
+    units += [("individual", f"test {i}", 30 if i < 10 else 5) for i in range(34)]
+    shifts = {name: rng.normal() for _, name, _ in units}
+    return [
+        {k: v for k, v in row.items() if k not in gone}
+        | {"unit": unit, "left_out": name, "ground_truths": number}
+        | {"value": row["value"] + number / 100 * (shifts[name] + 0.1 * rng.normal())}
+        for row in results
+        if row["ground_truths"]
+        for unit, name, number in units
     ]
 
 

@@ -1,13 +1,18 @@
 """Individuals beside boxes: the count, the report's section, and its caution."""
 
+import shutil
 from dataclasses import replace
 
 import pandas as pd
 import pytest
 
 from tracking.individuals import count_individuals
+from tracking.jackknife import LEAST_ROUTES
+from tracking.report.best import best_section
 from tracking.report.build import build_report
 from tracking.report.cautions import FEW_INDIVIDUALS, cautions
+from tracking.report.groups import groups
+from tracking.report.headline import headline_ranking
 from tracking.run_folder import RunFolder
 from tracking.summary import seed_means
 
@@ -46,10 +51,7 @@ def test_the_share_of_the_ten_is_of_the_boxes():
 
 def test_the_report_has_them_beside_the_boxes(tmp_path, made_up_run):
     folder = tmp_path / "copy"
-    folder.mkdir()
-    for file in made_up_run.iterdir():
-        if file.is_file():
-            (folder / file.name).write_bytes(file.read_bytes())
+    shutil.copytree(made_up_run, folder)
     build_report(folder)
     table = pd.read_csv(folder / "tables" / "individuals.csv")
     table = table.set_index(["split", "class"])
@@ -66,7 +68,7 @@ def test_few_individuals_are_a_caution(made_up_run):
     def said(number, split="test"):
         table = rows(*(("a", i % 4, "Car", str(i), 5) for i in range(number))).assign(split=split)
         own = replace(run, individuals=table)
-        return [s for s in cautions(own, seed_means(run.results)) if "individual" in s]
+        return [s for s in cautions(own, seed_means(run.results)) if "others may give" in s]
 
     assert said(FEW_INDIVIDUALS) == []
     (few,) = said(FEW_INDIVIDUALS - 1)
@@ -75,4 +77,39 @@ def test_few_individuals_are_a_caution(made_up_run):
     assert one.startswith("Car: 5 test boxes are 1 individual:")
     assert said(1, "train") == []
     older = replace(run, individuals=None)
-    assert not [s for s in cautions(older, seed_means(run.results)) if "individual" in s]
+    assert not [s for s in cautions(older, seed_means(run.results)) if "others may give" in s]
+
+
+def test_what_the_intervals_leave_out_is_said(made_up_run):
+    run = RunFolder.read(made_up_run)
+
+    def said(**changes):
+        found = cautions(replace(run, **changes), seed_means(run.results))
+        return [s for s in found if "ntervals" in s]
+
+    assert said() == []
+    (few,) = said(individuals=run.individuals[run.individuals["route"] < LEAST_ROUTES - 1])
+    assert few.startswith(f"Fewer than {LEAST_ROUTES} test routes with Car, Pedestrian: ")
+    (older,) = said(left_out=None)
+    assert "left_out.parquet" in older
+
+
+def test_the_report_tells_the_spread_of_the_test_objects(made_up_run):
+    """Beside that of the seeds; a folder without the table has intervals as before."""
+    new = RunFolder.read(made_up_run)
+    tables, notes = [], []
+    for run in (new, replace(new, left_out=None)):
+        (group,) = groups(run)
+        rankings = [(group, headline_ranking(run, group))]
+        means = seed_means(run.results, run.axes, run.left_out)
+        section = best_section(run, rankings, means)
+        tables.append(section.tables[0].data)
+        notes.append(section.notes)
+    ours, before = tables
+    assert (ours["sd_by_test_objects"] > 0).all()
+    assert before["sd_by_test_objects"].isna().all()
+    assert (ours["high"] - ours["low"] > before["high"] - before["low"]).all()
+    widths, old = (table["high_of_lead"] - table["low_of_lead"] for table in tables)
+    assert widths[1:].min() > old[1:].max()
+    assert (2 * ours["half_interval_compared"] < ours["high"] - ours["low"]).all()
+    assert notes[0] != notes[1]

@@ -15,7 +15,7 @@ MOST_LINES = 12
 def by_density(
     means: pd.DataFrame, axis: str, title: str, label: str, placements: Sequence[str]
 ) -> go.Figure:
-    """A line a placement with 95 % intervals over seeds, moved apart a little.
+    """A line a placement with 95 % intervals, moved apart a little.
 
     Args:
         means: rows of `seed_means` for one class, detector and metric.

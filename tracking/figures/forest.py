@@ -16,8 +16,8 @@ def forest(table: pd.DataFrame, title: str, axis: str, placements: Sequence[str]
     """A row a placement: mean, interval, and on the right how sure it is that it is the best.
 
     Args:
-        table: index placement, the best first; `mean`, `low`, `high`, missing where there is no
-            interval, and `sure`, text.
+        table: index placement, the best first; `mean`; `low` and `high` of it, and `half` the
+            interval of a comparison, missing where there is none; and `sure`, text.
         title: plotly text.
         axis: what the mean is of, with its unit.
         placements: all of the sweep, in order, so that a placement keeps its colour.
@@ -25,18 +25,23 @@ def forest(table: pd.DataFrame, title: str, axis: str, placements: Sequence[str]
     names = [str(name) for name in table.index]
     rank = [placements.index(name) for name in names]
     plot = figure(title, height=130 + _ROW * len(names))
+    rows = list(range(len(names)))
+    whole = ((table["high"] - table["low"]) / 2).fillna(0)
+    bar = {"type": "data", "color": OUTLINE}
+    if (whole > table["half"]).any():
+        plot.add_scatter(
+            x=table["mean"].to_numpy(),
+            y=rows,
+            error_x=bar | {"array": whole.to_numpy(), "thickness": 1, "width": 0},
+            mode="markers",
+            marker={"size": 1, "color": OUTLINE},
+            hoverinfo="skip",
+            showlegend=False,
+        )
     plot.add_scatter(
         x=table["mean"].to_numpy(),
-        y=list(range(len(names))),
-        error_x={
-            "type": "data",
-            "symmetric": False,
-            "array": (table["high"] - table["mean"]).fillna(0).to_numpy(),
-            "arrayminus": (table["mean"] - table["low"]).fillna(0).to_numpy(),
-            "thickness": 1.5,
-            "width": 4,
-            "color": OUTLINE,
-        },
+        y=rows,
+        error_x=bar | {"array": table["half"].fillna(0).to_numpy(), "thickness": 3, "width": 4},
         mode="markers",
         marker={
             "size": 10,
@@ -69,7 +74,7 @@ def forest(table: pd.DataFrame, title: str, axis: str, placements: Sequence[str]
     )
     plot.update_xaxes(title=axis)
     plot.update_yaxes(
-        tickvals=list(range(len(names))),
+        tickvals=rows,
         ticktext=[text(name) for name in names],
         range=[len(names) - 0.5, -1.4],
         showgrid=False,

@@ -126,7 +126,7 @@ def _coefficient(row: Mapping[Hashable, Any] | None) -> str:
 
 
 def against_own(pairs: pd.DataFrame, title: str, placements: Sequence[str]) -> go.Figure:
-    """Published values against own ones, a colour a detector; bars are intervals over seeds.
+    """Published values against own ones, a colour a detector; bars are intervals.
 
     Args:
         pairs: placement, series, value (published, percent), mean, low, high (own, percent).

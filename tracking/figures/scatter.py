@@ -28,7 +28,7 @@ def scatter(
     title: str,
     placements: Sequence[str],
 ) -> go.Figure:
-    """Points labelled by placement, bars of 95 % intervals over seeds, a menu of surrogates.
+    """Points labelled by placement, bars of 95 % intervals for a comparison, a menu of surrogates.
 
     Args:
         metric: rows of `seed_means` for one class, detector, metric, IoU and setting.
@@ -55,7 +55,7 @@ def scatter(
 
     def places(surrogate: str) -> list[str]:
         x, y = table[surrogate].to_numpy(np.float64), table["mean"].to_numpy(np.float64)
-        return label_places(x, y, names, table["high"].to_numpy(np.float64) - y)
+        return label_places(x, y, names, table["half"].to_numpy(np.float64))
 
     plot = figure(heads[first], height=400, margin={"t": 120})
     plot.add_scatter(
@@ -63,7 +63,7 @@ def scatter(
         y=table["mean"].to_numpy(),
         error_y={
             "type": "data",
-            "array": (table["high"] - table["mean"]).fillna(0).to_numpy(),
+            "array": table["half"].fillna(0).to_numpy(),
             "thickness": 1.5,
             "color": OUTLINE,
         },

@@ -40,15 +40,8 @@ def best_section(
     """
     if not any(ranked for _, ranked in rankings):
         return None
-    section = Section(
-        "Which placement is best?",
-        [
-            "Means over seeds with 95 % intervals, whose spread is pooled over the placements. "
-            "Leads of the best have intervals that hold for all pairs at once, because the best "
-            "was chosen from the data. All of this is about the chance of training: the same "
-            "scenes, and the same test frames. Other traffic may tell otherwise.",
-        ],
-    )
+    samples = [best.sample for _, ranked in rankings for best in ranked.values()]
+    section = Section("Which placement is best?", _notes(any(samples)))
     for group, ranked in rankings:
         for name, best in ranked.items():
             metric, iou = headline_metric(name), headline_iou(run.results, name)
@@ -70,6 +63,26 @@ def best_section(
     return section
 
 
+def _notes(sampled: bool) -> list[str]:
+    """What the intervals hold."""
+    if not sampled:
+        return [
+            "Means over seeds with 95 % intervals, whose spread is pooled over the placements. "
+            "Leads of the best have intervals that hold for all pairs at once, because the best "
+            "was chosen from the data. All of this is about the chance of training: the same "
+            "scenes, and the same test frames. Other traffic may tell otherwise."
+        ]
+    return [
+        "Means over seeds with 95 % intervals for two chances at once: that of the training, by "
+        "the spread over seeds, pooled over the placements; and which routes and individuals the "
+        "test frames met, by leaving each route out in turn and each individual, the larger error "
+        "of both. Thin bars are for the mean alone. All placements met the same, so they differ by "
+        "less: thick bars are for a comparison, and so are leads, and how likely each is to be the "
+        "best. Leads have intervals that hold for all pairs at once, because the best was chosen "
+        "from the data. Other training traffic and other towns are in none of this."
+    ]
+
+
 def _share(sure: float) -> str:
     return "–" if np.isnan(sure) else percent(sure)
 
@@ -77,12 +90,13 @@ def _share(sure: float) -> str:
 def _table(table: pd.DataFrame, best: BestPlacement, metric: str, label: str) -> Table:
     leads = best.others[["lead", "low", "high", "p"]]
     leads = leads.rename(columns={"low": "low_of_lead", "high": "high_of_lead"})
-    joined = table[["mean", "sd", "low", "high", "seeds"]].join(leads)
+    joined = table[["mean", "sd", "sample_sd", "low", "high", "half", "seeds"]].join(leads)
     joined["sure"] = best.sure
     rows = tuple(
         (
             str(name),
             plus_minus(row["mean"], row["sd"]),
+            "–" if np.isnan(row["sample_sd"]) else f"{row['sample_sd']:.1f}",
             _interval(row["low"], row["high"]),
             f"{row['seeds']:.0f}",
             "–" if np.isnan(row["lead"]) else signed_points(row["lead"]),
@@ -93,10 +107,13 @@ def _table(table: pd.DataFrame, best: BestPlacement, metric: str, label: str) ->
         for name, row in joined.iterrows()
     )
     head = (
-        *("placement", f"{metric} (%)", "95 %", "seeds", "below the best (points)"),
+        *("placement", f"{metric} (%)", "sd by test objects", "95 %", "seeds"),
+        "below the best (points)",
         *("95 %, all pairs at once", "p, adjusted", "likely to be the best"),
     )
-    data = joined.rename(columns={"p": "p_adjusted", "sure": "probability_best"}).reset_index()
+    names = {"p": "p_adjusted", "sure": "probability_best", "sample_sd": "sd_by_test_objects"}
+    names["half"] = "half_interval_compared"
+    data = joined.rename(columns=names).reset_index()
     return Table(
         f"{metric} · {label}", head, rows, name=slug("best", metric, label), data=data
     ).first(MOST_ROWS)

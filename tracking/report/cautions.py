@@ -5,6 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from tracking.individuals import MOST_FREQUENT, count_individuals
+from tracking.jackknife import LEAST_ROUTES
 from tracking.kitti_iou import headline_iou
 from tracking.labels import metric_label
 from tracking.permutation import smallest_p
@@ -52,6 +53,7 @@ def cautions(run: RunFolder, means: pd.DataFrame) -> list[str]:
         *_few_frames(run),
         *_few_objects(run, means),
         *_few_individuals(run),
+        *_not_in_the_intervals(run),
         *_learned_little(run, means),
         *_unconverged(run),
         *_counted_rays(run),
@@ -151,15 +153,8 @@ def _few_objects(run: RunFolder, means: pd.DataFrame) -> list[str]:
 
 
 def _few_individuals(run: RunFolder) -> list[str]:
-    """By the setting that has fewest of a class, as each is judged by its own objects."""
-    if run.individuals is None or run.individuals.empty:
-        return []
-    test = run.individuals[run.individuals["split"] == "test"]
-    counts = [count_individuals(own) for _, own in by_setting(test, run.axes)]
-    fewest = pd.concat(counts).sort_values("individuals", kind="stable")
-    fewest = fewest.drop_duplicates("class").set_index("class")
     said = []
-    for name, row in fewest.reindex([c for c in run.classes if c in fewest.index]).iterrows():
+    for name, row in _fewest(run, "individuals").iterrows():
         met = row["individuals"]
         if met < FEW_INDIVIDUALS:
             ten = f", {MOST_FREQUENT} of which have {100 * row['share_of_ten']:.0f} % of the boxes"
@@ -168,6 +163,36 @@ def _few_individuals(run: RunFolder) -> list[str]:
                 f"{ten if met > MOST_FREQUENT else ''}: others may give another AP."
             )
     return said
+
+
+def _fewest(run: RunFolder, column: str) -> pd.DataFrame:
+    """Counts of the setting that has fewest test objects, as each is judged by its own; by class.
+
+    Empty where the objects are not known.
+    """
+    if run.individuals is None or run.individuals.empty:
+        return pd.DataFrame()
+    test = run.individuals[run.individuals["split"] == "test"]
+    counts = pd.concat([count_individuals(own) for _, own in by_setting(test, run.axes)])
+    fewest = counts.sort_values(column, kind="stable").drop_duplicates("class").set_index("class")
+    return fewest.reindex([name for name in run.classes if name in fewest.index])
+
+
+def _not_in_the_intervals(run: RunFolder) -> list[str]:
+    if run.left_out is None:
+        return [
+            "Intervals are over seeds alone, as if these were the only test objects: the run "
+            "folder has no left_out.parquet, which earlier versions did not write. The sweep's "
+            "command makes it."
+        ]
+    routes = _fewest(run, "routes")
+    few = [str(name) for name, row in routes.iterrows() if row["routes"] < LEAST_ROUTES]
+    if not few:
+        return []
+    return [
+        f"Fewer than {LEAST_ROUTES} test routes with {', '.join(few)}: intervals allow for which "
+        "individuals were met, not for what routes differ in."
+    ]
 
 
 def _learned_little(run: RunFolder, means: pd.DataFrame) -> list[str]:

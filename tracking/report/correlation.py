@@ -44,7 +44,8 @@ def correlation_section(
     section = Section(
         "Did the surrogates predict AP and recall?",
         [
-            "A point is a placement, its bar a 95 % interval of the mean over seeds. ρ is "
+            "A point is a placement, its bar a 95 % interval of the mean over seeds, for comparing "
+            "it with the others: thick bars of the first section. ρ is "
             "Spearman's, with its 95 % interval over placements and seeds and its permutation "
             "p-value, both sides; r is Pearson's, τ Kendall's. The range is that of ρ without one "
             "placement in turn. No sign is assumed.",

@@ -33,7 +33,7 @@ def density_section(run: RunFolder, found: list[Group], means: pd.DataFrame) -> 
     section = Section("Ablation: density", columns=2)
     section.notes.append(
         "The same placements in sparser and denser traffic. Each density has its own scenes for "
-        "training and testing. Bars are 95 % intervals over seeds."
+        "training and testing. Bars are 95 % intervals."
     )
     surrogates, order = with_sums(run.surrogates, run.axes), list(run.placements)
     if DENSITY in surrogates.columns:

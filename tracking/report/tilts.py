@@ -30,7 +30,7 @@ def tilts_section(run: RunFolder, found: list[Group], means: pd.DataFrame) -> Se
     section = Section("Ablation: roll and pitch", columns=2)
     section.notes.append(
         "Pairs of placements that differ in the roll, or in the pitch, of some LiDARs and in "
-        "nothing else. Differences are tilted less upright, with 95 % intervals over seeds; each "
+        "nothing else. Differences are tilted less upright, with 95 % intervals; each "
         "pair is taken for itself, without a correction for their number."
     )
     if differences["low"].isna().any():

@@ -1,0 +1,206 @@
+"""Do the report's intervals hold the AP of all traffic when the test frames met few individuals?
+
+    python benchmarks/individuals_coverage.py               # all cases
+    python benchmarks/individuals_coverage.py --times 20
+
+Test sets are drawn from traffic whose AP is known from 1,000 routes: on every route about 8.5 road
+users, each in as many frames as a lognormal number says (a tenth of them in half of the frames or
+more), so that ten of the 34 of four routes have about 70 % of the boxes. How well an individual is
+seen is its own, and partly its own under each placement; with an effect of the routes these differ
+in that too, in traffic and in false alarms. Boxes of a frame scatter around it. Every placement is
+trained with three seeds, which shift all of its scores, and those of each individual. AP, the
+jackknife and the intervals are those in use. "Seeds" leaves the choice of the test objects out.
+
+Percent of the intervals that hold the truth, and half their width in points: of a placement's mean,
+and of the difference of two; percent of the studies in which the intervals of all leads of the
+named best do, in which it is said to be the best, and is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+import pandas as pd
+import typer
+from numpy.typing import NDArray
+
+from tracking.best_placement import lead_intervals
+from tracking.jackknife import combined, sample_error
+from tracking.probability_of_best import probability_of_best
+from tracking.reliability import pooled_variance, seed_mean
+from tracking.summary import seed_means
+from training.matches import Matches
+
+Array = NDArray[np.float64]
+PLACEMENTS, SEEDS = 4, 3
+QUALITY = np.array([0.0, 0.1, 0.2, 0.3])
+"""Of the placements, in standard deviations of what individuals differ in."""
+ROUTES = (3, 4, 8)
+EFFECTS = {"none": 0.0, "some": 0.3, "much": 0.6}
+"""Of the routes, in the same unit."""
+POPULATION = 1000
+
+
+@dataclass(frozen=True)
+class TestSet:
+    """Scores of one test set. Hits and detections are by placement and seed.
+
+    Attributes:
+        individual, route: of every ground truth, shape (G,).
+        individuals, routes: how many.
+        matches: what was found, by placement, seed.
+        owner, on: the individual (or beyond them, the route) and route of each detection.
+    """
+
+    individual: NDArray[np.intp]
+    route: NDArray[np.intp]
+    individuals: int
+    routes: int
+    matches: list[list[Matches]]
+    owner: list[list[NDArray[np.intp]]]
+    on: list[list[NDArray[np.intp]]]
+
+
+def draw(routes: int, effect: float, luck: Array, rng: np.random.Generator) -> TestSet:
+    """A test set; `luck` of each training, shape (placements, seeds)."""
+    seeds = luck.shape[1]
+    met = np.maximum(rng.poisson(8.5 * np.exp(2 * effect * rng.standard_normal(routes) * 0.4)), 1)
+    route_of = np.repeat(np.arange(routes), met)
+    n = len(route_of)
+    frames = np.clip(np.ceil(np.exp(2.2 + 1.3 * rng.standard_normal(n))), 1, 200).astype(int)
+    individual = np.repeat(np.arange(n), frames)
+    route = route_of[individual]
+    size = len(individual)
+    seen = (
+        0.8
+        + QUALITY[:, None]
+        + rng.standard_normal(n)[individual]
+        + 0.3 * rng.standard_normal((PLACEMENTS, n))[:, individual]
+        + effect * rng.standard_normal(routes)[route]
+        + 0.3 * effect * rng.standard_normal((PLACEMENTS, routes))[:, route]
+        + 0.8 * rng.standard_normal(size)
+    )
+    alarms = (
+        0.5 * np.bincount(route, minlength=routes) * np.exp(effect * rng.standard_normal(routes))
+    )
+    matches, owner, on = [], [], []
+    for p in range(PLACEMENTS):
+        rows: tuple[list[Matches], list[NDArray[np.intp]], list[NDArray[np.intp]]] = ([], [], [])
+        for s in range(seeds):
+            value = seen[p] + luck[p, s] + 0.3 * rng.standard_normal(n)[individual]
+            value += 0.5 * rng.standard_normal(size)
+            score = _sigmoid(value + 0.5 * rng.standard_normal(size))
+            hit = np.where(value > 0, score, np.nan)
+            boxed = (value > 0) | (rng.random(size) < 0.5)  # half of the missed have a bad box
+            where = np.repeat(np.arange(routes), rng.poisson(alarms))
+            false = _sigmoid(0.3 * QUALITY[p] - 0.7 + rng.standard_normal(len(where)))
+            rows[0].append(Matches(hit, hit, np.concatenate([score[boxed], false])))
+            rows[1].append(np.concatenate([individual[boxed], n + where]))
+            rows[2].append(np.concatenate([route[boxed], where]))
+        for table, row in zip((matches, owner, on), rows, strict=True):
+            table.append(row)
+    return TestSet(individual, route, n, routes, matches, owner, on)
+
+
+def _sigmoid(x: Array) -> Array:
+    return 1 / (1 + np.exp(-x))
+
+
+def trainings(seeds: int, rng: np.random.Generator) -> Array:
+    return 0.15 * rng.standard_normal((PLACEMENTS, seeds))
+
+
+def whole_ap(matches: Matches) -> float:
+    """AP of all of it: without a unit that nothing belongs to."""
+    nothing = (np.zeros(len(matches.hit), np.intp), np.zeros(len(matches.scores), np.intp))
+    return float(matches.without_each(*nothing, 2)[1])
+
+
+def tables(test: TestSet) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Results and left-out values, as a run folder has them."""
+    kinds = (
+        ("route", test.routes, test.route, test.on),
+        ("individual", test.individuals + test.routes, test.individual, test.owner),
+    )
+    results, left_out = [], []
+    for p, row in enumerate(test.matches):
+        for s, matches in enumerate(row):
+            results.append((p, s, whole_ap(matches)))
+            for kind, units, truth, detection in kinds:
+                values = matches.without_each(truth, detection[p][s], units)
+                own = {"unit": kind, "left_out": np.arange(units), "value": values}
+                own["ground_truths"] = np.bincount(truth, minlength=units)
+                left_out.append(pd.DataFrame({"placement": p, "seed": s} | own))
+    fixed = {"class": "Car", "detector": "d", "metric": "AP_R40_3D", "iou": 0.7}
+    table = pd.DataFrame(results, columns=["placement", "seed", "value"])
+    table = table.assign(**fixed, difficulty="all", ground_truths=len(test.route))
+    return table, pd.concat(left_out, ignore_index=True).assign(**fixed)
+
+
+def judge(results: pd.DataFrame, left_out: pd.DataFrame | None, truth: Array) -> dict[str, float]:
+    """What the report says of a study, and whether it is so."""
+    means = seed_means(results, left_out=left_out).set_index("placement").loc[range(PLACEMENTS)]
+    mean, half = means["mean"].to_numpy(), means["half"].to_numpy()
+    one, other = np.triu_indices(PLACEMENTS, 1)
+    off = (mean[one] - mean[other]) - (truth[one] - truth[other])
+    y = results.pivot(index="placement", columns="seed", values="value").to_numpy()
+    order = np.argsort(-seed_mean(y), kind="stable")
+    y, ranked = y[order], truth[order]
+    pooled, degrees = pooled_variance(y)
+    noise = (np.full(PLACEMENTS, float(SEEDS)), float(pooled), float(degrees))
+    noise = combined(*noise, None if left_out is None else sample_error(left_out, paired=True))
+    low, high = lead_intervals(seed_mean(y), *noise)[1:].T
+    lead = ranked[0] - ranked[1:]
+    return {
+        "mean": float(((means["low"] <= truth) & (truth <= means["high"])).mean()),
+        "mean half": float((means["high"] - means["low"]).mean() / 2),
+        "difference": float((np.abs(off) <= np.hypot(half[one], half[other])).mean()),
+        "difference half": float(np.hypot(half, half).mean()),
+        "leads": float(((low <= lead) & (lead <= high)).all()),
+        "said": float(probability_of_best(seed_mean(y), *noise, draws=2000)[0]),
+        "right": float(ranked[0] == truth.max()),
+    }
+
+
+def population(effect: float) -> Array:
+    """AP of every placement in all traffic, shape (placements,)."""
+    rng = np.random.default_rng(1)
+    test = draw(POPULATION, effect, trainings(10, rng), rng)
+    return np.array([np.mean([whole_ap(matches) for matches in row]) for row in test.matches])
+
+
+def _case(effect: float, routes: int, times: int, truth: Array) -> tuple[str, ...]:
+    """Cells of a row."""
+    rng, found, individuals = np.random.default_rng(routes), [], []
+    for _ in range(times):
+        test = draw(routes, effect, trainings(SEEDS, rng), rng)
+        results, left_out = tables(test)
+        individuals.append(test.individuals)
+        found.append([judge(results, table, truth) for table in (None, left_out)])
+    old, new = (pd.DataFrame(rows).mean() for rows in zip(*found, strict=True))
+    cells = [f"{np.mean(individuals):.0f}"]
+    for name in ("mean", "difference"):
+        cells += [f"{100 * side[name]:.0f} (± {side[f'{name} half']:.1f})" for side in (old, new)]
+    cells += [f"{100 * side['leads']:.0f}" for side in (old, new)]
+    cells += [f"{100 * side['said']:.0f}" for side in (old, new)]
+    return (*cells, f"{100 * new['right']:.0f}")
+
+
+def main(times: Annotated[int, typer.Option(min=2, help="studies of a case")] = 200) -> None:
+    error = 100 * np.sqrt(0.05 * 0.95 / times)
+    print(f"{times} studies of a case: the standard error of 95 % is at most {error:.1f} points")
+    head = ["routes differ", "routes", "individuals"]
+    head += [f"{what}, {how}" for what in ("mean", "difference") for how in ("seeds", "in use")]
+    head += ["leads, seeds", "leads, in use", "said, seeds", "said, in use", "right"]
+    print("| " + " | ".join(head) + " |\n" + "|---" * len(head) + "|")
+    for name, effect in EFFECTS.items():
+        truth = population(effect)
+        for routes in ROUTES:
+            cells = (name, str(routes), *_case(effect, routes, times, truth))
+            print("| " + " | ".join(cells) + " |", flush=True)
+
+
+if __name__ == "__main__":
+    typer.run(main)
