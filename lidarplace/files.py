@@ -36,9 +36,10 @@ def replacing(path: Path) -> Iterator[Path]:
     check_replaceable(path)
     partial = temporary(path)
     try:
-        yield partial
-        sync(partial)
-        partial.replace(path)
+        with naming(path):
+            yield partial
+            sync(partial)
+            partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
 
@@ -46,6 +47,24 @@ def replacing(path: Path) -> Iterator[Path]:
 def temporary(path: Path) -> Path:
     """A hidden name beside `path` that no other process uses, on whatever host of a shared disk."""
     return path.with_name(f".{path.name}.{unique()}.part")
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Name `path` in the errors of a full disk, which libraries raise without a name, and the disk.
+
+    Raises:
+        OSError: with the file, the disk and the room on it.
+    """
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        disk = next(p for p in (path.absolute(), *path.absolute().parents) if p.is_mount())
+        free = shutil.disk_usage(disk).free
+        reason = f"{os.strerror(error.errno)}: {free / 1e6:.1f} MB are free on {disk}"
+        raise OSError(error.errno, reason, str(path)) from error
 
 
 def check_replaceable(path: Path) -> None:

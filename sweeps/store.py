@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-from lidarplace.files import replacing, temporary
+from lidarplace.files import naming, replacing, temporary
 from sweeps.attempt import new_attempt
 from sweeps.result_folder import DamagedResult, Value, read_content, read_value, write_result
 from sweeps.store_lock import locked
@@ -155,8 +155,9 @@ class Store:
         note = self.note(task)
         note.parent.mkdir(parents=True, exist_ok=True)
         partial = temporary(note)  # as `write_text` does, but a note need not outlast the machine
-        partial.write_text(json.dumps(dict(about)), encoding="utf-8")
-        partial.replace(note)
+        with naming(note):
+            partial.write_text(json.dumps(dict(about)), encoding="utf-8")
+            partial.replace(note)
         try:
             yield
         finally:

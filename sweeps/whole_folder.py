@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from lidarplace.files import sync, temporary
+from lidarplace.files import naming, sync, temporary
 
 
 @contextmanager
@@ -19,9 +19,10 @@ def whole_folder(target: Path) -> Iterator[Path]:
     target.parent.mkdir(parents=True, exist_ok=True)
     partial = temporary(target)
     try:
-        partial.mkdir()
-        yield partial
-        sync(partial)
+        with naming(target):
+            partial.mkdir()
+            yield partial
+            sync(partial)
         try:
             partial.rename(target)
         except OSError:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from pathlib import Path
 from threading import Lock
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from lidarplace.files import naming
 
 
 class _Line(BaseModel):
@@ -151,10 +154,10 @@ class Journal:
         line = _entry.dump_json(entry) + b"\n"
         with self._lock:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            with self.path.open("ab", buffering=0) as file:
+            with naming(self.path), self.path.open("ab", buffering=0) as file:
                 file.truncate(self._end)  # what an earlier failure or a killed driver left
                 if file.write(line) < len(line):
-                    raise OSError(f"{self.path}: no space left for the journal")
+                    raise OSError(errno.ENOSPC, "half a line is written")
                 os.fsync(file.fileno())
             self._end += len(line)
 

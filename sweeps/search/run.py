@@ -30,6 +30,8 @@ from sweeps.search.search_in_mlflow import ABOUT, columns
 from sweeps.search.show import print_failures, print_found, print_nothing_found
 from sweeps.search.study import (
     Timing,
+    is_emptied,
+    journal_path,
     open_study,
     quiet,
     run_study,
@@ -68,6 +70,8 @@ def run_search(console: Console, problem: Problem, command: str, verify: bool) -
             remove_leftovers_of(file, store)
             stack.enter_context(store.in_use())
             storage = storage_for(file.search.storage, folder)
+            if file.search.storage is None and is_emptied(folder):
+                say(f"{journal_path(folder)} holds no trial, though this search had some: anew")
             log = stack.enter_context(_mlflow(problem, command, say))
             stack.enter_context(workers)
             backend = workers.enter_context(backend_for(file.ray, store))

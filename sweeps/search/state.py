@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import optuna
-from optuna.storages import BaseStorage, JournalStorage, RDBStorage
-from optuna.storages.journal import JournalFileBackend
+from optuna.storages import RDBStorage
 
 from lidarplace.secret_urls import hide_secrets
 from lidarplace.surrogate import RAY_SURROGATES
 from sweeps.search.problem import Problem
-from sweeps.search.study import assessment_of, finished_trials, journal_path, quiet
+from sweeps.search.study import assessment_of, finished_trials, journal_path, journal_storage, quiet
 from sweeps.search.verify import read_verification
 from sweeps.search.winners import best_trials
 from sweeps.state import SweepState, sweep_state
@@ -86,14 +85,14 @@ def _study(problem: Problem) -> optuna.Study | None:
     """The study as far as it has come; None before its first trial."""
     name = f"{reference(problem.sweep(), 'search')}-{problem.key}"
     path, url = journal_path(problem.folder), problem.file.search.storage
+    if url is None:
+        if not path.exists():
+            return None
+        # A driver may be writing the last line; the journal is left as it is.
+        storage = journal_storage(path)
     try:
         if url is not None:
-            storage: BaseStorage = RDBStorage(url, skip_table_creation=True)
-        elif path.exists():
-            # A driver may be writing the last line; the journal is left as it is.
-            storage = JournalStorage(JournalFileBackend(str(path)))
-        else:
-            return None
+            storage = RDBStorage(url, skip_table_creation=True)
         with quiet():
             return optuna.load_study(study_name=name, storage=storage)
     except KeyError:  # another configuration, or none yet

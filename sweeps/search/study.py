@@ -81,7 +81,24 @@ def storage_for(url: str | None, folder: Path) -> BaseStorage:
             raise ValueError(f"search.storage: cannot be opened: {reason}") from None
     path = journal_path(folder)
     _mend(path)
-    return JournalStorage(JournalFileBackend(str(path)))
+    return journal_storage(path)
+
+
+def journal_storage(path: Path) -> BaseStorage:
+    """What a journal holds. Raises ValueError that names a damaged one."""
+    try:
+        return JournalStorage(JournalFileBackend(str(path)))
+    except Exception as error:  # what Optuna raises depends on what is wrong in a line
+        reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        raise ValueError(
+            f"{path}: cannot be read: {reason}; the trials in it are lost: remove it to search anew"
+        ) from None
+
+
+def is_emptied(folder: Path) -> bool:
+    """Whether a search has left results in its folder, and no trial in its journal."""
+    path = journal_path(folder)
+    return (folder / "search.json").exists() and not (path.exists() and path.stat().st_size)
 
 
 def journal_path(folder: Path) -> Path:

@@ -1,6 +1,20 @@
-from contextlib import suppress
+"""Files that appear in one step: what is in the way stays, what a killed process left goes."""
 
-from lidarplace.files import replacing, temporary
+from __future__ import annotations
+
+import os
+import socket
+import stat
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from lidarplace.files import remove_leftovers, replacing, temporary
+
+ROOT = Path(__file__).parents[2]
 
 
 def test_a_file_is_replaced_at_the_end_or_not_at_all(tmp_path):
@@ -26,3 +40,80 @@ def test_two_writers_with_the_same_process_id_do_not_meet(tmp_path, monkeypatch)
     assert path.read_text() == "one", "the outer one ends last"
     monkeypatch.setattr("socket.gethostname", lambda: "node7")
     assert temporary(path).name.startswith(".a.txt.node7-1-")
+
+
+def pipe(folder: Path) -> Path:
+    path = folder / "pipe"
+    os.mkfifo(path)
+    return path
+
+
+def listener(folder: Path) -> Path:
+    path = folder / "socket"
+    with socket.socket(socket.AF_UNIX) as made:
+        made.bind(str(path))
+    return path
+
+
+def link(folder: Path) -> Path:
+    path = folder / "link"
+    path.symlink_to("/dev/null")
+    return path
+
+
+@pytest.mark.parametrize("make", [pipe, listener, link, lambda folder: Path("/dev/null")])
+def test_a_device_is_not_replaced(tmp_path, make):
+    path = make(tmp_path)
+    before = path.lstat().st_mode
+    beside = set(path.parent.glob(".*.part"))
+    with pytest.raises(OSError, match="is a device, a pipe or a socket"), replacing(path) as part:
+        part.write_text("text")
+    assert path.lstat().st_mode == before
+    assert not stat.S_ISREG(before)
+    assert set(path.parent.glob(".*.part")) == beside
+
+
+def test_files_and_links_to_files_are_replaced(tmp_path):
+    (tmp_path / "old").write_text("old")
+    (tmp_path / "link").symlink_to(tmp_path / "old")
+    for name in ("old", "link", "new"):
+        with replacing(tmp_path / name) as partial:
+            partial.write_text("new")
+        assert (tmp_path / name).read_text() == "new"
+
+
+LEAVE = """
+import os, signal, sys
+from pathlib import Path
+from lidarplace.files import replacing, temporary
+folder = Path(sys.argv[1])
+partial = temporary(folder / "a.db")
+Path(f"{partial}-journal").write_text("x")
+inner = temporary(folder / "models" / "key")
+inner.mkdir(parents=True)
+(inner / "MLmodel").write_text("x")
+with replacing(folder / "table.parquet") as partial:
+    partial.write_text("x")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_what_a_killed_process_was_writing_is_removed_and_nothing_else(tmp_path):
+    subprocess.run(
+        [sys.executable, "-c", LEAVE, str(tmp_path)],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        check=False,
+    )
+    assert len([path for path in tmp_path.rglob("*.part*") if path.name[0] == "."]) == 3
+    running = temporary(tmp_path / "mine")
+    elsewhere = tmp_path / ".a.db.otherhost-1-0123abcd.part"
+    others = [tmp_path / name for name in (".hidden.part", "song.part", ".a.x-1-0123abcd.part.txt")]
+    kept = [running, elsewhere, *others]
+    for path in kept:
+        path.write_text("x")
+    remove_leftovers(tmp_path)
+    assert (tmp_path / "models").is_dir()
+    assert any((tmp_path / "models").iterdir())
+    remove_leftovers(tmp_path, "**/.*.part*")
+    assert sorted(tmp_path.rglob("*")) == sorted([*kept, tmp_path / "models"])
+    remove_leftovers(tmp_path / "none")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 
 import pandas as pd
@@ -31,7 +32,12 @@ def test_a_full_disk(tmp_path, small_disk):
     options = ("--set", f"store={disk}/store", "--set", "training.epochs=1")
     options += ("--set", "grid={placement: [line]}")
     assert sweep.start(*options).wait(timeout=GUARD_S) == 1
-    assert "No space left on device" in sweep.output()
+    told = re.search(
+        r"No space left on device: [\d.]+ MB are free on (\S+): '(\S+)'", sweep.output()
+    )
+    assert told, sweep.output()
+    assert told[1] == str(disk)
+    assert told[2].startswith(f"{disk}/store/")
     assert "1 of 1 trials failed" in sweep.output()
     left = list((disk / "store").glob("*/.*.part"))
     assert left == [], "nothing half written takes up the space"

@@ -136,12 +136,16 @@ def test_the_trainings_of_verify(path, begun):
     assert "small-verify: no driver runs; 2 trials: 2 waiting" in told(path)
 
 
-def test_a_damaged_journal_is_one_line(path, begun):
+@pytest.mark.parametrize(
+    "line", [b"nonsense\n", b"[1]\n", b'{"op_code": 99}\n', b"{}\n", b"\xff\n"]
+)
+def test_a_damaged_journal_is_one_line(path, begun, line):
     lines = journal_path(begun.folder).read_bytes().splitlines(keepends=True)
-    journal_path(begun.folder).write_bytes(b"nonsense\n" + b"".join(lines))
-    done = CliRunner().invoke(status.app, [str(path)])
-    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
-    assert "optuna.journal: cannot be read" in done.stderr
+    journal_path(begun.folder).write_bytes(line + b"".join(lines))
+    for app in (status.app, search_app):
+        done = CliRunner().invoke(app, [str(path)])
+        assert (done.exit_code, done.stderr.count("\n")) == (2, 1), done.output
+        assert "optuna.journal: cannot be read" in done.stderr
 
 
 def test_a_database_that_is_not_there_is_one_line(path):

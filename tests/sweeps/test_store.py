@@ -4,6 +4,7 @@ import errno
 import json
 import multiprocessing
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -112,8 +113,11 @@ def test_a_full_disk_at_any_step_leaves_nothing(store, monkeypatch, step):
     saved = value() | {"state_dict": {"w": torch.ones(2)}}
     with monkeypatch.context() as patch:
         patch.setattr(step, full_disk)
-        with pytest.raises(OSError, match="No space left"):
+        with pytest.raises(OSError, match="No space left") as error:
             store.save(TASK, saved, seconds=0.0)
+    if step != "pathlib.Path.mkdir":  # not yet there
+        assert re.search(r"[\d.]+ MB are free on /", str(error.value))
+        assert error.value.filename == str(store.path(TASK))
     assert not store.has(TASK)
     assert store.finished([TASK]) == set()
     assert names(store) == []
