@@ -19,6 +19,7 @@ import typer
 from lidarplace.command_line import new_app, verb, wrong
 from lidarplace.ranges import PORT
 from lidarplace.secret_urls import hide_secrets, public_url
+from tracking.ends_with_parent import ending_with_parent
 from tracking.mlflow_connection import connect, reason
 from tracking.mlflow_page import VIEW_TAG, page_of
 from tracking.mlflow_uri import absolute_uri, is_server, sqlite_file
@@ -70,16 +71,14 @@ def server(uri: str, port: int) -> Iterator[tuple[subprocess.Popen[bytes], str]]
         typer.Exit: it does not start; what it said is on stderr.
     """
     address = f"http://127.0.0.1:{port}"
-    python = (sys.executable, "-m")
-    command = [*python, "tracking.ends_with_parent", *python, "mlflow", "server"]
-    command += ["--host", "127.0.0.1"]
+    command = [sys.executable, "-m", "mlflow", "server", "--host", "127.0.0.1"]
     command += ["--port", str(port), "--workers", "1"]
     quiet = {"MLFLOW_DISABLE_TELEMETRY": "true", "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
     quiet["PYTHONWARNINGS"] = "ignore:starlette.middleware.wsgi"  # MLflow's to mend
     # Not as an argument, where every user of the machine could read a password.
     own = {"MLFLOW_BACKEND_STORE_URI": uri, "UVICORN_LOG_LEVEL": "warning"}
     process = subprocess.Popen(
-        command,
+        ending_with_parent(command),
         stdin=subprocess.PIPE,  # its end tells that this process has ended, however it did
         stdout=subprocess.DEVNULL,
         env=os.environ | quiet | own,

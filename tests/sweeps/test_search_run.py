@@ -409,6 +409,18 @@ def test_a_killed_process(tmp_path, tracking):
     assert sorted(names) == sorted(["k", *(f"trial {n}" for n in range(60))])
 
 
+def test_an_emptied_journal_is_told(tmp_path, tracking):
+    assert search(tmp_path, tracking, search={"trials": 4}).exit_code == 0
+    before = trials(tmp_path).drop(columns="seconds")
+    journal = journal_path(tmp_path / "runs/small")
+    assert str(journal) not in search(tmp_path, tracking, search={"trials": 4}).output
+    journal.write_bytes(b"")
+    result = search(tmp_path, tracking, search={"trials": 4})
+    assert result.exit_code == 0, result.output
+    assert f"{journal} holds no trial" in result.output
+    pd.testing.assert_frame_equal(trials(tmp_path).drop(columns="seconds"), before)
+
+
 def test_a_database_keeps_the_trials(tmp_path, tracking):
     storage = f"sqlite:///{tmp_path / 'optuna.db'}"
     for trials_wanted in (4, 8):

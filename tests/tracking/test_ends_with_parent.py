@@ -11,6 +11,8 @@ from pathlib import Path
 import psutil
 import pytest
 
+from tracking.ends_with_parent import ending_with_parent
+
 ROOT = Path(__file__).parents[2]
 # Starts a process in turn, as MLflow's server does.
 SERVER = """
@@ -21,10 +23,9 @@ time.sleep(600)
 """
 PARENT = f"""
 import subprocess, sys, time
-subprocess.Popen(
-    [sys.executable, "-m", "tracking.ends_with_parent", sys.executable, "-c", {SERVER!r}],
-    stdin=subprocess.PIPE,
-)
+from tracking.ends_with_parent import ending_with_parent
+command = ending_with_parent([sys.executable, "-c", {SERVER!r}])
+subprocess.Popen(command, stdin=subprocess.PIPE)
 time.sleep(600)
 """
 
@@ -50,7 +51,7 @@ def test_all_that_was_started_ends_with_a_parent_that_is_killed(how):
 def test_the_exit_code_is_that_of_the_command(code):
     command = [sys.executable, "-c", f"raise SystemExit({code})"]
     with subprocess.Popen(
-        [sys.executable, "-m", "tracking.ends_with_parent", *command],
+        ending_with_parent(command),
         cwd=ROOT,
         stdin=subprocess.PIPE,
     ) as process:
