@@ -23,10 +23,10 @@ def whole_folder(target: Path) -> Iterator[Path]:
             partial.mkdir()
             yield partial
             sync(partial)
-        try:
-            partial.rename(target)
-        except OSError:
-            if not target.is_dir():  # else another process was faster with the same
-                raise
+            try:
+                partial.rename(target)
+            except OSError:
+                if not target.is_dir():  # else another process was faster with the same
+                    raise
     finally:
         shutil.rmtree(partial, ignore_errors=True)
