@@ -12,8 +12,9 @@ import socket
 import subprocess
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
@@ -23,12 +24,6 @@ from sweeps.config import RaySettings
 
 THREADS = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 """Environment of a worker: one thread a task, as Ray runs as many tasks as there are CPUs."""
-
-_ALONE = {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0"}
-"""Makes Ray, before it is imported, take 127.0.0.1 for a node's address and listen there alone.
-
-`_node_ip_address="127.0.0.1"` does not: Ray puts an address in its place that others can reach.
-"""
 
 _PACKAGES = ("lidarplace", "training", "tracking", "sweeps")
 _ROOT = Path(__file__).parents[1]
@@ -54,22 +49,48 @@ def ray_session(settings: RaySettings) -> Iterator[ModuleType]:
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
     # Three tries to reach a `ray://` server take 15 s in place of 30.
     os.environ.setdefault("RAY_CLIENT_MAX_CONNECTION_TIMEOUT_S", f"{_CONNECT_S:.0f}")
-    if settings.address == "local":
-        os.environ |= _ALONE
-        # Ray would write one into the home folder, where every user of the machine can read it.
-        os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))
-    import ray
+    local = settings.address == "local"
+    with _environment(_alone() if local else {}):
+        import ray
 
-    if settings.address == "local":
-        _start(ray, settings)
-        _check_alone(ray)
-    else:
-        _check_token_file()
-        _join(ray, settings.address)
+        if local:
+            _start(ray, settings)
+            _check_alone(ray)
+        else:
+            _check_token_file()
+            _join(ray, settings.address)
+        try:
+            yield ray
+        finally:
+            ray.shutdown()
+
+
+@cache
+def _alone() -> dict[str, str]:
+    """What keeps a local Ray to this machine and this user, before it is imported.
+
+    The first makes it take 127.0.0.1 for a node's address and listen there alone. The argument
+    `_node_ip_address="127.0.0.1"` does not: Ray puts an address in its place that others can reach.
+    A token Ray would write into the home folder, where every user of the machine can read it; it
+    remembers the first one, so a process has one.
+    """
+    token = os.environ.get("RAY_AUTH_TOKEN", secrets.token_hex(32))
+    return {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0", "RAY_AUTH_TOKEN": token}
+
+
+@contextmanager
+def _environment(variables: Mapping[str, str]) -> Iterator[None]:
+    """Variables for the block alone: other Rays, such as a cluster's, are started otherwise."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
     try:
-        yield ray
+        yield
     finally:
-        ray.shutdown()
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
 
 def _start(ray: ModuleType, settings: RaySettings) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import psutil
 
-from sweeps.ray_cluster import _check_alone, _check_token_file
+from sweeps.ray_cluster import _alone, _check_alone, _check_token_file, _environment
 
 ROOT = Path(__file__).parents[2]
 DRIVER = """
@@ -87,3 +87,13 @@ def test_a_token_that_others_can_read_is_told(tmp_path, monkeypatch, caplog):
     monkeypatch.setenv("RAY_AUTH_TOKEN", "given")  # which Ray prefers
     _check_token_file()
     assert not caplog.text
+
+
+def test_what_a_local_ray_is_told_others_are_not(monkeypatch):
+    monkeypatch.setenv("RAY_AUTH_TOKEN", "of a cluster")
+    monkeypatch.delenv("RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER", raising=False)
+    with _environment({**_alone(), "RAY_AUTH_TOKEN": "own"}):
+        assert os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] == "0"
+        assert os.environ["RAY_AUTH_TOKEN"] == "own"
+    assert os.environ["RAY_AUTH_TOKEN"] == "of a cluster"
+    assert "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER" not in os.environ
