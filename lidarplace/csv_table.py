@@ -18,7 +18,7 @@ def write_csv(table: pd.DataFrame, path: Path) -> None:
     texts = [not pd.api.types.is_numeric_dtype(kind) for kind in table.dtypes]
     shown = table.rename(columns=_as_text)
     for i in (i for i, is_text in enumerate(texts) if is_text):
-        shown.isetitem(i, shown.iloc[:, i].astype(object).map(_as_text))
+        shown.isetitem(i, shown.iloc[:, i].astype(object).map(_as_text).to_numpy())
     shown.to_csv(path, index=False)
 
 
