@@ -22,7 +22,11 @@ Every key of a sweep's and of a search's file. A page that is made from the mode
 
 - A key path such as `scene.density` leads to a key in nested mappings. It can be an axis of `grid`,
   a column of the results, and stand in `--set scene.density=40`.
-- A key that is not here is an error that names the nearest one; so is a value beyond the limits.
+- A key that is not here is an error that names the nearest one; so is a value beyond the limits,
+  also where an axis of `grid` replaces it. `true` and `"3"` are no numbers.
+- Of two axes none may lead into the other: `scene` beside `scene.density` is refused.
+- A file is YAML of numbers, texts, lists and mappings, at most 16 MB; `1e-3` is a number, a date is
+  text, other tags are refused. What an alias stands for is copied, so `--set` changes one place.
 - `NAME` is a name of your own, `[]` stands for each entry of a list.
 - Ego frame: x forward, y left, z up; metres. Angles are radians, unless the key ends in `_deg`.
 - `python -m sweeps.run --schema` prints the same as a JSON schema, for editors that complete YAML.

@@ -25,8 +25,8 @@ from sweeps.config_file import (
 )
 from training.settings import TrainingSettings
 
-MOST_POINTS = 100_000
-"""Of a grid. Each is checked, planned and a row of tables: beyond, axes were likelier confused."""
+MOST_POINTS = 20_000
+"""Of a grid. Each takes milliseconds to check and to plan: beyond, axes were likelier confused."""
 
 
 @dataclass(frozen=True)

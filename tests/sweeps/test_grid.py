@@ -229,7 +229,7 @@ def test_own_placements_in_both_conventions(config):
         ({"lidar": {"azimuth_steps": 9 * 10**6}}, "lidar: azimuth_steps: .*16 beams; allowed are"),
         (
             {"grid": {"seed": list(range(3000)), "scene.seed": list(range(3000))}},
-            "grid: found 9,000,000 points; allowed are 100,000",
+            "grid: found 9,000,000 points; allowed are 20,000",
         ),
         (
             {"grid": {"scene": [{"density": 3}], "scene.density": [4, 7]}},

@@ -170,7 +170,7 @@ def test_bad_input_is_one_line(tmp_path, tracking):
         ({"greedy": {"position_step": 0.01}}, "candidates, more than most: 4,000"),
         ({"storage": "nonsense://"}, "search.storage: cannot be opened"),
         ({"greedy": {"position_step": 1e-6}}, "candidates, more than most: 4,000"),
-        ({"roll_deg": [20, -20]}, "within ±360 degrees"),
+        ({"roll_deg": [20, -20]}, "allowed is a number, or [min, max] with min <= max"),
         ({"zones": {"a": {"x": [0, 1], "polygon": [[0, 0]], "z": 2}}}, "a zone needs x, y and z"),
         ({"fixed": [{"z": 2, "lidar": {"beams": 64}}]}, "fixed: lidar: name it in `models`"),
         ({"constraints": {"near_field": {"z": [0, 0.9], "coverage": 0.5}}}, "near_field: ROI z"),
@@ -198,6 +198,22 @@ def test_bad_input_is_one_line(tmp_path, tracking):
         ),
         ({"robustness": {"scenes": {"a": {"scene.densty": 3}}}}, "scene.densty"),
         ({"robustness": {"scenes": {"a": {"lidar.beams": 3}}}}, "allowed are keys of scene"),
+        (
+            {"robustness": {"scenes": {"a": {"scene.towns.x": 1, "scene.towns": ["generated"]}}}},
+            "robustness.scenes.a.scene.towns.x: is inside of scene.towns, which is given too",
+        ),
+        (
+            {"zones": {}, "space": {"training.lr": [0.1, "banana", 0.2]}, "objective": "recall"},
+            "search.space.training.lr: found 'banana'",
+        ),
+        (
+            {"zones": {}, "space": {"training.lr": [0.1]}, "objective": "recall"}
+            | {"verify": {"set": {"training": {"epochs": 2}}}},
+            "verify.set.training: has training.lr inside, a key path of search.space",
+        ),
+        ({"verify": {"set": {"seed": 3}}}, "verify.set.seed: is what the verification varies"),
+        ({"fixed": [{"z": 1e308}]}, "search.fixed[0].z: found 1e+308"),
+        ({"trials": True}, "search.trials: found True"),
         ({"verify": {"set": {"training.epoch": 3}}}, "training.epoch"),
         ({"verify": {}, "detector": None}, "verify: needs a detector"),
         ({"seed": 3}, "a search has search.seed"),

@@ -102,7 +102,7 @@ def test_a_training_that_fails_is_told_as_failed(tmp_path, tracking):
         search={
             "zones": {},
             "objective": "recall",
-            "space": {"training.lr": [1e30]},
+            "space": {"training.lr": [1e6]},
             "trials": 1,
         },
     )
