@@ -108,8 +108,8 @@ def test_a_training_that_fails_is_told_as_failed(tmp_path, tracking):
     )
     assert result.exit_code == 1
     assert table.loc[0, "state"] == "FAIL"
-    assert "the loss is nan" in table.loc[0, "failure"]
-    assert "the loss is nan" in result.output
+    assert "is nan in epoch" in table.loc[0, "failure"]
+    assert "is nan in epoch" in result.output
     assert "No placement keeps" not in result.output
 
 
