@@ -80,10 +80,10 @@ def integers(table: pd.DataFrame, name: str, source: str) -> NDArray[np.int64]:
         ValueError: a value is something else.
     """
     values = _numeric(table[name])
-    bad = values.isna() | (values % 1 != 0)
+    good = values.notna() & (values % 1 == 0)
     if values.dtype.kind != "i":
-        bad |= (values < -_INT64) | (values >= _INT64)
-    bad = bad.fillna(True).to_numpy(bool)
+        good &= (values >= -_INT64) & (values < _INT64)
+    bad = ~good.fillna(False).to_numpy(bool)
     if bad.any():
         raise _wrong(table, name, int(np.argmax(bad)), "a whole number", source)
     return values.to_numpy(np.int64)

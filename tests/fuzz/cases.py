@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
@@ -60,19 +60,29 @@ def run_case(target: Target, seed: int, number: int, world: Path, place: Path) -
     files = sorted(path for pattern in target.files for path in world.glob(pattern))
     chosen = random.choice(files).relative_to(world)
     parts = {pattern.split("/")[0] for pattern in (str(chosen), *target.needs)}
-    place.mkdir(parents=True)
-    for part in sorted(parts):
-        whole = world / part
-        (shutil.copytree if whole.is_dir() else shutil.copy)(whole, place / part)
+    copied(world, place, parts)
     path = place / chosen
     fitting = BY_SUFFIX.get(path.suffix, ())
     # Most cases are of the kind of the file: its bytes are made wrong in few ways.
     mutations = fitting if fitting and random.random() < 0.75 else mutate_bytes.ANY
     what = random.choice(mutations)(path, random)
-    with contextlib.chdir(place):
-        outcome = _outcome(target, path, place)
+    outcome = outcome_of(target, path, place)
     shutil.rmtree(place)
     return Result(target.name, f"{seed} {number}", f"{chosen}: {what}", outcome)
+
+
+def copied(world: Path, place: Path, parts: Collection[str]) -> None:
+    """Make the folder `place` with copies of parts of the world."""
+    place.mkdir(parents=True)
+    for part in sorted(parts):
+        whole = world / part
+        (shutil.copytree if whole.is_dir() else shutil.copy)(whole, place / part)
+
+
+def outcome_of(target: Target, path: Path, place: Path) -> Outcome:
+    """What the target says in the folder `place`, of which it reads `path` among others."""
+    with contextlib.chdir(place):
+        return _outcome(target, path, place)
 
 
 def _outcome(target: Target, path: Path, place: Path) -> Outcome:

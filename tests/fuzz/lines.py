@@ -5,14 +5,15 @@ from __future__ import annotations
 import contextlib
 import shutil
 from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from random import Random
 from unittest.mock import patch
 
-from tests.fuzz.cases import Result
-from tests.fuzz.judge import judge_verb
+from tests.fuzz.cases import Result, copied
+from tests.fuzz.judge import Outcome, judge_verb
 from tests.fuzz.mutate_options import wrong_line
 from tests.fuzz.targets import QUICK
 
@@ -43,7 +44,7 @@ LINES = {
     "run": Line("sweeps.run", ("sweep.yaml", "--dry-run"), ("sweep.yaml", "log")),
     "search": Line("sweeps.search.__main__", ("search.yaml", "--dry-run"), ("search.yaml", "log")),
     "status": Line("sweeps.status", ("sweep.yaml",), ("sweep.yaml", "log")),
-    "clean": Line("sweeps.clean", ("sweep.yaml",), ("sweep.yaml", "log"), codes=(0, 1)),
+    "clean": Line("sweeps.clean", ("sweep.yaml",), ("sweep.yaml", "log", "runs"), codes=(0, 1)),
     "doctor": Line("sweeps.doctor", ("sweep.yaml",), ("sweep.yaml", "log"), codes=(0, 1)),
     "report": Line(
         "tracking.report.__main__", ("run",), ("run",), "tracking.report.build.build_report"
@@ -54,7 +55,9 @@ LINES = {
         ("found",),
         "tracking.search_report.build.build_search_report",
     ),
-    "dashboard": Line("tracking.dashboard", ("run",), ("run",), "tracking.dashboard.connect"),
+    "dashboard": Line(
+        "tracking.dashboard", ("runs/mlflow.db",), ("runs",), "tracking.dashboard.connect"
+    ),
     "record": Line(
         "sweeps.record", ("sweep.yaml", "out"), ("sweep.yaml", "log"), "sweeps.execute.execute"
     ),
@@ -94,21 +97,27 @@ def run_line(name: str, seed: int, number: int, world: Path, place: Path) -> Res
     random = Random(f"{name}/{seed}/{number}")
     app = import_module(line.module).app
     words, parameter = wrong_line(app, line.arguments, random)
-    if line.stops_at:
-        import_module(line.stops_at.rpartition(".")[0])
-    place.mkdir(parents=True)
-    for part in line.needs:
-        whole = world / part
-        (shutil.copytree if whole.is_dir() else shutil.copy)(whole, place / part)
-    given = [ascii(word[:40])[1:-1].rstrip("/") for word in words if word not in line.arguments]
+    copied(world, place, line.needs)
+    changed = [word for word in words if word not in line.arguments]
+    given = [ascii(text[:40])[1:-1] for word in changed for text in (word, str(Path(word)))]
     named = (parameter, parameter.upper(), *filter(None, given), *line.arguments)
     places = (*named, "No such option", "extra argument", "null byte", "is no store", "--")
-    stop = patch(line.stops_at, side_effect=ACCEPTED) if line.stops_at else contextlib.nullcontext()
-    with contextlib.chdir(place), stop:
-        outcome = judge_verb(app, words, places, line.codes)
+    outcome = outcome_of_line(line, words, places, place)
     shutil.rmtree(place)
     shown = " ".join(repr(word)[:60] for word in words)
     return Result(name, f"{seed} {number}", shown, outcome)
+
+
+def outcome_of_line(
+    line: Line, words: Sequence[str], places: Sequence[str], place: Path
+) -> Outcome:
+    """What the verb of a line says to `words` in the folder `place`."""
+    stop: AbstractContextManager[object] = contextlib.nullcontext()
+    if line.stops_at:
+        import_module(line.stops_at.rpartition(".")[0])
+        stop = patch(line.stops_at, side_effect=ACCEPTED)
+    with contextlib.chdir(place), stop:
+        return judge_verb(import_module(line.module).app, words, places, line.codes)
 
 
 def run_lines(

@@ -254,7 +254,11 @@ SETTINGS: tuple[Target, ...] = (
         "doctor", ("sweep.yaml",), "sweeps.doctor", ("sweep.yaml",), needs=("log",), codes=(0, 1)
     ),
     Target(
-        "clean", ("sweep.yaml", "search.yaml"), "sweeps.clean", ("{}", "--dry-run"), needs=("log",)
+        "clean",
+        ("sweep.yaml", "search.yaml"),
+        "sweeps.clean",
+        ("{}", "--dry-run"),
+        needs=("log", "runs"),
     ),
     Target(
         "accuracy --config", ("sweep.yaml",), "sweeps.accuracy", ("log", *QUICK), needs=("log",)

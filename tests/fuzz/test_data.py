@@ -1,8 +1,11 @@
 """Wrong data, wherever it is read: refused in one line that names the place, or done."""
 
+import shutil
+
 import pytest
 
-from tests.fuzz.cases import run_cases
+from tests.fuzz.cases import outcome_of, run_cases
+from tests.fuzz.judge import DONE
 from tests.fuzz.table import table
 from tests.fuzz.targets import DATA, MAPS, REPORTS
 
@@ -17,6 +20,14 @@ def faults(targets, seed, count, world, folder):
     print(table(results))
     assert len(results) == count * len(targets)
     return [str(result) for result in results if result.outcome.fault]
+
+
+@pytest.mark.parametrize("target", [*DATA, *REPORTS], ids=names((*DATA, *REPORTS)))
+def test_right_data_is_done(target, world, tmp_path):
+    place = tmp_path / "world"
+    shutil.copytree(world, place)
+    path = min(place.glob(target.files[0]))
+    assert outcome_of(target, path, place).kind == DONE
 
 
 @pytest.mark.parametrize("target", DATA, ids=names(DATA))

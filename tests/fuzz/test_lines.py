@@ -2,7 +2,9 @@
 
 import pytest
 
-from tests.fuzz.lines import LINES, run_lines
+from tests.fuzz.cases import copied
+from tests.fuzz.judge import DONE
+from tests.fuzz.lines import LINES, outcome_of_line, run_lines
 from tests.fuzz.table import table
 
 
@@ -11,6 +13,14 @@ def faults(names, seed, count, world, folder):
     print(table(results))
     assert len(results) == count * len(names)
     return [str(result) for result in results if result.outcome.fault]
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_a_right_line_is_taken(name, world, tmp_path):
+    line, place = LINES[name], tmp_path / "world"
+    copied(world, place, line.needs)
+    outcome = outcome_of_line(line, line.arguments, (), place)
+    assert outcome.kind == DONE, outcome.told
 
 
 @pytest.mark.parametrize("name", LINES)

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import yaml
 
+from sweeps.store import SWEEPS
 from tests.lidarplace import argoverse_layout, nuscenes_layout
 from tests.sweeps.small_log import write_small_log
 from tests.tracking import made_up_run, made_up_search
@@ -76,6 +77,10 @@ def write_world(folder: Path) -> None:
     (folder / "rig.yaml").write_text(yaml.safe_dump(SWEEP["placements"]["mine"]))
     (folder / "classes.yaml").write_text("Sedan: Car\nDog: ignore\n")
     _checkpoint(folder / "base.pt")
+    store = folder / "runs/store"
+    (store / SWEEPS).mkdir(parents=True)
+    (store / SWEEPS / "old.json").write_text("[]")
+    (folder / "runs/mlflow.db").touch()
     (folder / "failed").mkdir()
     failure = '{"reason": "no", "log": "", "lasting": true, "out_of_gpu_memory": false}'
     (folder / "failed/0123456789abcdef.json").write_text(failure)

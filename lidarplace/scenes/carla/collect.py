@@ -22,6 +22,7 @@ from typing import Any
 
 from lidarplace.box_log import BoxLog, join_logs, read_box_log, write_box_log
 from lidarplace.files import replacing
+from lidarplace.json_files import read_json
 from lidarplace.lidar.clouds import PointClouds, write_clouds
 from lidarplace.lidar.recorded import rig_record
 from lidarplace.placement import Placement
@@ -110,7 +111,9 @@ def _check_same(path: Path, content: dict[str, Any]) -> None:
     """Raise ValueError if `path` is there and holds something else."""
     if not path.exists():
         return
-    before = json.loads(path.read_text())
+    before = read_json(path)
+    if not isinstance(before, dict):
+        raise ValueError(f"{path}: must hold keys and values; take another folder")
     for key, value in json.loads(json.dumps(content)).items():  # as it comes back
         if before.get(key) != value:
             raise ValueError(
