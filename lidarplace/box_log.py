@@ -23,7 +23,7 @@ from lidarplace.boxes import (
 from lidarplace.columns import (
     check_columns,
     frame_numbers,
-    integers,
+    groups,
     numbers,
     numbers_if_known,
     one_of,
@@ -154,7 +154,7 @@ def _frames(path: Path) -> pd.DataFrame:
     frames, source = _table(path, FRAME_COLUMNS), str(path)
     one_of(frames, "split", SPLITS, source)
     frames["frame"] = frame_numbers(frames, source)
-    frames["route"] = integers(frames, "route", source)
+    frames["route"] = groups(frames, "route", source)
     for name in ("timestamp_s", *frames.columns.intersection(list(POSE_COLUMNS))):
         frames[name] = numbers_if_known(frames, name, source)
     return _with_texts(frames, ("scene",), source)

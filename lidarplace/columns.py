@@ -12,8 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-MOST_FRAME = 2**53 - 1
-"""Largest number of a frame: whole also as a float, and others can follow it."""
+from lidarplace.ranges import FRAME
 
 _INT64 = 2.0**63
 _LONGEST = 300  # characters of what was found
@@ -90,16 +89,16 @@ def integers(table: pd.DataFrame, name: str, source: str) -> NDArray[np.int64]:
 
 
 def frame_numbers(table: pd.DataFrame, source: str) -> NDArray[np.int64]:
-    """The column `frame`: whole numbers up to ±`MOST_FRAME`; (rows,), int64.
+    """The column `frame`: whole numbers of the range `FRAME`; (rows,), int64.
 
     Raises:
         ValueError: a value is something else.
     """
     values = integers(table, "frame", source)
-    bad = (values > MOST_FRAME) | (values < -MOST_FRAME)
+    bad = (values > FRAME.high) | (values < FRAME.low)
     if bad.any():
         row = int(np.argmax(bad))
-        raise _wrong(table, "frame", row, f"a whole number up to ±{MOST_FRAME}", source)
+        raise _wrong(table, "frame", row, f"a whole number up to ±{FRAME.high}", source)
     return values
 
 
@@ -119,6 +118,16 @@ def texts(table: pd.DataFrame, name: str, source: str) -> NDArray[np.object_]:
             raise _wrong(table, name, int(np.argmax(bad)), "text", source)
         column = column.map(str)
     return column.to_numpy(object)
+
+
+def groups(table: pd.DataFrame, name: str, source: str) -> NDArray[Any]:
+    """A column that names groups, by whole numbers or by text; (rows,).
+
+    Raises:
+        ValueError: a value is something else, or missing.
+    """
+    of_numbers = table[name].dtype.kind in "iuf"
+    return integers(table, name, source) if of_numbers else texts(table, name, source)
 
 
 def one_of(

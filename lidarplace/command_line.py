@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeVar
 import typer
 from typer.core import TyperCommand
 
+from lidarplace.ranges import Range
 from lidarplace.secret_urls import hide_secrets
 from lidarplace.terminal import say, visible
 
@@ -110,6 +111,21 @@ def crop_of(roi: Sequence[float]) -> Crop:
                 f"--roi: {axis} needs min < max within ±10,000 m, found {low:g} {high:g}"
             )
     return x0, y0, z0, x1, y1, z1
+
+
+def within(allowed: Range) -> Callable[[typer.CallbackParam, Any], Any]:
+    """A callback of an option whose numbers must be in a range: one line if they are not."""
+
+    def check(param: typer.CallbackParam, value: Any) -> Any:
+        for number in value if isinstance(value, list | tuple) else (value,):
+            if number is not None:
+                try:
+                    allowed.check(f"{max(param.opts, key=len)}:", number)
+                except ValueError as error:
+                    wrong(error)
+        return value
+
+    return check
 
 
 def known(option: str, name: str, choices: Mapping[str, T]) -> T:

@@ -15,7 +15,7 @@ from rich.table import Table
 
 from lidarplace.box_log import BoxLog, write_box_log
 from lidarplace.boxes import CLASSES
-from lidarplace.command_line import new_app, verb, wrong
+from lidarplace.command_line import new_app, verb, within, wrong
 from lidarplace.files import read_text
 from lidarplace.ranges import LIDAR_HEIGHT, SHARE
 from lidarplace.scenes.argoverse import read_argoverse
@@ -52,7 +52,7 @@ def nuscenes(
     out: Out,
     version: Annotated[str | None, typer.Option(help="such as v1.0-trainval")] = None,
     test_share: Annotated[
-        float, typer.Option(help="share of the recordings that are test", **SHARE.option)
+        float, typer.Option(help="share of the recordings that are test", callback=within(SHARE))
     ] = 0.2,
     test_scenes: Annotated[
         Path | None, typer.Option(help="instead: text file with the name of a test scene a line")
@@ -127,7 +127,9 @@ def kitti(
     ] = False,
     lidar_height: Annotated[
         float,
-        typer.Option(help="height of the LiDAR above the ground, metres", **LIDAR_HEIGHT.option),
+        typer.Option(
+            help="height of the LiDAR above the ground, metres", callback=within(LIDAR_HEIGHT)
+        ),
     ] = LIDAR_HEIGHT_M,
     skip_bad: Annotated[
         bool, typer.Option("--skip-bad", help="leave out what is wrong, and list it")

@@ -20,6 +20,7 @@ from lidarplace.command_line import (
     known,
     new_app,
     verb,
+    within,
     wrong,
 )
 from lidarplace.lidar.clouds import Crop, PointClouds
@@ -65,7 +66,7 @@ def export(
         bool, typer.Option("--images", help="black images, for tools that read the size of them")
     ] = False,
     seed: Annotated[
-        int, typer.Option(help="of shapes, drop-off and range noise", **SEED.option)
+        int, typer.Option(help="of shapes, drop-off and range noise", callback=within(SEED))
     ] = 0,
 ) -> None:
     """Write KITTI's object layout, as OpenPCDet reads it; docs/kitti.md describes it."""

@@ -5,9 +5,7 @@ What is beyond is a mistake of a keyboard or of a unit, and would end for want o
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Any
 
 
 @dataclass(frozen=True)
@@ -23,30 +21,17 @@ class Range:
             raise ValueError(f"{what} must be within {self._text}, found {value}")
 
     @property
-    def option(self) -> dict[str, Any]:
-        """For an option of a command: `typer.Option(**FRAMES.option)`."""
-        return {"min": self.low, "max": self.high, "callback": _not_nan}
-
-    @property
     def _text(self) -> str:
         return f"{self.low:,} and {self.high:,}"
 
 
-def _not_nan(value: Any) -> Any:
-    """The value of an option; typer's own limits let NaN pass. Raises typer.BadParameter."""
-    import typer
-
-    for number in value if isinstance(value, list | tuple) else (value,):
-        if isinstance(number, float) and math.isnan(number):
-            raise typer.BadParameter("nan is no number.")
-    return value
-
-
+FRAME = Range(1 - 2**53, 2**53 - 1)
+"""The number of a frame: whole also as a float, and others can follow it."""
 FRAMES = Range(1, 10_000_000)
 """How many frames there are."""
 AZIMUTH_STEPS = Range(1, 1_000_000)
 """Rays of a beam in one turn; those of real LiDARs are thousands."""
-RESOLUTION = Range(0.001, 100.0)
+RESOLUTION = Range(0.02, 100.0)
 """Edge of a voxel, metres."""
 SHARE = Range(0.0, 1.0)
 """A share of something."""

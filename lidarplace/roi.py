@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 Interval = tuple[float, float]
 
-MOST_CELLS = 10_000_000
+MOST_CELLS = 10**9
 """Voxels along one axis."""
 
 

@@ -9,7 +9,6 @@ from typing import Annotated
 import typer
 
 from lidarplace.box_log import read_box_log
-from lidarplace.columns import MOST_FRAME
 from lidarplace.command_line import (
     FRONT_ROI,
     RoiOption,
@@ -17,6 +16,7 @@ from lidarplace.command_line import (
     known,
     new_app,
     verb,
+    within,
     wrong,
 )
 from lidarplace.lidar.clouds import Crop
@@ -24,6 +24,7 @@ from lidarplace.lidar.profiles import PROFILES, Profile
 from lidarplace.log_options import LogArgument, ProfileOption, paper_placements
 from lidarplace.placement import Placement
 from lidarplace.placement_settings import named_placement
+from lidarplace.ranges import FRAME
 from lidarplace.terminal import say
 from lidarplace.viewing.frame import Frame, busiest_frame, read_frame
 from lidarplace.viewing.page import write_page
@@ -43,7 +44,7 @@ def view(
     frame: Annotated[
         int | None,
         typer.Option(
-            help="the one with most objects in the ROI by default", min=-MOST_FRAME, max=MOST_FRAME
+            help="the one with most objects in the ROI by default", callback=within(FRAME)
         ),
     ] = None,
     placement: Annotated[

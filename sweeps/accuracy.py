@@ -12,7 +12,7 @@ import typer
 
 from lidarplace import PAPER_PLACEMENTS, Placement, Roi
 from lidarplace.boxes import CLASSES
-from lidarplace.command_line import JsonOption, new_app, print_json, verb, wrong
+from lidarplace.command_line import JsonOption, new_app, print_json, verb, within, wrong
 from lidarplace.command_line import known as known_name
 from lidarplace.log_options import classes as classes_of_objects
 from lidarplace.log_options import paper_placements
@@ -55,18 +55,19 @@ def accuracy_command(
         list[float] | None,
         typer.Option(
             help="m; repeatable: methods, steps and frames are varied at the first one",
-            **RESOLUTION.option,
+            callback=within(RESOLUTION),
         ),
     ] = None,
     azimuth_steps: Annotated[
         list[int] | None,
-        typer.Option(help="rays of a beam a turn; repeatable", **AZIMUTH_STEPS.option),
+        typer.Option(help="rays of a beam a turn; repeatable", callback=within(AZIMUTH_STEPS)),
     ] = None,
     frames_share: Annotated[
-        list[float] | None, typer.Option(help="of the POG's frames; repeatable", **SHARE.option)
+        list[float] | None,
+        typer.Option(help="of the POG's frames; repeatable", callback=within(SHARE)),
     ] = None,
     frames: Annotated[
-        int | None, typer.Option(help="T, for a file of boxes alone", **FRAMES.option)
+        int | None, typer.Option(help="T, for a file of boxes alone", callback=within(FRAMES))
     ] = None,
     out: Annotated[
         Path, typer.Option(metavar="PATH", help="of the results, without suffix")

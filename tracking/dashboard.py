@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import requests
 import typer
 
-from lidarplace.command_line import new_app, verb, wrong
+from lidarplace.command_line import new_app, verb, within, wrong
 from lidarplace.ranges import PORT
 from lidarplace.secret_urls import hide_secrets, public_url
 from tracking.ends_with_parent import ending_with_parent
@@ -36,7 +36,7 @@ def dashboard(
         str, typer.Argument(help="folder of a sweep, file of a database, or MLflow's tracking URI")
     ] = "runs/mlflow.db",
     port: Annotated[
-        int | None, typer.Option(help="5000, or the next one that is free", **PORT.option)
+        int | None, typer.Option(help="5000, or the next one that is free", callback=within(PORT))
     ] = None,
 ) -> None:
     """Open MLflow on this machine alone, and print the address. Ctrl-C ends it.

@@ -23,7 +23,7 @@ from lidarplace.boxes import (
 from lidarplace.columns import (
     check_columns,
     frame_numbers,
-    integers,
+    groups,
     numbers,
     one_of,
     sizes,
@@ -146,7 +146,7 @@ def _check(table: pd.DataFrame, needed: Sequence[str], numeric: Sequence[str], p
     for name in table.columns.intersection(list(TEXT)):
         table[name] = texts(table, name, str(path))
     if "route" in table:
-        table["route"] = integers(table, "route", str(path))
+        table["route"] = groups(table, "route", str(path))
 
 
 def _listed(boxes: pd.DataFrame, path: Path, source: Path) -> pd.DataFrame:

@@ -86,11 +86,11 @@ def test_tables_and_figure_are_written(files, log):
             "boxes.csv: boxes alone do not tell the number of frames; name --frames T",
         ),
         (("boxes.csv", "--frames", 3), "--frames 3: .*boxes.csv has boxes of 10 frames"),
-        (("grid.yaml",), "grid.yaml: Could not open Parquet"),
+        (("grid.yaml",), "grid.yaml: is no Parquet file: Could not open Parquet"),
         (("log", "--class", "Dog"), "--class Dog: allowed are Car, Cyclist, Pedestrian"),
         (("log", "--placement", "nix"), "--placement nix: allowed are line, center, square"),
         (("log", "--resolution", 0.3), "no multiple of the resolution 0.3 m"),
-        (("log", "--frames-share", 2), r"within \(0, 1\], found 2"),
+        (("log", "--frames-share", 2), r"--frames-share: must be within 0.0 and 1.0, found 2"),
     ],
 )
 def test_a_mistake_is_one_line(files, arguments, message):

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from pydantic import Field, ValidationError
 
-from lidarplace.command_line import new_app, verb, wrong
+from lidarplace.command_line import new_app, verb, within, wrong
 from lidarplace.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.placement_settings import PlacementSettings
 from lidarplace.ranges import PORT, TIMEOUT
@@ -61,10 +61,10 @@ def carla(
     out: Annotated[Path, typer.Argument(help="folder of the box log and the clouds")],
     host: Annotated[str | None, typer.Option(help="of the server, before the file's")] = None,
     port: Annotated[
-        int | None, typer.Option(help="of the server, before the file's", **PORT.option)
+        int | None, typer.Option(help="of the server, before the file's", callback=within(PORT))
     ] = None,
     timeout: Annotated[
-        float | None, typer.Option(help="s, before the file's", **TIMEOUT.option)
+        float | None, typer.Option(help="s, before the file's", callback=within(TIMEOUT))
     ] = None,
 ) -> None:
     """Collect a box log, and the clouds of placements, from a running CARLA server.
