@@ -51,11 +51,10 @@ def moved(sample: Sample, settings: TrainingSettings, random: np.random.Generato
         boxes[:, 1] *= -1
         boxes[:, 6] *= -1
     angle = random.uniform(-settings.rotation, settings.rotation)
-    turn = np.array(
-        [[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]], np.float32
-    )
-    points[:, :2] = points[:, :2] @ turn
-    boxes[:, :2] = boxes[:, :2] @ turn
+    cos, sin = np.float32(math.cos(angle)), np.float32(math.sin(angle))
+    for rows in (points, boxes):  # no matrix product, which rounds otherwise on another processor
+        x, y = rows[:, 0].copy(), rows[:, 1].copy()
+        rows[:, 0], rows[:, 1] = x * cos - y * sin, x * sin + y * cos
     boxes[:, 6] += angle
     boxes[:, 6] -= 2 * math.pi * np.floor(boxes[:, 6] / (2 * math.pi) + 0.5)
     scale = random.uniform(*settings.scaling)
