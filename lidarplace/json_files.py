@@ -9,6 +9,8 @@ from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
+from lidarplace.settings import fault
+
 T = TypeVar("T")
 
 
@@ -21,9 +23,7 @@ def read_record(path: Path, kind: type[T], what: str) -> T:
     try:
         return TypeAdapter(kind).validate_python(read_json(path))
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        key = "".join(f"{part}: " for part in first["loc"])
-        raise ValueError(f"{path}: is no {what}: {key}{first['msg']}") from None
+        raise ValueError(f"{path}: is no {what}: {fault(error)}") from None
 
 
 def read_json(path: Path, object_hook: Callable[[dict[str, Any]], Any] | None = None) -> Any:

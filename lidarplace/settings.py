@@ -9,6 +9,8 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, ValidationError
 
+from lidarplace.ranges import SEED, SHARE
+
 
 class Settings(BaseModel):
     """Settings are not changed, and a key that is unknown is a mistake."""
@@ -24,8 +26,8 @@ Count = Annotated[int, Strict(), Field(ge=0, le=10_000_000)]
 """How many of something there are."""
 CountFromOne = Annotated[int, Strict(), Field(ge=1, le=10_000_000)]
 """The same, where there has to be one."""
-Seed = Annotated[int, Strict(), Field(ge=0, le=2**32 - 1)]
-"""Of random numbers: what NumPy, torch and Optuna all take."""
+Seed = Annotated[int, Strict(), Field(ge=SEED.low, le=SEED.high)]
+"""Of random numbers."""
 Length = Annotated[float, Strict(), Field(ge=-10_000, le=10_000, allow_inf_nan=False)]
 """Metres: a coordinate."""
 Distance = Annotated[float, Strict(), Field(ge=0, le=10_000, allow_inf_nan=False)]
@@ -36,7 +38,7 @@ Degrees = Annotated[float, Strict(), Field(ge=-360, le=360, allow_inf_nan=False)
 """Degrees, a turn to either side."""
 Elevation = Annotated[float, Strict(), Field(ge=-90, le=90, allow_inf_nan=False)]
 """Degrees above the horizon."""
-Probability = Annotated[float, Strict(), Field(ge=0, le=1, allow_inf_nan=False)]
+Probability = Annotated[float, Strict(), Field(ge=SHARE.low, le=SHARE.high, allow_inf_nan=False)]
 """A probability or a share."""
 Seconds = Annotated[float, Strict(), Field(ge=0, le=10_000_000, allow_inf_nan=False)]
 """Seconds of a wait, of work or of a simulation, up to 16 weeks."""

@@ -92,10 +92,9 @@ class LidarSettings(SensorSettings):
         description="paper: the text of the paper; released-code: what its published collection "
         "code does: 250 azimuth steps and the two quirks below. Keys given beside it win.",
     )
-    cloud_share: float = Field(
+    cloud_share: Probability = Field(
         1.0,
         gt=0,
-        le=1,
         description="share of the azimuth steps that simulated clouds have: fewer points train "
         "faster; surrogates are of all",
     )

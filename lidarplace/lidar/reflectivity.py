@@ -55,8 +55,10 @@ REFLECTIVITY: dict[Material, tuple[tuple[float, float], ...]] = {
     Material.MARKING: ((0.0, 0.5), (0.3, 1.5), (1.0, 6.0)),
 }
 """Quantiles of the reflectivity of every material, as pairs (share of all surfaces, reflectivity
-which that share does not exceed), linear between them. Ranges are rounded to those of the works
-below; few of them tell how often a value occurs, so the shares between are estimates but for PAINT.
+which that share does not exceed), linear between them. The values of PAINT were read in the works
+named there. The other ranges are what is commonly told of the works below, rounded, and were not
+checked against their tables; few tell how often a value occurs, so the shares between are
+estimates.
 
 PAINT. Pigments with carbon black absorb the near infrared too: black cars reflect some 5 %, white
 and silver ones some 60 % (Levinson, Pan, Ban-Weiss, Rosado, Paolini, Akbari, *Potential benefits of

@@ -14,8 +14,10 @@ import pandas as pd
 from lidarplace import Mount, OccupancyGrid, Placement
 from lidarplace.coverage.rays import ray_weight
 from lidarplace.files import replacing
+from lidarplace.json_files import read_json
 from lidarplace.selection import greedy, upper_bound
 from lidarplace.surrogate import RAY_SURROGATES
+from sweeps.config_file import ConfigError
 from sweeps.search.candidates import (
     candidates_of,
     exposure_of,
@@ -174,11 +176,20 @@ def certify(problem: Problem, grids: Mapping[str, OccupancyGrid]) -> Certificate
 def kept_certificate(
     problem: Problem, grids: Mapping[str, OccupancyGrid], path: Path
 ) -> Certificate | None:
-    """The certificate in `path`, if it is of this problem; else a new one, kept there."""
+    """The certificate in `path`, if it is of this problem; else a new one, kept there.
+
+    Raises:
+        ConfigError: `path` holds something else.
+    """
     if path.exists():
-        kept = json.loads(path.read_text(encoding="utf-8"))
-        if kept.pop("key") == problem.key:
-            return _from_plain(kept)
+        try:
+            kept = read_json(path)
+            if kept.pop("key") == problem.key:
+                return _from_plain(kept)
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise ConfigError(
+                f"{path} is no certificate of a search ({error}); remove it, and it is made again"
+            ) from None
     certificate = certify(problem, grids)
     if certificate is None:
         return None

@@ -5,8 +5,6 @@ import pytest
 from tests.fuzz.targets import SETTINGS
 from tests.fuzz.test_data import faults, names
 
-pytestmark = pytest.mark.xfail(reason="settings are made strict on their own branch", strict=False)
-
 
 @pytest.mark.parametrize("target", SETTINGS, ids=names(SETTINGS))
 def test_settings(target, world, tmp_path):

@@ -7,6 +7,7 @@ from search_files import write_search
 
 from lidarplace import OccupancyGrid
 from lidarplace.box_log import read_box_log
+from sweeps.config_file import ConfigError
 from sweeps.search.assess import assess
 from sweeps.search.candidates import choices
 from sweeps.search.certificate import (
@@ -144,6 +145,11 @@ def test_a_certificate_is_kept_until_the_problem_changes(tmp_path):
     }
     other = problem_of(tmp_path, lidars=1)
     assert kept_certificate(other, grids, path).value < first.value
+    key = f'"key": "{problem.key}"'
+    for damage in ("", "[]", "{", "{}", f'{{{key}, "chosen": 1}}', f"{{{key}}}", "\x00"):
+        path.write_text(damage, encoding="utf-8")
+        with pytest.raises(ConfigError, match=r"certificate\.json is no certificate .*remove it"):
+            kept_certificate(problem, grids, path)
 
 
 @pytest.mark.parametrize(
