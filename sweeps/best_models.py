@@ -80,7 +80,7 @@ def save_model(trial: Trial, store: AnyStore, path: Path) -> None:
 
 
 def _write_parts(trial: Trial, store: AnyStore, folder: Path) -> tuple[Path, Path]:
-    import torch
+    from training.checkpoints import write_tensors
 
     assert trial.finetune is not None
     assert trial.evaluate is not None
@@ -93,6 +93,6 @@ def _write_parts(trial: Trial, store: AnyStore, folder: Path) -> tuple[Path, Pat
         "settings": {name: params["training"][name] for name in _OF_PREDICTION},
     }
     weights, settings = folder / "weights.pt", folder / "detector.json"
-    torch.save(training["state_dict"], weights)
+    write_tensors(weights, training["state_dict"])
     settings.write_text(json.dumps(about, indent=1))
     return weights, settings

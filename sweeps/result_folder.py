@@ -41,11 +41,9 @@ def write_result(folder: Path, value: Mapping[str, Any], record: Mapping[str, An
         elif isinstance(item, np.ndarray):
             np.save(folder / f"{name}.npy", item, allow_pickle=False)
         elif name.endswith("state_dict"):
-            import torch  # heavy, and only trainings have weights
+            from training.checkpoints import write_tensors  # torch, and only trainings have weights
 
-            # Given a path, torch would raise a RuntimeError that says nothing of the disk.
-            with (folder / f"{name}.pt").open("wb") as file:
-                torch.save(item, file)
+            write_tensors(folder / f"{name}.pt", item)
         else:
             plain[name] = item
     content = {

@@ -272,8 +272,6 @@ def test_a_folder_that_cannot_be_read(in_folder, verb, kind):
         (("status", "grid.yaml", "--al"), "No such option: --al"),
         (("view", "log", "--frame", "first"), "--frame"),
         (("view", "log", "--roi", "1", "2"), "--roi"),
-        (("convert", "kitti", "a", "b", "--lidar-height", "-1"), "--lidar-height"),
-        (("convert", "nuscenes", "a", "b", "--test-share", "2"), "--test-share"),
         (("convert", "waymo", "a", "b"), "waymo"),
         (("stauts", "grid.yaml"), "Did you mean 'status'?"),
     ],
@@ -309,6 +307,8 @@ def test_a_usage_that_is_wrong(words, told):
         (("accuracy", "LOG", "--frames-share", "0"), "0"),
         (("accuracy", "LOG", "--resolution", "0.3"), "0.3"),
         (("accuracy", "LOG", "--resolution", "nan"), "nan"),
+        (("convert", "kitti", "a", "b", "--lidar-height", "-1"), "--lidar-height"),
+        (("convert", "nuscenes", "a", "b", "--test-share", "2"), "--test-share"),
     ],
     ids=" ".join,
 )

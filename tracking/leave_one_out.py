@@ -70,7 +70,8 @@ def _without_each(
         left = _coefficients_without_each(x, y, coefficient)
         if np.isfinite(left).any():
             row[f"{coefficient}_min"], row[f"{coefficient}_max"] = np.nanmin(left), np.nanmax(left)
-            row[f"{coefficient}_most"] = placements[int(np.nanargmax(np.abs(left - whole)))]
+            change = np.round(np.abs(left - whole), 12)  # of equal ones the first, on any machine
+            row[f"{coefficient}_most"] = placements[int(np.nanargmax(change))]
     row["rmse"] = rmse(left_out_predictions(x[:, None], y)[0], y)
     row["rmse_of_mean"] = rmse(left_out_means(y), y)
     return row

@@ -130,9 +130,22 @@ def save_checkpoint(path: Path, content: Mapping[str, Any]) -> None:
     Raises:
         OSError: the file cannot be written.
     """
-    # Given a path, torch would raise a RuntimeError that says nothing of the disk.
-    with replacing(path) as partial, partial.open("wb") as file:
-        torch.save(dict(content), file)
+    with replacing(path) as partial:
+        write_tensors(partial, dict(content))
+
+
+def write_tensors(path: Path, content: Any) -> None:
+    """`torch.save` by way of memory.
+
+    Where the disk is full, torch itself raises a RuntimeError that says nothing of the disk, or an
+    OSError, depending on which of its writes fails.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    written = io.BytesIO()
+    torch.save(content, written)
+    path.write_bytes(written.getbuffer())
 
 
 def read_checkpoint(path: Path) -> tuple[dict[str, Any], str]:

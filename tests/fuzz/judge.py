@@ -15,6 +15,8 @@ from typing import Any
 import psutil
 from typer.testing import CliRunner
 
+from lidarplace.terminal import visible
+
 MORE_MEMORY = 3 * 2**30
 """Bytes that a case may take beyond what this process has: wrong numbers ask for terabytes."""
 
@@ -121,7 +123,7 @@ def _line(told: str, places: Sequence[str]) -> Outcome:
         return Outcome("not one line", told)
     if len(told) > LONGEST_LINE:
         return Outcome("a very long line", told)
-    if not any(place in ascii(told) for place in places):
+    if not any(visible(place) in told or place in ascii(told) for place in places):
         return Outcome("names no place", told)
     return Outcome(REFUSED, told.strip())
 

@@ -45,8 +45,8 @@ def test_command_without_a_server(tmp_path):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("scene: {densty: 3}", "scene.densty: Extra inputs are not permitted, found 3"),
-        ("scene: [", "while parsing"),
+        ("scene: {densty: 3}", "scene.densty: unknown key, found 3"),
+        ("scene: [", "is not YAML"),
         ("placements: {mine: null}", "mine has no mounts"),
         ("- 1", "found [1]"),
     ],

@@ -23,7 +23,8 @@ def test_equals_scipy_without_each_placement(ties):
         left = [test(np.delete(x, i), np.delete(mean, i)).statistic for i in range(7)]
         found = (row[f"{name}_min"], row[f"{name}_max"])
         assert found == pytest.approx((min(left), max(left)))
-        most = int(np.argmax(np.abs(np.array(left) - test(x, mean).statistic)))
+        change = np.abs(np.array(left) - test(x, mean).statistic)
+        most = int(np.argmax(np.round(change, 12)))
         assert row[f"{name}_most"] == f"p{most}"
     lines = [np.polyfit(np.delete(x, i), np.delete(mean, i), 1) for i in range(7)]
     errors = [np.polyval(line, x[i]) - mean[i] for i, line in enumerate(lines)]
