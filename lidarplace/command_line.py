@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-_LONGEST_MESSAGE = 2000
+_LONGEST_MESSAGE = 900
 _UsageError: Any = typer.BadParameter.__mro__[1]
 """Of click, which typer has in another module with every version."""
 
@@ -139,7 +139,7 @@ def wrong(message: object) -> NoReturn:
     """Print what the user has to mend, in one line, and leave with exit code 2."""
     if isinstance(message, OSError) and message.filename and message.strerror:
         message = f"{message.filename}: {message.strerror}"
-    line = hide_secrets(" ".join(str(message).split()))
+    line = visible(hide_secrets(" ".join(str(message).split())))
     if len(line) > _LONGEST_MESSAGE:  # of names and values that nobody wrote by hand
         line = f"{line[: _LONGEST_MESSAGE // 2]} … {line[-_LONGEST_MESSAGE // 2 :]}"
     say(line, sys.stderr)

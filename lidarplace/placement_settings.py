@@ -39,7 +39,9 @@ class PlacementSettings(Settings):
         description="ego: right-handed, y to the left, pitch > 0 tips the nose down; "
         "carla: left-handed, y to the right, pitch > 0 lifts the nose",
     )
-    mounts: tuple[MountSettings, ...] = Field(max_length=MOST_MOUNTS, description="a LiDAR each")
+    mounts: tuple[MountSettings, ...] = Field(
+        min_length=1, max_length=MOST_MOUNTS, description="a LiDAR each"
+    )
 
     def placement(self, name: str, lidar: Lidar) -> Placement:
         """The placement in our ego frame, `lidar` on mounts that have none of their own.
@@ -50,8 +52,7 @@ class PlacementSettings(Settings):
         if self.convention == "carla":
             poses = [from_carla(*pose) for pose in poses]
         lidars = [lidar if m.lidar is None else m.lidar.lidar() for m in self.mounts]
-        # `Placement` names the mistake of a rig without mounts.
-        return Placement(name, [Mount(*pose) for pose in poses], lidar=lidars or lidar)
+        return Placement(name, [Mount(*pose) for pose in poses], lidar=lidars)
 
 
 def named_placement(name: str, lidar: Lidar) -> Placement:

@@ -221,7 +221,7 @@ def test_a_folder_that_is_no_box_log_is_named(tmp_path, name):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("mounts: []", r"has no LiDAR"),
+        ("mounts: []", r"mounts: found \[\]; .*at least 1 item"),
         ("mounts: [{x: 1}]", r"mounts\[0\]\.z: is missing"),
         ("mounts: [{z: .nan}]", r"mounts\[0\]\.z: found nan; .*finite"),
         ("mounts: [{z: 2, tilt: 1}]", r"mounts\[0\]\.tilt: .*found 1"),
