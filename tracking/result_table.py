@@ -51,14 +51,16 @@ def read_result_table(
     check_columns(list(table.columns), columns, str(file))
     for name in columns:
         known = table[name].dropna()
+        if not len(known):
+            continue
         kind = name.partition(".")[0]  # value.price, violation.distance
         if kind in NUMBERS or kind in numbers:
-            good = known.dtype.kind in "iuf" or not len(known)
+            good = known.dtype.kind in "iuf"
             wanted = "numbers"
         elif kind in FLAGS:
-            good, wanted = known.dtype.kind == "b" or not len(known), "true and false"
+            good, wanted = known.dtype.kind == "b", "true and false"
         elif kind in TEXTS:
-            good = pd.api.types.infer_dtype(known) in ("string", "empty", "categorical")
+            good = pd.api.types.infer_dtype(known) in ("string", "categorical")
             wanted = "text"
         else:
             continue

@@ -233,7 +233,7 @@ class RunFolder:
 
 def _detector_named(table: pd.DataFrame) -> pd.DataFrame:
     """`table` with the detector "" where there is none."""
-    return table.assign(detector=table["detector"].fillna(""))
+    return table.assign(detector=table["detector"].astype(object).fillna(""))
 
 
 def _with_later_columns(tasks: pd.DataFrame) -> pd.DataFrame:

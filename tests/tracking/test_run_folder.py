@@ -59,6 +59,14 @@ def test_what_is_missing_is_named(copy, tmp_path):
         RunFolder.read(copy)
 
 
+@pytest.mark.parametrize("kind", ["Int64", "boolean", "float64", "object"])
+def test_a_column_in_which_all_is_missing_has_no_kind(copy, kind):
+    trials = pd.read_parquet(copy / "trials.parquet")
+    trials["detector"] = pd.Series([None] * len(trials), dtype=kind)
+    trials.to_parquet(copy / "trials.parquet")
+    assert (RunFolder.read(copy).trials["detector"] == "").all()
+
+
 @pytest.mark.parametrize(("file", "column"), [("results", "value"), ("curves", "epoch")])
 def test_text_where_numbers_belong_is_named(copy, file, column):
     table = pd.read_parquet(copy / f"{file}.parquet")
