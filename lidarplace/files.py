@@ -27,6 +27,27 @@ def read_text(path: Path) -> str:
 
 
 @contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Name `path` in what goes wrong with the disk while the block reads it.
+
+    Raises:
+        ValueError: the file is not there, or cannot be read.
+    """
+    try:
+        yield
+    except FileNotFoundError:
+        raise ValueError(f"{path}: no such file") from None
+    except OSError as error:  # libraries raise it without a number too
+        raise ValueError(f"{path}: cannot be read: {first_line(error)}") from None
+
+
+def first_line(error: Exception) -> str:
+    """Why a library could not go on, without what it says about itself in further lines."""
+    text = getattr(error, "strerror", None) or (str(error).strip().splitlines() or [""])[0]
+    return text or type(error).__name__
+
+
+@contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """A temporary path beside `path` to write to; it takes the place of `path` at the end.
 

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
+from lidarplace.files import reading
 from lidarplace.settings import fault
 
 T = TypeVar("T")
@@ -32,16 +33,13 @@ def read_json(path: Path, object_hook: Callable[[dict[str, Any]], Any] | None = 
     Raises:
         ValueError: the file cannot be read, or is no JSON; names file and line.
     """
-    try:
-        with path.open(encoding="utf-8") as file:
-            return json.load(file, object_hook=object_hook)
-    except FileNotFoundError:
-        raise ValueError(f"{path}: no such file") from None
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{path}: line {error.lineno}: no JSON: {error.msg}") from None
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: no JSON: byte {error.start} is not UTF-8") from None
-    except RecursionError:
-        raise ValueError(f"{path}: no JSON that can be read: it is nested too deep") from None
+    with reading(path):
+        try:
+            with path.open(encoding="utf-8") as file:
+                return json.load(file, object_hook=object_hook)
+        except json.JSONDecodeError as error:
+            raise ValueError(f"{path}: line {error.lineno}: no JSON: {error.msg}") from None
+        except UnicodeDecodeError as error:
+            raise ValueError(f"{path}: no JSON: byte {error.start} is not UTF-8") from None
+        except RecursionError:
+            raise ValueError(f"{path}: no JSON that can be read: it is nested too deep") from None

@@ -9,8 +9,10 @@ from copy import deepcopy
 from pathlib import Path
 from typing import Any, TypeVar
 
+import yaml
 from pydantic import BaseModel, ValidationError
 
+from lidarplace.secret_urls import hide_secrets_in
 from lidarplace.settings import key_path, shortened, what_is_wrong
 from lidarplace.yaml_loader import YamlError, parse_yaml, read_yaml_file
 from sweeps.config import NAME, SCENES
@@ -48,6 +50,11 @@ def read_yaml(path: Path, model: type[BaseModel]) -> dict[str, Any]:
         if key not in model.model_fields:
             raise ConfigError(f"{path}: {shortened(str(key))}: {unknown_key(str(key), model)}")
     return raw
+
+
+def public_yaml(config: Mapping[str, Any]) -> str:
+    """A configuration as it is written into a file or a page: without secrets."""
+    return yaml.safe_dump(hide_secrets_in(dict(config)), sort_keys=False)
 
 
 def name_by_file(raw: dict[str, Any], path: Path) -> None:

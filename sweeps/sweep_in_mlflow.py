@@ -8,9 +8,8 @@ import platform
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-import yaml
-
-from lidarplace.secret_urls import hide_secrets, hide_secrets_in
+from lidarplace.secret_urls import hide_secrets
+from sweeps.config_file import public_yaml
 from sweeps.grid import Sweep
 from sweeps.plan import Trial, further_axes
 from sweeps.task import Task
@@ -53,7 +52,7 @@ def note(source: Mapping[str, Any], command: str, addresses: Iterable[str]) -> s
         source: the configuration.
         addresses: whose secrets are not shown.
     """
-    config = yaml.safe_dump(hide_secrets_in(dict(source)), sort_keys=False)
+    config = public_yaml(source)
     command = hide_secrets(command, *addresses)
     if len(config) > _LONGEST_CONFIG:
         config = config[:_LONGEST_CONFIG] + "\n# … the rest is in the artifact config.yaml"

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import yaml
 
 from lidarplace.files import replacing
 from lidarplace.lidar.points_by_distance import points_by_distance
-from lidarplace.secret_urls import hide_secrets, hide_secrets_in, public_url
+from lidarplace.secret_urls import hide_secrets, public_url
+from sweeps.config_file import public_yaml
 from sweeps.execute import Outcome
 from sweeps.grid import Sweep
 from sweeps.pictures import drawn, maps, one_frame, save_arrays
@@ -84,8 +84,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
 
     surrogates = gathered("surrogates", "table", known)
     with_rays = [t for t in known if "expected_ig" in t.grid_point.point.surrogate.names]
-    config = yaml.safe_dump(hide_secrets_in(dict(sweep.source)), sort_keys=False)
-    write_text(folder / "config.yaml", config)
+    write_text(folder / "config.yaml", public_yaml(sweep.source))
     for name, table in (
         ("trials", trials_table(plan, store, run, axes)),
         ("results", _stack([trial_results(trial, store, axes) for trial in tested])),

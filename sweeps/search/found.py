@@ -29,6 +29,7 @@ class Found:
         robustness: table; None if it was not asked for, or nothing was found.
         grids: POG by class; empty if no surrogate was asked for.
         timing: where the driver's time went.
+        linear_share: `best_linear_share`.
     """
 
     study: optuna.Study
@@ -39,6 +40,7 @@ class Found:
     robustness: pd.DataFrame | None
     grids: Mapping[str, OccupancyGrid]
     timing: Timing
+    linear_share: float | None
 
     @property
     def best(self) -> list[str]:
@@ -50,16 +52,20 @@ class Found:
         """The best of the paper's eight."""
         return baseline_of(self.judged)
 
-    def linear_share(self, question: Question) -> float | None:
-        """That of `expected_ig` of the best rig, the largest of the classes.
 
-        None if nothing was found, or `expected_ig` is no objective.
-        """
-        if not self.best or not any(o.by == "expected_ig" for o in question.objectives):
-            return None
-        q = question.detection_probability
-        rig = self.judged[self.best[0]].rig.placement(self.best[0], question.carrier.models)
-        return float(linear_share(expected_ig_by_q(self.grids, rig, [q, FAINT_Q]), q).max())
+def best_linear_share(
+    judged: Mapping[str, Judged], grids: Mapping[str, OccupancyGrid], question: Question
+) -> float | None:
+    """`linear_share` of `expected_ig` of the best rig that was found, the largest of the classes.
+
+    None if nothing was found, or `expected_ig` is no objective.
+    """
+    best = next((own.rig for own in judged.values() if own.role == "found"), None)
+    if best is None or not any(o.by == "expected_ig" for o in question.objectives):
+        return None
+    q = question.detection_probability
+    rig = best.placement("rig", question.carrier.models)
+    return float(linear_share(expected_ig_by_q(grids, rig, [q, FAINT_Q]), q).max())
 
 
 def baseline_of(judged: Mapping[str, Judged]) -> str:

@@ -20,7 +20,7 @@ from sweeps.config_file import ConfigError
 from sweeps.leftovers import remove_leftovers_of
 from sweeps.search.answers import SurrogateAnswers
 from sweeps.search.certificate import Certificate, first_params, kept_certificate, why_none
-from sweeps.search.found import Found, baseline_of
+from sweeps.search.found import Found, baseline_of, best_linear_share
 from sweeps.search.pog import NoPog, pog
 from sweeps.search.pool import Pool, pool_for
 from sweeps.search.problem import Problem
@@ -180,7 +180,8 @@ def _search(
         )
     if table is not None:
         table = with_share(_in_scenes(console, problem, judged, table, store, backend))
-    return Found(study, trials, certificate, none, judged, table, grids, timing)
+    share = best_linear_share(judged, grids, problem.question)
+    return Found(study, trials, certificate, none, judged, table, grids, timing, share)
 
 
 def _certificate(

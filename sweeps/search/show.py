@@ -170,6 +170,6 @@ def print_found(console: Console, problem: Problem, found: Found) -> None:
     console.print(table)
     for key, value in found.judged["found_1"].values_beside.items():
         console.print(f"{key}: {value}")
-    said = ray_counting_caution(found.linear_share(problem.question) or 0.0)
+    said = ray_counting_caution(found.linear_share or 0.0)
     if said:
         console.print(f"warning: {said}", style="yellow", soft_wrap=True)

@@ -17,9 +17,10 @@ import yaml
 
 from lidarplace import Mount
 from lidarplace.files import replacing
-from lidarplace.secret_urls import hide_secrets_in, public_url
+from lidarplace.secret_urls import public_url
 from lidarplace.sensor_settings import SensorSettings
 from lidarplace.surrogate import RAY_SURROGATES
+from sweeps.config_file import public_yaml
 from sweeps.pictures import save_arrays
 from sweeps.search.as_sweep import placement_settings, verify_settings
 from sweeps.search.certificate import Certificate
@@ -61,7 +62,7 @@ def write_search(
         (folder / name).unlink(missing_ok=True)
     for name, table in tables.items():
         _parquet(folder / f"{name}.parquet", table)
-    write_text(folder / "config.yaml", _yaml(problem.source))
+    write_text(folder / "config.yaml", public_yaml(problem.source))
     if found.trials:
         write_text(folder / "placement.yaml", _placement(problem, found))
         write_text(folder / "sweep.yaml", _sweep(problem, found))
@@ -72,11 +73,6 @@ def write_search(
     write_optuna_figures(found.study, names, folder / "optuna")
     about = _about(problem, found, command, seconds)
     write_text(folder / "search.json", json.dumps(_finite(about), indent=1))
-
-
-def _yaml(config: Mapping[str, Any]) -> str:
-    """A configuration without secrets."""
-    return yaml.safe_dump(hide_secrets_in(dict(config)), sort_keys=False)
 
 
 def _parquet(path: Path, table: pd.DataFrame) -> None:
@@ -109,7 +105,7 @@ def _sweep(problem: Problem, found: Found) -> str:
     rigs = {name: found.judged[name].rig for name in new[:most]}
     values = found.judged[found.best[0]].values_beside
     config = verify_settings(problem.source, problem.file, rigs, list(paper), values)
-    return _yaml(config)
+    return public_yaml(config)
 
 
 def _is_one_of(rig: Rig, others: Iterable[Rig]) -> bool:
@@ -179,7 +175,7 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> dict
         "rigs": {name: _rig(own) for name, own in found.judged.items()},
         "importance": importances(found.study) or None,
         "stride": _stride(problem, found),
-        "linear_share": found.linear_share(question),
+        "linear_share": found.linear_share,
         "tracking_uri": public_url(absolute_uri(file.tracking_uri)),
         "versions": {"python": platform.python_version()} | {n: version(n) for n in _VERSIONS},
     }
