@@ -239,7 +239,7 @@ def pretrain(
     return _train(params, params["classes"], clouds, objects, folder, batch_size, halvings)
 
 
-def evaluate_detector(params: Params, weights: Value, *inputs: Value) -> Value:
+def evaluate(params: Params, weights: Value, *inputs: Value) -> Value:
     """Detect on the test clouds and compare with the ground truth. `inputs` as for `finetune`."""
     from training.by_distance import evaluate_by_distance
     from training.detect import detect
@@ -280,9 +280,9 @@ FUNCTIONS: dict[str, Callable[..., Value]] = {
     "probe": probe,
     "pretrain": pretrain,
     "finetune": finetune,
-    "evaluate": evaluate_detector,
+    "evaluate": evaluate,
 }
-"""Stages by name, in the order in which results flow."""
+"""Stages by name, which is that of the function, in the order in which results flow."""
 
 
 def box_log(value: Value) -> BoxLog:

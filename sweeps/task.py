@@ -6,18 +6,12 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache, cached_property
-from pathlib import Path
+from functools import cached_property
 from typing import Any
 
-import lidarplace
-import training
-
-_ROOTS = {package.__name__: Path(package.__path__[0]) for package in (lidarplace, training)}
-_STAGES_FILE = Path(__file__).with_name("stages.py")
-
-PACKAGES = dict.fromkeys(("probe", "pretrain", "finetune", "evaluate"), ("lidarplace", "training"))
-"""Packages whose code decides a stage's result; `lidarplace` alone for the others."""
+from sweeps import stages
+from sweeps.code_version import code_version
+from training import network_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,24 +36,23 @@ class Task:
 
     @cached_property
     def key(self) -> str:
-        """Hash of all that determines the result: parameters, inputs and the code."""
+        """Hash of all that determines the result: parameters, inputs and the code that can run."""
         content = {
             "stage": self.stage,
             "params": self.params,
             "inputs": [task.key for task in self.inputs],
-            "code": code_version(*PACKAGES.get(self.stage, ("lidarplace",))),
+            "code": code_of(self.stage, self.params.get("detector")),
         }
         text = json.dumps(content, sort_keys=True, allow_nan=False)
         return hashlib.sha256(text.encode()).hexdigest()[:24]
 
 
-@cache
-def code_version(*packages: str) -> str:
-    """Hash of the sources of `packages` and of the stages' functions."""
-    digest = hashlib.sha256(_STAGES_FILE.read_bytes())
-    for package in packages:
-        root = _ROOTS[package]
-        for path in sorted(root.rglob("*.py")):
-            digest.update(str(path.relative_to(root)).encode())
-            digest.update(path.read_bytes())
-    return digest.hexdigest()
+def code_of(stage: str, detector: str | None = None) -> str:
+    """Version of the code that a stage can run.
+
+    Args:
+        detector: name of the one that it builds; None: it builds none.
+    """
+    # Of all networks the one that the task trains.
+    networks = [] if detector is None else [f"training.detectors.{network_of(detector)}"]
+    return code_version(f"{stages.__name__}.{stage}", *networks)

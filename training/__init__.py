@@ -73,6 +73,11 @@ def build_detector(
     return module.build(classes, own or preset or "openpcdet", point_range)
 
 
+def network_of(detector: str) -> str:
+    """The one of NETWORKS that a detector is."""
+    return _network_and_preset(detector)[0]
+
+
 def _network_and_preset(name: str) -> tuple[str, str | None]:
     for preset in ("paper", "tiny"):
         if name.endswith(f"_{preset}"):

@@ -13,6 +13,7 @@ from typing import Any
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount
 from lidarplace.mounting.near_field import near_field_coverage
+from sweeps.code_version import code_version
 from sweeps.config import Common, Point
 from sweeps.config_file import (
     ConfigError,
@@ -32,7 +33,7 @@ from sweeps.search.placed import Placed, placed_in
 from sweeps.search.rig import Mounted, Rig
 from sweeps.search.settings import RangeSettings, SearchFile
 from sweeps.search.space import Space
-from sweeps.task import Task, code_version
+from sweeps.task import Task, code_of
 
 OWN_MODEL = "lidar"
 """Name of the model that the key `lidar` describes."""
@@ -70,7 +71,7 @@ class Problem:
         _, trial = self.pog_tasks(self.sweep())
         content = {
             "pog": trial.pog.key,
-            "code": code_version("lidarplace", "training"),
+            "code": self._code(),
             "search": self.file.search.model_dump(mode="json", exclude={"trials", "storage"}),
             "file": self.file.model_dump(
                 mode="json",
@@ -78,6 +79,14 @@ class Problem:
             ),
         }
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
+
+    def _code(self) -> list[str]:
+        """Versions of the code that answers trials."""
+        found = [code_version("sweeps.search.assess.assess", "sweeps.search.space.Space")]
+        if any(objective.measured for objective in self.file.search.objective):
+            stages = ("scene", "ground_truth", "collect", "finetune", "evaluate")
+            found += [code_of(stage, self.file.detector) for stage in stages]
+        return found
 
     @property
     def folder(self) -> Path:
