@@ -87,10 +87,10 @@ def _write_parts(trial: Trial, store: AnyStore, folder: Path) -> tuple[Path, Pat
     params = trial.evaluate.params
     training = store.load(trial.finetune, ("state_dict", "classes"))
     about = {
-        "detector": params["detector"],
+        "detector": params.detector,
         "classes": training["classes"],
-        "point_range": params["point_range"],
-        "settings": {name: params["training"][name] for name in _OF_PREDICTION},
+        "point_range": params.point_range,
+        "settings": params.training.model_dump(mode="json", include=set(_OF_PREDICTION)),
     }
     weights, settings = folder / "weights.pt", folder / "detector.json"
     write_tensors(weights, training["state_dict"])

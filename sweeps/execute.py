@@ -152,5 +152,5 @@ def _can_be_halved(task: Task, how: Batch) -> bool:
     """Whether a training that was too large for a GPU had more than one frame in a step."""
     if not task.resumable:
         return False
-    size = how.batch_size or task.params["training"]["batch_size"]
+    size = how.batch_size or task.params.training.batch_size
     return (LARGEST_BATCH if size == "auto" else size) >> how.halvings > 1

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, astuple, dataclass, replace
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,18 @@ from lidarplace.scenes.recorded import LogScene
 from sweeps.config import Point
 from sweeps.config_file import ConfigError
 from sweeps.grid import GridPoint, Sweep, read_sweep
+from sweeps.parameters import (
+    AccuracyParams,
+    CollectParams,
+    GroundTruthParams,
+    NetworkParams,
+    PogParams,
+    RecordedParams,
+    SamplingErrorParams,
+    SurrogateParams,
+    TrainingParams,
+    keys_of,
+)
 from sweeps.scene_tasks import ScenePart, scene_name, scene_parts
 from sweeps.task import Task
 
@@ -35,17 +47,6 @@ ACCURACY_SHARES = (0.5, 0.25)
 
 ACCURACY_VOXELS = 60_000_000
 """Half the resolution is the reference if it makes no more voxels than these (about 2 GB)."""
-
-# Key paths of the configuration that a stage's result depends on; for its label.
-_USES = {
-    "scene": ("scene",),
-    "ground_truth": ("scene", "roi"),
-    "pog": ("scene", "roi", "surrogate.resolution", "classes"),
-    "surrogates": ("placement", "scene", "roi", "lidar", "surrogate", "classes"),
-    "accuracy": ("placement", "scene", "roi", "lidar", "surrogate", "classes"),
-    "sampling_error": ("placement", "scene", "roi", "lidar", "surrogate", "classes"),
-    "collect": ("placement", "scene", "roi", "lidar"),
-}
 
 
 @dataclass(frozen=True)
@@ -153,110 +154,110 @@ class _Builder:
     def trial(self, grid_point: GridPoint) -> Trial:
         """The trial of a point, with all its tasks."""
         point = grid_point.point
-        names = {stage: _label(stage, point, grid_point.axes) for stage in _USES}
-        placement = self._common.placement_named(point.placement, point.lidar.lidar())
+        rig = self._common.placement_named(point.placement, point.lidar.lidar())
         try:
             parts = self._parts_of(point.scene)
         except ValueError as error:
             raise ConfigError(f"scene: {error}") from None
-        scenes = [
-            self._once(Task("scene", _join(names["scene"], part.name), part.params))
-            for part in parts
-        ]
+        scenes = [self._task("scene", grid_point, part.params, (), part.name) for part in parts]
         for_pog = tuple(
             scene for part, scene in zip(parts, scenes, strict=True) if "train" in part.splits
         )
-        label = _trial_label(point, grid_point.axes)
         return Trial(
             grid_point=grid_point,
-            label=label,
-            scene_label=names["scene"],
+            label=_trial_label(point, grid_point.axes),
+            scene_label=_label(grid_point, keys_of(parts[0].params)),
             scenes=tuple(scenes),
-            **self._surrogates(point, placement, names, for_pog),
-            **self._detection(point, placement, names, label, parts, scenes),
+            **self._surrogates(grid_point, rig, for_pog),
+            **self._detection(grid_point, rig, parts, scenes),
         )
 
+    def _task(
+        self, stage: str, grid_point: GridPoint, params: Any, inputs: tuple[Task, ...], *names: str
+    ) -> Task:
+        """A task named after what makes a difference to it, and after `names`."""
+        keys = keys_of(params).union(*(task.uses for task in inputs))
+        return self._once(Task(stage, _join(_label(grid_point, keys), *names), params, inputs))
+
     def _surrogates(
-        self, point: Point, placement: Placement, names: Mapping[str, str], logs: tuple[Task, ...]
+        self, grid_point: GridPoint, rig: Placement, logs: tuple[Task, ...]
     ) -> dict[str, Any]:
         """Tasks that need boxes alone."""
-        roi, settings = asdict(point.voxel_roi()), point.surrogate
-        pog = self._once(Task("pog", names["pog"], {"roi": roi, "classes": point.classes}, logs))
-        own = settings.model_dump(mode="json", exclude={"resolution", "accuracy", "sampling_error"})
-        params = _rig(placement) | own | {"fitted_q": FITTED_Q}
+        point, roi = grid_point.point, grid_point.point.voxel_roi()
+        settings, placement = point.surrogate, _nameless(rig)
+        pog = self._task("pog", grid_point, PogParams(roi, point.classes), logs)
+        params = SurrogateParams(
+            placement=placement,
+            names=settings.names,
+            method=settings.method,
+            detection_probability=settings.detection_probability,
+            occlusion=settings.occlusion,
+            fitted_q=FITTED_Q,
+        )
         found: dict[str, Any] = {
             "pog": pog,
-            "surrogates": self._once(Task("surrogates", names["surrogates"], params, (pog,))),
+            "surrogates": self._task("surrogates", grid_point, params, (pog,)),
             "accuracy": None,
             "sampling_error": None,
         }
-        studied = _rig(placement) | {
-            "roi": roi,
-            "detection_probability": settings.detection_probability,
-            "occlusion": settings.occlusion,
-        }
         if settings.accuracy:
-            params = studied | {
-                "object_class": point.classes[0],
-                "resolutions": _resolutions(point.voxel_roi()),
-                "azimuth_steps": ACCURACY_STEPS,
-                "frame_shares": ACCURACY_SHARES,
-            }
-            found["accuracy"] = self._once(Task("accuracy", names["accuracy"], params, logs))
-        if settings.sampling_error:
-            params = studied | {"classes": point.classes, "method": settings.method}
-            found["sampling_error"] = self._once(
-                Task("sampling_error", names["sampling_error"], params, logs)
+            studied = AccuracyParams(
+                placement=placement,
+                roi=roi,
+                detection_probability=settings.detection_probability,
+                occlusion=settings.occlusion,
+                object_class=point.classes[0],
+                resolutions=_resolutions(roi),
+                azimuth_steps=ACCURACY_STEPS,
+                frame_shares=ACCURACY_SHARES,
             )
+            found["accuracy"] = self._task("accuracy", grid_point, studied, logs)
+        if settings.sampling_error:
+            drawn = SamplingErrorParams(
+                placement=placement,
+                roi=roi,
+                detection_probability=settings.detection_probability,
+                occlusion=settings.occlusion,
+                classes=point.classes,
+                method=settings.method,
+            )
+            found["sampling_error"] = self._task("sampling_error", grid_point, drawn, logs)
         return found
 
     def _detection(
         self,
-        point: Point,
-        placement: Placement,
-        names: Mapping[str, str],
-        label: str,
+        grid_point: GridPoint,
+        rig: Placement,
         parts: Sequence[ScenePart],
         scenes: Sequence[Task],
     ) -> dict[str, Any]:
         """Tasks that a detector needs."""
+        point = grid_point.point
         if point.detector is None:
             return {"ground_truths": (), "collect_test": (), "finetune": None, "evaluate": None}
         # Without the resolution, which has no part in the ground truth.
-        edges = point.roi.model_dump(mode="json") | {"seed": point.scene.seed}
-        crop = crop_for(
-            point.roi.x, point.roi.y, point.roi.z, placement, point.lidar.misaligned_heights
-        )
+        roi, settings = point.roi, point.training
+        edges = GroundTruthParams(roi.x, roi.y, roi.z, point.scene.seed)
+        crop = crop_for(roi.x, roi.y, roi.z, rig, point.lidar.misaligned_heights)
         clouds: dict[str, list[Task]] = {"train": [], "test": []}
         truths: dict[str, list[Task]] = {"train": [], "test": []}
         for part, scene in zip(parts, scenes, strict=True):
-            name = _join(names["ground_truth"], part.name)
-            truth = self._once(Task("ground_truth", name, edges, (scene,)))
+            truth = self._task("ground_truth", grid_point, edges, (scene,), part.name)
             for split in part.splits:
-                name = _join(names["collect"], part.name, split)
-                params = _collection(point, placement, self._digest_of)
-                params |= {"split": split, "crop": crop}
-                clouds[split].append(self._once(Task("collect", name, params, (scene,))))
+                params = self._collection(point, rig, split, crop)
+                names = (part.name, split)
+                clouds[split].append(self._task("collect", grid_point, params, (scene,), *names))
                 truths[split].append(truth)
-        training = point.training
-        network = {
-            "detector": point.detector,
-            "classes": point.classes,
-            "training": training.model_dump(mode="json"),
-            "point_range": crop,
-        }
-        checkpoint = training.checkpoint and self._checkpoint_digest(
-            training.checkpoint, training.new_heads, point.detector, point.classes, crop
-        )
-        finetune = Task(
-            "finetune",
-            label,
-            network | {"seed": point.seed, "checkpoint": checkpoint},
-            (*clouds["train"], *truths["train"]),
-            gpu=True,
-            resumable=True,
-        )
-        finetune = self._once(finetune)
+        network = NetworkParams(point.detector, point.classes, settings, crop)
+        checkpoint = None
+        if settings.checkpoint is not None:
+            checkpoint = self._checkpoint_digest(
+                settings.checkpoint, settings.new_heads, point.detector, point.classes, crop
+            )
+        training = TrainingParams(**vars(network), seed=point.seed, checkpoint=checkpoint)
+        label = _trial_label(point, grid_point.axes)
+        inputs = (*clouds["train"], *truths["train"])
+        finetune = self._once(Task("finetune", label, training, inputs, gpu=True, resumable=True))
         inputs = (finetune, *clouds["test"], *truths["test"])
         return {
             "ground_truths": tuple(dict.fromkeys(truths["train"] + truths["test"])),
@@ -265,48 +266,43 @@ class _Builder:
             "evaluate": self._once(Task("evaluate", label, network, inputs, gpu=True)),
         }
 
+    def _collection(
+        self, point: Point, placement: Placement, split: str, crop: Crop
+    ) -> CollectParams | RecordedParams:
+        """What decides clouds besides the scene.
 
-def _rig(placement: Placement) -> dict[str, Any]:
-    return {
-        "mounts": [astuple(mount) for mount in placement.mounts],
-        "lidars": [asdict(lidar) for lidar in placement.lidars],
-    }
-
-
-def _collection(
-    point: Point, placement: Placement, digest_of: Callable[[Path], str]
-) -> dict[str, Any]:
-    """What decides clouds besides the scene.
-
-    Quirks and fewer azimuth steps are of the collection, not of the rig.
-    """
-    scene = point.scene
-    if isinstance(scene, LogScene) and scene.clouds == "recorded":
-        if point.lidar.tilt_in_degrees or point.lidar.misaligned_heights:
-            raise ConfigError("lidar: recorded clouds are as they are; leave the quirks out")
-        if point.lidar.cloud_share != 1:
-            raise ConfigError(
-                f"lidar.cloud_share: recorded clouds are as they are; allowed is 1, found "
-                f"{point.lidar.cloud_share:g}"
-            )
-        folder = scene.folder / "clouds" / point.placement
+        Quirks and fewer azimuth steps are of the collection, not of the rig.
+        """
+        scene, lidar = point.scene, point.lidar
+        if isinstance(scene, LogScene) and scene.clouds == "recorded":
+            if lidar.tilt_in_degrees or lidar.misaligned_heights:
+                raise ConfigError("lidar: recorded clouds are as they are; leave the quirks out")
+            if lidar.cloud_share != 1:
+                raise ConfigError(
+                    f"lidar.cloud_share: recorded clouds are as they are; allowed is 1, found "
+                    f"{lidar.cloud_share:g}"
+                )
+            folder = scene.folder / "clouds" / point.placement
+            try:
+                check_rig(folder, placement)
+                return RecordedParams(folder, self._digest_of(folder), split, crop)
+            except (OSError, ValueError) as error:
+                raise ConfigError(f"placement: {error}") from None
+        if lidar.tilt_in_degrees:
+            placement = with_tilt_in_degrees(placement)
+        share = lidar.cloud_share
         try:
-            check_rig(folder, placement)
-            return {"recorded": str(folder), "digest": digest_of(folder)}
-        except (OSError, ValueError) as error:
-            raise ConfigError(f"placement: {error}") from None
-    if point.lidar.tilt_in_degrees:
-        placement = with_tilt_in_degrees(placement)
-    share = point.lidar.cloud_share
-    try:
-        placement = placement.with_lidar([lidar.thinned(share) for lidar in placement.lidars])
-    except ValueError as error:
-        raise ConfigError(f"lidar.cloud_share: {share:g}: {error}") from None
-    return _rig(placement) | {
-        "recorded": None,
-        "seed": scene.seed,
-        "misaligned_heights": point.lidar.misaligned_heights,
-    }
+            placement = placement.with_lidar([own.thinned(share) for own in placement.lidars])
+        except ValueError as error:
+            raise ConfigError(f"lidar.cloud_share: {share:g}: {error}") from None
+        return CollectParams(
+            _nameless(placement), lidar.misaligned_heights, scene.seed, split, crop
+        )
+
+
+def _nameless(placement: Placement) -> Placement:
+    """The same rig for all names, so that a rig of two names is computed once."""
+    return replace(placement, name="placement")
 
 
 def further_axes(sweep: Sweep) -> tuple[str, ...]:
@@ -331,15 +327,20 @@ def _join(*names: str) -> str:
     return " · ".join(filter(None, names))
 
 
-def _label(stage: str, point: Point, axes: Mapping[str, Any]) -> str:
-    uses = _USES[stage]
-    parts = [point.placement] if "placement" in uses else []
+def _label(grid_point: GridPoint, keys: Collection[str]) -> str:
+    """The placement and the axes among `keys` of the configuration, or the scene."""
+    parts = [grid_point.point.placement] if "placement" in keys else []
     parts += [
         f"{axis}={value}"
-        for axis, value in axes.items()
-        if axis != "placement" and any(axis == u or axis.startswith(f"{u}.") for u in uses)
+        for axis, value in grid_point.axes.items()
+        if axis != "placement" and any(_overlap(axis, key) for key in keys)
     ]
-    return " · ".join(parts) or scene_name(point.scene)
+    return " · ".join(parts) or scene_name(grid_point.point.scene)
+
+
+def _overlap(one: str, other: str) -> bool:
+    """Whether a key path is the other, or above or below it."""
+    return one == other or one.startswith(f"{other}.") or other.startswith(f"{one}.")
 
 
 def _trial_label(point: Point, axes: Mapping[str, Any]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from sweeps.config_file import ConfigError
 from sweeps.grid import Sweep
@@ -36,8 +37,8 @@ def pretrain_task(sweep: Sweep, plan: Plan) -> Task:
     params = trainings[0].params
     return Task(
         "pretrain",
-        f"{params['detector']} · {len(placements)} placements",
-        {**params, "point_range": _around([task.params["point_range"] for task in trainings])},
+        f"{params.detector} · {len(placements)} placements",
+        replace(params, point_range=_around([task.params.point_range for task in trainings])),
         tuple(inputs.values()),
         gpu=True,
         resumable=True,

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from sweeps.parameters import CollectParams, ProbeParams, RecordedParams
 from sweeps.store import AnyStore
-from sweeps.task import Task
+from sweeps.task import Task, plain
 
 _TRAININGS = ("finetune", "pretrain")
-_OF_PLACEMENT = ("mounts", "crop", "recorded", "digest")
-"""Parameters of a collection that differ between placements."""
 
 _MARGIN = 1.25
 """A training's frames differ from step to step; this much more than the probe's is asked for."""
@@ -49,21 +48,29 @@ def probes_of(tasks: Iterable[Task], device: str, gpu_share: float) -> dict[str,
     found = {}
     for task in tasks:
         if task.stage in _TRAININGS:
-            params = {key: value for key, value in task.params.items() if key != "seed"}
-            params |= {"device": device, "gpu_share": gpu_share}
-            probe = Task("probe", params["detector"], params, task.inputs, gpu=True)
-            found[task.key] = probes.setdefault(_kind(params, task), probe)
+            own = {k: v for k, v in vars(task.params).items() if k != "seed"}
+            params = ProbeParams(**own, device=device, gpu_share=gpu_share)
+            probe = Task("probe", params.detector, params, task.inputs, gpu=True)
+            found[task.key] = probes.setdefault(_kind(probe), probe)
     return found
 
 
-def _kind(params: Mapping[str, Any], task: Task) -> str:
+def _kind(probe: Task) -> str:
     """What trainings of the same needs have in common: all but the seed and where LiDARs are."""
     clouds = [
-        ({k: v for k, v in item.params.items() if k not in _OF_PLACEMENT}, scene.key)
-        for item in task.inputs
-        for scene in item.inputs
+        (_without_place(item.params), scene.key) for item in probe.inputs for scene in item.inputs
     ]
-    return json.dumps([params, clouds], sort_keys=True)
+    return json.dumps([probe.params, clouds], sort_keys=True, default=plain)
+
+
+def _without_place(params: Any) -> Any:
+    """Parameters of a collection without what differs between placements of the same LiDARs."""
+    match params:
+        case CollectParams():
+            return params.placement.lidars, params.misaligned_heights, params.seed, params.split
+        case RecordedParams():
+            return params.split
+    return params
 
 
 def need_of(

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from lidarplace.scenes.maps import find_map
 from lidarplace.scenes.recorded import LogScene
 from lidarplace.scenes.settings import GENERATED, SumoScene
+from sweeps.parameters import LogParams, SimulationParams
 
 Scene = SumoScene | LogScene
 
@@ -27,7 +26,7 @@ class ScenePart:
     """
 
     name: str
-    params: Mapping[str, Any]
+    params: LogParams | SimulationParams
     splits: tuple[str, ...]
 
 
@@ -36,20 +35,13 @@ def scene_parts(scene: Scene) -> list[ScenePart]:
     if isinstance(scene, LogScene):
         train, test = scene.frame_counts()
         splits = tuple(s for s, count in (("train", train), ("test", test)) if count)
-        # The content, not only the place: another log in the same folder is another scene.
-        params = scene.model_dump(mode="json") | {"digest": scene.digest()}
-        return [ScenePart("", params, splits)]
+        return [ScenePart("", LogParams(scene, scene.digest()), splits)]
     # Left out is what only says how many runs there are: more towns leave these as they are.
-    settings = scene.model_dump(mode="json", exclude=_COUNTS)
+    settings = SumoScene.model_validate(scene.model_dump(mode="json", exclude=_COUNTS))
     return [
         ScenePart(
             run.name,
-            {
-                "source": "sumo",
-                "scene": settings,
-                "run": run.model_dump(mode="json"),
-                "map": _map_digest(run.town),
-            },
+            SimulationParams(settings, run, _map_digest(run.town)),
             (run.part,) if scene.split == "route" else ("train", "test"),
         )
         for run in scene.town_runs()

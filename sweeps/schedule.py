@@ -8,10 +8,22 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 from sweeps.failures import Failure
-from sweeps.stages import FUNCTIONS
 from sweeps.task import Task
 
-_DEPTH = {stage: depth for depth, stage in enumerate(FUNCTIONS)}
+PRIORITY = {
+    "evaluate": 10,
+    "finetune": 9,
+    "pretrain": 8,
+    "probe": 7,
+    "collect": 6,
+    "sampling_error": 5,
+    "accuracy": 4,
+    "surrogates": 3,
+    "pog": 2,
+    "ground_truth": 1,
+    "scene": 0,
+}
+"""Of stages whose inputs are there the highest goes first."""
 
 
 class Schedule:
@@ -51,7 +63,7 @@ class Schedule:
                 self._push(task)
 
     def _push(self, task: Task) -> None:
-        entry = (-_DEPTH[task.stage], self._order[task.key], task)
+        entry = (-PRIORITY[task.stage], self._order[task.key], task)
         heapq.heappush(self._ready[task.gpu], entry)
 
     def next(self, gpu: bool = True) -> Task | None:

@@ -1,7 +1,7 @@
 """The stages of a sweep: functions from parameters and earlier results to a result.
 
-They know nothing of Ray, of the store or of the grid. Parameters are plain data, so that they can
-be hashed; a result is a dictionary of tables, arrays and plain data, so that it can be stored.
+They know nothing of Ray, of the store or of the grid. Parameters are frozen classes, which can be
+hashed; a result is a dictionary of tables, arrays and plain data, which can be stored.
 
 scene -> ground_truth, pog -> surrogates
 scene -> accuracy, sampling_error
@@ -14,18 +14,17 @@ A scene may be recorded in parts; `*logs` are all of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from cachetools import LRUCache, cached
 
 from lidarplace import (
-    Lidar,
-    Mount,
     OccupancyGrid,
-    Placement,
     Roi,
     evaluate_classes,
     expected_ig_by_q,
@@ -34,45 +33,53 @@ from lidarplace.box_log import BoxLog, join_logs
 from lidarplace.lidar.clouds import JoinedClouds, PointClouds
 from lidarplace.scoring import FAINT_Q, linear_share
 from lidarplace.surrogate import RAY_SURROGATES
+from sweeps.parameters import (
+    AccuracyParams,
+    CollectParams,
+    GroundTruthParams,
+    LogParams,
+    NetworkParams,
+    PogParams,
+    ProbeParams,
+    RecordedParams,
+    SamplingErrorParams,
+    SimulationParams,
+    SurrogateParams,
+    TrainingParams,
+)
 
-Params = Mapping[str, Any]
 Value = dict[str, Any]
 
 
-def scene(params: Params) -> Value:
+def scene(params: LogParams | SimulationParams) -> Value:
     """Record one simulation of traffic, or read a box log: its three tables."""
-    from lidarplace.scenes.recorded import LogScene
-
-    if params["source"] == "log":
-        log = LogScene.model_validate({k: v for k, v in params.items() if k != "digest"}).read()
+    if isinstance(params, LogParams):
+        log = params.scene.read()
     else:
-        from lidarplace.scenes.settings import SumoScene, TownRun
         from lidarplace.scenes.sumo import record_town  # needs SUMO
 
-        log = record_town(
-            SumoScene.model_validate(params["scene"]), TownRun.model_validate(params["run"])
-        )
+        log = record_town(params.scene, params.run)
     return {"boxes": log.boxes, "frames": log.frames, "buildings": log.buildings}
 
 
-def ground_truth(params: Params, log: Value) -> Value:
+def ground_truth(params: GroundTruthParams, log: Value) -> Value:
     """Objects of every frame that count, the same for every placement, and all frames."""
     from lidarplace.lidar.visibility import ground_truth as visible_objects
 
     recorded = box_log(log)
-    objects = visible_objects(recorded, params["x"], params["y"], params["z"], seed=params["seed"])
+    objects = visible_objects(recorded, params.x, params.y, params.z, seed=params.seed)
     return {"objects": objects, "frames": recorded.frames[["scene", "frame", "route", "split"]]}
 
 
-def pog(params: Params, *logs: Value) -> Value:
+def pog(params: PogParams, *logs: Value) -> Value:
     """Occupancy by every class over the frames of the training split.
 
     Test frames stay out: a surrogate predicts how a placement will do on what was not seen.
     """
-    roi = Roi(**params["roi"])
+    roi = params.roi
     boxes, frames = _training_log(logs)
-    grids = OccupancyGrid.by_class(boxes, roi, params["classes"], frames=len(frames))
-    value: Value = {"classes": list(grids), "frames": len(frames), "roi": params["roi"]}
+    grids = OccupancyGrid.by_class(boxes, roi, params.classes, frames=len(frames))
+    value: Value = {"classes": list(grids), "frames": len(frames), "roi": asdict(params.roi)}
     for object_class, grid in grids.items():
         value[f"counts_{object_class}"] = grid.counts
         # Not `grid.entropy`, which would stay in memory for every class.
@@ -81,25 +88,25 @@ def pog(params: Params, *logs: Value) -> Value:
     return value
 
 
-def surrogates(params: Params, pog: Value) -> Value:
+def surrogates(params: SurrogateParams, pog: Value) -> Value:
     """All surrogates asked for, for every class.
 
     `by_q` is `expected_ig` without occlusion for many q, from which one is fitted to measured AP;
     it is there if `expected_ig` is asked for, and so is `linear_share` in that surrogate's rows.
     """
-    placement = _placement(params)
+    placement = params.placement
     grids = grids_of(pog)
-    names = params["names"]
+    names = params.names
     results = evaluate_classes(
         grids,
         placement,
-        method=params["method"],
+        method=params.method,
         surrogates=[name for name in names if name in RAY_SURROGATES],
-        detection_probability=params["detection_probability"],
-        occlusion=params["occlusion"],
+        detection_probability=params.detection_probability,
+        occlusion=params.occlusion,
     )
     rows = [
-        (object_class, name, float(getattr(result, name)), params["method"], result.seconds)
+        (object_class, name, float(getattr(result, name)), params.method, result.seconds)
         for object_class, result in results.items()
         for name in (*names, *(["covered_voxels"] if "m_sog" in names else []))
     ]
@@ -107,16 +114,16 @@ def surrogates(params: Params, pog: Value) -> Value:
     table = pd.DataFrame(rows, columns=columns)
     value: Value = {"table": table}
     if "expected_ig" in names:
-        q = params["detection_probability"]
-        by_q = expected_ig_by_q(grids, placement, [*params["fitted_q"], q, FAINT_Q])
+        q = params.detection_probability
+        by_q = expected_ig_by_q(grids, placement, [*params.fitted_q, q, FAINT_Q])
         share = table["class"].map(linear_share(by_q, q))
         table["linear_share"] = share.where(table["surrogate"] == "expected_ig")
-        by_q = by_q[list(params["fitted_q"])].rename_axis("class").reset_index()
+        by_q = by_q[list(params.fitted_q)].rename_axis("class").reset_index()
         value["by_q"] = by_q.melt("class", var_name="q", value_name="expected_ig")
     return value
 
 
-def accuracy(params: Params, *logs: Value) -> Value:
+def accuracy(params: AccuracyParams, *logs: Value) -> Value:
     """Surrogates of one class against seconds: methods, resolutions, azimuth steps, frames."""
     from lidarplace.accuracy import accuracy as compare
 
@@ -124,19 +131,19 @@ def accuracy(params: Params, *logs: Value) -> Value:
     table = compare(
         boxes,
         frames,
-        Roi(**params["roi"]),
-        [params["object_class"]],
-        [_placement(params)],
-        resolutions=params["resolutions"],
-        azimuth_steps=params["azimuth_steps"],
-        frame_shares=params["frame_shares"],
-        detection_probability=params["detection_probability"],
-        occlusion=params["occlusion"],
+        params.roi,
+        [params.object_class],
+        [params.placement],
+        resolutions=params.resolutions,
+        azimuth_steps=params.azimuth_steps,
+        frame_shares=params.frame_shares,
+        detection_probability=params.detection_probability,
+        occlusion=params.occlusion,
     )
     return {"table": table.drop(columns="placement")}
 
 
-def sampling_error(params: Params, *logs: Value) -> Value:
+def sampling_error(params: SamplingErrorParams, *logs: Value) -> Value:
     """Intervals of the surrogates: the frames of the POG drawn again in blocks.
 
     Empty for a single frame, which has no spread.
@@ -149,63 +156,65 @@ def sampling_error(params: Params, *logs: Value) -> Value:
     found = pog_sampling_error(
         boxes,
         frames,
-        Roi(**params["roi"]),
-        params["classes"],
-        _placement(params),
-        params["method"],
-        detection_probability=params["detection_probability"],
-        occlusion=params["occlusion"],
+        params.roi,
+        params.classes,
+        params.placement,
+        params.method,
+        detection_probability=params.detection_probability,
+        occlusion=params.occlusion,
     )
     return {"estimates": found.estimates, "resamples": found.resamples}
 
 
-def collect(params: Params, log: Value) -> Value:
+def collect(params: CollectParams | RecordedParams, log: Value) -> Value:
     """Point clouds of one split under one placement, and the points on every object."""
     from lidarplace.lidar.collect import collect as collect_clouds
     from lidarplace.lidar.points_in_boxes import count_points_per_object
     from lidarplace.lidar.recorded import recorded_clouds
 
     recorded = box_log(log)
-    frames = recorded.frames.loc[recorded.frames["split"] == params["split"], "frame"]
+    frames = recorded.frames.loc[recorded.frames["split"] == params.split, "frame"]
     numbers = frames.to_numpy(np.int64)
-    crop = tuple(params["crop"])
-    if params["recorded"] is not None:
-        clouds = recorded_clouds(Path(params["recorded"]), numbers, crop)
+    if isinstance(params, RecordedParams):
+        clouds = recorded_clouds(params.folder, numbers, params.crop)
     else:
         clouds = collect_clouds(
             recorded,
             numbers,
-            _placement(params),
-            crop=crop,
-            seed=params["seed"],
-            misaligned_heights=params["misaligned_heights"],
+            params.placement,
+            crop=params.crop,
+            seed=params.seed,
+            misaligned_heights=params.misaligned_heights,
         )
     return clouds.arrays() | {"points_per_object": count_points_per_object(recorded.boxes, clouds)}
 
 
-def probe(params: Params, *inputs: Value) -> Value:
+def probe(params: ProbeParams, *inputs: Value) -> Value:
     """What a step of a training needs: frames in it, and the share of a GPU's memory.
 
     Parameters and inputs as of the training.
     """
     from training.probe import probe as probe_training
-    from training.settings import TrainingSettings
 
     clouds, objects = _clouds_and_objects(inputs)
     found = probe_training(
-        params["detector"],
-        params["classes"],
+        params.detector,
+        params.classes,
         clouds,
         objects,
-        TrainingSettings.model_validate(params["training"]),
-        point_range=params["point_range"],
-        gpu_share=params["gpu_share"] or 1.0,
+        params.training,
+        point_range=params.point_range,
+        gpu_share=params.gpu_share or 1.0,
     )
     return {"batch_size": found.batch_size, "gpu_share": found.gpu_share}
 
 
 def finetune(
-    params: Params, *inputs: Value, folder: Path, batch_size: int | None = None, halvings: int = 0
+    params: TrainingParams,
+    *inputs: Value,
+    folder: Path,
+    batch_size: int | None = None,
+    halvings: int = 0,
 ) -> Value:
     """Train one detector on the clouds of one placement.
 
@@ -221,42 +230,45 @@ def finetune(
     from training.dataset import occurring_classes
 
     clouds, objects = _clouds_and_objects(inputs)
-    classes = params["classes"]
-    if params["training"]["checkpoint"] is None:
-        share = params["training"]["frame_share"]
+    classes = params.classes
+    if params.training.checkpoint is None:
+        share = params.training.frame_share
         classes = occurring_classes(classes, clouds, objects, share)
     return _train(params, classes, clouds, objects, folder, batch_size, halvings)
 
 
 def pretrain(
-    params: Params, *inputs: Value, folder: Path, batch_size: int | None = None, halvings: int = 0
+    params: TrainingParams,
+    *inputs: Value,
+    folder: Path,
+    batch_size: int | None = None,
+    halvings: int = 0,
 ) -> Value:
     """Train one detector on the clouds of many placements, for all classes.
 
     Arguments as of `finetune`, which starts from the result.
     """
     clouds, objects = _clouds_and_objects(inputs)
-    return _train(params, params["classes"], clouds, objects, folder, batch_size, halvings)
+    return _train(params, params.classes, clouds, objects, folder, batch_size, halvings)
 
 
-def evaluate(params: Params, weights: Value, *inputs: Value) -> Value:
+def evaluate(params: NetworkParams, weights: Value, *inputs: Value) -> Value:
     """Detect on the test clouds and compare with the ground truth. `inputs` as for `finetune`."""
     from training.by_distance import evaluate_by_distance
     from training.detect import detect
     from training.kitti_ap import evaluation
-    from training.settings import TrainingSettings
 
     clouds, objects = _clouds_and_objects(inputs)
     found = detect(
-        params["detector"],
+        params.detector,
         weights["classes"],
         weights["state_dict"],
         clouds,
-        TrainingSettings.model_validate(params["training"]),
-        point_range=params["point_range"],
+        params.training,
+        point_range=params.point_range,
     )
     frames = clouds.frames.tolist()
-    classes = params["classes"]
+    classes = params.classes
     routes = pd.concat([value["frames"] for value in inputs if "objects" in value])
     routes = routes[routes["frame"].isin(frames)]
     whole = evaluation(objects, found.boxes, frames, classes, found.refined, routes)
@@ -307,7 +319,7 @@ def _clouds_and_objects(inputs: Sequence[Value]) -> tuple[JoinedClouds, pd.DataF
 
 
 def _train(
-    params: Params,
+    params: TrainingParams,
     classes: Sequence[str],
     clouds: JoinedClouds,
     objects: pd.DataFrame,
@@ -316,18 +328,17 @@ def _train(
     halvings: int,
 ) -> Value:
     from training.finetune import finetune as train
-    from training.settings import TrainingSettings
 
     result = train(
-        params["detector"],
+        params.detector,
         classes,
         clouds,
         objects,
-        TrainingSettings.model_validate(params["training"]),
-        seed=params["seed"],
-        point_range=params["point_range"],
+        params.training,
+        seed=params.seed,
+        point_range=params.point_range,
         folder=folder,
-        checkpoint_digest=params["checkpoint"],
+        checkpoint_digest=params.checkpoint,
         batch_size=batch_size,
         halvings=halvings,
     )
@@ -345,26 +356,14 @@ def _train(
     return value
 
 
-def _placement(params: Params) -> Placement:
-    return Placement(
-        "placement",
-        [Mount(*pose) for pose in params["mounts"]],
-        lidar=[Lidar(**lidar) for lidar in params["lidars"]],
-    )
-
-
-_grids_of_last: list[Any] = []
-
-
+@cached(
+    LRUCache(maxsize=1),
+    # The grids keep these arrays, so that no others can have their places.
+    key=lambda pog: tuple(id(pog[f"counts_{name}"]) for name in pog["classes"]),
+)
 def grids_of(pog: Value) -> dict[str, OccupancyGrid]:
     """The grids in a result of `pog`; those of the last one are kept, with all they work out."""
-    if not (_grids_of_last and _grids_of_last[0] is pog):
-        roi, frames = Roi(**pog["roi"]), pog["frames"]
-        _grids_of_last[:] = [
-            pog,
-            {
-                name: OccupancyGrid(roi, name, pog[f"counts_{name}"], frames)
-                for name in pog["classes"]
-            },
-        ]
-    return _grids_of_last[1]
+    roi, frames = Roi(**pog["roi"]), pog["frames"]
+    return {
+        name: OccupancyGrid(roi, name, pog[f"counts_{name}"], frames) for name in pog["classes"]
+    }

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
+from pathlib import Path
 from typing import Any
+
+from pydantic import BaseModel
 
 from sweeps import stages
 from sweeps.code_version import code_version
+from sweeps.parameters import keys_of
 from training import network_of
 
 
@@ -21,7 +24,7 @@ class Task:
     Attributes:
         stage: name of the function.
         label: what a person calls it.
-        params: plain data that the result depends on, besides the inputs.
+        params: what the result depends on besides the inputs, see `sweeps.parameters`.
         inputs: tasks whose results are handed to the function, in this order.
         gpu: whether the work runs on a GPU where there is one.
         resumable: whether the function takes a `folder` from which it goes on after a stop.
@@ -29,10 +32,15 @@ class Task:
 
     stage: str
     label: str
-    params: Mapping[str, Any]
+    params: Any
     inputs: tuple[Task, ...] = ()
     gpu: bool = False
     resumable: bool = False
+
+    @cached_property
+    def uses(self) -> frozenset[str]:
+        """Key paths of the configuration that decide the result."""
+        return keys_of(self.params).union(*(task.uses for task in self.inputs))
 
     @cached_property
     def key(self) -> str:
@@ -41,10 +49,19 @@ class Task:
             "stage": self.stage,
             "params": self.params,
             "inputs": [task.key for task in self.inputs],
-            "code": code_of(self.stage, self.params.get("detector")),
+            "code": code_of(self.stage, getattr(self.params, "detector", None)),
         }
-        text = json.dumps(content, sort_keys=True, allow_nan=False)
+        text = json.dumps(content, sort_keys=True, allow_nan=False, default=plain)
         return hashlib.sha256(text.encode()).hexdigest()[:24]
+
+
+def plain(value: Any) -> Any:
+    """Parameters of a stage, or a part of them, for `json.dumps`."""
+    if isinstance(value, BaseModel):
+        return value.model_dump(mode="json")
+    if isinstance(value, Path):
+        return str(value)
+    return {item.name: getattr(value, item.name) for item in fields(value)}
 
 
 def code_of(stage: str, detector: str | None = None) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lidarplace import Lidar, Mount
 from sweeps.plan import Trial
 from sweeps.store import AnyStore
 
@@ -20,10 +19,8 @@ def trial_pictures(trial: Trial, store: AnyStore, folder: Path) -> list[Path]:
     placement = folder / trial.surrogates.key / "placement.png"
     curves = folder / trial.key / "precision_recall.png"
     if not placement.exists():
-        rig = trial.surrogates.params
-        mounts = [Mount(*pose) for pose in rig["mounts"]]
-        lidars = [Lidar(**lidar) for lidar in rig["lidars"]]
-        draw_rig(placement, trial.grid_point.point.placement, mounts, lidars)
+        rig = trial.surrogates.params.placement
+        draw_rig(placement, trial.grid_point.point.placement, rig.mounts, rig.lidars)
     assert trial.evaluate is not None
     table = store.load(trial.evaluate, ("pr_curves",))["pr_curves"]
     if table.empty:  # no object of any class in the test frames

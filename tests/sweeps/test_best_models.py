@@ -72,7 +72,6 @@ def test_a_fresh_process_loads_the_best_and_finds_the_same_boxes(sweep, tmp_path
     from mlflow import MlflowClient
 
     from training.detect import detect
-    from training.settings import TrainingSettings
 
     plan, store = sweep
     uri, folder = f"sqlite:///{tmp_path}/mlflow.db", tmp_path / "models"
@@ -119,9 +118,9 @@ def test_a_fresh_process_loads_the_best_and_finds_the_same_boxes(sweep, tmp_path
 
     params = best.evaluate.params
     weights = store.load(best.finetune, ("state_dict",))["state_dict"]
-    settings = TrainingSettings.model_validate(params["training"])
+    settings = params.training
     wanted = detect(
-        "pointpillars_tiny", ["Car"], weights, clouds, settings, params["point_range"]
+        "pointpillars_tiny", ["Car"], weights, clouds, settings, params.point_range
     ).boxes
     assert len(wanted) > 1
     assert list(found.columns) == list(wanted.columns)

@@ -17,10 +17,11 @@ from sweeps.clean_store import clean_store, size_of
 from sweeps.remote_store import RemoteStore
 from sweeps.store import Store
 from sweeps.task import Task
+from tests.sweeps.toy import Toy
 
 
 def tasks_of(*names):
-    return [Task("scene", name, {"name": name}) for name in names]
+    return [Task("scene", name, Toy(name)) for name in names]
 
 
 def saved(store, *names, size=1000):

@@ -41,7 +41,7 @@ def test_every_network_trains_and_is_evaluated(tmp_path):
     plan = make_plan(read_sweep(config))
     store = Store(tmp_path / "store")
     execute(plan.tasks, store, InProcess(store), Loud())
-    assert [trial.finetune.params["detector"] for trial in plan.trials] == SWEEP["grid"]["detector"]
+    assert [trial.finetune.params.detector for trial in plan.trials] == SWEEP["grid"]["detector"]
     for trial in plan.trials:
         training = store.load(trial.finetune)
         assert training["classes"] == ["Car"], "no pedestrian occurs"

@@ -7,11 +7,14 @@ from sweeps import worker
 from sweeps.backends import InProcess, Room
 from sweeps.execute import Outcome, execute
 from sweeps.failures import Failure, FailureFolder
+from sweeps.parameters import TrainingParams
 from sweeps.resources import Need, need_of, probes_of, rounded_share
 from sweeps.result_folder import DamagedResult
 from sweeps.schedule import Schedule
 from sweeps.store import Store
 from sweeps.task import Task
+from tests.sweeps.toy import Toy
+from training.settings import TrainingSettings
 
 
 class Recorder:
@@ -34,8 +37,8 @@ def stages(monkeypatch):
     calls = []
 
     def add(params, *inputs):
-        calls.append(params["n"])
-        return {"sum": params["n"] + sum(value["sum"] for value in inputs)}
+        calls.append(params.n)
+        return {"sum": params.n + sum(value["sum"] for value in inputs)}
 
     def fail(params, *inputs):
         raise ValueError("no such thing")
@@ -47,10 +50,10 @@ def stages(monkeypatch):
 
 
 def diamond():
-    scene = Task("scene", "a", {"n": 1})
-    left = Task("collect", "b", {"n": 10}, (scene,))
-    right = Task("collect", "c", {"n": 100}, (scene,))
-    return [scene, left, right, Task("collect", "d", {"n": 1000}, (left, right))]
+    scene = Task("scene", "a", Toy(1))
+    left = Task("collect", "b", Toy(10), (scene,))
+    right = Task("collect", "c", Toy(100), (scene,))
+    return [scene, left, right, Task("collect", "d", Toy(1000), (left, right))]
 
 
 def run(tasks, folder, known=None, backend=InProcess):
@@ -75,7 +78,7 @@ def test_what_is_in_the_store_is_not_computed_again(tmp_path, stages):
     tasks = diamond()
     run(tasks, tmp_path)
     stages.clear()
-    more = [*diamond(), Task("collect", "e", {"n": 5}, (tasks[1],))]
+    more = [*diamond(), Task("collect", "e", Toy(5), (tasks[1],))]
     _, recorder, store = run(more, tmp_path)
     assert stages == [5]
     assert store.load(more[-1])["sum"] == 16
@@ -109,10 +112,10 @@ def test_a_task_that_was_stopped_finds_what_it_had(tmp_path, monkeypatch):
         if not list(folder.iterdir()):
             (folder / "last.pt").write_text("half way")
             raise ValueError("stopped")
-        return {"n": params["n"], "found": (folder / "last.pt").read_text()}
+        return {"n": params.n, "found": (folder / "last.pt").read_text()}
 
     monkeypatch.setitem(worker.FUNCTIONS, "finetune", twice)
-    task, other = (Task("finetune", "a", {"n": n}, resumable=True) for n in (1, 2))
+    task, other = (Task("finetune", "a", Toy(n), resumable=True) for n in (1, 2))
     failures, _, store = run([task, other], tmp_path)
     assert len(failures) == 2, "each has its own folder"
     assert not store.has(task)
@@ -124,8 +127,8 @@ def test_a_task_that_was_stopped_finds_what_it_had(tmp_path, monkeypatch):
 
 def test_a_failure_takes_down_what_needs_it_and_nothing_else(tmp_path, stages):
     tasks = diamond()
-    broken = Task("finetune", "broken", {}, (tasks[1],))
-    needs = Task("collect", "needs", {"n": 1}, (broken,))
+    broken = Task("finetune", "broken", Toy(), (tasks[1],))
+    needs = Task("collect", "needs", Toy(1), (broken,))
     failures, recorder, store = run([*tasks[:2], broken, needs, *tasks[2:]], tmp_path)
     assert reasons(failures) == {
         broken.key: "no such thing",
@@ -199,7 +202,7 @@ def test_only_data_and_settings_fail_for_good(tmp_path, monkeypatch, error, last
         raise error
 
     monkeypatch.setitem(worker.FUNCTIONS, "scene", fail)
-    task = Task("scene", "a", {})
+    task = Task("scene", "a", Toy())
     failures, _, _ = run([task], tmp_path / "store")
     folder = FailureFolder(tmp_path / "failed")
     folder.write(task, failures[task.key])
@@ -214,7 +217,7 @@ def test_only_data_and_settings_fail_for_good(tmp_path, monkeypatch, error, last
 def test_which_failures_the_next_run_knows(tmp_path):
     folder = FailureFolder(tmp_path / "failed")
     kinds = {"a": Failure("bad data", lasting=True), "b": Failure("the worker died")}
-    tasks = {name: Task("scene", name, {"n": name}) for name in "abc"}
+    tasks = {name: Task("scene", name, Toy(name)) for name in "abc"}
 
     def fill():
         for name, task in tasks.items():
@@ -230,7 +233,7 @@ def test_which_failures_the_next_run_knows(tmp_path):
 
 def test_another_driver_may_finish_a_task_first(tmp_path, monkeypatch):
     """It tidies up under this one, whose attempt then fails: no harm is done."""
-    task = Task("scene", "a", {})
+    task = Task("scene", "a", Toy())
 
     def overtaken(params):
         Store(tmp_path).save(task, {"n": 1}, 0.0)
@@ -243,7 +246,7 @@ def test_another_driver_may_finish_a_task_first(tmp_path, monkeypatch):
 
 
 def test_what_another_driver_did_since_the_start_is_not_done_again(tmp_path, monkeypatch):
-    first, second = Task("scene", "a", {"n": 1}), Task("scene", "b", {"n": 2})
+    first, second = Task("scene", "a", Toy(1)), Task("scene", "b", Toy(2))
 
     def with_the_other(params):
         Store(tmp_path).save(second, {"n": "theirs"}, 0.0)
@@ -273,7 +276,14 @@ class Probing(InProcess):
 
 
 def training(n, detector="second", batch_size=8, inputs=()):
-    params = {"seed": n, "detector": detector, "training": {"batch_size": batch_size}}
+    params = TrainingParams(
+        detector=detector,
+        classes=("Car",),
+        training=TrainingSettings(batch_size=batch_size),
+        point_range=(0.0, 0.0, 0.0, 1.0, 1.0, 1.0),
+        seed=n,
+        checkpoint=None,
+    )
     return Task("finetune", f"{detector} {n}", params, inputs, gpu=True, resumable=True)
 
 
@@ -301,15 +311,15 @@ def test_what_failed_in_a_rung_may_succeed_later(tmp_path, monkeypatch):
     asked = []
 
     def flaky(params):
-        asked.append(params["n"])
-        if params["n"] == "bad":
+        asked.append(params.n)
+        if params.n == "bad":
             raise ValueError("the data are wrong")
-        if asked.count(params["n"]) == 1:
+        if asked.count(params.n) == 1:
             raise OSError(28, "No space left on device")
         return {"n": 1}
 
     monkeypatch.setitem(worker.FUNCTIONS, "scene", flaky)
-    tasks = [Task("scene", name, {"n": name}) for name in ("bad", "unlucky")]
+    tasks = [Task("scene", name, Toy(name)) for name in ("bad", "unlucky")]
     store, outcome = Store(tmp_path), Outcome()
     for _ in range(2):
         execute(tasks, store, InProcess(store), Recorder(), outcome)
@@ -326,9 +336,9 @@ def test_a_training_that_is_too_large_for_a_gpu_is_tried_alone_with_half_the_bat
     tried = []
 
     def train(params, *inputs, folder, batch_size, halvings):
-        size = params["training"]["batch_size"] >> halvings
-        tried.append((params["seed"], size))
-        if size > params["seed"]:
+        size = params.training.batch_size >> halvings
+        tried.append((params.seed, size))
+        if size > params.seed:
             raise OutOfMemoryError("CUDA out of memory")
         return {"batch_size": size}
 
@@ -384,7 +394,7 @@ def test_trainings_go_on_if_their_probe_fails(tmp_path, stages, monkeypatch):
 
     monkeypatch.setitem(worker.FUNCTIONS, "probe", fail)
     monkeypatch.setitem(worker.FUNCTIONS, "finetune", lambda params, *inputs, **how: {"n": 1})
-    clouds = Task("collect", "clouds", {"n": 1})
+    clouds = Task("collect", "clouds", Toy(1))
     task = training(1, inputs=(clouds,))
     failures, recorder, store = run([clouds, task], tmp_path, backend=Probing)
     assert not failures
@@ -396,11 +406,11 @@ def test_a_probe_that_fell_with_two_inputs_lets_go_once():
     """A scene takes down clouds and ground truth of one training; the other waits for its own."""
     towns, parts, trainings = {}, {}, {}
     for n in (1, 2):
-        towns[n] = Task("scene", f"town {n}", {"n": n})
+        towns[n] = Task("scene", f"town {n}", Toy(n))
         stages = ("collect", "ground_truth")
-        parts[n] = tuple(Task(stage, f"{n}", {"n": n}, (towns[n],)) for stage in stages)
+        parts[n] = tuple(Task(stage, f"{n}", Toy(n), (towns[n],)) for stage in stages)
         trainings[n] = training(n, inputs=parts[n])
-    probe = Task("probe", "second", {}, parts[1])
+    probe = Task("probe", "second", Toy(), parts[1])
     tasks = [towns[1], *parts[1], probe, trainings[1], towns[2], *parts[2], trainings[2]]
     schedule = Schedule(tasks, set(), {item.key: probe for item in trainings.values()})
     assert schedule.next() is towns[1]
@@ -417,13 +427,13 @@ def test_trainings_of_other_placements_go_on_if_the_clouds_of_the_probe_fail(
     tmp_path, stages, monkeypatch
 ):
     def collect(params):
-        if params["n"] == 1:
+        if params.n == 1:
             raise ValueError("no clouds")
         return {"sum": 0}
 
     monkeypatch.setitem(worker.FUNCTIONS, "collect", collect)
     monkeypatch.setitem(worker.FUNCTIONS, "finetune", lambda params, *inputs, **how: {"n": 1})
-    clouds = [Task("collect", f"clouds {n}", {"n": n}) for n in (1, 2)]
+    clouds = [Task("collect", f"clouds {n}", Toy(n)) for n in (1, 2)]
     tasks = [training(n, inputs=(c,)) for n, c in zip((1, 2), clouds, strict=True)]
     failures, _, store = run([*clouds, *tasks], tmp_path, backend=Probing)
     assert set(failures) == {clouds[0].key, tasks[0].key}
@@ -451,20 +461,20 @@ def test_needs_without_a_probe(tmp_path):
     store = Store(tmp_path)
     assert need_of(training(1), None, store, 0.5) == Need(gpu_share=0.5)
     assert need_of(training(1), None, store, "auto") == Need(gpu_share=1.0)
-    assert need_of(Task("scene", "a", {}), None, store, 0.5) == Need()
+    assert need_of(Task("scene", "a", Toy()), None, store, 0.5) == Need()
 
 
 def test_late_stages_come_first():
-    scene = Task("scene", "s", {"n": 0})
-    other = Task("scene", "s2", {"n": 1})
-    late = Task("collect", "late", {"n": 2}, (scene,))
+    scene = Task("scene", "s", Toy(0))
+    other = Task("scene", "s2", Toy(1))
+    late = Task("collect", "late", Toy(2), (scene,))
     schedule = Schedule([scene, other, late], {scene.key}, {})
     assert schedule.next() is late
 
 
 def test_a_task_without_its_input_is_refused():
-    scene = Task("scene", "s", {"n": 0})
-    late = Task("collect", "late", {"n": 2}, (scene,))
+    scene = Task("scene", "s", Toy(0))
+    late = Task("collect", "late", Toy(2), (scene,))
     for tasks in ([late], [late, scene]):
         with pytest.raises(ValueError, match="collect 'late' comes before its input"):
             Schedule(tasks, set(), {})
@@ -485,7 +495,7 @@ def test_trainings_are_handed_out_though_no_machine_is_there_now(tmp_path, stage
 
 def test_work_for_a_gpu_does_not_block_the_rest():
     on_gpu = training(1)
-    scene = Task("scene", "s", {"n": 0})
+    scene = Task("scene", "s", Toy(0))
     schedule = Schedule([on_gpu, scene], set(), {})
     assert schedule.next(gpu=False) is scene
     assert schedule.next(gpu=False) is None

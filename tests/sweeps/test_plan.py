@@ -119,7 +119,7 @@ def test_every_simulation_is_a_task_and_training_sees_those_of_its_split(tmp_pat
     assert len(trial.pog.inputs) == len(inputs_of(trial.finetune, "collect")) == 4
     for task, split, count in ((trial.finetune, "train", 4), (trial.evaluate, "test", 2)):
         clouds, truths = inputs_of(task, "collect"), inputs_of(task, "ground_truth")
-        assert {cloud.params["split"] for cloud in clouds} == {split}
+        assert {cloud.params.split for cloud in clouds} == {split}
         assert len(clouds) == len(truths) == count
         assert [c.inputs for c in clouds] == [t.inputs for t in truths], "in the same order"
 
@@ -130,7 +130,7 @@ def test_with_the_papers_split_every_simulation_trains_and_tests(tmp_path):
     trial = plan.trials[0]
     (train,), (test,) = inputs_of(trial.finetune, "collect"), inputs_of(trial.evaluate, "collect")
     assert train.inputs == test.inputs == trial.scenes
-    assert (train.params["split"], test.params["split"]) == ("train", "test")
+    assert (train.params.split, test.params.split) == ("train", "test")
 
 
 def test_another_town_leaves_the_first_as_it_is(tmp_path):
@@ -146,16 +146,12 @@ def test_quirks_change_the_clouds_alone(tmp_path):
     )
     assert plain.surrogates.key == odd.surrogates.key
     (collect,), (straight,) = odd.collect_test, plain.collect_test
-    assert [mount[:3] for mount in collect.params["mounts"]] == [
-        mount[:3] for mount in straight.params["mounts"]
-    ]
-    rolls = [
-        (a[3], b[3])
-        for a, b in zip(collect.params["mounts"], straight.params["mounts"], strict=True)
-    ]
+    tilted, meant = collect.params.placement.mounts, straight.params.placement.mounts
+    assert [(m.x, m.y, m.z) for m in tilted] == [(m.x, m.y, m.z) for m in meant]
+    rolls = [(a.roll, b.roll) for a, b in zip(tilted, meant, strict=True)]
     assert all(a == pytest.approx(math.radians(b)) for a, b in rolls)
     assert {b for _, b in rolls} == {-0.28, 0.0, 0.28}
-    assert collect.params["crop"][2] == pytest.approx(straight.params["crop"][2] - 0.4)
+    assert collect.params.crop[2] == pytest.approx(straight.params.crop[2] - 0.4)
 
 
 def test_thinned_clouds_leave_the_surrogates_as_they_are(tmp_path):
@@ -166,7 +162,7 @@ def test_thinned_clouds_leave_the_surrogates_as_they_are(tmp_path):
     assert whole.surrogates.key == thin.surrogates.key
     assert whole.accuracy.key == thin.accuracy.key
     for (task,), steps in ((whole.collect_test, 5625), (thin.collect_test, 900)):
-        assert {lidar["azimuth_steps"] for lidar in task.params["lidars"]} == {steps}
+        assert {lidar.azimuth_steps for lidar in task.params.placement.lidars} == {steps}
     narrow = {"azimuth_deg": [30, 31], "azimuth_steps": 360, "cloud_share": 0.011}
     with pytest.raises(ConfigError, match=r"lidar\.cloud_share: 0\.011: none of the 4 azimuth"):
         plan_of(tmp_path, lidar=narrow)

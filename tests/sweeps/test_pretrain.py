@@ -69,11 +69,11 @@ def test_the_clouds_of_all_placements_train_together(folder):
     task, plan = planned(write(folder))
     clouds = [needed for needed in task.inputs if needed.stage == "collect"]
     assert len(clouds) == 4, "two placements with two LiDARs; the seeds share them"
-    assert {cloud.params["split"] for cloud in clouds} == {"train"}
+    assert {cloud.params.split for cloud in clouds} == {"train"}
     truths = [needed for needed in task.inputs if needed.stage == "ground_truth"]
     assert len(truths) == 1, "or every object would be there twice"
     assert len(task.inputs) == 5
-    assert task.params["seed"] == 1
+    assert task.params.seed == 1
     known = {item.key for item in plan.tasks}
     seen = set()
     for needed in with_inputs(task):
@@ -89,10 +89,10 @@ def test_the_clouds_of_all_placements_train_together(folder):
 def test_the_range_holds_that_of_every_placement(folder):
     quirk = {"placement": ["line", "pyramid"], "lidar.misaligned_heights": [True]}
     task, plan = planned(write(folder, grid=quirk))
-    ranges = np.array([trial.finetune.params["point_range"] for trial in plan.trials])
+    ranges = np.array([trial.finetune.params.point_range for trial in plan.trials])
     assert len(np.unique(ranges, axis=0)) == 2
     expected = [*ranges[:, :3].min(axis=0), *ranges[:, 3:].max(axis=0)]
-    assert list(task.params["point_range"]) == expected
+    assert list(task.params.point_range) == expected
 
 
 @pytest.mark.parametrize(

@@ -67,9 +67,9 @@ def quick(monkeypatch):
     ap, trained = {}, []
 
     def finetune(params, *inputs, **how):
-        mounts = params["seed"], params["training"]["epochs"], params["point_range"]
+        mounts = params.seed, params.training.epochs, params.point_range
         trained.append(mounts)
-        return {"seed": params["seed"], "epochs": params["training"]["epochs"]}
+        return {"seed": params.seed, "epochs": params.training.epochs}
 
     def evaluate(params, weights, clouds, *inputs):
         value = ap[clouds["name"]](weights["seed"], weights["epochs"])
@@ -79,7 +79,7 @@ def quick(monkeypatch):
         }
 
     def collect(params, log):
-        return {"name": repr(params["mounts"])}
+        return {"name": repr(params.placement.mounts)}
 
     for name, function in (("finetune", finetune), ("evaluate", evaluate), ("collect", collect)):
         monkeypatch.setitem(FUNCTIONS, name, function)
@@ -89,7 +89,7 @@ def quick(monkeypatch):
 def set_ap(ap, plan, values):
     for trial in plan.trials:
         name = trial.grid_point.point.placement
-        mounts = repr(trial.collect_test[0].params["mounts"])
+        mounts = repr(trial.collect_test[0].params.placement.mounts)
         ap[mounts] = lambda seed, epochs, name=name: values[name] + seed + epochs / 10
 
 
@@ -171,7 +171,7 @@ def test_a_placement_whose_trainings_fail_does_not_go_on(log, quick, monkeypatch
     center = repr(
         next(t for t in plan.trials if t.grid_point.point.placement == "center")
         .collect_test[0]
-        .params["mounts"]
+        .params.placement.mounts
     )
 
     def diverged(seed, epochs):
@@ -199,7 +199,7 @@ def test_a_mean_over_fewer_seeds_does_not_count(log, quick):
             raise OSError(28, "No space left on device")
         return 99.0
 
-    ap[repr(line.collect_test[0].params["mounts"])] = lucky
+    ap[repr(line.collect_test[0].params.placement.mounts)] = lucky
     promotion, _, _ = run(sweep, plan, log)
     table = promotion.table().set_index("placement")
     assert math.isnan(table.loc["line", "value"])
@@ -214,7 +214,7 @@ def test_a_failed_surrogate_is_a_failure_and_no_verdict(log, quick, monkeypatch)
     first = plan.trials[0]
 
     def fail(params, pog):
-        if params["mounts"] == first.surrogates.params["mounts"]:
+        if params == first.surrogates.params:
             raise OSError(28, "No space left on device")
         return true(params, pog)
 

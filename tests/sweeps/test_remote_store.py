@@ -20,8 +20,9 @@ from sweeps.remote_store import RemoteStore, open_store
 from sweeps.result_folder import DamagedResult
 from sweeps.store import Store
 from sweeps.task import Task
+from tests.sweeps.toy import Toy
 
-TASK = Task("finetune", "a", {"n": 1}, resumable=True)
+TASK = Task("finetune", "a", Toy(1), resumable=True)
 
 
 @pytest.fixture(params=["memory", "folder"])
@@ -55,7 +56,7 @@ def test_what_one_machine_saves_another_loads(machine):
     assert other.finished([TASK]) == set()
     one.save(TASK, saved, seconds=1.5, node="n1")
     assert other.has(TASK)
-    assert other.finished([TASK, Task("finetune", "b", {})]) == {TASK.key}
+    assert other.finished([TASK, Task("finetune", "b", Toy())]) == {TASK.key}
     assert other.record(TASK) == {"label": "a", "seconds": 1.5, "node": "n1"}
     assert other.seconds(TASK) == 1.5
     assert not other.path(TASK).exists(), "what is asked about a result is not copied"

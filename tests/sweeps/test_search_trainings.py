@@ -62,7 +62,7 @@ def test_hyper_parameters_of_a_fixed_placement(tmp_path, tracking):
 
 def test_rungs_prune_and_a_resumed_search_trains_nothing_again(tmp_path, tracking, monkeypatch):
     def height(objective, trials, store):  # tiny trainings find nothing, so all would be alike
-        return 10 * trials[0].evaluate.inputs[1].params["mounts"][0][2]
+        return 10 * trials[0].evaluate.inputs[1].params.placement.mounts[0].z
 
     monkeypatch.setattr(trainings, "measured_value", height)
     options = {

@@ -25,9 +25,10 @@ from sweeps.result_folder import DamagedResult
 from sweeps.store import Store
 from sweeps.store_lock import is_locked, locked
 from sweeps.task import Task
+from tests.sweeps.toy import Toy
 
 ROOT = Path(__file__).parents[2]
-TASK = Task("scene", "a", {"n": 1})
+TASK = Task("scene", "a", Toy(1))
 
 
 def value(n=3):
@@ -80,13 +81,13 @@ def test_large_arrays_stay_on_disk(store):
 
 
 def test_a_stage_is_listed_once_for_all_its_tasks(store, monkeypatch):
-    tasks = [Task("scene", str(n), {"n": n}) for n in range(50)]
+    tasks = [Task("scene", str(n), Toy(n)) for n in range(50)]
     for task in tasks[:3]:
         store.save(task, {"n": 1}, seconds=0.0)
     calls = []
     listdir = os.listdir
     monkeypatch.setattr("os.listdir", lambda path: (calls.append(path), listdir(path))[1])
-    assert store.finished([*tasks, Task("pog", "p", {})]) == {task.key for task in tasks[:3]}
+    assert store.finished([*tasks, Task("pog", "p", Toy())]) == {task.key for task in tasks[:3]}
     assert len(calls) == 2
 
 
@@ -240,7 +241,7 @@ def test_no_result_is_no_damaged_one(store):
 
 
 def many_tasks():
-    return [Task("scene", str(n), {"n": n}) for n in range(15)]
+    return [Task("scene", str(n), Toy(n)) for n in range(15)]
 
 
 def save_all(folder, writer, gate):
@@ -377,7 +378,7 @@ def test_checkpoints_are_taken_over_as_of_one_moment(tmp_path):
 
 
 def test_a_note_tells_that_a_task_runs(store):
-    other = Task("pog", "b", {})
+    other = Task("pog", "b", Toy())
     with suppress(KeyError), store.running(TASK, {"host": "n1", "pid": 7}):
         assert store.running_notes([TASK, other]) == {TASK.key: {"host": "n1", "pid": 7}}
         raise KeyError
@@ -395,7 +396,7 @@ def test_a_note_that_is_not_whole_is_left_out(store, text):
 
 
 def test_a_driver_ends_what_a_killed_one_ran(store, monkeypatch):
-    tasks = [Task("scene", str(n), {"n": n}) for n in range(20)]
+    tasks = [Task("scene", str(n), Toy(n)) for n in range(20)]
     lost = [store.running(task, {}) for task in tasks[:3]]
     for block in lost:
         block.__enter__()  # and never left
@@ -403,7 +404,7 @@ def test_a_driver_ends_what_a_killed_one_ran(store, monkeypatch):
     listdir = os.listdir
     with monkeypatch.context() as patch:
         patch.setattr("os.listdir", lambda path: (calls.append(path), listdir(path))[1])
-        store.end_running(iter([*tasks[1:], Task("pog", "p", {})]))
+        store.end_running(iter([*tasks[1:], Task("pog", "p", Toy())]))
     assert len(calls) == 2
     assert store.running_notes(tasks) == {tasks[0].key: {}}
 

@@ -19,6 +19,7 @@ from sweeps.print_state import print_state
 from sweeps.progress import StageProgress
 from sweeps.state import SweepState, TrialState
 from sweeps.task import Task
+from tests.sweeps.toy import Toy
 
 ROOT = Path(__file__).parents[2]
 NAMES = ["a[/x]", "roof[left]", "[bold]b[/bold]", ":smile:", r"c\[d]", "[/]"]
@@ -98,7 +99,7 @@ def test_the_plan_of_a_sweep():
 
 @pytest.mark.parametrize("terminal", [False, True])
 def test_the_progress_of_a_sweep(terminal):
-    tasks = [Task("train", name, {}) for name in [*NAMES, OBEYED]]
+    tasks = [Task("finetune", name, Toy()) for name in [*NAMES, OBEYED]]
 
     def run(console):
         with StageProgress(console, tasks, []) as progress:
