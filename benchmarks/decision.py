@@ -23,9 +23,9 @@ import pandas as pd
 import typer
 from numpy.typing import NDArray
 
-from tracking.best_placement import best_placement, lead_intervals
-from tracking.probability_of_best import probability_of_best
-from tracking.reliability import pooled_variance, seed_mean
+from tracking.findings.best_placement import best_placement, lead_intervals
+from tracking.statistics.probability_of_best import probability_of_best
+from tracking.statistics.reliability import pooled_variance, seed_mean
 
 Array = NDArray[np.float64]
 PLACEMENTS = (2, 4, 8, 16)

@@ -26,7 +26,7 @@ from rich.table import Table
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, OccupancyGrid, Placement, Roi, evaluate
 from lidarplace.box_log import read_box_log
-from lidarplace.scoring import FAINT_Q, expected_ig_by_q, linear_share
+from lidarplace.surrogates.evaluate import FAINT_Q, expected_ig_by_q, linear_share
 
 
 def main() -> None:

@@ -24,11 +24,11 @@ import pandas as pd
 import yaml
 
 from lidarplace.box_log import BoxLog
-from lidarplace.scenes.egos import choose_egos, frames_met
-from lidarplace.scenes.settings import SumoScene
-from lidarplace.scenes.sumo import drive, record
-from lidarplace.scenes.traffic import CAR
-from lidarplace.scenes.trajectories import Trajectories
+from lidarplace.scenes.sumo.egos import choose_egos, frames_met
+from lidarplace.scenes.sumo.record import drive, record
+from lidarplace.scenes.sumo.settings import SumoScene
+from lidarplace.scenes.sumo.traffic import CAR
+from lidarplace.scenes.sumo.trajectories import Trajectories
 
 EXAMPLES = ("examples/grid.yaml", "examples/study.yaml")
 STANDING_M_S = 0.1

@@ -26,11 +26,11 @@ import pandas as pd
 import typer
 from numpy.typing import NDArray
 
-from tracking.best_placement import lead_intervals
-from tracking.jackknife import combined, sample_error
-from tracking.probability_of_best import probability_of_best
-from tracking.reliability import pooled_variance, seed_mean
-from tracking.summary import seed_means
+from tracking.findings.best_placement import lead_intervals
+from tracking.findings.summary import seed_means
+from tracking.statistics.jackknife import combined, sample_error
+from tracking.statistics.probability_of_best import probability_of_best
+from tracking.statistics.reliability import pooled_variance, seed_mean
 from training.matches import Matches
 
 Array = NDArray[np.float64]

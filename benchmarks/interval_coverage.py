@@ -23,9 +23,9 @@ from hierarchical_bootstrap import hierarchical_resamples
 from numpy.typing import NDArray
 from scipy import stats
 
-from tracking.coefficients import COEFFICIENTS, scores
-from tracking.confidence_interval import intervals
-from tracking.summary import seed_means
+from tracking.findings.summary import seed_means
+from tracking.statistics.coefficients import COEFFICIENTS, scores
+from tracking.statistics.confidence_interval import intervals
 
 Array = NDArray[np.float64]
 SCIPY = {"pearson": stats.pearsonr, "spearman": stats.spearmanr, "kendall": stats.kendalltau}

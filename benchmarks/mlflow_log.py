@@ -16,7 +16,7 @@ from typing import Annotated
 
 import typer
 
-from tracking.mlflow_log import SweepLog
+from tracking.mlflow.log import SweepLog
 
 METRICS = {f"AP_R40_3D.Car.{i}": i / 7 for i in range(12)}
 PARAMS = {f"training.parameter_{i}": i for i in range(8)}

@@ -24,7 +24,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy import stats
 
-from tracking.run_folder import RunFolder
+from tracking.run_folders.sweep import RunFolder
 
 
 def main() -> None:

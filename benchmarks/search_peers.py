@@ -24,14 +24,14 @@ import numpy as np
 import optuna
 import pandas as pd
 
-from lidarplace.terminal import output
-from sweeps.backends import InProcess
-from sweeps.search.assess import assess
-from sweeps.search.certificate import Certificate, certify, first_params
-from sweeps.search.pog import pog
-from sweeps.search.problem import Problem, read_problem
-from sweeps.search.samplers import Repeatable
-from sweeps.sweep_store import store_of
+from lidarplace.command_line.terminal import output
+from sweeps.execution.backends import InProcess
+from sweeps.search.greedy.certificate import Certificate, certify, first_params
+from sweeps.search.problem.assess import assess
+from sweeps.search.problem.problem import Problem, read_problem
+from sweeps.search.trials.pog import pog
+from sweeps.search.trials.samplers import Repeatable
+from sweeps.store.of_sweep import store_of
 
 SAMPLERS = ("random", "qmc", "tpe", "gp", "cmaes", "nsga2", "nsga3")
 LIFTED = ["search.constraints={distance: 0.0}", "ray=debug"]
@@ -188,7 +188,7 @@ def draw(
     """Medians over seeds and the middle 80 %, against evaluations and against seconds."""
     from plotly.subplots import make_subplots
 
-    from tracking.figures.style import colour, theme
+    from tracking.figures.kit.style import colour, theme
 
     figure = make_subplots(1, 2, shared_yaxes=True, horizontal_spacing=0.04)
     for i, (name, own) in enumerate(runs.groupby("searcher", sort=False)):

@@ -18,12 +18,12 @@ from pathlib import Path
 import numpy as np
 import optuna
 
-from lidarplace.terminal import output
-from sweeps.backends import InProcess
-from sweeps.search.assess import assess
-from sweeps.search.pog import pog
-from sweeps.search.problem import Problem, read_problem
-from sweeps.sweep_store import store_of
+from lidarplace.command_line.terminal import output
+from sweeps.execution.backends import InProcess
+from sweeps.search.problem.assess import assess
+from sweeps.search.problem.problem import Problem, read_problem
+from sweeps.search.trials.pog import pog
+from sweeps.store.of_sweep import store_of
 
 CONFIG = Path("examples/search.yaml")
 RIGS = 100

@@ -19,12 +19,12 @@ import typer
 from hierarchical_bootstrap import hierarchical_resamples
 from numpy.typing import NDArray
 
-from tracking.coefficients import scores
-from tracking.correlation import correlate
-from tracking.correlation_difference import strength_leads
-from tracking.leave_one_out import leave_one_out
-from tracking.reliability import seed_mean
-from tracking.which_predicts import Predictors, which_predicts
+from tracking.findings.best_surrogate import Predictors, which_predicts
+from tracking.findings.correlation import correlate
+from tracking.findings.leave_one_out import leave_one_out
+from tracking.statistics.coefficients import scores
+from tracking.statistics.correlation_difference import strength_leads
+from tracking.statistics.reliability import seed_mean
 
 Array = NDArray[np.float64]
 PLACEMENTS = (6, 8, 12, 20)

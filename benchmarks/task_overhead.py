@@ -17,13 +17,13 @@ from statistics import median
 
 from random_placements import random_placements
 
-from sweeps.backends import backend_for
-from sweeps.config import RaySettings
-from sweeps.execute import execute
-from sweeps.grid import read_sweep
-from sweeps.plan import Plan, make_plan
-from sweeps.remote_store import open_store
-from sweeps.store import Store
+from sweeps.configuration.grid import read_sweep
+from sweeps.configuration.sweep import RaySettings
+from sweeps.execution.backends import backend_for
+from sweeps.execution.execute import execute
+from sweeps.plan.plan import Plan, make_plan
+from sweeps.store.local import Store
+from sweeps.store.open import open_store
 
 SWEEP = """
 scene: {{seed: 1, density: 80, routes: 4, test_routes: 2, frames_per_route: 100, frame_stride: 10}}

@@ -19,10 +19,10 @@ import pandas as pd
 from scipy.spatial import cKDTree
 
 from lidarplace.box_log import BoxLog
-from lidarplace.scenes.settings import GENERATED, SumoScene
-from lidarplace.scenes.sumo import drive, record_town
-from lidarplace.scenes.traffic import PEDESTRIAN
-from lidarplace.scenes.trajectories import Trajectories
+from lidarplace.scenes.sumo.record import drive, record_town
+from lidarplace.scenes.sumo.settings import GENERATED, SumoScene
+from lidarplace.scenes.sumo.traffic import PEDESTRIAN
+from lidarplace.scenes.sumo.trajectories import Trajectories
 
 TOWNS = (GENERATED, "Town01", "Town03", "Town04", "Town06")
 DENSITIES = (40, 80, 120)

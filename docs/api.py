@@ -32,12 +32,12 @@ paper does, and `evaluate_many` scores a list of placements on all cores.
 NAMES = {
     "Box logs": {
         "lidarplace.box_log": ("BoxLog", "read_box_log", "write_box_log", "join_logs"),
-        "lidarplace.scenes.tabular": ("read_tabular",),
-        "lidarplace.scenes.nuscenes": ("read_nuscenes",),
-        "lidarplace.scenes.argoverse": ("read_argoverse",),
+        "lidarplace.scenes.datasets.tabular": ("read_tabular",),
+        "lidarplace.scenes.datasets.nuscenes": ("read_nuscenes",),
+        "lidarplace.scenes.datasets.argoverse": ("read_argoverse",),
         "lidarplace.scenes.kitti.read": ("read_kitti",),
-        "lidarplace.scenes.sumo": ("record",),
-        "lidarplace.scenes.settings": ("SumoScene",),
+        "lidarplace.scenes.sumo.record": ("record",),
+        "lidarplace.scenes.sumo.settings": ("SumoScene",),
     },
     "Placements and surrogates": {
         "lidarplace": (
@@ -54,7 +54,7 @@ NAMES = {
             "sum_over_classes",
             "Surrogates",
         ),
-        "lidarplace.placement_settings": ("read_placement",),
+        "lidarplace.configuration.placement": ("read_placement",),
         "lidarplace.pose": ("rotation", "from_carla"),
     },
     "Point clouds": {
@@ -70,14 +70,14 @@ NAMES = {
         "training.kitti_ap": ("evaluate_detections", "evaluate_boxes"),
     },
     "Results": {
-        "tracking.run_folder": ("RunFolder",),
-        "tracking.summary": ("summary_table", "seed_means"),
-        "tracking.correlation": ("correlate",),
-        "tracking.best_placement": ("best_placement", "BestPlacement"),
-        "tracking.which_predicts": ("which_predicts",),
-        "tracking.power": ("placements_needed", "power_table"),
+        "tracking.run_folders.sweep": ("RunFolder",),
+        "tracking.findings.summary": ("summary_table", "seed_means"),
+        "tracking.findings.correlation": ("correlate",),
+        "tracking.findings.best_placement": ("best_placement", "BestPlacement"),
+        "tracking.findings.best_surrogate": ("which_predicts",),
+        "tracking.statistics.power": ("placements_needed", "power_table"),
         "tracking.report.build": ("build_report",),
-        "tracking.report.comparison": ("build_comparison",),
+        "tracking.report.comparison.build": ("build_comparison",),
     },
 }
 """Public names by part and module."""

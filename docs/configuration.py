@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from lidarplace.scenes.carla.settings import CarlaScene
-from sweeps.config import SweepFile
-from sweeps.search.settings import SearchFile
+from sweeps.configuration.search import SearchFile
+from sweeps.configuration.sweep import SweepFile
 
 PAGE = Path(__file__).with_suffix(".md")
 

@@ -1,11 +1,16 @@
 """Where do the LiDARs go on a vehicle? Box logs, occupancy, coverage and surrogates."""
 
-from lidarplace.occupancy import OccupancyGrid
+from lidarplace.occupancy.grid import OccupancyGrid
 from lidarplace.placement import PAPER_PLACEMENTS, Mount, Placement
 from lidarplace.roi import Roi
-from lidarplace.scoring import evaluate, evaluate_classes, evaluate_many, expected_ig_by_q
 from lidarplace.sensor import Lidar
-from lidarplace.surrogate import Surrogates, sum_over_classes
+from lidarplace.surrogates.evaluate import (
+    evaluate,
+    evaluate_classes,
+    evaluate_many,
+    expected_ig_by_q,
+)
+from lidarplace.surrogates.formulas import Surrogates, sum_over_classes
 
 __all__ = [
     "PAPER_PLACEMENTS",

@@ -20,7 +20,8 @@ from lidarplace.boxes import (
     check_boxes,
     check_classes,
 )
-from lidarplace.columns import (
+from lidarplace.files.atomic import replacing
+from lidarplace.files.columns import (
     check_columns,
     frame_numbers,
     groups,
@@ -30,8 +31,7 @@ from lidarplace.columns import (
     sizes,
     texts,
 )
-from lidarplace.files import replacing
-from lidarplace.tables import read_parquet
+from lidarplace.files.tables import read_parquet
 
 
 def _no_buildings() -> pd.DataFrame:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from lidarplace.columns import check_columns, numbers, one_of, sizes
+from lidarplace.files.columns import check_columns, numbers, one_of, sizes
 
 CLASSES = ("Car", "Cyclist", "Pedestrian")
 """Object classes. Cyclist is the paper's *Van and Cyclist*: bicycles, motorcycles, box trucks."""

@@ -15,16 +15,16 @@ from rich.table import Table
 
 from lidarplace.box_log import BoxLog, write_box_log
 from lidarplace.boxes import CLASSES
-from lidarplace.command_line import new_app, verb, within, wrong
-from lidarplace.files import read_text
+from lidarplace.command_line.terminal import output, say
+from lidarplace.command_line.verbs import new_app, verb, within, wrong
+from lidarplace.files.atomic import read_text
 from lidarplace.ranges import LIDAR_HEIGHT, SHARE
-from lidarplace.scenes.argoverse import read_argoverse
-from lidarplace.scenes.class_maps import read_class_map
+from lidarplace.scenes.datasets.argoverse import read_argoverse
+from lidarplace.scenes.datasets.class_maps import read_class_map
+from lidarplace.scenes.datasets.nuscenes import read_nuscenes
+from lidarplace.scenes.datasets.tabular import read_tabular
 from lidarplace.scenes.kitti.calibration import LIDAR_HEIGHT_M
 from lidarplace.scenes.kitti.read import read_kitti
-from lidarplace.scenes.nuscenes import read_nuscenes
-from lidarplace.scenes.tabular import read_tabular
-from lidarplace.terminal import output, say
 
 app = new_app(
     no_args_is_help=True,

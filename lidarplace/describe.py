@@ -12,8 +12,8 @@ from rich.table import Table
 
 from lidarplace.box_log import BoxLog, read_box_log
 from lidarplace.boxes import CLASSES
-from lidarplace.command_line import JsonOption, new_app, print_json, verb, wrong
-from lidarplace.terminal import output
+from lidarplace.command_line.terminal import output
+from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
 
 app = new_app()
 

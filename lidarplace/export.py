@@ -13,7 +13,9 @@ import pandas as pd
 import typer
 
 from lidarplace.box_log import BoxLog, read_box_log
-from lidarplace.command_line import (
+from lidarplace.command_line.options import LogArgument, ProfileOption, paper_placements, splits
+from lidarplace.command_line.terminal import Terminal, say
+from lidarplace.command_line.verbs import (
     FRONT_ROI,
     RoiOption,
     crop_of,
@@ -23,17 +25,15 @@ from lidarplace.command_line import (
     within,
     wrong,
 )
+from lidarplace.configuration.placement import named_placement
 from lidarplace.lidar.clouds import Crop, PointClouds
 from lidarplace.lidar.collect import collect, crop_for
 from lidarplace.lidar.profiles import PROFILES
 from lidarplace.lidar.visibility import ground_truth
-from lidarplace.log_options import LogArgument, ProfileOption, paper_placements, splits
 from lidarplace.placement import Placement
-from lidarplace.placement_settings import named_placement
 from lidarplace.ranges import SEED
 from lidarplace.scenes.kitti.labels import in_image, to_labels
 from lidarplace.scenes.kitti.write import check_new, write_kitti
-from lidarplace.terminal import Terminal, say
 
 PORTION = 100
 """Frames whose clouds are in memory at a time."""

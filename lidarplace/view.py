@@ -9,7 +9,9 @@ from typing import Annotated
 import typer
 
 from lidarplace.box_log import read_box_log
-from lidarplace.command_line import (
+from lidarplace.command_line.options import LogArgument, ProfileOption, paper_placements
+from lidarplace.command_line.terminal import say
+from lidarplace.command_line.verbs import (
     FRONT_ROI,
     RoiOption,
     crop_of,
@@ -19,13 +21,11 @@ from lidarplace.command_line import (
     within,
     wrong,
 )
+from lidarplace.configuration.placement import named_placement
 from lidarplace.lidar.clouds import Crop
 from lidarplace.lidar.profiles import PROFILES, Profile
-from lidarplace.log_options import LogArgument, ProfileOption, paper_placements
 from lidarplace.placement import Placement
-from lidarplace.placement_settings import named_placement
 from lidarplace.ranges import FRAME
-from lidarplace.terminal import say
 from lidarplace.viewing.frame import Frame, busiest_frame, read_frame
 from lidarplace.viewing.page import write_page
 from lidarplace.viewing.scene import POINTS, draw_frame

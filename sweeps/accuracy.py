@@ -12,12 +12,12 @@ import typer
 
 from lidarplace import PAPER_PLACEMENTS, Placement, Roi
 from lidarplace.boxes import CLASSES
-from lidarplace.command_line import JsonOption, new_app, print_json, verb, within, wrong
-from lidarplace.command_line import known as known_name
-from lidarplace.log_options import classes as classes_of_objects
-from lidarplace.log_options import paper_placements
+from lidarplace.command_line.options import classes as classes_of_objects
+from lidarplace.command_line.options import paper_placements
+from lidarplace.command_line.terminal import output, say
+from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, within, wrong
+from lidarplace.command_line.verbs import known as known_name
 from lidarplace.ranges import AZIMUTH_STEPS, FRAMES, RESOLUTION, SHARE
-from lidarplace.terminal import output, say
 
 _SUFFIXES = ("parquet", "csv", "html")
 
@@ -78,8 +78,8 @@ def accuracy_command(
 
     Writes OUT.parquet, OUT.csv and OUT.html.
     """
-    from lidarplace.accuracy import accuracy
-    from tracking.accuracy import relative_errors, summarise
+    from lidarplace.surrogates.error_against_time import accuracy
+    from tracking.findings.surrogate_accuracy import relative_errors, summarise
 
     resolutions = resolution or [0.1, 0.05, 0.2]
     try:
@@ -117,8 +117,8 @@ def _read(path: Path, frames: int | None) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Boxes and the frames table."""
     from lidarplace.box_log import read_box_log
     from lidarplace.boxes import check_boxes, check_classes, frame_keys
-    from lidarplace.columns import frame_numbers
-    from lidarplace.tables import read_csv, read_parquet
+    from lidarplace.files.columns import frame_numbers
+    from lidarplace.files.tables import read_csv, read_parquet
 
     if not path.exists():
         raise ValueError(f"{path}: no such file or folder")
@@ -149,7 +149,7 @@ def _scene(
         roi = Roi((0, 40), (-20, 20), (0, 4), resolution)
         known = dict(PAPER_PLACEMENTS)
     else:
-        from sweeps.grid import read_sweep
+        from sweeps.configuration.grid import read_sweep
 
         sweep = read_sweep(config)
         point = sweep.points[0].point
@@ -166,7 +166,7 @@ def _scene(
 def _print(summary: pd.DataFrame) -> None:
     from rich.table import Table
 
-    from lidarplace.surrogate import RAY_SURROGATES
+    from lidarplace.surrogates.formulas import RAY_SURROGATES
     from tracking.labels import surrogate_name
 
     console = output()
@@ -193,11 +193,11 @@ def _print(summary: pd.DataFrame) -> None:
 
 
 def _write(errors: pd.DataFrame, summary: pd.DataFrame, out: Path) -> None:
-    from lidarplace.csv_table import write_csv
-    from lidarplace.files import replacing
-    from sweeps.store import write_text
-    from tracking.figures.accuracy import accuracy_figure
-    from tracking.figures.style import theme
+    from lidarplace.files.atomic import replacing
+    from lidarplace.files.csv import write_csv
+    from sweeps.store.local import write_text
+    from tracking.figures.kit.style import theme
+    from tracking.figures.of_sweeps.accuracy import accuracy_figure
 
     out.parent.mkdir(parents=True, exist_ok=True)
     with replacing(out.with_name(out.name + ".parquet")) as partial:

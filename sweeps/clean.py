@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lidarplace.command_line import JsonOption, new_app, print_json, verb, wrong
-from lidarplace.terminal import output
+from lidarplace.command_line.terminal import output
+from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
 
 if TYPE_CHECKING:
-    from sweeps.store import AnyStore
+    from sweeps.store.open import AnyStore
 
 app = new_app()
 
@@ -48,8 +48,8 @@ def clean(
     alone. A store at a URL needs --unlocked, because no lock tells whether a sweep uses it;
     --dry-run locks nothing.
     """
-    from sweeps.clean_store import clean_store
     from sweeps.print_cleaned import print_cleaned, summary_of
+    from sweeps.store.cleaning import clean_store
 
     try:
         if dry_run and forget:
@@ -71,10 +71,11 @@ def clean(
 
 def _store_of(name: str) -> AnyStore:
     """The store of a file, or the one of that name. Raises ValueError if there is none."""
-    from sweeps.any_file import read_either
-    from sweeps.remote_store import open_store
-    from sweeps.store import SWEEPS, Store
-    from sweeps.sweep_store import store_of
+    from sweeps.store.entries import SWEEPS
+    from sweeps.store.local import Store
+    from sweeps.store.of_sweep import store_of
+    from sweeps.store.open import open_store
+    from sweeps.sweep_or_search import read_either
 
     if Path(name).suffix in (".yaml", ".yml"):
         opened = store_of(read_either(Path(name)))

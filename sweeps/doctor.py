@@ -16,8 +16,8 @@ from rich.table import Table
 from rich.text import Text
 from typer.core import TyperCommand
 
-from sweeps import checks
-from sweeps.checks import Finding
+from sweeps.execution import checks
+from sweeps.execution.checks import Finding
 from sweeps.options import SetOption
 
 _EPILOG = """
@@ -34,7 +34,7 @@ Exit codes:
 
 
 class _Doctor(TyperCommand):
-    """In the style of `lidarplace.command_line`, which needs packages that may be missing."""
+    """In the style of `lidarplace.command_line.verbs`, which needs packages that may be missing."""
 
     def invoke(self, ctx: Any) -> Any:
         try:
@@ -97,7 +97,7 @@ def doctor(
     Servers are asked only if the configuration names them.
     """
     if set_ and config is None:
-        from lidarplace.command_line import wrong  # needs packages that may be missing
+        from lidarplace.command_line.verbs import wrong  # needs packages that may be missing
 
         wrong("--set: name the configuration file too")
     try:
@@ -110,7 +110,7 @@ def doctor(
     if as_json:
         print(json.dumps([asdict(finding) for finding in findings], indent=1))
     else:
-        # As `lidarplace.terminal.output`, which needs them too.
+        # As `lidarplace.command_line.terminal.output`, which needs them too.
         _print(Console() if sys.stdout.isatty() else Console(width=160), findings)
     if any(finding.state == "missing" for finding in findings):
         raise typer.Exit(1)
@@ -118,10 +118,10 @@ def doctor(
 
 def asked_of(config: Path, overrides: Sequence[str] = ()) -> Asked:
     """What the file and `overrides` ask for. Ends the program with exit code 2 if it is wrong."""
-    from lidarplace.command_line import wrong
-    from lidarplace.scenes.settings import SumoScene
-    from sweeps.any_file import read_either
-    from sweeps.config_file import ConfigError
+    from lidarplace.command_line.verbs import wrong
+    from lidarplace.scenes.sumo.settings import SumoScene
+    from sweeps.configuration.file import ConfigError
+    from sweeps.sweep_or_search import read_either
 
     try:
         sweep = read_either(config, overrides)
@@ -176,13 +176,13 @@ def look(asked: Asked) -> list[Finding]:
 
 def scenes(config: Path, overrides: Sequence[str] = ()) -> Finding:
     """The maps, logs and checkpoints that the file names are there."""
-    from sweeps.any_file import is_search
-    from sweeps.config_file import ConfigError
-    from sweeps.plan import read_plan
+    from sweeps.configuration.file import ConfigError
+    from sweeps.plan.plan import read_plan
+    from sweeps.sweep_or_search import is_search
 
     try:
         if is_search(config):
-            from sweeps.search.problem import read_problem
+            from sweeps.search.problem.problem import read_problem
 
             problem = read_problem(config, overrides)
             return Finding("scenes", f"{problem.file.search.trials} trials", "this search")
@@ -234,7 +234,7 @@ def _print(console: Console, findings: list[Finding]) -> None:
 
 
 def _text(text: str, style: str = "") -> Text:
-    """A text without markup; as `lidarplace.terminal`, which needs packages that may be missing."""
+    """Plain text; `lidarplace.command_line.terminal` needs packages that may be missing."""
     shown = (c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
     return Text("".join(shown), style)
 

@@ -11,8 +11,8 @@ import typer
 
 def _key_paths(incomplete: str) -> Iterator[str]:
     """Keys of the files of sweeps and searches for a shell to complete, one level at a time."""
-    from sweeps.config import SweepFile
-    from sweeps.search.settings import SearchFile
+    from sweeps.configuration.search import SearchFile
+    from sweeps.configuration.sweep import SweepFile
 
     sweep, search = (file.model_json_schema() for file in (SweepFile, SearchFile))
     place, kinds = sweep["properties"] | search["properties"], sweep["$defs"] | search["$defs"]

@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lidarplace.command_line import new_app, verb, wrong
-from lidarplace.files import check_replaceable
-from lidarplace.terminal import output
-from sweeps.going_on import going_on
+from lidarplace.command_line.terminal import output
+from lidarplace.command_line.verbs import new_app, verb, wrong
+from lidarplace.files.atomic import check_replaceable
+from sweeps.execution.interrupted import going_on
 from sweeps.options import ConfigArgument, SetOption
 
 if TYPE_CHECKING:
-    from sweeps.failures import Failure, FailureFolder
-    from sweeps.progress import StageProgress
-    from sweeps.result_folder import Value
-    from sweeps.task import Task
+    from sweeps.execution.failures import Failure, FailureFolder
+    from sweeps.execution.progress import StageProgress
+    from sweeps.store.result_folder import Value
+    from sweeps.tasks.task import Task
 
 app = new_app()
 
@@ -44,17 +44,17 @@ def pretrain(
     the file to be written already, the base starts from scratch. Scenes and clouds come from the
     sweep's store and stay there; one that is stopped goes on at its last epoch.
     """
-    from sweeps.backends import backend_for
-    from sweeps.config_file import ConfigError
-    from sweeps.damage import until_whole
-    from sweeps.execute import execute
-    from sweeps.failures import Failure, FailureFolder
-    from sweeps.grid import read_sweep
-    from sweeps.plan import read_plan
-    from sweeps.pretrain_task import pretrain_task, with_inputs
-    from sweeps.progress import StageProgress
-    from sweeps.ray_cluster import ClusterError
-    from sweeps.sweep_store import reference, store_of
+    from sweeps.configuration.file import ConfigError
+    from sweeps.configuration.grid import read_sweep
+    from sweeps.execution.backends import backend_for
+    from sweeps.execution.execute import execute
+    from sweeps.execution.failures import Failure, FailureFolder
+    from sweeps.execution.progress import StageProgress
+    from sweeps.execution.ray_cluster import ClusterError
+    from sweeps.plan.plan import read_plan
+    from sweeps.plan.pretrain_task import pretrain_task, with_inputs
+    from sweeps.store.damage import until_whole
+    from sweeps.store.of_sweep import reference, store_of
     from training.checkpoints import write_checkpoint
 
     if out.is_dir():  # before hours of training, not after

@@ -9,8 +9,8 @@ from rich.console import Console
 from rich.filesize import decimal
 from rich.table import Table
 
-from sweeps.clean_store import Cleaned, size_of
-from sweeps.store import Entry
+from sweeps.store.cleaning import Cleaned, size_of
+from sweeps.store.entries import Entry
 
 
 def print_cleaned(console: Console, cleaned: Cleaned, dry_run: bool, limit: int | None) -> None:

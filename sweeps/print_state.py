@@ -9,10 +9,10 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from sweeps.state import Status, SweepState
+from sweeps.results.state import Status, SweepState
 
 if TYPE_CHECKING:
-    from sweeps.search.state import SearchState
+    from sweeps.search.output.state import SearchState
 
 _MOST_TRIALS = 40
 _MOST_BEST = 5

@@ -9,9 +9,9 @@ from typing import Annotated
 
 import typer
 
-from lidarplace.command_line import new_app, verb, wrong
-from lidarplace.terminal import output
-from sweeps.going_on import going_on
+from lidarplace.command_line.terminal import output
+from lidarplace.command_line.verbs import new_app, verb, wrong
+from sweeps.execution.interrupted import going_on
 from sweeps.options import ConfigArgument, SetOption
 
 app = new_app()
@@ -29,14 +29,14 @@ def record(
     """
     from lidarplace.box_log import BoxLog, join_logs, write_box_log
     from lidarplace.describe import print_description
-    from sweeps.backends import backend_for
-    from sweeps.damage import until_whole
-    from sweeps.execute import execute
-    from sweeps.plan import read_plan
-    from sweeps.progress import StageProgress
-    from sweeps.ray_cluster import ClusterError
-    from sweeps.stages import box_log
-    from sweeps.sweep_store import reference, store_of
+    from sweeps.execution.backends import backend_for
+    from sweeps.execution.execute import execute
+    from sweeps.execution.progress import StageProgress
+    from sweeps.execution.ray_cluster import ClusterError
+    from sweeps.plan.plan import read_plan
+    from sweeps.store.damage import until_whole
+    from sweeps.store.of_sweep import reference, store_of
+    from sweeps.tasks.stages import box_log
 
     try:
         sweep, plan = read_plan(config, set_ or [])

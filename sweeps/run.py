@@ -16,23 +16,23 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from lidarplace.command_line import JsonOption, called, new_app, print_json, verb, wrong
-from lidarplace.terminal import output
-from sweeps.clean_store import clean_store
-from sweeps.config import SweepFile
-from sweeps.damage import until_whole
-from sweeps.failures import FailureFolder
-from sweeps.going_on import going_on
-from sweeps.grid import Sweep
-from sweeps.leftovers import remove_leftovers_of
+from lidarplace.command_line.terminal import output
+from lidarplace.command_line.verbs import JsonOption, called, new_app, print_json, verb, wrong
+from sweeps.configuration.grid import Sweep
+from sweeps.configuration.sweep import SweepFile
+from sweeps.execution.failures import FailureFolder
+from sweeps.execution.interrupted import going_on
 from sweeps.options import ConfigUnlessSchema, DryRunOption, SchemaOption, SetOption
-from sweeps.plan import Plan, further_axes, read_plan
-from sweeps.planned import planned, print_planned
-from sweeps.store import AnyStore
-from sweeps.store_lock import locked
-from sweeps.sweep_store import check_writable, reference, store_of
-from sweeps.task import Task
-from sweeps.trial_results import trial_failure
+from sweeps.plan.plan import Plan, further_axes, read_plan
+from sweeps.results.dry_run import planned, print_planned
+from sweeps.results.trial_results import trial_failure
+from sweeps.store.cleaning import clean_store
+from sweeps.store.damage import until_whole
+from sweeps.store.leftovers import remove_leftovers_of
+from sweeps.store.lock import locked
+from sweeps.store.of_sweep import check_writable, reference, store_of
+from sweeps.store.open import AnyStore
+from sweeps.tasks.task import Task
 
 app = new_app()
 
@@ -112,17 +112,17 @@ def run_sweep(
         DamagedResult: a result was damaged; it is not there any more when this is called again.
         OSError: the run folder cannot be written.
     """
-    from sweeps.backends import backend_for
-    from sweeps.best_models import log_best_models
-    from sweeps.execute import Outcome, execute
-    from sweeps.progress import StageProgress
-    from sweeps.promotion import at_most, promote
-    from sweeps.sweep_in_mlflow import ABOUT, columns, note
-    from sweeps.trial_log import TrialLog
-    from sweeps.write_run import Run, write_run
-    from tracking.mlflow_log import SweepLog, ui_command
-    from tracking.mlflow_source import source_tags
-    from tracking.mlflow_system import SystemMonitor
+    from sweeps.execution.backends import backend_for
+    from sweeps.execution.execute import Outcome, execute
+    from sweeps.execution.progress import StageProgress
+    from sweeps.mlflow.best_models import log_best_models
+    from sweeps.mlflow.page import ABOUT, columns, note
+    from sweeps.mlflow.trials import TrialLog
+    from sweeps.results.promotion import at_most, promote
+    from sweeps.results.run_folder import Run, write_run
+    from tracking.mlflow.log import SweepLog, ui_command
+    from tracking.mlflow.source import source_tags
+    from tracking.mlflow.system import SystemMonitor
     from tracking.report.build import build_report
 
     start = time.monotonic()
@@ -242,9 +242,9 @@ def _parameters(sweep: Sweep, plan: Plan) -> dict[str, object]:
 
 
 def _print_summary(console: Console, folder: Path) -> None:
-    from tracking.ray_counting import largest_linear_share, ray_counting_caution
-    from tracking.run_folder import RunFolder
-    from tracking.summary import summary_table
+    from tracking.findings.ray_counting import largest_linear_share, ray_counting_caution
+    from tracking.findings.summary import summary_table
+    from tracking.run_folders.sweep import RunFolder
 
     run = RunFolder.read(folder)
     summary = summary_table(run)

@@ -10,8 +10,8 @@ from typing import Annotated
 
 import typer
 
-from lidarplace.command_line import JsonOption, new_app, print_json, verb, wrong
-from lidarplace.terminal import output
+from lidarplace.command_line.terminal import output
+from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
 from sweeps.options import SetOption
 
 app = new_app()
@@ -29,19 +29,19 @@ def status(
     Of a sweep the tasks by stage and the trials; of many trials, without --all, those that run or
     failed. Of a search its trials, the best so far and the trainings of `verify`.
     """
-    from sweeps.any_file import is_search
-    from sweeps.damage import until_whole
-    from sweeps.plan import read_plan
+    from sweeps.plan.plan import read_plan
     from sweeps.print_state import print_search, print_state
-    from sweeps.state import sweep_state
-    from sweeps.sweep_store import store_of
+    from sweeps.results.state import sweep_state
+    from sweeps.store.damage import until_whole
+    from sweeps.store.of_sweep import store_of
+    from sweeps.sweep_or_search import is_search
 
     overrides = set_ or []
     say = partial(print, file=sys.stderr)
     try:
         if is_search(config):
-            from sweeps.search.problem import read_problem  # Optuna
-            from sweeps.search.state import search_state
+            from sweeps.search.output.state import search_state
+            from sweeps.search.problem.problem import read_problem  # Optuna
 
             problem = read_problem(config, overrides)
             found = until_whole(lambda: search_state(problem), say)

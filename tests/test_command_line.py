@@ -485,7 +485,7 @@ def test_the_script_of_a_shell(shell):
 
 
 def test_the_command_that_was_given(monkeypatch):
-    from lidarplace.command_line import called
+    from lidarplace.command_line.verbs import called
 
     main = sys.modules["__main__"]
     spec = type("Spec", (), {"name": "sweeps.search.__main__"})

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from lidarplace.yaml_loader import parse_yaml
+from lidarplace.configuration.yaml import parse_yaml
 from sweeps.command_line import VERBS
 from sweeps.command_line import app as lidarplace
-from sweeps.plan import read_plan
-from sweeps.sweep_store import reference
+from sweeps.plan.plan import read_plan
+from sweeps.store.of_sweep import reference
 from tests.docs_blocks import ROOT, Block, blocks, commands, commands_in_text
 from tests.docs_verbs import PACKAGES, app_of, check_options
 from tests.docs_world import make_world, run
@@ -200,9 +200,9 @@ def check(kind: str, content: dict, path: Path) -> None:
     import yaml
 
     from lidarplace.scenes.carla.__main__ import Collection
-    from lidarplace.scenes.class_maps import read_class_map
-    from sweeps.grid import read_sweep
-    from sweeps.search.problem import read_problem
+    from lidarplace.scenes.datasets.class_maps import read_class_map
+    from sweeps.configuration.grid import read_sweep
+    from sweeps.search.problem.problem import read_problem
 
     if kind == "collection":
         Collection.model_validate(content)

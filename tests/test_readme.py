@@ -6,8 +6,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from sweeps.grid import read_sweep
-from sweeps.plan import read_plan
+from sweeps.configuration.grid import read_sweep
+from sweeps.plan.plan import read_plan
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from lidarplace.command_line import called
-from lidarplace.secret_urls import check_whole, hide_secrets, hide_secrets_in, public_url
+from lidarplace.command_line.verbs import called
+from lidarplace.files.secret_urls import check_whole, hide_secrets, hide_secrets_in, public_url
 
 
 @pytest.mark.parametrize(

@@ -16,14 +16,14 @@ from typing import Annotated, Any
 import requests
 import typer
 
-from lidarplace.command_line import new_app, verb, within, wrong
+from lidarplace.command_line.verbs import new_app, verb, within, wrong
+from lidarplace.files.secret_urls import hide_secrets, public_url
 from lidarplace.ranges import PORT
-from lidarplace.secret_urls import hide_secrets, public_url
-from tracking.ends_with_parent import ending_with_parent
-from tracking.mlflow_connection import connect, reason
-from tracking.mlflow_page import VIEW_TAG, page_of
-from tracking.mlflow_uri import absolute_uri, is_server, sqlite_file
-from tracking.result_file import Part, read_result_file
+from tracking.mlflow.connection import connect, reason
+from tracking.mlflow.ends_with_parent import ending_with_parent
+from tracking.mlflow.page import VIEW_TAG, page_of
+from tracking.mlflow.uri import absolute_uri, is_server, sqlite_file
+from tracking.run_folders.json_file import Part, read_result_file
 
 app = new_app()
 

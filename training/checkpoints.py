@@ -16,7 +16,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from lidarplace.files import replacing
+from lidarplace.files.atomic import replacing
 from training.detectors.detector import Detector
 
 KITTI_ORDER = ("Car", "Pedestrian", "Cyclist")

@@ -2,7 +2,7 @@
 
 Objects of one route share its streets, its traffic and its vehicle, and boxes of one individual are
 nearly the same object. The spread of what remains is the jackknife's estimate of how much another
-test set would change the number (`tracking.jackknife`).
+test set would change the number (`tracking.statistics.jackknife`).
 """
 
 from __future__ import annotations

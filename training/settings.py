@@ -8,7 +8,15 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, field_validator, model_validator
 
 from lidarplace.boxes import CLASSES
-from lidarplace.settings import Angle, Count, CountFromOne, Factor, FilePath, Probability, Settings
+from lidarplace.configuration.settings import (
+    Angle,
+    Count,
+    CountFromOne,
+    Factor,
+    FilePath,
+    Probability,
+    Settings,
+)
 
 Moment = Annotated[Probability, Field(lt=1)]
 

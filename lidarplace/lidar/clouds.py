@@ -18,8 +18,8 @@ import pyarrow as pa
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from lidarplace.arrays import read_npy
-from lidarplace.files import replacing
+from lidarplace.files.arrays import read_npy
+from lidarplace.files.atomic import replacing
 
 Crop = tuple[float, float, float, float, float, float]
 """A region: x0, y0, z0, x1, y1, z1, metres."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, model_validator
 
-from lidarplace.json_files import read_record
+from lidarplace.files.json import read_record
 from lidarplace.lidar.clouds import Crop, PointClouds, read_clouds
 from lidarplace.placement import Mount, Placement
 from lidarplace.sensor import Lidar

@@ -10,7 +10,7 @@ from pydantic import Field, field_validator
 
 from lidarplace.box_log import BoxLog, read_box_log, read_frames
 from lidarplace.boxes import SPLITS
-from lidarplace.settings import FilePath, Seed, Settings
+from lidarplace.configuration.settings import FilePath, Seed, Settings
 
 
 class LogScene(Settings):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from lidarplace.settings import CountFromOne, Distance, Seconds, Settings
+from lidarplace.configuration.settings import CountFromOne, Distance, Seconds, Settings
 
 STEP_S = 0.05
 """One simulation step: the sensors of the paper turn at 20 Hz."""

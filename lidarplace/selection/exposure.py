@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from lidarplace.coverage import Method, check_method
-from lidarplace.occupancy import OccupancyGrid
+from lidarplace.occupancy.grid import OccupancyGrid
 from lidarplace.placement import Placement
 from lidarplace.selection.tracing import Objective, Tracing
 from lidarplace.selection.voxel_gain import SATURATED, VoxelGain, gain_at

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from lidarplace.coverage import Method, covered_bits, rays_of
 from lidarplace.coverage.rays import log_miss, ray_counts, ray_weight
 from lidarplace.coverage.tiles import Tiles
-from lidarplace.occupancy import OccupancyGrid
+from lidarplace.occupancy.grid import OccupancyGrid
 from lidarplace.placement import Placement
 from lidarplace.roi import Roi
-from lidarplace.scoring import occupied_layers, occupied_tiles
 from lidarplace.selection.voxel_gain import SATURATED, Shape
-from lidarplace.surrogate import log_miss_of_ray
+from lidarplace.surrogates.evaluate import occupied_layers, occupied_tiles
+from lidarplace.surrogates.formulas import log_miss_of_ray
 
 Objective = Literal["covered_entropy", "expected_ig", "expected_points"]
 

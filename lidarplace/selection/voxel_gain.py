@@ -16,9 +16,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from lidarplace.entropy import entropy_of_counts
-from lidarplace.occupancy import OccupancyGrid
-from lidarplace.surrogate import information_at
+from lidarplace.occupancy.entropy import entropy_of_counts
+from lidarplace.occupancy.grid import OccupancyGrid
+from lidarplace.surrogates.formulas import information_at
 
 Shape = Literal["cover", "information", "linear"]
 COVER, INFORMATION, LINEAR = 0, 1, 2

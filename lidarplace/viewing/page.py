@@ -11,7 +11,7 @@ from string import Template
 import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 
-from lidarplace.files import replacing
+from lidarplace.files.atomic import replacing
 from lidarplace.viewing.scene import CAMERAS
 from lidarplace.viewing.style import theme
 

@@ -9,9 +9,9 @@ from typing import Annotated
 
 import typer
 
-from lidarplace.command_line import JsonOption, called, new_app, print_json, verb, wrong
-from lidarplace.terminal import output
-from sweeps.going_on import going_on
+from lidarplace.command_line.terminal import output
+from lidarplace.command_line.verbs import JsonOption, called, new_app, print_json, verb, wrong
+from sweeps.execution.interrupted import going_on
 from sweeps.options import DryRunOption, SchemaOption, SetOption
 
 app = new_app()
@@ -38,7 +38,7 @@ def search(
 
     The same command continues a search that was stopped, or that is given more trials.
     """
-    from sweeps.search.settings import SearchFile
+    from sweeps.configuration.search import SearchFile
 
     if schema:
         print_json(SearchFile.model_json_schema())
@@ -47,10 +47,10 @@ def search(
         wrong("name a configuration file, such as examples/search.yaml")
     if as_json and not dry_run:
         wrong("--json: is for --dry-run and --schema; sweeps.status --json tells how a search goes")
-    from sweeps.search.certificate import check_candidates
-    from sweeps.search.planned import planned
-    from sweeps.search.problem import read_problem
-    from sweeps.search.show import print_problem
+    from sweeps.search.greedy.certificate import check_candidates
+    from sweeps.search.output.dry_run import planned
+    from sweeps.search.output.terminal import print_problem
+    from sweeps.search.problem.problem import read_problem
 
     try:
         problem = read_problem(config, set_ or [])
@@ -65,9 +65,9 @@ def search(
     if dry_run:
         return
     os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"  # before anything imports it
-    from sweeps.damage import until_whole
     from sweeps.search.run import run_search
-    from sweeps.sweep_store import check_writable, store_of
+    from sweeps.store.damage import until_whole
+    from sweeps.store.of_sweep import check_writable, store_of
 
     try:
         sweep = problem.sweep()

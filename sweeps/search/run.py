@@ -13,22 +13,26 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from lidarplace import OccupancyGrid
-from lidarplace.command_line import wrong
-from lidarplace.secret_urls import hide_secrets
-from sweeps.backends import Backend, BackendLost, backend_for
-from sweeps.config_file import ConfigError
-from sweeps.leftovers import remove_leftovers_of
-from sweeps.search.answers import SurrogateAnswers
-from sweeps.search.certificate import Certificate, first_params, kept_certificate, why_none
-from sweeps.search.found import Found, baseline_of, best_linear_share
-from sweeps.search.pog import NoPog, pog
-from sweeps.search.pool import Pool, pool_for
-from sweeps.search.problem import Problem
-from sweeps.search.rig import Rig
-from sweeps.search.robustness import in_scene, robustness, with_share
-from sweeps.search.search_in_mlflow import ABOUT, columns
-from sweeps.search.show import print_failures, print_found, print_nothing_found
-from sweeps.search.study import (
+from lidarplace.command_line.verbs import wrong
+from lidarplace.files.secret_urls import hide_secrets
+from sweeps.configuration.file import ConfigError
+from sweeps.execution.backends import Backend, BackendLost, backend_for
+from sweeps.mlflow.page import note
+from sweeps.search.greedy.certificate import Certificate, first_params, kept_certificate, why_none
+from sweeps.search.judgement.found import Found, baseline_of, best_linear_share
+from sweeps.search.judgement.robustness import in_scene, robustness, with_share
+from sweeps.search.judgement.winners import Judged, best_trials, exact, judge, judge_others
+from sweeps.search.output.mlflow_page import ABOUT, columns
+from sweeps.search.output.mlflow_trials import TrialRuns
+from sweeps.search.output.run_folder import write_search
+from sweeps.search.output.terminal import print_failures, print_found, print_nothing_found
+from sweeps.search.problem.problem import Problem
+from sweeps.search.problem.rig import Rig
+from sweeps.search.trials.by_detectors import TrainingAnswers
+from sweeps.search.trials.by_surrogates import SurrogateAnswers
+from sweeps.search.trials.pog import NoPog, pog
+from sweeps.search.trials.pool import Pool, pool_for
+from sweeps.search.trials.study import (
     Timing,
     is_emptied,
     journal_path,
@@ -37,16 +41,12 @@ from sweeps.search.study import (
     run_study,
     storage_for,
 )
-from sweeps.search.trainings import TrainingAnswers
-from sweeps.search.trial_log import TrialRuns
-from sweeps.search.winners import Judged, best_trials, exact, judge, judge_others
-from sweeps.search.write import write_search
-from sweeps.store import AnyStore
-from sweeps.store_lock import locked
-from sweeps.sweep_in_mlflow import note
-from sweeps.sweep_store import reference, store_of
-from tracking.mlflow_log import SweepLog, ui_command
-from tracking.mlflow_source import source_tags
+from sweeps.store.leftovers import remove_leftovers_of
+from sweeps.store.lock import locked
+from sweeps.store.of_sweep import reference, store_of
+from sweeps.store.open import AnyStore
+from tracking.mlflow.log import SweepLog, ui_command
+from tracking.mlflow.source import source_tags
 from tracking.search_report.build import build_search_report
 
 
@@ -97,7 +97,7 @@ def run_search(console: Console, problem: Problem, command: str, verify: bool) -
     failed = print_failures(console, found)
     good = bool(found.trials) and not failed and not log.undelivered and not log.refused
     if verify and file.verify is not None and found.trials:
-        from sweeps.search.verify import verify_found
+        from sweeps.search.judgement.verify import verify_found
 
         good &= verify_found(console, problem, found, command)
         build_search_report(folder)

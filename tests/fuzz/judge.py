@@ -15,7 +15,7 @@ from typing import Any
 import psutil
 from typer.testing import CliRunner
 
-from lidarplace.terminal import visible
+from lidarplace.command_line.terminal import visible
 
 MORE_MEMORY = 3 * 2**30
 """Bytes that a case may take beyond what this process has: wrong numbers ask for terabytes."""

@@ -59,13 +59,16 @@ LINES = {
         "tracking.dashboard", ("runs/mlflow.db",), ("runs",), "tracking.dashboard.connect"
     ),
     "record": Line(
-        "sweeps.record", ("sweep.yaml", "out"), ("sweep.yaml", "log"), "sweeps.execute.execute"
+        "sweeps.record",
+        ("sweep.yaml", "out"),
+        ("sweep.yaml", "log"),
+        "sweeps.execution.execute.execute",
     ),
     "pretrain": Line(
         "sweeps.pretrain",
         ("sweep.yaml", "--out", "base.pt"),
         ("sweep.yaml", "log"),
-        "sweeps.execute.execute",
+        "sweeps.execution.execute.execute",
     ),
     "convert table": Line("lidarplace.convert", ("table", "csv", "out"), ("csv", "classes.yaml")),
     "convert a table": Line(

@@ -98,26 +98,26 @@ def _checkpoint(world: Path) -> object:
 
 
 def _run_folder(world: Path) -> object:
-    from tracking.run_folder import RunFolder
+    from tracking.run_folders.sweep import RunFolder
 
     return RunFolder.read(world / "run")
 
 
 def _search_folder(world: Path) -> object:
-    from tracking.search_folder import SearchFolder
+    from tracking.run_folders.search import SearchFolder
 
     return SearchFolder.read(world / "found")
 
 
 def _failures(world: Path) -> object:
-    from sweeps.failures import FailureFolder
+    from sweeps.execution.failures import FailureFolder
 
     return FailureFolder(world / "failed").read()
 
 
 def _map(name: str, world: Path) -> object:
-    from lidarplace.scenes.settings import SumoScene
-    from lidarplace.scenes.sumo import drive
+    from lidarplace.scenes.sumo.record import drive
+    from lidarplace.scenes.sumo.settings import SumoScene
 
     town = str(world / "maps" / name)
     scene = SumoScene.model_validate(

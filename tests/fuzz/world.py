@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from sweeps.store import SWEEPS
+from sweeps.store.entries import SWEEPS
 from tests.lidarplace import argoverse_layout, nuscenes_layout
 from tests.sweeps.small_log import write_small_log
 from tests.tracking import made_up_run, made_up_search

@@ -10,8 +10,8 @@ from argoverse_layout import LEVEL, Box, Log, write_argoverse
 from scipy.spatial.transform import Rotation
 
 from lidarplace.boxes import BOX_COLUMNS, CLASSES, FRAME_COLUMNS, POSE_COLUMNS, check_boxes
-from lidarplace.scenes.argoverse import read_argoverse
-from lidarplace.scenes.class_maps import ARGOVERSE, IGNORE
+from lidarplace.scenes.datasets.argoverse import read_argoverse
+from lidarplace.scenes.datasets.class_maps import ARGOVERSE, IGNORE
 
 AHEAD, HEIGHT = 1.425, 0.33  # half the wheelbase of a Ford Fusion; its rear axle above the ground
 START = 315_968_867_659_956_000

@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 
 from lidarplace.boxes import BUILDING_COLUMNS, check_boxes
-from lidarplace.scenes.buildings import REACH_M, build_along, within_reach
-from lidarplace.scenes.maps import build_network
+from lidarplace.scenes.sumo.buildings import REACH_M, build_along, within_reach
+from lidarplace.scenes.sumo.maps import build_network
 
 pytest.importorskip("sumolib")
 from sumolib.geomhelper import isWithin

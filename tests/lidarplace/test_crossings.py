@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 
-from lidarplace import PAPER_PLACEMENTS, Lidar, OccupancyGrid, Roi, evaluate, surrogate
+from lidarplace import PAPER_PLACEMENTS, Lidar, OccupancyGrid, Roi, evaluate
 from lidarplace.coverage.rays import log_miss, ray_counts, ray_weight
-from lidarplace.surrogate import (
+from lidarplace.surrogates import formulas as surrogate
+from lidarplace.surrogates.formulas import (
     Crossings,
     expected_ig,
     expected_ig_with_occlusion,

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from lidarplace.scenes.egos import MEETS_M, choose_egos
-from lidarplace.scenes.settings import SumoScene
-from lidarplace.scenes.traffic import BICYCLE, CAR, PEDESTRIAN, RoadUser
-from lidarplace.scenes.trajectories import Trajectories
+from lidarplace.scenes.sumo.egos import MEETS_M, choose_egos
+from lidarplace.scenes.sumo.settings import SumoScene
+from lidarplace.scenes.sumo.traffic import BICYCLE, CAR, PEDESTRIAN, RoadUser
+from lidarplace.scenes.sumo.trajectories import Trajectories
 
 STEPS = 5
 FAR_M = 1000.0
@@ -88,7 +88,7 @@ def test_who_is_on_another_level_is_not_met():
 def test_a_towns_egos_meet_more_than_others_would():
     """The greedy choice against the value of 30 random ones, counted from positions."""
     pytest.importorskip("sumolib")
-    from lidarplace.scenes.sumo import drive
+    from lidarplace.scenes.sumo.record import drive
 
     scene = SumoScene(
         seed=3, density=60, pedestrians=20, frames_per_route=20, frame_stride=10, test_routes=0

@@ -18,7 +18,7 @@ from lidarplace.coverage import coverage
 from lidarplace.coverage.bits import pack
 from lidarplace.coverage.cone import covered_by_cones, covered_voxel_by_voxel
 from lidarplace.coverage.rays import ray_counts
-from lidarplace.surrogate import information
+from lidarplace.surrogates.formulas import information
 
 ROI = Roi(x=(0.0, 1.5), y=(-0.75, 0.75), z=(0.0, 1.0), resolution=0.25)
 DECIMAL = Roi(x=(0.0, 0.6), y=(-0.3, 0.3), z=(0.0, 0.4), resolution=0.1)

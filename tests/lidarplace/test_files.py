@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from lidarplace.files import remove_leftovers, replacing, temporary
+from lidarplace.files.atomic import remove_leftovers, replacing, temporary
 
 ROOT = Path(__file__).parents[2]
 
@@ -85,7 +85,7 @@ def test_files_and_links_to_files_are_replaced(tmp_path):
 LEAVE = """
 import os, signal, sys
 from pathlib import Path
-from lidarplace.files import replacing, temporary
+from lidarplace.files.atomic import replacing, temporary
 folder = Path(sys.argv[1])
 partial = temporary(folder / "a.db")
 Path(f"{partial}-journal").write_text("x")

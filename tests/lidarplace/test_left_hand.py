@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from lidarplace.box_log import BoxLog
-from lidarplace.scenes.mirror import mirror_map
-from lidarplace.scenes.settings import SumoScene
+from lidarplace.scenes.sumo.mirror import mirror_map
+from lidarplace.scenes.sumo.settings import SumoScene
 
 pytest.importorskip("sumolib")
-from lidarplace.scenes.sumo import record
-from lidarplace.scenes.town import sumo_home
+from lidarplace.scenes.sumo.record import record
+from lidarplace.scenes.sumo.town import sumo_home
 
 STREET = Path(__file__).parents[1] / "data/maps/street.xodr"
 

@@ -10,8 +10,8 @@ from nuscenes_layout import Box, Sample, Scene, write_nuscenes
 
 from lidarplace.box_log import read_box_log, write_box_log
 from lidarplace.boxes import BOX_COLUMNS, CLASSES, FRAME_COLUMNS, POSE_COLUMNS, check_boxes
-from lidarplace.scenes.class_maps import IGNORE, NUSCENES
-from lidarplace.scenes.nuscenes import ORIGIN, read_nuscenes
+from lidarplace.scenes.datasets.class_maps import IGNORE, NUSCENES
+from lidarplace.scenes.datasets.nuscenes import ORIGIN, read_nuscenes
 
 AHEAD = 1.294  # half the wheelbase of a Renault Zoe
 START = 1_532_402_927_647_951

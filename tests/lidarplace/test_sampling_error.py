@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 
 from lidarplace import Lidar, Mount, OccupancyGrid, Placement, Roi, evaluate
-from lidarplace.block_counts import BlockCounts
-from lidarplace.sampling_error import SURROGATES, frame_blocks, pog_sampling_error
+from lidarplace.occupancy.block_counts import BlockCounts
+from lidarplace.surrogates.sampling_error import SURROGATES, frame_blocks, pog_sampling_error
 
 ROI = Roi((0, 20), (-5, 5), (0, 2), 0.5)
 LIDAR = Lidar(tuple(np.radians(np.linspace(-25, 5, 8))), azimuth_steps=180)

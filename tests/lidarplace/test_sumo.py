@@ -16,10 +16,10 @@ from pydantic import ValidationError
 from lidarplace.box_log import BoxLog, write_box_log
 from lidarplace.boxes import BOX_COLUMNS, BUILDING_COLUMNS, FRAME_COLUMNS, POSE_COLUMNS, check_boxes
 from lidarplace.lidar.shapes import OWN_BODY
-from lidarplace.scenes.overlap import overlaps, rectangles_meet
-from lidarplace.scenes.settings import SumoScene
-from lidarplace.scenes.sumo import KEEP_M, boxes_around, drive, moved, record
-from lidarplace.scenes.traffic import (
+from lidarplace.scenes.sumo.overlap import overlaps, rectangles_meet
+from lidarplace.scenes.sumo.record import KEEP_M, boxes_around, drive, moved, record
+from lidarplace.scenes.sumo.settings import SumoScene
+from lidarplace.scenes.sumo.traffic import (
     BICYCLE,
     BOX_TRUCK,
     CAR,
@@ -28,7 +28,7 @@ from lidarplace.scenes.traffic import (
     RoadUser,
     cars_among,
 )
-from lidarplace.scenes.trajectories import Trajectories
+from lidarplace.scenes.sumo.trajectories import Trajectories
 
 pytest.importorskip("sumolib")
 
@@ -62,8 +62,8 @@ def test_same_bytes_again_in_this_and_in_other_processes(log, tmp_path):
     script = (
         "import sys; from pathlib import Path\n"
         "from lidarplace.box_log import write_box_log\n"
-        "from lidarplace.scenes.settings import SumoScene\n"
-        "from lidarplace.scenes.sumo import record\n"
+        "from lidarplace.scenes.sumo.settings import SumoScene\n"
+        "from lidarplace.scenes.sumo.record import record\n"
         "scene = SumoScene.model_validate_json(sys.argv[1])\n"
         "write_box_log(Path(sys.argv[2]), record(scene))\n"
     )

@@ -16,7 +16,7 @@ from lidarplace.boxes import (
     POSE_COLUMNS,
     check_boxes,
 )
-from lidarplace.scenes.tabular import read_tabular
+from lidarplace.scenes.datasets.tabular import read_tabular
 
 BOXES = pd.DataFrame(
     [

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from lidarplace.boxes import POSE_COLUMNS
-from lidarplace.scenes.maps import PACKAGE, build_network, find_carla_map
-from lidarplace.scenes.settings import SumoScene, TownRun
-from lidarplace.scenes.sumo import record, record_town
+from lidarplace.scenes.sumo.maps import PACKAGE, build_network, find_carla_map
+from lidarplace.scenes.sumo.record import record, record_town
+from lidarplace.scenes.sumo.settings import SumoScene, TownRun
 
 pytest.importorskip("sumolib")
 from sumolib.net import readNet
@@ -35,7 +35,7 @@ SMALL = SumoScene(
 def no_maps(monkeypatch):
     """Neither the package nor CARLA is there."""
     monkeypatch.delenv("CARLA_ROOT", raising=False)
-    monkeypatch.setattr("lidarplace.scenes.maps.find_spec", lambda name: None)
+    monkeypatch.setattr("lidarplace.scenes.sumo.maps.find_spec", lambda name: None)
 
 
 def test_a_carla_map_is_found_in_the_package_and_then_in_carla(monkeypatch, no_maps, tmp_path):
@@ -50,7 +50,7 @@ def test_a_carla_map_is_found_in_the_package_and_then_in_carla(monkeypatch, no_m
         (maps / f"{name}.xodr").touch()
     monkeypatch.setenv("CARLA_ROOT", str(tmp_path / "carla"))
     assert find_carla_map("Town03") == maps / "Town03.xodr"
-    monkeypatch.setattr("lidarplace.scenes.maps.find_spec", importlib.util.find_spec)
+    monkeypatch.setattr("lidarplace.scenes.sumo.maps.find_spec", importlib.util.find_spec)
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
     monkeypatch.delitem(importlib.import_module("sys").modules, PACKAGE, raising=False)
     assert find_carla_map("Town03") == inside

@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 from lidarplace import PAPER_PLACEMENTS
 from lidarplace.box_log import BoxLog, write_box_log
 from lidarplace.boxes import BOX_COLUMNS, BUILDING_COLUMNS
+from lidarplace.configuration.placement import read_placement
 from lidarplace.lidar.profiles import PROFILES
-from lidarplace.placement_settings import read_placement
 from lidarplace.view import app
 from lidarplace.viewing.frame import busiest_frame, read_frame
 from lidarplace.viewing.scene import draw_frame

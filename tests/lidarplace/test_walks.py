@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidarplace.scenes.maps import build_network
-from lidarplace.scenes.walks import CHANGE_M, drive_graph, foot_graph
+from lidarplace.scenes.sumo.maps import build_network
+from lidarplace.scenes.sumo.walks import CHANGE_M, drive_graph, foot_graph
 
 pytest.importorskip("sumolib")
 from sumolib.net import Net, readNet

@@ -3,8 +3,8 @@
 import pytest
 import yaml
 
-from lidarplace import yaml_loader
-from lidarplace.yaml_loader import YamlError, parse_yaml, read_yaml_file
+from lidarplace.configuration import yaml as yaml_loader
+from lidarplace.configuration.yaml import YamlError, parse_yaml, read_yaml_file
 
 
 def refusal(text):

@@ -14,9 +14,9 @@ from pathlib import Path
 
 from ray.cluster_utils import Cluster
 
-from lidarplace.files import replacing
-from sweeps.config import RaySettings
-from sweeps.ray_cluster import enter_folder, ray_session
+from lidarplace.files.atomic import replacing
+from sweeps.configuration.sweep import RaySettings
+from sweeps.execution.ray_cluster import enter_folder, ray_session
 
 
 def hold(folder: str, name: str, release: list[str]) -> str:

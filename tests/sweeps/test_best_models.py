@@ -12,11 +12,11 @@ import yaml
 from small_log import write_small_log
 
 from lidarplace.lidar.clouds import PointClouds
-from sweeps.best_models import log_best_models
-from sweeps.grid import read_sweep
-from sweeps.plan import make_plan
-from sweeps.store import Store
-from tracking.mlflow_log import SweepLog
+from sweeps.configuration.grid import read_sweep
+from sweeps.mlflow.best_models import log_best_models
+from sweeps.plan.plan import make_plan
+from sweeps.store.local import Store
+from tracking.mlflow.log import SweepLog
 
 PREDICT = """
 import sys

@@ -7,19 +7,19 @@ from search_files import write_search
 
 from lidarplace import OccupancyGrid
 from lidarplace.box_log import read_box_log
-from sweeps.config_file import ConfigError
-from sweeps.search.assess import assess
-from sweeps.search.candidates import choices
-from sweeps.search.certificate import (
+from sweeps.configuration.file import ConfigError
+from sweeps.search.greedy.candidates import choices
+from sweeps.search.greedy.certificate import (
     certify,
     first_params,
     kept_certificate,
     slots_of,
     why_none,
 )
-from sweeps.search.placed import Placed, rig_of
-from sweeps.search.problem import read_problem
-from sweeps.search.rig import Mounted, Rig
+from sweeps.search.problem.assess import assess
+from sweeps.search.problem.problem import read_problem
+from sweeps.search.problem.rig import Mounted, Rig
+from sweeps.search.problem.slots import Placed, rig_of
 
 COARSE = {"position_step": 0.6, "angle_step_deg": 10.0, "bound_seconds": 2.0, "refine": 0}
 

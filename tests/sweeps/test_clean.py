@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from sweeps.clean import app
-from sweeps.clean_store import clean_store, size_of
-from sweeps.remote_store import RemoteStore
-from sweeps.store import Store
-from sweeps.task import Task
+from sweeps.store.cleaning import clean_store, size_of
+from sweeps.store.local import Store
+from sweeps.store.remote import RemoteStore
+from sweeps.tasks.task import Task
 from tests.sweeps.toy import Toy
 
 

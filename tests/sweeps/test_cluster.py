@@ -18,8 +18,8 @@ import pytest
 import yaml
 from small_log import write_small_log
 
-from sweeps.config import RaySettings
-from sweeps.ray_cluster import enter_folder, ray_session
+from sweeps.configuration.sweep import RaySettings
+from sweeps.execution.ray_cluster import enter_folder, ray_session
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("lidarplace", "training", "tracking", "sweeps")

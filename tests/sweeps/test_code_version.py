@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from sweeps.code_version import PACKAGES, Code
-from sweeps.stages import FUNCTIONS
+from sweeps.tasks.code_version import PACKAGES, Code
+from sweeps.tasks.stages import FUNCTIONS
 
 ROOT = Path(__file__).parents[2]
 TRAINED = ("probe", "pretrain", "finetune", "evaluate")

@@ -7,11 +7,11 @@ import pytest
 import yaml
 from small_log import write_small_log
 
-from sweeps.backends import InProcess
-from sweeps.execute import execute
-from sweeps.grid import read_sweep
-from sweeps.plan import make_plan
-from sweeps.store import Store
+from sweeps.configuration.grid import read_sweep
+from sweeps.execution.backends import InProcess
+from sweeps.execution.execute import execute
+from sweeps.plan.plan import make_plan
+from sweeps.store.local import Store
 from training import NETWORKS
 
 pytestmark = pytest.mark.usefixtures("one_thread")

@@ -15,8 +15,9 @@ from urllib.parse import quote
 import pytest
 from typer.testing import CliRunner
 
-from sweeps import checks, doctor
-from sweeps.checks import Finding
+from sweeps import doctor
+from sweeps.execution import checks
+from sweeps.execution.checks import Finding
 
 ROOT = Path(__file__).parents[2]
 Usage = namedtuple("Usage", "total used free")
@@ -122,7 +123,7 @@ def test_a_machine_without_sumo(monkeypatch):
     def sumo_home():
         raise ImportError("simulated traffic needs it") from ImportError("No module named 'sumo'")
 
-    monkeypatch.setattr("lidarplace.scenes.town.sumo_home", sumo_home)
+    monkeypatch.setattr("lidarplace.scenes.sumo.town.sumo_home", sumo_home)
     found = checks.sumo(needed=True)
     assert (found.state, found.found) == ("missing", "No module named 'sumo'")
     assert "eclipse-sumo>=1.20" in found.remedy

@@ -3,16 +3,16 @@ import shutil
 import pytest
 from flip_bit import flip_bit
 
-from sweeps import worker
-from sweeps.backends import InProcess, Room
-from sweeps.execute import Outcome, execute
-from sweeps.failures import Failure, FailureFolder
-from sweeps.parameters import TrainingParams
-from sweeps.resources import Need, need_of, probes_of, rounded_share
-from sweeps.result_folder import DamagedResult
-from sweeps.schedule import Schedule
-from sweeps.store import Store
-from sweeps.task import Task
+from sweeps.execution import worker
+from sweeps.execution.backends import InProcess, Room
+from sweeps.execution.execute import Outcome, execute
+from sweeps.execution.failures import Failure, FailureFolder
+from sweeps.execution.needs import Need, need_of, probes_of, rounded_share
+from sweeps.execution.schedule import Schedule
+from sweeps.store.local import Store
+from sweeps.store.result_folder import DamagedResult
+from sweeps.tasks.parameters import TrainingParams
+from sweeps.tasks.task import Task
 from tests.sweeps.toy import Toy
 from training.settings import TrainingSettings
 

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from small_log import write_small_log
 
 from lidarplace import Lidar
-from sweeps.config_file import ConfigError
-from sweeps.grid import read_sweep
-from sweeps.plan import read_plan
+from sweeps.configuration.file import ConfigError
+from sweeps.configuration.grid import read_sweep
+from sweeps.plan.plan import read_plan
 
 EXAMPLE = Path(__file__).parents[2] / "examples/grid.yaml"
 BASE = {"placement": "line", "grid": {"placement": ["line", "center"], "seed": [1, 2]}}

@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 from sweeps import clean, doctor, run, status
 from sweeps.search import __main__ as search
-from sweeps.search.problem import read_problem
-from sweeps.search.verify import read_verification
+from sweeps.search.judgement.verify import read_verification
+from sweeps.search.problem.problem import read_problem
 
 SECRET = "g3h3im"
 URL = f"memory://me:{SECRET}@place/store?token={SECRET}"

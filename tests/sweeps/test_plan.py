@@ -8,9 +8,9 @@ import yaml
 
 from lidarplace.box_log import BoxLog, write_box_log
 from lidarplace.boxes import BOX_COLUMNS, GEOMETRY
-from sweeps.config_file import ConfigError
-from sweeps.grid import read_sweep
-from sweeps.plan import make_plan
+from sweeps.configuration.file import ConfigError
+from sweeps.configuration.grid import read_sweep
+from sweeps.plan.plan import make_plan
 from training import build_detector
 from training.checkpoints import write_checkpoint
 

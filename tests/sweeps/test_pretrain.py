@@ -11,14 +11,14 @@ import yaml
 from small_log import write_small_log
 from typer.testing import CliRunner
 
-from sweeps.backends import InProcess
-from sweeps.config_file import ConfigError
-from sweeps.execute import execute
-from sweeps.grid import read_sweep
-from sweeps.plan import make_plan
+from sweeps.configuration.file import ConfigError
+from sweeps.configuration.grid import read_sweep
+from sweeps.execution.backends import InProcess
+from sweeps.execution.execute import execute
+from sweeps.plan.plan import make_plan
+from sweeps.plan.pretrain_task import pretrain_task, with_inputs
 from sweeps.pretrain import app
-from sweeps.pretrain_task import pretrain_task, with_inputs
-from sweeps.store import Store
+from sweeps.store.local import Store
 from training import build_detector
 
 pytestmark = pytest.mark.usefixtures("one_thread")

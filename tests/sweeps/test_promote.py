@@ -11,16 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_log import write_small_log
 
-from sweeps.backends import InProcess
-from sweeps.config_file import ConfigError
-from sweeps.execute import Outcome, execute
-from sweeps.failures import Failure
-from sweeps.grid import read_sweep
-from sweeps.plan import make_plan
-from sweeps.promotion import at_most, promote, survivors
-from sweeps.store import Store
-from sweeps.trial_results import trial_failure
-from sweeps.worker import FUNCTIONS
+from sweeps.configuration.file import ConfigError
+from sweeps.configuration.grid import read_sweep
+from sweeps.execution.backends import InProcess
+from sweeps.execution.execute import Outcome, execute
+from sweeps.execution.failures import Failure
+from sweeps.execution.worker import FUNCTIONS
+from sweeps.plan.plan import make_plan
+from sweeps.results.promotion import at_most, promote, survivors
+from sweeps.results.trial_results import trial_failure
+from sweeps.store.local import Store
 
 PLACEMENTS = ["line", "center", "square", "pyramid"]
 SWEEP = {

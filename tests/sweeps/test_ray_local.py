@@ -10,13 +10,13 @@ from pathlib import Path
 
 import psutil
 
-from sweeps.ray_cluster import _alone, _check_alone, _check_token_file, _environment
+from sweeps.execution.ray_cluster import _alone, _check_alone, _check_token_file, _environment
 
 ROOT = Path(__file__).parents[2]
 DRIVER = """
 import sys
-from sweeps.config import RaySettings
-from sweeps.ray_cluster import ray_session
+from sweeps.configuration.sweep import RaySettings
+from sweeps.execution.ray_cluster import ray_session
 with ray_session(RaySettings(num_cpus=1)) as ray:
     print(ray.get(ray.remote(lambda: "works").remote()), flush=True)
     sys.stdin.readline()

@@ -14,7 +14,7 @@ from lidarplace import PAPER_PLACEMENTS, Lidar
 from lidarplace.box_log import read_box_log
 from lidarplace.lidar.clouds import PointClouds, write_clouds
 from lidarplace.lidar.collect import collect
-from sweeps import stages
+from sweeps.tasks import stages
 
 ROOT = Path(__file__).parents[2]
 CROP = (0.0, -20.0, -0.5, 40.0, 20.0, 4.0)

@@ -13,13 +13,14 @@ import pytest
 from flip_bit import flip_bit
 from fsspec.registry import known_implementations
 
-from lidarplace.files import replacing
-from sweeps import mirror
-from sweeps.attempt import attempts
-from sweeps.remote_store import RemoteStore, open_store
-from sweeps.result_folder import DamagedResult
-from sweeps.store import Store
-from sweeps.task import Task
+from lidarplace.files.atomic import replacing
+from sweeps.store import checkpoint_mirror as mirror
+from sweeps.store.checkpoint_attempts import attempts
+from sweeps.store.local import Store
+from sweeps.store.open import open_store
+from sweeps.store.remote import RemoteStore
+from sweeps.store.result_folder import DamagedResult
+from sweeps.tasks.task import Task
 from tests.sweeps.toy import Toy
 
 TASK = Task("finetune", "a", Toy(1), resumable=True)

@@ -4,8 +4,8 @@ import optuna
 import pytest
 from optuna.distributions import CategoricalDistribution, FloatDistribution
 
-from sweeps.search.samplers import Repeatable
-from sweeps.search.settings import SAMPLERS
+from sweeps.configuration.search import SAMPLERS
+from sweeps.search.trials.samplers import Repeatable
 
 SPACE = {f"x{i}": FloatDistribution(0.0, 1.0) for i in range(3)}
 

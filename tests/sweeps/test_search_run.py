@@ -16,13 +16,13 @@ from typer.testing import CliRunner
 
 from lidarplace import OccupancyGrid, Placement, Roi, evaluate
 from lidarplace.box_log import read_box_log
-from lidarplace.placement_settings import read_placement
-from sweeps.grid import read_sweep
+from lidarplace.configuration.placement import read_placement
+from sweeps.configuration.grid import read_sweep
 from sweeps.search.__main__ import app
-from sweeps.search.problem import read_problem
-from sweeps.search.study import journal_path
-from tracking.mlflow_connection import connect
-from tracking.mlflow_page import VIEW_TAG
+from sweeps.search.problem.problem import read_problem
+from sweeps.search.trials.study import journal_path
+from tracking.mlflow.connection import connect
+from tracking.mlflow.page import VIEW_TAG
 
 ROOT = Path(__file__).parents[2]
 _OTHER = ("robustness", "verify", "detector", "seed", "placement")
@@ -286,7 +286,7 @@ def test_classes_that_do_not_occur(tmp_path, tracking):
 
 def test_no_password_in_the_files(tmp_path, tracking, monkeypatch):
     monkeypatch.setattr(
-        "sweeps.search.study.RDBStorage",
+        "sweeps.search.trials.study.RDBStorage",
         lambda url: optuna.storages.InMemoryStorage(),
     )
     url = "postgresql://me:secret@host/db"

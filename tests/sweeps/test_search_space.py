@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from lidarplace import Mount
 from lidarplace.mounting.zone import distance
-from sweeps.search.rig import Mounted, Rig, mirrored
-from sweeps.search.settings import SearchSettings
-from sweeps.search.space import Space
+from sweeps.configuration.search import SearchSettings
+from sweeps.search.problem.rig import Mounted, Rig, mirrored
+from sweeps.search.problem.space import Space
 
 ROOF = {"polygon": [[-1, -0.6], [0.5, -0.6], [0.8, 0], [0.5, 0.6], [-1, 0.6]], "z": [1.8, 2.2]}
 NOSE = {"x": [2.1, 2.3], "y": [-0.5, 0.5], "z": 0.6}

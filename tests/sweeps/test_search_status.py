@@ -9,13 +9,12 @@ from search_files import write_search
 from typer.testing import CliRunner
 
 from sweeps import clean, doctor, status
-from sweeps.any_file import is_search, read_either
-from sweeps.search import state
 from sweeps.search.__main__ import app as search_app
-from sweeps.search.assess import Assessment
-from sweeps.search.problem import read_problem
-from sweeps.search.state import search_state
-from sweeps.search.study import (
+from sweeps.search.output import state
+from sweeps.search.output.state import search_state
+from sweeps.search.problem.assess import Assessment
+from sweeps.search.problem.problem import read_problem
+from sweeps.search.trials.study import (
     Timing,
     journal_path,
     open_study,
@@ -24,9 +23,10 @@ from sweeps.search.study import (
     storage_for,
     tell,
 )
-from sweeps.store import Store
-from sweeps.store_lock import locked
-from sweeps.sweep_store import reference
+from sweeps.store.local import Store
+from sweeps.store.lock import locked
+from sweeps.store.of_sweep import reference
+from sweeps.sweep_or_search import is_search, read_either
 
 
 class Answers:

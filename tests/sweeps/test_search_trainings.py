@@ -8,8 +8,8 @@ import yaml
 from search_files import write_search
 from typer.testing import CliRunner
 
-from sweeps.search import trainings
 from sweeps.search.__main__ import app
+from sweeps.search.trials import by_detectors as trainings
 
 TINY = {
     "detector": "pointpillars_tiny",

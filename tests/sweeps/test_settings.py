@@ -7,11 +7,11 @@ import annotated_types
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from lidarplace import settings
+from lidarplace.configuration import settings
+from lidarplace.configuration.settings import Settings
 from lidarplace.scenes.carla.__main__ import Collection
-from lidarplace.settings import Settings
-from sweeps.config import SweepFile
-from sweeps.search.settings import SearchFile
+from sweeps.configuration.search import SearchFile
+from sweeps.configuration.sweep import SweepFile
 
 FILES = (SweepFile, SearchFile, Collection)
 

@@ -10,14 +10,14 @@ import yaml
 from small_log import write_small_log
 from typer.testing import CliRunner
 
-from sweeps.failures import Failure, FailureFolder
-from sweeps.grid import read_sweep
-from sweeps.plan import make_plan
-from sweeps.schedule import Schedule
-from sweeps.state import sweep_state
+from sweeps.configuration.grid import read_sweep
+from sweeps.execution.failures import Failure, FailureFolder
+from sweeps.execution.schedule import Schedule
+from sweeps.plan.plan import make_plan
+from sweeps.results.state import sweep_state
 from sweeps.status import app
-from sweeps.store import Store
-from sweeps.store_lock import locked
+from sweeps.store.local import Store
+from sweeps.store.lock import locked
 
 SWEEP = {
     "classes": ["Car"],

@@ -19,12 +19,12 @@ import pytest
 import torch
 from flip_bit import flip_bit
 
-from lidarplace.files import replacing
-from sweeps.attempt import snapshot
-from sweeps.result_folder import DamagedResult
-from sweeps.store import Store
-from sweeps.store_lock import is_locked, locked
-from sweeps.task import Task
+from lidarplace.files.atomic import replacing
+from sweeps.store.checkpoint_attempts import snapshot
+from sweeps.store.local import Store
+from sweeps.store.lock import is_locked, locked
+from sweeps.store.result_folder import DamagedResult
+from sweeps.tasks.task import Task
 from tests.sweeps.toy import Toy
 
 ROOT = Path(__file__).parents[2]
@@ -103,8 +103,8 @@ def full_disk(*args, **kwargs):
         "numpy.save",
         "torch.save",
         "pathlib.Path.write_text",
-        "sweeps.result_folder.sync",
-        "sweeps.whole_folder.sync",
+        "sweeps.store.result_folder.sync",
+        "sweeps.store.whole_folder.sync",
         "pathlib.Path.rename",
     ],
 )
@@ -338,7 +338,9 @@ def test_a_process_killed_while_it_takes_over_checkpoints_spoils_none(store):
     assert names(store) == []
 
 
-@pytest.mark.parametrize("step", ["shutil.copy2", "sweeps.attempt.sync", "pathlib.Path.rename"])
+@pytest.mark.parametrize(
+    "step", ["shutil.copy2", "sweeps.store.checkpoint_attempts.sync", "pathlib.Path.rename"]
+)
 def test_a_full_disk_while_checkpoints_are_taken_over_leaves_nothing(store, monkeypatch, step):
     with store.working_folder(TASK) as folder:
         write(folder / "last.pt", "whole")
@@ -436,7 +438,7 @@ def test_a_killed_driver_holds_no_lock(store):
     code = f"""
 import sys, time
 from pathlib import Path
-from sweeps.store_lock import locked
+from sweeps.store.lock import locked
 with locked(Path({str(store.folder)!r}), alone=False):
     print("held", flush=True)
     time.sleep(60)

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from sweeps.config_file import ConfigError
-from sweeps.grid import read_sweep
-from sweeps.remote_store import RemoteStore
-from sweeps.store import Store
-from sweeps.sweep_store import reference, store_of
+from sweeps.configuration.file import ConfigError
+from sweeps.configuration.grid import read_sweep
+from sweeps.store.local import Store
+from sweeps.store.of_sweep import reference, store_of
+from sweeps.store.remote import RemoteStore
 
 
 def sweep(folder, **settings):

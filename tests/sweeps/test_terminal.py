@@ -9,16 +9,16 @@ import pytest
 import typer
 from rich.table import Table
 
-from lidarplace.command_line import wrong
-from lidarplace.terminal import Terminal, say, visible
+from lidarplace.command_line.terminal import Terminal, say, visible
+from lidarplace.command_line.verbs import wrong
 from sweeps.doctor import Finding
 from sweeps.doctor import _print as print_findings
-from sweeps.failures import Failure
-from sweeps.planned import Planned, print_planned
+from sweeps.execution.failures import Failure
+from sweeps.execution.progress import StageProgress
 from sweeps.print_state import print_state
-from sweeps.progress import StageProgress
-from sweeps.state import SweepState, TrialState
-from sweeps.task import Task
+from sweeps.results.dry_run import Planned, print_planned
+from sweeps.results.state import SweepState, TrialState
+from sweeps.tasks.task import Task
 from tests.sweeps.toy import Toy
 
 ROOT = Path(__file__).parents[2]

@@ -9,11 +9,11 @@ import pytest
 import yaml
 from small_log import write_small_log
 
-from sweeps.failures import Failure, FailureFolder
-from sweeps.grid import read_sweep
-from sweeps.plan import make_plan
-from sweeps.store import Store
-from sweeps.trial_log import TrialLog
+from sweeps.configuration.grid import read_sweep
+from sweeps.execution.failures import Failure, FailureFolder
+from sweeps.mlflow.trials import TrialLog
+from sweeps.plan.plan import make_plan
+from sweeps.store.local import Store
 
 
 class Log:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pandas as pd
 from killing import GUARD_S, Sweep
 
-from sweeps.store_lock import locked
+from sweeps.store.lock import locked
 
 
 def test_the_second_driver_of_a_sweep_is_refused(tmp_path):

@@ -8,14 +8,14 @@ import yaml
 from small_log import write_small_log
 from test_detector_sweep import SWEEP, Loud
 
-from sweeps.backends import InProcess
-from sweeps.execute import Outcome, execute
-from sweeps.grid import read_sweep
-from sweeps.plan import make_plan
-from sweeps.promotion import Promotion
-from sweeps.store import Store
-from sweeps.write_run import Run, write_run
-from tracking.run_folder import RunFolder
+from sweeps.configuration.grid import read_sweep
+from sweeps.execution.backends import InProcess
+from sweeps.execution.execute import Outcome, execute
+from sweeps.plan.plan import make_plan
+from sweeps.results.promotion import Promotion
+from sweeps.results.run_folder import Run, write_run
+from sweeps.store.local import Store
+from tracking.run_folders.sweep import RunFolder
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 

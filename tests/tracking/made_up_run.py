@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from lidarplace.boxes import CLASSES
-from tracking.training_cost import COST_AXES
+from tracking.findings.training_cost import COST_AXES
 
 IOUS = {"Car": (0.5, 0.7), "Cyclist": (0.5,), "Pedestrian": (0.5,), "all": (0.5,)}
 NAMES = ("line", "center", "trapezoid", "line_roll", "pyramid <b>&amp;")

@@ -4,10 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tracking.accuracy import rank_agreement, relative_errors, summarise
+from tracking.findings.sampling_error import paired_differences, separated
+from tracking.findings.surrogate_accuracy import rank_agreement, relative_errors, summarise
 from tracking.report.headline import separation_sentences
-from tracking.run_folder import RunFolder
-from tracking.sampling_error import paired_differences, separated
+from tracking.run_folders.sweep import RunFolder
 
 
 def test_errors_and_ranks():

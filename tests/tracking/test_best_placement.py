@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from tracking.best_placement import best_placement
+from tracking.findings.best_placement import best_placement
 
 
 def results(y):

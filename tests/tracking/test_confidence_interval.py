@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tracking.coefficients import COEFFICIENTS
-from tracking.confidence_interval import intervals
+from tracking.statistics.coefficients import COEFFICIENTS
+from tracking.statistics.confidence_interval import intervals
 
 TRUTH = {
     "pearson": lambda rho: rho,

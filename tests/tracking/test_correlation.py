@@ -13,10 +13,10 @@ from result_tables import tables
 from scipy import stats
 from statsmodels.stats.multitest import multipletests
 
-from tracking.coefficients import COEFFICIENTS, scores
-from tracking.correlation import correlate
-from tracking.paired import with_sums
-from tracking.permutation import permutation_p, smallest_p
+from tracking.findings.correlation import correlate
+from tracking.findings.paired import with_sums
+from tracking.statistics.coefficients import COEFFICIENTS, scores
+from tracking.statistics.permutation import permutation_p, smallest_p
 
 SCIPY = {"pearson": stats.pearsonr, "spearman": stats.spearmanr, "kendall": stats.kendalltau}
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tracking.confidence_interval import intervals
-from tracking.correlation_difference import (
+from tracking.statistics.confidence_interval import intervals
+from tracking.statistics.correlation_difference import (
     correlation_of_correlations,
     difference,
     strength_leads,

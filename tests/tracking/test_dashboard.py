@@ -15,7 +15,7 @@ from mlflow_runs_of import free_port, new_store
 from typer.testing import CliRunner
 
 from tracking.dashboard import app, server
-from tracking.mlflow_log import SweepLog
+from tracking.mlflow.log import SweepLog
 
 COLUMNS = ["metrics.AP_R40_3D.Car.0.70", "metrics.seconds"]
 

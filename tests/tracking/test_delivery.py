@@ -6,8 +6,8 @@ from threading import Event
 
 import pytest
 
-from tracking import delivery
-from tracking.delivery import Away, Delivery
+from tracking.mlflow import delivery
+from tracking.mlflow.delivery import Away, Delivery
 
 
 class Receiver:

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tracking.report.by_distance import by_distance_section
-from tracking.report.coverage import coverage_section, rigs_section
-from tracking.report.groups import groups
-from tracking.run_folder import RunFolder
+from tracking.findings.groups import groups
+from tracking.report.sections.by_distance import by_distance_section
+from tracking.report.sections.coverage import coverage_section, rigs_section
+from tracking.run_folders.sweep import RunFolder
 
 
 @pytest.fixture(scope="module")

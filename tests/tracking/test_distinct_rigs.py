@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 from made_up_run import write_run
 
-from tracking.distinct_rigs import copies, without
+from tracking.findings.distinct_rigs import copies, without
 from tracking.report.build import build_report
-from tracking.run_folder import RunFolder
+from tracking.run_folders.sweep import RunFolder
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from tracking.ends_with_parent import ending_with_parent
+from tracking.mlflow.ends_with_parent import ending_with_parent
 
 ROOT = Path(__file__).parents[2]
 # Starts a process in turn, as MLflow's server does.
@@ -23,7 +23,7 @@ time.sleep(600)
 """
 PARENT = f"""
 import subprocess, sys, time
-from tracking.ends_with_parent import ending_with_parent
+from tracking.mlflow.ends_with_parent import ending_with_parent
 command = ending_with_parent([sys.executable, "-c", {SERVER!r}])
 subprocess.Popen(command, stdin=subprocess.PIPE)
 time.sleep(600)

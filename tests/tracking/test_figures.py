@@ -10,14 +10,9 @@ import pytest
 
 from lidarplace.placement import Mount
 from lidarplace.roi import Roi
-from tracking.accuracy import relative_errors, summarise
-from tracking.figures.accuracy import accuracy_figure
-from tracking.figures.coverage_maps import SeenFrom, coverage_maps, densest
-from tracking.figures.from_above import pog_from_above
-from tracking.figures.label_places import apart, label_places, labels_on_top
-from tracking.figures.point_cloud import POINTS, point_clouds
-from tracking.figures.published import against_own
-from tracking.figures.style import (
+from tracking.figures.kit.from_above import pog_from_above
+from tracking.figures.kit.label_places import apart, label_places, labels_on_top
+from tracking.figures.kit.style import (
     COLOURS,
     SYMBOLS,
     colour,
@@ -27,9 +22,14 @@ from tracking.figures.style import (
     symbol,
     theme,
 )
-from tracking.figures.times import times
-from tracking.report.section import figure_title
-from tracking.run_folder import Frame, RunFolder
+from tracking.figures.of_sweeps.accuracy import accuracy_figure
+from tracking.figures.of_sweeps.coverage_maps import SeenFrom, coverage_maps, densest
+from tracking.figures.of_sweeps.point_cloud import POINTS, point_clouds
+from tracking.figures.of_sweeps.published import against_own
+from tracking.figures.of_sweeps.times import times
+from tracking.findings.surrogate_accuracy import relative_errors, summarise
+from tracking.pages.section import figure_title
+from tracking.run_folders.sweep import Frame, RunFolder
 
 ROI = Roi(x=(0, 50), y=(-10, 10), z=(0, 4), resolution=0.1)
 

@@ -7,15 +7,15 @@ import pandas as pd
 import pytest
 from made_up_run import write_run
 
-from tracking.correlation import correlate
-from tracking.leave_one_out import leave_one_out
+from tracking.findings.best_surrogate import which_predicts
+from tracking.findings.correlation import correlate
+from tracking.findings.groups import groups
+from tracking.findings.leave_one_out import leave_one_out
+from tracking.findings.summary import seed_means
 from tracking.report.cautions import cautions
-from tracking.report.groups import groups
 from tracking.report.headline import headline_ranking, percent, surrogate_verdicts, verdicts
-from tracking.run_folder import RunFolder
-from tracking.summary import seed_means
-from tracking.sweep_result import Frames
-from tracking.which_predicts import which_predicts
+from tracking.run_folders.sweep import RunFolder
+from tracking.run_folders.sweep_json import Frames
 
 
 def first_screen(run):

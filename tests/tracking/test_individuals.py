@@ -6,15 +6,15 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
-from tracking.individuals import count_individuals
-from tracking.jackknife import LEAST_ROUTES
-from tracking.report.best import best_section
+from tracking.findings.groups import groups
+from tracking.findings.individuals import count_individuals
+from tracking.findings.summary import seed_means
 from tracking.report.build import build_report
 from tracking.report.cautions import FEW_INDIVIDUALS, cautions
-from tracking.report.groups import groups
 from tracking.report.headline import headline_ranking
-from tracking.run_folder import RunFolder
-from tracking.summary import seed_means
+from tracking.report.sections.best import best_section
+from tracking.run_folders.sweep import RunFolder
+from tracking.statistics.jackknife import LEAST_ROUTES
 
 
 def rows(*objects):

@@ -5,9 +5,9 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from tracking.best_placement import best_placement
-from tracking.jackknife import LEAST_ROUTES, sample_error
-from tracking.summary import seed_means
+from tracking.findings.best_placement import best_placement
+from tracking.findings.summary import seed_means
+from tracking.statistics.jackknife import LEAST_ROUTES, sample_error
 
 
 def mean_without(values, sizes=None, unit="route", placement="a", seed=1):

@@ -7,7 +7,7 @@ import os
 
 import pytest
 
-from tracking.journal import (
+from tracking.mlflow.journal import (
     ArtifactEntry,
     Journal,
     RefusedEntry,

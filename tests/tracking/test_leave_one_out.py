@@ -6,7 +6,7 @@ import pytest
 from result_tables import tables
 from scipy import stats
 
-from tracking.leave_one_out import leave_one_out
+from tracking.findings.leave_one_out import leave_one_out
 
 SCIPY = {"pearson": stats.pearsonr, "spearman": stats.spearmanr, "kendall": stats.kendalltau}
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from mlflow_runs_of import new_store, runs_of, until
 
-from tracking.journal import Dataset, Journal, SampleEntry, TrialEntry
-from tracking.mlflow_log import SweepLog
-from tracking.mlflow_page import VIEW_TAG
+from tracking.mlflow.journal import Dataset, Journal, SampleEntry, TrialEntry
+from tracking.mlflow.log import SweepLog
+from tracking.mlflow.page import VIEW_TAG
 
 DATA = [
     Dataset(

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from mlflow_runs_of import assert_logged_once, log_trial, new_store, runs_of
 
-from tracking import journal as journal_module
-from tracking.mlflow_log import SweepLog
+from tracking.mlflow import journal as journal_module
+from tracking.mlflow.log import SweepLog
 
 SEEDS = range(1, 5)
 KILLS = 5
@@ -58,7 +58,7 @@ def test_a_driver_killed_anywhere_loses_and_doubles_nothing(tmp_path):
     uri = new_store(tmp_path / "store")
     processes = multiprocessing.get_context("forkserver")
     # What takes seconds to import, once for all drivers.
-    heavy = ["mlflow.store.tracking.sqlalchemy_store", "mlflow.tracking", "tracking.mlflow_log"]
+    heavy = ["mlflow.store.tracking.sqlalchemy_store", "mlflow.tracking", "tracking.mlflow.log"]
     processes.set_forkserver_preload(heavy)
     journal = tmp_path / "demo" / "mlflow.jsonl"
     journal.parent.mkdir()

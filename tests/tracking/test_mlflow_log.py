@@ -22,11 +22,11 @@ from mlflow_runs_of import (
     until,
 )
 
-from lidarplace.secret_urls import public_url
-from tracking.journal import Journal, RefusedEntry
-from tracking.mlflow_connection import is_away
-from tracking.mlflow_log import SweepLog, trial_metrics, ui_command
-from tracking.run_folder import RunFolder
+from lidarplace.files.secret_urls import public_url
+from tracking.mlflow.connection import is_away
+from tracking.mlflow.journal import Journal, RefusedEntry
+from tracking.mlflow.log import SweepLog, trial_metrics, ui_command
+from tracking.run_folders.sweep import RunFolder
 
 
 @pytest.fixture

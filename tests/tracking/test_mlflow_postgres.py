@@ -18,8 +18,8 @@ from mlflow_runs_of import (
     until,
 )
 
-from tracking.mlflow_log import SweepLog
-from tracking.mlflow_uri import absolute_uri
+from tracking.mlflow.log import SweepLog
+from tracking.mlflow.uri import absolute_uri
 
 PASSWORD = "s3c@ret"
 # The server refuses to run as root.

@@ -16,8 +16,8 @@ from mlflow_runs_of import (
     until,
 )
 
-from tracking.journal import Journal, TrialEntry
-from tracking.mlflow_log import SweepLog
+from tracking.mlflow.journal import Journal, TrialEntry
+from tracking.mlflow.log import SweepLog
 
 MORE = range(3, 12)
 

@@ -6,7 +6,7 @@ import subprocess
 from importlib.metadata import version
 
 import tracking
-from tracking.mlflow_source import source_tags
+from tracking.mlflow.source import source_tags
 
 
 def git(folder, *words):

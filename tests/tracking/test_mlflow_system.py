@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from threading import Event
 
-from tracking.mlflow_system import SystemMonitor
+from tracking.mlflow.system import SystemMonitor
 
 
 def test_values_come_by_their_names_in_mlflow_until_the_block_ends():

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from statsmodels.stats.multitest import multipletests
 
-from tracking.multiple_tests import adjust, distinct_tests, holm
+from tracking.statistics.multiple_tests import adjust, distinct_tests, holm
 
 
 @settings(max_examples=20, deadline=None)

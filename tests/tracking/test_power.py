@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tracking.power import placements_needed, power, power_table, smallest_detectable
+from tracking.statistics.power import placements_needed, power, power_table, smallest_detectable
 
 
 @pytest.mark.parametrize(("rho", "n"), [(0.1, 782), (0.3, 84), (0.5, 29)])

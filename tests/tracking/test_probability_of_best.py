@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import integrate, special
 
-from tracking.probability_of_best import probability_of_best
-from tracking.reliability import pooled_variance
+from tracking.statistics.probability_of_best import probability_of_best
+from tracking.statistics.reliability import pooled_variance
 
 
 def probability(y, **options):

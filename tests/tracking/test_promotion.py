@@ -9,14 +9,14 @@ import pandas as pd
 import pytest
 from made_up_promotion import EPOCHS, FULL, SHORT, write_promotion
 
-from tracking.figures.promotion import error_over_seconds, ranks_by_stage
-from tracking.promotion import FULL_TRAINING, is_full, promoted, stage_ranks
-from tracking.promotion_agreement import agreement
-from tracking.promotion_savings import rung_costs, savings
+from tracking.figures.of_sweeps.promotion import error_over_seconds, ranks_by_stage
+from tracking.findings.promotion import FULL_TRAINING, is_full, promoted, stage_ranks
+from tracking.findings.promotion_agreement import agreement
+from tracking.findings.promotion_savings import rung_costs, savings
+from tracking.findings.training_cost import summarise_cost, training_cost
 from tracking.report.build import build_report
-from tracking.report.promotion import promotion_section
-from tracking.run_folder import RunFolder
-from tracking.training_cost import summarise_cost, training_cost
+from tracking.report.sections.promotion import promotion_section
+from tracking.run_folders.sweep import RunFolder
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tracking.reliability import icc, pooled_variance, reliability_of_mean, seed_mean
+from tracking.statistics.reliability import icc, pooled_variance, reliability_of_mean, seed_mean
 
 
 def test_icc_by_the_analysis_of_variance():

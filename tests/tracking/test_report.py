@@ -18,8 +18,8 @@ import pytest
 from made_up_run import NAMES, write_run
 
 from tracking.report.build import build_report
-from tracking.report.where_time_went import where_time_went
-from tracking.run_folder import RunFolder
+from tracking.report.sections.where_time_went import where_time_went
+from tracking.run_folders.sweep import RunFolder
 
 VOID = {"meta", "link", "img", "br", "hr", "input", "base", "source"}
 

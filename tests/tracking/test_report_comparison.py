@@ -13,10 +13,10 @@ from test_report import Page
 from typer.testing import CliRunner
 
 from tracking.report.__main__ import app
-from tracking.report.comparison import build_comparison
-from tracking.report.pooled import pooled_table
-from tracking.report.variants import differing_settings, shared_placements
-from tracking.run_folder import RunFolder
+from tracking.report.comparison.build import build_comparison
+from tracking.report.comparison.pooled import pooled_table
+from tracking.report.comparison.variants import differing_settings, shared_placements
+from tracking.run_folders.sweep import RunFolder
 
 FIRST = ("line", "center", "pyramid", "square")
 SECOND = ("center", "pyramid", "square", "trapezoid", "mine")

@@ -11,11 +11,11 @@ import pytest
 from made_up_run import NAMES, write_run
 from test_report import Page
 
-from tracking.report import page
+from tracking.pages import page
+from tracking.pages.csv_files import write_csv_files
+from tracking.pages.section import Section
+from tracking.pages.tables import Table, slug
 from tracking.report.build import build_report
-from tracking.report.csv_files import write_csv_files
-from tracking.report.section import Section
-from tracking.report.tables import Table, slug
 
 
 @pytest.fixture(scope="module")

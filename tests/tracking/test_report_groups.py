@@ -10,18 +10,21 @@ import pandas as pd
 import pytest
 from made_up_run import NAMES, write_run
 
-from tracking.correlation import correlate
-from tracking.leave_one_out import leave_one_out
+from tracking.findings.best_surrogate import which_predicts
+from tracking.findings.correlation import correlate
+from tracking.findings.groups import groups
+from tracking.findings.leave_one_out import leave_one_out
+from tracking.findings.summary import seed_means
+from tracking.pages.section import Section
 from tracking.report.build import build_report
-from tracking.report.density import density_section
-from tracking.report.detectors import detectors_section
-from tracking.report.groups import groups
-from tracking.report.predictors import MOST_SENTENCES, counted, predictors_section
-from tracking.report.published_surrogates import add_published_surrogates, published_density_table
-from tracking.report.section import Section
-from tracking.run_folder import RunFolder
-from tracking.summary import seed_means
-from tracking.which_predicts import which_predicts
+from tracking.report.sections.density import density_section
+from tracking.report.sections.detectors import detectors_section
+from tracking.report.sections.predictors import MOST_SENTENCES, counted, predictors_section
+from tracking.report.sections.published_surrogates import (
+    add_published_surrogates,
+    published_density_table,
+)
+from tracking.run_folders.sweep import RunFolder
 
 
 @pytest.fixture(scope="module")

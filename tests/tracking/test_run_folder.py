@@ -11,14 +11,14 @@ import pytest
 from made_up_run import NAMES, write_run
 
 from lidarplace.boxes import CLASSES
-from tracking.run_folder import RunFolder
-from tracking.summary import (
+from tracking.findings.summary import (
     by_surrogate,
     deciding_surrogate,
     headline_iou,
     seed_means,
     summary_table,
 )
+from tracking.run_folders.sweep import RunFolder
 
 
 @pytest.fixture

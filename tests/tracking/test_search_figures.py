@@ -8,15 +8,15 @@ import plotly.graph_objects as go
 import pytest
 
 from lidarplace.roi import Roi
-from tracking.figures.from_optuna import from_optuna
-from tracking.figures.pareto import pareto_fronts
-from tracking.figures.rig_picture import PicturedRig, rig_picture
-from tracking.figures.robustness import robustness_figure
-from tracking.figures.search_history import search_history
-from tracking.figures.unseen import unseen
-from tracking.figures.verified import verified_figure
+from tracking.figures.kit.rig_picture import PicturedRig, rig_picture
+from tracking.figures.of_searches.from_optuna import from_optuna
+from tracking.figures.of_searches.pareto import pareto_fronts
+from tracking.figures.of_searches.robustness import robustness_figure
+from tracking.figures.of_searches.search_history import search_history
+from tracking.figures.of_searches.uncovered import unseen
+from tracking.figures.of_searches.verified import verified_figure
+from tracking.run_folders.search_json import Objective, Rig, Spans, Zone
 from tracking.search_report.edges import at_the_edge
-from tracking.search_result import Objective, Rig, Spans, Zone
 
 GAIN = Objective(name="gain", by="expected_ig", unit="nats", direction="maximize")
 PRICE = Objective(name="price", by="price", unit="€", direction="minimize")

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from made_up_search import write_search
 
-from tracking.search_folder import SearchFolder
+from tracking.run_folders.search import SearchFolder
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from made_up_search import BASE, STRIDED, write_search
 from test_report import Page
 
 from lidarplace import PAPER_PLACEMENTS
-from tracking.search_folder import SearchFolder
+from tracking.run_folders.search import SearchFolder
 from tracking.search_report.build import build_search_report
 from tracking.search_report.headline import summary
 from tracking.search_report.tables import rig_table

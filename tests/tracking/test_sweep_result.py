@@ -7,9 +7,9 @@ import shutil
 
 import pytest
 
-from tracking.result_file import read_result_file
-from tracking.run_folder import RunFolder
-from tracking.sweep_result import SweepResult
+from tracking.run_folders.json_file import read_result_file
+from tracking.run_folders.sweep import RunFolder
+from tracking.run_folders.sweep_json import SweepResult
 
 NEEDED = [name for name, field in SweepResult.model_fields.items() if field.is_required()]
 WRONG = [None, True, -1, 0, 3, 1e308, math.nan, "x", "", [], ["x"], [[]], [None], {}, {"x": None}]

@@ -7,16 +7,16 @@ import pandas as pd
 import pytest
 from made_up_run import NAMES, write_run
 
-from tracking.figures.training_cost import training_cost_figure
-from tracking.report.build import build_report
-from tracking.run_folder import RunFolder
-from tracking.training_cost import (
+from tracking.figures.of_sweeps.training_cost import training_cost_figure
+from tracking.findings.training_cost import (
     COST_AXES,
     is_longest,
     summarise_cost,
     training_cost,
     varied_cost_axes,
 )
+from tracking.report.build import build_report
+from tracking.run_folders.sweep import RunFolder
 
 TRAININGS = [(epochs, share) for epochs in (1, 4) for share in (0.25, 1.0)]
 

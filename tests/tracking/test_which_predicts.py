@@ -6,9 +6,9 @@ import pytest
 from result_tables import tables
 from scipy import stats
 
-from tracking.correlation import correlate
-from tracking.leave_one_out import leave_one_out
-from tracking.which_predicts import which_predicts
+from tracking.findings.best_surrogate import which_predicts
+from tracking.findings.correlation import correlate
+from tracking.findings.leave_one_out import leave_one_out
 
 
 def found(y, **surrogates):

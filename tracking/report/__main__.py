@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from lidarplace.command_line import JsonOption, new_app, print_json, verb, wrong
-from lidarplace.terminal import say
+from lidarplace.command_line.terminal import say
+from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
 
 app = new_app()
 
@@ -30,7 +30,7 @@ def report(
     the placements that they share side by side.
     """
     from tracking.report.build import build_report
-    from tracking.report.comparison import build_comparison
+    from tracking.report.comparison.build import build_comparison
 
     try:
         if len(runs) == 1 and out is not None:

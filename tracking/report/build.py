@@ -8,46 +8,46 @@ from pathlib import Path
 
 import pandas as pd
 
-from tracking.correlation import correlate
-from tracking.distinct_rigs import copies, without
-from tracking.individuals import count_individuals
+from tracking.findings.best_surrogate import which_predicts
+from tracking.findings.correlation import correlate
+from tracking.findings.distinct_rigs import copies, without
+from tracking.findings.groups import groups, pictured
+from tracking.findings.individuals import count_individuals
+from tracking.findings.leave_one_out import leave_one_out
+from tracking.findings.promotion import is_full
+from tracking.findings.summary import by_surrogate, seed_means
 from tracking.kitti_iou import headline_iou
 from tracking.labels import some
-from tracking.leave_one_out import leave_one_out
-from tracking.promotion import is_full
-from tracking.report.accuracy import accuracy_section
-from tracking.report.agreement import agreement_section
-from tracking.report.best import best_section
-from tracking.report.by_distance import by_distance_section
+from tracking.pages.csv_files import FOLDER, write_csv_files
+from tracking.pages.markdown import escaped, write_markdown
+from tracking.pages.page import write_page
 from tracking.report.cautions import cautions
-from tracking.report.clouds import clouds_section
-from tracking.report.correlation import correlation_section
-from tracking.report.coverage import coverage_section, rigs_section
-from tracking.report.csv_files import FOLDER, write_csv_files
-from tracking.report.curves import curves_section
-from tracking.report.density import density_section
-from tracking.report.detectors import detectors_section
-from tracking.report.groups import groups, pictured
 from tracking.report.headline import (
     HEADLINE_METRIC,
     headline_ranking,
     surrogate_verdicts,
     verdicts,
 )
-from tracking.report.individuals import individuals_section
-from tracking.report.markdown import escaped, write_markdown
-from tracking.report.page import write_page
-from tracking.report.placements import placements_section
-from tracking.report.predictors import counted, predictors_section
-from tracking.report.promotion import promotion_section
-from tracking.report.published import published_section
-from tracking.report.sampling_error import sampling_error_section
-from tracking.report.tilts import tilts_section
-from tracking.report.training_cost import training_cost_section
-from tracking.report.where_time_went import reduced_batches, where_time_went
-from tracking.run_folder import RunFolder
-from tracking.summary import by_surrogate, seed_means
-from tracking.which_predicts import which_predicts
+from tracking.report.sections.accuracy import accuracy_section
+from tracking.report.sections.agreement import agreement_section
+from tracking.report.sections.best import best_section
+from tracking.report.sections.by_distance import by_distance_section
+from tracking.report.sections.clouds import clouds_section
+from tracking.report.sections.correlation import correlation_section
+from tracking.report.sections.coverage import coverage_section, rigs_section
+from tracking.report.sections.curves import curves_section
+from tracking.report.sections.density import density_section
+from tracking.report.sections.detectors import detectors_section
+from tracking.report.sections.individuals import individuals_section
+from tracking.report.sections.placements import placements_section
+from tracking.report.sections.predictors import counted, predictors_section
+from tracking.report.sections.promotion import promotion_section
+from tracking.report.sections.published import published_section
+from tracking.report.sections.sampling_error import sampling_error_section
+from tracking.report.sections.tilts import tilts_section
+from tracking.report.sections.training_cost import training_cost_section
+from tracking.report.sections.where_time_went import reduced_batches, where_time_went
+from tracking.run_folders.sweep import RunFolder
 
 MOST_CARDS = 6
 """Verdicts that are cards; more are rows of a table, or the first screen would be many."""
@@ -56,7 +56,7 @@ MOST_CARDS = 6
 def build_report(run: Path) -> Path:
     """Write `report.html`, `report.md` and `tables/` into the run folder `run`; return the page.
 
-    The page is one file that loads nothing from a network, see `tracking.report.page`. The other
+    The page is one file that loads nothing from a network, see `tracking.pages.page`. The other
     two hold the same tables, rounded and raw.
 
     Raises:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import pandas as pd
 
-from tracking.individuals import MOST_FREQUENT, count_individuals
-from tracking.jackknife import LEAST_ROUTES
+from tracking.findings.groups import by_setting
+from tracking.findings.individuals import MOST_FREQUENT, count_individuals
+from tracking.findings.ray_counting import largest_linear_share, ray_counting_caution
 from tracking.kitti_iou import headline_iou
 from tracking.labels import metric_label
-from tracking.permutation import smallest_p
-from tracking.ray_counting import largest_linear_share, ray_counting_caution
-from tracking.report.groups import by_setting
 from tracking.report.headline import HEADLINE_METRIC
-from tracking.run_folder import RunFolder
+from tracking.run_folders.sweep import RunFolder
+from tracking.statistics.jackknife import LEAST_ROUTES
+from tracking.statistics.permutation import smallest_p
 
 FEW_GROUND_TRUTHS = 200
 FEW_INDIVIDUALS = 100

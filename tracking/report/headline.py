@@ -8,15 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from tracking.best_placement import BestPlacement, best_placement
+from tracking.findings.best_placement import BestPlacement, best_placement
+from tracking.findings.best_surrogate import Predictors
+from tracking.findings.groups import Group
+from tracking.findings.paired import with_sums
+from tracking.findings.sampling_error import separated
+from tracking.findings.summary import deciding_surrogate, surrogates_of
 from tracking.kitti_iou import headline_iou
 from tracking.labels import SURROGATES, metric_label, some, surrogate_name
-from tracking.paired import with_sums
-from tracking.report.groups import Group
-from tracking.run_folder import RunFolder
-from tracking.sampling_error import separated
-from tracking.summary import deciding_surrogate, surrogates_of
-from tracking.which_predicts import Predictors
+from tracking.run_folders.sweep import RunFolder
 
 HEADLINE_METRIC = "AP_R40_3D"
 HEADLINE_SURROGATES = ("s_mig", "expected_ig", "m_sog", "expected_points", "covered_voxels")
@@ -224,7 +224,7 @@ def separation_sentences(pairs: pd.DataFrame, title: str) -> list[str]:
     """Does the POG's sampling error blur the ranking of the placements? None for one placement.
 
     Args:
-        pairs: `tracking.sampling_error.paired_differences` of one class and setting.
+        pairs: `tracking.findings.sampling_error.paired_differences` of one class and setting.
         title: of the class and setting.
     """
     own = pairs[pairs["surrogate"].isin(HEADLINE_SURROGATES)]

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from lidarplace.command_line import JsonOption, new_app, print_json, verb, wrong
-from lidarplace.terminal import say
+from lidarplace.command_line.terminal import say
+from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
 
 app = new_app()
 

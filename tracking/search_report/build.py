@@ -7,19 +7,20 @@ from pathlib import Path
 
 import numpy as np
 
-from tracking.figures.from_optuna import from_optuna
-from tracking.figures.pareto import pareto_fronts
-from tracking.figures.rig_picture import PicturedRig, rig_picture
-from tracking.figures.robustness import robustness_figure
-from tracking.figures.search_history import bound_over_seconds, search_history
-from tracking.figures.style import text
-from tracking.figures.unseen import unseen
-from tracking.figures.verified import verified_figure
+from tracking.figures.kit.rig_picture import PicturedRig, rig_picture
+from tracking.figures.kit.style import text
+from tracking.figures.of_searches.from_optuna import from_optuna
+from tracking.figures.of_searches.pareto import pareto_fronts
+from tracking.figures.of_searches.robustness import robustness_figure
+from tracking.figures.of_searches.search_history import bound_over_seconds, search_history
+from tracking.figures.of_searches.uncovered import unseen
+from tracking.figures.of_searches.verified import verified_figure
 from tracking.labels import metric_label
-from tracking.report.page import write_page
-from tracking.report.section import Section
-from tracking.report.tables import Table, number
-from tracking.search_folder import SearchFolder
+from tracking.pages.page import write_page
+from tracking.pages.section import Section
+from tracking.pages.tables import Table, number
+from tracking.run_folders.search import SearchFolder
+from tracking.run_folders.search_json import Rig
 from tracking.search_report.cautions import cautions
 from tracking.search_report.feasibility import constraint_table, infeasible_sentences, nearest_trial
 from tracking.search_report.headline import cards, of_front, summary, with_unit
@@ -32,7 +33,6 @@ from tracking.search_report.tables import (
     trial_table,
     verified_table,
 )
-from tracking.search_result import Rig
 
 MOST_RIGS = 12
 """Rigs of a front whose mounts are listed; the picture's menu is filled up to as many."""
@@ -45,7 +45,7 @@ MOST_TRACES = 300
 def build_search_report(folder: Path) -> Path:
     """Write `search.html` into the run folder of a search and return its path.
 
-    One file that loads nothing from a network, see `tracking.report.page`. What the search did
+    One file that loads nothing from a network, see `tracking.pages.page`. What the search did
     not make is left out.
 
     Raises:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from tracking.ray_counting import ray_counting_caution
-from tracking.search_folder import SearchFolder
+from tracking.findings.ray_counting import ray_counting_caution
+from tracking.run_folders.search import SearchFolder
 from tracking.search_report.edges import at_the_edge
 from tracking.search_report.headline import best_of_paper, with_unit
 

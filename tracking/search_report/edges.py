@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tracking.search_result import Rig, Spans, Zone
+from tracking.run_folders.search_json import Rig, Spans, Zone
 
 _NEAR = 0.005
 """Metres: nearer to the face of a zone than any bracket is mounted."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from tracking.report.tables import Table
-from tracking.search_folder import SearchFolder
+from tracking.pages.tables import Table
+from tracking.run_folders.search import SearchFolder
 
 
 def excess(run: SearchFolder) -> pd.DataFrame:

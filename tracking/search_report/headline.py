@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tracking.report.tables import number
-from tracking.search_folder import SearchFolder
+from tracking.pages.tables import number
+from tracking.run_folders.search import SearchFolder
+from tracking.run_folders.search_json import Objective, Rig, SearchResult
 from tracking.search_report.feasibility import infeasible_sentences
 from tracking.search_report.strided import strided
-from tracking.search_result import Objective, Rig, SearchResult
 
 
 @dataclass(frozen=True)

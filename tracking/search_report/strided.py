@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tracking.search_result import SearchResult
+from tracking.run_folders.search_json import SearchResult
 
 
 def strided(search: SearchResult) -> str:

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tracking.report.tables import Table, number
-from tracking.search_folder import SearchFolder
+from tracking.pages.tables import Table, number
+from tracking.run_folders.search import SearchFolder
+from tracking.run_folders.search_json import Objective, Rig
 from tracking.search_report.feasibility import excess
 from tracking.search_report.strided import strided
-from tracking.search_result import Objective, Rig
 
 MOST_TRIALS = 20
 _MOUNT_HEAD = (

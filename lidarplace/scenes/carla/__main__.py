@@ -8,16 +8,16 @@ from typing import Annotated
 import typer
 from pydantic import Field, ValidationError
 
-from lidarplace.command_line import new_app, verb, within, wrong
+from lidarplace.command_line.terminal import say
+from lidarplace.command_line.verbs import new_app, verb, within, wrong
+from lidarplace.configuration.placement import PlacementSettings
+from lidarplace.configuration.settings import Name, Settings, fault
+from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.placement import PAPER_PLACEMENTS, Placement
-from lidarplace.placement_settings import PlacementSettings
 from lidarplace.ranges import PORT, TIMEOUT
 from lidarplace.scenes.carla.collect import collect
 from lidarplace.scenes.carla.settings import CarlaScene
 from lidarplace.sensor import Lidar
-from lidarplace.settings import Name, Settings, fault
-from lidarplace.terminal import say
-from lidarplace.yaml_loader import read_yaml_file
 
 app = new_app()
 

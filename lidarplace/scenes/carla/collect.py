@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import Any
 
 from lidarplace.box_log import BoxLog, join_logs, read_box_log, write_box_log
-from lidarplace.files import replacing
-from lidarplace.json_files import read_json
+from lidarplace.files.atomic import replacing
+from lidarplace.files.json import read_json
 from lidarplace.lidar.clouds import PointClouds, write_clouds
 from lidarplace.lidar.recorded import rig_record
 from lidarplace.placement import Placement

@@ -9,9 +9,9 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator
 
 from lidarplace.boxes import CLASSES
+from lidarplace.configuration.settings import Count, CountFromOne, Length, Seconds, Seed, Text
 from lidarplace.lidar.clouds import Crop
 from lidarplace.scenes.routes import Part, RouteSettings, seed_of
-from lidarplace.settings import Count, CountFromOne, Length, Seconds, Seed, Text
 
 PAPER_TOWNS = ("Town01", "Town03", "Town04", "Town06")
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lidarplace.box_log import BoxLog
 from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS
 from lidarplace.ranges import LIDAR_HEIGHT
-from lidarplace.scenes.class_maps import IGNORE, ClassMap, check_class_map
+from lidarplace.scenes.datasets.class_maps import IGNORE, ClassMap, check_class_map
 from lidarplace.scenes.kitti.calibration import (
     LIDAR_HEIGHT_M,
     STANDARD,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from lidarplace.files import replacing
+from lidarplace.files.atomic import replacing
 from lidarplace.lidar.clouds import PointClouds
 from lidarplace.scenes.kitti.calibration import IMAGE_SIZE, calibration_text
 from lidarplace.scenes.kitti.folder import frame_name

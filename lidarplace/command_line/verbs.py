@@ -1,0 +1,151 @@
+"""What commands share: help with an example and exit codes, options, one line for a mistake."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeVar
+
+import typer
+from typer.core import TyperCommand
+
+from lidarplace.command_line.terminal import say, visible
+from lidarplace.files.secret_urls import hide_secrets
+from lidarplace.ranges import Range
+
+if TYPE_CHECKING:
+    from lidarplace.lidar.clouds import Crop
+
+T = TypeVar("T")
+
+_LONGEST_MESSAGE = 900
+_UsageError: Any = typer.BadParameter.__mro__[1]
+"""Of click, which typer has in another module with every version."""
+
+
+class Verb(TyperCommand):
+    """A command that Ctrl-C and a closed pipe end without a traceback."""
+
+    def __init__(self, *arguments: Any, **settings: Any) -> None:
+        super().__init__(*arguments, **settings)
+        for parameter in self.params:
+            if parameter.param_type_name == "argument" and parameter.metavar is None:
+                parameter.metavar = str(parameter.name).upper()
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the command line."""
+        try:
+            return super().parse_args(ctx, args)
+        except _UsageError as error:
+            error.message = visible(error.message)
+            raise
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run it. Ctrl-C is one line and exit code 130."""
+        try:
+            result = super().invoke(ctx)
+            sys.stdout.flush()  # here, where typer takes care of a reader that has gone
+        except KeyboardInterrupt:
+            print("\nStopped.", file=sys.stderr)
+            raise typer.Exit(130) from None
+        return result
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        """Write the example as the command was called, on lines of their own."""
+        formatter.write((self.epilog or "").replace("{command}", ctx.command_path))
+
+
+def new_app(**settings: Any) -> typer.Typer:
+    """An app in the style of all commands: plain text, no traceback in colours."""
+    return typer.Typer(
+        add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None, **settings
+    )
+
+
+def verb(
+    app: typer.Typer, *examples: str, failed: str | None = None
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Make a function a command of `app`.
+
+    Args:
+        examples: arguments to show in the help.
+        failed: what exit code 1 says, if the command has it.
+    """
+    lines = ["", f"Example{'s' if len(examples) > 1 else ''}:"]
+    lines += [f"  {{command}} {example}".rstrip() for example in examples]
+    lines += ["", "Exit codes:", "  0    done"]
+    lines += [f"  1    {failed}"] if failed else []
+    lines += ["  2    the input is wrong: one line on stderr says what", "  130  stopped by Ctrl-C"]
+    return app.command(cls=Verb, epilog="\n".join(lines) + "\n")
+
+
+def called() -> str:
+    """The command that this process was started with, for a shell, without secrets."""
+    spec = sys.modules["__main__"].__spec__
+    if spec is not None:
+        program = ["python", "-m", spec.name.removesuffix(".__main__")]
+    else:  # installed
+        program = [Path(sys.argv[0]).name]
+    return shlex.join([*program, *map(hide_secrets, sys.argv[1:])])
+
+
+JsonOption = Annotated[bool, typer.Option("--json", help="print JSON for a script")]
+
+RoiOption = Annotated[
+    tuple[float, float, float, float, float, float],
+    typer.Option("--roi", help="x0 x1 y0 y1 z0 z1, ego frame, m"),
+]
+FRONT_ROI = (0.0, 40.0, -20.0, 20.0, 0.0, 4.0)
+"""The half of the paper's region of interest that its experiments use."""
+
+
+def crop_of(roi: Sequence[float]) -> Crop:
+    """The region that `--roi` names. Raises ValueError if it is empty or endless."""
+    x0, x1, y0, y1, z0, z1 = roi
+    for axis, low, high in (("x", x0, x1), ("y", y0, y1), ("z", z0, z1)):
+        if not -1e4 <= low < high <= 1e4:  # NaN is refused too
+            raise ValueError(
+                f"--roi: {axis} needs min < max within ±10,000 m, found {low:g} {high:g}"
+            )
+    return x0, y0, z0, x1, y1, z1
+
+
+def within(allowed: Range) -> Callable[[typer.CallbackParam, Any], Any]:
+    """A callback of an option whose numbers must be in a range: one line if they are not."""
+
+    def check(param: typer.CallbackParam, value: Any) -> Any:
+        for number in value if isinstance(value, list | tuple) else (value,):
+            if number is not None:
+                try:
+                    allowed.check(f"{max(param.opts, key=len)}:", number)
+                except ValueError as error:
+                    wrong(error)
+        return value
+
+    return check
+
+
+def known(option: str, name: str, choices: Mapping[str, T]) -> T:
+    """The choice of that name. Raises ValueError that lists the names."""
+    if name not in choices:
+        raise ValueError(f"--{option} {name}: allowed are {', '.join(choices)}")
+    return choices[name]
+
+
+def wrong(message: object) -> NoReturn:
+    """Print what the user has to mend, in one line, and leave with exit code 2."""
+    if isinstance(message, OSError) and message.filename and message.strerror:
+        message = f"{message.filename}: {message.strerror}"
+    line = visible(hide_secrets(" ".join(str(message).split())))
+    if len(line) > _LONGEST_MESSAGE:  # of names and values that nobody wrote by hand
+        line = f"{line[: _LONGEST_MESSAGE // 2]} … {line[-_LONGEST_MESSAGE // 2 :]}"
+    say(line, sys.stderr)
+    raise typer.Exit(2)
+
+
+def print_json(value: object) -> None:
+    """Print for a script, nothing else being on stdout. Raises ValueError for NaN."""
+    print(json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False))

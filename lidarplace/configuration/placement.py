@@ -1,0 +1,94 @@
+"""A placement in a configuration: by coordinates, or the paper's by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field, ValidationError
+
+from lidarplace.configuration.sensor import SensorSettings
+from lidarplace.configuration.settings import Angle, Length, Settings, fault
+from lidarplace.configuration.yaml import read_yaml_file
+from lidarplace.placement import PAPER_PLACEMENTS, Mount, Placement
+from lidarplace.pose import from_carla
+from lidarplace.sensor import Lidar
+
+MOST_MOUNTS = 100
+
+
+class MountSettings(Settings):
+    """Pose of one LiDAR, metres and radians, in the convention of its placement."""
+
+    x: Length = Field(0.0, description="forward, metres")
+    y: Length = Field(0.0, description="to the left, metres")
+    z: Length = Field(description="above the ground, metres")
+    roll: Angle = Field(0.0, description="radians; > 0 lifts the left side")
+    pitch: Angle = Field(0.0, description="radians; > 0 tips the nose down")
+    yaw: Angle = Field(0.0, description="radians; > 0 turns to the left")
+    lidar: SensorSettings | None = Field(
+        None, description="this mount's own LiDAR model; by default that of the whole placement"
+    )
+
+
+class PlacementSettings(Settings):
+    """A placement by coordinates."""
+
+    convention: Literal["ego", "carla"] = Field(
+        "ego",
+        description="ego: right-handed, y to the left, pitch > 0 tips the nose down; "
+        "carla: left-handed, y to the right, pitch > 0 lifts the nose",
+    )
+    mounts: tuple[MountSettings, ...] = Field(
+        min_length=1, max_length=MOST_MOUNTS, description="a LiDAR each"
+    )
+
+    def placement(self, name: str, lidar: Lidar) -> Placement:
+        """The placement in our ego frame, `lidar` on mounts that have none of their own.
+
+        Raises ValueError as `Placement` does.
+        """
+        poses = [(m.x, m.y, m.z, m.roll, m.pitch, m.yaw) for m in self.mounts]
+        if self.convention == "carla":
+            poses = [from_carla(*pose) for pose in poses]
+        lidars = [lidar if m.lidar is None else m.lidar.lidar() for m in self.mounts]
+        return Placement(name, [Mount(*pose) for pose in poses], lidar=lidars)
+
+
+def named_placement(name: str, lidar: Lidar) -> Placement:
+    """The paper's placement of this name, or the one in the file FILE.yaml, with `lidar`.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: there is no placement of that name, or the file is wrong.
+    """
+    if name.endswith((".yaml", ".yml")):
+        return read_placement(Path(name), lidar)
+    if name not in PAPER_PLACEMENTS:
+        raise ValueError(
+            f"--placement {name}: allowed are {', '.join(PAPER_PLACEMENTS)} and a FILE.yaml"
+        )
+    return PAPER_PLACEMENTS[name].with_lidar(lidar)
+
+
+def read_placement(path: Path, lidar: Lidar) -> Placement:
+    """Read the keys of `PlacementSettings`; the placement has the name of the file.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: the file is not such a list; the message names file, key and value.
+    """
+    raw = read_yaml_file(path)
+    if isinstance(raw, dict) and "mounts" not in raw:
+        raise ValueError(
+            f"{path}: no key mounts; a placement's file lists its LiDARs, such as "
+            "mounts: [{x: 0, y: 0, z: 2}]"
+        )
+    try:
+        settings = PlacementSettings.model_validate(raw)
+    except ValidationError as error:
+        raise ValueError(f"{path}: {fault(error)}") from None
+    try:
+        return settings.placement(path.stem, lidar)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None

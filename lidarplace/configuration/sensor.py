@@ -1,0 +1,81 @@
+"""A LiDAR model in a configuration: degrees and metres."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from pydantic import Field, field_validator, model_validator
+
+from lidarplace.configuration.settings import (
+    CountFromOne,
+    Degrees,
+    Distance,
+    Elevation,
+    Probability,
+    Settings,
+)
+from lidarplace.sensor import Lidar
+
+MOST_BEAMS = 10_000
+MOST_RAYS = 20_000_000
+"""Of a turn: two hundred times the paper's, beyond which a mistyped number is likelier."""
+
+
+class SensorSettings(Settings):
+    """A LiDAR model; the defaults are the paper's, without noise."""
+
+    beams: Annotated[CountFromOne, Field(le=MOST_BEAMS)] = Field(
+        16, description="beams, evenly spread over elevation_deg"
+    )
+    elevation_deg: tuple[Elevation, Elevation] = Field(
+        (-25.0, 5.0), description="elevation of the lowest and the highest beam, degrees"
+    )
+    elevations_deg: Annotated[tuple[Elevation, ...], Field(max_length=MOST_BEAMS)] | None = Field(
+        None, description="elevation of every beam, degrees, in place of the two keys above"
+    )
+    azimuth_steps: CountFromOne = Field(5625, description="firings of a beam in one turn")
+    range: Distance = Field(100.0, gt=0, description="farthest return, metres")
+    range_noise: Distance = Field(0.0, description="standard deviation, m")
+    drop_off: Probability = Field(0.0, lt=1, description="probability that a return is lost")
+    azimuth_deg: tuple[Degrees, Degrees] = Field(
+        (-180.0, 180.0),
+        description="horizontal field of view [min, max] in the sensor's frame, degrees; 0 is its "
+        "x axis, growing to the left, and the interval may cross 180",
+    )
+
+    @field_validator("azimuth_deg")
+    @classmethod
+    def _at_most_one_turn(cls, interval: tuple[float, float]) -> tuple[float, float]:
+        if not 0 < interval[1] - interval[0] <= 360:
+            raise ValueError("allowed is [min, max] with min < max and max - min <= 360")
+        return interval
+
+    @model_validator(mode="after")
+    def _build(self) -> SensorSettings:
+        if self.elevations_deg is not None and (self.model_fields_set & {"beams", "elevation_deg"}):
+            raise ValueError("elevations_deg replaces beams and elevation_deg; name one or the two")
+        beams = len(self.elevations_deg) if self.elevations_deg is not None else self.beams
+        if beams * self.azimuth_steps > MOST_RAYS:
+            raise ValueError(
+                f"azimuth_steps: found {self.azimuth_steps:,} with {beams:,} beams; allowed are "
+                f"{MOST_RAYS:,} rays, beams times azimuth steps"
+            )
+        self.lidar()
+        return self
+
+    def lidar(self) -> Lidar:
+        """The sensor in radians."""
+        degrees = self.elevations_deg
+        if degrees is None:
+            low, high = self.elevation_deg
+            step = (high - low) / (self.beams - 1) if self.beams > 1 else 0.0
+            degrees = tuple(low + i * step for i in range(self.beams))
+        return Lidar(
+            tuple(math.radians(e) for e in degrees),
+            self.azimuth_steps,
+            self.range,
+            self.range_noise,
+            self.drop_off,
+            (math.radians(self.azimuth_deg[0]), math.radians(self.azimuth_deg[1])),
+        )

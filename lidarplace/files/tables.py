@@ -1,0 +1,61 @@
+"""Tables from files; what is wrong with a file is one line that names it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+from pyarrow import feather
+
+from lidarplace.files.atomic import first_line, reading
+from lidarplace.files.columns import check_columns
+
+
+def read_parquet(path: Path) -> pd.DataFrame:
+    """The table in a Parquet file.
+
+    Raises:
+        ValueError: the file cannot be read, or is no such table.
+    """
+    with reading(path):
+        try:
+            with path.open("rb") as file:  # pandas would take a path such as http:/… for an address
+                return pd.read_parquet(file)
+        # Of pandas: what it notes of a table in the file is JSON, and can be damaged as well.
+        except (pa.ArrowException, ValueError, KeyError) as error:
+            raise ValueError(f"{path}: is no Parquet file: {first_line(error)}") from None
+
+
+def read_csv(path: Path, **options: Any) -> pd.DataFrame:
+    """The table in a CSV file; `options` are of `pandas.read_csv`.
+
+    Raises:
+        ValueError: the file cannot be read, or is no such table.
+    """
+    with reading(path):
+        try:
+            with path.open("rb") as file:
+                return pd.read_csv(file, **options)
+        except UnicodeDecodeError as error:
+            raise ValueError(f"{path}: is no CSV file: byte {error.start} is not UTF-8") from None
+        except ValueError as error:  # and its subclasses ParserError and EmptyDataError
+            raise ValueError(f"{path}: is no CSV file: {first_line(error)}") from None
+
+
+def read_feather(path: Path, columns: Sequence[str]) -> pd.DataFrame:
+    """These columns of the table in a Feather file.
+
+    Raises:
+        ValueError: the file cannot be read, is no such table, or lacks a column.
+    """
+    with reading(path):
+        try:
+            with path.open("rb") as file:
+                table = feather.read_table(file)
+            check_columns(table.column_names, columns, str(path))
+            return table.select(list(columns)).to_pandas(ignore_metadata=True)
+        except pa.ArrowException as error:
+            raise ValueError(f"{path}: no Feather file: {first_line(error)}") from None

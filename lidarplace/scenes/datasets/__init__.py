@@ -1,0 +1,1 @@
+"""Box logs from data sets and from tables of one's own."""

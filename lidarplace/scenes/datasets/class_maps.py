@@ -1,0 +1,158 @@
+"""Which category of a data set is which class of the box log, as the paper groups them.
+
+Car is what is of a car's size: sedans, pickups, SUVs. Cyclist is the paper's *Van and Cyclist*:
+bicycles, motorcycles, box trucks and what is like them. What the paper's towns do not have (buses,
+trailers, construction machines, scooters) is ignored, and so is what is no road user.
+"""
+
+from __future__ import annotations
+
+import reprlib
+from collections import Counter
+from collections.abc import Callable, Hashable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from lidarplace.boxes import CLASSES
+from lidarplace.configuration.settings import found
+from lidarplace.configuration.yaml import read_yaml_file
+
+IGNORE = "ignore"
+"""What a class map says of a category whose boxes are left out."""
+
+ClassMap = Mapping[str, str]
+"""Category -> one of `CLASSES`, or `IGNORE`."""
+
+BOX_LOG: ClassMap = MappingProxyType({name: name for name in CLASSES})
+"""A log that already has our classes."""
+
+NUSCENES: ClassMap = MappingProxyType(
+    {
+        "animal": IGNORE,
+        "human.pedestrian.adult": "Pedestrian",
+        "human.pedestrian.child": "Pedestrian",
+        "human.pedestrian.construction_worker": "Pedestrian",
+        "human.pedestrian.personal_mobility": IGNORE,
+        "human.pedestrian.police_officer": "Pedestrian",
+        "human.pedestrian.stroller": IGNORE,
+        "human.pedestrian.wheelchair": IGNORE,
+        "movable_object.barrier": IGNORE,
+        "movable_object.debris": IGNORE,
+        "movable_object.pushable_pullable": IGNORE,
+        "movable_object.trafficcone": IGNORE,
+        "static_object.bicycle_rack": IGNORE,
+        "vehicle.bicycle": "Cyclist",
+        "vehicle.bus.bendy": IGNORE,
+        "vehicle.bus.rigid": IGNORE,
+        "vehicle.car": "Car",
+        "vehicle.construction": IGNORE,
+        "vehicle.emergency.ambulance": "Cyclist",
+        "vehicle.emergency.police": "Car",
+        "vehicle.motorcycle": "Cyclist",
+        "vehicle.trailer": IGNORE,
+        "vehicle.truck": "Cyclist",  # pickups too: nuScenes does not tell them apart
+    }
+)
+"""The 23 categories of nuScenes v1.0."""
+
+ARGOVERSE: ClassMap = MappingProxyType(
+    {
+        "ANIMAL": IGNORE,
+        "ARTICULATED_BUS": IGNORE,
+        "BICYCLE": "Cyclist",
+        "BICYCLIST": "Cyclist",
+        "BOLLARD": IGNORE,
+        "BOX_TRUCK": "Cyclist",
+        "BUS": IGNORE,
+        "CONSTRUCTION_BARREL": IGNORE,
+        "CONSTRUCTION_CONE": IGNORE,
+        "DOG": IGNORE,
+        "EGO_VEHICLE": IGNORE,  # the vehicle with the sensors
+        "LARGE_VEHICLE": "Cyclist",
+        "MESSAGE_BOARD_TRAILER": IGNORE,
+        "MOBILE_PEDESTRIAN_CROSSING_SIGN": IGNORE,
+        "MOBILE_PEDESTRIAN_SIGN": IGNORE,  # the same thing: the guide's name for it
+        "MOTORCYCLE": "Cyclist",
+        "MOTORCYCLIST": "Cyclist",
+        "OFFICIAL_SIGNALER": "Pedestrian",
+        "PEDESTRIAN": "Pedestrian",
+        "RAILED_VEHICLE": IGNORE,
+        "REGULAR_VEHICLE": "Car",
+        "SCHOOL_BUS": IGNORE,
+        "SIGN": IGNORE,
+        "STOP_SIGN": IGNORE,
+        "STROLLER": IGNORE,
+        "TRAFFIC_LIGHT_TRAILER": IGNORE,
+        "TRUCK": "Cyclist",
+        "TRUCK_CAB": "Cyclist",
+        "VEHICULAR_TRAILER": IGNORE,
+        "WHEELCHAIR": IGNORE,
+        "WHEELED_DEVICE": IGNORE,
+        "WHEELED_RIDER": IGNORE,
+    }
+)
+"""The 30 categories of the Argoverse 2 sensor data set, one under two names, and the ego itself."""
+
+
+def read_class_map(path: Path) -> dict[str, str]:
+    """A class map from a YAML file of lines `category: class`.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: the file is no YAML, or no class map.
+    """
+    content = read_yaml_file(path)
+    if not isinstance(content, dict):
+        raise ValueError(f"{path}: must have lines `category: class`, found {found(content)}")
+    check_class_map(content, str(path))
+    return content
+
+
+def check_class_map(class_map: ClassMap, source: str = "class map") -> None:
+    """Raise ValueError that names the entry, unless categories are text and classes are known."""
+    for category, name in class_map.items():
+        if not isinstance(category, str):
+            raise ValueError(f"{source}: a category must be text, found {found(category)}")
+        if name not in (*CLASSES, IGNORE):
+            raise ValueError(
+                f"{source}: {category}: must be {', '.join(CLASSES)} or {IGNORE}, found {name!r}"
+            )
+
+
+def classify(
+    categories: pd.Series, class_map: ClassMap, row: Callable[[int], str], ignored: Counter[str]
+) -> NDArray[np.object_]:
+    """The class of every row of `categories`, or `IGNORE`; shape (rows,), text.
+
+    Adds to `ignored` how many rows of each ignored category there are.
+
+    Raises:
+        ValueError: a row has no category, or one not in `class_map`; `row` names the row.
+    """
+    values = categories.astype(object)
+    missing = values.isna().to_numpy(bool)
+    if missing.any():
+        raise ValueError(f"{row(int(np.argmax(missing)))}: the category is missing")
+    hashable = values.map(lambda value: isinstance(value, Hashable)).to_numpy(bool)
+    if not hashable.all():
+        index = int(np.argmin(hashable))
+        raise ValueError(
+            f"{row(index)}: the category must be text, found {reprlib.repr(values.iloc[index])}"
+        )
+    codes, names = pd.factorize(values)
+    for code, name in enumerate(names):
+        if name not in class_map:
+            raise ValueError(
+                f"{row(int(np.argmax(codes == code)))}: unknown category {reprlib.repr(name)}; "
+                f"name its class in a class map, or {IGNORE}"
+            )
+    classes = np.array([class_map[name] for name in names], dtype=object)
+    counts = np.bincount(codes, minlength=len(names)).tolist()
+    for name, count, object_class in zip(names, counts, classes, strict=True):
+        if object_class == IGNORE:
+            ignored[name] += count
+    return classes[codes]

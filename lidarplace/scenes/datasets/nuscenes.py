@@ -1,0 +1,205 @@
+"""Box logs of nuScenes, from the tables of its v1.0 database."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from lidarplace.box_log import BoxLog
+from lidarplace.boxes import BOX_COLUMNS
+from lidarplace.scenes.datasets.class_maps import (
+    IGNORE,
+    NUSCENES,
+    ClassMap,
+    check_class_map,
+    classify,
+)
+from lidarplace.scenes.datasets.nuscenes_tables import Table, read_table
+from lidarplace.scenes.datasets.se3 import Poses, poses
+
+ORIGIN = (2.588 / 2, 0.0, 0.0)
+"""Our ego origin in the ego frame of nuScenes, metres.
+
+Theirs is the middle of the rear axle, projected onto the ground
+(https://github.com/nutonomy/nuscenes-devkit/issues/161); ours lies half a wheelbase ahead. The
+vehicles are Renault Zoes, whose wheelbase is 2.588 m.
+"""
+
+LIDAR = "LIDAR_TOP"
+"""The annotations of a sample belong to the sweep of this sensor, so its pose is the ego's."""
+
+
+def read_nuscenes(
+    folder: Path,
+    *,
+    version: str | None = None,
+    class_map: ClassMap | None = None,
+    test_scenes: Sequence[str] | float = 0.2,
+    ignored: Counter[str] | None = None,
+) -> BoxLog:
+    """The annotated samples (key frames) of nuScenes as a box log.
+
+    Frames count through the log, scene by scene in the order of their names; `route` numbers the
+    scenes. All boxes are kept, however far away. Their pitch and roll, and those of the road
+    against the vehicle, are lost: a box has only a yaw.
+
+    Args:
+        folder: where the tables are (`v1.0-mini`, …), or the folder above.
+        version: which of several versions in `folder`, such as `v1.0-trainval`.
+        class_map: entries that differ from `class_maps.NUSCENES`.
+        test_scenes: names of the scenes whose frames are test, or the share of recordings (rows of
+            log.json) that are. A recording is not divided, as its scenes lead through one place.
+        ignored: gets the number of boxes left out by category.
+
+    Raises:
+        ValueError: a table is missing or wrong, a token leads nowhere, or a category is unknown.
+    """
+    folder = _tables(folder, version)
+    class_map = {**NUSCENES, **(class_map or {})}
+    check_class_map(class_map)
+    scene = read_table(folder / "scene.json", ("name", "log_token"))
+    sample = read_table(folder / "sample.json", ("scene_token", "timestamp"))
+    frames, frame_of, ego = _frames(folder, scene, sample, test_scenes)
+
+    box = read_table(
+        folder / "sample_annotation.json",
+        ("sample_token", "instance_token", "translation", "size", "rotation"),
+    )
+    if not len(box):
+        raise ValueError(f"{box.path}: has no boxes; those of the public test set are secret")
+    frame = frame_of[box.rows_in(sample, "sample_token")]
+    size = box.numbers("size", 3)
+    if (size < 0).any():
+        row = int(np.argmax((size < 0).any(axis=1)))
+        raise ValueError(f"{box.row(row)}: size must be at least 0, found {size[row].tolist()}")
+    pose = poses(box.numbers("translation", 3), box.numbers("rotation", 4), box.row)
+    pose = pose.seen_from(ego[frame])
+    boxes = pd.DataFrame(
+        {
+            "scene": frames["scene"].to_numpy()[frame],
+            "frame": frame,
+            "timestamp_s": frames["timestamp_s"].to_numpy()[frame],
+            "object_id": box.columns["instance_token"],
+            "class": _classes(folder, box, class_map, Counter() if ignored is None else ignored),
+            **dict(zip("xyz", pose.position.T, strict=True)),
+            **dict(zip(("width", "length", "height"), size.T, strict=True)),
+            "yaw": pose.yaw,
+        }
+    )
+    boxes = boxes[boxes["class"] != IGNORE].sort_values("frame", kind="stable", ignore_index=True)
+    return BoxLog(boxes[list(BOX_COLUMNS)], frames)
+
+
+def _tables(folder: Path, version: str | None) -> Path:
+    """The folder of the tables."""
+    if version is not None:
+        folder = folder / version
+    if (folder / "scene.json").exists():
+        return folder
+    found = sorted(path.parent for path in folder.glob("v1.0-*/scene.json"))
+    if len(found) != 1:
+        versions = ", ".join(path.name for path in found) or "none"
+        raise ValueError(
+            f"{folder}: must hold scene.json or one folder v1.0-*, found {versions}"
+            + ("; name a version" if found else "")
+        )
+    return found[0]
+
+
+def _frames(
+    folder: Path, scene: Table, sample: Table, test_scenes: Sequence[str] | float
+) -> tuple[pd.DataFrame, NDArray[np.int64], Poses]:
+    """The table of frames, the frame of every sample, and our ego pose by frame."""
+    names = np.array(scene.columns["name"], dtype=object)
+    order = np.argsort(names, kind="stable")
+    route_of = np.empty(len(scene), np.int64)
+    route_of[order] = np.arange(len(scene))
+    in_scene = sample.rows_in(scene, "scene_token")
+    timestamp = sample.numbers("timestamp")
+    in_order = np.lexsort((timestamp, route_of[in_scene]))
+    frame_of = np.empty(len(sample), np.int64)
+    frame_of[in_order] = np.arange(len(sample))
+
+    route = route_of[in_scene][in_order]
+    test = _test(scene, order, test_scenes)[order]
+    time_us = timestamp[in_order]
+    start_us = pd.Series(time_us).groupby(route).transform("first").to_numpy()
+    ego = _vehicle(folder, sample)[in_order].moved(ORIGIN)
+    frames = pd.DataFrame(
+        {
+            "scene": names[order][route],
+            "frame": np.arange(len(sample)),
+            "timestamp_s": (time_us - start_us) / 1e6,
+            "route": route,
+            "split": np.where(test, "test", "train")[route],
+            "ego_x": ego.position[:, 0],
+            "ego_y": ego.position[:, 1],
+            "ego_yaw": ego.yaw,
+        }
+    )
+    return frames, frame_of, ego
+
+
+def _test(
+    scene: Table, order: NDArray[np.int64], test_scenes: Sequence[str] | float
+) -> NDArray[np.bool_]:
+    """Whether each row of `scene` is test; a share takes recordings at even distances."""
+    if not isinstance(test_scenes, float | int):
+        names = scene.columns["name"]
+        unknown = [name for name in test_scenes if name not in names]
+        if unknown:
+            raise ValueError(f"{scene.path}: test scene {unknown[0]!r} is not there")
+        return np.isin(np.array(names, dtype=object), list(test_scenes))
+    if not 0 <= test_scenes <= 1:
+        raise ValueError(
+            f"the share of test recordings must be within 0 and 1, found {test_scenes}"
+        )
+    logs = scene.columns["log_token"]
+    recordings = list(dict.fromkeys(logs[i] for i in order))
+    steps = [math.floor(i * test_scenes + 1e-9) for i in range(len(recordings) + 1)]
+    test = {log for i, log in enumerate(recordings) if steps[i + 1] > steps[i]}
+    return np.array([log in test for log in logs], dtype=bool)
+
+
+def _vehicle(folder: Path, sample: Table) -> Poses:
+    """Pose of the vehicle in the world, in nuScenes' own ego frame, by row of `sample`."""
+    sensor = read_table(folder / "sensor.json", ("channel",))
+    calibrated = read_table(folder / "calibrated_sensor.json", ("sensor_token",))
+    sweep = read_table(
+        folder / "sample_data.json",
+        ("sample_token", "ego_pose_token", "calibrated_sensor_token", "is_key_frame"),
+    )
+    lidar = np.array(sensor.columns["channel"], dtype=object) == LIDAR
+    by_lidar = lidar[calibrated.rows_in(sensor, "sensor_token")]
+    is_key = sweep.flags("is_key_frame")
+    by_lidar = by_lidar[sweep.rows_in(calibrated, "calibrated_sensor_token")]
+    sweep = sweep.take(np.flatnonzero(is_key & by_lidar))
+    in_sample = sweep.rows_in(sample, "sample_token")
+    number = np.bincount(in_sample, minlength=len(sample))
+    if (number != 1).any():
+        row = int(np.argmax(number != 1))
+        raise ValueError(
+            f"{sample.row(row)}: must have one key frame of {LIDAR} in {sweep.path.name}, "
+            f"found {number[row]}"
+        )
+    pose = read_table(folder / "ego_pose.json", ("translation", "rotation"))
+    pose = pose.take(sweep.rows_in(pose, "ego_pose_token")[np.argsort(in_sample)])
+    return poses(pose.numbers("translation", 3), pose.numbers("rotation", 4), pose.row)
+
+
+def _classes(
+    folder: Path, box: Table, class_map: ClassMap, ignored: Counter[str]
+) -> NDArray[np.object_]:
+    """Class or `IGNORE` of every row of `box`."""
+    instance = read_table(folder / "instance.json", ("category_token",))
+    category = read_table(folder / "category.json", ("name",))
+    of_instance = instance.rows_in(category, "category_token")
+    names = np.array(category.columns["name"], dtype=object)
+    categories = names[of_instance[box.rows_in(instance, "instance_token")]]
+    return classify(pd.Series(categories), class_map, box.row, ignored)

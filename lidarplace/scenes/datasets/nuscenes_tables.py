@@ -1,0 +1,145 @@
+"""One table of a nuScenes database: a JSON file of rows with tokens that point at other tables."""
+
+from __future__ import annotations
+
+import reprlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from lidarplace.files.json import read_json
+
+TEXTS = frozenset(
+    (
+        *("token", "name", "log_token", "scene_token", "sample_token", "instance_token"),
+        *("category_token", "sensor_token", "calibrated_sensor_token", "ego_pose_token", "channel"),
+    )
+)
+"""Columns of text, in whichever table."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Some columns of a table.
+
+    Attributes:
+        path: the file.
+        columns: values by column, all of one length; `token` names the row.
+    """
+
+    path: Path
+    columns: Mapping[str, Sequence[Any]]
+
+    def __len__(self) -> int:
+        return len(self.columns["token"])
+
+    def row(self, index: int) -> str:
+        """File and token of a row, for messages."""
+        return f"{self.path}: token {self.columns['token'][index]}"
+
+    def numbers(self, name: str, *shape: int) -> NDArray[np.float64]:
+        """A column of finite numbers, or of lists of so many: (rows, *shape), float64.
+
+        Raises:
+            ValueError: a value is something else.
+        """
+        values = self.columns[name]
+        if not values:
+            return np.empty((0, *shape))
+        array = _floats(values)
+        if array is not None and array.shape == (len(values), *shape) and np.isfinite(array).all():
+            return array
+        for index, value in enumerate(values):
+            one = _floats(value)
+            if one is None or one.shape != shape or not np.isfinite(one).all():
+                wanted = f"{shape[0]} finite numbers" if shape else "a finite number"
+                raise ValueError(
+                    f"{self.row(index)}: {name} must be {wanted}, found {reprlib.repr(value)}"
+                )
+        raise AssertionError("unreachable")
+
+    def check_texts(self, name: str) -> None:
+        """Raise ValueError that names the first row whose value is no text."""
+        for index, value in enumerate(self.columns[name]):
+            if not isinstance(value, str):
+                where = f"{self.path}: row {index}" if name == "token" else self.row(index)
+                raise ValueError(f"{where}: {name} must be text, found {reprlib.repr(value)}")
+
+    def flags(self, name: str) -> NDArray[np.bool_]:
+        """A column of true and false: (rows,), bool. Raises ValueError."""
+        for index, value in enumerate(self.columns[name]):
+            if not isinstance(value, bool):
+                shown = reprlib.repr(value)
+                raise ValueError(f"{self.row(index)}: {name} must be true or false, found {shown}")
+        return np.array(self.columns[name], bool)
+
+    def rows_in(self, other: Table, name: str) -> NDArray[np.int64]:
+        """Which row of `other` the tokens in column `name` point at; (rows,), int64.
+
+        Raises:
+            ValueError: `other` has no such row, or two.
+        """
+        index = pd.Index(other.columns["token"], dtype=object)
+        if not index.is_unique:
+            twice = int(np.argmax(index.duplicated()))
+            raise ValueError(f"{other.row(twice)}: is there twice")
+        rows = index.get_indexer(pd.Index(self.columns[name], dtype=object)).astype(np.int64)
+        if (rows < 0).any():
+            row = int(np.argmax(rows < 0))
+            raise ValueError(
+                f"{self.row(row)}: {name} {self.columns[name][row]!r} is not in {other.path.name}"
+            )
+        return rows
+
+    def take(self, rows: NDArray[np.int64]) -> Table:
+        """The rows with these numbers."""
+        chosen = rows.tolist()
+        return Table(
+            self.path, {name: [values[i] for i in chosen] for name, values in self.columns.items()}
+        )
+
+
+def _floats(value: Any) -> NDArray[np.float64] | None:
+    try:
+        return np.array(value, np.float64)
+    except (TypeError, ValueError):
+        return None
+
+
+def read_table(path: Path, names: Sequence[str]) -> Table:
+    """Columns `token` and `names` of a table.
+
+    Raises:
+        ValueError: there is no such file, or it is no JSON list of objects with these columns.
+    """
+    names = ("token", *names)
+    # Rows become tuples while they are read: all columns as dicts would take half as much again.
+    try:
+        rows = read_json(path, itemgetter(*names))
+    except KeyError as error:  # of the getter; the file is read once more to say where
+        raise ValueError(f"{path}: {_without(error.args[0], read_json(path))}") from None
+    if not isinstance(rows, list) or not all(isinstance(row, tuple) for row in rows):
+        raise ValueError(f"{path}: must be a JSON list of objects")
+    table = Table(path, {name: [row[i] for row in rows] for i, name in enumerate(names)})
+    for name in names:
+        if name in TEXTS:
+            table.check_texts(name)
+    return table
+
+
+def _without(name: str, rows: Any) -> str:
+    """Where a column is missing."""
+    if isinstance(rows, list):
+        for number, row in enumerate(rows):
+            if isinstance(row, dict) and name not in row:
+                return f"row {number}: no column {name}; found {reprlib.repr(list(row))}"
+            for key, value in row.items() if isinstance(row, dict) else ():
+                if isinstance(value, dict):
+                    return f"row {number}: {key} must be no object, found {reprlib.repr(value)}"
+    return "must be a JSON list of objects"

@@ -1,0 +1,225 @@
+"""Box logs from tables of one's own, Parquet or CSV."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from lidarplace.box_log import BoxLog
+from lidarplace.boxes import (
+    BOX_COLUMNS,
+    BUILDING_COLUMNS,
+    FRAME_COLUMNS,
+    GEOMETRY,
+    POSE_COLUMNS,
+    SIZE,
+    SPLITS,
+)
+from lidarplace.files.columns import (
+    check_columns,
+    frame_numbers,
+    groups,
+    numbers,
+    one_of,
+    sizes,
+    texts,
+)
+from lidarplace.files.tables import read_csv, read_parquet
+from lidarplace.ranges import FRAMES
+from lidarplace.scenes.datasets.class_maps import (
+    BOX_LOG,
+    IGNORE,
+    ClassMap,
+    check_class_map,
+    classify,
+)
+
+SUFFIXES = (".parquet", ".csv")
+TEXT = ("scene", "object_id", "class", "split")
+LOG, NO_BOXES = "log", "no boxes"
+"""Scene of a frame where nothing tells it, and of the empty frames of which only the number is
+known."""
+
+OF_FRAMES = ("scene", "timestamp_s")
+"""What a frame has, and each of its boxes too."""
+
+
+def read_tabular(
+    source: Path,
+    *,
+    frames: Path | int | None = None,
+    class_map: ClassMap | None = None,
+    ignored: Counter[str] | None = None,
+) -> BoxLog:
+    """A table of boxes, and what there is about their frames, as a box log.
+
+    Boxes need `frame` (whole numbers), `class` and the columns of `GEOMETRY`; they may have
+    `scene`, `timestamp_s` and `object_id` (else each box is an object of its own).
+
+    A table of frames lists every frame, those without boxes too. It needs `frame`, without
+    repetition in the whole log, and may have `scene` (else `log`), `timestamp_s` (else empty),
+    `route` (else the scenes are numbered), `split` (else all are `train`) and `POSE_COLUMNS`. What
+    it says of scene and time holds for the boxes. Without a table the frames of the boxes are
+    filled up with empty ones, of the scene `no boxes`, to the number that is given.
+
+    Args:
+        source: the table of boxes, or a folder of `boxes` and mostly `frames`, `.parquet` or
+            `.csv`.
+        frames: the table of frames or their number, where `source` has no table of them.
+        class_map: class by value of `class`, beside `CLASSES` themselves.
+        ignored: gets the number of boxes left out by value of `class`.
+
+    Raises:
+        OSError: a file cannot be read.
+        ValueError: a column is missing, a value is wrong, or nothing tells the frames.
+    """
+    class_map = {**BOX_LOG, **(class_map or {})}
+    check_class_map(class_map)
+    buildings = None
+    if source.is_dir():
+        buildings = _buildings(source / "buildings.parquet")
+        folder, source = source, _found(source, "boxes")
+        if any((folder / f"frames{suffix}").exists() for suffix in SUFFIXES):
+            if frames is not None:
+                raise ValueError(f"{folder}: has a table of frames; another one cannot be given")
+            frames = _found(folder, "frames")
+    boxes = _boxes(source)
+    if frames is None:
+        raise ValueError(
+            f"{source}: boxes alone do not tell which frames have none; give a table of all frames "
+            "or their number"
+        )
+    if isinstance(frames, int):
+        table = _counted(boxes, frames, source)
+    else:
+        table = _listed(boxes, frames, source)
+    _set_scene_and_time(boxes, table, source)
+
+    def row(index: int) -> str:
+        return f"{source}: row {index}"
+
+    counter: Counter[str] = Counter() if ignored is None else ignored
+    boxes["class"] = classify(boxes["class"], class_map, row, counter)
+    boxes = boxes[boxes["class"] != IGNORE].sort_values("frame", kind="stable", ignore_index=True)
+    log = BoxLog(boxes[list(BOX_COLUMNS)], table)
+    return log if buildings is None else replace(log, buildings=buildings)
+
+
+def _found(folder: Path, name: str) -> Path:
+    found = [path for suffix in SUFFIXES if (path := folder / f"{name}{suffix}").exists()]
+    if len(found) != 1:
+        wanted = " or ".join(f"{name}{suffix}" for suffix in SUFFIXES)
+        raise ValueError(f"{folder}: must hold {wanted}, found {'both' if found else 'neither'}")
+    return found[0]
+
+
+def _read(path: Path) -> pd.DataFrame:
+    if path.suffix not in SUFFIXES:
+        raise ValueError(f"{path}: must end in {' or '.join(SUFFIXES)}")
+    if path.suffix == ".csv":
+        return read_csv(path, dtype=dict.fromkeys(TEXT, str))
+    return read_parquet(path)
+
+
+def _boxes(path: Path) -> pd.DataFrame:
+    """The table of boxes, checked but for the class."""
+    boxes = _read(path)
+    _drop_empty_time(boxes)
+    _check(boxes, ("frame", "class", *GEOMETRY), (*GEOMETRY, "timestamp_s"), path)
+    sizes(boxes, SIZE, str(path))
+    if "object_id" not in boxes:
+        boxes["object_id"] = list(map(str, range(len(boxes))))
+    return boxes
+
+
+def _drop_empty_time(table: pd.DataFrame) -> None:
+    """Drop a `timestamp_s` of which nothing is known, as this reader itself leaves it."""
+    if "timestamp_s" in table and table["timestamp_s"].isna().all():
+        del table["timestamp_s"]
+
+
+def _check(table: pd.DataFrame, needed: Sequence[str], numeric: Sequence[str], path: Path) -> None:
+    """Make `frame` and `numeric` columns numbers, and see that no text is missing."""
+    check_columns(list(table.columns), needed, str(path))
+    table["frame"] = frame_numbers(table, str(path))
+    for name in table.columns.intersection(list(numeric)):
+        table[name] = numbers(table, [name], str(path))
+    for name in table.columns.intersection(list(TEXT)):
+        table[name] = texts(table, name, str(path))
+    if "route" in table:
+        table["route"] = groups(table, "route", str(path))
+
+
+def _listed(boxes: pd.DataFrame, path: Path, source: Path) -> pd.DataFrame:
+    """The table of frames at `path`, which must list those of the boxes."""
+    frames = _read(path)
+    _drop_empty_time(frames)
+    needed = [name for name in OF_FRAMES if name in boxes]
+    poses = POSE_COLUMNS if set(POSE_COLUMNS) & set(frames.columns) else ()
+    _check(frames, ("frame", *needed, *poses), (*poses, "timestamp_s"), path)
+    if (twice := frames["frame"].duplicated().to_numpy()).any():
+        row = int(np.argmax(twice))
+        raise ValueError(f"{path}: row {row}: frame {frames['frame'].iloc[row]} is there twice")
+    if "split" in frames:
+        one_of(frames, "split", SPLITS, str(path))
+    if not (listed := boxes["frame"].isin(frames["frame"]).to_numpy()).all():
+        row = int(np.argmin(listed))
+        raise ValueError(
+            f"{source}: row {row}: frame {boxes['frame'].iloc[row]} is not in {path.name}, "
+            "which lists every frame"
+        )
+    return _complete(frames, poses)
+
+
+def _buildings(path: Path) -> pd.DataFrame | None:
+    """The buildings of a folder that is a box log already."""
+    if not path.exists():
+        return None
+    buildings = _read(path)
+    check_columns(list(buildings.columns), BUILDING_COLUMNS, str(path))
+    buildings[list(GEOMETRY)] = numbers(buildings, GEOMETRY, str(path))
+    sizes(buildings, SIZE, str(path))
+    return buildings.assign(scene=texts(buildings, "scene", str(path)))
+
+
+def _counted(boxes: pd.DataFrame, count: int, source: Path) -> pd.DataFrame:
+    """The frames of the boxes, and empty ones after them that make it `count`."""
+    FRAMES.check("the number of frames", count)
+    own = boxes[["frame", *(name for name in OF_FRAMES if name in boxes)]]
+    own = own.drop_duplicates("frame")
+    if len(own) > count:
+        raise ValueError(f"{source}: has boxes of {len(own)} frames, more than {count}")
+    first = own["frame"].max() + 1 if len(own) else 0
+    empty = pd.DataFrame({"frame": first + np.arange(count - len(own)), "scene": NO_BOXES})
+    if "scene" not in own:
+        own = own.assign(scene=LOG)
+    return _complete(pd.concat([own, empty]))
+
+
+def _complete(frames: pd.DataFrame, poses: Sequence[str] = ()) -> pd.DataFrame:
+    """All columns of frames, in the order of their numbers."""
+    for name, value in (("scene", LOG), ("timestamp_s", np.nan), ("split", "train")):
+        if name not in frames:
+            frames[name] = value
+    if "route" not in frames:
+        frames["route"] = pd.factorize(frames["scene"], sort=True)[0]
+    return frames.sort_values("frame", ignore_index=True)[[*FRAME_COLUMNS, *poses]]
+
+
+def _set_scene_and_time(boxes: pd.DataFrame, frames: pd.DataFrame, source: Path) -> None:
+    """Give boxes the scene and time of their frame; a scene they have must be the same."""
+    of_box = pd.Index(frames["frame"]).get_indexer(pd.Index(boxes["frame"]))
+    scene = frames["scene"].to_numpy()[of_box]
+    if "scene" in boxes and (other := (boxes["scene"] != scene).to_numpy()).any():
+        row = int(np.argmax(other))
+        raise ValueError(
+            f"{source}: row {row}: frame {boxes['frame'].iloc[row]} is in scene "
+            f"{boxes['scene'].iloc[row]!r} and in {scene[row]!r}; frame numbers must differ"
+        )
+    boxes["scene"] = scene
+    boxes["timestamp_s"] = frames["timestamp_s"].to_numpy()[of_box]

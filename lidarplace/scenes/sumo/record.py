@@ -1,0 +1,172 @@
+"""Record box logs of simulated traffic around several egos."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+from xml.sax import SAXException
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from lidarplace.box_log import BoxLog, join_logs
+from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS, POSE_COLUMNS
+from lidarplace.scenes.routes import KEEP_M, split_of
+from lidarplace.scenes.sumo.buildings import build_along, within_reach
+from lidarplace.scenes.sumo.egos import choose_egos
+from lidarplace.scenes.sumo.maps import build_network
+from lidarplace.scenes.sumo.mirror import mirror_log
+from lidarplace.scenes.sumo.overlap import overlaps
+from lidarplace.scenes.sumo.settings import SumoScene, TownRun
+from lidarplace.scenes.sumo.town import sumo_home
+from lidarplace.scenes.sumo.town_map import TownMap
+from lidarplace.scenes.sumo.traffic import cars_among, write_demand
+from lidarplace.scenes.sumo.trajectories import LEVEL_M, Trajectories, simulate
+
+if TYPE_CHECKING:
+    from sumolib.net import Net
+
+
+def record(scene: SumoScene) -> BoxLog:
+    """Simulate the towns of `scene` and log what surrounds its egos.
+
+    Raises as `record_town` does.
+    """
+    return join_logs([record_town(scene, run) for run in scene.town_runs()])
+
+
+def record_town(scene: SumoScene, run: TownRun) -> BoxLog:
+    """Simulate one of `scene.town_runs()` and log what surrounds its egos.
+
+    Returns the box log: `boxes` with the columns `BOX_COLUMNS`, `frames` with `FRAME_COLUMNS` and
+    `POSE_COLUMNS`, `buildings` with `BUILDING_COLUMNS`. Boxes are in the ego frame, and the ego is
+    not among them; poses and buildings are in the frame of the town. The log is flat: everything
+    stands on the ground, and what is on another level of a bridge than the ego is left out.
+    `route` numbers the egos; frame `n` of a route is `n` frames after its first, which is
+    `frames_per_route` after that of the route before. The same settings give the same bytes.
+
+    Raises:
+        ImportError: SUMO is not installed.
+        ValueError: the map is missing or broken, or has no sidewalks for pedestrians; there are
+            fewer cars on the road than routes, or more vehicles than fit.
+    """
+    sumo_home()
+    if run.routes > (cars := cars_among(scene.density)):
+        raise ValueError(
+            f"density {scene.density} gives {cars} cars, too few for {run.routes} {run.part} "
+            "routes in one simulation"
+        )
+    network, town, traffic = drive(scene, run)
+    pairs = overlaps(traffic)
+    boxes: list[pd.DataFrame] = []
+    frames: list[pd.DataFrame] = []
+    for number, ego in enumerate(choose_egos(traffic, run.routes)):
+        first = run.first_frame + number * scene.frames_per_route
+        steps = moved(traffic.pose[:, ego, :2], scene.min_travel_m)
+        pose = traffic.pose[steps, ego]
+        frames.append(
+            pd.DataFrame(
+                {
+                    "scene": run.name,
+                    "frame": first + np.arange(len(steps)),
+                    "timestamp_s": traffic.time_s[steps],
+                    "route": run.first_route + number,
+                    "split": split_of(scene.split, run.part, len(steps)),
+                    **dict(zip(POSE_COLUMNS, (*pose[:, :2].T, _wrap(pose[:, 2])), strict=True)),
+                }
+            )
+        )
+        boxes.append(boxes_around(traffic, pairs, ego, steps, run, first))
+    log = BoxLog(
+        pd.concat(boxes, ignore_index=True)[list(BOX_COLUMNS)],
+        pd.concat(frames, ignore_index=True)[[*FRAME_COLUMNS, *POSE_COLUMNS]],
+    )
+    if scene.buildings:
+        walls = build_along(network, run.town_seed, run.name, town.lefthand)
+        positions = log.frames[list(POSE_COLUMNS[:2])].to_numpy(np.float64)
+        log = replace(log, buildings=within_reach(walls, positions))
+    return mirror_log(log) if town.mirrored else log
+
+
+def drive(scene: SumoScene, run: TownRun) -> tuple[Net, TownMap, Trajectories]:
+    """The road network of a town run, what is to know of it, and its traffic."""
+    from sumolib.net import readNet
+
+    demand_seed, driving = np.random.SeedSequence(run.traffic_seed).spawn(2)
+    with tempfile.TemporaryDirectory(prefix="lidarplace-") as name:
+        town = build_network(run.town, run.town_seed, Path(name))
+        try:
+            network = readNet(str(town.path), withInternal=True, withPedestrianConnections=True)
+        except (SAXException, KeyError, ValueError) as error:
+            reason = f"no {error}" if isinstance(error, KeyError) else error
+            raise ValueError(f"{town.path}: not a SUMO network: {reason}") from None
+        routes = Path(name) / "routes.rou.xml"
+        demand = write_demand(network, scene, np.random.default_rng(demand_seed), run.town, routes)
+        seed = int(driving.generate_state(1)[0] >> 1)  # SUMO takes 31 bits
+        return network, town, simulate(scene, town.path, demand, routes, seed)
+
+
+def moved(position: NDArray[np.float64], distance: float) -> NDArray[np.int64]:
+    """Steps at which something at `position`, (F, 2), is `distance` from where it last was kept.
+
+    The first step is always among them.
+    """
+    kept = [0]
+    for step, place in enumerate(position):
+        if step and math.dist(place, position[kept[-1]]) >= distance:
+            kept.append(step)
+    return np.array(kept, np.int64)
+
+
+def boxes_around(
+    traffic: Trajectories,
+    pairs: NDArray[np.int64],
+    ego: int,
+    steps: NDArray[np.int64],
+    run: TownRun,
+    first_frame: int,
+) -> pd.DataFrame:
+    """Boxes within `KEEP_M` of the ego and on its level at `steps`, in its frame.
+
+    Of two that overlap the smaller is left out: SUMO lets some road users brush each other where
+    lanes and crossings meet, about one pair in twenty frames of a whole town.
+    """
+    offset = traffic.pose - traffic.pose[:, ego : ego + 1]
+    # False where NaN
+    near = np.hypot(offset[:, :, 0], offset[:, :, 1]) <= KEEP_M
+    near &= np.abs(traffic.z - traffic.z[:, ego : ego + 1]) <= LEVEL_M
+    near[:, ego] = False
+    area = np.array([u.length * u.width for u in traffic.users])
+    area[ego] = np.inf
+    step, a, b = pairs.T
+    near[step, np.where(area[a] < area[b], a, b)] = False
+    frame, user = np.nonzero(near[steps])
+    at = steps[frame]
+    offset = offset[at, user]
+    cos, sin = (turn(traffic.pose[at, ego, 2]) for turn in (np.cos, np.sin))
+    size = np.array([(u.length, u.width, u.height) for u in traffic.users])[user]
+    return pd.DataFrame(
+        {
+            "scene": run.name,
+            "frame": first_frame + frame,
+            "timestamp_s": traffic.time_s[at],
+            "object_id": np.array([f"{run.name}-{u.id}" for u in traffic.users])[user],
+            "class": np.array([u.kind.object_class for u in traffic.users])[user],
+            "x": cos * offset[:, 0] + sin * offset[:, 1],
+            "y": cos * offset[:, 1] - sin * offset[:, 0],
+            "z": size[:, 2] / 2,
+            "length": size[:, 0],
+            "width": size[:, 1],
+            "height": size[:, 2],
+            "yaw": _wrap(offset[:, 2]),
+        }
+    )
+
+
+def _wrap(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same angles in (-pi, pi]."""
+    return np.pi - np.mod(np.pi - angle, 2 * np.pi)

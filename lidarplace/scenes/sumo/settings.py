@@ -1,0 +1,146 @@
+"""Settings of a simulated traffic scene, and the simulations that it consists of."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from lidarplace.configuration.settings import Count, CountFromOne, Seed, Text
+from lidarplace.scenes.routes import STEP_S, TEST_EVERY, Part, RouteSettings, seed_of
+
+GENERATED = "generated"
+MAP_SUFFIXES = (".net.xml", ".xodr", ".xodr.gz")
+
+
+def _town(name: str) -> str:
+    if name.endswith(MAP_SUFFIXES) or re.fullmatch(r"\w+", name):
+        return name
+    raise ValueError(
+        f"{name!r} is no town; allowed are '{GENERATED}', a path that ends in "
+        f"{', '.join(MAP_SUFFIXES)}, or the name of a CARLA map such as Town03"
+    )
+
+
+Town = Annotated[Text, AfterValidator(_town)]
+
+
+class TownRun(BaseModel):
+    """One simulation of a scene, in one town, from which one or several egos are recorded.
+
+    Attributes:
+        name: the town run in the column `scene` of a box log; its poses and buildings share a
+            world frame.
+        town: as in `SumoScene.towns`.
+        part: whether its routes are for training or for testing.
+        first_route: number of its first route in the log.
+        first_frame: number of its first frame in the log.
+        routes: egos to record.
+        town_seed: decides a generated town, and where the buildings stand.
+        traffic_seed: decides who drives where.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str
+    town: str
+    part: Part
+    first_route: int
+    first_frame: int
+    routes: int
+    town_seed: int
+    traffic_seed: int
+
+
+class SumoScene(RouteSettings):
+    """Towns, their traffic, and which drives through them are recorded.
+
+    Training and test routes never share traffic. A generated town is another one for testing; a
+    map is the same place in both, its buildings included, unless `test_towns` names others.
+    """
+
+    source: Literal["sumo"] = Field(
+        "sumo", description="tells this kind of scene from others: traffic is simulated"
+    )
+    seed: Seed = Field(
+        default=0,
+        description="decides generated towns, buildings, traffic and sizes; the same seed gives "
+        "the same log to the byte",
+    )
+    towns: tuple[Town, ...] = Field(
+        default=(GENERATED,),
+        min_length=1,
+        description="towns of the training routes: generated, a path to a SUMO network (.net.xml) "
+        "or to OpenDRIVE (.xodr, .xodr.gz), or the name of a CARLA map such as Town03",
+    )
+    test_towns: tuple[Town, ...] | None = Field(
+        default=None,
+        min_length=1,
+        description="towns of the test routes; those of towns if null, a generated one made anew",
+    )
+    density: CountFromOne = Field(
+        default=80, description="vehicles in each town; the paper's are 40, 80 and 120"
+    )
+    pedestrians: Count = Field(default=60, description="pedestrians in each town")
+    buildings: bool = Field(True, description="whether buildings stand along the roads")
+    routes: CountFromOne = Field(default=8, description="egos recorded in each training town")
+    test_routes: Count = Field(default=4, description="egos recorded in each test town")
+    egos_per_run: CountFromOne | None = Field(
+        default=None,
+        description="egos recorded from one simulation of a town; all of them if null. Fewer are "
+        "less alike, and simulations can run in parallel",
+    )
+
+    def town_runs(self) -> tuple[TownRun, ...]:
+        """The simulations of the scene, training first; each can be recorded on its own.
+
+        Routes and frames are numbered through the whole scene, before anything is recorded.
+        """
+        tests = self.towns if self.test_towns is None else self.test_towns
+        places: list[tuple[Part, str, int]] = [
+            *(("train", town, self.routes) for town in self.towns),
+            *(("test", town, self.test_routes) for town in tests),
+        ]
+        runs: list[TownRun] = []
+        names: Counter[str] = Counter()
+        route = 0
+        for number, (part, town, routes) in enumerate(places):
+            stem = Path(town).name.split(".")[0]
+            for first in range(0, routes, self.egos_per_run or max(routes, 1)):
+                name = f"sumo-{self.seed}-{part}-{stem}"
+                names[name] += 1
+                count = min(self.egos_per_run or routes, routes - first)
+                runs.append(
+                    TownRun(
+                        # No town's own name has a slash.
+                        name=name if names[name] == 1 else f"{name}/{names[name]}",
+                        town=town,
+                        part=part,
+                        first_route=route,
+                        first_frame=route * self.frames_per_route,
+                        routes=count,
+                        # A map is the same place in training and testing.
+                        town_seed=seed_of(self.seed, 0, number if town == GENERATED else 0),
+                        traffic_seed=seed_of(self.seed, 1, len(runs)),
+                    )
+                )
+                route += count
+        return tuple(runs)
+
+    def frame_counts(self) -> tuple[int, int]:
+        """Number of training and of test frames; upper bounds with `min_travel_m`."""
+        runs = self.town_runs()
+        train = sum(run.routes for run in runs if run.part == "train")
+        test = sum(run.routes for run in runs if run.part == "test")
+        if self.split == "route":
+            return train * self.frames_per_route, test * self.frames_per_route
+        tenth = self.frames_per_route // TEST_EVERY
+        return (train + test) * (self.frames_per_route - tenth), (train + test) * tenth
+
+    @property
+    def seconds(self) -> float:
+        """Simulated time of one run, warm-up included."""
+        return (self.warmup_steps + self.frames_per_route * self.frame_stride) * STEP_S

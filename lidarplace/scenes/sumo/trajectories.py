@@ -1,0 +1,134 @@
+"""Drive the traffic of a town in SUMO and keep where everybody was."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarplace.scenes.routes import STEP_S
+from lidarplace.scenes.sumo.rerouting import Rerouting
+from lidarplace.scenes.sumo.settings import SumoScene
+from lidarplace.scenes.sumo.traffic import PEDESTRIAN, Demand, RoadUser
+
+LATERAL_RESOLUTION_M = 0.8
+"""Width of a sublane; narrower costs time."""
+
+TELEPORT_S = 120
+"""A vehicle that is stuck for so long is put elsewhere on its route: a jam never freezes a town."""
+
+
+LEVEL_M = 3.0
+"""Road users whose ground differs more in height are on different levels of a bridge."""
+
+
+@dataclass(frozen=True)
+class Trajectories:
+    """Where every road user was at every recorded step, in the town's frame.
+
+    Attributes:
+        users: the road users, sorted by id; U of them.
+        time_s: seconds since the end of the warm-up, shape (F,), float64.
+        pose: x, y of the box's centre and yaw from the x axis, shape (F, U, 3), float64, metres
+            and radians; NaN while a user is not on the road.
+        z: height of the road under the user, shape (F, U), float64, metres, NaN likewise.
+        speed: metres per second, shape (F, U), float64, NaN likewise.
+    """
+
+    users: list[RoadUser]
+    time_s: NDArray[np.float64]
+    pose: NDArray[np.float64]
+    z: NDArray[np.float64]
+    speed: NDArray[np.float64]
+
+
+def simulate(
+    scene: SumoScene, network: Path, demand: Demand, routes: Path, seed: int
+) -> Trajectories:
+    """Run the traffic of `demand` through `network` and record `scene.frames_per_route` steps.
+
+    `routes` is the file that `write_demand` wrote.
+
+    Raises:
+        ValueError: the town has no room for so many vehicles, or SUMO cannot read the network.
+        RuntimeError: a simulation already runs in this process; SUMO has room for one.
+    """
+    import libsumo
+
+    if libsumo.isLoaded():
+        raise RuntimeError("a SUMO simulation already runs in this process; close it first")
+    users = demand.users
+    index = {user.id: u for u, user in enumerate(users)}
+    # x, y, z, angle and speed as SUMO tells them.
+    state: NDArray[np.float64] = np.full((scene.frames_per_route, len(users), 5), np.nan)
+    reroute = Rerouting(demand, scene.seconds, np.random.default_rng(seed))
+    with _silent():
+        libsumo.start(_command(network, routes, seed))
+        try:
+            for _ in range(scene.warmup_steps):
+                libsumo.simulationStep()
+                reroute()
+            for f in range(scene.frames_per_route):
+                for _ in range(scene.frame_stride):
+                    libsumo.simulationStep()
+                    reroute()
+                if f == 0 and (waiting := libsumo.simulation.getPendingVehicles()):
+                    raise ValueError(
+                        f"density {scene.density}: {len(waiting)} vehicles found no room in the "
+                        "town before the first frame; ask for fewer or for a longer warm-up"
+                    )
+                for domain in (libsumo.vehicle, libsumo.person):
+                    for user in domain.getIDList():
+                        state[f, index[user]] = (
+                            *domain.getPosition3D(user),
+                            domain.getAngle(user),
+                            domain.getSpeed(user),
+                        )
+        finally:
+            libsumo.close()
+    state[state[:, :, 0] == libsumo.constants.INVALID_DOUBLE_VALUE] = np.nan  # see TELEPORT_S
+    # Degrees clockwise from north -> radians counterclockwise from x.
+    yaw = math.pi / 2 - np.radians(state[:, :, 3])
+    # Vehicles report the middle of their front bumper, pedestrians their centre.
+    back = np.array([0.0 if u.kind is PEDESTRIAN else u.length / 2 for u in users])
+    x, y = state[:, :, 0] - back * np.cos(yaw), state[:, :, 1] - back * np.sin(yaw)
+    time_s = np.arange(scene.frames_per_route, dtype=np.float64) * (scene.frame_stride * STEP_S)
+    return Trajectories(
+        users, time_s, np.stack([x, y, yaw], axis=2), state[:, :, 2], state[:, :, 4]
+    )
+
+
+def _command(network: Path, routes: Path, seed: int) -> list[str]:
+    return [
+        *("sumo", "--net-file", str(network), "--route-files", str(routes)),
+        *("--step-length", str(STEP_S), "--seed", str(seed)),
+        *("--lateral-resolution", str(LATERAL_RESOLUTION_M)),
+        *("--time-to-teleport", str(TELEPORT_S)),
+        *("--collision.action", "teleport", "--collision.check-junctions"),
+        *("--no-warnings", "--no-step-log", "--duration-log.disable", "--xml-validation", "never"),
+    ]
+
+
+@contextlib.contextmanager
+def _silent() -> Iterator[None]:
+    """Send what C++ code writes to standard output and error to nowhere.
+
+    Not for errors: libsumo raises those with their message.
+    """
+    null = os.open(os.devnull, os.O_WRONLY)
+    kept = [os.dup(stream) for stream in (1, 2)]
+    try:
+        for stream in (1, 2):
+            os.dup2(null, stream)
+        yield
+    finally:
+        for stream, copy in zip((1, 2), kept, strict=True):
+            os.dup2(copy, stream)
+            os.close(copy)
+        os.close(null)

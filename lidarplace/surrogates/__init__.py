@@ -1,0 +1,1 @@
+"""The surrogates: formulas, their evaluation, and how far they may be off."""

@@ -1,0 +1,251 @@
+"""Placements in, surrogates out: one placement, several classes, or many placements at once."""
+
+from __future__ import annotations
+
+import functools
+import time
+from collections.abc import Collection, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any
+
+import numba
+import numpy as np
+import pandas as pd
+
+from lidarplace.coverage import Method, check_method, covered_bits, rays_of
+from lidarplace.coverage.bits import pack
+from lidarplace.coverage.rays import RayMethod, log_miss, ray_counts, ray_weight
+from lidarplace.coverage.tiles import Tiles
+from lidarplace.occupancy.grid import OccupancyGrid
+from lidarplace.placement import Placement
+from lidarplace.roi import Roi
+from lidarplace.surrogates.formulas import (
+    RAY_SURROGATES,
+    Crossings,
+    Surrogates,
+    covered_entropy,
+    expected_ig,
+    expected_ig_with_occlusion,
+    expected_points,
+    log_miss_of_ray,
+    residual_entropy,
+)
+
+
+def evaluate(
+    grid: OccupancyGrid,
+    placement: Placement,
+    method: Method = "cone",
+    azimuth_steps: int | None = None,
+    surrogates: Collection[str] = (),
+    detection_probability: float = 0.1,
+    occlusion: bool = False,
+    azimuth_stride: int = 1,
+) -> Surrogates:
+    """Surrogates of `placement` for the class of `grid`.
+
+    Args:
+        method: how coverage is computed, see `lidarplace.coverage.coverage`.
+        azimuth_steps: rays of a beam in one turn instead of the LiDAR's own number.
+        surrogates: names from RAY_SURROGATES to compute as well; the others always are. With
+            `method="cone"` their ray counts come from `dda`.
+        detection_probability: q, the chance that a ray which crosses an occupied voxel detects it.
+        occlusion: whether rays are weakened by the voxels that they pass first (expected_ig).
+        azimuth_stride: count only every so many rays of a beam, each in the place of as many;
+            faster, less accurate, and for the RAY_SURROGATES alone.
+
+    Raises:
+        ValueError: an unknown method or surrogate, q outside (0, 1], or a stride below 1.
+    """
+    result = evaluate_classes(
+        {grid.object_class: grid},
+        placement,
+        method,
+        azimuth_steps,
+        surrogates,
+        detection_probability,
+        occlusion,
+        azimuth_stride,
+    )
+    return result[grid.object_class]
+
+
+def evaluate_many(
+    grids: Mapping[str, OccupancyGrid], placements: Sequence[Placement], **options: Any
+) -> list[dict[str, Surrogates]]:
+    """`evaluate_classes` for many placements on all cores, in the order of `placements`.
+
+    A sensor that several placements share is covered once. Threads are as many as numba's
+    (`NUMBA_NUM_THREADS`), so a Ray worker with one core stays on it. `options` are the keywords of
+    `evaluate_classes`.
+    """
+    for grid in grids.values():
+        grid.levels  # noqa: B018 - made once, before the threads start
+    with ThreadPoolExecutor(numba.get_num_threads()) as threads:
+        return list(threads.map(functools.partial(evaluate_classes, grids, **options), placements))
+
+
+def evaluate_classes(
+    grids: Mapping[str, OccupancyGrid],
+    placement: Placement,
+    method: Method = "cone",
+    azimuth_steps: int | None = None,
+    surrogates: Collection[str] = (),
+    detection_probability: float = 0.1,
+    occlusion: bool = False,
+    azimuth_stride: int = 1,
+) -> dict[str, Surrogates]:
+    """`evaluate` for several classes on one ROI; what does not depend on the class is done once.
+
+    `seconds` of each class is the common part plus its own. What depends on the POG alone (its
+    entropy, the columns that have any) is computed with the first placement and kept; `seconds`
+    leaves it out.
+    """
+    unknown = sorted(set(surrogates) - set(RAY_SURROGATES))
+    if unknown:
+        raise ValueError(
+            f"surrogates takes {', '.join(RAY_SURROGATES)} (the others are always computed), "
+            f"found {unknown[0]!r}"
+        )
+    check_method(method)
+    _check_probability(detection_probability)
+    roi = _common_roi(grids)
+    if azimuth_steps is not None:
+        placement = placement.with_lidar(
+            [replace(lidar, azimuth_steps=azimuth_steps) for lidar in placement.lidars]
+        )
+    tiles = occupied_tiles(grids)
+    h_pog = {object_class: grid.h_pog for object_class, grid in grids.items()}
+
+    start = time.perf_counter()
+    ray_method = rays_of(method)
+    needs_counts = bool(set(surrogates) - ({"expected_ig"} if occlusion else set()))
+    same_rays = method == ray_method and azimuth_stride == 1
+    occupied = occupied_layers(roi, tiles, ray_method)
+    if needs_counts:
+        rays = ray_counts(placement, roi if same_rays else occupied, ray_method, azimuth_stride)
+    if needs_counts and same_rays:
+        covered = pack(rays > 0)
+    else:
+        covered = covered_bits(placement, roi, method, tiles)
+    weight = ray_weight(placement, azimuth_stride)
+    common = time.perf_counter() - start
+
+    results = {}
+    for object_class, grid in grids.items():
+        start = time.perf_counter()
+        points = gain = None
+        if needs_counts:
+            crossings = Crossings.of_grid(grid, rays)
+        if "expected_points" in surrogates:
+            points = expected_points(grid, crossings, weight)
+        if "expected_ig" in surrogates and not occlusion:
+            gain = expected_ig(grid, crossings, weight * log_miss_of_ray(detection_probability))
+        elif "expected_ig" in surrogates:
+            log_misses = log_miss(
+                *(placement, occupied, ray_method),
+                *(grid.counts[..., : occupied.shape[2]], grid.frames),
+                *(detection_probability, azimuth_stride),
+            )
+            gain = expected_ig_with_occlusion(grid, log_misses)
+        by_level = grid.levels.covered(covered)
+        results[object_class] = Surrogates(
+            placement=placement,
+            roi=roi,
+            method=method,
+            s_mig=0 - covered_entropy(grid, by_level),  # 0 - x: no negative zero
+            ig=residual_entropy(grid, by_level),
+            h_pog=h_pog[object_class],
+            expected_points=points,
+            expected_ig=gain,
+            covered_nonzero=int(by_level.sum()),
+            seconds=common + time.perf_counter() - start,
+        )
+    if method != "cone":  # rays pass all voxels anyway
+        voxels = int(np.bitwise_count(covered).sum())
+        for result in results.values():
+            vars(result)["covered_voxels"] = voxels
+    return results
+
+
+def expected_ig_by_q(
+    grids: Mapping[str, OccupancyGrid],
+    placement: Placement,
+    detection_probabilities: Sequence[float],
+    azimuth_stride: int = 1,
+) -> pd.DataFrame:
+    """`expected_ig` without occlusion for many q: the rays are traced once.
+
+    `tracking.findings.fitted_q` fits q to measured AP with it.
+
+    Returns:
+        A row a class (index), a column a q; nats.
+
+    Raises:
+        ValueError: a q outside (0, 1], or grids of different ROIs.
+    """
+    for q in detection_probabilities:
+        _check_probability(q)
+    roi = occupied_layers(_common_roi(grids), occupied_tiles(grids), "dda")
+    rays = ray_counts(placement, roi, "dda", azimuth_stride)
+    weight = ray_weight(placement, azimuth_stride)
+    gains = {}
+    for object_class, grid in grids.items():
+        crossings = Crossings.of_grid(grid, rays)
+        gains[object_class] = {
+            q: expected_ig(grid, crossings, weight * log_miss_of_ray(q))
+            for q in detection_probabilities
+        }
+    return pd.DataFrame.from_dict(gains, orient="index")
+
+
+FAINT_Q = 1e-7
+"""A probability of detection so small that `expected_ig` is proportional to it."""
+
+MOSTLY_LINEAR = 2 / 3
+"""A `linear_share` beyond which `expected_ig` ranks placements by the number of their rays within
+objects rather than by what these cover (`python benchmarks/expected_ig_regime.py`)."""
+
+
+def linear_share(by_q: pd.DataFrame, q: float) -> pd.Series[float]:
+    """`expected_ig` as a share of what it were if every ray counted by itself, by class.
+
+    A voxel that m rays cross is detected with d = 1 - (1 - q)^m. Where q m is small in all of them
+    d is q m, and `expected_ig` a sum over rays, in which a ray through a voxel that others have
+    seen counts as much as one through a new voxel: the share is 1, or a hair more, as information
+    is convex in d. It falls as rays, q or voxels grow, and `expected_ig` comes to be
+    `covered_entropy`. NaN for a class that no ray meets.
+
+    Args:
+        by_q: of `expected_ig_by_q`, with the columns `q` and FAINT_Q.
+    """
+    return by_q[q] / (by_q[FAINT_Q] * (q / FAINT_Q))
+
+
+def _common_roi(grids: Mapping[str, OccupancyGrid]) -> Roi:
+    rois = {grid.roi for grid in grids.values()}
+    if len(rois) != 1:
+        raise ValueError(f"the grids must share one ROI, found {len(rois)}")
+    return rois.pop()
+
+
+def occupied_tiles(grids: Mapping[str, OccupancyGrid]) -> Tiles:
+    """Where any of the classes is."""
+    return functools.reduce(Tiles.__or__, (grid.levels.tiles for grid in grids.values()))
+
+
+def occupied_layers(roi: Roi, tiles: Tiles, method: RayMethod) -> Roi:
+    """`roi` up to the highest layer that matters: rays need not be followed above it.
+
+    The whole `roi` for `bresenham`, whose lines depend on where they leave it.
+    """
+    if method == "bresenham":
+        return roi
+    layers = max(1, int(tiles.highest.max()) + 1)
+    return replace(roi, z=(roi.z[0], roi.z[0] + layers * roi.resolution))
+
+
+def _check_probability(q: float) -> None:
+    if not 0 < q <= 1:
+        raise ValueError(f"detection_probability must be within (0, 1], found {q}")

@@ -1,0 +1,192 @@
+"""A configuration file as plain data, checked against its model: one line for a mistake."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from copy import deepcopy
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from lidarplace.configuration.settings import key_path, shortened, what_is_wrong
+from lidarplace.configuration.yaml import YamlError, parse_yaml, read_yaml_file
+from lidarplace.files.secret_urls import hide_secrets_in
+from sweeps.configuration.sweep import NAME, SCENES
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+_COMMANDS = {
+    "search": ("a search", "sweeps.search"),
+    "grid": ("a sweep", "sweeps.run"),
+    "exclude": ("a sweep", "sweeps.run"),
+}
+"""Keys that only one kind of file has, and the command that takes it."""
+
+
+class ConfigError(ValueError):
+    """A mistake in the configuration: one line with file, key, value and what is allowed."""
+
+
+def read_yaml(path: Path, model: type[BaseModel]) -> dict[str, Any]:
+    """The mapping in `path`, whose keys are fields of `model`. Raises ConfigError."""
+    try:
+        raw = read_yaml_file(path)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
+    except YamlError as error:
+        raise ConfigError(str(error)) from None
+    if not isinstance(raw, dict):
+        what = "nothing" if raw is None else type(raw).__name__
+        raise ConfigError(f"{path}: found {what}; a mapping of keys is expected")
+    for key, (kind, command) in _COMMANDS.items():
+        if key in raw and key not in model.model_fields:
+            raise ConfigError(f"{path}: {key}: is a key of {kind}; {command} takes this file")
+    for key in raw:
+        if key not in model.model_fields:
+            raise ConfigError(f"{path}: {shortened(str(key))}: {unknown_key(str(key), model)}")
+    return raw
+
+
+def public_yaml(config: Mapping[str, Any]) -> str:
+    """A configuration as it is written into a file or a page: without secrets."""
+    return yaml.safe_dump(hide_secrets_in(dict(config)), sort_keys=False)
+
+
+def name_by_file(raw: dict[str, Any], path: Path) -> None:
+    """Name what has no name after its file. Raises ConfigError if that cannot be a name."""
+    if "name" not in raw and not re.fullmatch(NAME, path.stem):
+        other = re.sub(r"[^\w.-]+", "_", path.stem).lstrip(".-") or "mine"
+        raise ConfigError(
+            f"{path}: name: without one it is that of the file, and {path.stem!r} cannot be a "
+            "name, which has letters, digits and _.- alone; give another, such as "
+            f"--set name={other}"
+        )
+    raw.setdefault("name", path.stem)
+
+
+def override(raw: dict[str, Any], pair: str, path: Path, model: type[BaseModel]) -> None:
+    """Put the `KEY=VALUE` of a `--set` into `raw`; values are YAML. Raises ConfigError."""
+    key, equals, text = pair.partition("=")
+    key = key.strip()
+    if not equals or not key:
+        raise ConfigError(f"--set {pair}: expected KEY=VALUE")
+    try:
+        value = parse_yaml(text)
+    except YamlError as error:
+        raise ConfigError(f"--set {pair}: the value: {error}") from None
+    if key.partition(".")[0] not in model.model_fields:
+        raise ConfigError(f"--set {pair}: {unknown_key(key, model)}")
+    for mapping in ("grid", "search.space"):  # their keys are key paths: grid."training.lr"
+        if key.startswith(f"{mapping}."):
+            place = raw
+            for part in mapping.split("."):
+                place = place.setdefault(part, {})
+                if not isinstance(place, dict):
+                    raise ConfigError(f"{path}: {part}: found {place!r}; allowed is a mapping")
+            place[key.removeprefix(f"{mapping}.")] = value
+            return
+    axes = raw["grid"] if isinstance(raw.get("grid"), dict) else {}
+    for axis in axes:
+        if f"{key}.".startswith(f"{axis}."):
+            raise ConfigError(f"--set {pair}: {axis} is an axis of the grid; use grid.{axis}=[…]")
+    put(raw, key, value, path)
+
+
+def put(data: dict[str, Any], key_path: str, value: Any, path: Path) -> None:
+    """Set the value at a dotted key path, making mappings on the way."""
+    *parents, last = key_path.split(".")
+    for key in parents:
+        data = data.setdefault(key, {})
+        if not isinstance(data, dict):
+            raise ConfigError(f"{path}: {key_path}: {key} is {data!r}, not a mapping of keys")
+    data[last] = deepcopy(value)
+
+
+def refuse_overlaps(
+    key_paths: Collection[str],
+    where: str,
+    others: Collection[str] = (),
+    whose: str = "which is given too",
+) -> None:
+    """Refuse a key path inside of another: which of the two counts would depend on their order.
+
+    Args:
+        key_paths: of the mapping `where`, which the message names.
+        others: key paths that are set beside them; `whose` says what they are.
+
+    Raises:
+        ConfigError: the key path that is inside of another, or that has another inside.
+    """
+    for outer, inner in (*_nested(key_paths, key_paths), *_nested(others, key_paths)):
+        what = "which is given too" if outer in key_paths else whose
+        raise ConfigError(f"{where}.{inner}: is inside of {outer}, {what}")
+    for outer, inner in _nested(key_paths, others):
+        raise ConfigError(f"{where}.{outer}: has {inner} inside, {whose}")
+
+
+def _nested(outer: Iterable[str], inner: Iterable[str]) -> Iterator[tuple[str, str]]:
+    """Pairs of which the second is a key path inside of the first."""
+    known = set(outer)
+    for path in inner:
+        for i, letter in enumerate(path):
+            if letter == "." and path[:i] in known:
+                yield path[:i], path
+
+
+def check(
+    model: type[Model], data: Mapping[str, Any], path: Path, names: Mapping[str, str] | None = None
+) -> Model:
+    """Validate, and turn the first error into one line.
+
+    `names` maps a key path to what the user wrote it as; the empty path is the model as a whole.
+    """
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        loc = _without_tags(first["loc"])
+        keys = ".".join(part for part in loc if isinstance(part, str))
+        index = "".join(f"[{part}]" for part in loc if isinstance(part, int))
+        key = names[keys] + index if names and keys in names else key_path(loc)
+        if first["type"] == "extra_forbidden":
+            parent = _model_at(model, first["loc"][:-1])
+            message = unknown_key(str(loc[-1]), parent)
+        else:
+            message = what_is_wrong(first)
+        raise ConfigError(f"{path}: {key}: {message}" if key else f"{path}: {message}") from None
+
+
+def _without_tags(loc: Sequence[int | str]) -> list[int | str]:
+    """A place as the user wrote it: pydantic adds which kind of scene it is."""
+    return [p for i, p in enumerate(loc) if not (loc[i - 1 : i] == ("scene",) and p in SCENES)]
+
+
+def _model_at(model: type[BaseModel], loc: Sequence[int | str]) -> type[BaseModel]:
+    """The model that a key path of `model` leads to."""
+    for part in loc:
+        if isinstance(part, str) and part in model.model_fields:
+            found = _model_in(model.model_fields[part].annotation)
+            model = found or model
+        elif part in SCENES:
+            model = SCENES[part]
+    return model
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    """The model in an annotation such as `dict[str, Model]` or `tuple[Model, ...]`."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    inner = (_model_in(argument) for argument in getattr(annotation, "__args__", ()))
+    return next((model for model in inner if model), None)
+
+
+def unknown_key(key: str, model: type[BaseModel]) -> str:
+    allowed = [field.alias or name for name, field in model.model_fields.items()]
+    close = difflib.get_close_matches(key.partition(".")[0], allowed, n=1)
+    hint = f" (did you mean {close[0]}?)" if close else ""
+    return f"unknown key{hint}; allowed are {', '.join(allowed)}"

@@ -1,0 +1,271 @@
+"""From a configuration file to the points of its grid, with errors a user can act on."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lidarplace.configuration.settings import found, shortened
+from lidarplace.sensor import Lidar
+from sweeps.configuration.file import (
+    ConfigError,
+    check,
+    name_by_file,
+    override,
+    put,
+    read_yaml,
+    refuse_overlaps,
+    unknown_key,
+)
+from sweeps.configuration.sweep import METRICS, Common, Point, SweepFile
+from training.settings import TrainingSettings
+
+MOST_POINTS = 20_000
+"""Of a grid. Each takes milliseconds to check and to plan: beyond, axes were likelier confused."""
+
+
+@dataclass(frozen=True)
+class GridPoint:
+    """A point of the grid.
+
+    Attributes:
+        point: what is trained and evaluated.
+        axes: its place on the axes, key path -> value.
+        rung: which rung of `promote` it is trained for; their number for the full training.
+        set_by_rungs: axes that rungs set, beside those of the grid.
+    """
+
+    point: Point
+    axes: Mapping[str, Any]
+    rung: int = 0
+    set_by_rungs: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A configuration that has been read, checked and multiplied out.
+
+    Attributes:
+        common: what all points share.
+        points: the product of the axes less what is excluded, last axis fastest; once for every
+            rung of `promote` that trains, the full trainings last.
+        axes: key paths of the grid, and those that rungs of `promote` set.
+        source: the configuration after `--set`, as plain data.
+    """
+
+    common: Common
+    points: tuple[GridPoint, ...]
+    axes: tuple[str, ...]
+    source: Mapping[str, Any]
+
+
+def read_sweep(path: Path, overrides: Sequence[str] = ()) -> Sweep:
+    """Read `path`, apply `KEY=VALUE` overrides (values are YAML), check all and build the grid.
+
+    Raises:
+        ConfigError: anything wrong with the file, a key or a value.
+    """
+    raw = read_yaml(path, SweepFile)
+    for pair in overrides:
+        override(raw, pair, path, SweepFile)
+    name_by_file(raw, path)
+    return build_sweep(raw, path)
+
+
+def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
+    """The sweep of a configuration as plain data; `path` is for messages.
+
+    Raises:
+        ConfigError: anything wrong with a key or a value.
+    """
+    grid = _axes(raw, path)
+    common = {key: value for key, value in raw.items() if key in Common.model_fields}
+    own = {key: value for key, value in raw.items() if key not in (*common, "grid", "exclude")}
+    base = deepcopy(own)
+    for axis, values in grid.items():
+        put(base, axis, values[0], path)
+    # Every value of every axis by itself first: the error can then name it.
+    checked_common = check(Common, common, path)
+    check(Point, base, path, {axis: f"grid.{axis}[0]" for axis in grid})
+    _check_own_values(own, base, grid, checked_common, path)
+    for axis, values in grid.items():
+        for i, value in enumerate(values[1:], start=1):
+            varied = deepcopy(base)
+            put(varied, axis, value, path)
+            check(Point, varied, path, {axis: f"grid.{axis}[{i}]", "": f"grid.{axis}[{i}]"})
+    exclude = _exclusions(raw.get("exclude", []), grid, path)
+
+    rungs = _trained_rungs(checked_common, grid, path)
+    points = []
+    for rung, settings in rungs:
+        for combination in itertools.product(*grid.values()):
+            axes = dict(zip(grid, combination, strict=True))
+            if any(all(_key(axes[k]) in v for k, v in rule.items()) for rule in exclude):
+                continue
+            data = deepcopy(base)
+            for key, value in (axes | settings).items():
+                put(data, key, value, path)
+            names = {key: f"promote[{rung}].set.{key}" for key in settings}
+            point = check(Point, data, path, names)
+            if not settings:  # the full trainings
+                _check_rungs(checked_common, point, path)
+            try:
+                checked_common.placement_named(point.placement, point.lidar.lidar())
+            except ValueError as error:
+                key = "grid.placement" if "placement" in grid else "placement"
+                raise ConfigError(f"{path}: {key}: {error}") from None
+            set_by_rungs = {key: _value_at(point, key) for _, own in rungs for key in own}
+            points.append(GridPoint(point, axes | set_by_rungs, rung, tuple(set_by_rungs)))
+    if not points:
+        raise ConfigError(f"{path}: exclude: no point of the grid is left")
+    return Sweep(checked_common, tuple(points), tuple(points[0].axes), raw)
+
+
+def _check_own_values(
+    own: dict[str, Any],
+    base: Mapping[str, Any],
+    grid: Mapping[str, list[Any]],
+    common: Common,
+    path: Path,
+) -> None:
+    """Refuse what the file says wrongly beside the grid, though an axis replaces it."""
+    for axis in grid:
+        key, _, _ = axis.partition(".")
+        if key not in own:
+            continue
+        data = dict(base) | {key: deepcopy(own[key])}
+        for other, values in grid.items():
+            if other.startswith(f"{key}.") and not _has(own, other):
+                put(data, other, values[0], path)
+        check(Point, data, path)
+    if "placement" in own and "placement" in grid:
+        try:
+            common.placement_named(str(own["placement"]), Lidar.paper())
+        except ValueError as error:
+            raise ConfigError(f"{path}: placement: {error}") from None
+
+
+def _has(data: Any, key_path: str) -> bool:
+    for key in key_path.split("."):
+        if not isinstance(data, dict) or key not in data:
+            return False
+        data = data[key]
+    return True
+
+
+def _trained_rungs(
+    common: Common, grid: Mapping[str, Any], path: Path
+) -> list[tuple[int, dict[str, Any]]]:
+    """Rungs that train, by their number, and what they set; at last the full trainings."""
+    rungs = []
+    for number, rung in enumerate(common.promote):
+        for key in rung.set:
+            if key in grid:
+                raise ConfigError(f"{path}: promote[{number}].set.{key}: is an axis of the grid")
+            if not key.startswith("training."):
+                raise ConfigError(
+                    f"{path}: promote[{number}].set.{key}: allowed are keys of training, such as "
+                    "training.epochs"
+                )
+        refuse_overlaps(rung.set, f"{path}: promote[{number}].set", grid, "an axis of the grid")
+        if rung.set:
+            rungs.append((number, rung.set))
+    return [*rungs, (len(common.promote), {})]
+
+
+def _check_rungs(common: Common, point: Point, path: Path) -> None:
+    """Refuse a rung that ranks by what the point has not."""
+    for number, rung in enumerate(common.promote):
+        key = f"{path}: promote[{number}]"
+        if rung.by in METRICS and point.detector is None:
+            raise ConfigError(f"{key}.by: {rung.by} needs a detector")
+        if rung.by not in METRICS and rung.by not in point.surrogate.names:
+            raise ConfigError(f"{key}.by: {rung.by} is not among surrogate.names")
+        shorter = point.training.model_copy(
+            update={key.removeprefix("training."): value for key, value in rung.set.items()}
+        )
+        if rung.set and _effort(shorter) >= _effort(point.training):
+            raise ConfigError(
+                f"{key}.set: these trainings see as many frames as the full ones; "
+                "lower training.epochs or training.frame_share"
+            )
+        if rung.object_class and rung.object_class not in point.classes:
+            raise ConfigError(f"{key}.class: {rung.object_class} is not among classes")
+
+
+def _effort(training: TrainingSettings) -> float:
+    """How often a training sees a frame of the data."""
+    return training.epochs * training.frame_share
+
+
+def _value_at(point: Point, key_path: str) -> Any:
+    value: Any = point.model_dump(mode="json")
+    for key in key_path.split("."):
+        value = value[key]
+    return value
+
+
+def _axes(raw: Mapping[str, Any], path: Path) -> dict[str, list[Any]]:
+    grid = raw.get("grid") or {}
+    if not isinstance(grid, dict):
+        raise ConfigError(f"{path}: grid: found {found(grid)}; allowed is a mapping of key paths")
+    for axis, values in grid.items():
+        if str(axis).partition(".")[0] not in Point.model_fields:
+            raise ConfigError(
+                f"{path}: grid.{shortened(str(axis))}: {unknown_key(str(axis), Point)}"
+            )
+        if not isinstance(values, list) or not values:
+            raise ConfigError(
+                f"{path}: grid.{axis}: found {found(values)}; allowed is a list with a value or "
+                "more"
+            )
+        seen = set()
+        for value in values:
+            if _key(value) in seen:
+                raise ConfigError(f"{path}: grid.{axis}: {found(value)} is given twice")
+            seen.add(_key(value))
+    refuse_overlaps(grid, f"{path}: grid")
+    points = math.prod(len(values) for values in grid.values())
+    if points > MOST_POINTS:
+        raise ConfigError(f"{path}: grid: found {points:,} points; allowed are {MOST_POINTS:,}")
+    return grid
+
+
+def _key(value: Any) -> Any:
+    """Something hashable that is equal for equal values."""
+    if isinstance(value, dict):
+        return "mapping", frozenset((key, _key(inner)) for key, inner in value.items())
+    return ("list", *map(_key, value)) if isinstance(value, list) else value
+
+
+def _exclusions(rules: Any, grid: Mapping[str, list[Any]], path: Path) -> list[dict[str, set[Any]]]:
+    """For every rule the excluded values of its axes, as `_key` has them."""
+    if not isinstance(rules, list):
+        raise ConfigError(f"{path}: exclude: found {found(rules)}; allowed is a list of mappings")
+    known = {axis: {_key(value) for value in values} for axis, values in grid.items()}
+    checked = []
+    for i, rule in enumerate(rules):
+        if not isinstance(rule, dict) or not rule:
+            raise ConfigError(
+                f"{path}: exclude[{i}]: found {found(rule)}; allowed is a mapping of axes to values"
+            )
+        lists = {key: v if isinstance(v, list) else [v] for key, v in rule.items()}
+        for key, values in lists.items():
+            if key not in grid:
+                raise ConfigError(
+                    f"{path}: exclude[{i}].{shortened(str(key))}: no axis of the grid; "
+                    f"allowed are {', '.join(grid) or 'none'}"
+                )
+            for value in values:
+                if _key(value) not in known[key]:
+                    raise ConfigError(
+                        f"{path}: exclude[{i}].{key}: found {found(value)}; allowed are "
+                        f"{found(grid[key])}"
+                    )
+        checked.append({key: set(map(_key, values)) for key, values in lists.items()})
+    return checked

@@ -1,0 +1,365 @@
+"""The configuration of a search: where LiDARs may go, what is wanted of them, and how to look."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
+
+from lidarplace.configuration.placement import MountSettings
+from lidarplace.configuration.sensor import SensorSettings
+from lidarplace.configuration.settings import (
+    Amount,
+    Count,
+    CountFromOne,
+    Degrees,
+    Distance,
+    Factor,
+    Length,
+    Name,
+    Number,
+    Probability,
+    Seconds,
+    Seed,
+    Settings,
+    Text,
+)
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.mounting.zone import Zone
+from sweeps.configuration.sweep import METRICS, ClassName, Common, Point, SurrogateName
+
+Pair = tuple[Length, Length]
+
+Scalar = Text | bool | int | Number | None
+
+SAMPLERS = ("tpe", "gp", "cmaes", "nsga2", "nsga3", "random", "qmc")
+PRUNERS = ("median", "successive_halving")
+
+
+def _ordered(interval: tuple[float, float]) -> tuple[float, float]:
+    if interval[0] > interval[1]:
+        raise ValueError("allowed is a number, or [min, max] with min <= max")
+    return interval
+
+
+def _number_as_interval(value: Any) -> Any:
+    return [value, value] if isinstance(value, (int, float)) else value
+
+
+Span = Annotated[Pair, BeforeValidator(_number_as_interval), Field()]
+"""A number, or [min, max]."""
+Turn = Annotated[
+    tuple[Degrees, Degrees], BeforeValidator(_number_as_interval), AfterValidator(_ordered)
+]
+"""The same of an angle."""
+
+
+class ZoneSettings(Settings):
+    """Where a LiDAR may sit: a box, or a polygon with heights; metres, ego frame."""
+
+    x: Span | None = Field(None, description="a number or [min, max], metres")
+    y: Span | None = Field(None, description="a number or [min, max], metres")
+    polygon: tuple[Pair, ...] | None = Field(None, description="corners [x, y], instead of x and y")
+    z: Span = Field(description="a number or [min, max], metres")
+
+    @model_validator(mode="after")
+    def _possible(self) -> ZoneSettings:
+        sides = [self.x is not None, self.y is not None]
+        if not (all(sides) if self.polygon is None else not any(sides)):
+            raise ValueError("a zone needs x, y and z, or polygon and z")
+        self.zone("any")
+        return self
+
+    def zone(self, name: str) -> Zone:
+        """The zone in the terms of `lidarplace`. Raises ValueError if its shape is impossible."""
+        corners = self.polygon
+        if corners is None:
+            assert self.x is not None
+            assert self.y is not None
+            (x0, x1), (y0, y1) = _ordered(self.x), _ordered(self.y)
+            corners = ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
+        return Zone(name, corners, _ordered(self.z))
+
+
+class ModelSettings(SensorSettings):
+    """A LiDAR model that may be chosen."""
+
+    price: Amount = Field(0.0, description="in any currency")
+
+
+class FixedSettings(MountSettings):
+    """A LiDAR that stays where it is; metres and radians as in `placements`."""
+
+    model: Name | None = Field(None, description="of `models`; the first one by default")
+
+
+class NearFieldSettings(Settings):
+    """A box around the vehicle that has to be seen, past the vehicle's own body."""
+
+    x: Pair = Field((-4.0, 4.0), description="metres")
+    y: Pair = Field((-2.5, 2.5), description="metres")
+    z: Pair = Field((0.0, 1.0), description="metres")
+    resolution: Distance = Field(0.2, gt=0, description="edge of a voxel, metres")
+    coverage: Probability = Field(description="least share of its voxels")
+
+
+class ConstraintSettings(Settings):
+    """What a placement has to keep."""
+
+    distance: Distance = Field(0.2, description="least distance between LiDARs, m; 0: any")
+    body_share: Probability | None = Field(
+        None, description="largest share of a LiDAR's rays that may meet the vehicle's own body"
+    )
+    price: Amount | None = Field(None, description="most that all LiDARs may cost together")
+    near_field: NearFieldSettings | None = Field(
+        None, description="what has to be seen close to the vehicle"
+    )
+
+
+class ObjectiveSettings(Settings):
+    """What is searched for; `expected_ig.Car` is short for one class."""
+
+    by: Literal[(*get_args(SurrogateName), *METRICS, "price")] = Field(  # type: ignore[valid-type]
+        description="a surrogate, a measured value, or the price"
+    )
+    weights: dict[ClassName, Annotated[Factor, Field(gt=0)]] | None = Field(
+        None, description="class -> weight in the sum; by default all classes, each once"
+    )
+    direction: Literal["maximize", "minimize"] | None = Field(
+        None, description="maximize, but minimize for residual_entropy and price"
+    )
+
+    @field_validator("by")
+    @classmethod
+    def _varies(cls, by: str) -> str:
+        if by == "h_pog":
+            raise ValueError("h_pog does not depend on the placement")
+        return by
+
+    @model_validator(mode="after")
+    def _has_classes(self) -> ObjectiveSettings:
+        if self.weights is not None and (self.by in ("recall", "price") or not self.weights):
+            raise ValueError(f"{self.by} has no classes")
+        return self
+
+    @property
+    def name(self) -> str:
+        """Such as `expected_ig.Car`, or `expected_ig` for a sum over classes."""
+        if self.weights is not None and len(self.weights) == 1:
+            return f"{self.by}.{next(iter(self.weights))}"
+        return str(self.by)
+
+    @property
+    def best(self) -> Literal["maximize", "minimize"]:
+        """Which values are wanted."""
+        least = ("residual_entropy", "price")
+        return self.direction or ("minimize" if self.by in least else "maximize")
+
+    def weights_of(self, classes: Iterable[str]) -> dict[str, float]:
+        """Weight by class in the sum, of those that have one."""
+        return dict(self.weights.items()) if self.weights else dict.fromkeys(classes, 1.0)
+
+    @property
+    def measured(self) -> bool:
+        """Whether detectors have to be trained for it."""
+        return self.by in METRICS
+
+
+def _objective(value: Any) -> Any:
+    if not isinstance(value, str):
+        return value
+    by, _, object_class = value.partition(".")
+    return {"by": by} | ({"weights": {object_class: 1.0}} if object_class else {})
+
+
+def _several(value: Any) -> Any:
+    return value if isinstance(value, (list, tuple)) else [value]
+
+
+class RangeSettings(Settings):
+    """Numbers from `low` to `high`; whole ones if both are."""
+
+    low: int | Number = Field(description="smallest value")
+    high: int | Number = Field(description="largest value")
+    log: bool = Field(False, description="on a logarithmic scale")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> RangeSettings:
+        if not self.low <= self.high or (self.log and self.low <= 0):
+            raise ValueError("allowed is low <= high, and low > 0 with log")
+        return self
+
+
+class GreedySettings(Settings):
+    """A grid of candidate mounts, from which greedy choice takes the best, one after the other."""
+
+    position_step: Distance = Field(0.25, gt=0, description="metres between candidates")
+    angle_step_deg: Degrees = Field(10.0, gt=0, description="degrees between candidates")
+    most: CountFromOne = Field(4000, description="candidates that are affordable")
+    refine: Count = Field(
+        3, description="how often the steps are halved around greedy's LiDARs, one by one"
+    )
+    bound_seconds: Seconds = Field(30.0, description="time for the upper bound")
+    warm_start: bool = Field(True, description="the first trial is greedy's placement")
+
+
+class SearchSettings(Settings):
+    """What may be mounted where, and how it is searched."""
+
+    lidars: Annotated[tuple[Count, Count], BeforeValidator(_number_as_interval)] = Field(
+        (4, 4), description="number of LiDARs, or [min, max]; those that are `fixed` come on top"
+    )
+    zones: dict[Name, ZoneSettings] = Field(
+        default={}, description="by name; without zones LiDARs are where `placement` has them"
+    )
+    models: dict[Name, ModelSettings] = Field(
+        default={}, description="LiDAR models by name; by default the one of the key `lidar`"
+    )
+    roll_deg: Turn = Field((0.0, 0.0), description="a number or [min, max], degrees")
+    pitch_deg: Turn = Field((0.0, 0.0), description="a number or [min, max], degrees")
+    yaw_deg: Turn = Field((0.0, 0.0), description="a number or [min, max], degrees")
+    symmetric: bool = Field(
+        False, description="mirrored pairs, and one on the centre line if the number is odd"
+    )
+    fixed: tuple[FixedSettings, ...] = Field((), description="LiDARs that stay where they are")
+    start: tuple[Name, ...] = Field(
+        (), description="placements to begin with, the paper's or own ones: the rig that you have"
+    )
+    vehicle: tuple[tuple[tuple[Length, Length, Length], tuple[Length, Length, Length]], ...] = (
+        Field(
+            None,
+            validate_default=True,
+            description="boxes [[x0, y0, z0], [x1, y1, z1]]; a car if null",
+        )
+    )
+    constraints: ConstraintSettings = Field(
+        ConstraintSettings(), description="what a placement has to keep"
+    )
+    objective: Annotated[
+        tuple[Annotated[ObjectiveSettings, BeforeValidator(_objective)], ...],
+        BeforeValidator(_several),
+    ] = Field(
+        (ObjectiveSettings(by="expected_ig"),),
+        min_length=1,
+        description="one or several; expected_ig.Car is short for one class",
+    )
+    space: dict[str, Annotated[list[Scalar], Field(min_length=1)] | RangeSettings] = Field(
+        default={}, description="key path -> values or {low, high, log}, beside the placement"
+    )
+    sampler: Literal[SAMPLERS] = Field(  # type: ignore[valid-type]
+        "tpe", description="which of Optuna's samplers asks for rigs"
+    )
+    trials: CountFromOne = Field(400, description="rigs that are evaluated; more continue a search")
+    batch_size: CountFromOne = Field(
+        8, description="trials asked for at once; the outcome depends on it"
+    )
+    seed: Seed = Field(0, description="of the sampler")
+    azimuth_stride: CountFromOne = Field(
+        8, description="rays of expected_points and expected_ig: every so many azimuth steps"
+    )
+    seeds: tuple[Seed, ...] = Field((0,), min_length=1, description="trainings of a measured value")
+    rungs: tuple[dict[str, Any], ...] = Field(
+        default=(), description="shorter trainings first, such as {training.epochs: 1}"
+    )
+    pruner: Literal[PRUNERS] = Field(  # type: ignore[valid-type]
+        "median", description="stops trials after a rung"
+    )
+    storage: Text | None = Field(
+        None, description="URL of a database for Optuna; a journal in the run folder if null"
+    )
+    greedy: GreedySettings | None = Field(
+        GreedySettings(), description="greedy choice and upper bound; null: none"
+    )
+
+    @field_validator("vehicle", mode="before")
+    @classmethod
+    def _car(cls, boxes: Any) -> Any:
+        return Vehicle.car().boxes.tolist() if boxes is None else boxes
+
+    @model_validator(mode="after")
+    def _fits(self) -> SearchSettings:
+        low, high = self.lidars
+        if not 1 <= low <= high:
+            raise ValueError("lidars: allowed is a number, or [min, max] with 1 <= min <= max")
+        names = [objective.name for objective in self.objective]
+        if len(set(names)) < len(names):
+            raise ValueError(f"objective: each once, found {', '.join(names)}")
+        measured = [objective.measured for objective in self.objective]
+        if any(measured) and not all(o.measured or o.by == "price" for o in self.objective):
+            raise ValueError("objective: measured values and surrogates cannot be searched at once")
+        if self.space and not any(measured):
+            raise ValueError(
+                "space: surrogates know the placement alone; choose a measured objective such as "
+                "AP_R40_3D.Car"
+            )
+        if not self.zones and not self.space:
+            raise ValueError("zones: name at least one, or key paths in `space`")
+        if self.rungs and (not any(measured) or len(self.objective) > 1):
+            raise ValueError("rungs: prune the trainings of a single measured objective")
+        for fixed in self.fixed:
+            if fixed.lidar is not None:
+                raise ValueError("fixed: lidar: name it in `models`, and the model here")
+            if fixed.model is not None and fixed.model not in self.models:
+                raise ValueError(
+                    f"fixed: model {fixed.model!r} is none of {', '.join(self.models) or 'models'}"
+                )
+        self._check_sampler()
+        return self
+
+    def _check_sampler(self) -> None:
+        if self.sampler not in ("cmaes",):
+            return
+        if len(self.objective) > 1:
+            raise ValueError("sampler: cmaes knows one objective; take nsga2, nsga3, tpe or gp")
+        limits = {
+            name: value
+            for name, value in self.constraints.model_dump().items()
+            if value is not None and not (name == "distance" and value == 0)
+        }
+        if limits and self.zones:
+            raise ValueError(
+                f"sampler: CMA-ES ignores constraints ({', '.join(limits)}) and would look where "
+                "nothing is allowed; take tpe, gp, nsga2 or nsga3, or lift them "
+                "(constraints.distance: 0)"
+            )
+
+
+class RobustnessSettings(Settings):
+    """How far the winner depends on what it was searched on."""
+
+    draws: CountFromOne = Field(32, description="rigs with every mount off")
+    offset: Distance = Field(0.01, description="metres that a mount is off at most, each axis")
+    angle_deg: Annotated[Degrees, Field(ge=0)] = Field(
+        0.5, description="degrees that it is off at most, each axis"
+    )
+    scenes: dict[Name, dict[str, Any]] = Field(
+        default={}, description="name -> key paths of `scene` to change: other towns, densities"
+    )
+
+
+class VerifySettings(Settings):
+    """Detectors for the winners and the paper's rigs."""
+
+    top: CountFromOne = Field(3, description="placements of the search that are trained")
+    seeds: tuple[Seed, ...] = Field((1, 2, 3), min_length=1, description="trainings of each")
+    set: dict[str, Any] = Field(default={}, description="key path -> value for this sweep alone")
+
+
+class SearchFile(Common, Point):
+    """A configuration file of a search as a whole."""
+
+    placement: Name = Field("line", description="where no zone is given")
+    search: SearchSettings = Field(description="what may be mounted where, and how it is searched")
+    robustness: RobustnessSettings | None = Field(
+        RobustnessSettings(),
+        description="how far the winner depends on its search; null: not asked",
+    )
+    verify: VerifySettings | None = Field(
+        None, description="detectors for the winners and the paper's eight; null: none"
+    )
+
+    @property
+    def urls(self) -> tuple[str, ...]:
+        """Addresses that may hold secrets."""
+        return (*super().urls, *filter(None, [self.search.storage]))

@@ -1,0 +1,396 @@
+"""The configuration of a sweep: one point of the grid, and what is common to all points."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+
+from lidarplace.boxes import CLASSES
+from lidarplace.configuration.placement import PlacementSettings
+from lidarplace.configuration.sensor import SensorSettings
+from lidarplace.configuration.settings import (
+    Amount,
+    Count,
+    CountFromOne,
+    Distance,
+    FilePath,
+    Length,
+    Name,
+    Probability,
+    Seed,
+    Settings,
+    Text,
+)
+from lidarplace.coverage import Method
+from lidarplace.lidar.profiles import PROFILES
+from lidarplace.placement import PAPER_PLACEMENTS, Placement
+from lidarplace.roi import Roi
+from lidarplace.scenes.recorded import LogScene
+from lidarplace.scenes.routes import KEEP_M
+from lidarplace.scenes.sumo.settings import SumoScene
+from lidarplace.sensor import Lidar
+from training import DETECTORS
+from training.settings import TrainingSettings
+
+ClassName = Literal["Car", "Cyclist", "Pedestrian"]
+SurrogateName = Literal[
+    "s_mig",
+    "ig",
+    "h_pog",
+    "covered_entropy",
+    "residual_entropy",
+    "m_sog",
+    "expected_points",
+    "expected_ig",
+]
+
+MOST_VOXELS = 2_000_000_000
+"""A POG counts in int32, so these take 8 GB for each class, and a surrogate needs several times as
+much. Beyond, a mistyped resolution is likelier than a machine that holds them."""
+
+METRICS = ("AP_R40_3D", "AP_R40_BEV", "recall")
+"""Measured values that a rung of `promote` can rank by."""
+
+
+NAME = r"^\w[\w.-]*$"
+"""What a sweep or a search can be called: its name is one of a folder, too."""
+
+
+class RoiSettings(Settings):
+    """Region of interest in the ego frame, metres."""
+
+    x: tuple[Length, Length] = Field((0.0, 40.0), description="from back to front, metres")
+    y: tuple[Length, Length] = Field((-20.0, 20.0), description="from right to left, metres")
+    z: tuple[Length, Length] = Field((0.0, 4.0), description="above the ground, metres")
+
+    @field_validator("x", "y", "z")
+    @classmethod
+    def _ordered(cls, interval: tuple[float, float]) -> tuple[float, float]:
+        if not interval[0] < interval[1]:
+            raise ValueError("allowed is [min, max] with min < max")
+        return interval
+
+
+class LidarSettings(SensorSettings):
+    """The LiDAR model of every mount that has none of its own, and how clouds are collected."""
+
+    profile: Literal[tuple(PROFILES)] = Field(  # type: ignore[valid-type]
+        "paper",
+        description="paper: the text of the paper; released-code: what its published collection "
+        "code does: 250 azimuth steps and the two quirks below. Keys given beside it win.",
+    )
+    cloud_share: Probability = Field(
+        1.0,
+        gt=0,
+        description="share of the azimuth steps that simulated clouds have: fewer points train "
+        "faster; surrogates are of all",
+    )
+    tilt_in_degrees: bool = Field(
+        False, description="quirk: clouds are collected with roll and pitch taken for degrees"
+    )
+    misaligned_heights: bool = Field(
+        False, description="quirk: clouds are merged without regard to the height of each sensor"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_from_profile(cls, data: Any) -> Any:
+        name = data.get("profile") if isinstance(data, dict) else None
+        if not isinstance(name, str) or name not in PROFILES:
+            return data
+        profile = PROFILES[name]
+        return {
+            "azimuth_steps": profile.lidar.azimuth_steps,
+            "tilt_in_degrees": profile.tilt_in_degrees,
+            "misaligned_heights": profile.misaligned_heights,
+        } | data
+
+
+class SurrogateSettings(Settings):
+    """Which surrogates are computed, and how."""
+
+    names: tuple[SurrogateName, ...] = Field(
+        get_args(SurrogateName), min_length=1, description="docs/method.md has their formulas"
+    )
+    resolution: Distance = Field(0.1, gt=0, description="edge of a voxel, metres")
+    method: Method = Field(
+        "cone",
+        description="which voxels a placement sees: cone is exact, dda and bresenham follow single "
+        "rays",
+    )
+    detection_probability: Probability = Field(
+        0.1, gt=0, description="q of expected_ig: chance that a ray detects what it crosses"
+    )
+    occlusion: bool = Field(False, description="expected_ig with rays weakened on their way")
+    accuracy: bool = Field(
+        True, description="work out error against run time: methods, resolutions, azimuth steps"
+    )
+    sampling_error: bool = Field(
+        True, description="work out how much the surrogates would change with other frames"
+    )
+
+
+def _source(scene: Any) -> str:
+    """Which kind of scene a configuration means; traffic is simulated unless it says else."""
+    if isinstance(scene, dict):
+        return str(scene.get("source", "sumo"))
+    return str(getattr(scene, "source", "sumo"))
+
+
+SCENES: dict[str, type[BaseModel]] = {"sumo": SumoScene, "log": LogScene}
+"""Kinds of scenes by `source`."""
+
+SceneSettings = Annotated[
+    Annotated[SumoScene, Tag("sumo")] | Annotated[LogScene, Tag("log")],
+    Discriminator(
+        _source,
+        custom_error_type="scene_source",
+        custom_error_message=f"source is none of {', '.join(SCENES)}",
+    ),
+]
+
+
+class Point(Settings):
+    """One point of the grid: what is trained and evaluated once."""
+
+    placement: Name = Field(description="one of the paper's eight or of `placements`")
+    detector: Literal[DETECTORS] | None = Field(  # type: ignore[valid-type]
+        "pointpillars_tiny", description="null: surrogates alone, nothing is trained"
+    )
+    seed: Seed = Field(0, description="of a training: weights, order of frames, augmentation")
+    scene: SceneSettings = Field(SumoScene(), description="traffic, simulated or recorded")
+    roi: RoiSettings = Field(RoiSettings(), description="where objects count")
+    classes: tuple[ClassName, ...] = Field(
+        ("Car", "Cyclist", "Pedestrian"),
+        min_length=1,
+        description="what surrogates are computed for and detectors look for",
+    )
+    lidar: LidarSettings = Field(
+        LidarSettings(), description="the LiDARs, unless a mount has its own"
+    )
+    surrogate: SurrogateSettings = Field(SurrogateSettings(), description="what scores a placement")
+    training: TrainingSettings = Field(TrainingSettings(), description="how detectors are trained")
+
+    @field_validator("classes")
+    @classmethod
+    def _different(cls, classes: tuple[str, ...]) -> tuple[str, ...]:
+        if len(set(classes)) < len(classes):
+            raise ValueError(f"each class once, of {', '.join(CLASSES)}")
+        return classes
+
+    @field_validator("scene")
+    @classmethod
+    def _has_the_frames_it_needs(
+        cls, scene: SumoScene | LogScene, info: ValidationInfo
+    ) -> SumoScene | LogScene:
+        tests = not (isinstance(scene, LogScene) and info.data.get("detector", "") is None)
+        for split, count in zip(("train", "test"), scene.frame_counts(), strict=True):
+            if count == 0 and (split == "train" or tests):
+                raise ValueError(f"no frame is in the {split} split; {_remedy(scene, split)}")
+        return scene
+
+    @model_validator(mode="after")
+    def _fits(self) -> Point:
+        sides = (self.roi.x, self.roi.y, self.roi.z)
+        voxels = math.prod((high - low) / self.surrogate.resolution for low, high in sides)
+        if voxels > MOST_VOXELS:
+            raise ValueError(
+                f"surrogate.resolution: {self.surrogate.resolution:g} m divides the ROI into "
+                f"{voxels:.3g} voxels; allowed are {MOST_VOXELS:.3g}"
+            )
+        self.voxel_roi()
+        corner = math.hypot(*(max(map(abs, side)) for side in (self.roi.x, self.roi.y)))
+        if isinstance(self.scene, SumoScene) and corner > KEEP_M:
+            raise ValueError(
+                f"roi: simulated traffic is logged up to {KEEP_M:g} m from the vehicle, and the "
+                f"corner of the ROI is {corner:.1f} m away"
+            )
+        return self
+
+    def voxel_roi(self) -> Roi:
+        """The ROI with its voxels."""
+        return Roi(self.roi.x, self.roi.y, self.roi.z, self.surrogate.resolution)
+
+
+def _remedy(scene: SumoScene | LogScene, split: str) -> str:
+    if isinstance(scene, LogScene):
+        return f"column split of {scene.folder / 'frames.parquet'} has to name some"
+    if scene.split == "route":
+        return f"test_routes is {scene.test_routes}, allowed is at least 1"
+    return (
+        f"frames_per_route is {scene.frames_per_route}, and 'split: paper' takes every tenth frame "
+        "of a route, so allowed is at least 10"
+    )
+
+
+def _short_for(key: str) -> BeforeValidator:
+    """A string in place of a mapping is the value of `key`: `ray: debug`."""
+    return BeforeValidator(lambda value: {key: value} if isinstance(value, str) else value)
+
+
+class RaySettings(Settings):
+    """Where the tasks run."""
+
+    address: Text = Field(
+        "local",
+        description="local: this machine; debug: in this process, without Ray; auto, ray://… or "
+        "host:port: a running cluster",
+    )
+    num_cpus: CountFromOne | None = Field(None, description="CPUs of a local run; all by default")
+    num_gpus: Count | None = Field(None, description="GPUs of a local run; all by default")
+    gpus_per_training: Probability | Literal["auto"] = Field(
+        1.0,
+        description="share of a GPU that one training takes, where there is a GPU; auto: by the "
+        "memory that one step was seen to need",
+    )
+
+    @field_validator("address")
+    @classmethod
+    def _known(cls, address: str) -> str:
+        if not re.fullmatch(r"local|debug|auto|(ray://)?[^\s:/]+:\d+", address):
+            raise ValueError("allowed are local, debug, auto, HOST:PORT and ray://HOST:PORT")
+        return address
+
+
+class TrackingSettings(Settings):
+    """Where MLflow keeps the runs."""
+
+    uri: Text | None = Field(None, description="tracking URI; sqlite in the output folder if null")
+
+
+class StoreSettings(Settings):
+    """Where results are kept, for all machines that take part."""
+
+    url: Text | None = Field(
+        None,
+        description="a folder that all machines share, or a URL that fsspec knows, such as "
+        "s3://bucket/folder; `store` in the output folder if null",
+    )
+    cache: FilePath | None = Field(None, description="folder on each machine for results of a URL")
+    quota_gb: Amount | None = Field(
+        None,
+        gt=0,
+        description="results that no sweep refers to are removed, oldest first, beyond this size",
+    )
+
+
+class Rung(Settings):
+    """A step of `promote`: the best placements by one value go on to the next."""
+
+    by: Literal[get_args(SurrogateName) + METRICS] = Field(  # type: ignore[valid-type]
+        description="the value: a surrogate, or a metric of short trainings"
+    )
+    keep: CountFromOne = Field(description="placements that go on; equal ones go on together")
+    object_class: ClassName | None = Field(
+        None,
+        alias="class",
+        description="class that counts; by default the sum over classes for a surrogate, the "
+        "first class for AP, all objects for recall",
+    )
+    direction: Literal["maximize", "minimize"] | None = Field(
+        None, description="which values are best; maximize, but minimize for residual_entropy"
+    )
+    set: dict[str, Any] = Field(
+        default={}, description="key path -> value for the trainings of this rung: fewer epochs"
+    )
+
+    @model_validator(mode="after")
+    def _clear(self) -> Rung:
+        if self.by in METRICS and not self.set:
+            raise ValueError(f"set: a rung by {self.by} needs shorter trainings than the full ones")
+        if self.by not in METRICS and self.set:
+            raise ValueError(f"set: nothing is trained for a rung by {self.by}")
+        if self.by in ("s_mig", "ig") and self.direction is None:
+            raise ValueError(
+                f"direction: {self.by} is highest for a placement that sees nothing; say maximize "
+                "(the paper to the letter) or minimize"
+            )
+        return self
+
+    @property
+    def best(self) -> Literal["maximize", "minimize"]:
+        """Which values go on."""
+        return self.direction or ("minimize" if self.by == "residual_entropy" else "maximize")
+
+
+class Common(Settings):
+    """What is common to all points of the grid."""
+
+    name: Name = Field(
+        pattern=NAME,
+        description="names the run folder and the experiment; the file's own name by default",
+    )
+    placements: dict[Name, PlacementSettings] = Field(
+        default={}, description="own placements by name, beside the paper's eight"
+    )
+    ray: Annotated[RaySettings, _short_for("address")] = Field(
+        RaySettings(), description="where the tasks run; a string is short for address"
+    )
+    tracking: TrackingSettings = Field(TrackingSettings(), description="MLflow")
+    output: FilePath = Field(Path("runs"), description="folder of the run folders")
+    store: Annotated[StoreSettings, _short_for("url")] = Field(
+        StoreSettings(), description="where results are kept; a string is short for url"
+    )
+    promote: tuple[Rung, ...] = Field(
+        default=(),
+        description="cheap values of all placements first, full trainings for the best alone",
+    )
+
+    @field_validator("placements")
+    @classmethod
+    def _new_and_possible(
+        cls, placements: dict[str, PlacementSettings]
+    ) -> dict[str, PlacementSettings]:
+        taken = sorted(set(placements) & set(PAPER_PLACEMENTS))
+        if taken:
+            raise ValueError(f"{taken[0]!r} is the paper's; choose another name")
+        for name, settings in placements.items():
+            settings.placement(name, Lidar.paper())
+        return placements
+
+    @property
+    def tracking_uri(self) -> str:
+        """MLflow's tracking URI."""
+        return self.tracking.uri or f"sqlite:///{self.output / 'mlflow.db'}"
+
+    @property
+    def urls(self) -> tuple[str, ...]:
+        """Addresses that may hold secrets."""
+        return tuple(filter(None, (self.tracking.uri, self.store.url)))
+
+    def placement_named(self, name: str, lidar: Lidar) -> Placement:
+        """The placement called `name`, the paper's or an own one, with `lidar` on its mounts.
+
+        Raises:
+            ValueError: there is none of that name.
+        """
+        if name in self.placements:
+            return self.placements[name].placement(name, lidar)
+        if name in PAPER_PLACEMENTS:
+            return PAPER_PLACEMENTS[name].with_lidar(lidar)
+        known = ", ".join([*PAPER_PLACEMENTS, *self.placements])
+        raise ValueError(f"no placement {name!r}; allowed are {known}")
+
+
+class SweepFile(Common, Point):
+    """A configuration file as a whole; `grid` and `exclude` make many points of one."""
+
+    grid: dict[str, list[Any]] = Field(
+        default={}, description="key path -> values: the sweep is the product of these axes"
+    )
+    exclude: list[dict[str, Any]] = Field(
+        default=[], description="axis -> value or list of values: points to leave out"
+    )

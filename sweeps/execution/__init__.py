@@ -1,0 +1,1 @@
+"""Tasks run: backends, workers, order, what they need, progress and failures."""

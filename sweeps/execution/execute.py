@@ -1,0 +1,156 @@
+"""Run the tasks of a plan on a backend; results go to the store."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+from sweeps.execution.backends import Backend
+from sweeps.execution.failures import Failure
+from sweeps.execution.needs import Need, largest_share, need_of, probes_of
+from sweeps.execution.schedule import Schedule
+from sweeps.execution.worker import Batch
+from sweeps.store.open import AnyStore
+from sweeps.store.result_folder import DamagedResult
+from sweeps.tasks.task import Task
+from training.settings import LARGEST_BATCH
+
+
+class Listener(Protocol):
+    """Is told what happens; all calls come from the driver."""
+
+    def started(self, task: Task) -> None: ...
+    def finished(self, task: Task) -> None: ...
+    def failed(self, task: Task, failure: Failure) -> None: ...
+
+
+@dataclass
+class Outcome:
+    """What became of tasks that had no result.
+
+    Attributes:
+        failures: by key, of the tasks that failed or could not run.
+        times: by key, when a task began and ended on its worker, seconds of the driver's clock that
+            never jumps.
+        probes: tasks, by key, that were looked at beside those of the plan.
+    """
+
+    failures: dict[str, Failure] = field(default_factory=dict)
+    times: dict[str, tuple[float, float]] = field(default_factory=dict)
+    probes: dict[str, Task] = field(default_factory=dict)
+
+
+def execute(
+    tasks: Sequence[Task],
+    store: AnyStore,
+    backend: Backend,
+    listener: Listener,
+    outcome: Outcome | None = None,
+    known: Mapping[str, Failure] | None = None,
+) -> Outcome:
+    """Run all tasks that have no result in the store yet.
+
+    A task that fails takes down those that need its result; the others go on. A training for which
+    a GPU is too small is tried again with half the batch, and the GPU to itself. Whoever meets a
+    damaged result ends all: what waits for it is known when it is asked again what is there.
+
+    Args:
+        tasks: each after its inputs.
+        outcome: of tasks that ran before; takes up what happens.
+        known: failures of earlier runs, by key; these tasks are not tried again.
+
+    Returns:
+        `outcome`, or a new one.
+
+    Raises:
+        DamagedResult: a result that a task needs was damaged, and is gone.
+        BackendLost: no task can end any more.
+    """
+    outcome = Outcome() if outcome is None else outcome
+    done = store.finished(tasks)
+    for item in tasks:
+        if item.key in done and item.resumable:  # it was stopped after its last step
+            store.discard(item)
+    share = largest_share(backend.gpus_per_training)
+    known = dict(known or {}) | {k: f for k, f in outcome.failures.items() if f.lasting}
+    every = probes_of(tasks, backend.device, share) if backend.probes else {}
+    probes = {key: every[key] for key in every if key not in done and key not in known}
+    outcome.probes |= {probe.key: probe for probe in probes.values()}
+    done |= store.finished(probes.values())
+    # A probe comes right after its inputs, so that no training waits long for it.
+    schedule = Schedule(_with_probes(tasks, probes), done, probes)
+    running: dict[Any, tuple[Task, Batch, Need]] = {}
+
+    def fail(failed: Task, failure: Failure) -> None:
+        for fallen in schedule.fail(failed, failure):
+            listener.failed(fallen, schedule.failed.get(fallen.key, failure))
+
+    for item in tasks:
+        if item.key in known and item.key not in done | schedule.failed.keys():
+            fail(item, known[item.key])
+    attempts: dict[str, Batch] = {}
+    try:
+        while True:
+            while len(running) < backend.slots:
+                needs = [need for *_, need in running.values()]
+                # What would wait for a GPU or for memory must not keep others from the CPUs.
+                fits = not needs or (
+                    sum(need.gpu_share for need in needs) < backend.room.gpus
+                    and sum(need.memory for need in needs) < backend.room.memory
+                )
+                if (task := schedule.next(gpu=fits)) is None:
+                    break
+                if store.has(task):  # another driver was here in the meantime
+                    schedule.finish(task)
+                    listener.finished(task)
+                    continue
+                need = need_of(task, probes.get(task.key), store, backend.gpus_per_training)
+                how = attempts.get(task.key, Batch(need.batch_size))
+                if how.halvings:
+                    need = replace(need, gpu_share=max(1.0, need.gpu_share))
+                listener.started(task)
+                running[backend.submit(task, how, need)] = (task, how, need)
+            if not running:
+                outcome.failures |= schedule.failed
+                return outcome
+            found = backend.wait(list(running))
+            if found is None:  # nothing has ended, but there may be more machines now
+                continue
+            token, ended = found
+            task, how, _ = running.pop(token)
+            now, failure = time.monotonic(), ended.failure
+            outcome.times[task.key] = (now - ended.seconds, now)
+            if failure is None:
+                outcome.failures.pop(task.key, None)  # of a rung before
+                schedule.finish(task)
+                listener.finished(task)
+            elif failure.damaged or not all(map(store.has, task.inputs)):
+                raise DamagedResult(failure.reason)
+            elif failure.out_of_gpu_memory and _can_be_halved(task, how):
+                attempts[task.key] = Batch(how.batch_size, how.halvings + 1)
+                schedule.again(task)
+            else:
+                fail(task, failure)
+    except BaseException:
+        backend.cancel(list(running))
+        raise
+
+
+def _with_probes(tasks: Sequence[Task], probes: Mapping[str, Task]) -> list[Task]:
+    """`tasks`, each probe before the first training that waits for it."""
+    ordered: dict[str, Task] = {}
+    for task in tasks:
+        if task.key in probes:
+            ordered.setdefault(probes[task.key].key, probes[task.key])
+        ordered[task.key] = task
+    return list(ordered.values())
+
+
+def _can_be_halved(task: Task, how: Batch) -> bool:
+    """Whether a training that was too large for a GPU had more than one frame in a step."""
+    if not task.resumable:
+        return False
+    size = how.batch_size or task.params.training.batch_size
+    return (LARGEST_BATCH if size == "auto" else size) >> how.halvings > 1

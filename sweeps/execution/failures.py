@@ -1,0 +1,107 @@
+"""Why tasks failed: kept in the run folder, so that it can be told later and is not tried again."""
+
+from __future__ import annotations
+
+import json
+import traceback
+from collections.abc import Collection, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from lidarplace.files.atomic import replacing
+from lidarplace.files.json import read_record
+from lidarplace.files.secret_urls import hide_secrets
+from sweeps.store.result_folder import DamagedResult
+from sweeps.tasks.task import Task
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a task has no result.
+
+    Attributes:
+        reason: one line.
+        log: the traceback.
+        lasting: data or settings are to blame, so trying again gives the same; else the machine.
+        out_of_gpu_memory: a smaller batch may help.
+        follows: the task was not run, as one that it needs had failed; reason and log are of that.
+        damaged: a result that it needs was damaged, and is gone.
+    """
+
+    reason: str
+    log: str = ""
+    lasting: bool = False
+    out_of_gpu_memory: bool = False
+    follows: bool = False
+    damaged: bool = False
+
+    @classmethod
+    def of(cls, error: BaseException) -> Failure:
+        """What to keep of an exception, while it is handled."""
+        text = hide_secrets(" ".join(str(error).split()))
+        name = type(error).__name__
+        damaged = isinstance(error, DamagedResult)
+        return cls(
+            text if isinstance(error, ValueError) else f"{name}: {text}",
+            hide_secrets(traceback.format_exc()),
+            lasting=isinstance(error, (ValueError, ArithmeticError)) and not damaged,
+            damaged=damaged,
+            out_of_gpu_memory=name == "OutOfMemoryError",  # torch's, which may not be imported
+        )
+
+
+@dataclass(frozen=True)
+class FailureFolder:
+    """`failed/` of a run folder: one file a failure, and the traceback as text beside it."""
+
+    folder: Path
+
+    def write(self, task: Task, failure: Failure) -> None:
+        """Keep the failure of a task."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        with replacing(self.log(task)) as partial:
+            partial.write_text(
+                f"{task.stage} '{task.label}'\n{failure.reason}\n\n{failure.log}", encoding="utf-8"
+            )
+        with replacing(self._record(task.key)) as partial:
+            partial.write_text(json.dumps(asdict(failure)), encoding="utf-8")
+
+    def read(self) -> Mapping[str, Failure]:
+        """Failures by the task's key. Raises ValueError that names a file which is none."""
+        return {path.stem: _read(path) for path in sorted(self.folder.glob("*.json"))}
+
+    def known(self, rerun: bool, there: Collection[str]) -> dict[str, Failure]:
+        """Failures that would come again, by key. All others are forgotten: they are tried again.
+
+        Args:
+            rerun: try all of them again.
+            there: keys of results, which outweigh an old failure.
+        """
+        known = {}
+        for key, failure in self.read().items():
+            # What followed comes again with what it follows, if that fails again.
+            if failure.lasting and not failure.follows and not rerun and key not in there:
+                known[key] = failure
+            else:
+                self.forget(key)
+        return known
+
+    def forget(self, key: str) -> None:
+        """Remove what was kept of a task that is tried again."""
+        self._record(key).unlink(missing_ok=True)
+        for path in self.folder.glob(f"*-{key}.log"):
+            path.unlink()
+
+    def log(self, task: Task) -> Path:
+        """The file for a reader."""
+        return self.folder / f"{task.stage}-{task.key}.log"
+
+    def _record(self, key: str) -> Path:
+        return self.folder / f"{key}.json"
+
+
+def _read(path: Path) -> Failure:
+    try:
+        return read_record(path, Failure, "record of a failure")
+    except ValueError as error:
+        raise ValueError(f"{error}; remove it, and its task is tried again") from None

@@ -1,0 +1,101 @@
+"""What a sweep does now: a bar for every stage in a terminal, a line a stage elsewhere."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Sequence
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Column
+
+from lidarplace.command_line.terminal import visible
+from sweeps.execution.failures import Failure
+from sweeps.tasks.task import Task
+
+
+class StageProgress:
+    """Shows how far every stage is. Use as a context manager and as the executor's listener.
+
+    Args:
+        tasks: those to expect; of a stage that is not among them nothing is shown.
+        cached: keys of those with a result.
+    """
+
+    def __init__(self, console: Console, tasks: Sequence[Task], cached: Collection[str]) -> None:
+        self._console = console
+        self._total = Counter(task.stage for task in tasks)
+        self._done = Counter(task.stage for task in tasks if task.key in cached)
+        self._failed: Counter[str] = Counter()
+        self._running: dict[str, list[str]] = {stage: [] for stage in self._total}
+        self._progress = Progress(
+            TextColumn(
+                "{task.description}", markup=False, table_column=Column(min_width=17, no_wrap=True)
+            ),
+            BarColumn(16),
+            MofNCompleteColumn(table_column=Column(min_width=5, no_wrap=True)),
+            TimeRemainingColumn(compact=True, table_column=Column(min_width=5, no_wrap=True)),
+            # What runs now takes the rest of the line and is cut there.
+            TextColumn(
+                "{task.fields[now]}",
+                style="dim",
+                markup=False,
+                table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"),
+            ),
+            console=console,
+            expand=True,
+            disable=not console.is_terminal,
+        )
+        self._bars = {
+            stage: self._progress.add_task(
+                stage.replace("_", " "), total=total, completed=self._done[stage], now=""
+            )
+            for stage, total in self._total.items()
+        }
+
+    def __enter__(self) -> StageProgress:
+        self._progress.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._progress.stop()
+
+    def started(self, task: Task) -> None:
+        if task.stage in self._total:
+            self._running[task.stage].append(task.label)
+            self._show(task.stage)
+
+    def finished(self, task: Task) -> None:
+        self._ended(task)
+
+    def failed(self, task: Task, failure: Failure) -> None:
+        text = f"failed: {task.stage} '{task.label}': {failure.reason}"
+        self._console.print(text, highlight=False, soft_wrap=True)
+        self._failed[task.stage] += 1
+        self._ended(task)
+
+    def _ended(self, task: Task) -> None:
+        stage = task.stage
+        if stage not in self._total:
+            return
+        self._done[stage] += 1
+        if task.label in self._running[stage]:  # not if it fell with a task that it needs
+            self._running[stage].remove(task.label)
+        self._show(stage)
+        if self._progress.disable and self._done[stage] == self._total[stage]:
+            failed = self._failed[stage]
+            text = f"{stage}: {self._total[stage] - failed} done"
+            self._console.print(text + (f", {failed} failed" if failed else ""))
+
+    def _show(self, stage: str) -> None:
+        self._progress.update(
+            self._bars[stage],
+            completed=self._done[stage],
+            now=visible(", ".join(self._running[stage])),
+        )

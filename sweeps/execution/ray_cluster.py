@@ -1,0 +1,270 @@
+"""Start Ray on this machine, or join a cluster: the key `ray` of a configuration."""
+
+from __future__ import annotations
+
+import importlib.util
+import ipaddress
+import logging
+import os
+import platform
+import secrets
+import socket
+import subprocess
+import sys
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from sweeps.configuration.sweep import RaySettings
+
+THREADS = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+"""Environment of a worker: one thread a task, as Ray runs as many tasks as there are CPUs."""
+
+_PACKAGES = ("lidarplace", "training", "tracking", "sweeps")
+_ROOT = Path(__file__).parents[2]
+_CONNECT_S = 5.0
+_STATUS_S = 30.0
+_NODES_S = 120.0  # a node unpacks the code and starts a process
+_DECISIVE = ("numpy", "numba", "pandas", "scipy", "torch")
+
+
+class ClusterError(ValueError):
+    """A cluster cannot be joined; one line that says what to mend."""
+
+
+@contextmanager
+def ray_session(settings: RaySettings) -> Iterator[ModuleType]:
+    """Ray, initialised as `settings` ask, and shut down at the end.
+
+    Raises:
+        ConnectionError: Ray cannot be started here.
+        ClusterError: the cluster cannot be joined, or one of its nodes cannot work for this driver;
+            one line that says what to mend.
+    """
+    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
+    # Three tries to reach a `ray://` server take 15 s in place of 30.
+    os.environ.setdefault("RAY_CLIENT_MAX_CONNECTION_TIMEOUT_S", f"{_CONNECT_S:.0f}")
+    local = settings.address == "local"
+    with _environment(_alone() if local else {}):
+        import ray
+
+        if local:
+            _start(ray, settings)
+            _check_alone(ray)
+        else:
+            _check_token_file()
+            _join(ray, settings.address)
+        try:
+            yield ray
+        finally:
+            ray.shutdown()
+
+
+@cache
+def _alone() -> dict[str, str]:
+    """What keeps a local Ray to this machine and this user, before it is imported.
+
+    The first makes it take 127.0.0.1 for a node's address and listen there alone. The argument
+    `_node_ip_address="127.0.0.1"` does not: Ray puts an address in its place that others can reach.
+    A token Ray would write into the home folder, where every user of the machine can read it; it
+    remembers the first one, so a process has one.
+    """
+    token = os.environ.get("RAY_AUTH_TOKEN", secrets.token_hex(32))
+    return {"RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0", "RAY_AUTH_TOKEN": token}
+
+
+@contextmanager
+def _environment(variables: Mapping[str, str]) -> Iterator[None]:
+    """Variables for the block alone: other Rays, such as a cluster's, are started otherwise."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _start(ray: ModuleType, settings: RaySettings) -> None:
+    """Start Ray on this machine."""
+    try:
+        ray.init(
+            address="local",
+            num_cpus=settings.num_cpus,
+            num_gpus=settings.num_gpus,
+            include_dashboard=False,
+            log_to_driver=False,
+            logging_level="ERROR",
+            runtime_env={"env_vars": THREADS | {"PYTHONPATH": _python_path()}},
+        )
+    except Exception as error:  # Ray raises no narrower one
+        raise ConnectionError(f"Ray did not start: {_last_line(str(error))}") from error
+
+
+def _check_alone(ray: ModuleType) -> None:
+    """Say so if others than this machine can reach Ray, which other versions of it may do."""
+    address = ray.util.get_node_ip_address()
+    if not ipaddress.ip_address(address).is_loopback:
+        logging.getLogger(__name__).warning(
+            "Ray listens at %s, not on this machine alone; its token keeps others out", address
+        )
+
+
+def _check_token_file() -> None:
+    """Say so if other users can read the token of a cluster; Ray writes the file that way."""
+    if "RAY_AUTH_TOKEN" in os.environ:
+        return
+    path = Path(os.environ.get("RAY_AUTH_TOKEN_PATH", Path.home() / ".ray" / "auth_token"))
+    if path.is_file() and path.stat().st_mode & 0o077:
+        logging.getLogger(__name__).warning(
+            "%s: other users can read this token; chmod 600 keeps it to you", path
+        )
+
+
+def enter_folder(folder: str) -> None:
+    """Make the driver's folder a worker's: relative paths mean there what they mean here.
+
+    Raises:
+        FileNotFoundError: this node has no such folder.
+    """
+    if not Path(folder).is_dir():
+        raise FileNotFoundError(
+            f"node {platform.node()} has no folder {folder}, in which the sweep was started"
+        )
+    os.chdir(folder)
+
+
+def _join(ray: ModuleType, address: str) -> None:
+    """Connect to a running cluster and look at its nodes."""
+    where = f"ray.address {address}"
+    if address.startswith("ray://"):
+        if importlib.util.find_spec("grpc") is None:
+            raise ClusterError(f"{where}: needs grpcio: pip install 'lidarplace[cluster]'")
+        hint = (
+            "Is it the port of the cluster's client server, does RAY_AUTH_TOKEN or "
+            "RAY_AUTH_TOKEN_PATH name its token, and was the head started with "
+            "GRPC_ENABLE_FORK_SUPPORT=0?"
+        )
+        _check_port(where, address.removeprefix("ray://"))
+    else:
+        hint = "Did the cluster stop?"
+        if address != "auto":
+            _check_port(where, address)
+        _check_head(where, address)
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            ray.init(
+                address=address,
+                log_to_driver=False,
+                logging_level="ERROR",
+                runtime_env=_cluster_environment(),
+            )
+    except (ConnectionError, ray.exceptions.RayError) as error:
+        raise ClusterError(
+            f"{where}: Ray does not answer: {_last_line(str(error))}. {hint}"
+        ) from None
+    except RuntimeError as error:
+        if "Version mismatch" not in str(error):
+            raise
+        raise ClusterError(f"{where}: {' '.join(str(error).split())}") from None
+    try:
+        _check_nodes(ray, where)
+    except BaseException:
+        ray.shutdown()
+        raise
+
+
+def _cluster_environment() -> dict[str, Any]:
+    """Ray's runtime environment: the code of this project, and the variables of a worker."""
+    return {
+        "py_modules": [str(_ROOT / package) for package in _PACKAGES],
+        "excludes": ["__pycache__/"],
+        "env_vars": THREADS,
+    }
+
+
+def _python_path() -> str:
+    return os.pathsep.join([str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+
+
+def _check_port(where: str, address: str) -> None:
+    """Ray itself would wait much longer for a port at which nothing listens."""
+    host, _, port = address.rpartition(":")
+    try:
+        socket.create_connection((host, int(port)), timeout=_CONNECT_S).close()
+    except OSError as error:
+        raise ClusterError(f"{where}: cannot be reached: {error.strerror or error}") from None
+
+
+def _check_head(where: str, address: str) -> None:
+    """Ask for the cluster's status in a process of its own: Ray's driver ends or hangs instead."""
+    command = [sys.executable, "-m", "ray.scripts.scripts", "status", "--address", address]
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=_STATUS_S, check=False
+        )
+    except subprocess.TimeoutExpired:
+        raise ClusterError(f"{where}: does not answer within {_STATUS_S:.0f} s") from None
+    if not done.returncode:
+        return
+    text = done.stdout + done.stderr
+    if "InvalidAuthToken" in text or "AuthenticationError" in text:
+        raise ClusterError(
+            f"{where}: the cluster refuses the token; set RAY_AUTH_MODE=token and RAY_AUTH_TOKEN "
+            "or RAY_AUTH_TOKEN_PATH to that of its head"
+        )
+    raise ClusterError(f"{where}: is not the head of a Ray cluster: {_last_line(text)}")
+
+
+def _check_nodes(ray: ModuleType, where: str) -> None:
+    """Every node has the driver's folder and the driver's packages."""
+    from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+    look = ray.remote(num_cpus=0)(_look_at_node)
+    looks = [
+        look.options(
+            scheduling_strategy=NodeAffinitySchedulingStrategy(node["NodeID"], soft=False)
+        ).remote(os.getcwd())
+        for node in ray.nodes()
+        if node["Alive"]
+    ]
+    own = _versions()
+    try:
+        nodes = ray.get(looks, timeout=_NODES_S)
+    except ray.exceptions.RayError as error:
+        raise ClusterError(f"{where}: a node cannot work: {_last_line(str(error))}") from None
+    for name, folder_is_there, versions in nodes:
+        if not folder_is_there:
+            raise ClusterError(
+                f"{where}: node {name} has no folder {os.getcwd()}; start the sweep in one that "
+                "all nodes share"
+            )
+        for package, there in versions.items():
+            if there != own[package]:
+                raise ClusterError(
+                    f"{where}: node {name} has {package} {there}, and this driver {own[package]}; "
+                    "results would depend on the node"
+                )
+
+
+def _look_at_node(folder: str) -> tuple[str, bool, dict[str, str]]:
+    """Name of this node, whether it has that folder, and its versions."""
+    return platform.node(), Path(folder).is_dir(), _versions()
+
+
+def _versions() -> dict[str, str]:
+    """Of the packages that decide results. Builds of one version, such as torch's, are alike."""
+    return {name: version(name).partition("+")[0] for name in _DECISIVE}
+
+
+def _last_line(text: str) -> str:
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    return lines[-1].rstrip(".")[:200] if lines else "no message"

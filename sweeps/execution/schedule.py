@@ -1,0 +1,111 @@
+"""Which task may run next."""
+
+from __future__ import annotations
+
+import heapq
+from collections import defaultdict
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+
+from sweeps.execution.failures import Failure
+from sweeps.tasks.task import Task
+
+PRIORITY = {
+    "evaluate": 10,
+    "finetune": 9,
+    "pretrain": 8,
+    "probe": 7,
+    "collect": 6,
+    "sampling_error": 5,
+    "accuracy": 4,
+    "surrogates": 3,
+    "pog": 2,
+    "ground_truth": 1,
+    "scene": 0,
+}
+"""Of stages whose inputs are there the highest goes first."""
+
+
+class Schedule:
+    """Hands out tasks whose inputs are there, late stages first.
+
+    So the first placement has its results before the clouds of the last one are collected.
+
+    Args:
+        tasks: all tasks, each after its inputs.
+        done: keys of those whose results are in the store already.
+        probes: probe that a task waits for, by the task's key; it goes on if the probe fails.
+
+    Raises:
+        ValueError: a task needs one that is neither done nor before it.
+    """
+
+    def __init__(
+        self, tasks: Sequence[Task], done: Collection[str], probes: Mapping[str, Task]
+    ) -> None:
+        self.failed: dict[str, Failure] = {}
+        self._let_go: set[str] = set()
+        self._waiting: dict[str, int] = {}
+        self._dependents: dict[str, list[Task]] = defaultdict(list)
+        self._ready: dict[bool, list[tuple[int, int, Task]]] = {False: [], True: []}
+        self._order = {task.key: position for position, task in enumerate(tasks)}
+        for task in tasks:
+            if task.key in done:
+                continue
+            needed = [*task.inputs, *([probes[task.key]] if task.key in probes else [])]
+            missing = [t for t in needed if t.key not in done]
+            self._waiting[task.key] = len(missing)
+            for item in missing:
+                if item.key not in self._waiting:
+                    raise ValueError(f"{task.stage} '{task.label}' comes before its input")
+                self._dependents[item.key].append(task)
+            if not missing:
+                self._push(task)
+
+    def _push(self, task: Task) -> None:
+        entry = (-PRIORITY[task.stage], self._order[task.key], task)
+        heapq.heappush(self._ready[task.gpu], entry)
+
+    def next(self, gpu: bool = True) -> Task | None:
+        """A task to start, or None while all that are left wait for others.
+
+        Args:
+            gpu: whether it may be one that runs on a GPU.
+        """
+        while queues := [
+            queue for kind, queue in self._ready.items() if queue and (gpu or not kind)
+        ]:
+            *_, task = heapq.heappop(min(queues, key=lambda queue: queue[0][:2]))
+            if task.key not in self.failed:
+                return task
+        return None
+
+    def again(self, task: Task) -> None:
+        """Put a task back that was handed out."""
+        self._push(task)
+
+    def finish(self, task: Task) -> None:
+        """Note that a task has its result."""
+        for dependent in self._dependents[task.key]:
+            self._waiting[dependent.key] -= 1
+            if self._waiting[dependent.key] == 0 and dependent.key not in self.failed:
+                self._push(dependent)
+
+    def fail(self, task: Task, failure: Failure) -> list[Task]:
+        """Note that a task failed; returns it with all that cannot run without it."""
+        fallen: list[Task] = []
+        reason = f"{task.stage} '{task.label}' failed: {failure.reason}"
+        because = replace(failure, reason=reason, follows=True)
+        falling = [task]
+        for current in falling:
+            if current.key in self.failed:
+                continue
+            if current.stage == "probe":
+                if current.key not in self._let_go:
+                    self._let_go.add(current.key)
+                    self.finish(current)  # trainings go on without what it would have told
+                continue
+            self.failed[current.key] = failure if current is task else because
+            fallen.append(current)
+            falling += self._dependents[current.key]
+        return fallen or [task]

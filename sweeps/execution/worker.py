@@ -1,0 +1,116 @@
+"""What happens where a task runs: inputs are loaded, its function is called, its result stored."""
+
+from __future__ import annotations
+
+import os
+import socket
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from cachetools import LRUCache, cached
+
+from sweeps.execution.failures import Failure
+from sweeps.store.local import Value
+from sweeps.store.open import AnyStore
+from sweeps.tasks.stages import FUNCTIONS
+from sweeps.tasks.task import Task
+
+
+@dataclass(frozen=True)
+class Batch:
+    """How a training is tried.
+
+    Attributes:
+        batch_size: frames of a step where the settings leave it open; None: the task finds out.
+        halvings: how often the batch size is halved, after the GPU's memory was too small.
+    """
+
+    batch_size: int | None = None
+    halvings: int = 0
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a task ended.
+
+    Attributes:
+        failure: why it has no result; None if it has one.
+        seconds: that it took with loading and storing.
+    """
+
+    failure: Failure | None
+    seconds: float
+
+
+def try_task(task: Task, store: AnyStore, how: Batch) -> Ended:
+    """`run_task`; a mistake comes back as a note."""
+    start = time.perf_counter()
+    failure = None
+    try:
+        run_task(task, store, how)
+    except Exception as error:
+        # If the result is there another driver finished it, and tidied up under this one.
+        if not store.has(task):
+            failure = Failure.of(error)
+    return Ended(failure, time.perf_counter() - start)
+
+
+def run_task(task: Task, store: AnyStore, how: Batch) -> None:
+    """Compute one result from those in the store, and store it.
+
+    Inputs are mapped from the store's files, not sent: workers on one machine share the pages, and
+    clouds larger than the memory can be trained on.
+    """
+    where = {"node": socket.gethostname(), "pid": os.getpid()}
+    since = datetime.now().isoformat(" ", timespec="seconds")
+    with store.running(task, where | {"since": since}):
+        _reset_peak_memory()
+        inputs = [_load(store, needed) for needed in task.inputs]
+        start = time.perf_counter()
+        function = FUNCTIONS[task.stage]
+        if task.resumable:
+            with store.working_folder(task) as folder:
+                value = function(task.params, *inputs, folder=folder, **vars(how))
+        else:
+            value = function(task.params, *inputs)
+        earlier = value.get("earlier_seconds", 0.0)  # before a stop
+        seconds = earlier + time.perf_counter() - start
+        store.save(
+            task,
+            value,
+            seconds,
+            peak_memory=peak_memory(),
+            batch_size_reduced=value.get("batch_size_reduced", False),
+            earlier_seconds=earlier,
+            **where,
+        )
+        if task.resumable:
+            store.discard(task)
+
+
+@cached(LRUCache(maxsize=4), key=lambda store, task: (store, task.key))
+def _load(store: AnyStore, task: Task) -> Value:
+    """An input. Tasks that follow one another on a worker often share one, such as a POG."""
+    return store.load(task)
+
+
+def peak_memory() -> int:
+    """Most bytes that this process held since `_reset_peak_memory`, mapped files not counted."""
+    status = dict(
+        line.split(":", 1)
+        for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    )
+
+    def kib(name: str) -> int:
+        return int(status[name].split()[0])
+
+    return max(0, kib("VmHWM") - kib("RssFile")) * 1024
+
+
+def _reset_peak_memory() -> None:
+    """Linux forgets the peak of earlier tasks of this process, where it lets itself be told so."""
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")

@@ -1,0 +1,98 @@
+"""The best weights of each detector of a sweep, as MLflow models."""
+
+from __future__ import annotations
+
+import json
+import math
+import warnings
+from collections.abc import Iterable
+from importlib.metadata import version
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from lidarplace.boxes import GEOMETRY
+from lidarplace.files.atomic import sync
+from sweeps.plan.plan import Trial
+from sweeps.results.trial_results import metric_mean
+from sweeps.store.open import AnyStore
+from sweeps.store.whole_folder import whole_folder
+from tracking.mlflow.log import SweepLog
+
+_METRIC = "AP_R40_3D"
+_OF_PREDICTION = ("batch_size", "score_threshold", "nms_threshold")
+_POINTS = {"frame": "long"} | dict.fromkeys(("x", "y", "z", "intensity"), "double")
+_BOXES = {"frame": "long", "class": "string"} | dict.fromkeys((*GEOMETRY, "score"), "double")
+_CODE = Path(__file__).with_name("detector_model.py")
+
+
+def log_best_models(trials: Iterable[Trial], store: AnyStore, folder: Path, log: SweepLog) -> None:
+    """Log the trial of each detector with the highest 3D AP of the first class at KITTI's IoU.
+
+    Args:
+        folder: where models are made, DETECTOR/KEY of the trial; one that is there is not made
+            again.
+    """
+    best: dict[str, tuple[float, Trial]] = {}
+    for trial in trials:
+        point = trial.grid_point.point
+        ap = metric_mean([trial], _METRIC, point.classes[0], store)
+        if not math.isnan(ap) and ap > best.get(str(point.detector), (-1.0, trial))[0]:
+            best[str(point.detector)] = ap, trial
+    for detector, (ap, trial) in best.items():
+        own = folder / detector / trial.key
+        if not own.exists():
+            save_model(trial, store, own)
+        point = trial.grid_point.point
+        about = {
+            "placement": point.placement,
+            "seed": point.seed,
+            f"{_METRIC}.{point.classes[0]}": f"{ap:.2f}",
+        }
+        log.model(trial.key, detector, own, about)
+
+
+def save_model(trial: Trial, store: AnyStore, path: Path) -> None:
+    """Write a trained detector in MLflow's format, in one step: its weights and no pickled code."""
+    from mlflow.models import ModelSignature
+    from mlflow.pyfunc import save_model as save_pyfunc
+    from mlflow.types import ColSpec, Schema
+
+    with (
+        TemporaryDirectory() as temporary,
+        whole_folder(path) as folder,
+        warnings.catch_warnings(),
+    ):
+        weights, about = _write_parts(trial, store, Path(temporary))
+        signature = ModelSignature(
+            Schema([ColSpec(kind, name) for name, kind in _POINTS.items()]),
+            Schema([ColSpec(kind, name) for name, kind in _BOXES.items()]),
+        )
+        warnings.filterwarnings("ignore", ".*input example was not provided", UserWarning)
+        save_pyfunc(
+            folder,
+            python_model=str(_CODE),
+            artifacts={"weights": str(weights), "detector": str(about)},
+            signature=signature,
+            pip_requirements=[f"{name}=={version(name)}" for name in ("lidarplace", "torch")],
+        )
+        for file in folder.rglob("*"):
+            sync(file)
+
+
+def _write_parts(trial: Trial, store: AnyStore, folder: Path) -> tuple[Path, Path]:
+    from training.checkpoints import write_tensors
+
+    assert trial.finetune is not None
+    assert trial.evaluate is not None
+    params = trial.evaluate.params
+    training = store.load(trial.finetune, ("state_dict", "classes"))
+    about = {
+        "detector": params.detector,
+        "classes": training["classes"],
+        "point_range": params.point_range,
+        "settings": params.training.model_dump(mode="json", include=set(_OF_PREDICTION)),
+    }
+    weights, settings = folder / "weights.pt", folder / "detector.json"
+    write_tensors(weights, training["state_dict"])
+    settings.write_text(json.dumps(about, indent=1))
+    return weights, settings

@@ -1,0 +1,30 @@
+"""Draws what MLflow shows of a trial, each picture once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from sweeps.plan.plan import Trial
+from sweeps.store.open import AnyStore
+
+
+def trial_pictures(trial: Trial, store: AnyStore, folder: Path) -> list[Path]:
+    """PNGs of the placement, which trials share, and of precision over recall, if there is any.
+
+    Args:
+        folder: where they are; one that is there is not drawn again.
+    """
+    from tracking.mlflow.pictures import draw_pr_curves, draw_rig
+
+    placement = folder / trial.surrogates.key / "placement.png"
+    curves = folder / trial.key / "precision_recall.png"
+    if not placement.exists():
+        rig = trial.surrogates.params.placement
+        draw_rig(placement, trial.grid_point.point.placement, rig.mounts, rig.lidars)
+    assert trial.evaluate is not None
+    table = store.load(trial.evaluate, ("pr_curves",))["pr_curves"]
+    if table.empty:  # no object of any class in the test frames
+        return [placement]
+    if not curves.exists():
+        draw_pr_curves(curves, trial.label, table)
+    return [placement, curves]

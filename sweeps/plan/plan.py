@@ -1,0 +1,369 @@
+"""From the points of a grid to tasks: a stage runs once for points that agree in what it uses."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lidarplace import Placement, Roi
+from lidarplace.lidar.clouds import Crop
+from lidarplace.lidar.collect import crop_for
+from lidarplace.lidar.profiles import with_tilt_in_degrees
+from lidarplace.lidar.recorded import check_rig, clouds_digest
+from lidarplace.scenes.recorded import LogScene
+from sweeps.configuration.file import ConfigError
+from sweeps.configuration.grid import GridPoint, Sweep, read_sweep
+from sweeps.configuration.sweep import Point
+from sweeps.plan.scene_tasks import ScenePart, scene_name, scene_parts
+from sweeps.tasks.parameters import (
+    AccuracyParams,
+    CollectParams,
+    GroundTruthParams,
+    NetworkParams,
+    PogParams,
+    RecordedParams,
+    SamplingErrorParams,
+    SurrogateParams,
+    TrainingParams,
+    keys_of,
+)
+from sweeps.tasks.task import Task
+
+ACCURACY_STEPS = (90, 360, 1440, 5760)
+"""Azimuth steps at which coverage methods are compared with the exact cones."""
+
+FITTED_Q = tuple(float(f"{q:.2g}") for q in np.geomspace(1e-4, 1.0, 25))
+"""Detection probabilities among which the one that fits measured AP best is looked for."""
+
+ACCURACY_SHARES = (0.5, 0.25)
+"""Shares of the frames from which a POG is compared with that of all frames."""
+
+ACCURACY_VOXELS = 60_000_000
+"""Half the resolution is the reference if it makes no more voxels than these (about 2 GB)."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What becomes of one point of the grid.
+
+    Attributes:
+        grid_point: the point and its axes.
+        label: "placement · detector · seed 1", and the further axes.
+        scene_label: what its scene is called.
+        scenes, ground_truths, collect_test: its tasks for every part of the scene, of those with
+            test frames for the last.
+        pog, surrogates: its cheap tasks, by which `promote` may rank.
+        accuracy, sampling_error: None if they are not asked for.
+        finetune, evaluate: None without a detector.
+    """
+
+    grid_point: GridPoint
+    label: str
+    scene_label: str
+    scenes: tuple[Task, ...]
+    ground_truths: tuple[Task, ...]
+    collect_test: tuple[Task, ...]
+    pog: Task
+    surrogates: Task
+    accuracy: Task | None
+    sampling_error: Task | None
+    finetune: Task | None
+    evaluate: Task | None
+
+    @cached_property
+    def key(self) -> str:
+        """Names the trial: the same for the same work under the same name of the placement."""
+        last = (self.evaluate or self.pog).key
+        parts = (self.grid_point.point.placement, last, self.surrogates.key)
+        return hashlib.sha256("/".join(parts).encode()).hexdigest()[:12]
+
+    @cached_property
+    def results(self) -> tuple[Task, ...]:
+        """The tasks whose results the trial reports."""
+        further = (self.accuracy, self.sampling_error, self.finetune, self.evaluate)
+        return (self.pog, self.surrogates, *filter(None, further))
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All tasks, each once and after its inputs, and the trials that they make up."""
+
+    tasks: tuple[Task, ...]
+    trials: tuple[Trial, ...]
+
+    def needed_for(self, results: Iterable[Task]) -> list[Task]:
+        """The tasks that lead to `results`, and these, in the order of the plan."""
+        needed: set[str] = set()
+        open_ = list(results)
+        while open_:
+            task = open_.pop()
+            if task.key not in needed:
+                needed.add(task.key)
+                open_ += task.inputs
+        return [task for task in self.tasks if task.key in needed]
+
+
+def read_plan(path: Path, overrides: Sequence[str] = ()) -> tuple[Sweep, Plan]:
+    """Read a configuration and plan its sweep. Raises ConfigError that names the file."""
+    sweep = read_sweep(path, overrides)
+    try:
+        return sweep, make_plan(sweep)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from None
+
+
+def make_plan(sweep: Sweep) -> Plan:
+    """Tasks and trials of a sweep.
+
+    Raises:
+        ConfigError: a checkpoint to start from, a map or recorded clouds are not there or do not
+            fit; or two points of the grid are the same work.
+    """
+    builder = _Builder(sweep)
+    trials = [builder.trial(grid_point) for grid_point in sweep.points]
+    labels: dict[str, str] = {}
+    for trial in trials:
+        if trial.key in labels:
+            raise ConfigError(
+                f"grid: '{labels[trial.key]}' and '{trial.label}' are the same work; exclude one"
+            )
+        labels[trial.key] = trial.label
+    return Plan(tuple(builder.tasks.values()), tuple(trials))
+
+
+class _Builder:
+    """Makes trials out of points; tasks and files that points share are there once."""
+
+    def __init__(self, sweep: Sweep) -> None:
+        self.tasks: dict[str, Task] = {}
+        self._common = sweep.common
+        self._parts_of = cache(scene_parts)
+        self._digest_of = cache(clouds_digest)
+        self._checkpoint_digest = cache(_checkpoint_digest)
+
+    def _once(self, task: Task) -> Task:
+        return self.tasks.setdefault(task.key, task)
+
+    def trial(self, grid_point: GridPoint) -> Trial:
+        """The trial of a point, with all its tasks."""
+        point = grid_point.point
+        rig = self._common.placement_named(point.placement, point.lidar.lidar())
+        try:
+            parts = self._parts_of(point.scene)
+        except ValueError as error:
+            raise ConfigError(f"scene: {error}") from None
+        scenes = [self._task("scene", grid_point, part.params, (), part.name) for part in parts]
+        for_pog = tuple(
+            scene for part, scene in zip(parts, scenes, strict=True) if "train" in part.splits
+        )
+        return Trial(
+            grid_point=grid_point,
+            label=_trial_label(point, grid_point.axes),
+            scene_label=_label(grid_point, keys_of(parts[0].params)),
+            scenes=tuple(scenes),
+            **self._surrogates(grid_point, rig, for_pog),
+            **self._detection(grid_point, rig, parts, scenes),
+        )
+
+    def _task(
+        self, stage: str, grid_point: GridPoint, params: Any, inputs: tuple[Task, ...], *names: str
+    ) -> Task:
+        """A task named after what makes a difference to it, and after `names`."""
+        keys = keys_of(params).union(*(task.uses for task in inputs))
+        return self._once(Task(stage, _join(_label(grid_point, keys), *names), params, inputs))
+
+    def _surrogates(
+        self, grid_point: GridPoint, rig: Placement, logs: tuple[Task, ...]
+    ) -> dict[str, Any]:
+        """Tasks that need boxes alone."""
+        point, roi = grid_point.point, grid_point.point.voxel_roi()
+        settings, placement = point.surrogate, _nameless(rig)
+        pog = self._task("pog", grid_point, PogParams(roi, point.classes), logs)
+        params = SurrogateParams(
+            placement=placement,
+            names=settings.names,
+            method=settings.method,
+            detection_probability=settings.detection_probability,
+            occlusion=settings.occlusion,
+            fitted_q=FITTED_Q,
+        )
+        found: dict[str, Any] = {
+            "pog": pog,
+            "surrogates": self._task("surrogates", grid_point, params, (pog,)),
+            "accuracy": None,
+            "sampling_error": None,
+        }
+        if settings.accuracy:
+            studied = AccuracyParams(
+                placement=placement,
+                roi=roi,
+                detection_probability=settings.detection_probability,
+                occlusion=settings.occlusion,
+                object_class=point.classes[0],
+                resolutions=_resolutions(roi),
+                azimuth_steps=ACCURACY_STEPS,
+                frame_shares=ACCURACY_SHARES,
+            )
+            found["accuracy"] = self._task("accuracy", grid_point, studied, logs)
+        if settings.sampling_error:
+            drawn = SamplingErrorParams(
+                placement=placement,
+                roi=roi,
+                detection_probability=settings.detection_probability,
+                occlusion=settings.occlusion,
+                classes=point.classes,
+                method=settings.method,
+            )
+            found["sampling_error"] = self._task("sampling_error", grid_point, drawn, logs)
+        return found
+
+    def _detection(
+        self,
+        grid_point: GridPoint,
+        rig: Placement,
+        parts: Sequence[ScenePart],
+        scenes: Sequence[Task],
+    ) -> dict[str, Any]:
+        """Tasks that a detector needs."""
+        point = grid_point.point
+        if point.detector is None:
+            return {"ground_truths": (), "collect_test": (), "finetune": None, "evaluate": None}
+        # Without the resolution, which has no part in the ground truth.
+        roi, settings = point.roi, point.training
+        edges = GroundTruthParams(roi.x, roi.y, roi.z, point.scene.seed)
+        crop = crop_for(roi.x, roi.y, roi.z, rig, point.lidar.misaligned_heights)
+        clouds: dict[str, list[Task]] = {"train": [], "test": []}
+        truths: dict[str, list[Task]] = {"train": [], "test": []}
+        for part, scene in zip(parts, scenes, strict=True):
+            truth = self._task("ground_truth", grid_point, edges, (scene,), part.name)
+            for split in part.splits:
+                params = self._collection(point, rig, split, crop)
+                names = (part.name, split)
+                clouds[split].append(self._task("collect", grid_point, params, (scene,), *names))
+                truths[split].append(truth)
+        network = NetworkParams(point.detector, point.classes, settings, crop)
+        checkpoint = None
+        if settings.checkpoint is not None:
+            checkpoint = self._checkpoint_digest(
+                settings.checkpoint, settings.new_heads, point.detector, point.classes, crop
+            )
+        training = TrainingParams(**vars(network), seed=point.seed, checkpoint=checkpoint)
+        label = _trial_label(point, grid_point.axes)
+        inputs = (*clouds["train"], *truths["train"])
+        finetune = self._once(Task("finetune", label, training, inputs, gpu=True, resumable=True))
+        inputs = (finetune, *clouds["test"], *truths["test"])
+        return {
+            "ground_truths": tuple(dict.fromkeys(truths["train"] + truths["test"])),
+            "collect_test": tuple(clouds["test"]),
+            "finetune": finetune,
+            "evaluate": self._once(Task("evaluate", label, network, inputs, gpu=True)),
+        }
+
+    def _collection(
+        self, point: Point, placement: Placement, split: str, crop: Crop
+    ) -> CollectParams | RecordedParams:
+        """What decides clouds besides the scene.
+
+        Quirks and fewer azimuth steps are of the collection, not of the rig.
+        """
+        scene, lidar = point.scene, point.lidar
+        if isinstance(scene, LogScene) and scene.clouds == "recorded":
+            if lidar.tilt_in_degrees or lidar.misaligned_heights:
+                raise ConfigError("lidar: recorded clouds are as they are; leave the quirks out")
+            if lidar.cloud_share != 1:
+                raise ConfigError(
+                    f"lidar.cloud_share: recorded clouds are as they are; allowed is 1, found "
+                    f"{lidar.cloud_share:g}"
+                )
+            folder = scene.folder / "clouds" / point.placement
+            try:
+                check_rig(folder, placement)
+                return RecordedParams(folder, self._digest_of(folder), split, crop)
+            except (OSError, ValueError) as error:
+                raise ConfigError(f"placement: {error}") from None
+        if lidar.tilt_in_degrees:
+            placement = with_tilt_in_degrees(placement)
+        share = lidar.cloud_share
+        try:
+            placement = placement.with_lidar([own.thinned(share) for own in placement.lidars])
+        except ValueError as error:
+            raise ConfigError(f"lidar.cloud_share: {share:g}: {error}") from None
+        return CollectParams(
+            _nameless(placement), lidar.misaligned_heights, scene.seed, split, crop
+        )
+
+
+def _nameless(placement: Placement) -> Placement:
+    """The same rig for all names, so that a rig of two names is computed once."""
+    return replace(placement, name="placement")
+
+
+def further_axes(sweep: Sweep) -> tuple[str, ...]:
+    """Axes of the grid besides placement, detector and seed."""
+    return tuple(axis for axis in sweep.axes if axis not in ("placement", "detector", "seed"))
+
+
+def _resolutions(roi: Roi) -> tuple[float, ...]:
+    """Half and twice the resolution, where they divide the ROI and half of it is affordable."""
+    found = []
+    for resolution in (roi.resolution / 2, roi.resolution * 2):
+        try:
+            other = replace(roi, resolution=resolution)
+        except ValueError:  # does not divide it
+            continue
+        if math.prod(other.shape) <= ACCURACY_VOXELS:
+            found.append(resolution)
+    return tuple(found)
+
+
+def _join(*names: str) -> str:
+    return " · ".join(filter(None, names))
+
+
+def _label(grid_point: GridPoint, keys: Collection[str]) -> str:
+    """The placement and the axes among `keys` of the configuration, or the scene."""
+    parts = [grid_point.point.placement] if "placement" in keys else []
+    parts += [
+        f"{axis}={value}"
+        for axis, value in grid_point.axes.items()
+        if axis != "placement" and any(_overlap(axis, key) for key in keys)
+    ]
+    return " · ".join(parts) or scene_name(grid_point.point.scene)
+
+
+def _overlap(one: str, other: str) -> bool:
+    """Whether a key path is the other, or above or below it."""
+    return one == other or one.startswith(f"{other}.") or other.startswith(f"{one}.")
+
+
+def _trial_label(point: Point, axes: Mapping[str, Any]) -> str:
+    further = [
+        f"{axis}={value}"
+        for axis, value in axes.items()
+        if axis not in ("placement", "detector", "seed")
+    ]
+    detected = [point.detector, f"seed {point.seed}"] if point.detector else []
+    return " · ".join([point.placement, *detected, *further])
+
+
+def _checkpoint_digest(
+    path: Path, new_heads: bool, detector: str, classes: Sequence[str], point_range: Crop
+) -> str:
+    """SHA-256 of a checkpoint that fits; better told now than after hours of scenes."""
+    from training import build_detector  # torch, which a sweep from scratch need not wait for
+    from training.checkpoints import load_checkpoint
+
+    try:
+        model = build_detector(detector, classes, point_range=point_range)
+        return load_checkpoint(model, path, new_heads).digest
+    except OSError as error:
+        raise ConfigError(f"training.checkpoint: {path}: {error.strerror}") from None
+    except ValueError as error:
+        raise ConfigError(f"training.checkpoint: {error}") from None

@@ -1,0 +1,1 @@
+"""What became of a plan: tables, pictures, promotion, the run folder and the state."""

@@ -1,0 +1,91 @@
+"""What `--dry-run` shows: tasks by stage, what is there already, frames, rungs and trials."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from sweeps.configuration.grid import Sweep
+from sweeps.plan.plan import Plan
+from sweeps.results.promotion import at_most
+from sweeps.store.open import AnyStore
+
+
+@dataclass(frozen=True)
+class Planned:
+    """What a sweep would do.
+
+    Attributes:
+        name: of the sweep.
+        stages: tasks, and how many of them are cached, by stage; with `promote` at most so many.
+        rungs: by, keep and set of each.
+        scenes: scene, and its frames of each split.
+        trials: key, label and whether it is cached, in the order of the grid.
+    """
+
+    name: str
+    stages: dict[str, dict[str, int]]
+    rungs: list[dict[str, Any]]
+    scenes: list[dict[str, Any]]
+    trials: list[dict[str, Any]]
+
+
+def planned(sweep: Sweep, plan: Plan, store: AnyStore) -> Planned:
+    """Look at what is there, and count what is not."""
+    cached = store.finished(plan.tasks)
+    tasks = at_most(sweep, plan)
+    total = Counter(task.stage for task in tasks)
+    there = Counter(task.stage for task in tasks if task.key in cached)
+    frames = {t.scene_label: t.grid_point.point.scene.frame_counts() for t in plan.trials}
+    return Planned(
+        name=sweep.common.name,
+        stages={s: {"tasks": count, "cached": there[s]} for s, count in total.items()},
+        rungs=[
+            rung.model_dump(mode="json", include={"by", "keep", "set"})
+            for rung in sweep.common.promote
+        ],
+        scenes=[
+            {"scene": label, "train_frames": train, "test_frames": test}
+            for label, (train, test) in frames.items()
+        ],
+        trials=[
+            {
+                "key": trial.key,
+                "label": trial.label,
+                "cached": all(task.key in cached for task in trial.results),
+            }
+            for trial in plan.trials
+        ],
+    )
+
+
+def print_planned(console: Console, shown: Planned) -> None:
+    """Print the plan of a sweep."""
+    title = f"{shown.name}: {len(shown.trials)} trials"
+    if shown.rungs:
+        title += "; of these at most the tasks that promotion leaves"
+    table = Table(title=title)
+    for column in ("stage", "tasks", "cached", "to do"):
+        table.add_column(column, justify="left" if column == "stage" else "right")
+    for stage, own in shown.stages.items():
+        to_do = own["tasks"] - own["cached"]
+        table.add_row(stage, str(own["tasks"]), str(own["cached"]), str(to_do))
+    console.print(table)
+    for number, rung in enumerate(shown.rungs):
+        changed = ", ".join(f"{key}={value}" for key, value in rung["set"].items())
+        console.print(
+            f"rung {number}: {rung['by']}{f' with {changed}' if changed else ''}, the best "
+            f"{rung['keep']} placements go on"
+        )
+    for scene in shown.scenes:
+        console.print(
+            f"scene {scene['scene']}: {scene['train_frames']} frames to train, "
+            f"{scene['test_frames']} to test"
+        )
+    for trial in shown.trials:
+        cached = "  (cached)" if trial["cached"] else ""
+        console.print(f"trial {trial['key']}  {trial['label']}{cached}")

@@ -1,0 +1,224 @@
+"""Cheap values for all placements, full trainings for the best: the rungs of `promote`.
+
+A rung waits for all its placements before it decides, so the outcome does not depend on which
+machine was faster, nor on a stop in between. Optuna's pruner decides.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import pandas as pd
+
+from sweeps.configuration.grid import Sweep
+from sweeps.configuration.sweep import METRICS, Rung
+from sweeps.plan.plan import Plan, Trial
+from sweeps.results.trial_results import cells, metric_mean, trial_seconds
+from sweeps.store.open import AnyStore
+from sweeps.tasks.task import Task
+
+_ALL = "all"
+
+
+@dataclass
+class Promotion:
+    """How far the placements of a sweep have come.
+
+    Attributes:
+        pruned: by the trial's key, why it is not run.
+        standings: a row per rung, group and placement, see `table`.
+        complete: whether all rungs have decided, so that the full trainings may run.
+    """
+
+    pruned: dict[str, str] = field(default_factory=dict)
+    standings: list[dict[str, Any]] = field(default_factory=list)
+    complete: bool = False
+
+    def table(self) -> pd.DataFrame:
+        """Columns: rung, detector, the further axes, placement, by, class, value, rank (1 is best),
+        kept, seconds (of this rung alone) and setting (what its trainings change)."""
+        return pd.DataFrame(self.standings)
+
+
+def promote(
+    sweep: Sweep, plan: Plan, store: AnyStore, run: Callable[[list[Task]], bool]
+) -> Promotion:
+    """Go up the rungs of a sweep and, at last, through the full trainings.
+
+    Args:
+        run: runs the tasks that a rung needs, as far as they have no result; returns whether to
+            go on.
+    """
+
+    def decide(number: int, rung: Rung, group: Mapping[str, list[Trial]]) -> dict[str, str | None]:
+        rows = _standings(number, rung, group, store)
+        promotion.standings += rows
+        kept = sum(row["kept"] for row in rows)
+        return {row["placement"]: _reason(row, len(rows), kept) for row in rows if not row["kept"]}
+
+    promotion = Promotion()
+    promotion.complete = _climb(sweep, plan, run, decide, promotion.pruned)
+    return promotion
+
+
+def at_most(sweep: Sweep, plan: Plan) -> list[Task]:
+    """The tasks of a sweep if every rung keeps as many placements as it says."""
+    tasks: dict[str, Task] = {}
+
+    def note(needed: list[Task]) -> bool:
+        tasks.update((task.key, task) for task in needed)
+        return True
+
+    def first_ones(number: int, rung: Rung, group: Mapping[str, list[Trial]]) -> dict[str, None]:
+        return dict.fromkeys(list(group)[rung.keep :])
+
+    _climb(sweep, plan, note, first_ones, {})
+    return list(tasks.values())
+
+
+def survivors(
+    values: Mapping[str, float], keep: int, direction: Literal["maximize", "minimize"]
+) -> set[str]:
+    """The `keep` best names, and those that equal the last of them; none without a value."""
+    import optuna
+
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    known = {name: value for name, value in values.items() if math.isfinite(value)}
+    if len(known) <= keep:
+        return set(known)
+    # A percentile half way between the last to keep and the first to prune.
+    percentile = 100 * (keep - 0.5) / (len(known) - 1)
+    pruner = optuna.pruners.PercentilePruner(percentile, n_startup_trials=0)
+    study = optuna.create_study(direction=direction, pruner=pruner)
+    study.add_trials(
+        optuna.trial.create_trial(value=value, intermediate_values={0: value})
+        for value in known.values()
+    )
+    trials = study.get_trials(deepcopy=False)
+    return {
+        name for name, trial in zip(known, trials, strict=True) if not pruner.prune(study, trial)
+    }
+
+
+def _climb(
+    sweep: Sweep,
+    plan: Plan,
+    run: Callable[[list[Task]], bool],
+    decide: Callable[[int, Rung, Mapping[str, list[Trial]]], Mapping[str, str | None]],
+    pruned: dict[str, str],
+) -> bool:
+    """Run and decide rung by rung. Returns whether `run` went on to the end.
+
+    Args:
+        decide: gets the trials of one group by placement; returns the placements that are out,
+            with the reason, None if they are not pruned but have failed.
+        pruned: takes up the reasons by the trial's key.
+    """
+    out: set[str] = set()
+    groups: dict[str, list[Trial]] = {}
+    for trial in plan.trials:
+        groups.setdefault(_group(trial), []).append(trial)
+    rungs = sorted({trial.grid_point.rung for trial in plan.trials})
+    for number, rung in enumerate(sweep.common.promote):
+        own = next(r for r in rungs if r >= number)  # of a rung that trains nothing, the next one
+        contests = []
+        for trials in groups.values():
+            contest: dict[str, list[Trial]] = {}
+            for trial in trials:
+                if trial.grid_point.rung == own and trial.key not in out:
+                    contest.setdefault(trial.grid_point.point.placement, []).append(trial)
+            contests.append((trials, contest))
+        compared = (t for _, contest in contests for same in contest.values() for t in same)
+        if not run(plan.needed_for(task for t in compared for task in _looked_at(t, rung))):
+            return False
+        for trials, contest in contests:
+            verdicts = decide(number, rung, contest)
+            for trial in trials:
+                name = trial.grid_point.point.placement
+                if name in verdicts and trial.grid_point.rung > number and trial.key not in out:
+                    out.add(trial.key)
+                    if (reason := verdicts[name]) is not None:
+                        pruned[trial.key] = reason
+    left = [t for t in plan.trials if t.grid_point.rung == rungs[-1] and t.key not in out]
+    return run(plan.needed_for(task for trial in left for task in trial.results))
+
+
+def _looked_at(trial: Trial, rung: Rung) -> tuple[Task, ...]:
+    """Tasks whose results the rung needs."""
+    return trial.results if rung.by in METRICS else (trial.pog, trial.surrogates)
+
+
+def _group(trial: Trial) -> str:
+    """Detector and further axes: placements compete within one group."""
+    return json.dumps([trial.grid_point.point.detector, _axes(trial)], sort_keys=True)
+
+
+def _axes(trial: Trial) -> dict[str, Any]:
+    """The further axes, without those that rungs set."""
+    fixed = ("placement", "detector", "seed", *trial.grid_point.set_by_rungs)
+    return {axis: v for axis, v in trial.grid_point.axes.items() if axis not in fixed}
+
+
+def _standings(
+    number: int, rung: Rung, group: Mapping[str, list[Trial]], store: AnyStore
+) -> list[dict[str, Any]]:
+    """Rows of `Promotion.table` of one group."""
+    if not group:
+        return []
+    point, axes = next((t.grid_point.point, _axes(t)) for own in group.values() for t in own)
+    object_class = rung.object_class or (point.classes[0] if rung.by in METRICS[:2] else _ALL)
+    values = {name: _value(trials, rung, object_class, store) for name, trials in group.items()}
+    kept = survivors(values, rung.keep, rung.best)
+    ranks = pd.Series(values).rank(
+        method="min", ascending=rung.best == "minimize", na_option="bottom"
+    )
+    return [
+        {"rung": number, "detector": point.detector or ""}
+        | cells(axes)
+        | {
+            "placement": name,
+            "by": rung.by,
+            "class": object_class,
+            "value": values[name],
+            "rank": int(ranks[name]),
+            "kept": name in kept,
+            "seconds": _seconds(trials, rung, store),
+            "setting": ", ".join(f"{key}={value}" for key, value in rung.set.items()),
+        }
+        for name, trials in group.items()
+    ]
+
+
+def _reason(row: Mapping[str, Any], of: int, kept: int) -> str | None:
+    """Why a placement is out; None if a surrogate failed, which is no verdict on the placement."""
+    if not math.isfinite(row["value"]):
+        measured = row["by"] in METRICS
+        return f"rung {row['rung']} has no {row['by']} of every seed" if measured else None
+    return f"rank {row['rank']} of {of} by {row['by']} ({row['class']}), {kept} kept"
+
+
+def _value(trials: Sequence[Trial], rung: Rung, object_class: str, store: AnyStore) -> float:
+    """What a placement is ranked by: a mean over seeds for a metric; NaN if nothing is there."""
+    if rung.by not in METRICS:
+        task = trials[0].surrogates
+        if not store.has(task):
+            return math.nan
+        table = store.load(task, ("table",))["table"]
+        own = table[table["surrogate"] == rung.by]
+        if object_class != _ALL:
+            own = own[own["class"] == object_class]
+        return math.fsum(own["value"])
+    return metric_mean(trials, rung.by, object_class, store)
+
+
+def _seconds(trials: Sequence[Trial], rung: Rung, store: AnyStore) -> float:
+    """What the rung took for a placement, over all its seeds."""
+    if rung.by not in METRICS:
+        task = trials[0].surrogates
+        return store.seconds(task) if store.has(task) else math.nan
+    whole = [trial for trial in trials if trial.evaluate is not None and store.has(trial.evaluate)]
+    return math.fsum(trial_seconds(trial, store) for trial in whole)

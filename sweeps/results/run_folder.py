@@ -1,0 +1,246 @@
+"""The run folder: what a sweep found, as tables that stay readable without this project."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import astuple, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from lidarplace.files.atomic import replacing
+from lidarplace.files.secret_urls import hide_secrets, public_url
+from lidarplace.lidar.points_by_distance import points_by_distance
+from sweeps.configuration.file import public_yaml
+from sweeps.configuration.grid import Sweep
+from sweeps.execution.execute import Outcome
+from sweeps.plan.plan import Plan, Trial, further_axes
+from sweeps.results.pictures import drawn, maps, one_frame, save_arrays
+from sweeps.results.promotion import Promotion
+from sweeps.results.trial_results import (
+    axis_values,
+    identity,
+    of_placement,
+    surrogate_identity,
+    trial_failure,
+    trial_results,
+    trial_seconds,
+    with_columns,
+)
+from sweeps.store.local import write_text
+from sweeps.store.open import AnyStore
+from sweeps.tasks.task import Task
+from tracking.mlflow.uri import absolute_uri
+
+_VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas")
+
+
+@dataclass(frozen=True)
+class Run:
+    """What happened when a plan was run.
+
+    Attributes:
+        outcome: of its tasks.
+        promotion: which trials were pruned.
+        cached: keys of the tasks that had a result before.
+        cores: tasks that could run at once.
+        command: what the user typed.
+        started: when, on the clock of `Outcome.times`.
+        seconds: that it took.
+    """
+
+    outcome: Outcome
+    promotion: Promotion
+    cached: Collection[str]
+    cores: int
+    command: str
+    started: float
+    seconds: float
+
+
+def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run) -> None:
+    """Gather the results of all trials into `folder`, each file renamed into place."""
+    folder.mkdir(parents=True, exist_ok=True)
+    axes = further_axes(sweep)
+    there = store.finished(plan.tasks)
+    known = [trial for trial in plan.trials if trial.surrogates.key in there]
+    good = [trial for trial in known if all(task.key in there for task in trial.results)]
+    tested = [trial for trial in good if trial.evaluate is not None]
+
+    def gathered(stage: str, name: str, trials: Sequence[Trial]) -> pd.DataFrame:
+        """One table of a stage; what several trials share stands there once."""
+        tables = {}
+        for trial in trials:
+            task = getattr(trial, stage)
+            if task is not None and task.key in there:
+                place = (task.key, *surrogate_identity(trial, axes).values())
+                if place not in tables:
+                    tables[place] = of_placement(trial, task, name, store, axes)
+        return _stack(list(tables.values()))
+
+    surrogates = gathered("surrogates", "table", known)
+    with_rays = [t for t in known if "expected_ig" in t.grid_point.point.surrogate.names]
+    write_text(folder / "config.yaml", public_yaml(sweep.source))
+    for name, table in (
+        ("trials", trials_table(plan, store, run, axes)),
+        ("results", _stack([trial_results(trial, store, axes) for trial in tested])),
+        ("surrogates", surrogates),
+        ("expected_ig_by_q", gathered("surrogates", "by_q", with_rays)),
+        ("curves", _stack([_curve(trial, store) for trial in tested])),
+        ("pr_curves", _stack([_of_trial(trial, "pr_curves", store, axes) for trial in tested])),
+        ("left_out", _stack([_of_trial(trial, "left_out", store, axes) for trial in tested])),
+        ("distance", _stack([_of_trial(trial, "by_distance", store, axes) for trial in tested])),
+        ("points", _points(tested, store, axes)),
+        ("individuals", _individuals(good, store, axes)),
+        ("accuracy", gathered("accuracy", "table", known)),
+        ("sampling_error", gathered("sampling_error", "estimates", known)),
+        ("pog_resamples", gathered("sampling_error", "resamples", known)),
+        ("promotions", run.promotion.table()),
+        ("tasks", _tasks_table([*plan.tasks, *run.outcome.probes.values()], store, run)),
+    ):
+        with replacing(folder / f"{name}.parquet") as partial:
+            table.to_parquet(partial, index=False)
+    frames = {"train": 0, "test": 0}
+    pictured: Mapping[str, Any] = {}
+    if known:
+        for scene in (task for task in known[0].scenes if task.key in there):
+            splits = store.load(scene, ("frames",))["frames"]["split"]
+            for split, count in splits.value_counts().items():
+                frames[str(split)] += int(count)
+        shown = drawn(known, tested, surrogates)
+        save_arrays(folder / "maps.npz", maps(sweep, shown, store))
+        if tested:
+            save_arrays(folder / "frame.npz", one_frame(shown, store))
+        pictured = axis_values(shown[0], [a for a in axes if a in surrogates.columns])
+    about = _about(sweep, frames, run) | {"pictured": pictured}
+    write_text(folder / "sweep.json", json.dumps(about, indent=1))
+
+
+def trials_table(plan: Plan, store: AnyStore, run: Run, axes: Sequence[str]) -> pd.DataFrame:
+    """One row a trial: trial, placement, detector, seed, axes, seconds, status, error."""
+    rows = []
+    for trial in plan.trials:
+        failure = trial_failure(trial, run.outcome.failures)
+        pruned = run.promotion.pruned.get(trial.key)
+        if pruned is not None:
+            status, error, seconds = "pruned", pruned, np.nan
+        elif failure is not None:
+            status, error, seconds = "failed", failure.reason, np.nan
+        else:
+            status, error, seconds = "finished", "", trial_seconds(trial, store)
+        row = {"seconds": seconds, "status": status, "error": error}
+        rows.append(identity(trial, axes) | row)
+    return pd.DataFrame(rows)
+
+
+def _stack(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+
+
+def _curve(trial: Trial, store: AnyStore) -> pd.DataFrame:
+    assert trial.finetune is not None
+    return with_columns(store.load(trial.finetune, ("curve",))["curve"], {"trial": trial.key})
+
+
+def _of_trial(trial: Trial, name: str, store: AnyStore, axes: Sequence[str]) -> pd.DataFrame:
+    """A table of the evaluation."""
+    assert trial.evaluate is not None
+    return with_columns(store.load(trial.evaluate, (name,))[name], identity(trial, axes))
+
+
+def _points(trials: Sequence[Trial], store: AnyStore, axes: Sequence[str]) -> pd.DataFrame:
+    """Points per object of the test frames by distance; once for what several trials share."""
+    tables: dict[tuple[object, ...], pd.DataFrame] = {}
+    for trial in trials:
+        own = surrogate_identity(trial, axes)
+        place = (*(task.key for task in trial.collect_test), *own.values())
+        if place in tables:
+            continue
+        objects = pd.concat(
+            [store.load(task, ("objects",))["objects"] for task in trial.ground_truths]
+        )
+        objects = objects[objects["class"].isin(trial.grid_point.point.classes)]
+        counts = [
+            store.load(task, ("points_per_object",))["points_per_object"]
+            for task in trial.collect_test
+        ]
+        found = points_by_distance(objects, pd.concat(counts))
+        tables[place] = with_columns(found, own)
+    return _stack(list(tables.values()))
+
+
+def _individuals(trials: Sequence[Trial], store: AnyStore, axes: Sequence[str]) -> pd.DataFrame:
+    """In how many frames of a split and a route every object counts; once for what trials share."""
+    keys = ["split", "scene", "route", "class", "object_id"]
+    own = [axis for axis in axes if axis.partition(".")[0] in ("scene", "roi")]
+    tables: dict[tuple[object, ...], pd.DataFrame] = {}
+    for trial in trials:
+        setting = axis_values(trial, own)
+        place = (*(task.key for task in trial.ground_truths), *setting.values())
+        if place in tables or not trial.ground_truths:
+            continue
+        values = [store.load(task, ("objects", "frames")) for task in trial.ground_truths]
+        objects = pd.concat([value["objects"] for value in values])
+        objects = objects[objects["class"].isin(trial.grid_point.point.classes)]
+        frames = pd.concat([value["frames"] for value in values])
+        counts = objects.merge(frames[["frame", "route", "split"]], on="frame").value_counts(keys)
+        tables[place] = with_columns(counts.sort_index().reset_index(name="boxes"), setting)
+    return _stack(list(tables.values()))
+
+
+def _tasks_table(tasks: Sequence[Task], store: AnyStore, run: Run) -> pd.DataFrame:
+    """One row a task: what `tracking.run_folders.sweep` lists, times from the start of this run."""
+    rows = []
+    there = store.finished(tasks)
+    for task in tasks:
+        if task.key not in there:
+            continue
+        record = store.record(task)
+        started, ended = run.outcome.times.get(task.key, (np.nan, np.nan))
+        seconds = record["seconds"]
+        if task.key in run.outcome.times:  # those before a stop were spent in another run
+            seconds -= record["earlier_seconds"]
+        rows.append(
+            {
+                "stage": task.stage,
+                "label": task.label,
+                "key": task.key,
+                "seconds": seconds,
+                "cached": task.key in run.cached,
+                "started": started - run.started,
+                "ended": ended - run.started,
+                "node": record["node"],
+                "peak_memory": float(record["peak_memory"]),
+                "batch_size_reduced": record.get("batch_size_reduced", False),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _about(sweep: Sweep, frames: Mapping[str, int], run: Run) -> dict[str, Any]:
+    first = sweep.points[0].point
+    placements = {}
+    for grid_point in sweep.points:
+        point = grid_point.point
+        rig = sweep.common.placement_named(point.placement, point.lidar.lidar())
+        placements[point.placement] = [list(astuple(mount)) for mount in rig.mounts]
+    roi = first.roi.model_dump(mode="json") | {"resolution": first.surrogate.resolution}
+    return {
+        "name": sweep.common.name,
+        "command": hide_secrets(run.command, *sweep.common.urls),
+        "axes": list(further_axes(sweep)),
+        "placements": placements,
+        "classes": list(first.classes),
+        "roi": roi,
+        "frames": dict(frames),
+        "promote": [rung.model_dump(mode="json", by_alias=True) for rung in sweep.common.promote],
+        "tracking_uri": public_url(absolute_uri(sweep.common.tracking_uri)),
+        "cores": run.cores,
+        "seconds": run.seconds,
+        "versions": {"python": platform.python_version()} | {n: version(n) for n in _VERSIONS},
+    }

@@ -1,0 +1,126 @@
+"""Where a sweep stands, read from its store and its run folder; nothing is run."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from sweeps.configuration.grid import Sweep
+from sweeps.execution.failures import Failure, FailureFolder
+from sweeps.plan.plan import Plan, Trial
+from sweeps.results.promotion import Promotion, at_most, promote
+from sweeps.results.trial_results import trial_failure
+from sweeps.store.lock import is_locked
+from sweeps.store.open import AnyStore
+from sweeps.tasks.task import Task
+
+Status = Literal["done", "running", "stopped", "waiting", "failed", "pruned"]
+
+
+@dataclass(frozen=True)
+class TrialState:
+    """Where a trial stands.
+
+    Attributes:
+        label: of the trial.
+        status: "stopped" is what ran when the driver was killed.
+        detail: what runs where, or why it failed or was pruned.
+        log: file with the traceback of a failure.
+    """
+
+    label: str
+    status: Status
+    detail: str = ""
+    log: str = ""
+
+
+@dataclass(frozen=True)
+class SweepState:
+    """Where a sweep stands.
+
+    Attributes:
+        name: of the sweep.
+        alive: whether a driver runs it now.
+        stages: tasks by status, by stage; of a sweep with `promote` at most so many.
+        trials: in the order of the grid.
+    """
+
+    name: str
+    alive: bool
+    stages: dict[str, dict[str, int]]
+    trials: list[TrialState]
+
+
+def sweep_state(sweep: Sweep, plan: Plan, store: AnyStore) -> SweepState:
+    """Look at everything that a sweep has left so far."""
+    folder = sweep.common.output / sweep.common.name
+    alive = is_locked(folder)
+    failed = FailureFolder(folder / "failed")
+    there = store.finished(plan.tasks)
+    failures = {key: why for key, why in failed.read().items() if key not in there}
+    notes = store.running_notes(task for task in plan.tasks if task.key not in there)
+
+    def settled(tasks: list[Task]) -> bool:
+        return all(task.key in there or task.key in failures for task in tasks)
+
+    promotion = promote(sweep, plan, store, settled)
+    if promotion.complete or not sweep.common.promote:
+        open_ = [trial for trial in plan.trials if trial.key not in promotion.pruned]
+        expected = plan.needed_for(task for trial in open_ for task in trial.results)
+    else:
+        expected = at_most(sweep, plan)
+    stages: dict[str, dict[str, int]] = {}
+    for stage in dict.fromkeys(task.stage for task in expected):
+        own = [task for task in expected if task.stage == stage]
+        stages[stage] = dict(
+            Counter(_task_status(task, there, failures, notes, alive) for task in own)
+        )
+    trials = [
+        _trial_state(trial, plan, there, failures, notes, alive, promotion, failed)
+        for trial in plan.trials
+    ]
+    return SweepState(sweep.common.name, alive, stages, trials)
+
+
+def _task_status(
+    task: Task,
+    there: set[str],
+    failures: Mapping[str, Failure],
+    notes: Mapping[str, Any],
+    alive: bool,
+) -> Status:
+    if task.key in there:
+        return "done"
+    if task.key in failures:
+        return "failed"
+    if task.key in notes:
+        return "running" if alive else "stopped"
+    return "waiting"
+
+
+def _trial_state(
+    trial: Trial,
+    plan: Plan,
+    there: set[str],
+    failures: Mapping[str, Failure],
+    notes: Mapping[str, Mapping[str, Any]],
+    alive: bool,
+    promotion: Promotion,
+    failed: FailureFolder,
+) -> TrialState:
+    if trial.key in promotion.pruned:
+        return TrialState(trial.label, "pruned", promotion.pruned[trial.key])
+    if all(task.key in there for task in trial.results):
+        return TrialState(trial.label, "done")
+    failure = trial_failure(trial, failures)
+    if failure is not None:
+        task = next(task for task in trial.results if task.key in failures)
+        return TrialState(trial.label, "failed", failure.reason, str(failed.log(task)))
+    for task in plan.needed_for(trial.results):
+        if task.key in notes and task.key not in there:
+            note = notes[task.key]
+            where = f"{task.stage} on {note['node']}, process {note['pid']}, since {note['since']}"
+            return TrialState(trial.label, "running" if alive else "stopped", where)
+    return TrialState(trial.label, "waiting")

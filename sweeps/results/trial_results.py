@@ -1,0 +1,95 @@
+"""What one trial found, as tables with its place in the grid in front."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+
+from sweeps.execution.failures import Failure
+from sweeps.plan.plan import Trial
+from sweeps.store.open import AnyStore
+from sweeps.tasks.task import Task
+from tracking.kitti_iou import headline_iou
+
+_SURROGATE_AXES = ("scene", "roi", "lidar", "surrogate")
+
+
+def trial_failure(trial: Trial, failures: Mapping[str, Failure]) -> Failure | None:
+    """Why a trial has no result, None if none of its tasks failed."""
+    return next((failures[t.key] for t in trial.results if t.key in failures), None)
+
+
+def trial_results(trial: Trial, store: AnyStore, axes: Sequence[str]) -> pd.DataFrame:
+    """Metrics of a trial: its identity, class, metric, iou, difficulty, value, ground_truths.
+
+    Empty without a detector.
+    """
+    if trial.evaluate is None:
+        return pd.DataFrame()
+    return with_columns(store.load(trial.evaluate, ("metrics",))["metrics"], identity(trial, axes))
+
+
+def metric_mean(trials: Sequence[Trial], metric: str, object_class: str, store: AnyStore) -> float:
+    """Mean of a metric at KITTI's IoU over trials that differ in seed, percent.
+
+    NaN if one has no result: a mean over the other seeds would compare unlike things.
+    """
+    values: list[float] = []
+    for trial in trials:
+        if trial.evaluate is None or not store.has(trial.evaluate):
+            return math.nan
+        metrics = store.load(trial.evaluate, ("metrics",))["metrics"]
+        match = (metrics["metric"] == metric) & (metrics["class"] == object_class)
+        match &= metrics["iou"] == headline_iou(metrics, object_class)
+        values += metrics.loc[match, "value"].tolist()
+    return math.fsum(values) / len(values) if values else math.nan
+
+
+def trial_seconds(trial: Trial, store: AnyStore) -> float:
+    """Seconds of training and evaluation; of the surrogates without a detector."""
+    tasks = [task for task in (trial.finetune, trial.evaluate) if task is not None]
+    return sum(store.seconds(task) for task in tasks or [trial.surrogates])
+
+
+def of_placement(
+    trial: Trial, task: Task, name: str, store: AnyStore, axes: Sequence[str]
+) -> pd.DataFrame:
+    """A table that depends on the placement and on the axes that matter to surrogates."""
+    return with_columns(store.load(task, (name,))[name], surrogate_identity(trial, axes))
+
+
+def surrogate_identity(trial: Trial, axes: Sequence[str]) -> dict[str, Any]:
+    """Columns that tell the surrogates of a trial from those of others."""
+    own = [axis for axis in axes if axis.partition(".")[0] in _SURROGATE_AXES]
+    return {"placement": trial.grid_point.point.placement} | axis_values(trial, own)
+
+
+def identity(trial: Trial, axes: Sequence[str]) -> dict[str, Any]:
+    """Columns that tell a trial from others."""
+    point = trial.grid_point.point
+    return {
+        "trial": trial.key,
+        "placement": point.placement,
+        "detector": point.detector or "",
+        "seed": point.seed,
+    } | axis_values(trial, axes)
+
+
+def axis_values(trial: Trial, axes: Sequence[str]) -> dict[str, Any]:
+    """A trial's place on these axes, as cells of a table."""
+    return cells({axis: trial.grid_point.axes[axis] for axis in axes})
+
+
+def cells(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values as cells of a table, which a list or mapping is not."""
+    return {k: v if isinstance(v, (int, float, str)) else json.dumps(v) for k, v in values.items()}
+
+
+def with_columns(table: pd.DataFrame, columns: Mapping[str, Any]) -> pd.DataFrame:
+    """`table` with constant columns in front."""
+    constant = pd.DataFrame({name: [value] * len(table) for name, value in columns.items()})
+    return pd.concat([constant, table], axis=1)

@@ -1,0 +1,166 @@
+"""The grid of candidate mounts of a search, and which of them may be chosen together."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from scipy.spatial.distance import cdist
+
+from lidarplace import Mount, OccupancyGrid
+from lidarplace.mounting.body_share import body_share
+from lidarplace.mounting.spacing import least_distance
+from lidarplace.mounting.zone import Zone, grid
+from lidarplace.selection import Exposure, Limits
+from sweeps.configuration.search import GreedySettings, Pair, SearchSettings
+from sweeps.search.problem.constraints import ROUNDING
+from sweeps.search.problem.problem import Problem
+from sweeps.search.problem.rig import Mounted, Rig, mirrored, rounded
+from sweeps.search.problem.space import Slot, Space
+
+
+def candidates_of(problem: Problem) -> list[Rig]:
+    """The grid: one LiDAR or mirrored pair each, and the fixed LiDARs as one candidate.
+
+    Those that can be part of no rig are left out: too much of their own body in view, or the two
+    of a pair, or one of the fixed LiDARs, too near.
+    """
+    space = problem.space
+    fixed = Rig.of(space.fixed)
+    found: dict[Rig, None] = {}
+    for slot, model, zone, mount in choices(problem):
+        lidars = [Mounted(model, zone.name, mount)]
+        if slot.pair:
+            lidars.append(Mounted(model, zone.name, mirrored(mount)))
+        rig = Rig.of(lidars)
+        if _may_be(rig, fixed, problem):
+            found[rig] = None
+    return [*([fixed] if fixed.lidars else []), *found]
+
+
+def number_of_candidates(problem: Problem) -> int:
+    """How many mounts the grid has, before those that can be part of no rig are left out.
+
+    By extents first: a grid of a million points need not be made to be refused.
+    """
+    settings = problem.file.search.greedy
+    assert settings is not None
+    about = len(problem.space.models) * sum(
+        _about(zone, settings) * math.prod(_count(span, settings) for span in slot.spans.values())
+        for slot in _kinds(problem.space)
+        for zone in slot.zones
+    )
+    return about if about > 10 * settings.most else sum(1 for _ in choices(problem))
+
+
+def _about(zone: Zone, settings: GreedySettings) -> int:
+    """Points of the grid of a box around the zone."""
+    ys = [y for _, y in zone.polygon]
+    spans = (zone.x, (min(ys), max(ys)), zone.z)
+    return math.prod(int((high - low) / settings.position_step) + 1 for low, high in spans)
+
+
+def _count(span: Pair, settings: GreedySettings) -> int:
+    return 2 * math.floor((span[1] - span[0]) / (2 * settings.angle_step_deg) + 1e-9) + 1
+
+
+def choices(problem: Problem) -> Iterator[tuple[Slot, str, Zone, Mount]]:
+    """Slot, model, zone and pose of every candidate; of a pair those of the left one."""
+    settings, space = problem.file.search.greedy, problem.space
+    assert settings is not None
+    for slot in _kinds(space):
+        turns = _turns(slot, settings)
+        for model, zone in itertools.product(space.models, slot.zones):
+            for place, turn in itertools.product(
+                grid(zone, settings.position_step).tolist(), turns
+            ):
+                yield slot, model, zone, rounded(Mount(*place, *turn))
+
+
+def _kinds(space: Space) -> list[Slot]:
+    """A slot of each kind: a single LiDAR, a mirrored pair."""
+    slots: dict[bool, Slot] = {}
+    for number in space.numbers:
+        for slot in space.slots(number):
+            slots.setdefault(slot.pair, slot)
+    return list(slots.values())
+
+
+def _turns(slot: Slot, settings: GreedySettings) -> list[tuple[float, ...]]:
+    """Roll, pitch and yaw, radians."""
+    angles = (_levels(span, settings.angle_step_deg) for span in slot.spans.values())
+    return [tuple(map(math.radians, turn)) for turn in itertools.product(*angles)]
+
+
+def _levels(span: Pair, step: float) -> list[float]:
+    """Multiples of `step` from the middle of the span."""
+    low, high = span
+    reach = math.floor((high - low) / (2 * step) + 1e-9)
+    return [(low + high) / 2 + i * step for i in range(-reach, reach + 1)]
+
+
+def _may_be(rig: Rig, fixed: Rig, problem: Problem) -> bool:
+    limits = problem.file.search.constraints
+    both = Rig(rig.lidars + fixed.lidars)
+    if not both.possible:
+        return False
+    if least_distance(both.placement("both", problem.models)) < limits.distance - ROUNDING:
+        return False
+    carrier = problem.question.carrier
+    return limits.body_share is None or all(
+        body_share(lidar.mount, problem.models[lidar.model], carrier.vehicle) <= limits.body_share
+        for lidar in rig.lidars
+    )
+
+
+def exposure_of(
+    rigs: Sequence[Rig], problem: Problem, grids: Mapping[str, OccupancyGrid]
+) -> Exposure:
+    """What each of `rigs`, parts of a whole, adds to the objective as the search computes it."""
+    question = problem.question
+    objective = question.objectives[0]
+    return Exposure.of_candidates(
+        grids,
+        objective.weights_of(grids),
+        [rig.placement("candidate", problem.models) for rig in rigs],
+        objective.by,
+        question.method,
+        question.detection_probability,
+        question.occlusion,
+        question.azimuth_stride,
+    )
+
+
+def limits_of(candidates: Sequence[Rig], problem: Problem) -> Limits:
+    """Number of LiDARs, of single ones beside pairs, price, and distances.
+
+    The near field is no limit here: the bound holds for rigs that neglect it as well.
+    """
+    space, search = problem.space, problem.file.search
+    fixed = Rig.of(space.fixed)
+    sizes = np.array([0 if rig == fixed else len(rig.lidars) for rig in candidates], float)
+    used, budgets = [sizes], [float(space.numbers[-1])]
+    if search.symmetric:
+        odd = any(number % 2 for number in space.numbers)
+        used.append((sizes == 1).astype(float))
+        budgets.append(float(odd))
+    if search.constraints.price is not None:
+        prices = problem.question.carrier.prices
+        # What every rig has is paid for first.
+        own = [0.0 if rig == fixed else rig.price(prices) for rig in candidates]
+        used.append(np.array(own))
+        budgets.append(max(0.0, search.constraints.price - fixed.price(prices)))
+    return Limits(np.array(used), np.array(budgets), _compatible(candidates, search))
+
+
+def _compatible(candidates: Sequence[Rig], search: SearchSettings) -> np.ndarray:
+    """Which candidates are far enough from each other."""
+    places = np.array([lidar.mount.position for rig in candidates for lidar in rig.lidars])
+    first = np.concatenate([[0], np.cumsum([len(rig.lidars) for rig in candidates])[:-1]])
+    near = cdist(places, places) < max(search.constraints.distance, 2 * ROUNDING) - ROUNDING
+    by_row = np.logical_or.reduceat(near, first, axis=0)
+    apart = ~np.logical_or.reduceat(by_row, first, axis=1)
+    np.fill_diagonal(apart, True)
+    return apart

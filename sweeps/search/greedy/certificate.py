@@ -1,0 +1,250 @@
+"""How good a search can be: greedy choice from a grid of mounts, and what no choice exceeds."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from lidarplace import Mount, OccupancyGrid, Placement
+from lidarplace.coverage.rays import ray_weight
+from lidarplace.files.atomic import replacing
+from lidarplace.files.json import read_json
+from lidarplace.selection import greedy, upper_bound
+from lidarplace.surrogates.formulas import RAY_SURROGATES
+from sweeps.configuration.file import ConfigError
+from sweeps.search.greedy.candidates import (
+    candidates_of,
+    exposure_of,
+    limits_of,
+    number_of_candidates,
+)
+from sweeps.search.greedy.refine import keeps, refine
+from sweeps.search.problem.problem import Problem
+from sweeps.search.problem.rig import Mounted, Rig
+from sweeps.search.problem.slots import Placed, params_of, placed_in, rig_of
+
+BOUNDED = ("covered_entropy", "expected_ig", "expected_points")
+"""Surrogates that are monotone and submodular in the set of LiDARs."""
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What is known of all placements from a grid of candidate mounts.
+
+    Attributes:
+        candidates: how many there are: single LiDARs, or mirrored pairs.
+        chosen: what greedy choice took, in order; the LiDARs that every rig has may be one.
+        gains: what each of them added.
+        value: of all of them together.
+        by_gains: upper bound from marginal gains alone.
+        bound: the upper bound.
+        history: seconds, bound, kind: how it fell.
+        evaluations: marginal gains that greedy choice looked at.
+        refined: the best of greedy's rig and of `start` that keep the constraints, each LiDAR moved
+            to a better place around its own; None if there is none, or it was not asked for.
+        refined_value, refined_from: its value, and what it was before: "greedy" or a placement.
+        greedy_seconds, bound_seconds, refine_seconds: for tracing the candidates and choosing, for
+            the bound, and for the moves.
+    """
+
+    candidates: int
+    chosen: tuple[Rig, ...]
+    gains: tuple[float, ...]
+    value: float
+    by_gains: float
+    bound: float
+    history: pd.DataFrame
+    evaluations: int
+    refined: Rig | None
+    refined_value: float | None
+    refined_from: str | None
+    greedy_seconds: float
+    bound_seconds: float
+    refine_seconds: float
+
+    @property
+    def rig(self) -> Rig:
+        """Greedy's rig."""
+        return rig_of_parts(self.chosen)
+
+
+def why_none(problem: Problem) -> str | None:
+    """Why this search has no bound; None if it has one."""
+    search = problem.file.search
+    if search.greedy is None:
+        return "search.greedy is null"
+    if not search.zones:
+        return "no LiDAR is placed"
+    if len(search.objective) > 1:
+        return "several objectives have no single best value"
+    objective = search.objective[0]
+    if objective.by == "residual_entropy":
+        return "search.objective covered_entropy asks for the same, and has a bound"
+    if objective.by not in BOUNDED or objective.best != "maximize":
+        return f"{objective.best} {objective.by} is not monotone and submodular in the LiDARs"
+    if objective.by in RAY_SURROGATES and len(_weights(problem)) > 1:
+        return (
+            f"search.azimuth_stride {problem.question.azimuth_stride} does not divide the azimuth "
+            "steps of all LiDAR models evenly; 1 does"
+        )
+    return None
+
+
+def _weights(problem: Problem) -> set[float]:
+    """Rays that one stands for, of every model that a rig may have."""
+    stride = problem.question.azimuth_stride
+    names = {*problem.space.models, *(lidar.model for lidar in problem.space.fixed)}
+    one = [Mount()]
+    return {ray_weight(Placement(name, one, problem.models[name]), stride) for name in names}
+
+
+def _with_fixed(chosen: tuple[Rig, ...], problem: Problem) -> tuple[Rig, ...]:
+    """Greedy leaves out what adds nothing, but every rig has the fixed LiDARs."""
+    fixed = Rig.of(problem.space.fixed)
+    return chosen if not fixed.lidars or fixed in chosen else (*chosen, fixed)
+
+
+def check_candidates(problem: Problem) -> None:
+    """Raise ValueError if the grid is finer than the settings allow."""
+    settings = problem.file.search.greedy
+    if settings is None or why_none(problem) is not None:
+        return
+    number = number_of_candidates(problem)
+    if number > settings.most:
+        raise ValueError(
+            f"search.greedy: {number:,} candidates, more than most: {settings.most:,}; enlarge "
+            "position_step or angle_step_deg, or set `greedy: null`"
+        )
+
+
+def certify(problem: Problem, grids: Mapping[str, OccupancyGrid]) -> Certificate | None:
+    """Greedy choice and upper bound for the objective as the search computes it.
+
+    None if no candidate keeps the constraints.
+    """
+    start = time.perf_counter()
+    settings = problem.file.search.greedy
+    assert settings is not None
+    candidates = candidates_of(problem)
+    if not candidates:
+        return None
+    exposure = exposure_of(candidates, problem, grids)
+    limits = limits_of(candidates, problem)
+    choice = greedy(exposure, limits)
+    chosen_after = time.perf_counter()
+    bound = upper_bound(exposure, limits, choice.chosen, seconds=settings.bound_seconds)
+    bounded = time.perf_counter()
+    chosen = tuple(candidates[i] for i in choice.chosen)
+    del exposure  # a grid of candidates takes much memory
+    starts = dict(problem.start) if settings.refine else {}
+    if chosen:
+        chosen = _with_fixed(chosen, problem)
+    by_greedy = slots_of(rig_of_parts(chosen), problem)
+    if by_greedy is not None and settings.refine:
+        starts["greedy"] = by_greedy
+    # Greedy does not look at the near field, and a rig that one has may break any constraint.
+    starts = {n: own for n, own in starts.items() if keeps(problem, rig_of(own, problem.space))}
+    refined, value, origin = None, None, None
+    for name, placed in starts.items():
+        moved, own = refine(problem, grids, placed)
+        if value is None or own > value:
+            refined, value, origin = rig_of(moved, problem.space), own, name
+    return Certificate(
+        len(candidates),
+        chosen,
+        (*choice.gains.tolist(), *[0.0] * (len(chosen) - len(choice.chosen))),
+        choice.value,
+        bound.by_gains,
+        bound.value,
+        bound.history,
+        choice.evaluations,
+        refined,
+        value,
+        origin,
+        chosen_after - start,
+        bounded - chosen_after,
+        time.perf_counter() - bounded,
+    )
+
+
+def kept_certificate(
+    problem: Problem, grids: Mapping[str, OccupancyGrid], path: Path
+) -> Certificate | None:
+    """The certificate in `path`, if it is of this problem; else a new one, kept there.
+
+    Raises:
+        ConfigError: `path` holds something else.
+    """
+    if path.exists():
+        try:
+            kept = read_json(path)
+            if kept.pop("key") == problem.key:
+                return _from_plain(kept)
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise ConfigError(
+                f"{path} is no certificate of a search ({error}); remove it, and it is made again"
+            ) from None
+    certificate = certify(problem, grids)
+    if certificate is None:
+        return None
+    with replacing(path) as partial:
+        partial.write_text(
+            json.dumps({"key": problem.key} | _as_plain(certificate), indent=1), encoding="utf-8"
+        )
+    return certificate
+
+
+def _as_plain(certificate: Certificate) -> dict[str, Any]:
+    plain = {k: v for k, v in vars(certificate).items() if k not in ("history", "chosen")}
+    return plain | {
+        "chosen": [_plain_rig(rig) for rig in certificate.chosen],
+        "refined": certificate.refined and _plain_rig(certificate.refined),
+        "history": certificate.history.to_dict("list"),
+    }
+
+
+def _plain_rig(rig: Rig) -> list[dict[str, Any]]:
+    return [asdict(lidar) for lidar in rig.lidars]
+
+
+def _from_plain(plain: dict[str, Any]) -> Certificate:
+    own = {
+        "chosen": tuple(_rig_of_plain(rig) for rig in plain["chosen"]),
+        "refined": plain["refined"] and _rig_of_plain(plain["refined"]),
+        "gains": tuple(plain["gains"]),
+        "history": pd.DataFrame(plain["history"]),
+    }
+    return Certificate(**plain | own)
+
+
+def _rig_of_plain(rig: list[dict[str, Any]]) -> Rig:
+    return Rig.of(Mounted(m["model"], m["zone"], Mount(**m["mount"])) for m in rig)
+
+
+def rig_of_parts(parts: Sequence[Rig]) -> Rig:
+    """The rig of all LiDARs of `parts`."""
+    return Rig.of(lidar for part in parts for lidar in part.lidars)
+
+
+def slots_of(rig: Rig, problem: Problem) -> list[Placed] | None:
+    """A rig of the space in its slots; None if it is none, as greedy's may have too few LiDARs."""
+    left = [lidar for lidar in rig.lidars if lidar not in problem.space.fixed]
+    try:
+        return placed_in(problem.space, left)
+    except ValueError:
+        return None
+
+
+def first_params(problem: Problem, certificate: Certificate | None) -> list[dict[str, Any]]:
+    """Parameters of the trials to begin with: the refined rig or greedy's, and `start`."""
+    settings, rigs = problem.file.search.greedy, []
+    if certificate is not None and settings is not None and settings.warm_start:
+        rigs.append(slots_of(certificate.refined or certificate.rig, problem))
+    placed = [*rigs, *problem.start.values()]
+    return [params_of(own, problem.space) for own in placed if own is not None]

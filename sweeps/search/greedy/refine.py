@@ -1,0 +1,95 @@
+"""Finer than the grid: one LiDAR after the other moves to the best place around its own."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import astuple, replace
+
+import numpy as np
+
+from lidarplace import Mount, OccupancyGrid
+from lidarplace.selection import gains
+from sweeps.search.greedy.candidates import exposure_of
+from sweeps.search.problem.constraints import measures_of
+from sweeps.search.problem.problem import Problem
+from sweeps.search.problem.rig import Rig, rounded
+from sweeps.search.problem.slots import Placed, rig_of
+
+_MOST_ROUNDS = 4
+"""Rounds over all LiDARs at one step; few improve anything."""
+
+
+def refine(
+    problem: Problem, grids: Mapping[str, OccupancyGrid], placed: Sequence[Placed]
+) -> tuple[list[Placed], float]:
+    """Move LiDARs one by one, each to the best of its neighbours by half a step, while that helps;
+    then by a quarter, and so on.
+
+    The value never falls, and all constraints stay kept if they were. It is a local optimum only.
+
+    Returns:
+        Where they are now, and the value as the search computes it.
+    """
+    settings = problem.file.search.greedy
+    assert settings is not None
+    placed = list(placed)
+    value = -math.inf
+    for level in range(1, settings.refine + 1):
+        length = settings.position_step / 2**level
+        angle = math.radians(settings.angle_step_deg) / 2**level
+        for _ in range(_MOST_ROUNDS):
+            before = value
+            for i in range(len(placed)):
+                placed[i], value = _moved(problem, grids, placed, i, length, angle)
+            if value <= before:
+                break
+    return placed, value
+
+
+def _moved(
+    problem: Problem,
+    grids: Mapping[str, OccupancyGrid],
+    placed: Sequence[Placed],
+    i: int,
+    length: float,
+    angle: float,
+) -> tuple[Placed, float]:
+    """The best neighbour of one, which may be itself, and the value of the whole rig with it."""
+    others = rig_of([*placed[:i], *placed[i + 1 :]], problem.space).lidars
+    near = [placed[i]]
+    near += [
+        place
+        for place in _neighbours(placed[i], length, angle)
+        if keeps(problem, Rig.of([*others, *place.rig.lidars]))
+    ]
+    rigs = [place.rig for place in near] + ([Rig.of(others)] if others else [])
+    exposure = exposure_of(rigs, problem, grids)
+    rest = (len(near),) if others else ()
+    best = int(np.argmax(gains(exposure, rest)[: len(near)]))
+    return near[best], exposure.value([best, *rest])
+
+
+def keeps(problem: Problem, rig: Rig) -> bool:
+    """Whether the rig can be, and keeps all constraints."""
+    if not rig.possible:
+        return False
+    question = problem.question
+    found = measures_of(rig, question.constraints, question.carrier)
+    return all(c.violation(found[c.name]) <= 0 for c in question.constraints)
+
+
+def _neighbours(place: Placed, length: float, angle: float) -> Iterator[Placed]:
+    """Those a step away in any combination of coordinates, without itself."""
+    centre = astuple(place.lidar.mount)
+    spans = place.slot.spans.values()
+    steps = [length] * 3 + [angle if low < high else 0.0 for low, high in spans]
+    ways = [(-step, 0.0, step) if step else (0.0,) for step in steps]
+    for offset in itertools.product(*ways):
+        if not any(offset):
+            continue
+        x, y, z, *turn = (c + o for c, o in zip(centre, offset, strict=True))
+        mount = rounded(Mount(x, y, z, *turn))
+        if place.allows(mount):
+            yield Placed(place.slot, replace(place.lidar, mount=mount))

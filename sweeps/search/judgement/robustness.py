@@ -1,0 +1,103 @@
+"""How far a rig's worth depends on exact mounts, on every LiDAR, and on the scene."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import astuple
+
+import numpy as np
+import pandas as pd
+
+from lidarplace import Mount
+from sweeps.configuration.search import RobustnessSettings
+from sweeps.search.problem.assess import Question
+from sweeps.search.problem.rig import Mounted, Rig
+from sweeps.search.trials.pool import Pool, in_order
+
+AS_DESIGNED = "as designed"
+
+
+def robustness(
+    rigs: Mapping[str, Rig], question: Question, pool: Pool, settings: RobustnessSettings, seed: int
+) -> pd.DataFrame:
+    """Objectives of each rig as designed, with all mounts off, and without each of its LiDARs.
+
+    Offsets are uniform, independent for every coordinate. Constraints are not looked at.
+
+    Returns:
+        rig, case, objective, draws, value (mean over the draws), worst.
+    """
+    cases = [
+        (name, case, altered)
+        for name, rig in rigs.items()
+        for case, altered in _cases(rig, settings, seed)
+    ]
+    flat = [rig for _, _, altered in cases for rig in altered]
+    found = iter(in_order(pool, flat, question))
+    rows = []
+    for name, case, altered in cases:
+        values = [next(found).values or {} for _ in altered]
+        rows += _rows(name, case, values, question)
+    return pd.DataFrame(rows)
+
+
+def in_scene(rigs: Mapping[str, Rig], question: Question, pool: Pool, scene: str) -> pd.DataFrame:
+    """Objectives of each rig on the POG of another scene; columns as of `robustness`."""
+    found = in_order(pool, list(rigs.values()), question)
+    rows = []
+    for name, assessment in zip(rigs, found, strict=True):
+        rows += _rows(name, f"scene: {scene}", [assessment.values or {}], question)
+    return pd.DataFrame(rows)
+
+
+def with_share(table: pd.DataFrame) -> pd.DataFrame:
+    """The table with `share`: the value by that of the rig as designed; NaN if that is 0."""
+    designed = table[table["case"] == AS_DESIGNED].set_index(["rig", "objective"])["value"]
+    keys = pd.MultiIndex.from_frame(table[["rig", "objective"]])
+    whole = designed.loc[keys].to_numpy()
+    share = np.divide(table["value"], whole, out=np.full(len(table), np.nan), where=whole != 0)
+    return table.assign(share=share)
+
+
+def _rows(
+    name: str, case: str, values: Sequence[Mapping[str, float]], question: Question
+) -> list[dict[str, object]]:
+    rows: list[dict[str, object]] = []
+    for objective in question.objectives:
+        own = [found[objective.name] for found in values if objective.name in found]
+        worst = min if objective.best == "maximize" else max
+        rows.append(
+            {
+                "rig": name,
+                "case": case,
+                "objective": objective.name,
+                "draws": len(own),
+                "value": math.fsum(own) / len(own) if own else math.nan,
+                "worst": worst(own, default=math.nan),
+            }
+        )
+    return rows
+
+
+def _cases(rig: Rig, settings: RobustnessSettings, seed: int) -> Iterator[tuple[str, list[Rig]]]:
+    yield AS_DESIGNED, [rig]
+    if settings.offset or settings.angle_deg:
+        random = np.random.default_rng(seed)
+        yield "mounts off", [_off(rig, settings, random) for _ in range(settings.draws)]
+    if len(rig.lidars) > 1:
+        for i in range(len(rig.lidars)):
+            left = Rig(rig.lidars[:i] + rig.lidars[i + 1 :])
+            yield f"LiDAR {i + 1} fails", [left]
+
+
+def _off(rig: Rig, settings: RobustnessSettings, random: np.random.Generator) -> Rig:
+    scale = np.repeat([settings.offset, math.radians(settings.angle_deg)], 3)
+    return Rig.of(
+        Mounted(
+            lidar.model,
+            lidar.zone,
+            Mount(*(np.array(astuple(lidar.mount)) + scale * random.uniform(-1, 1, 6)).tolist()),
+        )
+        for lidar in rig.lidars
+    )

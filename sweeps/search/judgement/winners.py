@@ -1,0 +1,146 @@
+"""The rigs that a search found, compared exactly with the paper's."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import optuna
+from optuna.trial import FrozenTrial
+
+from sweeps.configuration.search import ObjectiveSettings
+from sweeps.search.problem.assess import Assessment, Question
+from sweeps.search.problem.rig import Rig
+from sweeps.search.problem.space import Space
+from sweeps.search.trials.pool import Pool, in_order
+from sweeps.search.trials.study import assessment_of, candidate_of, finished_trials
+
+MOST_EXACT = 20
+"""Best rigs that are assessed again with all rays."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A rig and what was found of it.
+
+    Attributes:
+        rig, assessment: with all rays.
+        role: found, greedy or paper.
+        searched: objectives as the search computes them, with its azimuth stride; and what was
+            measured of a trial.
+        values_beside: by key path of the configuration, of a trial that varied some.
+    """
+
+    rig: Rig
+    assessment: Assessment
+    role: str
+    searched: Mapping[str, float]
+    values_beside: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def all_values(self) -> dict[str, float]:
+        """By name of the objective, with all rays where there are rays."""
+        return dict(self.searched) | (self.assessment.values or {})
+
+    def value(self, objective: ObjectiveSettings) -> float:
+        """Of an objective, NaN if it is not known."""
+        return self.all_values.get(objective.name, math.nan)
+
+
+def best_trials(study: optuna.Study, space: Space) -> list[FrozenTrial]:
+    """Feasible trials of different rigs, the best first; the Pareto front of several objectives."""
+    feasible = [
+        trial
+        for trial in finished_trials(study)
+        if trial.values is not None and assessment_of(trial).feasible
+    ]
+    if len(study.directions) > 1:
+        front = {trial.number for trial in study.best_trials}
+        feasible = [trial for trial in feasible if trial.number in front]
+    sign = -1 if study.directions[0] == optuna.study.StudyDirection.MAXIMIZE else 1
+    by_key: dict[object, FrozenTrial] = {}
+    for trial in sorted(feasible, key=lambda t: (sign * t.values[0], t.number)):
+        by_key.setdefault(candidate_of(trial, space).key, trial)
+    return list(by_key.values())
+
+
+def judge(
+    trials: Sequence[FrozenTrial], space: Space, question: Question, pool: Pool
+) -> list[Judged]:
+    """Rigs of the best trials, assessed with all rays.
+
+    The first MOST_EXACT of them, the best first by what is exact; of a Pareto front as many, spread
+    over it, without those that others dominate then.
+    """
+    several = len(question.objectives) > 1
+    chosen = _spread(trials) if several else list(trials[:MOST_EXACT])
+    candidates = [candidate_of(trial, space) for trial in chosen]
+    found = in_order(pool, [candidate.rig for candidate in candidates], exact(question))
+    judged = []
+    for trial, candidate, assessment in zip(chosen, candidates, found, strict=True):
+        searched = zip(question.objectives, trial.values, strict=True)
+        own = {objective.name: value for objective, value in searched}
+        judged.append(Judged(candidate.rig, assessment, "found", own, candidate.values))
+    if several:
+        judged = [own for own in judged if not _is_dominated(own, judged, question)]
+    return sorted(judged, key=_rank(question.objectives[0]))
+
+
+def _spread(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
+    """MOST_EXACT of them at even distances, both ends among them."""
+    places = np.linspace(0, len(trials) - 1, min(MOST_EXACT, len(trials)))
+    return [trials[round(place)] for place in places.tolist()]
+
+
+def _is_dominated(own: Judged, others: Sequence[Judged], question: Question) -> bool:
+    """Whether another rig is at least as good in all objectives and better in one."""
+
+    def costs(rig: Judged) -> list[float]:
+        return [(-1 if o.best == "maximize" else 1) * rig.value(o) for o in question.objectives]
+
+    mine = costs(own)
+    return any(
+        all(theirs <= value for theirs, value in zip(costs(other), mine, strict=True))
+        and costs(other) != mine
+        for other in others
+    )
+
+
+def judge_others(
+    rigs: Mapping[str, Rig], role: str, question: Question, pool: Pool
+) -> dict[str, Judged]:
+    """Rigs that no trial found, with all rays and as the search computes them; the best first."""
+    both = [in_order(pool, list(rigs.values()), asked) for asked in (exact(question), question)]
+    judged = {
+        name: Judged(rig, all_rays, role, fast.values or {})
+        for (name, rig), all_rays, fast in zip(rigs.items(), *both, strict=True)
+    }
+    rank = _rank(question.objectives[0])
+    return dict(sorted(judged.items(), key=lambda item: rank(item[1])))
+
+
+def _rank(objective: ObjectiveSettings) -> Callable[[Judged], tuple[bool, float]]:
+    """Key that sorts the best rig first, and those without a value last."""
+    sign = -1 if objective.best == "maximize" else 1
+    return lambda own: (math.isnan(own.value(objective)), sign * own.value(objective))
+
+
+def exact(question: Question) -> Question:
+    """The same question, answered with all rays."""
+    return replace(question, azimuth_stride=1)
+
+
+def stride_error(judged: Collection[Judged]) -> float:
+    """Largest relative error by fewer azimuth steps over rigs and objectives."""
+    return max(
+        (
+            abs(own.searched[name] / value - 1)
+            for own in judged
+            for name, value in (own.assessment.values or {}).items()
+            if value and name in own.searched
+        ),
+        default=0.0,
+    )

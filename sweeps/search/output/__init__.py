@@ -1,0 +1,1 @@
+"""What a search shows and writes: terminal, run folder, tables, figures, MLflow."""

@@ -1,0 +1,27 @@
+"""What `--dry-run --json` of a search says."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from sweeps.search.output.terminal import warnings_of
+from sweeps.search.problem.problem import Problem
+
+
+def planned(problem: Problem) -> dict[str, Any]:
+    """What a search would do: what is varied, wanted and kept, and how it looks for it."""
+    settings, space = problem.file.search, problem.space
+    return {
+        "name": problem.file.name,
+        "lidars": [space.numbers[0], space.numbers[-1]],
+        "zones": list(settings.zones),
+        "parameters": list(space.distributions(space.numbers[-1]) | space.further),
+        "objectives": [{"name": o.name, "best": o.best} for o in settings.objective],
+        "constraints": [asdict(constraint) for constraint in problem.question.constraints],
+        "trials": settings.trials,
+        "sampler": settings.sampler,
+        "batch_size": settings.batch_size,
+        "seed": settings.seed,
+        "warnings": warnings_of(problem),
+    }

@@ -1,0 +1,264 @@
+"""The run folder of a search: what was found, as files that stay readable without this project."""
+
+from __future__ import annotations
+
+import json
+import platform
+import shlex
+from collections.abc import Iterable, Mapping
+from dataclasses import astuple
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import yaml
+
+from lidarplace import Mount
+from lidarplace.configuration.sensor import SensorSettings
+from lidarplace.files.atomic import replacing
+from lidarplace.files.secret_urls import public_url
+from lidarplace.surrogates.formulas import RAY_SURROGATES
+from sweeps.configuration.file import public_yaml
+from sweeps.configuration.search import ObjectiveSettings
+from sweeps.results.pictures import save_arrays
+from sweeps.search.greedy.certificate import Certificate
+from sweeps.search.judgement.found import Found
+from sweeps.search.judgement.winners import Judged, stride_error
+from sweeps.search.output.optuna_figures import importances, write_optuna_figures
+from sweeps.search.output.tables import greedy_table, trials_table
+from sweeps.search.output.uncovered import maps
+from sweeps.search.problem.as_sweep import placement_settings, verify_settings
+from sweeps.search.problem.problem import Problem
+from sweeps.search.problem.rig import Rig
+from sweeps.search.trials.study import assessment_of, candidate_of, finished_trials, journal_path
+from sweeps.store.local import write_text
+from tracking.mlflow.uri import absolute_uri
+
+_VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas", "optuna")
+
+_OPTIONAL = (
+    *("bound.parquet", "greedy.parquet", "robustness.parquet", "verified.parquet"),
+    *("placement.yaml", "sweep.yaml", "maps.npz"),
+)
+"""Files that not every search has."""
+
+_UNITS = {"price": "", "expected_points": "points", "m_sog": "nats"}
+
+
+def write_search(
+    folder: Path, problem: Problem, found: Found, command: str, seconds: float
+) -> None:
+    """Write all results into `folder`, each file renamed into place."""
+    tables = {"trials": trials_table(found.study, problem)}
+    if found.certificate is not None:
+        tables["bound"] = found.certificate.history
+        gains = found.certificate.gains
+        tables["greedy"] = greedy_table(found.certificate.chosen, gains, 0.0)
+    if found.robustness is not None:
+        tables["robustness"] = found.robustness
+    for name in _OPTIONAL:  # of an earlier search of this name, or of fewer trials
+        (folder / name).unlink(missing_ok=True)
+    for name, table in tables.items():
+        _parquet(folder / f"{name}.parquet", table)
+    write_text(folder / "config.yaml", public_yaml(problem.source))
+    if found.trials:
+        write_text(folder / "placement.yaml", _placement(problem, found))
+        write_text(folder / "sweep.yaml", _sweep(problem, found))
+        if found.grids:
+            rigs = {name: found.judged[name].rig for name in ("found_1", found.baseline)}
+            save_arrays(folder / "maps.npz", maps(rigs, problem, found.grids))
+    names = [objective.name for objective in problem.file.search.objective]
+    write_optuna_figures(found.study, names, folder / "optuna")
+    about = _about(problem, found, command, seconds)
+    write_text(folder / "search.json", json.dumps(_finite(about), indent=1))
+
+
+def _parquet(path: Path, table: pd.DataFrame) -> None:
+    with replacing(path) as partial:
+        table.to_parquet(partial, index=False)
+
+
+def _placement(problem: Problem, found: Found) -> str:
+    """The best rig as a file for `lidarplace.view` and others, metres and radians."""
+    rig, file = found.judged["found_1"].rig, problem.file
+    settings = placement_settings(rig, file)
+    # Read by itself, the file has to say what the key `lidar` says here.
+    own = file.lidar.model_dump(
+        mode="json", exclude_unset=True, include=set(SensorSettings.model_fields)
+    )
+    for mount in settings["mounts"]:
+        mount.setdefault("lidar", own)
+    return yaml.safe_dump(settings, sort_keys=False)
+
+
+def _sweep(problem: Problem, found: Found) -> str:
+    """A sweep of the winners and the paper's eight, which `sweeps.run` takes as it is."""
+    verify = problem.file.verify
+    most = verify.top if verify is not None else 3
+    if problem.file.search.space:  # other trials have other values
+        most = 1
+    paper = {name: own.rig for name, own in found.judged.items() if own.role == "paper"}
+    # A search that began with one of the eight need not train it twice.
+    new = [name for name in found.best if not _is_one_of(found.judged[name].rig, paper.values())]
+    rigs = {name: found.judged[name].rig for name in new[:most]}
+    values = found.judged[found.best[0]].values_beside
+    config = verify_settings(problem.source, problem.file, rigs, list(paper), values)
+    return public_yaml(config)
+
+
+def _is_one_of(rig: Rig, others: Iterable[Rig]) -> bool:
+    """Whether another rig has the same LiDARs in the same places."""
+
+    def places(rig: Rig) -> set[tuple[str, Mount]]:
+        return {(lidar.model, lidar.mount) for lidar in rig.lidars}
+
+    return any(places(rig) == places(other) for other in others)
+
+
+def _about(problem: Problem, found: Found, command: str, seconds: float) -> dict[str, Any]:
+    file, question = problem.file, problem.question
+    search = file.search
+    trials = list(finished_trials(found.study))
+    different = len({candidate_of(trial, problem.space).key for trial in trials})
+    roi = file.roi.model_dump(mode="json") | {"resolution": file.surrogate.resolution}
+    return {
+        "name": file.name,
+        "command": command,
+        "commands": _commands(problem, bool(found.trials)),
+        "seconds": seconds,
+        "objectives": [_objective(objective, problem) for objective in search.objective],
+        "sampler": search.sampler,
+        "seed": search.seed,
+        "batch_size": search.batch_size,
+        "trials": len(trials),
+        "evaluations": different,
+        "repeated": len(trials) - different,
+        "feasible": sum(assessment_of(trial).feasible for trial in trials),
+        "sampler_seconds": found.timing.sampler,
+        "evaluation_seconds": found.timing.evaluation,
+        "constraints": [
+            {
+                "name": c.name,
+                "unit": c.unit,
+                "limit": c.limit,
+                "sense": "at least" if c.at_least else "at most",
+            }
+            for c in question.constraints
+        ],
+        "classes": list(file.classes),
+        "roi": roi,
+        "frames": next((grid.frames for grid in found.grids.values()), 0),
+        "zones": [
+            {"name": zone.name, "polygon": zone.polygon, "z": zone.z}
+            for zone in problem.space.zones
+        ],
+        "vehicle": question.carrier.vehicle.boxes.tolist(),
+        "models": {
+            name: {
+                "price": question.carrier.prices[name],
+                "beams": lidar.beams,
+                "azimuth_steps": lidar.azimuth_steps,
+            }
+            for name, lidar in problem.models.items()
+        },
+        "bound": _bound(found, problem),
+        "best": found.best if len(search.objective) > 1 else found.best[:1],
+        "front": len(found.trials) if len(search.objective) > 1 else None,
+        "spans": {name: getattr(search, name) for name in ("roll_deg", "pitch_deg", "yaw_deg")},
+        "parameters": max(
+            len(problem.space.distributions(number) | problem.space.further)
+            for number in problem.space.numbers
+        ),
+        "baseline": None if any(o.measured for o in search.objective) else found.baseline,
+        "rigs": {name: _rig(own) for name, own in found.judged.items()},
+        "importance": importances(found.study) or None,
+        "stride": _stride(problem, found),
+        "linear_share": found.linear_share,
+        "tracking_uri": public_url(absolute_uri(file.tracking_uri)),
+        "versions": {"python": platform.python_version()} | {n: version(n) for n in _VERSIONS},
+    }
+
+
+def _stride(problem: Problem, found: Found) -> dict[str, Any] | None:
+    """How the search thinned rays, and the largest error of that; None if it fired none."""
+    if not any(objective.by in RAY_SURROGATES for objective in problem.question.objectives):
+        return None
+    stride = problem.question.azimuth_stride
+    return {"azimuth_stride": stride, "relative_error": stride_error(found.judged.values())}
+
+
+def _objective(objective: ObjectiveSettings, problem: Problem) -> dict[str, Any]:
+    weights = None
+    if objective.by != "price":
+        weights = objective.weights_of(problem.file.classes)
+    return {
+        "name": objective.name,
+        "by": objective.by,
+        "unit": "%" if objective.measured else _UNITS.get(objective.by, "nats"),
+        "direction": objective.best,
+        "weights": weights,
+    }
+
+
+def _rig(own: Judged) -> dict[str, Any]:
+    return {
+        "role": own.role,
+        "feasible": own.assessment.feasible,
+        "mounts": [list(astuple(lidar.mount)) for lidar in own.rig.lidars],
+        "models": [lidar.model for lidar in own.rig.lidars],
+        "zones": [lidar.zone or None for lidar in own.rig.lidars],
+        "values": own.all_values,
+        "searched": own.searched,
+        "measures": own.assessment.measures,
+        "params": dict(own.values_beside),
+    }
+
+
+def _bound(found: Found, problem: Problem) -> dict[str, Any]:
+    """How good the first objective can be; as the search computes it, with its azimuth stride."""
+    certificate: Certificate | None = found.certificate
+    if certificate is None:
+        return {"value": None, "reason": found.no_certificate}
+    name = problem.question.objectives[0].name
+    best = found.judged["found_1"].searched[name] if found.trials else certificate.value
+    return {
+        "value": certificate.bound,
+        "by_gains": certificate.by_gains,
+        "greedy": certificate.value,
+        "candidates": certificate.candidates,
+        "best_value": best,
+        "gap_percent": 100 * (1 - best / certificate.bound) if certificate.bound else 0.0,
+        "reason": None,
+    }
+
+
+def _commands(problem: Problem, found: bool) -> list[dict[str, str]]:
+    folder = problem.folder
+    storage = problem.file.search.storage
+    where = "DATABASE_URL" if storage else shlex.quote(str(journal_path(folder)))
+    commands = [{"what": "look at all trials in a browser", "line": f"optuna-dashboard {where}"}]
+    if found:
+        quoted = shlex.quote(str(folder / "sweep.yaml"))
+        rig = shlex.quote(str(folder / "placement.yaml"))
+        commands += [
+            {
+                "what": "train detectors for it and for the paper's eight",
+                "line": f"python -m sweeps.run {quoted}",
+            },
+            {
+                "what": "see what it sees in a frame of a box log",
+                "line": f"python -m lidarplace.view LOG --placement {rig}",
+            },
+        ]
+    return commands
+
+
+def _finite(value: Any) -> Any:
+    """JSON knows neither NaN nor infinity: null."""
+    if isinstance(value, Mapping):
+        return {key: _finite(inner) for key, inner in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(inner) for inner in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value

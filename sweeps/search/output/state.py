@@ -1,0 +1,118 @@
+"""Where a search stands, read from its study and its run folder; nothing is run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import optuna
+from optuna.storages import RDBStorage
+
+from lidarplace.files.secret_urls import hide_secrets
+from lidarplace.surrogates.formulas import RAY_SURROGATES
+from sweeps.results.state import SweepState, sweep_state
+from sweeps.search.judgement.verify import read_verification
+from sweeps.search.judgement.winners import best_trials
+from sweeps.search.problem.problem import Problem
+from sweeps.search.trials.study import (
+    assessment_of,
+    finished_trials,
+    journal_path,
+    journal_storage,
+    quiet,
+)
+from sweeps.store.lock import is_locked
+from sweeps.store.of_sweep import reference, store_of
+
+
+@dataclass(frozen=True)
+class SearchState:
+    """Where a search stands.
+
+    Attributes:
+        name: of the search.
+        alive: whether a driver runs it now.
+        trials: wanted, done, feasible (all constraints kept) and failed.
+        best: number, objectives by name and values beside the rig of the best trial so far, or of
+            the Pareto front; empty while none keeps all constraints.
+        azimuth_stride: trials took the rays of 1 in so many azimuth steps for the values in `best`;
+            1 if all of them, or if no objective counts rays.
+        failures: number and reason of each trial that failed.
+        verify: the sweep that trains detectors for the winners; None while it has not begun.
+    """
+
+    name: str
+    alive: bool
+    trials: dict[str, int]
+    best: list[dict[str, Any]]
+    azimuth_stride: int
+    failures: list[dict[str, Any]]
+    verify: SweepState | None
+
+
+def search_state(problem: Problem) -> SearchState:
+    """Look at everything that a search has left so far.
+
+    Raises:
+        ValueError: its database cannot be read, or the sweep that it left is damaged.
+        OSError: its folder cannot be read.
+    """
+    settings = problem.file.search
+    study = _study(problem)
+    trials = list(finished_trials(study)) if study else []
+    failures = [
+        {"trial": trial.number, "reason": trial.user_attrs["failure"]}
+        for trial in trials
+        if "failure" in trial.user_attrs
+    ]
+    found = best_trials(study, problem.space) if study else []
+    names = [objective.name for objective in settings.objective]
+    best = [
+        {
+            "trial": trial.number,
+            "values": dict(zip(names, trial.values, strict=True)),
+            "beside": {key: trial.params[key] for key in problem.space.further},
+        }
+        for trial in (found[:1] if len(names) == 1 else found)
+    ]
+    counts = {
+        "wanted": settings.trials,
+        "done": len(trials),
+        "feasible": sum(assessment_of(trial).feasible for trial in trials),
+        "failed": len(failures),
+    }
+    alive = is_locked(problem.folder)
+    rays = any(objective.by in RAY_SURROGATES for objective in settings.objective)
+    stride = settings.azimuth_stride if rays else 1
+    return SearchState(problem.file.name, alive, counts, best, stride, failures, _verify(problem))
+
+
+def _study(problem: Problem) -> optuna.Study | None:
+    """The study as far as it has come; None before its first trial."""
+    name = f"{reference(problem.sweep(), 'search')}-{problem.key}"
+    path, url = journal_path(problem.folder), problem.file.search.storage
+    if url is None:
+        if not path.exists():
+            return None
+        # A driver may be writing the last line; the journal is left as it is.
+        storage = journal_storage(path)
+    try:
+        if url is not None:
+            storage = RDBStorage(url, skip_table_creation=True)
+        with quiet():
+            return optuna.load_study(study_name=name, storage=storage)
+    except KeyError:  # another configuration, or none yet
+        return None
+    except Exception as error:
+        reason = hide_secrets(" ".join(str(error).split()), url)[:200]
+        raise ValueError(f"{'search.storage' if url else path}: cannot be read: {reason}") from None
+
+
+def _verify(problem: Problem) -> SweepState | None:
+    path = problem.folder / "sweep.yaml"
+    if problem.file.verify is None or not path.exists():
+        return None
+    sweep, plan = read_verification(problem)
+    if not (sweep.common.output / sweep.common.name).exists():
+        return None
+    return sweep_state(sweep, plan, store_of(sweep))

@@ -1,0 +1,175 @@
+"""What a search prints: what it is about to do, and what it found."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from rich.console import Console
+from rich.table import Table
+
+from sweeps.search.judgement.found import Found
+from sweeps.search.judgement.winners import Judged
+from sweeps.search.output.tables import mount_columns
+from sweeps.search.problem.assess import Assessment
+from sweeps.search.problem.constraints import Constraint
+from sweeps.search.problem.problem import Problem
+from sweeps.search.trials.study import assessment_of, finished_trials
+from tracking.findings.ray_counting import ray_counting_caution
+
+_TO_THE_LETTER = (
+    "objective {name}: entropies are not negative, so every LiDAR lowers it, and it is highest for "
+    "a placement that sees nothing; maximised to the letter of the paper it sends beams into the "
+    "sky. expected_ig and covered_entropy reward what is seen."
+)
+
+
+def warnings_of(problem: Problem) -> list[str]:
+    """What a user should know about this configuration."""
+    return [
+        _TO_THE_LETTER.format(name=objective.name)
+        for objective in problem.file.search.objective
+        if objective.by in ("s_mig", "ig") and objective.best == "maximize"
+    ]
+
+
+def print_problem(console: Console, problem: Problem) -> None:
+    """The space, the objectives, the constraints and the sampler."""
+    settings, space = problem.file.search, problem.space
+    low, high = space.numbers[0], space.numbers[-1]
+    wanted = ", ".join(f"{o.best} {o.name}" for o in settings.objective)
+    sizes = {len(space.distributions(n) | space.further) for n in space.numbers}
+    parameters = " to ".join(str(size) for size in sorted({min(sizes), max(sizes)}))
+    if space.zones:
+        number = f"{low} to {high}" if low < high else str(low)
+        console.print(
+            f"{problem.file.name}: {number} LiDARs in {', '.join(settings.zones)}, "
+            f"{parameters} parameters; {wanted}",
+        )
+    else:
+        console.print(
+            f"{problem.file.name}: {problem.file.placement}, {parameters} parameters; {wanted}",
+        )
+    limits = ", ".join(describe(c) for c in problem.question.constraints) or "none"
+    console.print(f"constraints: {limits}")
+    console.print(
+        f"{settings.trials} trials by {settings.sampler}, {settings.batch_size} at a time, "
+        f"seed {settings.seed}",
+    )
+    for warning in warnings_of(problem):
+        console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
+
+
+def describe(constraint: Constraint) -> str:
+    """Such as "distance at least 0.2 m"."""
+    sense = "at least" if constraint.at_least else "at most"
+    return " ".join(
+        filter(None, [constraint.name, sense, f"{constraint.limit:g}", constraint.unit])
+    )
+
+
+def print_nothing_found(console: Console, problem: Problem, found: Found) -> None:
+    """Why no trial has a value: trainings that failed, or constraints that none keeps."""
+    assessments = [assessment_of(trial) for trial in finished_trials(found.study)]
+    if not any(assessment.feasible for assessment in assessments):
+        _print_infeasible(console, assessments, problem.question.constraints)
+
+
+def print_failures(console: Console, found: Found) -> int:
+    """Trials that failed, with the reason. Returns how many."""
+    failed = [t for t in finished_trials(found.study) if "failure" in t.user_attrs]
+    for trial in failed:
+        text = f"trial {trial.number} failed: {trial.user_attrs['failure']}"
+        console.print(text, soft_wrap=True)
+    return len(failed)
+
+
+def _print_infeasible(
+    console: Console, found: Sequence[Assessment], constraints: Sequence[Constraint]
+) -> None:
+    """Which constraint was violated least, and by how much."""
+    console.print("No placement keeps all constraints.", style="bold")
+    least = {
+        c.name: min((a.violations[c.name] for a in found), default=math.nan) for c in constraints
+    }
+    # By the share of the limit: metres and prices cannot be compared.
+    order = sorted(constraints, key=lambda c: least[c.name] / (c.limit or 1))
+    for constraint in order:
+        by = least[constraint.name]
+        unit = f" {constraint.unit}" if constraint.unit else ""
+        text = f"violated by at least {by:.4g}{unit}" if by > 0 else "kept by some placement"
+        console.print(f"  {describe(constraint)}: {text}")
+    shared = sum(assessment.values is None for assessment in found)
+    if shared:
+        console.print(f"  two LiDARs were in one place in {shared} of {len(found)} trials")
+    elif all(by <= 0 for by in least.values()):
+        console.print("  each is kept by some placement, but not all of them by one")
+
+
+def _print_rigs(console: Console, rigs: Mapping[str, Judged], problem: Problem) -> None:
+    """Objectives and what constraints look at, a row a rig."""
+    objectives = problem.file.search.objective
+    table = Table(title=f"{problem.file.name}")
+    table.add_column("placement")
+    for objective in objectives:
+        table.add_column(objective.name, justify="right")
+    for constraint in problem.question.constraints:
+        table.add_column(constraint.name, justify="right")
+    for name, own in rigs.items():
+        found, values = own.assessment, own.all_values
+        cells = [f"{values[o.name]:.6g}" if o.name in values else "" for o in objectives]
+        cells += [
+            f"{found.measures[c.name]:.3g}{' !' if found.violations[c.name] > 0 else ''}"
+            for c in problem.question.constraints
+        ]
+        table.add_row(name, *cells)
+    console.print(table)
+
+
+def _breaks(found: Found) -> str:
+    """What is to be known of the baseline."""
+    rig = found.judged[found.baseline]
+    return "" if rig.assessment.feasible else ", which breaks a constraint"
+
+
+def print_found(console: Console, problem: Problem, found: Found) -> None:
+    """The best rigs beside greedy's and the paper's, and how far from the bound they are."""
+    names = [*found.best[:3], *(name for name in found.judged if name not in found.best)]
+    _print_rigs(console, {name: found.judged[name] for name in names}, problem)
+    objective = problem.file.search.objective[0]
+    if not objective.measured and objective.by != "price":
+        best = found.judged["found_1"].value(objective)
+        paper = found.judged[found.baseline].value(objective)
+        if paper:
+            gain = 100 * (best - paper) / abs(paper)
+            console.print(
+                f"{objective.name}: {gain:+.1f} % against {found.baseline}, "
+                f"the best of the paper's eight{_breaks(found)}",
+                highlight=False,
+            )
+    if found.certificate is not None and found.certificate.bound:
+        value = found.judged["found_1"].searched[objective.name]
+        gap = 100 * (1 - value / found.certificate.bound)
+        stride = problem.question.azimuth_stride
+        console.print(
+            f"at most {gap:.1f} % below the best of {found.certificate.candidates:,} candidate "
+            f"mounts, with 1 of {stride} azimuth steps"
+            if gap >= 0
+            else f"{-gap:.1f} % above what any choice of {found.certificate.candidates:,} "
+            "candidate mounts can reach: positions between them are better",
+            highlight=False,
+        )
+    elif found.no_certificate:
+        console.print(f"no bound: {found.no_certificate}")
+    table = Table(title="found_1, metres and degrees")
+    rows = [mount_columns(lidar) for lidar in found.judged["found_1"].rig.lidars]
+    for column in rows[0]:
+        table.add_column(column, justify="left" if column in ("model", "zone") else "right")
+    for row in rows:
+        table.add_row(*(f"{v:.3f}" if isinstance(v, float) else str(v) for v in row.values()))
+    console.print(table)
+    for key, value in found.judged["found_1"].values_beside.items():
+        console.print(f"{key}: {value}")
+    said = ray_counting_caution(found.linear_share or 0.0)
+    if said:
+        console.print(f"warning: {said}", style="yellow", soft_wrap=True)

@@ -1,0 +1,1 @@
+"""The question of a search: space, constraints, and what a rig is worth."""

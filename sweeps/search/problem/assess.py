@@ -1,0 +1,111 @@
+"""What a rig is worth: its objectives and constraints."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from lidarplace import OccupancyGrid, evaluate_classes, expected_ig_by_q
+from lidarplace.coverage import Method
+from lidarplace.surrogates.formulas import RAY_SURROGATES
+from sweeps.configuration.search import ObjectiveSettings
+from sweeps.search.problem.constraints import Carrier, Constraint, measures_of
+from sweeps.search.problem.rig import Rig
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked of every rig.
+
+    Attributes:
+        objectives: surrogates and price; measured values are not answered here.
+        constraints, carrier: see there.
+        method, detection_probability, occlusion, azimuth_stride: of `evaluate_classes`.
+    """
+
+    objectives: tuple[ObjectiveSettings, ...]
+    constraints: tuple[Constraint, ...]
+    carrier: Carrier
+    method: Method
+    detection_probability: float
+    occlusion: bool
+    azimuth_stride: int
+
+    @property
+    def needs_pog(self) -> bool:
+        """Whether a surrogate is asked for."""
+        return any(not o.measured and o.by != "price" for o in self.objectives)
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """What was found of a rig.
+
+    Attributes:
+        values: by name of the objective, without measured ones; None for a rig that cannot be.
+        measures: what the constraints look at, by their names.
+        violations: by how much constraints are violated, 0 or less if they are kept.
+        seconds: that it took.
+    """
+
+    values: dict[str, float] | None
+    measures: dict[str, float]
+    violations: dict[str, float]
+    seconds: float
+
+    @property
+    def feasible(self) -> bool:
+        """Whether the rig can be and keeps all constraints."""
+        return self.values is not None and all(v <= 0 for v in self.violations.values())
+
+
+def assess(rig: Rig, question: Question, grids: Mapping[str, OccupancyGrid]) -> Assessment:
+    """Answer the question for one rig.
+
+    Args:
+        grids: POG by class; may be empty if no surrogate is asked for.
+    """
+    start = time.perf_counter()
+    measures = measures_of(rig, question.constraints, question.carrier)
+    violations = {c.name: c.violation(measures[c.name]) for c in question.constraints}
+    values = _values(rig, question, grids) if rig.possible else None
+    return Assessment(values, measures, violations, time.perf_counter() - start)
+
+
+def _values(rig: Rig, question: Question, grids: Mapping[str, OccupancyGrid]) -> dict[str, float]:
+    found = {}
+    by_class = _by_class(rig, question, grids) if question.needs_pog else {}
+    for objective in question.objectives:
+        if objective.by == "price":
+            found[objective.name] = rig.price(question.carrier.prices)
+        elif not objective.measured:
+            found[objective.name] = math.fsum(
+                weight * by_class[name][objective.by]
+                for name, weight in objective.weights_of(grids).items()
+            )
+    return found
+
+
+def _by_class(
+    rig: Rig, question: Question, grids: Mapping[str, OccupancyGrid]
+) -> dict[str, dict[str, float]]:
+    """The surrogates that are asked for, by class."""
+    wanted = {o.by for o in question.objectives if not o.measured and o.by != "price"}
+    placement = rig.placement("rig", question.carrier.models)
+    if wanted == {"expected_ig"} and not question.occlusion and question.method != "bresenham":
+        # The default, for which no cone has to be covered.
+        q = question.detection_probability
+        gains = expected_ig_by_q(grids, placement, [q], question.azimuth_stride)
+        return {str(name): {"expected_ig": float(gain)} for name, gain in gains[q].items()}
+    results = evaluate_classes(
+        grids,
+        placement,
+        question.method,
+        surrogates=[name for name in RAY_SURROGATES if name in wanted],
+        detection_probability=question.detection_probability,
+        occlusion=question.occlusion,
+        azimuth_stride=question.azimuth_stride,
+    )
+    return {name: {by: getattr(own, by) for by in wanted} for name, own in results.items()}

@@ -1,0 +1,108 @@
+"""What a rig has to keep: spacing, its own body's share of the view, price, the near field."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lidarplace import Lidar, Roi
+from lidarplace.mounting.body_share import body_share
+from lidarplace.mounting.near_field import near_field_coverage
+from lidarplace.mounting.spacing import least_distance
+from lidarplace.mounting.vehicle import Vehicle
+from sweeps.configuration.search import ConstraintSettings, SearchSettings
+from sweeps.search.problem.rig import Rig
+
+ROUNDING = 1e-9
+"""0.6 - 0.4 is not quite 0.2."""
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """A bound on something that is measured of a rig.
+
+    Attributes:
+        name: such as `distance`.
+        unit: of the limit, empty for none.
+        limit: the bound.
+        at_least: whether it is a lower bound.
+    """
+
+    name: str
+    unit: str
+    limit: float
+    at_least: bool
+
+    def violation(self, measure: float) -> float:
+        """By how much it is not kept, in its unit; 0 or less if it is."""
+        violation = self.limit - measure if self.at_least else measure - self.limit
+        return 0.0 if abs(violation) < ROUNDING else violation
+
+
+def constraints_of(settings: ConstraintSettings) -> tuple[Constraint, ...]:
+    """The constraints that are asked for."""
+    found = []
+    if settings.distance > 0:
+        found.append(Constraint("distance", "m", settings.distance, at_least=True))
+    if settings.body_share is not None:
+        found.append(Constraint("body_share", "", settings.body_share, at_least=False))
+    if settings.price is not None:
+        found.append(Constraint("price", "", settings.price, at_least=False))
+    if settings.near_field is not None:
+        found.append(Constraint("near_field", "", settings.near_field.coverage, at_least=True))
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class Carrier:
+    """What constraints are measured on: LiDAR models, and the vehicle that carries them.
+
+    Attributes:
+        models, prices: by name of the model; NaN if the price is not known.
+        vehicle: its body.
+        near_field: the zone around it that has to be seen; None if none has.
+    """
+
+    models: Mapping[str, Lidar]
+    prices: Mapping[str, float]
+    vehicle: Vehicle
+    near_field: Roi | None
+
+    @classmethod
+    def of(cls, settings: SearchSettings, models: Mapping[str, Lidar]) -> Carrier:
+        """As the configuration has it; `models` by name."""
+        near = settings.constraints.near_field
+        priced = {name: model.price for name, model in settings.models.items()}
+        return cls(
+            models,
+            {name: priced.get(name, math.nan if priced else 0.0) for name in models},
+            Vehicle("vehicle", np.array(settings.vehicle)),
+            None if near is None else Roi(near.x, near.y, near.z, near.resolution),
+        )
+
+
+def measures_of(rig: Rig, constraints: Sequence[Constraint], carrier: Carrier) -> dict[str, float]:
+    """What each constraint looks at, by its name."""
+    placement = rig.placement("rig", carrier.models) if rig.possible else None
+    found = {}
+    for constraint in constraints:
+        if constraint.name == "price":
+            found["price"] = rig.price(carrier.prices)
+        elif constraint.name == "distance":
+            found["distance"] = least_distance(placement) if placement else 0.0
+        elif constraint.name == "body_share":
+            found["body_share"] = max(
+                body_share(lidar.mount, carrier.models[lidar.model], carrier.vehicle)
+                for lidar in rig.lidars
+            )
+        else:
+            assert carrier.near_field is not None
+            found["near_field"] = (
+                near_field_coverage(placement, carrier.vehicle, carrier.near_field)
+                if placement
+                else 0.0
+            )
+    return found

@@ -1,0 +1,296 @@
+"""A configuration file of a search, read, checked and taken apart."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from lidarplace import PAPER_PLACEMENTS, Lidar, Mount
+from lidarplace.mounting.near_field import near_field_coverage
+from sweeps.configuration.file import (
+    ConfigError,
+    check,
+    name_by_file,
+    override,
+    put,
+    read_yaml,
+    refuse_overlaps,
+)
+from sweeps.configuration.grid import GridPoint, Sweep, build_sweep
+from sweeps.configuration.search import RangeSettings, SearchFile
+from sweeps.configuration.sweep import Common, Point
+from sweeps.plan.plan import Trial, make_plan
+from sweeps.search.problem.as_sweep import sweep_of, sweep_settings, verify_settings
+from sweeps.search.problem.assess import Question
+from sweeps.search.problem.constraints import Carrier, constraints_of
+from sweeps.search.problem.rig import Mounted, Rig
+from sweeps.search.problem.slots import Placed, placed_in
+from sweeps.search.problem.space import Space
+from sweeps.tasks.code_version import code_version
+from sweeps.tasks.task import Task, code_of
+
+OWN_MODEL = "lidar"
+"""Name of the model that the key `lidar` describes."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is searched.
+
+    Attributes:
+        path: of the configuration.
+        source: the configuration after `--set`, as plain data.
+        file: the same, checked.
+        models: LiDAR models by name, those of the zones first; the last one is that of `lidar`.
+        space: all rigs.
+        start: rigs to begin with, by name of the placement.
+        question: what is asked of each.
+    """
+
+    path: Path
+    source: Mapping[str, Any]
+    file: SearchFile
+    models: Mapping[str, Lidar]
+    space: Space
+    start: Mapping[str, list[Placed]]
+    question: Question
+
+    @cached_property
+    def key(self) -> str:
+        """Tells a search from others of its name: the same while trials can be compared.
+
+        That is while configuration, scene and code are the same; how many trials there are, and
+        what comes after them, does not matter. Raises ConfigError, see `pog_tasks`.
+        """
+        _, trial = self.pog_tasks(self.sweep())
+        content = {
+            "pog": trial.pog.key,
+            "code": self._code(),
+            "search": self.file.search.model_dump(mode="json", exclude={"trials", "storage"}),
+            "file": self.file.model_dump(
+                mode="json",
+                include={"lidar", "surrogate", "placement", "placements", "detector", "training"},
+            ),
+        }
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
+
+    def _code(self) -> list[str]:
+        """Versions of the code that answers trials."""
+        found = [
+            code_version("sweeps.search.problem.assess.assess", "sweeps.search.problem.space.Space")
+        ]
+        if any(objective.measured for objective in self.file.search.objective):
+            stages = ("scene", "ground_truth", "collect", "finetune", "evaluate")
+            found += [code_of(stage, self.file.detector) for stage in stages]
+        return found
+
+    @property
+    def folder(self) -> Path:
+        """The run folder."""
+        return self.file.output / self.file.name
+
+    def sweep(self, scene: Mapping[str, Any] | None = None) -> Sweep:
+        """A sweep of one placement and no detector: it knows the scene and the POG.
+
+        Args:
+            scene: key path -> value, what is different about the scene.
+
+        Raises:
+            ConfigError: a value is not allowed at its key path.
+        """
+        data = {"placement": "line", "detector": None}
+        base = {k: v for k, v in self.source.items() if k in type(self.file).model_fields}
+        point = _point(base, scene or {}, self.path)
+        common = Common.model_validate({k: getattr(self.file, k) for k in Common.model_fields})
+        point = point.model_copy(update=data)
+        return Sweep(common, (GridPoint(point, {}),), (), self.source)
+
+    def pog_tasks(self, sweep: Sweep) -> tuple[list[Task], Trial]:
+        """The tasks that lead to its POG, and the trial that has it. Raises ConfigError."""
+        try:
+            plan = make_plan(sweep)
+        except ConfigError as error:
+            raise ConfigError(f"{self.path}: {error}") from None
+        (trial,) = plan.trials
+        return plan.needed_for([trial.pog]), trial
+
+    def paper_rigs(self) -> dict[str, Rig]:
+        """The paper's eight with the LiDAR of the key `lidar`."""
+        return {
+            name: Rig.of(Mounted(OWN_MODEL, "", mount) for mount in placement.mounts)
+            for name, placement in PAPER_PLACEMENTS.items()
+        }
+
+
+def _point(base: Mapping[str, Any], changes: Mapping[str, Any], path: Path) -> Point:
+    data = {k: deepcopy(v) for k, v in base.items() if k in Point.model_fields}
+    data.setdefault("placement", "line")
+    for key, value in changes.items():
+        put(data, key, value, path)
+    return check(Point, data, path, {key: f"robustness.scenes: {key}" for key in changes})
+
+
+def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
+    """Read the configuration of a search.
+
+    Raises:
+        ConfigError: anything wrong with the file, a key or a value.
+    """
+    source = read_yaml(path, SearchFile)
+    for pair in overrides:
+        override(source, pair, path, SearchFile)
+    name_by_file(source, path)
+    file = check(SearchFile, source, path)
+    _check_keys(file, source, path)
+    settings = file.search
+    own = file.lidar.lidar()
+    chosen = {name: model.lidar() for name, model in settings.models.items()} or {OWN_MODEL: own}
+    try:
+        space = Space(settings, tuple(chosen), _fixed(file, next(iter(chosen))))
+        start = {name: _start(file, name, space) for name in settings.start}
+    except ValueError as error:
+        raise ConfigError(f"{path}: {error}") from None
+    models = chosen | {OWN_MODEL: own}
+    try:
+        carrier = Carrier.of(settings, models)
+        if carrier.near_field is not None:
+            probe = PAPER_PLACEMENTS["line"]
+            near_field_coverage(probe, carrier.vehicle, carrier.near_field)
+    except ValueError as error:
+        raise ConfigError(f"{path}: search.constraints.near_field: {error}") from None
+    if settings.models and file.verify is not None:
+        keys = [
+            key
+            for key in file.verify.set
+            if key.partition(".")[0] == "lidar" and key != "lidar.cloud_share"
+        ]
+        if keys:
+            raise ConfigError(
+                f"{path}: verify.set: {keys[0]} would change the paper's rigs alone, as those of "
+                "the search have the models of search.models"
+            )
+    question = Question(
+        settings.objective,
+        constraints_of(settings.constraints) if settings.zones else (),
+        carrier,
+        file.surrogate.method,
+        file.surrogate.detection_probability,
+        file.surrogate.occlusion,
+        settings.azimuth_stride,
+    )
+    problem = Problem(path, source, file, models, space, start, question)
+    _check_what_comes_later(problem)
+    return problem
+
+
+def _check_keys(file: SearchFile, source: Mapping[str, Any], path: Path) -> None:
+    """Refuse keys that say nothing here, or contradict each other. Raises ConfigError."""
+    settings = file.search
+    for key in ("seed", "promote"):
+        if key in source:
+            raise ConfigError(f"{path}: {key}: is for sweeps; a search has search.seed and rungs")
+    if settings.zones and "placement" in source:
+        raise ConfigError(f"{path}: placement: is for searches without search.zones; see start")
+    for key in ("models", "start", "fixed"):
+        if not settings.zones and getattr(settings, key):
+            raise ConfigError(f"{path}: search.{key}: there are no zones to place LiDARs in")
+    refuse_overlaps(settings.space, f"{path}: search.space")
+    for number, rung in enumerate(settings.rungs):
+        where = f"{path}: search.rungs[{number}]"
+        refuse_overlaps(rung, where, settings.space, "a key path of search.space")
+    for name, scene in (file.robustness.scenes if file.robustness else {}).items():
+        refuse_overlaps(scene, f"{path}: robustness.scenes.{name}")
+    if file.verify is not None:
+        where, axes = f"{path}: verify.set", ("placement", "seed")
+        refuse_overlaps(file.verify.set, where, settings.space, "a key path of search.space")
+        for key in axes:
+            if key in file.verify.set:
+                raise ConfigError(f"{where}.{key}: is what the verification varies; see verify")
+    for key in settings.space:
+        if key.partition(".")[0] not in Point.model_fields or key in ("placement", "seed"):
+            raise ConfigError(
+                f"{path}: search.space.{key}: allowed are key paths of a trial, such as training.lr"
+            )
+    if OWN_MODEL in settings.models:
+        raise ConfigError(f"{path}: search.models.{OWN_MODEL}: is the name of the key `lidar`")
+    for objective in settings.objective:
+        missing = [name for name in objective.weights or () if name not in file.classes]
+        if missing:
+            raise ConfigError(
+                f"{path}: search.objective: {objective.name}: {missing[0]} is none of the classes "
+                f"{', '.join(file.classes)}"
+            )
+        if objective.measured and file.detector is None:
+            raise ConfigError(f"{path}: search.objective: {objective.name} needs a detector")
+
+
+def _check_what_comes_later(problem: Problem) -> None:
+    """A mistake is better told now than after the search. Raises ConfigError."""
+    problem.key  # noqa: B018 - the scene
+    path, file = problem.path, problem.file
+    for name, changes in (file.robustness.scenes if file.robustness else {}).items():
+        for key in changes:
+            if not key.startswith("scene."):
+                raise ConfigError(
+                    f"{path}: robustness.scenes.{name}: {key}: allowed are keys of scene, such as "
+                    "scene.density"
+                )
+        problem.pog_tasks(problem.sweep(changes))
+    rigs = {"found_1": problem.paper_rigs()["line"]}
+    space = {key: _values(wanted) for key, wanted in file.search.space.items()}
+    first = {key: values[0] for key, values in space.items()}
+    varied = [first | {key: value} for key, values in space.items() for value in values[1:]]
+    if any(objective.measured for objective in file.search.objective):
+        config = sweep_settings(problem.source, file, rigs, file.name)
+        for values in (first, *varied):
+            for rung in (*file.search.rungs, {}):
+                sweep_of(config, path, {"found_1": values}, file.search.seeds, rung)
+    if file.verify is None:
+        return
+    config = verify_settings(problem.source, file, rigs, ["line"], first)
+    try:
+        sweep = build_sweep(config, path)
+    except ConfigError as error:
+        raise ConfigError(f"{error} (with verify.set)") from None
+    if sweep.points[0].point.detector is None:
+        raise ConfigError(f"{path}: verify: needs a detector")
+
+
+def _values(wanted: Sequence[Any] | RangeSettings) -> Sequence[Any]:
+    """All values of a list, both ends of a range."""
+    return (wanted.low, wanted.high) if isinstance(wanted, RangeSettings) else wanted
+
+
+def _start(file: SearchFile, name: str, space: Space) -> list[Placed]:
+    """A placement in the slots of the search; its LiDARs are of the first model."""
+    _check_own_lidars(file, name, "search.start")
+    try:
+        placement = file.placement_named(name, file.lidar.lidar())
+        lidars = [Mounted(space.models[0], "", mount) for mount in placement.mounts]
+        return placed_in(space, lidars)
+    except ValueError as error:
+        raise ValueError(f"search.start: {name}: {error}") from None
+
+
+def _check_own_lidars(file: SearchFile, name: str, key: str) -> None:
+    """A search knows models by name alone."""
+    if name in file.placements and any(m.lidar for m in file.placements[name].mounts):
+        raise ValueError(f"{key}: {name}: its mounts have LiDARs of their own; give one of `lidar`")
+
+
+def _fixed(file: SearchFile, first: str) -> list[Mounted]:
+    """LiDARs that all rigs have: `fixed`, or a whole placement where there are no zones."""
+    if file.search.zones:
+        return [
+            Mounted(f.model or first, "", Mount(f.x, f.y, f.z, f.roll, f.pitch, f.yaw))
+            for f in file.search.fixed
+        ]
+    _check_own_lidars(file, file.placement, "placement")
+    placement = file.placement_named(file.placement, file.lidar.lidar())
+    return [Mounted(OWN_MODEL, "", mount) for mount in placement.mounts]

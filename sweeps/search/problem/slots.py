@@ -1,0 +1,98 @@
+"""Rigs taken apart into the slots of a search."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
+
+from lidarplace import Mount
+from lidarplace.mounting.zone import TOLERANCE, Zone, distance
+from sweeps.search.problem.rig import Mounted, Rig, mirrored
+from sweeps.search.problem.space import Slot, Space
+
+_ANGLE = 1e-4
+"""Radians by which an angle may be outside of its range."""
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A LiDAR, or the left one of a mirrored pair, in its slot."""
+
+    slot: Slot
+    lidar: Mounted
+
+    @property
+    def rig(self) -> Rig:
+        """It, or the pair."""
+        if not self.slot.pair:
+            return Rig.of([self.lidar])
+        other = Mounted(self.lidar.model, self.lidar.zone, mirrored(self.lidar.mount))
+        return Rig.of([self.lidar, other])
+
+    def allows(self, mount: Mount) -> bool:
+        """Whether the LiDAR might sit there, in its zone, as far as its own slot goes."""
+        zone = next(zone for zone in self.slot.zones if zone.name == self.lidar.zone)
+        return _fits(self.slot, zone, mount)
+
+
+def placed_in(space: Space, lidars: Sequence[Mounted]) -> list[Placed]:
+    """Give each of the LiDARs, without the fixed ones, to a slot of its kind.
+
+    LiDARs without a zone get the first one that holds them.
+
+    Raises:
+        ValueError: their number is none of the space's, or one has no slot.
+    """
+    if len(lidars) not in space.numbers:
+        raise ValueError(f"has {len(lidars)} LiDARs, more or fewer than search.lidars")
+    left = list(lidars)
+    found: list[Placed] = []
+    for slot in space.slots(len(lidars)):
+        place = next((p for lidar in left if (p := _in_slot(slot, lidar, left))), None)
+        if place is None:
+            mount = left[0].mount
+            raise ValueError(
+                f"no zone, or no mirrored pair of the search, has a LiDAR at "
+                f"({mount.x:g}, {mount.y:g}, {mount.z:g}) with its angles"
+            )
+        found.append(place)
+        for mount in (own.mount for own in place.rig.lidars):
+            left.remove(next(lidar for lidar in left if _same(lidar.mount, mount)))
+    return found
+
+
+def rig_of(placed: Sequence[Placed], space: Space) -> Rig:
+    """The rig of these LiDARs and those that every rig has."""
+    return Rig.of([*space.fixed, *(lidar for place in placed for lidar in place.rig.lidars)])
+
+
+def params_of(placed: Sequence[Placed], space: Space) -> dict[str, object]:
+    """The parameters of a trial that asks about this rig."""
+    return space.params([(place.slot, place.lidar) for place in placed])
+
+
+def _in_slot(slot: Slot, lidar: Mounted, left: Sequence[Mounted]) -> Placed | None:
+    """The LiDAR in that slot; a pair needs its mirrored one among those `left`."""
+    mount = lidar.mount
+    if slot.pair:
+        other = mirrored(mount)
+        if mount.y <= 0 or not any(_same(own.mount, other) for own in left):
+            return None
+    for zone in slot.zones:
+        if lidar.zone in ("", zone.name) and _fits(slot, zone, mount):
+            return Placed(slot, Mounted(lidar.model, zone.name, mount))
+    return None
+
+
+def _fits(slot: Slot, zone: Zone, mount: Mount) -> bool:
+    turn = (mount.roll, mount.pitch, mount.yaw)
+    return distance(zone, mount.x, mount.y, mount.z) <= TOLERANCE and all(
+        math.radians(low) - _ANGLE <= angle <= math.radians(high) + _ANGLE
+        for angle, (low, high) in zip(turn, slot.spans.values(), strict=True)
+    )
+
+
+def _same(one: Mount, other: Mount) -> bool:
+    pairs = zip(astuple(one), astuple(other), strict=True)
+    return all(abs(a - b) < _ANGLE for a, b in pairs)

@@ -1,0 +1,170 @@
+"""Candidates assessed by detectors: trained, evaluated, and stopped early where hopeless."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import optuna
+
+from sweeps.configuration.search import ObjectiveSettings
+from sweeps.configuration.sweep import METRICS
+from sweeps.execution.backends import Backend
+from sweeps.execution.execute import Outcome, execute
+from sweeps.execution.failures import Failure
+from sweeps.plan.plan import Plan, Trial, make_plan
+from sweeps.results.trial_results import metric_mean
+from sweeps.search.problem.as_sweep import sweep_of, sweep_settings
+from sweeps.search.problem.assess import Assessment
+from sweeps.search.problem.problem import Problem
+from sweeps.search.trials.pool import Pool, in_order
+from sweeps.search.trials.study import Candidate, tell
+from sweeps.store.of_sweep import reference
+from sweeps.store.open import AnyStore
+from sweeps.tasks.task import Task
+
+
+@dataclass
+class TrainingAnswers:
+    """Answers by fine-tuning and evaluating detectors.
+
+    Rigs that violate a constraint are not trained. What is left climbs the rungs: after each, all
+    that were trained report, and then Optuna's pruner decides, so that its verdict does not depend
+    on which training was faster. Results stay in the store, so a stop loses nothing.
+
+    Attributes:
+        pool: tells constraints and prices.
+    """
+
+    study: optuna.Study
+    problem: Problem
+    pool: Pool
+    store: AnyStore
+    backend: Backend
+
+    def __post_init__(self) -> None:
+        self._asked: list[tuple[optuna.Trial, Candidate]] = []
+        self._reference = reference(self.problem.sweep(), "trainings")
+        self._referred = set(self.store.references().get(self._reference, ()))
+
+    def begin(self, trial: optuna.Trial, candidate: Candidate) -> None:
+        self._asked.append((trial, candidate))
+
+    def finish(self) -> None:
+        asked, self._asked = self._asked, []
+        found = in_order(self.pool, [c.rig for _, c in asked], self.problem.question)
+        alive = [
+            (trial, candidate)
+            for (trial, candidate), assessment in zip(asked, found, strict=True)
+            if assessment.feasible
+        ]
+        failures: dict[int, str] = {}
+        for step, rung in enumerate(self.problem.file.search.rungs, start=1):
+            values, failed = self._train([candidate for _, candidate in alive], rung)
+            failures |= failed
+            alive = [(trial, c) for trial, c in alive if c.number not in failed]
+            for trial, candidate in alive:
+                _report(trial, values[candidate.number][0], 2 ** (step - 1))
+            alive = [(trial, c) for trial, c in alive if not _is_pruned(trial, step)]
+        values, failed = self._train([candidate for _, candidate in alive], {})
+        failures |= failed
+        for (trial, candidate), assessment in zip(asked, found, strict=True):
+            number = candidate.number
+            own = self._all_values(assessment, values[number]) if number in values else None
+            tell(self.study, trial, assessment, own, failures.get(number))
+
+    def _all_values(self, assessment: Assessment, measured: Sequence[float]) -> list[float]:
+        """Values of all objectives, in their order."""
+        assert assessment.values is not None
+        left = iter(measured)
+        return [
+            next(left) if objective.measured else assessment.values[objective.name]
+            for objective in self.problem.file.search.objective
+        ]
+
+    def _train(
+        self, candidates: Sequence[Candidate], rung: Mapping[str, Any]
+    ) -> tuple[dict[int, list[float]], dict[int, str]]:
+        """Measured values by number of the trial, and reasons of those that failed."""
+        if not candidates:
+            return {}, {}
+        plan = self._plan(candidates, rung)
+        tasks = plan.needed_for(t.evaluate for t in plan.trials if t.evaluate is not None)
+        self._referred |= {task.key for task in tasks}
+        self.store.refer(self._reference, self._referred)
+        outcome = execute(tasks, self.store, self.backend, Quiet())
+        values, failed = {}, {}
+        for candidate in candidates:
+            own = [t for t in plan.trials if t.grid_point.point.placement == _name(candidate)]
+            reason = next((_failure(t, outcome) for t in own if _failure(t, outcome)), None)
+            if reason is not None:
+                failed[candidate.number] = reason
+                continue
+            found = [
+                measured_value(objective, own, self.store)
+                for objective in self.problem.file.search.objective
+                if objective.measured
+            ]
+            if any(math.isnan(value) for value in found):
+                failed[candidate.number] = "no object of the class in the test frames"
+            else:
+                values[candidate.number] = found
+        return values, failed
+
+    def _plan(self, candidates: Sequence[Candidate], rung: Mapping[str, Any]) -> Plan:
+        rigs = {_name(candidate): candidate.rig for candidate in candidates}
+        problem = self.problem
+        config = sweep_settings(problem.source, problem.file, rigs, problem.file.name)
+        trials = {_name(c): c.values for c in candidates}
+        return make_plan(sweep_of(config, problem.path, trials, problem.file.search.seeds, rung))
+
+
+def _report(trial: optuna.Trial, value: float, step: int) -> None:
+    with warnings.catch_warnings(action="ignore", category=UserWarning):
+        trial.report(value, step)  # a trial that was stopped has reported already
+
+
+def _is_pruned(trial: optuna.Trial, rung: int) -> bool:
+    """The pruner's verdict after a rung; kept, as it would be another one after a stop."""
+    name = f"pruned after rung {rung}"
+    if name not in trial.user_attrs:
+        trial.set_user_attr(name, trial.should_prune())
+    return bool(trial.user_attrs[name])
+
+
+class Quiet:
+    """Listens to the executor and shows nothing: the trials have a bar of their own."""
+
+    def started(self, task: Task) -> None:
+        """Nothing to show."""
+
+    def finished(self, task: Task) -> None:
+        """Nothing to show."""
+
+    def failed(self, task: Task, failure: Failure) -> None:
+        """The trial tells it."""
+
+
+def _name(candidate: Candidate) -> str:
+    return f"trial_{candidate.number}"
+
+
+def _failure(trial: Trial, outcome: Outcome) -> str | None:
+    tasks = (trial.finetune, trial.evaluate)
+    failures = (outcome.failures.get(task.key) for task in tasks if task is not None)
+    return next((failure.reason for failure in failures if failure is not None), None)
+
+
+def measured_value(objective: ObjectiveSettings, trials: Sequence[Trial], store: AnyStore) -> float:
+    """The weighted mean over classes of a metric's mean over seeds, percent."""
+    assert objective.by in METRICS
+    classes = objective.weights_of(trials[0].grid_point.point.classes)
+    if objective.by == "recall":  # of all objects together
+        classes = {"all": 1.0}
+    total = math.fsum(
+        weight * metric_mean(trials, objective.by, name, store) for name, weight in classes.items()
+    )
+    return total / math.fsum(classes.values())

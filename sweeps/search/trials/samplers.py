@@ -1,0 +1,131 @@
+"""Optuna's samplers by name."""
+
+from __future__ import annotations
+
+import warnings
+import zlib
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import optuna
+from optuna.distributions import BaseDistribution
+from optuna.exceptions import ExperimentalWarning
+from optuna.samplers import (
+    BaseSampler,
+    CmaEsSampler,
+    GPSampler,
+    NSGAIIISampler,
+    NSGAIISampler,
+    QMCSampler,
+    RandomSampler,
+    TPESampler,
+)
+from optuna.study import Study
+from optuna.trial import FrozenTrial, TrialState
+
+
+class Repeatable(BaseSampler):
+    """Suggests the same for a trial however often it is asked, and after any stop.
+
+    All randomness follows from the seed, the number of the trial and the name of the parameter.
+    What a sampler has learned it takes from the study, not from its own memory, so each suggestion
+    can come from a new one.
+
+    Args:
+        name: one of `sweeps.configuration.search.SAMPLERS`.
+        seed: of the search.
+    """
+
+    def __init__(self, name: str, seed: int) -> None:
+        self._name, self._seed = name, seed
+        self._joint: BaseSampler | None = None
+
+    def _new(self, trial: FrozenTrial, parameter: str = "") -> BaseSampler:
+        key = (self._seed, trial.number, zlib.crc32(parameter.encode()))
+        own = int(np.random.SeedSequence(key).generate_state(1)[0])
+        with warnings.catch_warnings(action="ignore", category=ExperimentalWarning):
+            return sampler_for(self._name, own, self._seed, trial.number)
+
+    def infer_relative_search_space(
+        self, study: Study, trial: FrozenTrial
+    ) -> dict[str, BaseDistribution]:
+        self._joint = self._new(trial)  # some remember the space that they inferred
+        return self._joint.infer_relative_search_space(study, trial)
+
+    def sample_relative(
+        self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
+    ) -> dict[str, Any]:
+        assert self._joint is not None
+        return self._joint.sample_relative(study, trial, search_space)
+
+    def sample_independent(
+        self,
+        study: Study,
+        trial: FrozenTrial,
+        param_name: str,
+        param_distribution: BaseDistribution,
+    ) -> Any:
+        own = self._new(trial, param_name)
+        return own.sample_independent(study, trial, param_name, param_distribution)
+
+    def before_trial(self, study: Study, trial: FrozenTrial) -> None:
+        self._new(trial).before_trial(study, trial)
+
+    def after_trial(
+        self,
+        study: Study,
+        trial: FrozenTrial,
+        state: TrialState,
+        values: Sequence[float] | None,
+    ) -> None:
+        self._new(trial).after_trial(study, trial, state, values)
+
+
+def sampler_for(name: str, seed: int, common_seed: int, number: int) -> BaseSampler:
+    """A sampler of Optuna.
+
+    Args:
+        seed: of one suggestion.
+        common_seed, number: of all suggestions and of the trial, where they are one sequence.
+    """
+    if name == "tpe":  # jointly: what a LiDAR should see depends on where the others are
+        return TPESampler(seed=seed, multivariate=True, group=True)
+    if name == "gp":
+        return GPSampler(seed=seed, deterministic_objective=True, warn_independent_sampling=False)
+    if name == "cmaes":
+        return CmaEsSampler(seed=seed, warn_independent_sampling=False)
+    if name == "nsga2":
+        return NSGAIISampler(seed=seed)
+    if name == "nsga3":
+        return NSGAIIISampler(seed=seed)
+    if name == "random":
+        return RandomSampler(seed=seed)
+    assert name == "qmc"
+    return _Numbered(
+        number,
+        seed=common_seed,
+        scramble=True,
+        independent_sampler=RandomSampler(seed=seed),  # of the first trial
+        warn_independent_sampling=False,
+    )
+
+
+class _Numbered(QMCSampler):
+    """Takes the point of the sequence that has the trial's number; Optuna's own counts the points
+    that were asked for, and a stop would skip some."""
+
+    def __init__(self, number: int, **options: Any) -> None:
+        super().__init__(**options)
+        self._number = number
+
+    def _find_sample_id(self, study: Study, search_space: dict[str, BaseDistribution]) -> int:
+        return self._number
+
+
+def pruner_for(name: str) -> optuna.pruners.BasePruner:
+    """The pruner that stops trials after a rung; rungs are steps 1, 2, 4, ..., as halving wants"""
+    if name == "median":
+        return optuna.pruners.MedianPruner(n_startup_trials=4)
+    assert name == "successive_halving"
+    return optuna.pruners.SuccessiveHalvingPruner(min_resource=1, reduction_factor=2)

@@ -1,0 +1,252 @@
+"""Optuna's study of a search: kept in a file, asked and told in batches, resumed at any point.
+
+A batch is asked for as a whole before any of it is told. So the outcome depends on the seed and the
+size of a batch, and not on how many workers there are or which was faster.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import optuna
+from optuna.storages import BaseStorage, JournalStorage, RDBStorage
+from optuna.storages.journal import JournalFileBackend
+from optuna.trial import FrozenTrial, TrialState
+
+from lidarplace.files.secret_urls import check_whole, hide_secrets
+from sweeps.configuration.search import SearchSettings
+from sweeps.search.problem.assess import Assessment
+from sweeps.search.problem.rig import Rig
+from sweeps.search.problem.space import NUMBER, Space
+from sweeps.search.trials.samplers import Repeatable, pruner_for
+
+ASSESSMENT = "assessment"
+"""User attribute of a trial: what was found of its rig, as JSON."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """What a trial asks about.
+
+    Attributes:
+        number: of the trial.
+        rig: where LiDARs go.
+        values: by key path of the configuration, beside the rig.
+    """
+
+    number: int
+    rig: Rig
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """The same for the same question."""
+        return self.rig, json.dumps(self.values, sort_keys=True)
+
+
+@dataclass
+class Timing:
+    """Where the driver's time went, seconds.
+
+    Attributes:
+        sampler: asking for parameters; workers go on meanwhile.
+        evaluation: waiting for workers, and telling the study.
+    """
+
+    sampler: float = 0.0
+    evaluation: float = 0.0
+
+
+def storage_for(url: str | None, folder: Path) -> BaseStorage:
+    """The database at `url`, or a journal in `folder`.
+
+    Only one process may have the journal, which the caller sees to.
+
+    Raises:
+        ValueError: the database cannot be had.
+    """
+    if url is not None:
+        check_whole("search.storage", url)
+        try:
+            return RDBStorage(url)
+        except Exception as error:
+            reason = hide_secrets(" ".join(str(error).split()), url)[:200]
+            raise ValueError(f"search.storage: cannot be opened: {reason}") from None
+    path = journal_path(folder)
+    _mend(path)
+    return journal_storage(path)
+
+
+def journal_storage(path: Path) -> BaseStorage:
+    """What a journal holds. Raises ValueError that names a damaged one."""
+    try:
+        return JournalStorage(JournalFileBackend(str(path)))
+    except Exception as error:  # what Optuna raises depends on what is wrong in a line
+        reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        raise ValueError(
+            f"{path}: cannot be read: {reason}; the trials in it are lost: remove it to search anew"
+        ) from None
+
+
+def is_emptied(folder: Path) -> bool:
+    """Whether a search has left results in its folder, and no trial in its journal."""
+    path = journal_path(folder)
+    return (folder / "search.json").exists() and not (path.exists() and path.stat().st_size)
+
+
+def journal_path(folder: Path) -> Path:
+    """The file in which a search keeps its trials."""
+    return folder / "optuna.journal"
+
+
+def _mend(path: Path) -> None:
+    """Remove what a killed process left: a lock, and half a line at the end."""
+    path.with_name(path.name + ".lock").unlink(missing_ok=True)
+    if not path.exists():
+        return
+    with path.open("rb+") as file:
+        content = file.read()
+        file.truncate(content.rfind(b"\n") + 1)
+
+
+def open_study(
+    storage: BaseStorage, name: str, settings: SearchSettings, first: Sequence[Mapping[str, Any]]
+) -> optuna.Study:
+    """The study `name`, new or as it was left.
+
+    Args:
+        first: parameters of the first trials.
+    """
+    study = optuna.create_study(
+        storage=storage,
+        study_name=name,
+        directions=[objective.best for objective in settings.objective],
+        sampler=Repeatable(settings.sampler, settings.seed),
+        pruner=pruner_for(settings.pruner),
+        load_if_exists=True,
+    )
+    # A stop may have come between two of them.
+    for params in first[len(study.get_trials(deepcopy=False)) :]:
+        study.enqueue_trial(dict(params))
+    return study
+
+
+class Answers(Protocol):
+    """Finds out what candidates are worth."""
+
+    def begin(self, trial: optuna.Trial, candidate: Candidate) -> None:
+        """Take up a candidate of the next batch; work on it may begin."""
+
+    def finish(self) -> None:
+        """Tell the study of all candidates of the batch, in the order of their numbers."""
+
+
+def run_study(
+    study: optuna.Study,
+    space: Space,
+    settings: SearchSettings,
+    answers: Answers,
+    told: Callable[[int], None],
+    timing: Timing,
+) -> None:
+    """Ask and tell until there are as many trials as the settings want.
+
+    Args:
+        told: is told how many trials are finished.
+    """
+    while (batch := _next_batch(study, settings)) is not None:
+        for number in batch:
+            start = time.perf_counter()
+            trial, candidate = _ask(study, space, number)
+            timing.sampler += time.perf_counter() - start
+            answers.begin(trial, candidate)
+        start = time.perf_counter()
+        answers.finish()
+        timing.evaluation += time.perf_counter() - start
+        told(batch[-1] + 1)
+
+
+def _next_batch(study: optuna.Study, settings: SearchSettings) -> list[int] | None:
+    """Numbers of the trials to finish next; None if there are enough."""
+    trials = study.get_trials(deepcopy=False)
+    open_ = [trial.number for trial in trials if not trial.state.is_finished()]
+    first = min(open_, default=len(trials))
+    start = first - first % settings.batch_size
+    end = min(start + settings.batch_size, max(settings.trials, max(open_, default=-1) + 1))
+    finished = {trial.number for trial in trials if trial.state.is_finished()}
+    return [n for n in range(start, end) if n not in finished] or None
+
+
+def _ask(study: optuna.Study, space: Space, number: int) -> tuple[optuna.Trial, Candidate]:
+    """Trial `number`, new, or as a stop left it: what it has been asked for stays."""
+    known = study.get_trials(deepcopy=False)  # by number
+    if number < len(known) and known[number].state == TrialState.RUNNING:
+        trial = optuna.Trial(study, known[number]._trial_id)
+    else:
+        trial = study.ask()
+    rig, values = space.suggest(trial)
+    return trial, Candidate(trial.number, rig, values)
+
+
+def tell(
+    study: optuna.Study,
+    trial: optuna.Trial,
+    assessment: Assessment,
+    values: Sequence[float] | None,
+    failure: str | None = None,
+) -> None:
+    """Tell a trial: constraints, objectives, and what was found.
+
+    Args:
+        values: of all objectives; None: the trial is pruned, or has failed.
+        failure: why it has no value, if something went wrong.
+    """
+    with warnings.catch_warnings(action="ignore", category=UserWarning):
+        # A trial that was stopped while it was told has some of this already.
+        for name, violation in assessment.violations.items():
+            trial.set_constraint(name, violation)
+    trial.set_user_attr(ASSESSMENT, json.dumps(asdict(assessment)))
+    if failure is not None:
+        trial.set_user_attr("failure", failure)
+        study.tell(trial, state=TrialState.FAIL)
+    elif values is None:
+        study.tell(trial, state=TrialState.PRUNED)
+    else:
+        study.tell(trial, list(values))
+
+
+def assessment_of(trial: FrozenTrial) -> Assessment:
+    """What was found of a finished trial."""
+    return Assessment(**json.loads(trial.user_attrs[ASSESSMENT]))
+
+
+def candidate_of(trial: FrozenTrial, space: Space) -> Candidate:
+    """What a finished trial asked about."""
+    rig = space.rig(trial.params.get(NUMBER, space.numbers[0]), trial.params)
+    values = {key: trial.params[key] for key in space.further}
+    return Candidate(trial.number, rig, values)
+
+
+def finished_trials(study: optuna.Study) -> Iterator[FrozenTrial]:
+    """All trials of which something was found, by number."""
+    for trial in study.get_trials(deepcopy=False):
+        if trial.state.is_finished() and ASSESSMENT in trial.user_attrs:
+            yield trial
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Without Optuna's log of every trial."""
+    before = optuna.logging.get_verbosity()
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    try:
+        yield
+    finally:
+        optuna.logging.set_verbosity(before)

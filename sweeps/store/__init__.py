@@ -1,0 +1,1 @@
+"""Results by key, in a folder or at a URL: kept, locked, cleaned, and checkpoints beside them."""

@@ -1,0 +1,69 @@
+"""What lies in a store: its entries, and the files in which sweeps refer to results."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+SWEEPS = "sweeps"
+"""Folder beside the stages: one file a sweep, with the keys that the sweep refers to."""
+
+_NAMES = re.compile(
+    r"(?P<result>[0-9a-f]{24})"
+    r"|\.(?P<working>[0-9a-f]{24})\.working"
+    r"|\.(?P<running>[0-9a-f]{24})\.running"
+    r"|\.(?P<partial>.+)-\d+-[0-9a-f]{8}\.part"
+)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What lies in a stage's folder.
+
+    Attributes:
+        kind: "result"; "working", the checkpoints of an unfinished training; "running", a note
+            that a task runs; or "partial", what a killed process was writing.
+        name: of the folder or file.
+        key: of the task; of "partial" any text.
+        size: bytes.
+    """
+
+    stage: str
+    kind: Literal["result", "working", "running", "partial"]
+    name: str
+    key: str
+    size: int
+
+
+def entry_of(
+    name: str,
+) -> tuple[Literal["result", "working", "running", "partial"], str, str] | None:
+    """Kind, name and key that a name in a stage's folder stands for; None if it is no store's."""
+    found = _NAMES.fullmatch(name)
+    if not found:
+        return None
+    kind: Any = found.lastgroup
+    return kind, name, found[kind]
+
+
+def keys_in(data: bytes, named: object) -> set[str]:
+    """The keys in a sweep's file. Raises ValueError: as good as none would remove its results."""
+    try:
+        keys = json.loads(data)
+    except ValueError:
+        keys = None
+    if not isinstance(keys, list):
+        raise ValueError(
+            f"{named}: expected a list of keys, found {data[:40]!r}; run the sweep again to mend it"
+        )
+    return set(keys)
+
+
+def check_sweeps(names: Iterable[str], store: object, known: Collection[str]) -> None:
+    """Raise ValueError that names the first sweep of which the store knows nothing."""
+    for name in names:
+        if name not in known:
+            raise ValueError(f"{store}: no sweep {name!r}; there are {', '.join(known) or 'none'}")

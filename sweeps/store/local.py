@@ -1,0 +1,257 @@
+"""Results on disk, each in a folder named by the hash of what determines it."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lidarplace.files.atomic import naming, replacing, temporary
+from sweeps.store.checkpoint_attempts import new_attempt
+from sweeps.store.entries import SWEEPS, Entry, check_sweeps, entry_of, keys_in
+from sweeps.store.lock import locked
+from sweeps.store.result_folder import DamagedResult, Value, read_content, read_value, write_result
+from sweeps.store.whole_folder import whole_folder
+from sweeps.tasks.task import Task
+
+
+@dataclass(frozen=True)
+class Store:
+    """A folder of results: `STAGE/KEY/`, and hidden beside them what belongs to running tasks.
+
+    A result is written under a temporary name and renamed, so what is there is whole.
+    """
+
+    folder: Path
+
+    @property
+    def local(self) -> Store:
+        """The results on this machine: all of them."""
+        return self
+
+    def path(self, task: Task) -> Path:
+        """Folder of the task's result."""
+        return self.folder / task.stage / task.key
+
+    def finished(self, tasks: Iterable[Task]) -> set[str]:
+        """Keys of the tasks whose results are there."""
+        tasks = tuple(tasks)
+        names = {stage: self._names(stage) for stage in {task.stage for task in tasks}}
+        return {task.key for task in tasks if task.key in names[task.stage]}
+
+    def has(self, task: Task) -> bool:
+        """Whether the result is there."""
+        return self.path(task).is_dir()
+
+    def save(self, task: Task, value: Mapping[str, Any], seconds: float, **about: Any) -> None:
+        """Write a result. One that is there already stays.
+
+        Args:
+            seconds: that it took.
+            about: further plain data for `record`.
+
+        Raises:
+            OSError: it cannot be written; nothing of it is left.
+            TypeError: an entry that is neither table, array, weights nor plain data.
+        """
+        with self.incoming(task) as folder:
+            write_result(folder, value, {"label": task.label, "seconds": seconds} | about)
+
+    def load(self, task: Task, names: Collection[str] | None = None) -> Value:
+        """Read a result, or its entries of these names. Large arrays are mapped, read-only.
+
+        Raises:
+            FileNotFoundError: there is no result.
+            KeyError: it has no entries of these names.
+            DamagedResult: it is not what was written, and is removed.
+        """
+        folder = self.path(task)
+        with _removed_if_damaged(folder):
+            value = read_value(folder, names)
+        with suppress(OSError):  # a disk may be read-only; the time is for cleaning alone
+            os.utime(folder)
+        return value
+
+    def record(self, task: Task) -> Mapping[str, Any]:
+        """What `save` was told about the result: "label", "seconds" and the rest.
+
+        Raises:
+            FileNotFoundError, DamagedResult: as `load` does.
+        """
+        folder = self.path(task)
+        with _removed_if_damaged(folder):
+            record: Mapping[str, Any] = read_content(folder)["record"]
+        return record
+
+    def seconds(self, task: Task) -> float:
+        """Seconds that the result took when it was computed."""
+        return float(self.record(task)["seconds"])
+
+    def incoming(self, task: Task) -> AbstractContextManager[Path]:
+        """An empty folder that becomes the task's result, unless that is there by then."""
+        return whole_folder(self.path(task))
+
+    @contextmanager
+    def working_folder(self, task: Task) -> Iterator[Path]:
+        """A new folder for a task's checkpoints, with those of the latest attempt in it.
+
+        What the block leaves there is kept until `discard`. Files have to be replaced in one step,
+        as `replacing` does.
+        """
+        yield new_attempt(self.attempts(task))
+
+    def attempts(self, task: Task) -> Path:
+        """Folder of the attempts at an unfinished task, see `checkpoint_attempts`."""
+        return self._hidden(task, "working")
+
+    def discard(self, task: Task) -> None:
+        """Remove the checkpoints and the note of a task whose result is there."""
+        _remove(self.attempts(task))
+        self._hidden(task, "running").unlink(missing_ok=True)
+
+    @contextmanager
+    def running(self, task: Task, about: Mapping[str, Any]) -> Iterator[None]:
+        """Leave a note while the block runs. It stays if the process is killed."""
+        note = self.note(task)
+        note.parent.mkdir(parents=True, exist_ok=True)
+        partial = temporary(note)  # as `write_text` does, but a note need not outlast the machine
+        with naming(note):
+            partial.write_text(json.dumps(dict(about)), encoding="utf-8")
+            partial.replace(note)
+        try:
+            yield
+        finally:
+            note.unlink(missing_ok=True)
+
+    def note(self, task: Task) -> Path:
+        """File of the note that a task runs."""
+        return self._hidden(task, "running")
+
+    def running_notes(self, tasks: Iterable[Task]) -> dict[str, Mapping[str, Any]]:
+        """Notes by key, also those of killed processes. One that is not whole is left out."""
+        notes = {}
+        for task in self._noted(tasks):
+            # It has ended since, or its machine lost power before the note was on the disk.
+            with suppress(FileNotFoundError, ValueError):
+                notes[task.key] = json.loads(self.note(task).read_text(encoding="utf-8"))
+        return notes
+
+    def end_running(self, tasks: Iterable[Task]) -> None:
+        """Remove the notes of tasks: what a killed process left."""
+        for task in self._noted(tasks):
+            self.note(task).unlink(missing_ok=True)
+
+    def refer(self, name: str, keys: Collection[str]) -> None:
+        """Note what the sweep `name` refers to, in place of what it referred to before."""
+        path = self.sweep_file(name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_text(path, json.dumps(sorted(keys)))
+
+    def sweep_file(self, name: str) -> Path:
+        """File of what the sweep `name` refers to."""
+        return self.folder / SWEEPS / f"{name}.json"
+
+    def references(self) -> dict[str, set[str]]:
+        """Keys that each sweep refers to. Raises ValueError that names a damaged file."""
+        paths = sorted((self.folder / SWEEPS).glob("*.json"))
+        return {path.stem: keys_in(path.read_bytes(), path) for path in paths}
+
+    def forget(self, *names: str) -> None:
+        """Refer to nothing in the names of sweeps.
+
+        Raises:
+            ValueError: there is no sweep of one of the names; all stay as they are.
+        """
+        known = sorted(path.stem for path in (self.folder / SWEEPS).glob("*.json"))
+        check_sweeps(names, self.folder, known)
+        for name in names:
+            self.sweep_file(name).unlink(missing_ok=True)
+
+    def contents(self) -> list[Entry]:
+        """All that lies in the folders of the stages, with sizes; nothing that is not a store's."""
+        return [
+            Entry(stage.name, *named, _size(path))
+            for stage in sorted(self.folder.glob("[!.]*/"))
+            for path in sorted(stage.iterdir())
+            if (named := entry_of(path.name))
+        ]
+
+    def last_used(self, entry: Entry) -> float:
+        """When a result was last loaded or stored, in seconds of this machine's clock."""
+        return (self.folder / entry.stage / entry.name).stat().st_mtime
+
+    def remove(self, entry: Entry) -> None:
+        """Remove an entry, in one step for who looks for it."""
+        _remove(self.folder / entry.stage / entry.name)
+
+    def in_use(self) -> AbstractContextManager[None]:
+        """Keep cleaning away while the block runs; drivers may be many."""
+        return locked(self.folder, alone=False)
+
+    def exclusive(self) -> AbstractContextManager[None]:
+        """Keep drivers away while the block runs. Raises ValueError while there is one."""
+        return locked(self.folder, alone=True)
+
+    def _hidden(self, task: Task, kind: str) -> Path:
+        return self.folder / task.stage / f".{task.key}.{kind}"
+
+    def _noted(self, tasks: Iterable[Task]) -> list[Task]:
+        """Those of the tasks that have a note."""
+        tasks = tuple(tasks)
+        names = {stage: self._names(stage) for stage in {task.stage for task in tasks}}
+        return [task for task in tasks if self.note(task).name in names[task.stage]]
+
+    def _names(self, stage: str) -> set[str]:
+        """All names in a stage's folder: one listing, however many tasks."""
+        try:
+            return set(os.listdir(self.folder / stage))
+        except FileNotFoundError:
+            return set()
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file under a temporary name and rename it."""
+    with replacing(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+
+
+@contextmanager
+def _removed_if_damaged(folder: Path) -> Iterator[None]:
+    """Remove a result in which the block finds a damage, which goes on from there."""
+    try:
+        yield
+    except DamagedResult as error:
+        try:
+            _remove(folder)
+        except OSError as why:
+            raise OSError(why.errno, f"{error}, but: {why.strerror}") from None
+        raise
+
+
+def _remove(path: Path) -> None:
+    """Rename a folder or file away, then remove it: nobody finds half of it under its name."""
+    away = path if path.suffix == ".part" else temporary(path)
+    try:
+        path.rename(away)
+    except FileNotFoundError:
+        return
+    if away.is_dir():
+        shutil.rmtree(away)
+    else:
+        away.unlink()
+
+
+def _size(path: Path) -> int:
+    """Bytes of a file, or of all files under a folder. What goes meanwhile counts nothing."""
+    if path.is_dir():
+        found = os.walk(path)
+        return sum(_size(Path(folder, name)) for folder, _, names in found for name in names)
+    try:
+        return path.stat().st_size
+    except FileNotFoundError:
+        return 0

@@ -1,0 +1,299 @@
+"""Results at a URL that fsspec knows (s3://, gs://, az://, …), with a folder of copies here."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from fsspec import AbstractFileSystem
+from fsspec.core import url_to_fs
+
+from lidarplace.files.secret_urls import public_url
+from sweeps.store.checkpoint_mirror import fetch, mirrored
+from sweeps.store.entries import SWEEPS, Entry, check_sweeps, entry_of, keys_in
+from sweeps.store.local import Store
+from sweeps.store.remote_files import put_whole
+from sweeps.store.result_folder import (
+    RECORD,
+    DamagedResult,
+    Value,
+    check_files,
+    damaged,
+    parse_content,
+    read_content,
+)
+from sweeps.tasks.task import Task
+
+
+@dataclass(frozen=True)
+class RemoteStore:
+    """A store at a URL. What is loaded is copied to `cache` first and read from there.
+
+    An object store cannot rename, so a result's files lie at `STAGE/KEY/ID/`, with an ID of their
+    own for every writer, and `STAGE/KEY/result.json` comes last: with it the result is there.
+
+    Attributes:
+        url: of the store; the same for all machines.
+        cache: folder on the machine at hand.
+    """
+
+    url: str
+    cache: Path
+
+    @property
+    def shown(self) -> str:
+        """The URL without its secrets."""
+        return public_url(self.url)
+
+    @property
+    def local(self) -> Store:
+        """The copies on this machine."""
+        return Store(self.cache)
+
+    def path(self, task: Task) -> Path:
+        """Folder of the copy of the task's result."""
+        return self.local.path(task)
+
+    def finished(self, tasks: Iterable[Task]) -> set[str]:
+        """Keys of the tasks whose results are there."""
+        tasks = tuple(tasks)
+        names = {stage: self.find(stage) for stage in {task.stage for task in tasks}}
+        return {task.key for task in tasks if f"{task.key}/{RECORD}" in names[task.stage]}
+
+    def has(self, task: Task) -> bool:
+        """Whether the result is there; a copy alone does not count, others cannot read it."""
+        filesystem, root = self._remote()
+        return bool(filesystem.exists(f"{root}/{task.stage}/{task.key}/{RECORD}"))
+
+    def save(self, task: Task, value: Mapping[str, Any], seconds: float, **about: Any) -> None:
+        """Write a result here and there, see `Store.save`. One that is there already stays."""
+        with suppress(FileNotFoundError, DamagedResult):
+            self.local.load(task)  # a copy of before stays only if it is whole
+        self.local.save(task, value, seconds, **about)
+        if self.has(task):
+            return
+        filesystem, root = self._remote()
+        folder, target = self.path(task), f"{root}/{task.stage}/{task.key}"
+        content = read_content(folder)
+        if content["files"]:
+            filesystem.put(
+                [str(folder / name) for name in content["files"]],
+                [f"{target}/{content['id']}/{name}" for name in content["files"]],
+            )
+        put_whole(filesystem, folder / RECORD, f"{target}/{RECORD}")
+
+    def load(self, task: Task, names: Collection[str] | None = None) -> Value:
+        """Read a result, see `Store.load`; all its files are copied here first.
+
+        A damaged copy is replaced once. If that is damaged too, so is what it was copied from.
+        """
+        copied = self.local.has(task)
+        try:
+            if not copied:
+                self._copy_here(task)
+            return self.local.load(task, names)
+        except DamagedResult as error:
+            if not copied:
+                self._remove_result(f"{task.stage}/{task.key}")
+                raise
+            logging.getLogger(__name__).warning("%s from %s", error, self.shown)
+        return self.load(task, names)
+
+    def record(self, task: Task) -> Mapping[str, Any]:
+        """What `save` was told about the result, see `Store.record`."""
+        with suppress(FileNotFoundError, DamagedResult):
+            return self.local.record(task)
+        place = f"{task.stage}/{task.key}"
+        content = parse_content(self._read(f"{place}/{RECORD}"))
+        if content is None:
+            self._remove_result(place)
+            raise damaged(f"{self.shown}/{place}", f"{RECORD} is not what was written")
+        record: Mapping[str, Any] = content["record"]
+        return record
+
+    def seconds(self, task: Task) -> float:
+        """Seconds that the result took when it was computed."""
+        return float(self.record(task)["seconds"])
+
+    @contextmanager
+    def working_folder(self, task: Task) -> Iterator[Path]:
+        """A new folder here for a task's checkpoints, see `Store.working_folder`.
+
+        It is copied there every few seconds, so that another machine can go on.
+        """
+        filesystem, root = self._remote()
+        attempts = self.local.attempts(task)
+        place = f"{root}/{task.stage}/{attempts.name}"
+        fetch(filesystem, place, attempts)
+        with (
+            self.local.working_folder(task) as folder,
+            mirrored(folder, filesystem, f"{place}/{folder.name}"),
+        ):
+            yield folder
+
+    def discard(self, task: Task) -> None:
+        """Remove the checkpoints and the note of a task whose result is there."""
+        self.local.discard(task)
+        if task.resumable:
+            self._remove(f"{task.stage}/{self.local.attempts(task).name}")
+        self._remove_file(f"{task.stage}/{self.local.note(task).name}")
+
+    @contextmanager
+    def running(self, task: Task, about: Mapping[str, Any]) -> Iterator[None]:
+        """Leave a note while the block runs. It stays if the process is killed."""
+        note = self.local.note(task)
+        with self.local.running(task, about):
+            self._put(note, f"{task.stage}/{note.name}")
+            try:
+                yield
+            finally:
+                self._remove_file(f"{task.stage}/{note.name}")
+
+    def running_notes(self, tasks: Iterable[Task]) -> dict[str, Mapping[str, Any]]:
+        """Notes by key, also those of killed processes. One that is not whole is left out."""
+        notes = {}
+        for key, place in self._noted(tasks).items():
+            with suppress(FileNotFoundError, ValueError):  # see `Store.running_notes`
+                notes[key] = json.loads(self._read(place))
+        return notes
+
+    def end_running(self, tasks: Iterable[Task]) -> None:
+        """Remove the notes of tasks: what a killed process left."""
+        tasks = tuple(tasks)
+        self.local.end_running(tasks)
+        for place in self._noted(tasks).values():
+            self._remove_file(place)
+
+    def refer(self, name: str, keys: Collection[str]) -> None:
+        """Note what the sweep `name` refers to, in place of what it referred to before."""
+        self.local.refer(name, keys)
+        self._put(self.local.sweep_file(name), f"{SWEEPS}/{name}.json")
+
+    def references(self) -> dict[str, set[str]]:
+        """Keys that each sweep refers to. Raises ValueError that names a damaged file."""
+        return {
+            name: keys_in(self._read(f"{SWEEPS}/{name}.json"), f"{self.shown}/{SWEEPS}/{name}.json")
+            for name in self._sweeps()
+        }
+
+    def forget(self, *names: str) -> None:
+        """Refer to nothing in the names of sweeps, see `Store.forget`."""
+        check_sweeps(names, self.shown, self._sweeps())
+        for name in names:
+            self._remove_file(f"{SWEEPS}/{name}.json")
+            self.local.sweep_file(name).unlink(missing_ok=True)
+
+    def contents(self) -> list[Entry]:
+        """All that lies in the folders of the stages, with sizes; nothing that is not a store's."""
+        sizes: dict[tuple[str, str], int] = {}
+        files = self.find("")
+        for path, size in files.items():
+            stage, _, rest = path.partition("/")
+            place = stage, rest.partition("/")[0]
+            sizes[place] = sizes.get(place, 0) + size
+        entries = []
+        for (stage, name), size in sorted(sizes.items()):
+            if not (named := entry_of(name)):
+                continue
+            entry = Entry(stage, *named, size)
+            whole = entry.kind != "result" or f"{stage}/{name}/{RECORD}" in files
+            entries.append(entry if whole else replace(entry, kind="partial"))
+        return entries
+
+    def last_used(self, entry: Entry) -> float:
+        """When a result was stored, in seconds of the remote clock; loading leaves no trace."""
+        filesystem, root = self._remote()
+        modified = filesystem.modified(f"{root}/{entry.stage}/{entry.name}/{RECORD}")
+        return float(modified.timestamp())
+
+    def remove(self, entry: Entry) -> None:
+        """Remove an entry."""
+        place = f"{entry.stage}/{entry.name}"
+        if entry.kind == "result":
+            self._remove_result(place)
+        else:
+            self._remove(place)
+
+    def in_use(self) -> AbstractContextManager[None]:
+        """Keep cleaning away from the copies on this machine while the block runs."""
+        return self.local.in_use()
+
+    def exclusive(self) -> AbstractContextManager[None]:
+        """Always raises ValueError: sweeps on other machines cannot be seen."""
+        raise ValueError(
+            f"{self.shown} has no lock that tells whether a sweep uses it; "
+            "if none does, say so with --unlocked"
+        )
+
+    def _remote(self) -> tuple[AbstractFileSystem, str]:
+        """The filesystem and the store's place on it. Each thread gets its own from fsspec."""
+        filesystem, root = url_to_fs(self.url)
+        filesystem.invalidate_cache()  # other machines write too
+        return filesystem, root.rstrip("/")
+
+    def find(self, place: str) -> dict[str, int]:
+        """Sizes of all files under a place, by path from there; one listing."""
+        filesystem, root = self._remote()
+        prefix = f"{root}/{place}".rstrip("/") + "/"
+        found = filesystem.find(prefix, detail=True)
+        return {path.removeprefix(prefix): int(info["size"]) for path, info in found.items()}
+
+    def _sweeps(self) -> list[str]:
+        """Names of the sweeps that refer to something."""
+        found = self.find(SWEEPS)
+        return [path.removesuffix(".json") for path in found if path.endswith(".json")]
+
+    def _noted(self, tasks: Iterable[Task]) -> dict[str, str]:
+        """Places of the notes of those of the tasks that have one, by key."""
+        places = {task: f"{task.stage}/{self.local.note(task).name}" for task in tasks}
+        stages = {task.stage for task in places}
+        there = {f"{stage}/{name}" for stage in stages for name in self.find(stage)}
+        return {task.key: place for task, place in places.items() if place in there}
+
+    def _copy_here(self, task: Task) -> None:
+        filesystem, root = self._remote()
+        place = f"{task.stage}/{task.key}"
+        with self.local.incoming(task) as folder:
+            filesystem.get_file(f"{root}/{place}/{RECORD}", str(folder / RECORD))
+            content = parse_content((folder / RECORD).read_bytes())
+            if content is None:
+                raise damaged(f"{self.shown}/{place}", f"{RECORD} is not what was written")
+            files = content["files"]
+            try:
+                if files:
+                    filesystem.get(
+                        [f"{root}/{place}/{content['id']}/{name}" for name in files],
+                        [str(folder / name) for name in files],
+                    )
+            except FileNotFoundError:
+                raise damaged(f"{self.shown}/{place}", "a file is missing") from None
+            check_files(folder, files, (), f"{self.shown}/{place}")  # digests when they are read
+
+    def _put(self, path: Path, place: str) -> None:
+        filesystem, root = self._remote()
+        put_whole(filesystem, path, f"{root}/{place}")
+
+    def _read(self, place: str) -> bytes:
+        filesystem, root = self._remote()
+        data: bytes = filesystem.cat_file(f"{root}/{place}")
+        return data
+
+    def _remove_file(self, place: str) -> None:
+        filesystem, root = self._remote()
+        with suppress(FileNotFoundError):
+            filesystem.rm_file(f"{root}/{place}")
+
+    def _remove_result(self, place: str) -> None:
+        """First what says that it is there."""
+        self._remove_file(f"{place}/{RECORD}")
+        self._remove(place)
+
+    def _remove(self, place: str) -> None:
+        filesystem, root = self._remote()
+        with suppress(FileNotFoundError):
+            filesystem.rm(f"{root}/{place}", recursive=True)

@@ -1,0 +1,31 @@
+"""Files of sweeps and of searches, for commands that take both."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from lidarplace.configuration.yaml import YamlError, read_yaml_file
+from sweeps.configuration.grid import Sweep, read_sweep
+
+
+def is_search(path: Path) -> bool:
+    """Whether a file describes a search. What is wrong with a file is told by who reads it."""
+    try:
+        content = read_yaml_file(path)
+    except (OSError, YamlError):
+        return False
+    return isinstance(content, dict) and "search" in content
+
+
+def read_either(path: Path, overrides: Sequence[str] = ()) -> Sweep:
+    """The sweep of a file; of a search one that has its scene, store and output.
+
+    Raises:
+        ConfigError: anything wrong with the file, a key or a value.
+    """
+    if not is_search(path):
+        return read_sweep(path, overrides)
+    from sweeps.search.problem.problem import read_problem  # Optuna
+
+    return read_problem(path, overrides).sweep()

@@ -1,0 +1,189 @@
+"""A version of the code that a function can run: what else is edited leaves results cached.
+
+From a function, every definition that its names lead to is followed through the packages of this
+project: functions, classes, constants, numba kernels, imports within functions. Hashed is what
+they say to Python, see `sweeps.tasks.source`. Definitions are told apart by what they say and by
+what their names lead to, not by the file that they are in: moving one to another file, with the
+imports that this takes, changes nothing.
+
+What Python finds out only as it runs is answered for all it can be: a class counts with all its
+methods, and a module imported by a name put together at run time as every module that it can be,
+unless a root says which. Versions of other packages do not count.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Collection, Iterator, Mapping
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+
+from sweeps.tasks.source import Definition, Source, read_source
+
+PACKAGES = ("lidarplace", "training", "tracking", "sweeps")
+
+_Node = tuple[str, str | None]
+"""Module and name; None: what importing the module does besides."""
+_Edges = dict[_Node, set[tuple[str, _Node | str]]]
+"""Of every node that counts the names in it, each with its node, or its path if it is not ours."""
+
+
+class Code:
+    """The sources of some packages; each file is read once.
+
+    Args:
+        packages: name -> folder.
+    """
+
+    def __init__(self, packages: Mapping[str, Path]) -> None:
+        self._packages = dict(packages)
+        self._sources: dict[str, Source] = {}
+
+    def version(self, *roots: str) -> str:
+        """Hash of all that `roots` can run.
+
+        Args:
+            roots: dotted paths of functions, classes, constants or modules; a module counts as a
+                whole, and with a function the types that its arguments are annotated with. A root
+                in a package of which a module is imported by a name put together at run time says
+                that it is this one.
+
+        Raises:
+            ValueError: a path leads nowhere, or a source imports in a way that is not followed.
+        """
+        edges = self._closure(roots)
+        colours: dict[_Node | str, str] = {node: self._definition(node).says for node in edges}
+        # Colour refinement: nodes that say the same differ if what their names lead to differs.
+        while True:
+            refined: dict[_Node | str, str] = {
+                node: _hash(
+                    colours[node],
+                    *sorted(f"{name} {colours.get(to, str(to))}" for name, to in uses),
+                )
+                for node, uses in edges.items()
+            }
+            settled = len(set(refined.values())) == len(set(colours.values()))
+            colours = refined
+            if settled:
+                first = {colours[node] for root in roots for node in self._nodes(root)}
+                return _hash(*sorted(first), *sorted(set(colours.values())))
+
+    def _closure(self, roots: Collection[str]) -> _Edges:
+        edges: _Edges = {}
+        run: set[str] = set()
+        first = set[_Node]()
+        for root in roots:
+            nodes = set(self._nodes(root))
+            if not nodes:
+                raise ValueError(f"{root} is not in {', '.join(self._packages)}")
+            first |= nodes
+        open_ = list(first)
+        while open_:
+            node = open_.pop()
+            if node in edges:
+                continue
+            edges[node] = set()
+            definition = self._definition(node)
+            for module in (node[0], *definition.runs):
+                open_ += self._effects_of_running(module, run)
+            takes = definition.takes if node in first else frozenset()
+            for name, path in definition.uses | takes:
+                if path.endswith("*") and any(root.startswith(path[:-1]) for root in roots):
+                    continue
+                ours = list(self._nodes(path))
+                edges[node] |= {(name, to) for to in ours} or {(name, path)}
+                open_ += ours
+        return edges
+
+    def _effects_of_running(self, path: str, run: set[str]) -> list[_Node]:
+        """What else runs when a module is imported, but for modules in `run`, which it joins."""
+        open_, found = [path], list[_Node]()
+        while open_:
+            for module in self._modules_on(open_.pop()):
+                if module not in run:
+                    run.add(module)
+                    source = self._source(module)
+                    open_ += source.runs
+                    found += [(module, None)] if source.effects else []
+        return found
+
+    def _nodes(self, path: str) -> Iterator[_Node]:
+        """What a dotted path leads to: one definition, all of a module, nothing if not ours."""
+        package, *_ = path.split(".")
+        if package not in self._packages:
+            return
+        if path.endswith(".*"):
+            for module in self._modules_in(path[:-2]):
+                yield from self._nodes(module)
+            return
+        module = self._modules_on(path)[-1]
+        source = self._source(module)
+        name, _, rest = path.removeprefix(module).removeprefix(".").partition(".")
+        if name in source.definitions:
+            yield module, name
+        elif name in source.imports:
+            yield from self._nodes(".".join(filter(None, [source.imports[name], rest])))
+        elif name:
+            raise ValueError(f"{path}: there is no {name} in {self._file(module)}")
+        else:
+            yield from ((module, own) for own in source.definitions)
+            for target in source.imports.values():
+                if not self._file(target):
+                    yield from self._nodes(target)
+
+    def _modules_on(self, path: str) -> list[str]:
+        """The modules of ours among a dotted path and its parents, outermost first."""
+        parts = path.removesuffix(".*").split(".")
+        paths = [".".join(parts[:count]) for count in range(1, len(parts) + 1)]
+        return [module for module in paths if self._file(module)]
+
+    def _modules_in(self, package: str) -> list[str]:
+        first, *rest = package.split(".")
+        files = self._packages[first].joinpath(*rest).glob("[!_]*.py")
+        return [f"{package}.{file.stem}" for file in sorted(files)]
+
+    def _file(self, module: str) -> Path | None:
+        first, *rest = module.split(".")
+        if first not in self._packages:
+            return None
+        stem = self._packages[first].joinpath(*rest)
+        for path in (stem / "__init__.py", stem.with_suffix(".py")):
+            if path.is_file():
+                return path
+        return None
+
+    def _definition(self, node: _Node) -> Definition:
+        module, name = node
+        source = self._source(module)
+        found = source.definitions[name] if name else source.effects
+        assert found is not None
+        return found
+
+    def _source(self, module: str) -> Source:
+        if module not in self._sources:
+            file = self._file(module)
+            assert file is not None
+            self._sources[module] = read_source(file, module)
+        return self._sources[module]
+
+
+@cache
+def code_version(*roots: str) -> str:
+    """`Code.version` of the sources that this process runs."""
+    return _own_code().version(*roots)
+
+
+@cache
+def _own_code() -> Code:
+    folders = {}
+    for name in PACKAGES:
+        spec = find_spec(name)
+        assert spec is not None
+        assert spec.submodule_search_locations
+        folders[name] = Path(spec.submodule_search_locations[0])
+    return Code(folders)
+
+
+def _hash(*parts: str) -> str:
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()

@@ -1,0 +1,172 @@
+"""What each stage depends on, besides the results that it starts from: a frozen class per stage.
+
+A field is annotated with the key paths of the configuration that decide it, so that a task is named
+after the axes of the grid that make a difference to it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Any, get_type_hints
+
+from lidarplace import Placement, Roi
+from lidarplace.coverage import Method
+from lidarplace.lidar.clouds import Crop
+from lidarplace.roi import Interval
+from lidarplace.scenes.recorded import LogScene
+from lidarplace.scenes.sumo.settings import SumoScene, TownRun
+from training.settings import TrainingSettings
+
+
+def keys_of(params: Any) -> frozenset[str]:
+    """Key paths of the configuration that decide the parameters of a stage."""
+    kind: Any = type(params)
+    return _keys_of(kind)
+
+
+@lru_cache
+def _keys_of(kind: Any) -> frozenset[str]:
+    hints = get_type_hints(kind, include_extras=True).values()
+    return frozenset(key for hint in hints for key in getattr(hint, "__metadata__", ()))
+
+
+@dataclass(frozen=True)
+class LogParams:
+    """A box log that is read.
+
+    Attributes:
+        digest: hash of its content: another log in the same folder is another scene.
+    """
+
+    scene: Annotated[LogScene, "scene"]
+    digest: str
+
+
+@dataclass(frozen=True)
+class SimulationParams:
+    """One simulation of traffic.
+
+    Attributes:
+        scene: with the default number of towns, routes and egos: `run` tells its own.
+        map: SHA-256 of the town's map; None for a generated town.
+    """
+
+    scene: Annotated[SumoScene, "scene"]
+    run: TownRun
+    map: str | None
+
+
+@dataclass(frozen=True)
+class GroundTruthParams:
+    """Where objects count, metres in the ego frame, and the seed of their shapes."""
+
+    x: Annotated[Interval, "roi"]
+    y: Annotated[Interval, "roi"]
+    z: Annotated[Interval, "roi"]
+    seed: Annotated[int, "scene"]
+
+
+@dataclass(frozen=True)
+class PogParams:
+    """Voxels, and the classes of which each has a grid."""
+
+    roi: Annotated[Roi, "roi", "surrogate.resolution"]
+    classes: Annotated[tuple[str, ...], "classes"]
+
+
+@dataclass(frozen=True)
+class SurrogateParams:
+    """The rig, and which surrogates are computed how; `fitted_q`: of `expected_ig_by_q`."""
+
+    placement: Annotated[Placement, "placement", "lidar"]
+    names: Annotated[tuple[str, ...], "surrogate.names"]
+    method: Annotated[Method, "surrogate.method"]
+    detection_probability: Annotated[float, "surrogate.detection_probability"]
+    occlusion: Annotated[bool, "surrogate.occlusion"]
+    fitted_q: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class AccuracyParams:
+    """The rig, and what is compared: see `lidarplace.surrogates.error_against_time`."""
+
+    placement: Annotated[Placement, "placement", "lidar"]
+    roi: Annotated[Roi, "roi", "surrogate.resolution"]
+    detection_probability: Annotated[float, "surrogate.detection_probability"]
+    occlusion: Annotated[bool, "surrogate.occlusion"]
+    object_class: Annotated[str, "classes"]
+    resolutions: tuple[float, ...]
+    azimuth_steps: tuple[int, ...]
+    frame_shares: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class SamplingErrorParams:
+    """The rig, and the surrogates whose spread is asked for."""
+
+    placement: Annotated[Placement, "placement", "lidar"]
+    roi: Annotated[Roi, "roi", "surrogate.resolution"]
+    detection_probability: Annotated[float, "surrogate.detection_probability"]
+    occlusion: Annotated[bool, "surrogate.occlusion"]
+    classes: Annotated[tuple[str, ...], "classes"]
+    method: Annotated[Method, "surrogate.method"]
+
+
+@dataclass(frozen=True)
+class CollectParams:
+    """How the clouds of a split are simulated.
+
+    Attributes:
+        placement: with quirks and fewer azimuth steps, if the collection has them.
+        crop: lowest x, y, z and highest x, y, z that points are kept in, metres.
+        seed: of shapes, drop-off and range noise.
+    """
+
+    placement: Annotated[Placement, "placement", "lidar"]
+    misaligned_heights: Annotated[bool, "lidar.misaligned_heights"]
+    seed: Annotated[int, "scene"]
+    split: str
+    crop: Annotated[Crop, "roi", "placement", "lidar"]
+
+
+@dataclass(frozen=True)
+class RecordedParams:
+    """The folder of clouds of a rig that were recorded, and the hash of their content."""
+
+    folder: Annotated[Path, "placement", "scene"]
+    digest: str
+    split: str
+    crop: Annotated[Crop, "roi", "placement", "lidar"]
+
+
+@dataclass(frozen=True)
+class NetworkParams:
+    """A detector, what it detects, and how it is trained and selects boxes.
+
+    Attributes:
+        point_range: the crop of the clouds.
+    """
+
+    detector: str
+    classes: tuple[str, ...]
+    training: TrainingSettings
+    point_range: Crop
+
+
+@dataclass(frozen=True)
+class TrainingParams(NetworkParams):
+    """Further the seed, and the SHA-256 of the checkpoint that is started from, if any."""
+
+    seed: int
+    checkpoint: str | None
+
+
+@dataclass(frozen=True)
+class ProbeParams(NetworkParams):
+    """Further the device, since another one tells nothing, and the share of it that is tried."""
+
+    checkpoint: str | None
+    device: str
+    gpu_share: float

@@ -1,0 +1,369 @@
+"""The stages of a sweep: functions from parameters and earlier results to a result.
+
+They know nothing of Ray, of the store or of the grid. Parameters are frozen classes, which can be
+hashed; a result is a dictionary of tables, arrays and plain data, which can be stored.
+
+scene -> ground_truth, pog -> surrogates
+scene -> accuracy, sampling_error
+scene -> collect -> finetune -> evaluate
+scene -> collect -> pretrain
+scene -> collect -> probe: how much memory a training needs
+
+A scene may be recorded in parts; `*logs` are all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from cachetools import LRUCache, cached
+
+from lidarplace import (
+    OccupancyGrid,
+    Roi,
+    evaluate_classes,
+    expected_ig_by_q,
+)
+from lidarplace.box_log import BoxLog, join_logs
+from lidarplace.lidar.clouds import JoinedClouds, PointClouds
+from lidarplace.surrogates.evaluate import FAINT_Q, linear_share
+from lidarplace.surrogates.formulas import RAY_SURROGATES
+from sweeps.tasks.parameters import (
+    AccuracyParams,
+    CollectParams,
+    GroundTruthParams,
+    LogParams,
+    NetworkParams,
+    PogParams,
+    ProbeParams,
+    RecordedParams,
+    SamplingErrorParams,
+    SimulationParams,
+    SurrogateParams,
+    TrainingParams,
+)
+
+Value = dict[str, Any]
+
+
+def scene(params: LogParams | SimulationParams) -> Value:
+    """Record one simulation of traffic, or read a box log: its three tables."""
+    if isinstance(params, LogParams):
+        log = params.scene.read()
+    else:
+        from lidarplace.scenes.sumo.record import record_town  # needs SUMO
+
+        log = record_town(params.scene, params.run)
+    return {"boxes": log.boxes, "frames": log.frames, "buildings": log.buildings}
+
+
+def ground_truth(params: GroundTruthParams, log: Value) -> Value:
+    """Objects of every frame that count, the same for every placement, and all frames."""
+    from lidarplace.lidar.visibility import ground_truth as visible_objects
+
+    recorded = box_log(log)
+    objects = visible_objects(recorded, params.x, params.y, params.z, seed=params.seed)
+    return {"objects": objects, "frames": recorded.frames[["scene", "frame", "route", "split"]]}
+
+
+def pog(params: PogParams, *logs: Value) -> Value:
+    """Occupancy by every class over the frames of the training split.
+
+    Test frames stay out: a surrogate predicts how a placement will do on what was not seen.
+    """
+    roi = params.roi
+    boxes, frames = _training_log(logs)
+    grids = OccupancyGrid.by_class(boxes, roi, params.classes, frames=len(frames))
+    value: Value = {"classes": list(grids), "frames": len(frames), "roi": asdict(params.roi)}
+    for object_class, grid in grids.items():
+        value[f"counts_{object_class}"] = grid.counts
+        # Not `grid.entropy`, which would stay in memory for every class.
+        entropy = grid.entropy_of_count[grid.counts]
+        value[f"from_above_{object_class}"] = entropy.sum(axis=2).astype(np.float32)
+    return value
+
+
+def surrogates(params: SurrogateParams, pog: Value) -> Value:
+    """All surrogates asked for, for every class.
+
+    `by_q` is `expected_ig` without occlusion for many q, from which one is fitted to measured AP;
+    it is there if `expected_ig` is asked for, and so is `linear_share` in that surrogate's rows.
+    """
+    placement = params.placement
+    grids = grids_of(pog)
+    names = params.names
+    results = evaluate_classes(
+        grids,
+        placement,
+        method=params.method,
+        surrogates=[name for name in names if name in RAY_SURROGATES],
+        detection_probability=params.detection_probability,
+        occlusion=params.occlusion,
+    )
+    rows = [
+        (object_class, name, float(getattr(result, name)), params.method, result.seconds)
+        for object_class, result in results.items()
+        for name in (*names, *(["covered_voxels"] if "m_sog" in names else []))
+    ]
+    columns = ["class", "surrogate", "value", "method", "seconds"]
+    table = pd.DataFrame(rows, columns=columns)
+    value: Value = {"table": table}
+    if "expected_ig" in names:
+        q = params.detection_probability
+        by_q = expected_ig_by_q(grids, placement, [*params.fitted_q, q, FAINT_Q])
+        share = table["class"].map(linear_share(by_q, q))
+        table["linear_share"] = share.where(table["surrogate"] == "expected_ig")
+        by_q = by_q[list(params.fitted_q)].rename_axis("class").reset_index()
+        value["by_q"] = by_q.melt("class", var_name="q", value_name="expected_ig")
+    return value
+
+
+def accuracy(params: AccuracyParams, *logs: Value) -> Value:
+    """Surrogates of one class against seconds: methods, resolutions, azimuth steps, frames."""
+    from lidarplace.surrogates.error_against_time import accuracy as compare
+
+    boxes, frames = _training_log(logs)
+    table = compare(
+        boxes,
+        frames,
+        params.roi,
+        [params.object_class],
+        [params.placement],
+        resolutions=params.resolutions,
+        azimuth_steps=params.azimuth_steps,
+        frame_shares=params.frame_shares,
+        detection_probability=params.detection_probability,
+        occlusion=params.occlusion,
+    )
+    return {"table": table.drop(columns="placement")}
+
+
+def sampling_error(params: SamplingErrorParams, *logs: Value) -> Value:
+    """Intervals of the surrogates: the frames of the POG drawn again in blocks.
+
+    Empty for a single frame, which has no spread.
+    """
+    from lidarplace.surrogates.sampling_error import pog_sampling_error
+
+    boxes, frames = _training_log(logs)
+    if len(frames) < 2:
+        return {"estimates": pd.DataFrame(), "resamples": pd.DataFrame()}
+    found = pog_sampling_error(
+        boxes,
+        frames,
+        params.roi,
+        params.classes,
+        params.placement,
+        params.method,
+        detection_probability=params.detection_probability,
+        occlusion=params.occlusion,
+    )
+    return {"estimates": found.estimates, "resamples": found.resamples}
+
+
+def collect(params: CollectParams | RecordedParams, log: Value) -> Value:
+    """Point clouds of one split under one placement, and the points on every object."""
+    from lidarplace.lidar.collect import collect as collect_clouds
+    from lidarplace.lidar.points_in_boxes import count_points_per_object
+    from lidarplace.lidar.recorded import recorded_clouds
+
+    recorded = box_log(log)
+    frames = recorded.frames.loc[recorded.frames["split"] == params.split, "frame"]
+    numbers = frames.to_numpy(np.int64)
+    if isinstance(params, RecordedParams):
+        clouds = recorded_clouds(params.folder, numbers, params.crop)
+    else:
+        clouds = collect_clouds(
+            recorded,
+            numbers,
+            params.placement,
+            crop=params.crop,
+            seed=params.seed,
+            misaligned_heights=params.misaligned_heights,
+        )
+    return clouds.arrays() | {"points_per_object": count_points_per_object(recorded.boxes, clouds)}
+
+
+def probe(params: ProbeParams, *inputs: Value) -> Value:
+    """What a step of a training needs: frames in it, and the share of a GPU's memory.
+
+    Parameters and inputs as of the training.
+    """
+    from training.probe import probe as probe_training
+
+    clouds, objects = _clouds_and_objects(inputs)
+    found = probe_training(
+        params.detector,
+        params.classes,
+        clouds,
+        objects,
+        params.training,
+        point_range=params.point_range,
+        gpu_share=params.gpu_share or 1.0,
+    )
+    return {"batch_size": found.batch_size, "gpu_share": found.gpu_share}
+
+
+def finetune(
+    params: TrainingParams,
+    *inputs: Value,
+    folder: Path,
+    batch_size: int | None = None,
+    halvings: int = 0,
+) -> Value:
+    """Train one detector on the clouds of one placement.
+
+    From scratch it is trained for the classes that occur; a checkpoint's heads stay.
+
+    Args:
+        params: the network, how to train it, and the seed.
+        inputs: clouds, and the objects in them.
+        folder: where it goes on after a stop.
+        batch_size: frames of a step where the settings leave it open; None: it is found out.
+        halvings: how often the batch size is halved, after the GPU's memory was too small.
+    """
+    from training.dataset import occurring_classes
+
+    clouds, objects = _clouds_and_objects(inputs)
+    classes = params.classes
+    if params.training.checkpoint is None:
+        share = params.training.frame_share
+        classes = occurring_classes(classes, clouds, objects, share)
+    return _train(params, classes, clouds, objects, folder, batch_size, halvings)
+
+
+def pretrain(
+    params: TrainingParams,
+    *inputs: Value,
+    folder: Path,
+    batch_size: int | None = None,
+    halvings: int = 0,
+) -> Value:
+    """Train one detector on the clouds of many placements, for all classes.
+
+    Arguments as of `finetune`, which starts from the result.
+    """
+    clouds, objects = _clouds_and_objects(inputs)
+    return _train(params, params.classes, clouds, objects, folder, batch_size, halvings)
+
+
+def evaluate(params: NetworkParams, weights: Value, *inputs: Value) -> Value:
+    """Detect on the test clouds and compare with the ground truth. `inputs` as for `finetune`."""
+    from training.by_distance import evaluate_by_distance
+    from training.detect import detect
+    from training.kitti_ap import evaluation
+
+    clouds, objects = _clouds_and_objects(inputs)
+    found = detect(
+        params.detector,
+        weights["classes"],
+        weights["state_dict"],
+        clouds,
+        params.training,
+        point_range=params.point_range,
+    )
+    frames = clouds.frames.tolist()
+    classes = params.classes
+    routes = pd.concat([value["frames"] for value in inputs if "objects" in value])
+    routes = routes[routes["frame"].isin(frames)]
+    whole = evaluation(objects, found.boxes, frames, classes, found.refined, routes)
+    return {
+        "metrics": whole.metrics,
+        "pr_curves": whole.curves,
+        "left_out": whole.left_out,
+        "by_distance": evaluate_by_distance(objects, found.boxes, frames, classes),
+        "detections": found.boxes,
+    }
+
+
+FUNCTIONS: dict[str, Callable[..., Value]] = {
+    "scene": scene,
+    "ground_truth": ground_truth,
+    "pog": pog,
+    "surrogates": surrogates,
+    "accuracy": accuracy,
+    "sampling_error": sampling_error,
+    "collect": collect,
+    "probe": probe,
+    "pretrain": pretrain,
+    "finetune": finetune,
+    "evaluate": evaluate,
+}
+"""Stages by name, which is that of the function, in the order in which results flow."""
+
+
+def box_log(value: Value) -> BoxLog:
+    """The box log in a result of `scene`."""
+    return BoxLog(value["boxes"], value["frames"], value["buildings"])
+
+
+def _training_log(logs: Sequence[Value]) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Boxes and frames of the training split, those of the POG."""
+    log = join_logs([box_log(value) for value in logs])
+    frames = log.frames[log.frames["split"] == "train"]
+    return log.boxes[log.boxes["frame"].isin(frames["frame"])], frames
+
+
+def _clouds_and_objects(inputs: Sequence[Value]) -> tuple[JoinedClouds, pd.DataFrame]:
+    """Clouds, and the objects that are in their frames: results of `collect` and `ground_truth`."""
+    truths = [value["objects"] for value in inputs if "objects" in value]
+    clouds = [PointClouds.from_arrays(value) for value in inputs if "objects" not in value]
+    objects = pd.concat(truths, ignore_index=True)
+    joined = JoinedClouds(clouds)
+    return joined, objects[objects["frame"].isin(joined.frames)]
+
+
+def _train(
+    params: TrainingParams,
+    classes: Sequence[str],
+    clouds: JoinedClouds,
+    objects: pd.DataFrame,
+    folder: Path,
+    batch_size: int | None,
+    halvings: int,
+) -> Value:
+    from training.finetune import finetune as train
+
+    result = train(
+        params.detector,
+        classes,
+        clouds,
+        objects,
+        params.training,
+        seed=params.seed,
+        point_range=params.point_range,
+        folder=folder,
+        checkpoint_digest=params.checkpoint,
+        batch_size=batch_size,
+        halvings=halvings,
+    )
+    value = {
+        "state_dict": result.state_dict,
+        "curve": result.curve,
+        "classes": list(classes),
+        "batch_size": result.batch_size,
+        "batch_size_reduced": result.batch_size_reduced,
+        "weights": result.weights,
+        "earlier_seconds": result.earlier_seconds,
+    }
+    if result.best_state_dict is not None:
+        value["best_state_dict"] = result.best_state_dict
+    return value
+
+
+@cached(
+    LRUCache(maxsize=1),
+    # The grids keep these arrays, so that no others can have their places.
+    key=lambda pog: tuple(id(pog[f"counts_{name}"]) for name in pog["classes"]),
+)
+def grids_of(pog: Value) -> dict[str, OccupancyGrid]:
+    """The grids in a result of `pog`; those of the last one are kept, with all they work out."""
+    roi, frames = Roi(**pog["roi"]), pog["frames"]
+    return {
+        name: OccupancyGrid(roi, name, pog[f"counts_{name}"], frames) for name in pog["classes"]
+    }

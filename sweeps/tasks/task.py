@@ -1,0 +1,75 @@
+"""A unit of work: what is computed, from what, and the hash that names its result."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass, fields
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from sweeps.tasks import stages
+from sweeps.tasks.code_version import code_version
+from sweeps.tasks.parameters import keys_of
+from training import network_of
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """One call of a function of `sweeps.tasks.stages`.
+
+    Attributes:
+        stage: name of the function.
+        label: what a person calls it.
+        params: what the result depends on besides the inputs, see `sweeps.tasks.parameters`.
+        inputs: tasks whose results are handed to the function, in this order.
+        gpu: whether the work runs on a GPU where there is one.
+        resumable: whether the function takes a `folder` from which it goes on after a stop.
+    """
+
+    stage: str
+    label: str
+    params: Any
+    inputs: tuple[Task, ...] = ()
+    gpu: bool = False
+    resumable: bool = False
+
+    @cached_property
+    def uses(self) -> frozenset[str]:
+        """Key paths of the configuration that decide the result."""
+        return keys_of(self.params).union(*(task.uses for task in self.inputs))
+
+    @cached_property
+    def key(self) -> str:
+        """Hash of all that determines the result: parameters, inputs and the code that can run."""
+        content = {
+            "stage": self.stage,
+            "params": self.params,
+            "inputs": [task.key for task in self.inputs],
+            "code": code_of(self.stage, getattr(self.params, "detector", None)),
+        }
+        text = json.dumps(content, sort_keys=True, allow_nan=False, default=plain)
+        return hashlib.sha256(text.encode()).hexdigest()[:24]
+
+
+def plain(value: Any) -> Any:
+    """Parameters of a stage, or a part of them, for `json.dumps`."""
+    if isinstance(value, BaseModel):
+        return value.model_dump(mode="json")
+    if isinstance(value, Path):
+        return str(value)
+    return {item.name: getattr(value, item.name) for item in fields(value)}
+
+
+def code_of(stage: str, detector: str | None = None) -> str:
+    """Version of the code that a stage can run.
+
+    Args:
+        detector: name of the one that it builds; None: it builds none.
+    """
+    # Of all networks the one that the task trains.
+    networks = [] if detector is None else [f"training.detectors.{network_of(detector)}"]
+    return code_version(f"{stages.__name__}.{stage}", *networks)

@@ -1,0 +1,1 @@
+"""What figures share: style, labels, maps and the picture of a rig."""

@@ -1,0 +1,122 @@
+"""Where the labels of a scatter plot go, so that few of them lie on each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tracking.figures.kit.style import OUTLINE
+
+_PLOT = (280.0, 215.0)  # pixels of the plotting area on a narrow page
+_LETTER = (6.5, 14.0)  # pixels
+_GAP = 8.0  # from the middle of a point to its label
+_APART = 17.0  # slanted labels, along the axis: 12 from line to line
+
+
+def label_places(
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    labels: Sequence[str],
+    bars: NDArray[np.float64] | None = None,
+) -> list[str]:
+    """Plotly's `textposition` for every point, chosen one point after the other.
+
+    Each label takes the side that covers the least of points, their bars and labels before it; the
+    first of equal ones that is not cut at the edge.
+
+    Args:
+        x, y, labels: of the points; a point with the label "" is an obstacle alone.
+        bars: lengths of the error bars along y to each side, NaN or 0 for none.
+    """
+    half = np.zeros(len(y)) if bars is None else np.nan_to_num(bars)
+    across = _pixels(x, _PLOT[0])
+    # Both ends of the bars are in view too.
+    low, middle, high = np.split(_pixels(np.concatenate([y - half, y, y + half]), _PLOT[1]), 3)
+    at = np.stack([across, middle], axis=1)
+    taken = [(*(point - 5), *(point + 5)) for point in at]
+    taken += [(px - 3, y0, px + 3, y1) for px, y0, y1 in zip(across, low, high, strict=True)]
+    places = []
+    for point, label in zip(at, labels, strict=True):
+        width, height = _LETTER[0] * len(label), _LETTER[1]
+        right, left, centre = point[0] + _GAP, point[0] - _GAP - width, point[0] - width / 2
+        above, below, level = point[1] + _GAP, point[1] - _GAP - height, point[1] - height / 2
+        boxes = {
+            "middle right": (right, level),
+            "middle left": (left, level),
+            "top center": (centre, above),
+            "bottom center": (centre, below),
+            "top right": (right, above),
+            "bottom left": (left, below),
+            "top left": (left, above),
+            "bottom right": (right, below),
+        }
+        cost = {}
+        for place, (x0, y0) in boxes.items():
+            box = (x0, y0, x0 + width, y0 + height)
+            outside = max(0.0, -x0) + max(0.0, x0 + width - _PLOT[0])
+            cost[place] = sum(_overlap(box, other) for other in taken) + height * outside
+        best = min(cost, key=cost.__getitem__)
+        places.append(best)
+        x0, y0 = boxes[best]
+        taken.append((x0, y0, x0 + width, y0 + height))
+    return places
+
+
+def labels_on_top(x: Sequence[float], labels: Sequence[str]) -> list[dict[str, Any]]:
+    """Plotly's annotations: slanted labels above the plot, moved apart, each led to its `x`.
+
+    For points of several series that share their places along the axis.
+    """
+    order = np.argsort(x, kind="stable")
+    at = _pixels(np.asarray(x, np.float64)[order], _PLOT[0])
+    return [
+        {
+            "x": x[i],
+            "y": 1,
+            "yref": "paper",
+            "text": labels[i],
+            "textangle": 45,
+            "xanchor": "right",
+            "yanchor": "bottom",
+            "ax": moved,
+            "ay": -12,
+            "arrowhead": 0,
+            "arrowwidth": 1,
+            "arrowcolor": OUTLINE,
+            "font": {"size": 11},
+        }
+        for i, moved in zip(order.tolist(), (apart(at, _APART) - at).tolist(), strict=True)
+    ]
+
+
+def apart(at: NDArray[np.float64], least: float) -> NDArray[np.float64]:
+    """The ascending positions `at`, moved so that neighbours are `least` or more from each other.
+
+    Pushing to the right and pushing to the left both do, and so does the mean of the two.
+    """
+    steps = least * np.arange(len(at))
+    right = np.maximum.accumulate(at - steps) + steps
+    left = np.minimum.accumulate((at - steps)[::-1])[::-1] + steps
+    return np.asarray((right + left) / 2)
+
+
+def room_on_top(labels: Sequence[str]) -> int:
+    """Pixels above the plot that `labels_on_top` take."""
+    return round(24 + _LETTER[0] * max(map(len, labels), default=0) * np.sqrt(0.5))
+
+
+def _pixels(values: NDArray[np.float64], length: float) -> NDArray[np.float64]:
+    """Where plotly's automatic range puts `values` along an axis of `length` pixels, roughly."""
+    low, high = np.nanmin(values), np.nanmax(values)
+    spread = high - low if high > low else 1.0
+    return length * (0.06 + 0.88 * (values - low) / spread)
+
+
+def _overlap(a: tuple[float, ...], b: tuple[float, ...]) -> float:
+    """Area that two boxes (x0, y0, x1, y1) share."""
+    width = min(a[2], b[2]) - max(a[0], b[0])
+    height = min(a[3], b[3]) - max(a[1], b[1])
+    return max(0.0, width) * max(0.0, height)

@@ -1,0 +1,213 @@
+"""Vehicle, zones and the LiDARs of a rig as an interactive 3D picture; a menu chooses the rig."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import NDArray
+
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.placement import Mount
+from lidarplace.viewing.axes import equal_axes
+from lidarplace.viewing.solids import edges, triangles
+from tracking.figures.kit.style import OUTLINE, figure, lidar_colour, text
+from tracking.run_folders.search_json import Point, Rig, Zone
+
+_CAR = tuple((tuple(low), tuple(high)) for low, high in Vehicle.car().boxes.tolist())
+
+_AXES = (("x", "#D55E00"), ("y", "#009E73"), ("z", "#0072B2"))
+"""Axes of a sensor, in colours that colour-blind readers can tell apart."""
+_AXIS_LENGTH = 0.3  # metres
+_CAMERA = {"eye": {"x": 1.45, "y": 1.3, "z": 0.8}, "center": {"x": 0.0, "y": 0.0, "z": -0.25}}
+
+
+@dataclass(frozen=True)
+class PicturedRig:
+    """Mounts, and what is told of each besides its pose.
+
+    Attributes:
+        mounts: poses in the ego frame.
+        words: of every mount, such as its LiDAR model; plotly text, may be empty.
+    """
+
+    mounts: tuple[Mount, ...]
+    words: tuple[str, ...]
+
+    @classmethod
+    def of(cls, mounts: Sequence[Mount]) -> PicturedRig:
+        """Mounts of which nothing else is known."""
+        return cls(tuple(mounts), ("",) * len(mounts))
+
+    @classmethod
+    def found(cls, rig: Rig) -> PicturedRig:
+        """A rig of a search, with its models and zones."""
+        words = [
+            text(model) + (f", zone {text(zone)}" if zone else "")
+            for model, zone in zip(rig.models, rig.zones, strict=True)
+        ]
+        return cls(rig.placed, tuple(words))
+
+
+def rig_picture(
+    rigs: Mapping[str, PicturedRig],
+    vehicle: Sequence[tuple[Point, Point]] = _CAR,
+    zones: Sequence[Zone] = (),
+) -> go.Figure:
+    """The first of `rigs` at the start; the others by the menu.
+
+    Args:
+        rigs: by the name in the menu.
+        vehicle: boxes, lowest and highest corner, metres; a car by default.
+        zones: where LiDARs may sit.
+    """
+    plot = figure("LiDARs on the vehicle", height=550, margin={"l": 0, "r": 0, "t": 70, "b": 32})
+    boxes = _boxes(vehicle)
+    if len(boxes):
+        _add_vehicle(plot, boxes)
+    if zones:
+        lines = np.concatenate([_prism(zone) for zone in zones])
+        plot.add_scatter3d(
+            **_xyz(lines),
+            mode="lines",
+            line={"color": "#CC79A7", "width": 4},
+            name="zones",
+            hoverinfo="skip",
+        )
+        _add_zone_names(plot, zones)
+    owner = [""] * len(plot.data)
+    first = next(iter(rigs))
+    for name, rig in rigs.items():
+        before = len(plot.data)
+        _add_rig(plot, rig)
+        owner += [name] * (len(plot.data) - before)
+    for trace, who in zip(plot.data, owner, strict=True):
+        trace.visible = who in ("", first)
+    plot.update_layout(
+        scene=_scene(plot),
+        legend={"orientation": "h", "y": 0, "yanchor": "top", "itemsizing": "constant"},
+        updatemenus=[
+            {
+                "x": 0,
+                "xanchor": "left",
+                "y": 1,
+                "yanchor": "bottom",
+                "buttons": [
+                    {
+                        "label": text(name),
+                        "method": "restyle",
+                        "args": [{"visible": [who in ("", name) for who in owner]}],
+                    }
+                    for name in rigs
+                ],
+            }
+        ],
+    )
+    return plot
+
+
+def _boxes(vehicle: Sequence[tuple[Point, Point]]) -> NDArray[np.float64]:
+    """Rows of `lidarplace.boxes.GEOMETRY`, shape (m, 7)."""
+    low, high = np.asarray(vehicle, np.float64).reshape(-1, 2, 3).swapaxes(0, 1)
+    return np.concatenate([(low + high) / 2, high - low, np.zeros((len(low), 1))], axis=1)
+
+
+def _add_vehicle(plot: go.Figure, boxes: NDArray[np.float64]) -> None:
+    vertices, faces = triangles(boxes)
+    i, j, k = faces.T.copy()
+    plot.add_mesh3d(
+        **_xyz(vertices),
+        i=i,
+        j=j,
+        k=k,
+        color=OUTLINE,
+        opacity=0.45,
+        flatshading=True,
+        name="vehicle",
+        showlegend=True,
+        hoverinfo="skip",
+    )
+    plot.add_scatter3d(
+        **_xyz(edges(boxes)),
+        mode="lines",
+        line={"color": OUTLINE, "width": 2},
+        hoverinfo="skip",
+        showlegend=False,
+    )
+
+
+def _prism(zone: Zone) -> NDArray[np.float64]:
+    """Lower and upper ring of a zone and the edges between them, broken by NaN; shape (n, 3)."""
+    ring = np.array([*zone.polygon, zone.polygon[0]])
+    gap = np.full((1, 3), np.nan)
+    rings = [np.column_stack([ring, np.full(len(ring), z)]) for z in zone.z]
+    upright = np.stack([rings[0], rings[1], np.full_like(rings[0], np.nan)], axis=1)
+    return np.concatenate([rings[0], gap, rings[1], gap, upright.reshape(-1, 3)])
+
+
+def _add_zone_names(plot: go.Figure, zones: Sequence[Zone]) -> None:
+    plot.add_scatter3d(
+        x=[np.mean([x for x, _ in zone.polygon]) for zone in zones],
+        y=[np.mean([y for _, y in zone.polygon]) for zone in zones],
+        z=[zone.z[1] for zone in zones],
+        mode="markers",
+        marker={"size": 3, "color": "#CC79A7"},
+        hovertext=[f"zone {text(zone.name)}" for zone in zones],
+        hoverinfo="text",
+        showlegend=False,
+    )
+
+
+def _add_rig(plot: go.Figure, rig: PicturedRig) -> None:
+    at = np.array([mount.position for mount in rig.mounts])
+    for axis, (name, shade) in enumerate(_AXES):
+        ends = at + _AXIS_LENGTH * np.array([mount.rotation[:, axis] for mount in rig.mounts])
+        lines = np.stack([at, ends, np.full_like(at, np.nan)], axis=1).reshape(-1, 3)
+        plot.add_scatter3d(
+            **_xyz(lines),
+            mode="lines",
+            line={"color": shade, "width": 6},
+            name=f"sensor's {name}",
+            legendgroup=name,
+            hoverinfo="skip",
+        )
+    plot.add_scatter3d(
+        **_xyz(at),
+        mode="markers",
+        marker={
+            "size": 7,
+            "symbol": "diamond",
+            "color": [lidar_colour(i) for i in range(len(at))],
+            "line": {"color": "#ffffff", "width": 1},
+        },
+        hovertext=[_words(rig, i) for i in range(len(at))],
+        hoverinfo="text",
+        name="LiDAR",
+        showlegend=False,
+    )
+
+
+def _words(rig: PicturedRig, i: int) -> str:
+    mount = rig.mounts[i]
+    roll, pitch, yaw = np.degrees([mount.roll, mount.pitch, mount.yaw]) + 0.0
+    words = f": {rig.words[i]}" if rig.words[i] else ""
+    return (
+        f"LiDAR {i + 1}{words}<br>x {mount.x:.3f}, y {mount.y:.3f}, z {mount.z:.3f} m<br>"
+        f"roll {roll:.1f}°, pitch {pitch:.1f}°, yaw {yaw:.1f}°"
+    )
+
+
+def _xyz(points: NDArray[Any]) -> dict[str, NDArray[np.float32]]:
+    x, y, z = np.ascontiguousarray(points.T, dtype=np.float32)
+    return {"x": x, "y": y, "z": z}
+
+
+def _scene(plot: go.Figure) -> dict[str, Any]:
+    """Axes of equal scale that hold every rig, so that the menu does not move the picture."""
+    seen = np.concatenate(
+        [np.stack([trace.x, trace.y, trace.z], axis=1).astype(np.float64) for trace in plot.data]
+    )
+    return equal_axes(seen, longest=1.6) | {"camera": _CAMERA, "dragmode": "turntable"}

@@ -1,0 +1,135 @@
+"""Error of surrogates against the seconds that they take, and the rank of the placements."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from tracking.figures.kit.style import colour, figure, text
+from tracking.findings.surrogate_accuracy import varied
+from tracking.labels import in_order, surrogate_name
+
+_PANELS = (
+    ("median_method_error", "worst_method_error", "error at the same resolution"),
+    ("median_error", "worst_error", "error against the fine reference"),
+    ("kendall", None, "rank agreement of placements (Kendall's τ)"),
+)
+_STYLES = {
+    "bresenham, azimuth steps": (5, "square"),
+    "dda, azimuth steps": (0, "circle"),
+    "resolution": (2, "diamond"),
+    "frames": (1, "triangle-up"),
+}
+FIRST = "s_mig"
+"""Surrogate that is shown before another is chosen."""
+
+
+def accuracy_figure(summary: pd.DataFrame, title: str) -> go.Figure:
+    """Three panels over seconds; a menu chooses the surrogate.
+
+    Args:
+        summary: `tracking.findings.surrogate_accuracy.summarise` for one class and one setting.
+        title: what the figure is about.
+    """
+    plot = make_subplots(
+        rows=1, cols=3, horizontal_spacing=0.08, subplot_titles=[panel[2] for panel in _PANELS]
+    )
+    names = in_order(summary["surrogate"])
+    first = FIRST if FIRST in names else names[0]
+    owner: list[str] = []
+    for name in names:
+        part = summary[summary["surrogate"] == name]
+        part = part.assign(varied=varied(part))
+        for group, rows in part.groupby("varied", sort=False):
+            for column, (middle, worst, _) in enumerate(_PANELS, start=1):
+                if column == 1 and str(group).endswith("resolution"):
+                    continue  # exact by definition
+                plot.add_trace(
+                    _line(rows, str(group), middle, worst, _floor(part, middle), column),
+                    row=1,
+                    col=column,
+                )
+                owner.append(name)
+    for trace, name in zip(plot.data, owner, strict=True):
+        trace.visible = name == first
+    plot.update_layout(figure(text(title), height=460, margin={"t": 92, "b": 96}).layout)
+    plot.update_layout(
+        legend={"orientation": "h", "y": -0.18, "yanchor": "top"},
+        updatemenus=[
+            {
+                "buttons": [
+                    {
+                        "label": surrogate_name(name),
+                        "method": "restyle",
+                        "args": [{"visible": [name == other for other in owner]}],
+                    }
+                    for name in names
+                ],
+                "active": names.index(first),
+                "x": 1,
+                "xanchor": "right",
+                "y": 1.2,
+                "yanchor": "bottom",
+                "pad": {"t": 0, "b": 4},
+            }
+        ],
+    )
+    plot.update_annotations(font={"size": 12})
+    plot.update_xaxes(type="log", title="seconds a placement and class", dtick=1)
+    for column in (1, 2):
+        plot.update_yaxes(type="log", exponentformat="power", dtick=1, col=column)
+    plot.update_yaxes(range=[-1.25, 1.25], col=3)
+    return plot
+
+
+def _floor(part: pd.DataFrame, column: str) -> float:
+    """Where an error of 0, which has no place on a logarithmic axis, is drawn (hollow)."""
+    positive = part.loc[part[column] > 0, column]
+    return 10 ** np.floor(np.log10(positive.min()) - 0.5) if len(positive) else 1e-16
+
+
+def _line(
+    rows: pd.DataFrame, group: str, middle: str, worst: str | None, floor: float, column: int
+) -> go.Scatter:
+    rows = rows.sort_values("seconds")
+    value = rows[middle]
+    shown = value.clip(lower=floor) if worst else value
+    shade, shape = _STYLES.get(group) or _STYLES[group.rsplit(", ", 1)[1]]
+    if group.endswith("resolution"):
+        labels = [f"{r:g} m" for r in rows["resolution"]]
+    elif group.endswith("frames"):
+        # Far from each other in the first panel alone.
+        labels = [f"{n:,} frames" if column == 1 else "" for n in rows["frames"]]
+    else:
+        labels = [f"{n:,}" for n in rows["azimuth_steps"]]
+    hollow = (value == 0) if worst else pd.Series(False, index=value.index)
+    return go.Scatter(
+        x=rows["seconds"].to_numpy(),
+        y=shown.to_numpy(),
+        error_y={
+            "type": "data",
+            "symmetric": False,
+            "array": (rows[worst].clip(lower=floor) - shown).to_numpy(),
+            "arrayminus": np.zeros(len(rows)),
+            "thickness": 1,
+        }
+        if worst
+        else None,
+        mode="lines+markers+text",
+        line={"color": colour(shade), "width": 1.5},
+        marker={
+            "size": 8,
+            "symbol": [f"{shape}-open" if zero else shape for zero in hollow],
+        },
+        text=labels,
+        textposition="top center" if shape in ("circle", "triangle-up") else "bottom center",
+        textfont={"size": 10, "color": colour(shade)},
+        cliponaxis=False,
+        customdata=np.stack([value, rows["pog_seconds"]], axis=1),
+        hovertemplate="%{text}<br>%{x:.3g} s, POG %{customdata[1]:.3g} s<br>%{customdata[0]:.3g}",
+        name=group,
+        legendgroup=group,
+        showlegend=column == 2,
+    )

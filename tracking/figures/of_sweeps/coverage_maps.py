@@ -1,0 +1,175 @@
+"""What one placement covers and what it leaves unseen, from above and from the side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import NDArray
+from plotly.subplots import make_subplots
+
+from lidarplace.placement import Mount
+from lidarplace.roi import Interval, Roi
+from tracking.figures.kit.averaged import averaged
+from tracking.figures.kit.from_above import vehicle_from_above
+from tracking.figures.kit.style import SEQUENTIAL, VEHICLE, VEHICLE_FILL, figure
+
+VEHICLE_HEIGHT = 1.5
+_CELLS = {"coverage": 160, "residual": 80}
+"""Cells along the longer side of a map; a page holds two for every placement."""
+_MARK = "#D55E00"
+_TOP, _BOTTOM = 44, 150  # pixels around the maps
+
+
+@dataclass(frozen=True)
+class SeenFrom:
+    """Two maps of the ROI, its columns of voxels from above or its rows from the side.
+
+    Attributes:
+        covered: share of each, in [0, 1], shape (nx, ny) or (nx, nz).
+        residual: entropy that no beam covers in each, nats, same shape.
+    """
+
+    covered: NDArray[np.float32]
+    residual: NDArray[np.float32]
+
+
+def coverage_maps(
+    above: SeenFrom,
+    side: SeenFrom,
+    roi: Roi,
+    title: str,
+    mounts: Sequence[Mount],
+    most: tuple[float, float],
+) -> go.Figure:
+    """Four maps: coverage on the left, residual entropy on the right; from above, from the side.
+
+    Args:
+        title: plotly text.
+        mounts: drawn as dots.
+        most: residual entropy of the brightest colour from above and from the side, nats a square
+            metre, so that the maps of several placements share their scales; `densest`.
+    """
+    depth, length = roi.y[1] - roi.y[0], roi.x[1] - roi.x[0]
+    drawn = int(np.clip(205 * 1.4 * depth / length, 160, 560))  # pixels of both rows
+    plot = make_subplots(
+        figure=figure(
+            title,
+            height=drawn + _TOP + _BOTTOM,
+            margin={"l": 56, "r": 16, "t": _TOP, "b": _BOTTOM},
+        ),
+        rows=2,
+        cols=2,
+        row_heights=[0.75, 0.25],
+        vertical_spacing=0.1,
+        horizontal_spacing=0.05,
+        shared_xaxes=True,
+        shared_yaxes=True,
+    )
+    for row, (seen, other) in enumerate(((above, roi.y), (side, roi.z)), start=1):
+        for column, name in enumerate(("coverage", "residual"), start=1):
+            limit = 100.0 if name == "coverage" else most[row - 1]
+            map_ = _map(seen, (roi, other), name, row, limit, drawn)
+            plot.add_trace(map_, row=row, col=column)
+            outline = vehicle_from_above() if row == 1 else _vehicle_from_the_side()
+            plot.add_trace(outline, row=row, col=column)
+            plot.add_trace(_dots(mounts, row), row=row, col=column)
+    _axes(plot, roi)
+    return plot
+
+
+def densest(residual: Sequence[NDArray[np.float32]], roi: Roi, other: Interval) -> float:
+    """The largest residual entropy that any of these maps shows, nats a square metre.
+
+    `other` is the interval of y for maps from above, of z for those from the side.
+    """
+    cells = (averaged(map_, (roi.x, other), _CELLS["residual"])[0] for map_ in residual)
+    return max((float(c.max()) for c in cells), default=0.0) / roi.resolution**2
+
+
+def _map(
+    seen: SeenFrom, over: tuple[Roi, Interval], name: str, row: int, limit: float, drawn: int
+) -> go.Heatmap:
+    roi, other = over
+    values = seen.covered if name == "coverage" else seen.residual
+    cells, x, y = averaged(values, (roi.x, other), _CELLS[name])
+    if name == "coverage":
+        shown, bar = np.rint(100 * cells).astype(np.uint8), _bar("covered (%)", 0.0, 0, drawn)
+        hover = "%{z} % covered"
+    else:
+        shown = (cells / roi.resolution**2).astype(np.float32)
+        side = "from above" if row == 1 else "from the side"
+        bar = _bar(f"residual entropy {side} (nats/m²)", 0.525, row - 1, drawn)
+        hover = "%{z:.3g} nats/m²"
+    place = "x %{x:.1f}, " + ("y" if row == 1 else "z") + " %{y:.1f} m<br>"
+    return go.Heatmap(
+        z=shown.T,  # rows of a heat map run along the second axis
+        x=x,
+        y=y,
+        zmin=0,
+        zmax=limit or 1.0,
+        colorscale=SEQUENTIAL,
+        showscale=name == "residual" or row == 1,
+        colorbar=bar,
+        hovertemplate=place + hover + "<extra></extra>",
+    )
+
+
+def _bar(title: str, left: float, number: int, drawn: int) -> dict[str, Any]:
+    """A colour bar below the maps; `number` bars of its column are above it."""
+    return {
+        "title": {"text": title, "side": "bottom", "font": {"size": 11}},
+        "orientation": "h",
+        "thickness": 8,
+        "len": 0.475,
+        "x": left,
+        "xanchor": "left",
+        "y": -(44 + 52 * number) / drawn,
+        "yanchor": "top",
+        "ypad": 0,
+        "nticks": 6,
+    }
+
+
+def _vehicle_from_the_side() -> go.Scatter:
+    """Outline of the vehicle, its nose to the right."""
+    half = VEHICLE[0] / 2
+    return go.Scatter(
+        x=[-half, -half, -half + 0.3, 0.4, 1.1, half, half, -half],
+        y=[0, 0.9, VEHICLE_HEIGHT, VEHICLE_HEIGHT, 0.9, 0.8, 0, 0],
+        mode="lines",
+        line={"color": _MARK, "width": 1.5},
+        fill="toself",
+        fillcolor=VEHICLE_FILL,
+        hoverinfo="skip",
+        showlegend=False,
+    )
+
+
+def _dots(mounts: Sequence[Mount], row: int) -> go.Scatter:
+    return go.Scatter(
+        x=[mount.x for mount in mounts],
+        y=[mount.y if row == 1 else mount.z for mount in mounts],
+        mode="markers",
+        marker={"size": 5, "color": _MARK, "line": {"color": "#ffffff", "width": 1}},
+        hovertemplate="LiDAR at %{x:.2f}, %{y:.2f} m<extra></extra>",
+        showlegend=False,
+    )
+
+
+def _axes(plot: go.Figure, roi: Roi) -> None:
+    """The whole ROI and the vehicle in view."""
+    reach = VEHICLE[0] / 2 + 0.5
+    plot.update_xaxes(
+        range=[min(roi.x[0], -reach), max(roi.x[1], reach)], showgrid=False, ticks="outside"
+    )
+    plot.update_xaxes(title={"text": "x, forward (m)", "standoff": 2}, row=2)
+    plot.update_yaxes(showgrid=False)
+    plot.update_yaxes(
+        range=[min(roi.y[0], -1.5), max(roi.y[1], 1.5)], title="y, left (m)", row=1, col=1
+    )
+    top = max(roi.z[1], VEHICLE_HEIGHT + 0.2)
+    plot.update_yaxes(range=[min(roi.z[0], 0), top], title="z, up (m)", nticks=4, row=2, col=1)

@@ -1,0 +1,83 @@
+"""Means of placements with their intervals, the best on top."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pandas as pd
+import plotly.graph_objects as go
+
+from tracking.figures.kit.style import OUTLINE, colour, figure, symbol, text
+
+_ROW = 26  # pixels
+
+
+def forest(table: pd.DataFrame, title: str, axis: str, placements: Sequence[str]) -> go.Figure:
+    """A row a placement: mean, interval, and on the right how sure it is that it is the best.
+
+    Args:
+        table: index placement, the best first; `mean`; `low` and `high` of it, and `half` the
+            interval of a comparison, missing where there is none; and `sure`, text.
+        title: plotly text.
+        axis: what the mean is of, with its unit.
+        placements: all of the sweep, in order, so that a placement keeps its colour.
+    """
+    names = [str(name) for name in table.index]
+    rank = [placements.index(name) for name in names]
+    plot = figure(title, height=130 + _ROW * len(names))
+    rows = list(range(len(names)))
+    whole = ((table["high"] - table["low"]) / 2).fillna(0)
+    bar = {"type": "data", "color": OUTLINE}
+    if (whole > table["half"]).any():
+        plot.add_scatter(
+            x=table["mean"].to_numpy(),
+            y=rows,
+            error_x=bar | {"array": whole.to_numpy(), "thickness": 1, "width": 0},
+            mode="markers",
+            marker={"size": 1, "color": OUTLINE},
+            hoverinfo="skip",
+            showlegend=False,
+        )
+    plot.add_scatter(
+        x=table["mean"].to_numpy(),
+        y=rows,
+        error_x=bar | {"array": table["half"].fillna(0).to_numpy(), "thickness": 3, "width": 4},
+        mode="markers",
+        marker={
+            "size": 10,
+            "color": [colour(i) for i in rank],
+            "symbol": [symbol(i) for i in rank],
+        },
+        text=[text(name) for name in names],
+        hovertemplate="%{text}<br>%{x:.2f} %<extra></extra>",
+        showlegend=False,
+    )
+    for row, sure in enumerate(table["sure"]):
+        plot.add_annotation(
+            x=1.01,
+            xref="paper",
+            xanchor="left",
+            y=row,
+            text=text(sure),
+            showarrow=False,
+            font={"size": 11},
+        )
+    plot.add_annotation(
+        x=1.01,
+        xref="paper",
+        xanchor="left",
+        y=-0.9,
+        text="likely to<br>be the best",
+        align="left",
+        showarrow=False,
+        font={"size": 11},
+    )
+    plot.update_xaxes(title=axis)
+    plot.update_yaxes(
+        tickvals=rows,
+        ticktext=[text(name) for name in names],
+        range=[len(names) - 0.5, -1.4],
+        showgrid=False,
+    )
+    plot.update_layout(margin={"r": 84})
+    return plot

@@ -1,0 +1,114 @@
+"""The point cloud of one frame under each placement, seen from above."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import NDArray
+
+from lidarplace.roi import Roi
+from tracking.figures.kit.from_above import add_vehicle, metres
+from tracking.figures.kit.style import OUTLINE, figure, lidar_colour, text
+from tracking.run_folders.sweep import Frame
+
+POINTS = 8000
+"""Points kept of a placement's cloud, drawn at random."""
+
+
+def point_clouds(
+    frame: Frame, roi: Roi, placements: Sequence[str], first: str, seed: int = 0
+) -> go.Figure:
+    """One placement at a time, a menu chooses; a colour a LiDAR, outlines for the ground truth.
+
+    Args:
+        placements: those in the menu, keys of `frame.points`.
+        first: the one shown at the start.
+        seed: of the choice of points.
+    """
+    shape = (roi.y[1] - roi.y[0]) / (roi.x[1] - roi.x[0])
+    plot = figure(text(first), height=int(np.clip(220 + 450 * shape, 300, 620)))
+    owner: list[str] = []
+    for name in placements:
+        points, lidar = _thinned(frame, roi, name, seed)
+        for mount in np.unique(frame.lidar[name]):
+            own = points[lidar == mount]
+            plot.add_scattergl(
+                x=own[:, 0],
+                y=own[:, 1],
+                mode="markers",
+                marker={"size": 2.5, "color": lidar_colour(int(mount))},
+                name=f"LiDAR {mount}",
+                visible=name == first,
+                hoverinfo="skip",
+            )
+            owner.append(name)
+    for object_class in dict.fromkeys(frame.labels.tolist()):
+        x, y = _outlines(frame.boxes[frame.labels == object_class])
+        plot.add_scatter(
+            x=x,
+            y=y,
+            mode="lines",
+            line={"color": OUTLINE, "width": 1.5, "dash": _DASHES.get(object_class, "dash")},
+            name=text(object_class),
+            hoverinfo="skip",
+        )
+        owner.append("")
+    add_vehicle(plot)
+    owner.append("")
+    metres(plot, roi)
+    plot.update_layout(
+        margin={"t": 96},
+        legend={"orientation": "h", "y": -0.25, "itemsizing": "constant"},
+        updatemenus=[
+            {
+                "x": 0,
+                "xanchor": "left",
+                "y": 1.06,
+                "yanchor": "bottom",
+                "active": list(placements).index(first),
+                "buttons": [
+                    {
+                        "label": text(name),
+                        "method": "update",
+                        "args": [
+                            {"visible": [who in ("", name) for who in owner]},
+                            {"title.text": text(name)},
+                        ],
+                    }
+                    for name in placements
+                ],
+            }
+        ],
+    )
+    return plot
+
+
+_DASHES = {"Car": "solid", "Cyclist": "dash", "Pedestrian": "dot"}
+
+
+def _thinned(
+    frame: Frame, roi: Roi, name: str, seed: int
+) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """At most `POINTS` points over the ROI, x and y, and the mounts that they come from."""
+    points = frame.points[name]
+    inside = np.flatnonzero(
+        (points[:, 0] >= roi.x[0])
+        & (points[:, 0] <= roi.x[1])
+        & (points[:, 1] >= roi.y[0])
+        & (points[:, 1] <= roi.y[1])
+    )
+    if len(inside) > POINTS:
+        inside = np.random.default_rng(seed).choice(inside, POINTS, replace=False)
+    return np.ascontiguousarray(points[inside, :2], dtype=np.float32), frame.lidar[name][inside]
+
+
+def _outlines(boxes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Rectangles of boxes (m, 7) from above as one line, broken by NaN between boxes."""
+    corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1], [np.nan, np.nan]]) / 2
+    local = corners[None] * boxes[:, None, 3:5]
+    c, s = np.cos(boxes[:, 6, None]), np.sin(boxes[:, 6, None])
+    x = boxes[:, 0, None] + c * local[..., 0] - s * local[..., 1]
+    y = boxes[:, 1, None] + s * local[..., 0] + c * local[..., 1]
+    return x.ravel(), y.ravel()

@@ -1,0 +1,130 @@
+"""A surrogate against AP or recall, one point a placement."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+
+from tracking.figures.kit.label_places import label_places
+from tracking.figures.kit.style import OUTLINE, broken, colour, figure, symbol, text
+from tracking.labels import (
+    in_order,
+    interval,
+    metric_label,
+    signed,
+    surrogate_label,
+    surrogate_name,
+)
+
+
+def scatter(
+    metric: pd.DataFrame,
+    surrogates: pd.DataFrame,
+    correlations: pd.DataFrame,
+    title: str,
+    placements: Sequence[str],
+) -> go.Figure:
+    """Points labelled by placement, bars of 95 % intervals for a comparison, a menu of surrogates.
+
+    Args:
+        metric: rows of `seed_means` for one class, detector, metric, IoU and setting.
+        surrogates: placements as rows, surrogates as columns (`surrogates_of`).
+        correlations: rows of `correlate` with those of `leave_one_out` for the same; its surrogates
+            make the menu. The first of the largest |rho| is shown at the start.
+        title: plotly text above the coefficient.
+        placements: all of the sweep, in order, so that a placement keeps its colour.
+    """
+    known = {row["surrogate"]: row for row in correlations.to_dict("records")}
+    menu = [name for name in in_order(known) if known[name]["n"] > 0]
+    strength = [np.nan_to_num(abs(known[name]["spearman"])) for name in menu]
+    first = int(np.argmax(strength))
+    table = metric[metric["seeds"] > 0].set_index("placement").join(surrogates, how="inner")
+    table = table.loc[[name for name in placements if name in table.index]]
+    names = [str(name) for name in table.index]
+    rank = [placements.index(name) for name in names]
+    label = metric_label(*metric.iloc[0][["metric", "iou"]])
+
+    heads = [
+        f'{title}<br><span style="font-size:12px">{_coefficient(known[name])}</span>'
+        for name in menu
+    ]
+
+    def places(surrogate: str) -> list[str]:
+        x, y = table[surrogate].to_numpy(np.float64), table["mean"].to_numpy(np.float64)
+        return label_places(x, y, names, table["half"].to_numpy(np.float64))
+
+    plot = figure(heads[first], height=400, margin={"t": 120})
+    plot.add_scatter(
+        x=table[menu[first]].to_numpy(),
+        y=table["mean"].to_numpy(),
+        error_y={
+            "type": "data",
+            "array": table["half"].fillna(0).to_numpy(),
+            "thickness": 1.5,
+            "color": OUTLINE,
+        },
+        mode="markers+text",
+        text=[text(name) for name in names],
+        textposition=places(menu[first]),
+        textfont={"size": 11},
+        cliponaxis=False,
+        marker={
+            "size": 10,
+            "color": [colour(i) for i in rank],
+            "symbol": [symbol(i) for i in rank],
+        },
+        hovertemplate="%{text}<br>%{x:.6g}<br>%{y:.2f} %<extra></extra>",
+        showlegend=False,
+    )
+    plot.update_xaxes(title=surrogate_label(menu[first]))
+    plot.update_yaxes(title=f"{label} (%)")
+    plot.update_layout(
+        updatemenus=[
+            {
+                "x": 0,
+                "xanchor": "left",
+                "y": 1.02,
+                "yanchor": "bottom",
+                "active": first,
+                "showactive": True,
+                "buttons": [
+                    {
+                        "label": surrogate_name(name),
+                        "method": "update",
+                        "args": [
+                            {
+                                "x": [table[name].to_list()],
+                                "textposition": [places(name)],
+                            },
+                            {
+                                "title.text": broken(head),
+                                "xaxis.title.text": surrogate_label(name),
+                                "xaxis.autorange": True,
+                            },
+                        ],
+                    }
+                    for name, head in zip(menu, heads, strict=True)
+                ],
+            }
+        ],
+    )
+    return plot
+
+
+def _coefficient(row: Mapping[Hashable, Any]) -> str:
+    if np.isnan(row["spearman"]):
+        return text(row["note"])
+    rho = (
+        f"ρ = {signed(row['spearman'])} "
+        f"{interval(row['spearman_low'], row['spearman_high'])}, "
+        f"p = {row['spearman_p']:.2g}, n = {row['n']}"
+    )
+    others = f"r = {signed(row['pearson'])}, τ = {signed(row['kendall'])}"
+    if np.isnan(row["spearman_min"]):
+        return f"{rho}<br>{others}"
+    span = f"{signed(row['spearman_min'])} to {signed(row['spearman_max'])}"
+    return f"{rho}<br>{others}; one left out: ρ {span}"

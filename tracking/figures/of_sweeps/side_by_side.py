@@ -1,0 +1,55 @@
+"""The same rows under several columns: placements in sweeps, pairs of placements by detector."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+
+from tracking.figures.kit.style import colour, figure, legend_below, symbol, text
+
+MOST_ROWS = 20
+
+
+def side_by_side(
+    columns: Mapping[str, pd.DataFrame], rows: Sequence[str], title: str, axis: str
+) -> go.Figure:
+    """Points in rows, a colour a column, bars for 95 % intervals.
+
+    Args:
+        columns: by name, mean, low and high (NaN for no interval) by row.
+        rows: in the order from top to bottom; the first `MOST_ROWS` are drawn.
+        title: plotly text.
+        axis: title of the axis, with the unit.
+    """
+    shown = list(rows)[:MOST_ROWS]
+    plot = figure(title, height=150 + (24 + 8 * len(columns)) * len(shown))
+    for i, (name, own) in enumerate(columns.items()):
+        own = own.reindex(shown)
+        # One below the other within a row, as bars of equal values would hide each other.
+        place = np.arange(len(shown)) + 0.5 * ((i + 0.5) / len(columns) - 0.5)
+        plot.add_scatter(
+            x=own["mean"].to_numpy(),
+            y=place,
+            error_x={
+                "type": "data",
+                "array": (own["high"] - own["mean"]).fillna(0).to_numpy(),
+                "thickness": 1.5,
+            },
+            mode="markers",
+            marker={"size": 9, "color": colour(i), "symbol": symbol(i)},
+            name=text(name),
+            customdata=[text(row) for row in shown],
+            hovertemplate="%{customdata}: %{x:.1f}<extra>%{fullData.name}</extra>",
+            showlegend=True,
+        )
+    plot.update_xaxes(title=text(axis))
+    plot.update_yaxes(
+        tickvals=list(range(len(shown))),
+        ticktext=[text(row) for row in shown],
+        range=[len(shown) - 0.5, -0.5],
+    )
+    legend_below(plot)
+    return plot

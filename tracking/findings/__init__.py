@@ -1,0 +1,1 @@
+"""Questions about a sweep, each answered by a table or a number."""

@@ -1,0 +1,154 @@
+"""Which placement is best, by how much, and how sure is that?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import stats
+
+from tracking.statistics.jackknife import SampleError, combined, sample_error
+from tracking.statistics.probability_of_best import probability_of_best
+from tracking.statistics.reliability import pooled_variance, seed_mean
+
+
+@dataclass(frozen=True)
+class BestPlacement:
+    """The placement of the highest mean over seeds, and the others behind it.
+
+    Attributes:
+        best: its name.
+        mean: its mean, in the unit of the metric.
+        others: index placement, best mean first: `mean`; `seeds`; `lead` of the best over it; `low`
+            and `high`, 95 % intervals of all leads at once; `p` of no difference, adjusted alike.
+        sure: index placement, best mean first: the probability that its expected metric is the
+            highest (`tracking.statistics.probability_of_best`).
+        sd: over seeds within placements, pooled.
+        sample: error of a placement against the others by the choice of the test objects; None
+            where it is unknown, and intervals and probabilities are over seeds alone.
+        note: why there are no intervals, or "".
+    """
+
+    best: str
+    mean: float
+    others: pd.DataFrame
+    sure: pd.Series
+    sd: float
+    sample: SampleError | None
+    note: str
+
+    @property
+    def equal(self) -> list[str]:
+        """The best and those with the same mean."""
+        return [self.best, *map(str, self.others.index[self.others["lead"] == 0])]
+
+    @property
+    def tied(self) -> list[str]:
+        """Others that cannot be told from the best: the interval of the lead does not exceed 0."""
+        return [str(name) for name in self.others.index[~(self.others["low"] > 0)]]
+
+
+def best_placement(
+    results: pd.DataFrame, seed: int = 0, left_out: pd.DataFrame | None = None
+) -> BestPlacement | None:
+    """Compare all placements with the best.
+
+    The best is chosen from the same results. So its leads have the intervals of Tukey and Kramer,
+    which hold for all pairs of placements at once, whichever is chosen afterwards. Seeds are taken
+    to scatter alike under all placements, and normally; other test objects to shift any placement
+    against the others alike.
+
+    Args:
+        results: placement, seed, value: rows of one class, detector, setting, metric, IoU and
+            difficulty. NaN where a training failed or there was no ground truth.
+        seed: of the draws from the posterior.
+        left_out: the same without each unit of the test objects, see
+            `tracking.statistics.jackknife.sample_error`.
+
+    Returns:
+        None if there is no value. NaN for all that needs the spread over seeds if no placement has
+        two.
+
+    Raises:
+        ValueError: a placement has two values for a seed.
+    """
+    known = results[results["value"].notna()]
+    if known.empty:
+        return None
+    twice = known[known.duplicated(["placement", "seed"])]
+    if len(twice):
+        placement, number = twice.iloc[0][["placement", "seed"]]
+        raise ValueError(f"placement {placement!r} has two values for seed {number}")
+    y = known.pivot(index="placement", columns="seed", values="value")
+    y = y.reindex(known["placement"].unique())
+    y = y.iloc[np.argsort(-seed_mean(y.to_numpy(np.float64)), kind="stable")]
+    values = y.to_numpy(np.float64)
+    means, counts = seed_mean(values), np.isfinite(values).sum(axis=1).astype(np.float64)
+    pooled, extra = pooled_variance(values)
+    variance, degrees = float(pooled), float(extra)
+    sample = None if left_out is None else sample_error(left_out, paired=True)
+    noise = (counts, variance, degrees)
+    if degrees > 0:
+        noise = combined(counts, variance, degrees, sample)
+    low, high = lead_intervals(means, *noise).T
+    table = {"mean": means, "seeds": counts, "lead": means[0] - means, "low": low, "high": high}
+    p = _lead_tests(means, *noise)
+    others = pd.DataFrame({**table, "p": p}, index=y.index)
+    note = ""
+    if len(y) == 1:
+        note = "one placement: there is nothing to compare it with"
+    elif degrees == 0:
+        note = "one seed each: how much the training scatters is unknown, so there is no interval"
+    return BestPlacement(
+        best=str(y.index[0]),
+        mean=float(means[0]),
+        others=others.iloc[1:],
+        sure=pd.Series(probability_of_best(means, *noise, seed), y.index, name="sure"),
+        sd=float(np.sqrt(variance)),
+        sample=sample,
+        note=note,
+    )
+
+
+def lead_intervals(
+    means: NDArray[np.float64], counts: NDArray[np.float64], variance: float, degrees: float
+) -> NDArray[np.float64]:
+    """95 % intervals of the lead of the first over each, for all pairs at once, shape (n, 2).
+
+    Tukey and Kramer's, by the studentized range. Arguments as in
+    `tracking.statistics.probability_of_best.probability_of_best`. NaN for one placement and without
+    degrees of freedom.
+    """
+    if degrees == 0 or len(means) < 2:
+        return np.full((len(means), 2), np.nan)
+    half = _critical_range(len(means), degrees) * _error(counts, variance)
+    lead = means[0] - means
+    return np.stack([lead - half, lead + half], axis=1)
+
+
+def _lead_tests(
+    means: NDArray[np.float64], counts: NDArray[np.float64], variance: float, degrees: float
+) -> NDArray[np.float64]:
+    """p of no lead of the first over each, adjusted as `lead_intervals`, shape (n,)."""
+    if degrees == 0 or len(means) < 2:
+        return np.full(len(means), np.nan)
+    lead, error = means[0] - means, _error(counts, variance)
+    # Without any spread over seeds every lead is certain, and no lead is none.
+    ratio = np.where(lead > 0, np.inf, 0.0)
+    ratio = np.divide(lead, error, out=ratio, where=error > 0)
+    p = stats.studentized_range.sf(ratio, len(means), degrees)
+    return np.where(np.isinf(ratio), 0.0, p)
+
+
+def _error(counts: NDArray[np.float64], variance: float) -> NDArray[np.float64]:
+    """Standard error of the lead of the first over each, by the root of 2."""
+    return np.sqrt(variance / 2 * (1 / counts[0] + 1 / counts))
+
+
+@lru_cache(maxsize=256)
+def _critical_range(placements: int, degrees: float) -> float:
+    """What 5 % of studentized ranges exceed; slow to compute, and the same for every metric."""
+    return float(stats.studentized_range.ppf(0.95, placements, degrees))

@@ -1,0 +1,145 @@
+"""Which surrogate predicts a metric best, and does any?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from tracking.findings.paired import Paired, group_columns, paired
+from tracking.labels import metric_label, signed, surrogate_name
+from tracking.statistics.correlation_difference import strength_leads
+from tracking.statistics.multiple_tests import distinct_tests
+from tracking.statistics.permutation import smallest_p
+
+SIGNIFICANT = 0.05
+
+
+@dataclass(frozen=True)
+class Predictors:
+    """The surrogates of one class, detector, setting and metric, the strongest first.
+
+    Attributes:
+        group: the value of each of `tracking.findings.paired.group_columns`.
+        ranking: index surrogate: `spearman`, its `p` and family-wise `holm`, `rmse` and
+            `rmse_of_mean` of predicting a placement left out; `same_as`, the surrogate before it
+            that orders placements alike or reversed, or ""; `behind`, by how much its |rho| is
+            below the first one's, with `behind_low` and `behind_high`, a 95 % interval for all at
+            once (`tracking.statistics.correlation_difference`) of the same without the seeds'
+            noise; NaN for the first, and for those that order as it does.
+        predictor: the strongest whose `holm` is below 0.05 and that predicts a placement left out
+            better than the mean of the others does; "" if there is none.
+        sentence: the finding.
+    """
+
+    group: dict[str, object]
+    ranking: pd.DataFrame
+    predictor: str
+    sentence: str
+
+
+def which_predicts(
+    results: pd.DataFrame,
+    surrogates: pd.DataFrame,
+    correlations: pd.DataFrame,
+    left_out: pd.DataFrame,
+    axes: Sequence[str] = (),
+) -> list[Predictors]:
+    """Rank the surrogates of every group by the strength of their rank correlation.
+
+    Args:
+        results, surrogates, axes: see `tracking.findings.paired.paired`.
+        correlations: `tracking.findings.correlation.correlate` of the same.
+        left_out: `tracking.findings.leave_one_out.leave_one_out` of the same.
+
+    Returns:
+        One per group in which some surrogate has a coefficient, in the order of `correlations`.
+
+    Raises:
+        ValueError: a column is missing, or a row occurs twice.
+    """
+    keys = [*group_columns(axes), "surrogate"]
+    estimates = correlations.merge(left_out[[*keys, "rmse", "rmse_of_mean"]], on=keys, how="left")
+    found, start = [], 0
+    for group in paired(results, surrogates, axes):
+        own = estimates.iloc[start : start + group.surrogates.shape[1]]
+        start += len(own)
+        ranking = _ranking(group, own)
+        if ranking.empty:
+            continue
+        proven = ranking["holm"] < SIGNIFICANT
+        useful = ranking["rmse"] < ranking["rmse_of_mean"]
+        both = ranking.index[proven & useful]
+        predictor = str(both[0]) if len(both) else ""
+        sentence = _sentence(group.group, ranking, predictor) + _beyond_proof(own)
+        found.append(Predictors(group.group, ranking, predictor, sentence))
+    return found
+
+
+def _ranking(group: Paired, estimates: pd.DataFrame) -> pd.DataFrame:
+    columns = ["spearman", "spearman_p", "spearman_holm", "rmse", "rmse_of_mean"]
+    known = estimates[estimates["spearman"].notna()].set_index("surrogate")[columns]
+    # Equal coefficients may differ by rounding: the order of the table decides between them.
+    order = np.argsort(-known["spearman"].abs().round(9).to_numpy(), kind="stable")
+    ranking = known.iloc[order].rename(columns={"spearman_p": "p", "spearman_holm": "holm"})
+    ranking["same_as"] = ""
+    ranking[["behind", "behind_low", "behind_high"]] = np.nan
+    for placements, names in group.by_placements():
+        ranked = [name for name in ranking.index if name in names]
+        if not ranked:
+            continue
+        x = group.surrogates.loc[placements, ranked].to_numpy(np.float64).T
+        same = [ranked[i] for i in distinct_tests(x, "spearman")]
+        ranking.loc[ranked, "same_as"] = [
+            "" if one == name else one for one, name in zip(same, ranked, strict=True)
+        ]
+        # Coefficients of other placements than the first one's cannot be compared with it.
+        if ranked[0] != ranking.index[0]:
+            continue
+        # Those that order alike are one surrogate, also among the others.
+        distinct = [i for i, one in enumerate(same) if one == ranked[i]]
+        if len(distinct) < 2:
+            continue
+        y = group.metric.loc[placements].to_numpy(np.float64)
+        bounds = strength_leads(x[distinct], y)
+        leads = dict(zip([ranked[i] for i in distinct[1:]], bounds, strict=True))
+        for name, one in zip(ranked, same, strict=True):
+            if one in leads:
+                behind = abs(ranking["spearman"].iloc[0]) - abs(ranking.loc[name, "spearman"])
+                ranking.loc[name, ["behind", "behind_low", "behind_high"]] = [behind, *leads[one]]
+    return ranking
+
+
+def _sentence(group: dict[str, object], ranking: pd.DataFrame, predictor: str) -> str:
+    name = "All objects" if group["class"] == "all" else str(group["class"])
+    about = f"{name}, {metric_label(str(group['metric']), float(str(group['iou'])))}"
+    shown = predictor or str(ranking.index[0])
+    row = ranking.loc[shown].to_dict()
+    numbers = f"ρ = {signed(row['spearman'])}, p = {row['holm']:.2g} after correction"
+    if np.isnan(row["rmse"]):
+        error = "too few placements to leave one out"
+    else:
+        error = (
+            f"error of a placement left out {row['rmse']:.2g} points, "
+            f"of the mean {row['rmse_of_mean']:.2g}"
+        )
+    if not predictor:
+        return (
+            f"{about}: no surrogate is shown to predict it. The strongest is "
+            f"{surrogate_name(shown)} ({numbers}; {error})."
+        )
+    alike = ranking[(ranking["behind_low"] <= 0) & (ranking["same_as"] == "")].index
+    names = ", ".join(surrogate_name(str(other)) for other in alike)
+    # The others were compared with the first.
+    told = f"; not told from {names}" if names and predictor == ranking.index[0] else ""
+    return f"{about}: {surrogate_name(shown)} predicts it ({numbers}; {error}){told}."
+
+
+def _beyond_proof(estimates: pd.DataFrame) -> str:
+    """Says so where not even a perfect order could pass the correction."""
+    n, tests = int(estimates["n"].max()), int(estimates["spearman_tests"].max())
+    if smallest_p(n) * tests <= SIGNIFICANT:
+        return ""
+    return f" With {n} placements and {tests} tests not even a perfect order could be shown."

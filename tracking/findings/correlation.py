@@ -1,0 +1,140 @@
+"""How well the surrogates of a sweep's placements predicted AP and recall."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from tracking.findings.paired import Paired, group_columns, paired
+from tracking.statistics.coefficients import COEFFICIENTS, scores
+from tracking.statistics.confidence_interval import LEAST_PLACEMENTS, intervals
+from tracking.statistics.multiple_tests import adjust, distinct_tests
+from tracking.statistics.permutation import LARGEST_EXACT, permutation_p, smallest_p
+from tracking.statistics.reliability import icc, seed_mean
+
+FEW_PLACEMENTS = 6
+
+_ESTIMATES = tuple(
+    f"{coefficient}{suffix}"
+    for coefficient in COEFFICIENTS
+    for suffix in ("", "_low", "_high", "_p")
+)
+_ADJUSTED = tuple(
+    f"{coefficient}{suffix}"
+    for coefficient in COEFFICIENTS
+    for suffix in ("_holm", "_fdr", "_tests")
+)
+
+
+def correlate(
+    results: pd.DataFrame, surrogates: pd.DataFrame, axes: Sequence[str] = (), seed: int = 0
+) -> pd.DataFrame:
+    """Correlate every surrogate with every metric over the placements of a sweep.
+
+    A placement counts with its mean over seeds. No sign is assumed: tests are two-sided.
+    Intervals are 95 % ones of the correlation with the metric as expected over seeds; so they
+    allow for the seeds' noise, which lowers the coefficient itself (`confidence_interval`).
+    p-values are permutation tests, exact up to 8 placements, and adjusted for the number of tests
+    in the table. Surrogates that order placements alike, or reversed, are one test: S-MIG, IG,
+    covered and residual entropy within a class.
+
+    Args:
+        results, surrogates, axes: see `tracking.findings.paired.paired`, also for class "all".
+        seed: of the permutations beyond 8 placements.
+
+    Returns:
+        One row per (class, detector, axes, metric, iou, difficulty, surrogate): `n` placements,
+        the smallest number of `seeds`, `reliability` of one seed
+        (`tracking.statistics.reliability.icc`), and for each of pearson, spearman and kendall the
+        value, `_low`, `_high` and `_p`; `_holm`, adjusted family-wise, `_fdr`, by false discovery
+        rate, and `_tests`, how many different tests both were adjusted for; `exact`, whether p is
+        from all permutations; `note`, why there is no number or what to keep in mind;
+        `pairs_tested`, how many rows of this table have a coefficient, to judge how many small
+        p-values chance alone would give.
+
+    Raises:
+        ValueError: a column is missing, or a row occurs twice.
+    """
+    rows: list[dict[str, object]] = []
+    counted_as: dict[str, list[int]] = {coefficient: [] for coefficient in COEFFICIENTS}
+    for group in paired(results, surrogates, axes):
+        estimates, same = _estimates(group, seed)
+        position = {name: len(rows) + i for i, name in enumerate(estimates)}
+        for coefficient, names in same.items():
+            counted_as[coefficient] += [position[names[name]] for name in estimates]
+        rows += [{**group.group, "surrogate": name, **row} for name, row in estimates.items()]
+    columns = [*group_columns(axes), "surrogate", "n", "seeds", "reliability", *_ESTIMATES]
+    table = pd.DataFrame(rows, columns=[*columns, *_ADJUSTED, "exact", "note"])
+    for coefficient, indices in counted_as.items():
+        same_as = np.array(indices, dtype=np.intp)
+        p = table[f"{coefficient}_p"].to_numpy(np.float64)
+        table[f"{coefficient}_holm"] = adjust(p, same_as, "holm")
+        table[f"{coefficient}_fdr"] = adjust(p, same_as, "fdr")
+        table[f"{coefficient}_tests"] = len(np.unique(same_as[np.isfinite(p)]))
+    table["pairs_tested"] = int(table["pearson"].notna().sum())
+    return table
+
+
+def _estimates(
+    group: Paired, seed: int
+) -> tuple[dict[str, dict[str, object]], dict[str, dict[str, str]]]:
+    """The estimates of each surrogate; by coefficient, which surrogate's test each one repeats."""
+    estimates: dict[str, dict[str, object]] = {}
+    same: dict[str, dict[str, str]] = {coefficient: {} for coefficient in COEFFICIENTS}
+    # Surrogates known for the same placements are done in one go.
+    for placements, names in group.by_placements():
+        x = group.surrogates.loc[placements, names].to_numpy(np.float64).T
+        block = _block(x, group.metric.loc[placements].to_numpy(np.float64), seed)
+        for name, row in zip(names, block, strict=True):
+            estimates[name] = row
+            if row["note"] == "constant":
+                row["note"] = f"{name} is the same for every placement"
+        for coefficient in COEFFICIENTS:
+            first = distinct_tests(x, coefficient) if len(placements) else np.arange(len(names))
+            same[coefficient] |= {name: names[i] for name, i in zip(names, first, strict=True)}
+    return {str(name): estimates[str(name)] for name in group.surrogates}, same
+
+
+def _block(x: NDArray[np.float64], y: NDArray[np.float64], seed: int) -> list[dict[str, object]]:
+    """Estimates of each row of `x` (k, n) against the seed means of `y` (n, seeds)."""
+    n = len(y)
+    seeds = np.isfinite(y).sum(axis=1)
+    start: dict[str, object] = {
+        "n": n,
+        "seeds": int(seeds.min()) if n else 0,
+        "reliability": float(icc(y)) if n else np.nan,
+        **dict.fromkeys(_ESTIMATES, np.nan),
+        "exact": n <= LARGEST_EXACT,
+    }
+    rows = [dict(start) for _ in x]
+    if n < 3:
+        note = "no value: the class has no ground truth" if n == 0 else "fewer than 3 placements"
+        return [{**row, "note": note} for row in rows]
+    mean = seed_mean(y)
+    for coefficient in COEFFICIENTS:
+        values = scores(x, coefficient) @ scores(mean, coefficient)
+        p = permutation_p(x, mean, coefficient, seed)
+        bounds = intervals(x, y, coefficient)
+        for i, row in enumerate(rows):
+            row[coefficient] = values[i]
+            row[f"{coefficient}_low"], row[f"{coefficient}_high"] = bounds[i]
+            row[f"{coefficient}_p"] = p[i]
+    notes = []
+    if n < LEAST_PLACEMENTS:
+        notes.append(f"{n} placements are too few for an interval")
+    if n < FEW_PLACEMENTS:
+        notes.append(f"few placements: the smallest possible two-sided p is {smallest_p(n):.2g}")
+    if seeds.max() < 2:
+        notes.append("one seed: the interval lacks its noise")
+    flat = np.isnan(scores(mean, "pearson")).any()
+    for i, row in enumerate(rows):
+        if flat:
+            row["note"] = "the metric is the same for every placement"
+        elif np.isnan(scores(x[i], "pearson")).any():
+            row["note"] = "constant"
+        else:
+            row["note"] = "; ".join(notes)
+    return rows

@@ -1,0 +1,78 @@
+"""The parts of a sweep within which placements can be compared."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+
+from tracking.labels import setting_label
+from tracking.run_folders.sweep import RunFolder
+
+
+@dataclass(frozen=True)
+class Group:
+    """One detector at one setting of the further axes.
+
+    Attributes:
+        detector: its name, "" for surrogates alone.
+        setting: value of every further axis, by key path.
+        varies: whether the sweep has other groups, so that a title must name this one.
+    """
+
+    detector: str
+    setting: dict[str, Any]
+    varies: bool
+
+    @property
+    def title(self) -> str:
+        """Detector and setting, for example "second, density = 40"."""
+        axes = setting_label(self.setting, self.setting.values())
+        return ", ".join(part for part in (self.detector, axes) if part)
+
+    def of(self, table: pd.DataFrame) -> pd.DataFrame:
+        """The rows of `table` that belong to this group."""
+        match = table["detector"] == self.detector
+        for axis, value in self.setting.items():
+            match &= table[axis].isna() if pd.isna(value) else table[axis] == value
+        return table[match]
+
+
+def has_detectors(run: RunFolder) -> bool:
+    """Whether the sweep trains detectors: there are sweeps of surrogates alone."""
+    return bool((run.trials["detector"] != "").any())
+
+
+def pictured(run: RunFolder) -> str:
+    """Of which setting maps, frames and clouds are, "at density = 40"; "" where there is one.
+
+    Run folders of before do not say it.
+    """
+    known = {a: v for a, v in run.sweep.pictured.items() if a in run.surrogates.columns}
+    varied = {a: v for a, v in known.items() if run.surrogates[a].nunique() > 1}
+    return f"at {setting_label(varied, varied.values())}" if varied else ""
+
+
+def by_setting(table: pd.DataFrame, axes: Sequence[str]) -> Iterator[tuple[str, pd.DataFrame]]:
+    """The parts of `table` with equal further axes, with a title; all of it if there are none."""
+    own = [axis for axis in axes if axis in table.columns]
+    if not own:
+        yield "", table
+        return
+    for values, part in table.groupby(own, sort=False, dropna=False):
+        yield setting_label(own, values), part
+
+
+def groups(run: RunFolder) -> Iterator[Group]:
+    """All groups with a result, in the order of the results; without any, those of surrogates."""
+    if run.results.empty:
+        own = [axis for axis in run.axes if axis in run.surrogates.columns]
+        table = run.surrogates[own].assign(detector="")
+    else:
+        table = run.results[["detector", *run.axes]]
+    found = table.drop_duplicates().to_dict("records")
+    for row in found:
+        detector = str(row.pop("detector"))
+        yield Group(detector, {str(axis): value for axis, value in row.items()}, len(found) > 1)

@@ -1,0 +1,229 @@
+"""What a sweep found, in a few numbers: means over seeds, the summary table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from tracking.findings.paired import group_columns
+from tracking.kitti_iou import headline_iou
+from tracking.labels import in_order, surrogate_name
+from tracking.run_folders.sweep import RunFolder
+from tracking.statistics.jackknife import sample_error
+
+TERMINAL_ROWS = 20
+"""Rows of the summary of a sweep without results: a terminal shows the best."""
+
+_SHORT = {"s_mig": "S-MIG", "expected_ig": "E-IG"}
+
+
+def seed_means(
+    results: pd.DataFrame, axes: Sequence[str] = (), left_out: pd.DataFrame | None = None
+) -> pd.DataFrame:
+    """Mean over seeds.
+
+    Its 95 % interval is Student's with the variance over seeds pooled over the placements of the
+    same (class, detector, axes, metric, iou, difficulty), as if seeds scattered alike under all of
+    them: two or three seeds alone do not tell their spread. With `left_out` the choice of the test
+    objects adds its own variance (`tracking.statistics.jackknife`).
+
+    Args:
+        left_out: `RunFolder.left_out`; None: intervals are over seeds alone.
+
+    Returns:
+        One row per (placement, class, detector, axes, metric, iou, difficulty): `mean`, `sd`
+        (n - 1; NaN for one seed), `seeds`, the smallest number of `ground_truths`;
+        `sample_sd`, the error by the choice of the test objects, NaN where it is unknown; `low`
+        and `high`; and `half`, half the interval of the mean against other placements that were
+        tested on the same frames, two of which add in squares. All three are NaN where no placement
+        has two seeds. Rows whose value is NaN for every seed have 0 seeds.
+    """
+    groups = group_columns(axes)
+    means = (
+        results.groupby(["placement", *groups], dropna=False, sort=False, observed=True)
+        .agg(
+            mean=("value", "mean"),
+            sd=("value", "std"),
+            seeds=("value", "count"),
+            ground_truths=("ground_truths", "min"),
+        )
+        .reset_index()
+    )
+    extra = (means["seeds"] - 1).clip(lower=0)
+    pooled = means[groups].assign(squares=means["sd"].fillna(0) ** 2 * extra, extra=extra)
+    total = pooled.groupby(groups, dropna=False, observed=True)[["squares", "extra"]]
+    summed = total.transform("sum")
+    degrees = summed["extra"].where(summed["extra"] > 0)
+    variance = summed["squares"] / degrees / means["seeds"].where(means["seeds"] > 0)
+    errors = _sample_errors(means, left_out, groups)
+    half = {
+        name: _half(variance, degrees, errors[f"{name}_variance"], errors[f"{name}_degrees"])
+        for name in ("single", "paired")
+    }
+    return means.assign(
+        sample_sd=np.sqrt(errors["single_variance"]),
+        low=means["mean"] - half["single"],
+        high=means["mean"] + half["single"],
+        half=half["paired"],
+    )
+
+
+def _half(
+    variance: pd.Series, degrees: pd.Series, other: pd.Series, other_degrees: pd.Series
+) -> pd.Series:
+    """Half of Student's 95 % interval for a sum of two variances, by Satterthwaite."""
+    whole = variance + other.fillna(0)
+    parts = variance**2 / degrees + (other**2 / other_degrees).fillna(0)
+    freedom = (whole**2 / parts.where(parts > 0)).fillna(degrees)
+    return stats.t.ppf(0.975, freedom) * np.sqrt(whole)
+
+
+def _sample_errors(
+    means: pd.DataFrame, left_out: pd.DataFrame | None, groups: list[str]
+) -> pd.DataFrame:
+    """`sample_error` of every row of `means`, of one placement and of paired ones; NaN: unknown."""
+    names = ["single_variance", "single_degrees", "paired_variance", "paired_degrees"]
+    if left_out is None or left_out.empty:
+        return pd.DataFrame(np.nan, index=means.index, columns=names)
+    keys = [key for key in groups if key in left_out.columns]
+    rows = []
+    for values, own in left_out.groupby(keys, dropna=False, sort=False, observed=True):
+        row = dict(zip(keys, values, strict=True))
+        for name, paired in (("single", False), ("paired", True)):
+            error = sample_error(own, paired)
+            if error is not None:
+                row |= {f"{name}_variance": error.variance, f"{name}_degrees": error.degrees}
+        rows.append(row)
+    table = pd.DataFrame(rows).reindex(columns=[*keys, *names])
+    return means[keys].merge(table, on=keys, how="left").set_index(means.index)[names]
+
+
+def surrogates_of(
+    surrogates: pd.DataFrame,
+    setting: dict[str, object],
+    object_class: str,
+    columns: str = "surrogate",
+    values: str = "value",
+) -> pd.DataFrame:
+    """Surrogates of one class at one setting of the axes: placements as rows.
+
+    A missing value in an axis column stands for any value.
+    """
+    match = surrogates["class"] == object_class
+    for axis, value in setting.items():
+        if axis in surrogates.columns:
+            match &= (surrogates[axis] == value) | surrogates[axis].isna()
+    return surrogates[match].pivot(index="placement", columns=columns, values=values)
+
+
+def deciding_surrogate(surrogates: pd.DataFrame) -> str:
+    """What orders placements without results, the highest first.
+
+    Expected IG, or covered entropy if that was not computed: both only rise when a LiDAR is added,
+    which S-MIG does not. Then expected points, which do too, then any that was computed.
+    """
+    computed = in_order(surrogates.loc[surrogates["value"].notna(), "surrogate"].unique())
+    rising = ("expected_ig", "covered_entropy", "expected_points")
+    return next((name for name in (*rising, *computed) if name in computed), rising[0])
+
+
+def by_surrogate(surrogates: pd.DataFrame) -> list[str]:
+    """Placements by `deciding_surrogate`, summed over classes and settings, the highest first."""
+    own = surrogates[surrogates["surrogate"] == deciding_surrogate(surrogates)]
+    total = own.groupby("placement", sort=False)["value"].sum()
+    return [str(name) for name in total.sort_values(ascending=False, kind="stable").index]
+
+
+def summary_table(run: RunFolder) -> pd.DataFrame:
+    """A table of a sweep that fits a terminal, best placement first.
+
+    Without results, those of `_surrogate_summary`. With results:
+
+    One row per placement, or per (placement, detector, axes) where these vary. Columns: `seeds`;
+    S-MIG and expected IG of the first class; `covered entropy`, summed over classes; of the first
+    class 3D AP at its KITTI IoU (which orders the rows), its `sd` over seeds, and BEV AP at every
+    IoU; BEV AP of the other classes at theirs; `recall` of all objects. Percent, means over seeds.
+    A column that the sweep has no number for is left out.
+    """
+    if run.results.empty:
+        return _surrogate_summary(run)
+    first, *others = run.classes
+    detectors = run.results["detector"].unique()
+    varying = [axis for axis in run.axes if run.results[axis].nunique(dropna=False) > 1]
+    keys = ["placement", *(["detector"] if len(detectors) > 1 else []), *varying]
+
+    columns: list[tuple[str, str, str, float]] = []
+    main_iou = headline_iou(run.results, first)
+    columns.append((f"{first} 3D@{main_iou:g}", first, "AP_R40_3D", main_iou))
+    for iou in sorted(run.results.loc[run.results["class"] == first, "iou"].unique()):
+        columns.append((f"{first} BEV@{iou:g}", first, "AP_R40_BEV", iou))
+    for name in others:
+        iou = headline_iou(run.results, name)
+        columns.append((f"{name} BEV@{iou:g}", name, "AP_R40_BEV", iou))
+    iou = headline_iou(run.results, "all")
+    columns.append((f"recall@{iou:g}", "all", "recall", iou))
+
+    rows = []
+    for key, group in run.results.groupby(keys, dropna=False, sort=False, observed=True):
+        row: dict[str, object] = dict(zip(keys, key, strict=True))
+        row["seeds"] = group["seed"].nunique()
+        setting = {axis: row[axis] for axis in varying}
+        own = surrogates_of(run.surrogates, setting, first)
+        for surrogate, title in _SHORT.items():
+            if surrogate in own.columns:
+                row[f"{first} {title}"] = own[surrogate].get(row["placement"])
+        covered = [surrogates_of(run.surrogates, setting, name) for name in run.classes]
+        if all("covered_entropy" in table.columns for table in covered):
+            row["covered entropy"] = sum(
+                table["covered_entropy"].get(row["placement"], float("nan")) for table in covered
+            )
+        for title, name, metric, iou in columns:
+            match = (group["class"] == name) & (group["metric"] == metric) & (group["iou"] == iou)
+            row[title] = group.loc[match, "value"].mean()
+            if title == columns[0][0]:
+                row["sd"] = group.loc[match, "value"].std()
+        rows.append(row)
+    table = pd.DataFrame(rows).dropna(axis="columns", how="all")
+    best = columns[0][0]
+    if best in table.columns:
+        table = table.sort_values(best, ascending=False, kind="stable", na_position="last")
+    return table.reset_index(drop=True)
+
+
+def _surrogate_summary(run: RunFolder) -> pd.DataFrame:
+    """The best TERMINAL_ROWS placements of each setting by `deciding_surrogate`.
+
+    Columns: placement; the axes that surrogates vary over; that surrogate of every class, if there
+    are several; it, covered entropy and S-MIG summed over classes. What was not computed is left
+    out.
+    """
+    order = by_surrogate(run.surrogates)
+    if not order:
+        return pd.DataFrame(columns=["placement"])
+    decides = deciding_surrogate(run.surrogates)
+    varying = [
+        axis
+        for axis in run.axes
+        if axis in run.surrogates.columns and run.surrogates[axis].nunique() > 1
+    ]
+    settings = run.surrogates[varying].drop_duplicates().to_dict("records") if varying else [{}]
+    tables = []
+    for row in settings:
+        setting = {str(axis): value for axis, value in row.items()}
+        own = {name: surrogates_of(run.surrogates, setting, name) for name in run.classes}
+        columns = {"placement": pd.Series(order, index=order)}
+        columns |= {axis: pd.Series(value, index=order) for axis, value in setting.items()}
+        for surrogate in dict.fromkeys((decides, "covered_entropy", "s_mig")):
+            known = {k: table[surrogate] for k, table in own.items() if surrogate in table.columns}
+            title = _SHORT.get(surrogate, surrogate_name(surrogate))
+            if surrogate == decides and len(run.classes) > 1:
+                columns |= {f"{name} {title}": values for name, values in known.items()}
+            columns[title] = pd.DataFrame(known, index=order).sum(axis=1, min_count=1)
+        table = pd.DataFrame(columns).dropna(axis="columns", how="all")
+        best = _SHORT.get(decides, surrogate_name(decides))
+        table = table.sort_values(best, ascending=False, kind="stable")
+        tables.append(table.head(TERMINAL_ROWS))
+    return pd.concat(tables, ignore_index=True)

@@ -1,0 +1,92 @@
+"""What shorter trainings and fewer frames cost in AP."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pandas as pd
+
+from tracking.findings.surrogate_accuracy import rank_agreement
+from tracking.kitti_iou import headline_iou
+
+COST_AXES = ("training.epochs", "training.frame_share")
+"""Axes of a sweep that trade AP for seconds of training."""
+METRIC = "AP_R40_3D"
+"""What is compared, at `headline_iou`."""
+
+
+def varied_cost_axes(results: pd.DataFrame) -> tuple[str, ...]:
+    """Those of COST_AXES that the sweep varies."""
+    return tuple(axis for axis in COST_AXES if axis in results and results[axis].nunique() > 1)
+
+
+def is_longest(results: pd.DataFrame, axes: Sequence[str]) -> pd.Series:
+    """Whether each row is of the longest training of its detector and setting of the other axes.
+
+    The longest sees most frames, epochs × share of the frames; of equal ones it is the one with
+    more different frames. Not by the clock, which is noisy. All are the longest where the sweep
+    varies none of COST_AXES.
+    """
+    own = [axis for axis in COST_AXES if axis in results]
+    keys = [results[key] for key in ("detector", *(axis for axis in axes if axis not in own))]
+    longest = pd.Series(True, index=results.index)
+    for amount in (results[own].prod(axis=1), *(results[axis] for axis in reversed(own))):
+        rest = amount.where(longest)
+        longest &= rest == rest.groupby(keys, dropna=False).transform("max")
+    return longest
+
+
+def training_cost(results: pd.DataFrame, curves: pd.DataFrame, axes: Sequence[str]) -> pd.DataFrame:
+    """AP of every trial against the longest training of its placement, detector and seed.
+
+    Args:
+        results: `results.parquet`.
+        curves: `curves.parquet`, with the metric "seconds" of every epoch.
+        axes: the further axes of the sweep.
+
+    Returns:
+        One row a trial and class with AP: trial, placement, detector, seed, axes, class, iou, ap
+        (percent); seconds, of all its epochs; reference, whether it is the longest training;
+        reference_ap, and error, reference_ap less ap: NaN where the longest training failed.
+    """
+    iou = {name: headline_iou(results, name) for name in results["class"].unique()}
+    own = results[(results["metric"] == METRIC) & (results["iou"] == results["class"].map(iou))]
+    own = own.dropna(subset="value").rename(columns={"value": "ap"})
+    spent = curves[curves["metric"] == "seconds"].groupby("trial")["value"].sum()
+    # A first epoch that also compiled is as long as it was: that is what a user waits for.
+    own["seconds"] = own["trial"].map(spent)
+    own["reference"] = is_longest(own, axes)
+    same = ["placement", "detector", "seed", *(a for a in axes if a not in COST_AXES), "class"]
+    reference = own.loc[own["reference"], [*same, "ap"]].rename(columns={"ap": "reference_ap"})
+    table = own.merge(reference, on=same, how="left")
+    table["error"] = table["reference_ap"] - table["ap"]
+    columns = ["trial", "placement", "detector", "seed", *axes, "class", "iou", "ap", "seconds"]
+    return table[[*columns, "reference", "reference_ap", "error"]]
+
+
+def summarise_cost(cost: pd.DataFrame, axes: Sequence[str]) -> pd.DataFrame:
+    """One row per class, detector and setting of the axes, the longest training first.
+
+    Columns: trials; seconds, the median; ap, error and error_sd over placements and seeds;
+    kendall, the rank agreement of the placements' means over seeds with the longest training;
+    reference.
+    """
+    rows = []
+    keys = ["class", "detector", *axes]
+    for key, group in cost.groupby(keys, sort=False, dropna=False):
+        means = group.groupby("placement")[["ap", "reference_ap"]].mean().dropna()
+        rows.append(
+            dict(zip(keys, key, strict=True))
+            | {
+                "trials": len(group),
+                "seconds": group["seconds"].median(),
+                "ap": group["ap"].mean(),
+                "error": group["error"].mean(),
+                "error_sd": group["error"].std(),
+                "kendall": rank_agreement(means["ap"], means["reference_ap"])[1],
+                "reference": bool(group["reference"].all()),
+            }
+        )
+    return pd.DataFrame(rows).sort_values(
+        ["class", "detector", "seconds"], ascending=[True, True, False], ignore_index=True
+    )

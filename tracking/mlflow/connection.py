@@ -1,0 +1,143 @@
+"""A connection to MLflow that fails at once, and whether trying again makes sense."""
+
+from __future__ import annotations
+
+import logging
+import os
+import socket
+import sqlite3
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from lidarplace.files.atomic import temporary
+from lidarplace.files.secret_urls import public_url
+from tracking.mlflow.uri import is_server, sqlite_file
+
+
+def connect(uri: str) -> Any:
+    """An MLflow client. Fails at once where MLflow itself would try for minutes.
+
+    Raises:
+        ValueError: a package is missing.
+        Exception: see `is_away`.
+    """
+    os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"
+    os.environ["MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT"] = "true"
+    os.environ["MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR"] = "false"
+    os.environ["MLFLOW_HTTP_REQUEST_MAX_RETRIES"] = "0"
+    os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "30")
+    os.environ.setdefault("PGCONNECT_TIMEOUT", "10")
+    from mlflow import MlflowClient  # heavy, and reads the environment when imported
+
+    # A connection that is lost is told in one line, and the steps of creating a database are no
+    # news for a reader of the sweep's output.
+    for logger in ("mlflow.store.db.utils", "alembic"):
+        logging.getLogger(logger).setLevel(logging.CRITICAL)
+    if (database := sqlite_file(uri)) is not None and not database.exists():
+        _create(database)
+    if not is_server(uri):
+        _try_database(uri)
+    return MlflowClient(tracking_uri=uri)
+
+
+def _create(database: Path) -> None:
+    """Make a SQLite database with MLflow's tables, in one step for everybody else.
+
+    MLflow makes them in many: a process that was killed on its way, or a second one that does the
+    same, would leave a database that no MLflow can open again.
+    """
+    from mlflow import MlflowClient
+
+    partial = temporary(database)
+    try:
+        MlflowClient(tracking_uri=f"sqlite:///{partial}").search_experiments(max_results=1)
+        with suppress(FileExistsError):  # another process was faster
+            os.link(partial, database)
+    finally:
+        for path in partial.parent.glob(f"{partial.name}*"):  # SQLite's own files too
+            path.unlink(missing_ok=True)
+
+
+def _try_database(uri: str) -> None:
+    import sqlalchemy
+    from sqlalchemy import event
+    from sqlalchemy.engine import Engine
+
+    if not event.contains(Engine, "connect", _sync_less):
+        event.listen(Engine, "connect", _sync_less)
+    try:
+        engine = sqlalchemy.create_engine(uri)
+    except ModuleNotFoundError as error:
+        hint = ": pip install 'lidarplace[postgres]'" if uri.startswith("postgresql") else ""
+        raise ValueError(f"{public_url(uri)} needs the package {error.name}{hint}") from error
+    try:
+        sqlalchemy.inspect(engine).get_table_names()
+    finally:
+        engine.dispose()
+
+
+def _sync_less(connection: Any, _record: Any) -> None:
+    """Let SQLite wait for the disk once a commit, not three times: MLflow commits often.
+
+    A killed process loses nothing by it; what a power cut takes back comes from the journal again.
+    """
+    if isinstance(connection, sqlite3.Connection):
+        connection.execute("PRAGMA synchronous = NORMAL")
+        if connection.execute("PRAGMA journal_mode").fetchone() == ("delete",):
+            connection.execute("PRAGMA journal_mode = PERSIST")
+
+
+def _causes(error: BaseException | None) -> Iterator[BaseException]:
+    while error is not None:
+        yield error
+        error = error.__cause__ or error.__context__
+
+
+def is_away(error: Exception, uri: str) -> bool:
+    """Whether the same call may succeed later.
+
+    A folder that cannot be written is not away: nobody may ever mend it, and others would wait.
+    """
+    from mlflow.exceptions import InvalidUrlException, MlflowException
+    from requests import HTTPError, RequestException
+    from sqlalchemy.exc import InterfaceError, OperationalError
+
+    if isinstance(error, InvalidUrlException):
+        return False
+    if isinstance(error, HTTPError) and error.response is not None:  # of an artifact
+        return error.response.status_code in (401, 403)
+    lost = (
+        *(OperationalError, InterfaceError),
+        *(ConnectionError, TimeoutError, socket.gaierror, RequestException),
+    )
+    if any(isinstance(cause, lost) for cause in _causes(error)):
+        return True
+    if not isinstance(error, MlflowException) or not is_server(uri):
+        return False
+    status = error.get_http_status_code()
+    return status >= 500 or status in (408, 429) or is_forbidden(error)
+
+
+def is_server_error(error: Exception) -> bool:
+    """Whether the server answered 500, as it does if it cannot write an artifact.
+
+    While its database is away it answers 503.
+    """
+    from urllib3.exceptions import ResponseError
+
+    return reason(error) == ResponseError.SPECIFIC_ERROR.format(status_code=500)
+
+
+def is_forbidden(error: Exception) -> bool:
+    """Whether the server wants other credentials, whatever is sent."""
+    from mlflow.exceptions import MlflowException
+
+    return isinstance(error, MlflowException) and error.get_http_status_code() in (401, 403)
+
+
+def reason(error: BaseException) -> str:
+    """The innermost reason in one line."""
+    *_, first = _causes(error)
+    return " ".join(str(first).split()) or type(first).__name__

@@ -1,0 +1,97 @@
+"""The pictures of a trial's run: its placement, and precision over recall."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from lidarplace.files.atomic import replacing
+from lidarplace.placement import Mount
+from lidarplace.pose import rotation
+from lidarplace.sensor import Lidar
+from tracking.figures.kit.style import OUTLINE, VEHICLE, colour
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_DPI = 110
+_AXIS_M = 0.5
+
+
+def draw_rig(path: Path, title: str, mounts: Sequence[Mount], lidars: Sequence[Lidar]) -> None:
+    """Write a PNG of a rig: from above with where x of every sensor points, and from the side
+    and from behind with the plane in which it turns."""
+    figure = _figure(9.0, 2.7)
+    panels: list[tuple[str, int, int]] = [("above", 0, 1), ("the left", 0, 2), ("behind", 1, 2)]
+    axes = figure.subplots(1, 3, gridspec_kw={"width_ratios": [5.6, 5.6, 3.0]})
+    length, width = VEHICLE
+    half = {0: length / 2, 1: width / 2}
+    for axis, (view, across, up) in zip(axes, panels, strict=True):
+        low = -half[1] if up == 1 else 0.0
+        high = half[1] if up == 1 else 1.5
+        axis.add_patch(_rectangle(-half[across], low, 2 * half[across], high - low))
+        for i, mount in enumerate(mounts):
+            at = np.array([mount.x, mount.y, mount.z])
+            turn = rotation(mount.roll, mount.pitch, mount.yaw)
+            shown = turn[:, :1] if up == 1 else turn[:, :2]
+            for j, direction in enumerate((_AXIS_M * shown).T):
+                begin = at if up == 1 else at - direction
+                ends = np.stack([begin, at + direction])
+                axis.plot(ends[:, across], ends[:, up], color=colour(i), lw=2 if j == 0 else 1)
+            axis.plot(at[across], at[up], "o", color=colour(i), markeredgecolor="white")
+        axis.set_title(f"from {view}", fontsize=9)
+        axis.set_xlabel("xy"[across] + " (m)")
+        axis.set_ylabel("xyz"[up] + " (m)")
+        axis.set_aspect("equal")
+        axis.margins(0.12)
+        if across == 1:
+            axis.invert_xaxis()  # y is to the left of who looks ahead
+    beams = ", ".join(sorted({f"{lidar.beams} beams" for lidar in lidars}))
+    figure.suptitle(f"{title}: {len(mounts)} LiDARs, {beams}", fontsize=11)
+    _save(figure, path)
+
+
+def draw_pr_curves(path: Path, title: str, curves: pd.DataFrame) -> None:
+    """Write a PNG of precision over recall, a panel a class.
+
+    Args:
+        curves: class, metric, iou, recall, precision; percent.
+    """
+    classes = list(dict.fromkeys(curves["class"]))
+    figure = _figure(max(3.4 * len(classes), 5.0), 3.6)
+    for axis, name in zip(figure.subplots(1, len(classes), squeeze=False)[0], classes, strict=True):
+        own = curves[curves["class"] == name].groupby(["metric", "iou"], sort=False)
+        for i, ((metric, iou), curve) in enumerate(own):
+            label = f"{str(metric).removeprefix('AP_R40_')} @ {iou:g}"
+            style = "-" if str(metric).endswith("3D") else "--"
+            axis.plot(curve["recall"], curve["precision"], style, color=colour(i), label=label)
+        axis.set(xlim=(0, 100), ylim=(0, 102), xlabel="recall (%)", ylabel="precision (%)")
+        axis.set_title(name, fontsize=10)
+        axis.legend(fontsize=8)
+    figure.suptitle(title, fontsize=11)
+    _save(figure, path)
+
+
+def _figure(width: float, height: float) -> Figure:
+    from matplotlib.figure import Figure  # not pyplot, which would keep it and ask for a display
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def _rectangle(x: float, y: float, width: float, height: float) -> Any:
+    from matplotlib.patches import Rectangle
+
+    return Rectangle((x, y), width, height, facecolor=OUTLINE, alpha=0.25, edgecolor=OUTLINE)
+
+
+def _save(figure: Figure, path: Path) -> None:
+    for axis in figure.axes:
+        axis.grid(alpha=0.3)
+        axis.spines[["top", "right"]].set_visible(False)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as partial:
+        figure.savefig(partial, format="png", dpi=_DPI)

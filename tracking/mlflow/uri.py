@@ -1,0 +1,52 @@
+"""Where MLflow keeps runs: an address that can be checked, shown and opened."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+from lidarplace.files.secret_urls import check_whole, public_url
+
+
+def absolute_uri(uri: str) -> str:
+    """`uri` with the driver of its database, and a file as an absolute path for later.
+
+    Raises:
+        ValueError: MLflow cannot keep runs there.
+    """
+    if "://" not in uri or uri.startswith("file:"):
+        raise ValueError(
+            f"MLflow keeps runs in a database or on a server, for example sqlite:///runs/mlflow.db "
+            f"or http://host:5000; found {public_url(uri)!r}"
+        )
+    check_whole("tracking.uri", uri)
+    # Which driver a plain postgresql:// means depends on the version of SQLAlchemy.
+    uri = re.sub("^postgresql://", "postgresql+psycopg2://", uri)
+    database = sqlite_file(uri)
+    return uri if database is None else f"sqlite:///{database.resolve()}"
+
+
+def sqlite_file(uri: str) -> Path | None:
+    """The database file of a `sqlite:///` URI, None for other URIs."""
+    match = re.fullmatch(r"sqlite:///(.+)", uri)
+    return Path(match[1]) if match else None
+
+
+def is_server(uri: str) -> bool:
+    """Whether `uri` is a tracking server, not a database."""
+    return uri.startswith(("http://", "https://"))
+
+
+def ui_command(uri: str, page: str = "") -> str:
+    """What opens the experiments in a browser: a command line, of a server its address.
+
+    The password of a database is masked, the user has to write it.
+
+    Args:
+        page: below the server's address.
+    """
+    if is_server(uri):
+        return public_url(uri).rstrip("/") + page
+    uri = absolute_uri(uri)
+    return f"python -m tracking.dashboard {shlex.quote(str(sqlite_file(uri) or public_url(uri)))}"

@@ -1,0 +1,69 @@
+"""A report as Markdown: what the page says, for a terminal, a repository or a chat."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from lidarplace.command_line.terminal import visible
+from lidarplace.files.atomic import replacing
+from tracking.pages.csv_files import FOLDER
+from tracking.pages.section import Section, figure_title
+from tracking.pages.tables import Table
+
+
+def write_markdown(
+    target: Path,
+    title: str,
+    first: Sequence[str],
+    sections: Sequence[Section],
+    last: Mapping[str, str],
+    page: str,
+) -> Path:
+    """Write sentences, tables and the names of figures to `target`; return it.
+
+    Args:
+        first: blocks of Markdown below the title.
+        last: verbatim texts at the end, by heading.
+        page: file name of the HTML page, which has the figures.
+    """
+    blocks = [f"# {escaped(title)}", *first]
+    for section in sections:
+        blocks += [f"## {escaped(section.title)}", *map(escaped, section.notes)]
+        if section.figures:
+            titles = (figure_title(figure) or section.title for figure in section.figures)
+            names = "; ".join(map(escaped, titles))
+            blocks.append(f"Figures in [{page}]({page}#{section.anchor}): {names}.")
+        for table in section.tables:
+            source = f" ([CSV]({FOLDER}/{table.name}.csv))" if table.data is not None else ""
+            blocks += [f"**{escaped(table.caption)}**{source}", _table(table)]
+    for heading, words in last.items():
+        blocks += [f"## {escaped(heading)}", _verbatim(words)]
+    with replacing(target) as partial:
+        partial.write_text("\n\n".join(blocks) + "\n", encoding="utf-8")
+    return target
+
+
+def escaped(words: str) -> str:
+    """Words in one line that Markdown shows as they are."""
+    line = visible(" ".join(words.split()))
+    # A list would begin with the last two.
+    return re.sub(r"([\\`*_\[\]<>|#&~]|^[-+])", r"\\\1", line)
+
+
+def _table(table: Table) -> str:
+    rule = ("---" if i in table.words else "---:" for i in range(len(table.head)))
+    rows = [
+        [f"**{escaped(c)}**" if (i, j) in table.best else escaped(c) for j, c in enumerate(row)]
+        for i, row in enumerate(table.rows)
+    ]
+    lines = [map(escaped, table.head), rule, *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _verbatim(words: str) -> str:
+    """A block of code, fenced by more backticks than it holds in a row."""
+    longest = max((len(run) for run in re.findall("`+", words)), default=0)
+    fence = "`" * max(3, longest + 1)
+    return f"{fence}\n{words.rstrip()}\n{fence}"

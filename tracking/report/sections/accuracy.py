@@ -1,0 +1,76 @@
+"""The section of surrogates that were computed faster: error against run time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from tracking.figures.of_sweeps.accuracy import accuracy_figure
+from tracking.findings.groups import by_setting
+from tracking.findings.surrogate_accuracy import relative_errors, summarise
+from tracking.labels import signed, surrogate_name
+from tracking.pages.section import Section
+from tracking.pages.tables import Table, slug
+from tracking.run_folders.sweep import RunFolder
+
+
+def accuracy_section(run: RunFolder) -> Section:
+    """Errors and ranks of every cheaper way to compute a surrogate, against its seconds."""
+    section = Section("Surrogates: error against run time", columns=1)
+    if run.accuracy is None or run.accuracy.empty:
+        section.notes.append("The run folder has no accuracy.parquet.")
+        return section
+    section.notes.append(
+        "Left: error of the method, of fewer azimuth steps and of fewer frames at one resolution. "
+        "Middle: error against the finest resolution that was computed; a coarse grid makes beams "
+        "thick and too few rays leave gaps, and the two errors can cancel. Right: whether the "
+        "placements are ranked alike, which is what a choice needs. Medians over placements, bars "
+        "to the largest; hollow points have no error. The menu chooses the surrogate."
+    )
+    for title, part in by_setting(run.accuracy, run.axes):
+        summary = summarise(relative_errors(part))
+        for name, own in summary.groupby("class", sort=False):
+            label = f"{name} · {title}" if title else str(name)
+            section.figures.append(accuracy_figure(own, f"Error against run time · {label}"))
+            section.tables.append(accuracy_table(own, label))
+    return section
+
+
+def accuracy_table(summary: pd.DataFrame, title: str) -> Table:
+    """`tracking.findings.surrogate_accuracy.summarise` of one class as text."""
+    head = (
+        *("surrogate", "method", "resolution (m)", "azimuth steps", "frames", "error (%)"),
+        *("worst (%)", "same resolution (%)", "Spearman ρ", "Kendall τ", "seconds", "POG seconds"),
+    )
+    rows = []
+    for row in summary.to_dict("records"):
+        errors = (row["median_error"], row["worst_error"], row["median_method_error"])
+        ranks = (row["spearman"], row["kendall"])
+        rows.append(
+            (
+                surrogate_name(str(row["surrogate"])),
+                str(row["method"]) + (" (reference)" if row["reference"] else ""),
+                f"{row['resolution']:g}",
+                f"{row['azimuth_steps']:,}" if row["azimuth_steps"] else "all",
+                f"{row['frames']:,}",
+                *("–" if np.isnan(e) else f"{100 * e:.3g}" for e in errors),
+                *("–" if np.isnan(r) else signed(r) for r in ranks),
+                *(f"{row[key]:.3g}" for key in ("seconds", "pog_seconds")),
+            )
+        )
+    caption = f"Rank agreement with the reference and errors · {title}"
+    return Table(
+        caption,
+        head,
+        tuple(rows),
+        words=frozenset({0, 1}),
+        wide=True,
+        name=slug("surrogate accuracy", title),
+        data=summary.rename(
+            columns={
+                "resolution": "resolution (m)",
+                "seconds": "seconds (s)",
+                "pog_seconds": "pog_seconds (s)",
+            }
+        ),
+    )

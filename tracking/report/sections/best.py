@@ -1,0 +1,123 @@
+"""The section that says which placement is best, by how much and how sure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from tracking.figures.kit.style import text
+from tracking.figures.of_sweeps.forest import forest
+from tracking.findings.best_placement import BestPlacement
+from tracking.findings.groups import Group
+from tracking.kitti_iou import headline_iou
+from tracking.labels import metric_label
+from tracking.pages.section import Section
+from tracking.pages.tables import MOST_ROWS, Table, slug
+from tracking.report.headline import (
+    class_label,
+    headline_metric,
+    percent,
+    plus_minus,
+    signed_points,
+)
+from tracking.run_folders.sweep import RunFolder
+
+MOST_DRAWN = 20
+
+
+def best_section(
+    run: RunFolder,
+    rankings: Sequence[tuple[Group, Mapping[str, BestPlacement]]],
+    means: pd.DataFrame,
+) -> Section | None:
+    """A figure and a table of every group and class; None without results.
+
+    Args:
+        rankings: every group with its `headline_ranking`.
+        means: `seed_means` of the run.
+    """
+    if not any(ranked for _, ranked in rankings):
+        return None
+    samples = [best.sample for _, ranked in rankings for best in ranked.values()]
+    section = Section("Which placement is best?", _notes(any(samples)))
+    for group, ranked in rankings:
+        for name, best in ranked.items():
+            metric, iou = headline_metric(name), headline_iou(run.results, name)
+            own = group.of(means)
+            own = own[(own["class"] == name) & (own["metric"] == metric) & (own["iou"] == iou)]
+            table = own.set_index("placement").loc[best.sure.index]
+            label = class_label(name) + (f" · {group.title}" if group.varies else "")
+            section.figures.append(
+                forest(
+                    table.head(MOST_DRAWN).assign(
+                        sure=[_share(sure) for sure in best.sure.head(MOST_DRAWN)]
+                    ),
+                    text(label[0].upper() + label[1:]),
+                    f"{metric_label(metric, iou)} (%)",
+                    list(run.placements),
+                )
+            )
+            section.tables.append(_table(table, best, metric_label(metric, iou), label))
+    return section
+
+
+def _notes(sampled: bool) -> list[str]:
+    """What the intervals hold."""
+    if not sampled:
+        return [
+            "Means over seeds with 95 % intervals, whose spread is pooled over the placements. "
+            "Leads of the best have intervals that hold for all pairs at once, because the best "
+            "was chosen from the data. All of this is about the chance of training: the same "
+            "scenes, and the same test frames. Other traffic may tell otherwise."
+        ]
+    return [
+        "Means over seeds with 95 % intervals for two chances at once: that of the training, by "
+        "the spread over seeds, pooled over the placements; and which routes and individuals the "
+        "test frames met, by leaving each route out in turn and each individual, the larger error "
+        "of both. Thin bars are for the mean alone. All placements met the same, so they differ by "
+        "less: thick bars are for a comparison, and so are leads, and how likely each is to be the "
+        "best. Leads have intervals that hold for all pairs at once, because the best was chosen "
+        "from the data. Other training traffic and other towns are in none of this."
+    ]
+
+
+def _share(sure: float) -> str:
+    return "–" if np.isnan(sure) else percent(sure)
+
+
+def _table(table: pd.DataFrame, best: BestPlacement, metric: str, label: str) -> Table:
+    leads = best.others[["lead", "low", "high", "p"]]
+    leads = leads.rename(columns={"low": "low_of_lead", "high": "high_of_lead"})
+    joined = table[["mean", "sd", "sample_sd", "low", "high", "half", "seeds"]].join(leads)
+    joined["sure"] = best.sure
+    rows = tuple(
+        (
+            str(name),
+            plus_minus(row["mean"], row["sd"]),
+            "–" if np.isnan(row["sample_sd"]) else f"{row['sample_sd']:.1f}",
+            _interval(row["low"], row["high"]),
+            f"{row['seeds']:.0f}",
+            "–" if np.isnan(row["lead"]) else signed_points(row["lead"]),
+            _interval(row["low_of_lead"], row["high_of_lead"]),
+            "–" if np.isnan(row["p"]) else f"{row['p']:.2g}",
+            _share(row["sure"]),
+        )
+        for name, row in joined.iterrows()
+    )
+    head = (
+        *("placement", f"{metric} (%)", "sd by test objects", "95 %", "seeds"),
+        "below the best (points)",
+        *("95 %, all pairs at once", "p, adjusted", "likely to be the best"),
+    )
+    names = {"p": "p_adjusted", "sure": "probability_best", "sample_sd": "sd_by_test_objects"}
+    names["half"] = "half_interval_compared"
+    data = joined.rename(columns=names).reset_index()
+    return Table(
+        f"{metric} · {label}", head, rows, name=slug("best", metric, label), data=data
+    ).first(MOST_ROWS)
+
+
+def _interval(low: float, high: float) -> str:
+    return "–" if np.isnan(low) else f"{signed_points(low)} to {signed_points(high)}"

@@ -1,0 +1,152 @@
+"""The section of traffic density: AP, recall and surrogates by the number of vehicles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import pandas as pd
+
+from tracking.figures.kit.style import text
+from tracking.figures.of_sweeps.by_density import by_density
+from tracking.findings.groups import Group
+from tracking.findings.paired import with_sums
+from tracking.findings.summary import surrogates_of
+from tracking.kitti_iou import headline_iou
+from tracking.labels import in_order, metric_label, surrogate_label
+from tracking.pages.section import Section
+from tracking.pages.tables import MOST_ROWS, Table, number, points, slug
+from tracking.report.headline import HEADLINE_METRIC, class_label, plus_minus
+from tracking.report.sections.published_surrogates import published_density_table
+from tracking.run_folders.sweep import RunFolder
+
+DENSITY = "scene.density"
+SHOWN = ("s_mig", "h_pog", "ig", "expected_ig")
+"""The surrogates of the paper's table, and expected IG."""
+
+
+def density_section(run: RunFolder, found: list[Group], means: pd.DataFrame) -> Section | None:
+    """AP and surrogates against density; None for a sweep with less than two densities."""
+    if DENSITY not in run.axes or run.trials[DENSITY].nunique() < 2:
+        return None
+    densities = sorted(run.trials[DENSITY].dropna().unique().tolist())
+    section = Section("Ablation: density", columns=2)
+    section.notes.append(
+        "The same placements in sparser and denser traffic. Each density has its own scenes for "
+        "training and testing. Bars are 95 % intervals."
+    )
+    surrogates, order = with_sums(run.surrogates, run.axes), list(run.placements)
+    if DENSITY in surrogates.columns:
+        section.notes += _entropy_sentence(surrogates, found[0], run.classes, densities)
+    # One density each: the groups of the others differ in density alone.
+    alike = [group for group in found if group.setting[DENSITY] == found[0].setting[DENSITY]]
+    for name in (*run.classes, "all"):
+        metric = "recall" if name == "all" else HEADLINE_METRIC
+        label = metric_label(metric, headline_iou(run.results, name))
+        own = means[
+            (means["class"] == name)
+            & (means["metric"] == metric)
+            & (means["iou"] == headline_iou(run.results, name))
+        ]
+        heading = class_label(name)
+        for group in alike:
+            parts = [_at(group, density).of(own) for density in densities]
+            rest = replace(group, setting=_rest(group)).title
+            title = f"{heading} · {rest}" if len(alike) > 1 else heading
+            if any(part["seeds"].gt(0).any() for part in parts):
+                together = pd.concat(parts)
+                plot = by_density(together, DENSITY, text(title), f"{label} (%)", order)
+                section.figures.append(plot)
+                section.tables.append(_metric_table(together, densities, f"{title} · {label} (%)"))
+        if DENSITY in surrogates.columns:
+            values = {
+                density: surrogates_of(surrogates, _at(alike[0], density).setting, name)
+                for density in densities
+            }
+            section.tables += _surrogate_tables(values, order, heading)
+    section.notes.append(
+        "The paper published this ablation for one placement, Square, without the number of "
+        "vehicles in its dense, medium and sparse traffic."
+    )
+    section.tables.append(published_density_table())
+    return section
+
+
+def _entropy_sentence(
+    surrogates: pd.DataFrame, group: Group, classes: Sequence[str], densities: list[object]
+) -> list[str]:
+    """How H_POG changed from the lowest to the highest density; it is of no placement."""
+    changes = []
+    for name in classes:
+        low, high = (
+            surrogates_of(surrogates, _at(group, density).setting, name).mean().get("h_pog", 0)
+            for density in (densities[0], densities[-1])
+        )
+        if low > 0:
+            changes.append(f"{points(100 * (high / low - 1))} % for {name}")
+    if not changes:
+        return []
+    return [f"From density {densities[0]} to {densities[-1]} H_POG changed: {', '.join(changes)}."]
+
+
+def _rest(group: Group) -> dict[str, object]:
+    return {axis: value for axis, value in group.setting.items() if axis != DENSITY}
+
+
+def _at(group: Group, density: object) -> Group:
+    return replace(group, setting={**group.setting, DENSITY: density})
+
+
+def _metric_table(means: pd.DataFrame, densities: list[object], caption: str) -> Table:
+    wide = {
+        density: means[means[DENSITY] == density].set_index("placement") for density in densities
+    }
+    placements = list(dict.fromkeys(means["placement"]))
+    rows = []
+    for name in placements:
+        cells = [table.reindex([name]).iloc[0] for table in wide.values()]
+        change = cells[-1]["mean"] - cells[0]["mean"]
+        rows.append((name, *(plus_minus(c["mean"], c["sd"]) for c in cells), points(change)))
+    head = ("placement", *(f"density {density}" for density in densities), "change (points)")
+    columns = ["placement", "detector", DENSITY, "mean", "sd", "low", "high", "seeds"]
+    percent = {key: f"{key} (%)" for key in ("mean", "sd", "low", "high")}
+    return Table(
+        caption,
+        head,
+        tuple(rows),
+        name=slug("density", caption),
+        data=means[columns].rename(columns=percent),
+    ).first(MOST_ROWS)
+
+
+def _surrogate_tables(
+    values: dict[object, pd.DataFrame], placements: Sequence[str], heading: str
+) -> list[Table]:
+    """A row a surrogate and placement, a column a density.
+
+    Args:
+        values: by density, placements as rows, surrogates as columns.
+        placements: of the sweep, in order.
+        heading: of the class.
+    """
+    shown = [p for p in placements if any(p in table.index for table in values.values())]
+    known = [s for s in SHOWN if all(s in table.columns for table in values.values())]
+    if not known:
+        return []
+    rows, data = [], []
+    for surrogate in in_order(known):
+        for placement in shown:
+            cells = [table[surrogate].get(placement, float("nan")) for table in values.values()]
+            rows.append((surrogate_label(surrogate), placement, *map(number, cells)))
+            data.append((surrogate, placement, *cells))
+    head = ("surrogate", "placement", *(f"density {density}" for density in values))
+    columns = ["surrogate", "placement", *(f"density {density} (nats)" for density in values)]
+    table = Table(
+        f"{heading} · surrogates by density",
+        head,
+        tuple(rows),
+        words=frozenset({0, 1}),
+        name=slug("density surrogates", heading),
+        data=pd.DataFrame(data, columns=columns),
+    )
+    return [table.first(MOST_ROWS)]

@@ -1,0 +1,159 @@
+"""The section of detectors: AP and recall in the paper's layout, and who is sensitive."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from tracking.figures.of_sweeps.sensitivity import sensitivity_figure
+from tracking.findings.groups import Group
+from tracking.findings.sensitivity import sensitivity
+from tracking.kitti_iou import headline_iou
+from tracking.labels import metric_label, setting_label
+from tracking.pages.section import Section
+from tracking.pages.tables import Table, slug
+from tracking.report.headline import class_label, headline_metric, plus_minus
+from tracking.run_folders.sweep import RunFolder
+
+LAYOUT_METRICS = ("AP_R40_3D", "AP_R40_BEV", "recall")
+MOST_COLUMNS = 12
+"""Placements of a table with a column each; more are in the tables of all placements."""
+
+
+def detectors_section(run: RunFolder, found: list[Group], means: pd.DataFrame) -> Section | None:
+    """AP and recall with a row a detector and a column a placement; None without results."""
+    if run.results.empty or run.results["placement"].nunique() < 2:
+        return None
+    section = Section("Detectors", columns=2)
+    section.notes.append(
+        "AP and recall in percent, means over seeds, in the layout of the paper's tables; the best "
+        "of a row is bold. Sensitivity is the spread between the best and the worst placement. The "
+        "spread that seeds alone make is what equal placements would show in one sweep of twenty: "
+        "a spread below it shows no influence of the placement. A relative spread is over the mean."
+    )
+    spreads = sensitivity(means, run.axes)
+    for name in (*run.classes, "all"):
+        own = spreads[
+            (spreads["class"] == name) & (spreads["iou"] == headline_iou(run.results, name))
+        ]
+        section.notes += _most_sensitive(name, own, run.axes)
+        plot = sensitivity_figure(own, run.axes, class_label(name))
+        section.figures += [] if plot is None else [plot]
+        if run.results["placement"].nunique() <= MOST_COLUMNS:
+            section.tables += _layout(run, found, means, name)
+    section.tables.append(_sensitivity_table(spreads, run))
+    return section
+
+
+def _layout(
+    run: RunFolder, found: list[Group], means: pd.DataFrame, object_class: str
+) -> list[Table]:
+    """A table for every metric of the class at its headline IoU."""
+    placements = [name for name in run.placements if name in set(run.results["placement"])]
+    tables = []
+    for metric in LAYOUT_METRICS:
+        iou = headline_iou(run.results, object_class)
+        cells = means[
+            (means["class"] == object_class) & (means["metric"] == metric) & (means["iou"] == iou)
+        ]
+        rows: list[tuple[str, ...]] = []
+        data: list[dict[str, object]] = []
+        best = set()
+        for group in found:
+            own = group.of(cells).set_index("placement").reindex(placements)
+            if not own["mean"].notna().any():
+                continue
+            best.add((len(rows), 1 + int(np.nanargmax(own["mean"].to_numpy()))))
+            cell = [plus_minus(*pair) for pair in zip(own["mean"], own["sd"], strict=True)]
+            rows.append((group.title, *cell))
+            setting = {"detector": group.detector, **group.setting}
+            data += [
+                {**setting, "placement": placement, **row}
+                for placement, row in own[["mean", "sd", "low", "high", "seeds"]].iterrows()
+            ]
+        if rows:
+            name = class_label(object_class)
+            label = metric_label(metric, iou)
+            percent = {key: f"{key} (%)" for key in ("mean", "sd", "low", "high")}
+            tables.append(
+                Table(
+                    f"{name} · {label} (%)",
+                    ("detector", *placements),
+                    tuple(rows),
+                    frozenset(best),
+                    name=slug("layout", object_class, label),
+                    data=pd.DataFrame(data).rename(columns=percent),
+                )
+            )
+    return tables
+
+
+def _most_sensitive(object_class: str, spreads: pd.DataFrame, axes: Sequence[str]) -> list[str]:
+    """Where the placement moves 3D AP, or recall, most, relative to its mean."""
+    own = spreads[(spreads["metric"] == headline_metric(object_class))]
+    own = own[own["relative"].notna()]
+    if own.empty:
+        return []
+    row = own.sort_values("relative").iloc[-1]
+    name = class_label(object_class)
+    settings = own[list(axes)].drop_duplicates()
+    kinds = "detectors" if len(settings) == 1 else "detectors and settings"
+    title = ", ".join(filter(None, (row["detector"], setting_label(axes, row[list(axes)]))))
+    who = f" of {title}, the most of {len(own)} {kinds}," if len(own) > 1 else ""
+    verdict = (
+        "one seed, so it is not known how much of it is chance"
+        if np.isnan(row["by_chance"])
+        else f"seeds alone make up to {row['by_chance']:.1f}"
+    )
+    return [
+        f"{name}: {metric_label(row['metric'], row['iou'])}{who} varies by "
+        f"{row['spread']:.1f} points, {100 * row['relative']:.0f} % of its mean, "
+        f"between {row['worst']} and {row['best']} "
+        f"({verdict}).",
+        *_at_equal_settings(name, own, axes),
+    ]
+
+
+def _at_equal_settings(name: str, own: pd.DataFrame, axes: Sequence[str]) -> list[str]:
+    """How often each detector is the most sensitive: other settings may have other scenes."""
+    if not axes or own["detector"].nunique() < 2:
+        return []
+    parts = [part for _, part in own.groupby(list(axes), dropna=False) if len(part) > 1]
+    if len(parts) < 2:
+        return []
+    first = Counter(str(part.sort_values("relative")["detector"].iloc[-1]) for part in parts)
+    counts = ", ".join(f"{detector} in {count}" for detector, count in first.most_common())
+    return [f"{name}: within each of {len(parts)} settings the most sensitive is {counts}."]
+
+
+def _sensitivity_table(spreads: pd.DataFrame, run: RunFolder) -> Table:
+    axes = [axis.rsplit(".", 1)[-1] for axis in run.axes]
+    head = (
+        *("class", "detector", *axes, "metric", "n", "best", "worst", "mean (%)"),
+        *("spread (points)", "by seeds alone (points)", "spread / mean"),
+    )
+    rows = tuple(
+        (
+            *(str(row[key]) for key in ("class", "detector", *run.axes)),
+            metric_label(row["metric"], row["iou"]),
+            *(str(row[key]) for key in ("n", "best", "worst")),
+            *(f"{row[key]:.1f}" for key in ("mean", "spread")),
+            "–" if np.isnan(row["by_chance"]) else f"{row['by_chance']:.1f}",
+            "–" if np.isnan(row["relative"]) else f"{100 * row['relative']:.0f} %",
+        )
+        for row in spreads.to_dict("records")
+    )
+    words = frozenset({*range(3 + len(axes)), 4 + len(axes), 5 + len(axes)})
+    units = {"mean": "mean (%)", "spread": "spread (points)", "by_chance": "by_chance (points)"}
+    return Table(
+        "Sensitivity to the placement",
+        head,
+        rows,
+        words=words,
+        wide=True,
+        name="sensitivity",
+        data=spreads.rename(columns=units),
+    )

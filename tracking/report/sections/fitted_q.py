@@ -1,0 +1,84 @@
+"""How well expected IG predicts AP with a fitted probability of detection."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pandas as pd
+
+from tracking.findings.fitted_q import LEAST_PLACEMENTS, fit_detection_probability
+from tracking.findings.groups import Group
+from tracking.findings.summary import surrogates_of
+from tracking.kitti_iou import headline_iou
+from tracking.pages.tables import Table
+from tracking.report.headline import HEADLINE_METRIC
+from tracking.run_folders.sweep import RunFolder
+
+
+def fitted_q_table(
+    run: RunFolder, by_q: pd.DataFrame, found: Sequence[Group], means: pd.DataFrame
+) -> Table | None:
+    """How well expected IG predicts headline AP with a fitted q; None for too few placements.
+
+    Args:
+        by_q: `expected_ig_by_q.parquet`: placement, axes, class, q, expected_ig.
+        means: `tracking.findings.summary.seed_means`.
+    """
+    rows, data = [], []
+    for group in found:
+        for name in run.classes:
+            own = group.of(means)
+            own = own[(own["class"] == name) & (own["metric"] == HEADLINE_METRIC)]
+            own = own[own["iou"] == headline_iou(run.results, name)]
+            measured: pd.Series = own.set_index("placement")["mean"].dropna()
+            gains = surrogates_of(by_q, group.setting, name, "q", "expected_ig")
+            common = measured.index.intersection(gains.index)
+            if len(common) < LEAST_PLACEMENTS:
+                continue
+            fitted = fit_detection_probability(gains.loc[common], measured.loc[common])
+            left_out = fitted.placements["q"]
+            rows.append(
+                (
+                    name,
+                    group.title,
+                    f"{fitted.q:.2g}",
+                    f"{left_out.min():.2g} to {left_out.max():.2g}",
+                    f"{fitted.rmse:.2f}",
+                    f"{fitted.rmse_of_mean:.2f}",
+                    "better" if fitted.rmse < fitted.rmse_of_mean else "not better",
+                )
+            )
+            data.append(
+                {
+                    "class": name,
+                    "detector": group.detector,
+                    **group.setting,
+                    "q": fitted.q,
+                    "q_one_left_out_min": left_out.min(),
+                    "q_one_left_out_max": left_out.max(),
+                    "rmse (points)": fitted.rmse,
+                    "rmse_of_mean (points)": fitted.rmse_of_mean,
+                }
+            )
+    if not rows:
+        return None
+    head = (
+        "class",
+        "detector",
+        "q",
+        "q, one left out",
+        "RMSE",
+        "RMSE of the mean",
+        "than the mean",
+    )
+    caption = (
+        "q of expected IG fitted to 3D AP; each placement predicted from the others, errors in AP"
+    )
+    return Table(
+        caption,
+        head,
+        tuple(rows),
+        words=frozenset({0, 1, 6}),
+        name="fitted-q",
+        data=pd.DataFrame(data),
+    )

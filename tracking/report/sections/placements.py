@@ -1,0 +1,131 @@
+"""The section of all placements: surrogates, AP and recall."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from tracking.findings.groups import Group
+from tracking.findings.summary import by_surrogate, deciding_surrogate, surrogates_of
+from tracking.kitti_iou import headline_iou
+from tracking.labels import in_order, metric_label, surrogate_label, surrogate_name
+from tracking.pages.section import Section
+from tracking.pages.tables import MOST_ROWS, Table, number, slug
+from tracking.report.headline import class_label, plus_minus
+from tracking.run_folders.sweep import RunFolder
+
+
+def placements_section(run: RunFolder, found: list[Group], means: pd.DataFrame) -> Section:
+    """A table for every group and class, and the trials that failed."""
+    with_results = (
+        "Mean ± standard deviation over seeds, best AP first; the highest of a column is bold."
+    )
+    alone = (
+        f"No detector was evaluated. Order: {surrogate_name(deciding_surrogate(run.surrogates))}. "
+        "Ranks in brackets, 1 the highest value. The ranks of S-MIG, IG and residual entropy run "
+        "against those of covered entropy: which way round is better is for a detector to tell."
+    )
+    section = Section("Placements", [alone if run.results.empty else with_results])
+    for group in found:
+        for name in (*run.classes, "all"):
+            table = placement_table(run, group, means, name)
+            if table is not None:
+                section.tables.append(table.first(MOST_ROWS))
+    failed = run.trials[run.trials["status"] == "failed"]
+    if len(failed):
+        section.tables.append(trial_table(failed, run.axes).first(MOST_ROWS))
+    return section
+
+
+def placement_table(
+    run: RunFolder, group: Group, means: pd.DataFrame, object_class: str
+) -> Table | None:
+    """Surrogates, AP and recall of every placement for one class, best headline AP first.
+
+    Placements without AP follow in the order of `by_surrogate`; where none has any result, ranks
+    stand behind the surrogates. Class "all" has recall only. None if there is neither a result nor
+    a surrogate.
+    """
+    own = group.of(means)
+    own = own[own["class"] == object_class]
+    surrogates = surrogates_of(run.surrogates, group.setting, object_class)
+    metrics = own[["metric", "iou"]].drop_duplicates().sort_values(["metric", "iou"])
+    if own.empty and surrogates.empty:
+        return None
+    known = {*own["placement"], *surrogates.index}
+    in_sequence = dict.fromkeys((*by_surrogate(run.surrogates), *run.placements))
+    names = [name for name in in_sequence if name in known]
+    columns: list[tuple[str, list[str], np.ndarray]] = []
+    data: dict[str, object] = {"placement": names}
+    order = None
+    for metric, iou in metrics.itertuples(index=False):
+        match = (own["metric"] == metric) & (own["iou"] == iou)
+        cells = own[match].set_index("placement").reindex(names)
+        texts = [plus_minus(*pair) for pair in zip(cells["mean"], cells["sd"], strict=True)]
+        label = f"{metric_label(metric, iou)} (%)"
+        columns.append((label, texts, cells["mean"].to_numpy()))
+        data |= {f"{label} {key}": cells[key].to_numpy() for key in ("mean", "sd", "low", "high")}
+        data[f"{label} seeds"] = cells["seeds"].to_numpy()
+        if order is None or iou == headline_iou(run.results, object_class):
+            order = cells["mean"] if order is None or metric == "AP_R40_3D" else order
+    caption = class_label(object_class)
+    caption += f" · {group.title}" if group.varies else ""
+    if "h_pog" in surrogates.columns and surrogates["h_pog"].nunique() == 1:
+        caption += f" · H_POG = {number(surrogates['h_pog'].iloc[0])} nats"
+        data["H_POG (nats)"] = surrogates["h_pog"].iloc[0]
+        surrogates = surrogates.drop(columns="h_pog")
+    for surrogate in in_order(surrogates.columns):
+        of_placement = surrogates[surrogate].reindex(names)
+        data[surrogate_label(surrogate)] = of_placement.to_numpy()
+        columns.append(
+            (
+                surrogate_label(surrogate),
+                _with_ranks(of_placement) if own.empty else [number(v) for v in of_placement],
+                np.full(len(names), np.nan),
+            )
+        )
+    sequence = list(range(len(names)))
+    if order is not None:
+        sequence = np.argsort(-order.to_numpy(), kind="stable").tolist()
+    rows = tuple((names[i], *(texts[i] for _, texts, _ in columns)) for i in sequence)
+    best = set()
+    for column, (_, _, values) in enumerate(columns, start=1):
+        if np.isfinite(values).any():
+            best.add((sequence.index(int(np.nanargmax(values))), column))
+    head = ("placement", *(title for title, _, _ in columns))
+    return Table(
+        caption,
+        head,
+        rows,
+        frozenset(best),
+        name=slug("placements", object_class, group.title if group.varies else ""),
+        data=pd.DataFrame(data).iloc[sequence],
+    )
+
+
+def _with_ranks(values: pd.Series) -> list[str]:
+    """Numbers with their rank in brackets, 1 the highest."""
+    ranks = values.rank(ascending=False, method="min")
+    return [
+        number(value) if np.isnan(rank) else f"{number(value)} ({rank:.0f})"
+        for value, rank in zip(values, ranks, strict=True)
+    ]
+
+
+def trial_table(trials: pd.DataFrame, axes: Sequence[str]) -> Table:
+    """The trials that did not finish, with their errors."""
+    columns = ["placement", "detector", "seed", *axes, "status", "error"]
+    rows = tuple(
+        tuple(str(cell) for cell in row) for row in trials[columns].itertuples(index=False)
+    )
+    words = frozenset(range(len(columns)))
+    return Table(
+        "Trials that did not finish",
+        tuple(columns),
+        rows,
+        words=words,
+        name="failed-trials",
+        data=trials[columns],
+    )

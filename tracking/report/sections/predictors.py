@@ -1,0 +1,251 @@
+"""The section that compares the surrogates: which predicts best, and where none does."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from tracking.figures.kit.style import text
+from tracking.figures.of_sweeps.heat_map import heat_map
+from tracking.figures.of_sweeps.left_out import left_out
+from tracking.findings.best_surrogate import SIGNIFICANT, Predictors
+from tracking.findings.groups import has_detectors
+from tracking.kitti_iou import headline_iou
+from tracking.labels import interval, metric_label, setting_label, signed, surrogate_name
+from tracking.pages.section import Section
+from tracking.pages.tables import Table
+from tracking.report.headline import HEADLINE_SURROGATES, class_label, headline_metric
+from tracking.run_folders.sweep import RunFolder
+from tracking.statistics.permutation import smallest_p
+from tracking.statistics.power import power_table, smallest_detectable
+from tracking.statistics.reliability import reliability_of_mean
+
+MOST_SENTENCES = 8
+"""Findings that are told one by one; more are counted, and the table of the section has each."""
+
+_HOW_TO_READ = (
+    "Left: Spearman's ρ; a star where p is below 0.05 after Holm's correction for all tests of "
+    "this sweep. Right: each placement's metric predicted by a straight line through the others, "
+    "the error over that of predicting their mean: right of the dotted line a surrogate is worse "
+    "than none. Surrogates that order the placements as another one here, or the other way round, "
+    "are left out: they are the same test."
+)
+
+
+def predictors_section(
+    run: RunFolder, correlations: pd.DataFrame, errors: pd.DataFrame, found: Sequence[Predictors]
+) -> Section | None:
+    """Figures and findings for every class; None for a sweep without detectors.
+
+    Args:
+        correlations: `tracking.findings.correlation.correlate` of the run.
+        errors: `tracking.findings.leave_one_out.leave_one_out` of the run.
+        found: `tracking.findings.best_surrogate.which_predicts` of the run.
+    """
+    if not has_detectors(run):
+        return None
+    section = Section("Which surrogate predicts best?", columns=2)
+    if not found:
+        section.notes.append("Fewer than 3 placements with a metric: no coefficient.")
+        return section
+    own = [one for one in found if _is_headline(run, one)]
+    many = len(own) > MOST_SENTENCES
+    section.notes += [counted(run, found, correlations)] if many else _findings(run, own)
+    section.notes += [*_power_sentences(correlations), _HOW_TO_READ]
+    for name in (*run.classes, "all"):
+        title = text(class_label(name))
+        tests, misses = (
+            table[
+                (table["class"] == name)
+                & (table["iou"] == headline_iou(run.results, name))
+                & table["surrogate"].isin(HEADLINE_SURROGATES)
+            ]
+            for table in (correlations, errors)
+        )
+        if _varying(run):
+            misses = misses[misses["metric"] == headline_metric(name)]
+        shown = [
+            heat_map(tests, _labels(run, tests), f"ρ · {title}"),
+            left_out(misses.assign(label=_labels(run, misses)), f"Left-out error · {title}"),
+        ]
+        section.figures += [plot for plot in shown if plot is not None]
+    section.tables.append(_ranking_table(run, found, errors))
+    section.tables.append(_power_table(correlations))
+    return section
+
+
+def _is_headline(run: RunFolder, one: Predictors) -> bool:
+    """Whether it is about 3D AP of a class, or recall of all, at the headline IoU."""
+    name = str(one.group["class"])
+    iou = headline_iou(run.results, name)
+    return one.group["metric"] == headline_metric(name) and one.group["iou"] == iou
+
+
+def counted(run: RunFolder, found: Sequence[Predictors], correlations: pd.DataFrame) -> str:
+    """In how many cases which surrogate predicts, and whether any could have been shown to.
+
+    Args:
+        found, correlations: see `predictors_section`.
+    """
+    own = [one for one in found if _is_headline(run, one)]
+    shown = Counter(surrogate_name(one.predictor) for one in own if one.predictor)
+    names = ", ".join(f"{name} {count}" for name, count in shown.most_common())
+    return (
+        f"In {shown.total()} of {len(own)} cases (a class, detector and setting) a surrogate is "
+        f"shown to predict 3D AP, or recall of all objects{f': {names}' if names else ''}."
+        + _beyond_proof(own, correlations)
+    )
+
+
+def _beyond_proof(own: Sequence[Predictors], correlations: pd.DataFrame) -> str:
+    """In how many of the cases not even a perfect order could pass the correction."""
+    tests = int(correlations["spearman_tests"].max())
+    keys = list(own[0].group) if own else []
+    cases = pd.DataFrame([one.group for one in own], columns=keys)
+    known = correlations[correlations["spearman"].notna()]
+    sizes = cases.merge(known.groupby(keys, dropna=False)["n"].max().reset_index())["n"]
+    few = sizes[[smallest_p(int(n)) * tests > SIGNIFICANT for n in sizes]]
+    if few.empty:
+        return ""
+    numbers = " or ".join(map(str, sorted(few.unique())))
+    where = "" if len(few) == len(own) else f"in {len(few)} of them "
+    return (
+        f" With {numbers} placements and {tests} tests {where}not even a perfect order could be "
+        "shown."
+    )
+
+
+def _findings(run: RunFolder, own: Sequence[Predictors]) -> list[str]:
+    """A sentence for each."""
+    titles = [_group_label(run, one.group) for one in own]
+    return [
+        f"{title} · {one.sentence}" if title else one.sentence
+        for title, one in zip(titles, own, strict=True)
+    ]
+
+
+def _varying(run: RunFolder) -> list[str]:
+    """Detector and further axes, those that the results have several values of."""
+    return [
+        axis
+        for axis in ("detector", *run.axes)
+        if axis in run.results and run.results[axis].nunique(dropna=False) > 1
+    ]
+
+
+def _group_label(run: RunFolder, group: Mapping) -> str:
+    """Detector and setting, as far as the sweep has several of them."""
+    varying = _varying(run)
+    axes = [axis for axis in varying if axis != "detector"]
+    detector = str(group["detector"]) if "detector" in varying else ""
+    setting = setting_label(axes, [group[axis] for axis in axes])
+    return ", ".join(part for part in (detector, setting) if part)
+
+
+def _labels(run: RunFolder, table: pd.DataFrame) -> list[str]:
+    """Metric, and detector and setting where the sweep has several of them."""
+    return [
+        " · ".join(filter(None, (metric_label(row["metric"], row["iou"]), _group_label(run, row))))
+        for row in table.to_dict("records")
+    ]
+
+
+def _power_sentences(correlations: pd.DataFrame) -> list[str]:
+    """What so many placements can tell, one sentence for every number of placements."""
+    known = correlations[correlations["spearman"].notna()]
+    said = []
+    for n, part in known.groupby("n"):
+        least = smallest_detectable(int(str(n)), "spearman", _reliability(part))
+        found = (
+            f"only a |ρ| above {least:.2f} in the population would be found"
+            if np.isfinite(least)
+            else "no correlation, however strong, would be found"
+        )
+        said.append(
+            f"With {n} placements {found} with a probability of 80 % (two-sided test at 5 %, "
+            "before any correction for many tests)."
+        )
+    return said
+
+
+def _reliability(part: pd.DataFrame) -> float:
+    """Median over tests of the reliability of a mean over seeds; 1 where one seed hides it."""
+    known = part[part["reliability"].notna()]
+    values = [
+        reliability_of_mean(icc, int(seeds))
+        for icc, seeds in zip(known["reliability"], known["seeds"], strict=True)
+    ]
+    return float(np.median(values)) if values else 1.0
+
+
+def _power_table(correlations: pd.DataFrame) -> Table:
+    known = correlations[correlations["spearman"].notna()]
+    reliability = _reliability(known)
+    here = known["n"].unique().tolist()
+    table = power_table(sorted({*here, 6, 8, 12, 20, 50}), reliability)
+    rows = tuple(
+        (
+            f"{row['n']:,.0f}",
+            *("none" if np.isnan(row[k]) else f"{row[k]:.2f}" for k in ("pearson", "spearman")),
+        )
+        for row in table.to_dict("records")
+    )
+    caption = (
+        "Smallest correlation that a test finds with a probability of 80 %, metrics as reliable as "
+        f"here ({reliability:.2f})"
+    )
+    head = ("placements", "Pearson |r|", "Spearman |ρ|")
+    return Table(caption, head, rows, words=frozenset(), name="power", data=table)
+
+
+def _ranking_table(run: RunFolder, found: Sequence[Predictors], errors: pd.DataFrame) -> Table:
+    head = (
+        *("class", "detector", "metric", "surrogate", "ρ", "p", "p, Holm", "ρ, one left out"),
+        *("|ρ| behind the first", "left-out error (points)", "of the mean (points)"),
+    )
+    ranges = errors[[*found[0].group, "surrogate", "spearman_min", "spearman_max"]]
+    table = pd.concat([_with_group(one) for one in found]).merge(ranges, how="left")
+    ends = np.cumsum([len(one.ranking) for one in found]).tolist()
+    rows = []
+    for one, start, end in zip(found, [0, *ends], ends, strict=False):
+        own = table.iloc[start:end] if _is_headline(run, one) else table.iloc[:0]
+        for row in own[own["same_as"] == ""].to_dict("records"):
+            low, high = row["spearman_min"], row["spearman_max"]
+            bounds = interval(row["behind_low"], row["behind_high"])
+            axes = setting_label(run.axes, [one.group[axis] for axis in run.axes])
+            rows.append(
+                (
+                    str(one.group["class"]),
+                    ", ".join(part for part in (str(one.group["detector"]), axes) if part),
+                    metric_label(str(one.group["metric"]), float(str(one.group["iou"]))),
+                    surrogate_name(row["surrogate"]),
+                    signed(row["spearman"]),
+                    *(f"{row[key]:.2g}" for key in ("p", "holm")),
+                    "–" if np.isnan(low) else f"{signed(low)} to {signed(high)}",
+                    "–" if np.isnan(row["behind_low"]) else f"{row['behind']:.2f} {bounds}",
+                    *(
+                        "–" if np.isnan(row[key]) else f"{row[key]:.2f}"
+                        for key in ("rmse", "rmse_of_mean")
+                    ),
+                )
+            )
+    points = {key: f"{key} (points)" for key in ("rmse", "rmse_of_mean")}
+    return Table(
+        "Surrogates of each class, the strongest first",
+        head,
+        tuple(rows),
+        words=frozenset(range(4)),
+        wide=True,
+        name="predictors",
+        data=table.rename(columns=points),
+    )
+
+
+def _with_group(one: Predictors) -> pd.DataFrame:
+    """The ranking with the columns of its group."""
+    group: dict[str, Any] = one.group
+    return one.ranking.rename_axis("surrogate").reset_index().assign(**group)

@@ -1,0 +1,211 @@
+"""The section of the paper's published results beside those of the sweep."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple, replace
+
+import pandas as pd
+
+from lidarplace import PAPER_PLACEMENTS
+from lidarplace.placement import Mount
+from tracking.figures.kit.style import text
+from tracking.figures.of_sweeps.heat_map import heat_map
+from tracking.figures.of_sweeps.published import against_own, published_scatter
+from tracking.findings.correlation import correlate
+from tracking.findings.groups import by_setting
+from tracking.findings.paired import with_sums
+from tracking.labels import metric_label, setting_label
+from tracking.pages.section import Section
+from tracking.pages.tables import Table
+from tracking.published import TABLES, published_detection
+from tracking.report.headline import HEADLINE_METRIC, HEADLINE_SURROGATES, class_label
+from tracking.report.sections.correlation import correlation_table
+from tracking.report.sections.published_surrogates import add_published_surrogates
+from tracking.run_folders.sweep import RunFolder
+
+_HOW_TO_READ = (
+    "AP and recall that the paper published (CVPR 2022, one training each, in CARLA), for those of "
+    "its eight placements that this sweep has, against the surrogates of this sweep, which are of "
+    "its own traffic. Square is published for its three densities only and is left out. The "
+    "intervals of the coefficients lack the spread over seeds."
+)
+_PRESETS = ("_paper", "_tiny")
+_DIGITS = 6
+
+
+def published_section(run: RunFolder, means: pd.DataFrame) -> Section | None:
+    """Published AP and recall against surrogates, and against own AP and recall.
+
+    None if the sweep has fewer than two of the placements that the paper published.
+
+    Args:
+        means: `tracking.findings.summary.seed_means` of the run.
+    """
+    published = _of_run(run)
+    if published["placement"].nunique() < 2:
+        return None
+    section = Section("The paper's published results", [_HOW_TO_READ], columns=2)
+    surrogates = with_sums(run.surrogates, run.axes)
+    tests = []
+    for title, part in by_setting(surrogates, run.axes):
+        end = f" · {text(title)}" if title else ""
+        single = part[part["class"] != "all"]
+        correlations = correlate(published, single)
+        correlations = correlations[correlations["n"] > 0]
+        tests.append(correlations.assign(setting=title))
+        for name in (*run.classes, "all"):
+            own = published[(published["class"] == name) & _is_headline(published)]
+            of_class = correlations[
+                (correlations["class"] == name)
+                & correlations["surrogate"].isin(HEADLINE_SURROGATES)
+            ]
+            if own.empty or of_class.empty:
+                continue
+            heading = f"{text(class_label(name))}{end}"
+            values = part[part["class"] == name].pivot(
+                index="placement", columns="surrogate", values="value"
+            )
+            of_headline = correlations[(correlations["class"] == name) & _is_headline(correlations)]
+            plot = published_scatter(own, values, of_headline, f"Published · {heading}")
+            section.figures += [plot] if plot is not None else []
+            labels = [
+                f"{row['detector']} · {metric_label(row['metric'], row['iou'])}"
+                for row in of_class.to_dict("records")
+            ]
+            plot = heat_map(of_class, labels, f"ρ of the published · {heading}")
+            section.figures += [plot] if plot is not None else []
+    pairs = _beside_own(published, means, run)
+    for name in (*run.classes, "all"):
+        own = pairs[(pairs["class"] == name) & _is_headline(pairs)]
+        if len(own):
+            label = metric_label(own.iloc[0]["metric"], own.iloc[0]["iou"])
+            heading = text(class_label(name))
+            section.figures.append(against_own(own, f"{heading} · {label}", list(run.placements)))
+    if len(pairs):
+        section.notes.append(
+            "Own results are beside those of the same network; the paper's training data, scale "
+            "and clouds are others, so the level differs, and the order is what can be compared."
+        )
+        section.tables.append(_beside_table(pairs))
+    section.tables.append(_published_table(published))
+    everything = pd.concat(tests)
+    if len(everything):
+        table = correlation_table(everything, ["setting"])
+        caption = "Published AP and recall: all coefficients, 95 % intervals in brackets"
+        section.tables.append(replace(table, name="published-coefficients", caption=caption))
+    add_published_surrogates(section)
+    return section
+
+
+def paper_names(placements: Mapping[str, Sequence[Mount]]) -> dict[str, str]:
+    """Which of `placements` stands for each of the paper's eight, by its mounts.
+
+    Of several with the same mounts the one of the paper's name does, else the first.
+    """
+    rigs = {name: _rig(mounts) for name, mounts in placements.items()}
+    found = {}
+    for paper, placement in PAPER_PLACEMENTS.items():
+        same = [name for name, rig in rigs.items() if rig == _rig(placement.mounts)]
+        if same:
+            found[paper] = paper if paper in same else same[0]
+    return found
+
+
+def _rig(mounts: Sequence[Mount]) -> list[tuple[float, ...]]:
+    return sorted(tuple(round(value, _DIGITS) + 0.0 for value in astuple(m)) for m in mounts)
+
+
+def _of_run(run: RunFolder) -> pd.DataFrame:
+    """Published results of the run's placements and classes, as `results.parquet` has them."""
+    table = published_detection()
+    table = table[table["density"] == ""].drop(columns="density")
+    names = paper_names(run.placements)
+    table = table[table["placement"].isin(names) & table["class"].isin([*run.classes, "all"])]
+    # Figures that the paper repeats in several tables are the same.
+    table = table.drop_duplicates(["metric", "class", "iou", "detector", "placement"])
+    return table.assign(placement=table["placement"].map(names), seed=0, difficulty="all")
+
+
+def _is_headline(table: pd.DataFrame) -> pd.Series:
+    return (table["metric"] == HEADLINE_METRIC) | (
+        (table["metric"] == "recall") & (table["class"] == "all") & (table["iou"] == 0.5)
+    )
+
+
+def _network(detector: str) -> str:
+    for tail in _PRESETS:
+        detector = detector.removesuffix(tail)
+    return detector
+
+
+def _beside_own(published: pd.DataFrame, means: pd.DataFrame, run: RunFolder) -> pd.DataFrame:
+    """Rows of `published` with mean, low and high of the same network here, and `series`."""
+    keys = ["placement", "class", "metric", "iou"]
+    own = means[means["seeds"] > 0]
+    columns = ["mean", "low", "high", "detector", *run.axes]
+    own = own.assign(network=own["detector"].map(_network))[[*keys, "network", *columns]]
+    own = own.rename(columns={"detector": "own_detector"})
+    pairs = published.merge(own, left_on=[*keys, "detector"], right_on=[*keys, "network"])
+    series = [
+        " · ".join(part for part in (row["own_detector"], _setting(row, run.axes)) if part)
+        for row in pairs.to_dict("records")
+    ]
+    return pairs.assign(series=series)
+
+
+def _setting(row: Mapping, axes: Sequence[str]) -> str:
+    return setting_label(axes, [row[axis] for axis in axes])
+
+
+def _beside_table(pairs: pd.DataFrame) -> Table:
+    head = ("class", "metric", "detector", "placement", "published (%)", "own (%)")
+    rows = tuple(
+        (
+            row["class"],
+            metric_label(row["metric"], row["iou"]),
+            row["series"],
+            row["placement"],
+            f"{row['value']:.1f}",
+            f"{row['mean']:.1f}",
+        )
+        for row in pairs.to_dict("records")
+    )
+    columns = ["class", "metric", "iou", "detector", "series", "placement", "value", "mean"]
+    data = pairs[[*columns, "low", "high"]].rename(
+        columns={"value": "published (%)", "mean": "own (%)", "low": "own_low (%)"}
+        | {"high": "own_high (%)"}
+    )
+    return Table(
+        "Published and own",
+        head,
+        rows,
+        words=frozenset(range(4)),
+        name="published-and-own",
+        data=data,
+    )
+
+
+def _published_table(published: pd.DataFrame) -> Table:
+    placements = list(dict.fromkeys(published["placement"]))
+    keys = ["class", "metric", "iou", "detector"]
+    wide = published.pivot(index=keys, columns="placement", values="value")[placements]
+    wide = wide.loc[list(dict.fromkeys(map(tuple, published[keys].itertuples(index=False))))]
+    rows = tuple(
+        (
+            class_label(name),
+            metric_label(metric, iou),
+            detector,
+            *("–" if pd.isna(value) else f"{value:.2f}" for value in values),
+        )
+        for (name, metric, iou, detector), values in zip(wide.index, wide.to_numpy(), strict=True)
+    )
+    data = published[["table", *keys, "placement", "value"]].rename(columns={"value": "value (%)"})
+    return Table(
+        "Published (%)",
+        ("class", "metric", "detector", *placements),
+        rows,
+        words=frozenset(range(3)),
+        name="published",
+        data=data.assign(table=data["table"].map(TABLES)),
+    )

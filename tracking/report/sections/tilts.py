@@ -1,0 +1,133 @@
+"""The section of roll and pitch: placements that differ in one angle alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from tracking.figures.kit.style import text
+from tracking.figures.of_sweeps.differences import differences_figure
+from tracking.findings.groups import Group
+from tracking.findings.paired import with_sums
+from tracking.findings.summary import surrogates_of
+from tracking.findings.tilt_pairs import TiltPair, tilt_pairs
+from tracking.kitti_iou import headline_iou
+from tracking.labels import metric_label, surrogate_name
+from tracking.pages.section import Section
+from tracking.pages.tables import Table, points
+from tracking.report.headline import HEADLINE_METRIC, HEADLINE_SURROGATES, class_label
+from tracking.run_folders.sweep import RunFolder
+
+_METRICS = (HEADLINE_METRIC, "AP_R40_BEV", "recall")
+
+
+def tilts_section(run: RunFolder, found: list[Group], means: pd.DataFrame) -> Section | None:
+    """What tilting LiDARs did to AP, recall and the surrogates; None without such a pair."""
+    pairs = [pair for pair in tilt_pairs(run.placements) if not run.results.empty]
+    differences = _differences(run, found, means, pairs)
+    if differences.empty:
+        return None
+    section = Section("Ablation: roll and pitch", columns=2)
+    section.notes.append(
+        "Pairs of placements that differ in the roll, or in the pitch, of some LiDARs and in "
+        "nothing else. Differences are tilted less upright, with 95 % intervals; each "
+        "pair is taken for itself, without a correction for their number."
+    )
+    if differences["low"].isna().any():
+        section.notes.append("A pair with one seed each has no interval.")
+    for _, own in differences.groupby(["class", "metric", "iou"], sort=False):
+        first = own.iloc[0]
+        title, label = text(class_label(first["class"])), metric_label(*first[["metric", "iou"]])
+        section.figures.append(differences_figure(own, f"{title} · {label}", f"{label}: points"))
+    section.tables.append(_table(differences, found))
+    return section
+
+
+def _differences(
+    run: RunFolder, found: list[Group], means: pd.DataFrame, pairs: list[TiltPair]
+) -> pd.DataFrame:
+    """A row for every pair, group, class and metric that both placements have."""
+    surrogates = with_sums(run.surrogates, run.axes)
+    rows = []
+    for name in (*run.classes, "all"):
+        iou = headline_iou(run.results, name)
+        for metric in _METRICS:
+            for group in found:
+                own = group.of(means)
+                own = own[(own["class"] == name) & (own["metric"] == metric) & (own["iou"] == iou)]
+                own = own[own["seeds"] > 0].set_index("placement")
+                values = surrogates_of(surrogates, group.setting, name)
+                for pair in pairs:
+                    if {pair.upright, pair.tilted} <= {*own.index}:
+                        rows.append(
+                            {
+                                "angle": pair.angle,
+                                "pair": f"{pair.upright} → {pair.tilted}",
+                                "class": name,
+                                "detector": group.title,
+                                "metric": metric,
+                                "iou": iou,
+                                **_difference(own, pair),
+                                **_changes(values, pair),
+                            }
+                        )
+    return pd.DataFrame(rows)
+
+
+def _difference(means: pd.DataFrame, pair: TiltPair) -> dict[str, float]:
+    """Of two means over seeds. Their intervals share one pooled spread, so they add in squares."""
+    upright, tilted = means["mean"][pair.upright], means["mean"][pair.tilted]
+    difference = tilted - upright
+    half = np.hypot(means["half"][pair.upright], means["half"][pair.tilted])
+    return {
+        "upright": upright,
+        "tilted": tilted,
+        "difference": difference,
+        "low": difference - half,
+        "high": difference + half,
+    }
+
+
+def _changes(values: pd.DataFrame, pair: TiltPair) -> dict[str, float]:
+    """Change of every surrogate, percent of its magnitude for the upright placement."""
+    if not {pair.upright, pair.tilted} <= {*values.index}:
+        return {}
+    before, after = values.loc[pair.upright], values.loc[pair.tilted]
+    changes = (100 * (after - before) / before.abs()).dropna()
+    known = changes[changes.index.isin(HEADLINE_SURROGATES)]
+    return dict(zip(map(str, known.index), known.to_numpy(), strict=True))
+
+
+def _table(differences: pd.DataFrame, found: list[Group]) -> Table:
+    known = [name for name in HEADLINE_SURROGATES if name in differences]
+    head = (
+        *("angle", "pair", "class", "detector", "metric", "upright (%)", "tilted (%)"),
+        "difference (points)",
+        *(f"{surrogate_name(name)} (% change)" for name in known),
+    )
+    rows = tuple(
+        (
+            *(str(row[key]) for key in ("angle", "pair", "class", "detector")),
+            metric_label(row["metric"], row["iou"]),
+            *(f"{row[key]:.1f}" for key in ("upright", "tilted")),
+            _with_interval(row["difference"], row["low"], row["high"]),
+            *(points(row[name]) for name in known),
+        )
+        for row in differences.to_dict("records")
+    )
+    units = {key: f"{key} (%)" for key in ("upright", "tilted")}
+    units |= {key: f"{key} (points)" for key in ("difference", "low", "high")}
+    units |= {name: f"{name} (% change)" for name in known}
+    return Table(
+        "Tilted less upright, 95 % intervals in brackets; S-MIG is negative, so a fall is minus",
+        head,
+        rows,
+        words=frozenset(range(5)),
+        wide=True,
+        name="roll-and-pitch",
+        data=differences.rename(columns=units),
+    )
+
+
+def _with_interval(value: float, low: float, high: float) -> str:
+    return points(value) if np.isnan(low) else f"{points(value)} [{points(low)}, {points(high)}]"

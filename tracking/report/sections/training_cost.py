@@ -1,0 +1,77 @@
+"""The section of shorter trainings: AP against seconds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from tracking.figures.kit.style import text
+from tracking.figures.of_sweeps.training_cost import training_cost_figure
+from tracking.findings.groups import by_setting
+from tracking.findings.training_cost import (
+    COST_AXES,
+    summarise_cost,
+    training_cost,
+    varied_cost_axes,
+)
+from tracking.labels import signed
+from tracking.pages.section import Section
+from tracking.pages.tables import Table, slug
+from tracking.report.headline import plus_minus
+from tracking.run_folders.sweep import RunFolder
+
+
+def training_cost_section(run: RunFolder) -> Section | None:
+    """AP of shorter trainings and the ranks they give; None if all are as long."""
+    if not varied_cost_axes(run.results):
+        return None
+    section = Section("Training: error against run time", columns=1)
+    if run.curves is None or run.curves.empty:
+        section.notes.append("The run folder has no curves.parquet.")
+        return section
+    section.notes.append(
+        "AP after fewer epochs and with a share of the training frames, against the seconds of all "
+        "epochs. The reference is the longest training of the same placement, detector and seed, "
+        "and the error is its AP less that of a trial. Kendall's τ says whether a shorter training "
+        "ranks the placements as the longest one does. Everything else on this page is about the "
+        "longest training."
+    )
+    cost = training_cost(run.results, run.curves, run.axes)
+    varied = varied_cost_axes(run.results)
+    further = [axis for axis in run.axes if axis not in COST_AXES]
+    for title, part in by_setting(cost, further):
+        # Means are over the same placements; promotion trains more of them short than long.
+        summary = summarise_cost(part[part["reference_ap"].notna()], varied)
+        for name, own in part.groupby("class", sort=False):
+            label = f"{name} · {title}" if title else str(name)
+            section.figures.append(training_cost_figure(own, text(label), list(run.placements)))
+            section.tables.append(
+                training_cost_table(summary[summary["class"] == name], varied, label)
+            )
+    return section
+
+
+def training_cost_table(summary: pd.DataFrame, axes: Sequence[str], title: str) -> Table:
+    """`tracking.findings.training_cost.summarise_cost` of one class and setting as text."""
+    head = (
+        *("detector", *(axis.rsplit(".", 1)[-1].replace("_", " ") for axis in axes), "trials"),
+        *("seconds", "3D AP (%)", "below the longest", "Kendall τ"),
+    )
+    rows = tuple(
+        (
+            str(row["detector"]) + (" (longest)" if row["reference"] else ""),
+            *(f"{row[axis]:g}" for axis in axes),
+            str(row["trials"]),
+            f"{row['seconds']:.3g}",
+            f"{row['ap']:.1f}",
+            "–" if row["reference"] else plus_minus(row["error"], row["error_sd"]),
+            "–" if row["reference"] or np.isnan(row["kendall"]) else signed(row["kendall"]),
+        )
+        for row in summary.to_dict("records")
+    )
+    caption = f"Means over placements and seeds, rank agreement of the placements · {title}"
+    units = {"seconds": "seconds (s)", "ap": "ap (%)", "error": "error (points)"}
+    data = summary.rename(columns=units)
+    return Table(caption, head, rows, name=slug("training cost", title), data=data)

@@ -1,0 +1,105 @@
+"""The section about run time: seconds by stage and parallel efficiency."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from tracking.figures.of_sweeps.times import times
+from tracking.findings.efficiency import WHOLE_SWEEP, stage_efficiency
+from tracking.labels import some
+from tracking.pages.section import Section
+from tracking.pages.tables import Table
+from tracking.run_folders.sweep import RunFolder
+
+
+def where_time_went(run: RunFolder) -> Section:
+    """Task seconds of every stage, and how well the cores were kept at work."""
+    section = Section("Where the time went", columns=1)
+    if run.tasks is None or run.tasks.empty:
+        section.notes.append("The run folder has no tasks.parquet.")
+        return section
+    if run.sweep.seconds is not None:
+        section.notes.append(_last_command(run.sweep.seconds, run.tasks))
+    section.figures.append(times(run.tasks))
+    if run.sweep.cores is None:
+        section.notes.append("The run folder does not say how many cores it had: no efficiency.")
+        return section
+    cores = run.sweep.cores
+    efficiency = stage_efficiency(run.tasks, cores)
+    if efficiency.empty:
+        section.notes.append("No task ran, so no efficiency.")
+        return section
+    section.notes += _sentences(efficiency, cores, run.tasks)
+    section.tables.append(efficiency_table(efficiency, cores))
+    return section
+
+
+def _last_command(seconds: float, tasks: pd.DataFrame) -> str:
+    """Seconds on the clock, which are not those of the sweep if it was resumed or run again."""
+    said = f"The last command took {seconds:,.0f} s on the clock."
+    before = int(tasks["cached"].sum())
+    if not before:
+        return said
+    return (
+        f"{said} It found {before:,} of the {len(tasks):,} results in place, so this is "
+        "not the time of the whole sweep."
+    )
+
+
+def _sentences(efficiency: pd.DataFrame, cores: int, tasks: pd.DataFrame) -> list[str]:
+    whole = efficiency[efficiency["stage"] == WHOLE_SWEEP].iloc[0]
+    stages = efficiency[efficiency["stage"] != WHOLE_SWEEP]
+    idle = whole["wall"] - stages["wall"].sum()
+    nodes = tasks.loc[tasks["started"].notna() & (tasks["node"] != ""), "node"].nunique()
+    where = f"{cores} cores" + (f" of {nodes} nodes" if nodes > 1 else "")
+    costly = stages.sort_values("wall").iloc[-1]
+    return [
+        f"{whole['tasks']:,} tasks did {whole['task_seconds']:,.0f} s of work on {where} in "
+        f"{whole['wall']:,.0f} s: parallel efficiency {whole['efficiency']:.2f}. Nothing ran for "
+        f"{idle:,.1f} s of these. Most of the clock went to {costly['stage']}, at an efficiency of "
+        f"{costly['efficiency']:.2f}.",
+        "Parallel efficiency is task seconds / (wall seconds × cores). Stages that run side by "
+        "side share the clock by the number of their tasks. Overhead is what a task took from "
+        "start to end beyond its own work: fetching inputs, storing results.",
+    ]
+
+
+def reduced_batches(tasks: pd.DataFrame | None) -> list[str]:
+    """A warning if trainings ran out of memory and went on with smaller batches."""
+    if tasks is None or not tasks["batch_size_reduced"].any():
+        return []
+    labels = tasks.loc[tasks["batch_size_reduced"].astype(bool), "label"].unique().tolist()
+    named = some(labels)
+    return [
+        f"{len(labels)} training{'s' * (len(labels) > 1)} ran with a smaller batch than "
+        f"configured, for lack of memory: {named}. Batch size changes what is learned, so "
+        "the comparison with the others is not quite fair."
+    ]
+
+
+def efficiency_table(efficiency: pd.DataFrame, cores: int) -> Table:
+    """`tracking.findings.efficiency.stage_efficiency` as text."""
+    head = (
+        *("stage", "tasks", "task seconds", "wall seconds", "parallel efficiency"),
+        *("overhead a task (ms)", "peak memory (MB)"),
+    )
+    rows = tuple(
+        (
+            str(row["stage"]),
+            f"{row['tasks']:,}",
+            *(f"{row[key]:,.1f}" for key in ("task_seconds", "wall")),
+            "–" if np.isnan(row["efficiency"]) else f"{row['efficiency']:.2f}",
+            f"{1000 * row['overhead']:,.1f}".replace("-", "−"),
+            "–" if np.isnan(row["peak_memory"]) else f"{row['peak_memory'] / 1e6:,.0f}",
+        )
+        for row in efficiency.to_dict("records")
+    )
+    units = {"task_seconds": "s", "wall": "s", "overhead": "s", "peak_memory": "bytes"}
+    return Table(
+        f"Parallel efficiency on {cores} cores",
+        head,
+        rows,
+        name="efficiency",
+        data=efficiency.rename(columns={key: f"{key} ({unit})" for key, unit in units.items()}),
+    )

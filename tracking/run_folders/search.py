@@ -1,0 +1,158 @@
+"""The folder that a search leaves behind, read into one object."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+import plotly.io
+from numpy.typing import NDArray
+
+from lidarplace.files.arrays import check_numbers, read_npz
+from lidarplace.files.atomic import read_text
+from lidarplace.roi import Roi
+from tracking.run_folders.search_json import Rig, SearchResult, read_search_result
+from tracking.run_folders.tables import read_result_table
+
+_TABLES: dict[str, tuple[str, ...]] = {
+    "bound": ("seconds", "bound", "kind"),
+    "greedy": ("step", "gain", "value"),
+    "robustness": ("rig", "case", "objective", "draws", "value", "worst", "share"),
+    "verified": (
+        *("rig", "role", "class", "metric", "iou", "value", "low", "high", "seeds"),
+        *("difference", "difference_low", "difference_high", "surrogate"),
+    ),
+}
+
+
+@dataclass(frozen=True)
+class SearchFolder:
+    """Everything that a search left in `path`.
+
+    `search.json` and `trials.parquet` must be there; the others are None or empty when the search
+    did not make them.
+
+    Attributes:
+        search: `search.json`.
+        config: text of the configuration, "" if it is not there.
+        roi: the region of interest.
+        trials: one row a trial, sorted by number; violations <= 0 are kept constraints; it is not
+            `possible` where two LiDARs would sit in one place.
+        bound: how the upper bound fell with the seconds; greedy: its steps.
+        robustness: values of rigs in other cases; verified: what detectors measured.
+        pog: by class, the entropy of each column of voxels, nats, shape (nx, ny), float32.
+        unseen: by class and rig, what of it stays unseen.
+        optuna: Optuna's figures by title.
+    """
+
+    path: Path
+    search: SearchResult
+    config: str
+    roi: Roi
+    trials: pd.DataFrame
+    bound: pd.DataFrame | None
+    greedy: pd.DataFrame | None
+    robustness: pd.DataFrame | None
+    verified: pd.DataFrame | None
+    pog: dict[str, NDArray[np.float32]]
+    unseen: dict[str, dict[str, NDArray[np.float32]]]
+    optuna: dict[str, go.Figure]
+
+    @property
+    def evaluated(self) -> pd.DataFrame:
+        """Trials that have a value of every objective."""
+        values = [f"value.{objective.name}" for objective in self.search.objectives]
+        done = (self.trials["state"] == "COMPLETE") & self.trials[values].notna().all(axis=1)
+        return self.trials[done]
+
+    def rig_of(self, trial: pd.Series) -> Rig | None:
+        """The rig of a row of `trials`, without values with all rays; None without a LiDAR."""
+        mounts: list[tuple[float, ...]] = []
+        models: list[str] = []
+        zones: list[str | None] = []
+        while pd.notna(trial.get(f"lidar_{len(mounts) + 1}.model")):
+            own = f"lidar_{len(mounts) + 1}."
+            where = [float(trial[f"{own}{axis}_m"]) for axis in "xyz"]
+            angles = [float(trial[f"{own}{angle}_deg"]) for angle in ("roll", "pitch", "yaw")]
+            mounts.append((*where, *np.radians(angles)))
+            models.append(trial[f"{own}model"])
+            zone = trial[f"{own}zone"]
+            zones.append(None if pd.isna(zone) else zone or None)
+        if not mounts:
+            return None
+        values = {o.name: trial[f"value.{o.name}"] for o in self.search.objectives}
+        return Rig.model_validate(
+            {"role": "found", "mounts": mounts, "models": models, "zones": zones}
+            | {"values": {}, "searched": values, "measures": {}}
+            | {"feasible": bool(trial["feasible"])}
+        )
+
+    @classmethod
+    def read(cls, path: Path) -> SearchFolder:
+        """Read the run folder `path`.
+
+        Raises:
+            ValueError: `path` is no folder of a search, or a file lacks a key, column or array
+                that it must have.
+        """
+        path = Path(path)
+        missing = [n for n in ("search.json", "trials.parquet") if not (path / n).is_file()]
+        if missing:
+            raise ValueError(f"{path} is no folder of a search: it has no {', '.join(missing)}")
+        search = read_search_result(path / "search.json")
+        of_trials = (
+            *("number", "state", "feasible", "possible", "seconds"),
+            *(f"value.{objective.name}" for objective in search.objectives),
+            *(f"violation.{constraint.name}" for constraint in search.constraints),
+        )
+        trials = read_result_table(path / "trials.parquet", of_trials)
+        tables = {
+            name: read_result_table(file, columns, numbers=("surrogate",))
+            if (file := path / f"{name}.parquet").is_file()
+            else None
+            for name, columns in _TABLES.items()
+        }
+        config = path / "config.yaml"
+        pog, unseen = _read_maps(path / "maps.npz")
+        return cls(
+            path=path,
+            search=search,
+            config=read_text(config) if config.is_file() else "",
+            roi=search.roi,
+            trials=trials.sort_values("number", ignore_index=True),
+            **tables,
+            pog=pog,
+            unseen=unseen,
+            optuna={
+                file.stem.replace("_", " ").capitalize(): _read_figure(file)
+                for file in sorted((path / "optuna").glob("*.json"))
+            },
+        )
+
+
+def _read_maps(
+    file: Path,
+) -> tuple[dict[str, NDArray[np.float32]], dict[str, dict[str, NDArray[np.float32]]]]:
+    pog: dict[str, NDArray[np.float32]] = {}
+    unseen: dict[str, dict[str, NDArray[np.float32]]] = {}
+    if file.is_file():
+        for name, array in read_npz(file).items():
+            check_numbers(name, array, 2, file)
+            kind, _, rest = name.partition("/")
+            if kind == "pog":
+                pog[rest] = array
+            elif kind == "unseen":
+                object_class, _, rig = rest.partition("/")
+                unseen.setdefault(object_class, {})[rig] = array
+    return pog, unseen
+
+
+def _read_figure(file: Path) -> go.Figure:
+    try:
+        return plotly.io.from_json(read_text(file))
+    except (ValueError, RecursionError) as error:
+        reason = str(error).strip().splitlines()[0]
+        raise ValueError(f"{file} is no figure of plotly: {reason}") from error
