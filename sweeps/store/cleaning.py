@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-from sweeps.store.entries import Entry
+from sweeps.store.entries import Entry, size_of
 from sweeps.store.open import AnyStore
 
 
@@ -74,8 +74,3 @@ def clean_store(store: AnyStore, quota_bytes: int | None = None, dry_run: bool =
     for entry in () if dry_run else removed:
         store.remove(entry)
     return Cleaned(tuple(contents), references, tuple(leftovers), removed)
-
-
-def size_of(entries: Iterable[Entry]) -> int:
-    """Bytes of entries together."""
-    return sum(entry.size for entry in entries)

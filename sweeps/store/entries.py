@@ -67,3 +67,8 @@ def check_sweeps(names: Iterable[str], store: object, known: Collection[str]) ->
     for name in names:
         if name not in known:
             raise ValueError(f"{store}: no sweep {name!r}; there are {', '.join(known) or 'none'}")
+
+
+def size_of(entries: Iterable[Entry]) -> int:
+    """Bytes of entries together."""
+    return sum(entry.size for entry in entries)

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from sweeps.clean import app
-from sweeps.store.cleaning import clean_store, size_of
+from sweeps.store.cleaning import clean_store
+from sweeps.store.entries import size_of
 from sweeps.store.local import Store
 from sweeps.store.remote import RemoteStore
 from sweeps.tasks.task import Task

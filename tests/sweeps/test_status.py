@@ -116,7 +116,7 @@ def test_a_result_outweighs_an_old_failure(sweep):
 
 def test_many_trials_are_summed_up(sweep, monkeypatch):
     path, _, plan, store = sweep
-    monkeypatch.setattr("sweeps.print_state._MOST_TRIALS", 3)
+    monkeypatch.setattr("sweeps.status._MOST_TRIALS", 3)
     finish(store, *plan.needed_for(plan.trials[0].results))
     short = CliRunner().invoke(app, [str(path)]).output
     assert "4 more trials: --all lists them" in short

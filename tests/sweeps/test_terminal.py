@@ -15,9 +15,9 @@ from sweeps.doctor import Finding
 from sweeps.doctor import _print as print_findings
 from sweeps.execution.failures import Failure
 from sweeps.execution.progress import StageProgress
-from sweeps.print_state import print_state
 from sweeps.results.dry_run import Planned, print_planned
 from sweeps.results.state import SweepState, TrialState
+from sweeps.status import print_state
 from sweeps.tasks.task import Task
 from tests.sweeps.toy import Toy
 
