@@ -1,8 +1,9 @@
-"""The house rules of imports: each package only uses those below it."""
+"""The house rules of imports: packages, and the rooms in them, only use what is below them."""
 
 import ast
 import subprocess
 import sys
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -21,27 +22,128 @@ FORBIDDEN = {
     "tracking": {"torch", "ray"},
     "sweeps": set(),
 }
+FLOORS = {
+    "lidarplace": (
+        "pose ranges rings roi",
+        "sensor",
+        "placement",
+        "configuration coverage",
+        "files mounting",
+        "boxes",
+        "box_log occupancy",
+        "lidar surrogates",
+        "__init__ command_line selection viewing",
+        "scenes",
+        "convert describe export view",
+    ),
+    "lidarplace.scenes": ("datasets recorded routes", "carla kitti sumo"),
+    "training": (
+        "average_precision dataset device ops randomness settings vector_math",
+        "detectors ground_truth_sampling kitti_labels matches one_cycle",
+        "__init__ augment leave_out optimisation",
+        "checkpoints",
+        "batch_size detect kitti_ap resume",
+        "by_distance finetune",
+        "probe",
+    ),
+    "training.detectors": (
+        "detector layers",
+        "backbones point_range",
+        "heads",
+        "one_stage_detector pointrcnn voxel_detector",
+        "pointpillars pointrcnn_iou second two_stage_voxel_detector",
+        "pv_rcnn second_iou voxel_rcnn",
+    ),
+    "tracking": (
+        "kitti_iou labels published",
+        "run_folders statistics",
+        "findings",
+        "figures",
+        "mlflow pages",
+        "dashboard report search_report",
+    ),
+    "tracking.figures": ("kit", "of_searches of_sweeps"),
+    "tracking.report": ("headline", "cautions sections", "build comparison", "__main__"),
+    "sweeps": (
+        "configuration tasks",
+        "options plan store",
+        "execution",
+        "results",
+        "mlflow",
+        "accuracy pretrain record run",
+        "search",
+        "sweep_or_search",
+        "clean doctor status",
+        "command_line",
+    ),
+    "sweeps.search": ("problem", "greedy trials", "judgement", "output", "run", "__main__"),
+}
+"""Files and folders of a package, each on the floor above all that it imports, ground first."""
+
+
+def modules() -> dict[str, Path]:
+    """Every module of the project by its dotted name."""
+    found = {}
+    for package in sorted(OWN):
+        for path in sorted((ROOT / package).rglob("*.py")):
+            parts = path.relative_to(ROOT).with_suffix("").parts
+            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+MODULES = modules()
 
 
 def imported(path: Path) -> set[str]:
+    """Dotted names of the modules that a file imports, wherever in it."""
     names = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            names |= {alias.name.partition(".")[0] for alias in node.names}
+            names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative import"
-            names.add(str(node.module).partition(".")[0])
+            of = {alias.name: f"{node.module}.{alias.name}" for alias in node.names}
+            names |= {full if full in MODULES else str(node.module) for full in of.values()}
     return names
 
 
+IMPORTS = {module: imported(path) for module, path in MODULES.items()}
+
+
 @pytest.mark.parametrize("package", sorted(OWN))
-def test_nothing_imports_upwards(package):
-    files = sorted((ROOT / package).rglob("*.py"))
-    assert files
-    for path in files:
-        names = imported(path)
-        assert names & OWN <= ALLOWED[package], path
-        assert not names & FORBIDDEN[package], path
+def test_no_package_imports_upwards(package):
+    for module, names in IMPORTS.items():
+        roots = {name.partition(".")[0] for name in names}
+        if module.partition(".")[0] == package:
+            assert roots & OWN <= ALLOWED[package], module
+            assert not roots & FORBIDDEN[package], module
+
+
+def room(module: str, folder: str) -> str | None:
+    """File or folder of `folder` that a module is, or is in; None: it is elsewhere."""
+    if module == folder:
+        return "__init__"
+    return (
+        module.removeprefix(f"{folder}.").split(".")[0] if module.startswith(f"{folder}.") else None
+    )
+
+
+@pytest.mark.parametrize("folder", FLOORS)
+def test_no_room_imports_upwards(folder):
+    floors = {name: number for number, names in enumerate(FLOORS[folder]) for name in names.split()}
+    inside = {module: own for module in MODULES if (own := room(module, folder))}
+    rooms = set(inside.values()) - ({"__init__"} - floors.keys())
+    assert rooms == floors.keys()
+    for module, own in inside.items():
+        for name in IMPORTS[module]:
+            other = room(name, folder)
+            if other in floors and other != own:
+                assert floors[other] < floors[own], f"{module} imports {name}"
+
+
+def test_no_modules_import_each_other():
+    ours = {module: names & MODULES.keys() for module, names in IMPORTS.items()}
+    TopologicalSorter(ours).prepare()  # raises an error that names a circle
 
 
 def test_importing_lidarplace_brings_in_no_heavy_or_optional_library():

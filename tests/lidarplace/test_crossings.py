@@ -3,7 +3,7 @@ import pytest
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, OccupancyGrid, Roi, evaluate
 from lidarplace.coverage.rays import log_miss, ray_counts, ray_weight
-from lidarplace.surrogates import formulas as surrogate
+from lidarplace.surrogates import formulas
 from lidarplace.surrogates.formulas import (
     Crossings,
     expected_ig,
@@ -22,7 +22,7 @@ def grid_of(counts, roi):
 
 @pytest.mark.parametrize("table", [0, 2**20])
 def test_pairs_of_counts_and_rays(table, monkeypatch):
-    monkeypatch.setattr(surrogate, "_TABLE", table)
+    monkeypatch.setattr(formulas, "_TABLE", table)
     rng = np.random.default_rng(0)
     counts = rng.integers(0, 5, TALL.shape)
     counts[:, :, 66:] = 0

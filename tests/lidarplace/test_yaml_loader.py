@@ -3,7 +3,7 @@
 import pytest
 import yaml
 
-from lidarplace.configuration import yaml as yaml_loader
+from lidarplace.configuration import yaml as settings_yaml
 from lidarplace.configuration.yaml import YamlError, parse_yaml, read_yaml_file
 
 
@@ -65,9 +65,9 @@ def test_keys_are_compared_by_their_hashes(monkeypatch):
         __hash__ = str.__hash__
 
     monkeypatch.setattr(
-        yaml_loader._Loader,
+        settings_yaml._Loader,
         "yaml_constructors",
-        yaml_loader._Loader.yaml_constructors
+        settings_yaml._Loader.yaml_constructors
         | {"tag:yaml.org,2002:str": lambda loader, node: Key(node.value)},
     )
     assert len(parse_yaml("\n".join(f"k{i}: 1" for i in range(500)))) == 500
@@ -109,7 +109,7 @@ def test_nesting_beyond_the_limit_is_refused_however_deep(opening):
 
 
 def test_nesting_within_the_limit_is_taken():
-    depth = yaml_loader.DEEPEST - 1
+    depth = settings_yaml.DEEPEST - 1
     found = parse_yaml("[" * depth + "1" + "]" * depth)
     for _ in range(depth):
         (found,) = found
@@ -141,7 +141,7 @@ def test_a_file_is_read_with_its_name_in_every_mistake(tmp_path, monkeypatch):
             read_yaml_file(path)
     with pytest.raises(IsADirectoryError):
         read_yaml_file(tmp_path)
-    monkeypatch.setattr(yaml_loader, "MOST_BYTES", 4)
+    monkeypatch.setattr(settings_yaml, "MOST_BYTES", 4)
     path.write_text("a: 1")
     assert read_yaml_file(path) == {"a": 1}
     path.write_text("a: 12")

@@ -14,7 +14,7 @@ from flip_bit import flip_bit
 from fsspec.registry import known_implementations
 
 from lidarplace.files.atomic import replacing
-from sweeps.store import checkpoint_mirror as mirror
+from sweeps.store import checkpoint_mirror
 from sweeps.store.checkpoint_attempts import attempts
 from sweeps.store.local import Store
 from sweeps.store.open import open_store
@@ -199,7 +199,7 @@ def train_until_stopped(store):
 
 
 def test_checkpoints_are_copied_while_the_task_runs(machine, url, tmp_path, monkeypatch):
-    monkeypatch.setattr(mirror, "SECONDS", 0.01)
+    monkeypatch.setattr(checkpoint_mirror, "SECONDS", 0.01)
     store = machine("one")
     filesystem, root = fsspec.url_to_fs(url)
     place = f"{root}/{TASK.stage}/.{TASK.key}.working"
@@ -211,14 +211,14 @@ def test_checkpoints_are_copied_while_the_task_runs(machine, url, tmp_path, monk
             give_up = time.monotonic() + 60
             while {"last.pt": n} not in found:
                 assert time.monotonic() < give_up
-                mirror.fetch(filesystem, place, there)
+                checkpoint_mirror.fetch(filesystem, place, there)
                 found = [texts(attempt) for attempt in attempts(there)]
     versions = [path for path in files_at(url) if folder.name in path and "last.pt" in path]
     assert len(versions) == 1, "what was replaced is removed"
 
 
 def test_a_remote_place_that_does_not_answer_stops_no_training(machine, monkeypatch, caplog):
-    monkeypatch.setattr(mirror, "_copy_changed", broken)
+    monkeypatch.setattr(checkpoint_mirror, "_copy_changed", broken)
     with machine("one").working_folder(TASK) as folder:
         write(folder / "last.pt", "1")
     assert "no route" in caplog.text
@@ -236,7 +236,7 @@ def test_what_was_trained_without_the_remote_place_is_kept(machine, monkeypatch)
     for store, begun in ((one, "1"), (other, "1"), (one, "1, one"), (other, "1, other")):
         with monkeypatch.context() as patch, store.working_folder(TASK) as folder:
             assert texts(folder) == {"last.pt": begun}
-            patch.setattr(mirror, "_copy_changed", broken)
+            patch.setattr(checkpoint_mirror, "_copy_changed", broken)
             name = "one" if store is one else "other"
             write(folder / "last.pt", f"1, {name}")
     with one.working_folder(TASK) as folder:

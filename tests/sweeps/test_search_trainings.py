@@ -9,7 +9,7 @@ from search_files import write_search
 from typer.testing import CliRunner
 
 from sweeps.search.__main__ import app
-from sweeps.search.trials import by_detectors as trainings
+from sweeps.search.trials import by_detectors
 
 TINY = {
     "detector": "pointpillars_tiny",
@@ -64,7 +64,7 @@ def test_rungs_prune_and_a_resumed_search_trains_nothing_again(tmp_path, trackin
     def height(objective, trials, store):  # tiny trainings find nothing, so all would be alike
         return 10 * trials[0].evaluate.inputs[1].params.placement.mounts[0].z
 
-    monkeypatch.setattr(trainings, "measured_value", height)
+    monkeypatch.setattr(by_detectors, "measured_value", height)
     options = {
         "objective": "recall",
         "rungs": [{"training.epochs": 1}],
