@@ -10,7 +10,7 @@ from lidarplace.surrogates.evaluate import (
     evaluate_many,
     expected_ig_by_q,
 )
-from lidarplace.surrogates.formulas import Surrogates, sum_over_classes
+from lidarplace.surrogates.result import Surrogates, sum_over_classes
 
 __all__ = [
     "PAPER_PLACEMENTS",

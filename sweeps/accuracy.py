@@ -166,7 +166,7 @@ def _scene(
 def _print(summary: pd.DataFrame) -> None:
     from rich.table import Table
 
-    from lidarplace.surrogates.formulas import RAY_SURROGATES
+    from lidarplace.surrogates.table import RAY_SURROGATES
     from tracking.labels import surrogate_name
 
     console = output()

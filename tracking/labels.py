@@ -4,35 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-SURROGATES: dict[str, tuple[str, str]] = {
-    "s_mig": ("S-MIG", "nats"),
-    "ig": ("IG", "nats"),
-    "h_pog": ("H_POG", "nats"),
-    "covered_entropy": ("covered entropy", "nats"),
-    "residual_entropy": ("residual entropy", "nats"),
-    "m_sog": ("M-SOG", "nats per voxel"),
-    "expected_points": ("expected points", "points"),
-    "expected_ig": ("expected IG", "nats"),
-    "covered_voxels": ("covered voxels", "voxels"),
-}
-"""Name and unit of every surrogate, in the order of display."""
-
-_METRICS = {
-    "AP_R40_3D": "3D AP",
-    "AP_R40_BEV": "BEV AP",
-    "class_recall_3D": "recall of the class",
-    "recall": "recall",
-}
+from lidarplace.metrics import METRICS
+from lidarplace.surrogates.table import SURROGATES
 
 
 def surrogate_name(surrogate: str) -> str:
     """Display name; a surrogate that is not known here keeps its own."""
-    return SURROGATES.get(surrogate, (surrogate, ""))[0]
+    return SURROGATES[surrogate].label if surrogate in SURROGATES else surrogate
+
+
+def surrogate_short(surrogate: str) -> str:
+    """Display name where there is little room."""
+    return SURROGATES[surrogate].short or surrogate_name(surrogate)
+
+
+def surrogate_unit(surrogate: str) -> str:
+    """Unit, "" if it is not known here."""
+    return SURROGATES[surrogate].unit if surrogate in SURROGATES else ""
 
 
 def surrogate_label(surrogate: str) -> str:
     """Display name and unit, for an axis."""
-    name, unit = SURROGATES.get(surrogate, (surrogate, ""))
+    name, unit = surrogate_name(surrogate), surrogate_unit(surrogate)
     return f"{name} ({unit})" if unit else name
 
 
@@ -58,9 +51,14 @@ def some(names: Sequence[str], most: int = 5) -> str:
     return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
 
 
+def metric_name(metric: str) -> str:
+    """Display name; a metric that is not known here keeps its own."""
+    return METRICS[metric].label if metric in METRICS else metric
+
+
 def metric_label(metric: str, iou: float) -> str:
     """For example "BEV AP @ 0.7"."""
-    return f"{_METRICS.get(metric, metric)} @ {iou:g}"
+    return f"{metric_name(metric)} @ {iou:g}"
 
 
 def setting_label(names: Iterable[str], values: Iterable[object]) -> str:

@@ -9,12 +9,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.boxes import GEOMETRY
+from lidarplace.metrics import OF_CLASSES
 from lidarplace.rings import bounds_of, ring_of
 from training.average_precision import FramePairs
 from training.kitti_ap import evaluate_boxes
 from training.ops.rotated_iou import paired_iou
 
-METRICS = ("AP_R40_3D", "AP_R40_BEV", "class_recall_3D")
 COLUMNS = ("class", "metric", "iou", "from_m", "to_m", "value", "ground_truths")
 
 
@@ -24,7 +24,7 @@ def evaluate_by_distance(
     frames: Sequence[int],
     classes: Sequence[str],
 ) -> pd.DataFrame:
-    """`METRICS` of `training.kitti_ap.evaluate_boxes` in every ring around the vehicle.
+    """The metrics of single classes by `evaluate_boxes` in every ring around the vehicle.
 
     A detection belongs to the ring of the object of its class that it overlaps most, seen from
     above, and to that of its own centre if it overlaps none: an object at 19.9 m that was found at
@@ -50,7 +50,7 @@ def evaluate_by_distance(
             table = evaluate_boxes(
                 truths[rings == ring], found[rings_found == ring], frames, [name]
             )
-            table = table[(table["class"] == name) & table["metric"].isin(METRICS)]
+            table = table[(table["class"] == name) & table["metric"].isin(OF_CLASSES)]
             low, high = bounds_of(ring)
             tables.append(table.assign(from_m=low, to_m=high)[list(COLUMNS)])
     tables = [table[table["ground_truths"] > 0] for table in tables]

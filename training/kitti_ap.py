@@ -10,6 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.boxes import GEOMETRY, check_boxes
+from lidarplace.metrics import kitti_iou
 from training.average_precision import COUNTS, FramePairs, ap_r11, ap_r40, precision_curve
 from training.kitti_labels import (
     DIFFICULTIES,
@@ -48,11 +49,6 @@ class Evaluation:
     metrics: pd.DataFrame
     curves: pd.DataFrame
     left_out: pd.DataFrame | None = None
-
-
-def iou_thresholds(object_class: str) -> tuple[float, float]:
-    """KITTI's strict and loose IoU of a class: 0.7 and 0.5 for Car, 0.5 and 0.25 for others."""
-    return (0.7, 0.5) if object_class == "Car" else (0.5, 0.25)
 
 
 def evaluate_boxes(
@@ -127,10 +123,10 @@ def evaluation(
         if routes is not None and len(own):
             nearest = overlapped_most(pairs, overlaps["BEV"], len(own_found))
             units = units_of(own, own_found["frame"].to_numpy(np.int64), nearest, routes)
-            for iou in iou_thresholds(name):
+            for iou in kitti_iou(name):
                 left_out += ap_without_each(name, iou, pairs, overlaps, scores, units)
             left_out += recall_without_each(name, RECALL_IOU, best[truth_class == name], units)
-        for iou in iou_thresholds(name):
+        for iou in kitti_iou(name):
             curves = {
                 view: precision_curve(pairs, values, scores, iou)
                 for view, values in overlaps.items()

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from lidarplace.coverage import Method, check_method
 from lidarplace.occupancy.grid import OccupancyGrid
 from lidarplace.placement import Placement
-from lidarplace.selection.tracing import Objective, Tracing
+from lidarplace.selection.tracing import OBJECTIVES, Objective, Tracing
 from lidarplace.selection.voxel_gain import SATURATED, VoxelGain, gain_at
 
 _ENOUGH = 45.0  # nats: a chance of exp(-45) to be missed moves no float64
@@ -74,11 +74,8 @@ class Exposure:
                 class, grids of different ROIs, q outside (0, 1], or a stride below 1.
         """
         check_method(method)
-        if surrogate not in ("covered_entropy", "expected_ig", "expected_points"):
-            raise ValueError(
-                "surrogate must be covered_entropy, expected_ig or expected_points, "
-                f"found {surrogate!r}"
-            )
+        if surrogate not in OBJECTIVES:
+            raise ValueError(f"surrogate must be {', '.join(OBJECTIVES)}, found {surrogate!r}")
         if not 0 < detection_probability <= 1:
             raise ValueError(
                 f"detection_probability must be within (0, 1], found {detection_probability}"

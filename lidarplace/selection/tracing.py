@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numba import njit
@@ -21,6 +21,8 @@ from lidarplace.surrogates.evaluate import occupied_layers, occupied_tiles
 from lidarplace.surrogates.formulas import log_miss_of_ray
 
 Objective = Literal["covered_entropy", "expected_ig", "expected_points"]
+OBJECTIVES: tuple[Objective, ...] = get_args(Objective)
+"""Surrogates that are monotone and submodular in the set of LiDARs."""
 
 
 @dataclass(frozen=True, eq=False)

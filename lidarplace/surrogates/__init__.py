@@ -1,1 +1,1 @@
-"""The surrogates: formulas, their evaluation, and how far they may be off."""
+"""The surrogates: what each is, what it is computed from, and the result of an evaluation."""

@@ -24,11 +24,7 @@ from lidarplace.placement import Mount, Placement
 from lidarplace.roi import Roi
 from lidarplace.sensor import Lidar
 from lidarplace.surrogates.evaluate import evaluate
-from lidarplace.surrogates.formulas import RAY_SURROGATES
-
-ENTROPIES = ("s_mig", "ig", "h_pog", "covered_entropy", "residual_entropy")
-SURROGATES = (*ENTROPIES, "m_sog", *RAY_SURROGATES)
-"""Surrogates that are compared."""
+from lidarplace.surrogates.table import ASKED_FOR, RAY_SURROGATES, SURROGATES
 
 COLUMNS = (
     *("placement", "class", "surrogate", "method", "resolution", "azimuth_steps", "frames"),
@@ -129,17 +125,9 @@ def accuracy(
     return table[list(COLUMNS)]
 
 
-POWERS = {
-    **dict.fromkeys(("h_pog", "ig", "residual_entropy"), 3),
-    **dict.fromkeys(("s_mig", "covered_entropy", "expected_ig"), 2),
-    "expected_points": 1,
-}
-"""Power of the resolution by which a surrogate is multiplied to compare resolutions; others 0."""
-
-
 def scale(surrogate: str, resolution: float) -> float:
-    """Factor that makes values of different resolutions comparable, see `POWERS`."""
-    return resolution ** POWERS.get(surrogate, 0)
+    """Factor that makes values of different resolutions comparable."""
+    return resolution ** SURROGATES[surrogate].power
 
 
 def _variants(placement: Placement, azimuth_steps: Collection[int]) -> Iterator[_Variant]:
@@ -175,13 +163,14 @@ def _timed(
         method: Method = "cone" if variant.method == "dda" else variant.method
         options = options | {"surrogates": RAY_SURROGATES, "azimuth_stride": stride}
         result = evaluate(grid, placement, method, **options)
-        rows = [(name, getattr(result, name), result.seconds) for name in RAY_SURROGATES]
     else:
         result = evaluate(grid, placement, variant.method, variant.azimuth_steps or None)
-        rows = [(name, getattr(result, name), result.seconds) for name in ENTROPIES]
-        start = time.perf_counter()
-        m_sog = result.m_sog  # counts the covered voxels
-        rows.append(("m_sog", m_sog, result.seconds + time.perf_counter() - start))
+    rows = []
+    for name in ASKED_FOR:
+        if SURROGATES[name].needs_rays == variant.rays:
+            start = time.perf_counter()
+            value = getattr(result, name)  # for some the covered voxels are counted now
+            rows.append((name, value, result.seconds + time.perf_counter() - start))
     table = pd.DataFrame(rows, columns=["surrogate", "value", "seconds"])
     return table.assign(
         comparable=[value * scale(name, grid.roi.resolution) for name, value, _ in rows],

@@ -6,14 +6,15 @@ import functools
 import time
 from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numba
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
-from lidarplace.coverage import Method, check_method, covered_bits, rays_of
+from lidarplace.coverage import Method, check_method, count_covered, covered_bits, rays_of
 from lidarplace.coverage.bits import pack
 from lidarplace.coverage.rays import RayMethod, log_miss, ray_counts, ray_weight
 from lidarplace.coverage.tiles import Tiles
@@ -21,16 +22,15 @@ from lidarplace.occupancy.grid import OccupancyGrid
 from lidarplace.placement import Placement
 from lidarplace.roi import Roi
 from lidarplace.surrogates.formulas import (
-    RAY_SURROGATES,
     Crossings,
-    Surrogates,
-    covered_entropy,
     expected_ig,
     expected_ig_with_occlusion,
     expected_points,
     log_miss_of_ray,
-    residual_entropy,
 )
+from lidarplace.surrogates.result import CoveredVoxels, Surrogates
+from lidarplace.surrogates.seen import Seen
+from lidarplace.surrogates.table import RAY_SURROGATES, SURROGATES
 
 
 def evaluate(
@@ -116,57 +116,104 @@ def evaluate_classes(
             [replace(lidar, azimuth_steps=azimuth_steps) for lidar in placement.lidars]
         )
     tiles = occupied_tiles(grids)
-    h_pog = {object_class: grid.h_pog for object_class, grid in grids.items()}
+    for grid in grids.values():
+        grid.entropy_of_level  # noqa: B018 - computed here, kept by the grid
 
     start = time.perf_counter()
     ray_method = rays_of(method)
-    needs_counts = bool(set(surrogates) - ({"expected_ig"} if occlusion else set()))
+    needs_counts = any(not (occlusion and SURROGATES[name].occludes) for name in surrogates)
     same_rays = method == ray_method and azimuth_stride == 1
     occupied = occupied_layers(roi, tiles, ray_method)
+    counts = None
     if needs_counts:
-        rays = ray_counts(placement, roi if same_rays else occupied, ray_method, azimuth_stride)
-    if needs_counts and same_rays:
-        covered = pack(rays > 0)
+        counts = ray_counts(placement, roi if same_rays else occupied, ray_method, azimuth_stride)
+    if counts is not None and same_rays:
+        covered = pack(counts > 0)
     else:
         covered = covered_bits(placement, roi, method, tiles)
-    weight = ray_weight(placement, azimuth_stride)
+    # Rays pass all voxels anyway; cones are followed there if somebody wants to know.
+    whole = functools.partial(count_covered, placement, roi, method)
+    if method != "cone":
+        whole = functools.partial(int, np.bitwise_count(covered).sum())
+    voxels = CoveredVoxels(whole)
+    q = detection_probability
+    rays = _Rays(placement, occupied, ray_method, azimuth_stride, counts, q, occlusion)
     common = time.perf_counter() - start
 
     results = {}
     for object_class, grid in grids.items():
         start = time.perf_counter()
-        points = gain = None
-        if needs_counts:
-            crossings = Crossings.of_grid(grid, rays)
-        if "expected_points" in surrogates:
-            points = expected_points(grid, crossings, weight)
-        if "expected_ig" in surrogates and not occlusion:
-            gain = expected_ig(grid, crossings, weight * log_miss_of_ray(detection_probability))
-        elif "expected_ig" in surrogates:
-            log_misses = log_miss(
-                *(placement, occupied, ray_method),
-                *(grid.counts[..., : occupied.shape[2]], grid.frames),
-                *(detection_probability, azimuth_stride),
-            )
-            gain = expected_ig_with_occlusion(grid, log_misses)
-        by_level = grid.levels.covered(covered)
+        seen = rays.seen(grid, grid.levels.covered(covered))
         results[object_class] = Surrogates(
             placement=placement,
             roi=roi,
             method=method,
-            s_mig=0 - covered_entropy(grid, by_level),  # 0 - x: no negative zero
-            ig=residual_entropy(grid, by_level),
-            h_pog=h_pog[object_class],
-            expected_points=points,
-            expected_ig=gain,
-            covered_nonzero=int(by_level.sum()),
+            values={
+                name: own.of_seen(seen)
+                for name, own in SURROGATES.items()
+                if own.of_seen is not None and (name in surrogates or not own.needs_rays)
+            },
+            covered=voxels,
+            covered_nonzero=int(seen.covered.sum()),
             seconds=common + time.perf_counter() - start,
         )
-    if method != "cone":  # rays pass all voxels anyway
-        voxels = int(np.bitwise_count(covered).sum())
-        for result in results.values():
-            vars(result)["covered_voxels"] = voxels
     return results
+
+
+@dataclass(frozen=True, eq=False)
+class _Rays:
+    """What the rays of a placement are, and what they meet.
+
+    Attributes:
+        roi: up to the highest occupied layer.
+        counts: rays through every voxel; None if nobody needs their number.
+        q: the chance that a ray detects what it crosses.
+    """
+
+    placement: Placement
+    roi: Roi
+    method: RayMethod
+    azimuth_stride: int
+    counts: NDArray[np.int32] | None
+    q: float
+    occlusion: bool
+
+    def seen(self, grid: OccupancyGrid, covered: NDArray[np.int64]) -> Seen:
+        """What is seen of a class; `covered` voxels by level."""
+
+        @functools.cache
+        def crossings() -> Crossings:
+            assert self.counts is not None
+            return Crossings.of_grid(grid, self.counts)
+
+        weight = ray_weight(self.placement, self.azimuth_stride)
+
+        def information() -> float:
+            if self.occlusion:
+                return expected_ig_with_occlusion(grid, self._log_miss(grid))
+            return expected_ig(grid, crossings(), weight * log_miss_of_ray(self.q))
+
+        return Seen(
+            frames=grid.frames,
+            counts=grid.levels.counts,
+            voxels=grid.levels.total,
+            covered=covered,
+            entropy=grid.entropy_of_level,
+            crossings=crossings,
+            points=lambda: expected_points(grid, crossings(), weight),
+            information=information,
+        )
+
+    def _log_miss(self, grid: OccupancyGrid) -> NDArray[np.float64]:
+        return log_miss(
+            self.placement,
+            self.roi,
+            self.method,
+            grid.counts[..., : self.roi.shape[2]],
+            grid.frames,
+            self.q,
+            self.azimuth_stride,
+        )
 
 
 def expected_ig_by_q(

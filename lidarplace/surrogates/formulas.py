@@ -1,132 +1,17 @@
-"""The surrogates of a placement, each by its formula (docs/method.md). Entropies are in nats."""
+"""The formulas of the surrogates that need rays (docs/method.md). Entropies are in nats."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from lidarplace.coverage import Method, count_covered
 from lidarplace.occupancy.grid import OccupancyGrid
-from lidarplace.placement import Placement
-from lidarplace.roi import Roi
-
-RAY_SURROGATES = ("expected_points", "expected_ig")
-"""Surrogates that need the number of rays through every voxel; computed when asked for."""
 
 _TABLE = 2**20  # entries: 8 MB
-
-
-@dataclass(frozen=True)
-class Surrogates:
-    """Surrogates of one placement for one class, or for the sum of classes; entropies in nats.
-
-    Attributes:
-        placement, roi, method: what was evaluated.
-        s_mig: `-sum over covered v of H(v)`, S-MIG to the letter of the paper (section 3.3).
-        ig: `h_pog + s_mig`, the paper's information gain; summed over the voxels that are not
-            covered, since little is left of the difference where nearly all is covered.
-        h_pog: `sum over v of H(v)`, the entropy of the POG.
-        expected_points: `sum of m(v) p(v)`, m(v) rays through v; None unless asked for.
-        expected_ig: mutual information with a sensor that can miss; None unless asked for.
-        covered_nonzero: covered voxels with p > 0.
-        seconds: wall time of the evaluation.
-    """
-
-    placement: Placement = field(repr=False)
-    roi: Roi = field(repr=False)
-    method: Method
-    s_mig: float
-    ig: float
-    h_pog: float
-    expected_points: float | None
-    expected_ig: float | None
-    covered_nonzero: int
-    seconds: float
-
-    @property
-    def covered_entropy(self) -> float:
-        """`sum over covered v of H(v)`, the opposite of S-MIG."""
-        return 0 - self.s_mig  # 0 - x: no negative zero
-
-    @property
-    def residual_entropy(self) -> float:
-        """`h_pog - covered_entropy`, what stays unseen: the information gain."""
-        return self.ig
-
-    @cached_property
-    def covered_voxels(self) -> int:
-        """Covered voxels of the whole ROI, those included in which no object ever was.
-
-        The other surrogates do not look at those; they are covered when this is first read.
-        """
-        return _count_once(self.placement, self.roi, self.method)
-
-    @property
-    def m_sog(self) -> float:
-        """`s_mig / covered_voxels` (Place3D, NeurIPS 2024); NaN if nothing is covered."""
-        return self.s_mig / self.covered_voxels if self.covered_voxels else math.nan
-
-
-@lru_cache(maxsize=1)
-def _count_once(placement: Placement, roi: Roi, method: Method) -> int:
-    """Classes are evaluated one after the other, and cover the same voxels."""
-    return count_covered(placement, roi, method)
-
-
-def sum_over_classes(results: Mapping[str, Surrogates]) -> Surrogates:
-    """The sum of every surrogate over the classes, as the paper compares it with recall.
-
-    "Since the recall is calculated for all Cars, Vans and Cyclists, our total information gain
-    surrogate metric is the sum of S-MIG of Car, Van and Cyclist" (appendix). `m_sog` divides the
-    sum by the covered voxels, `seconds` are the slowest class's.
-
-    Raises:
-        ValueError: no class, or the classes are not of one placement, ROI and method.
-    """
-    if len({(r.placement, r.roi, r.method) for r in results.values()}) != 1:
-        raise ValueError("a sum over classes needs results of one placement, ROI and method")
-    parts = list(results.values())
-
-    def total(values: list[float | None]) -> float | None:
-        known = [value for value in values if value is not None]
-        return math.fsum(known) if len(known) == len(values) else None
-
-    summed = Surrogates(
-        placement=parts[0].placement,
-        roi=parts[0].roi,
-        method=parts[0].method,
-        s_mig=math.fsum(r.s_mig for r in parts),
-        ig=math.fsum(r.ig for r in parts),
-        h_pog=math.fsum(r.h_pog for r in parts),
-        expected_points=total([r.expected_points for r in parts]),
-        expected_ig=total([r.expected_ig for r in parts]),
-        covered_nonzero=sum(r.covered_nonzero for r in parts),
-        seconds=max(r.seconds for r in parts),
-    )
-    for part in parts:
-        if "covered_voxels" in vars(part):  # the same for all classes
-            vars(summed)["covered_voxels"] = part.covered_voxels
-    return summed
-
-
-def covered_entropy(grid: OccupancyGrid, covered: NDArray[np.int64]) -> float:
-    """`sum over covered v of H(v)`; its negative is the paper's S-MIG (section 3.3).
-
-    `covered` is the number of covered voxels of every level of the grid. These integers are exact
-    and few terms remain, so the sum is right to its last bits whatever the order of the voxels.
-    """
-    return grid.entropy_of_levels(covered)
-
-
-def residual_entropy(grid: OccupancyGrid, covered: NDArray[np.int64]) -> float:
-    """`h_pog - covered_entropy`, summed over the voxels that are not covered."""
-    return grid.entropy_of_levels(grid.levels.total - covered)
 
 
 @dataclass(frozen=True, eq=False)

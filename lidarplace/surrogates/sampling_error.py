@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -29,13 +30,10 @@ from lidarplace.occupancy.entropy import entropy_of_counts
 from lidarplace.occupancy.grid import OccupancyGrid
 from lidarplace.placement import Placement
 from lidarplace.roi import Roi
-from lidarplace.surrogates.formulas import RAY_SURROGATES, information, log_miss_of_ray
-
-SURROGATES = (
-    *("s_mig", "ig", "h_pog", "covered_entropy", "residual_entropy", "m_sog"),
-    *RAY_SURROGATES,
-)
-"""Surrogates whose sampling error is estimated."""
+from lidarplace.surrogates.formulas import Crossings, information, log_miss_of_ray
+from lidarplace.surrogates.result import CoveredVoxels, Surrogates
+from lidarplace.surrogates.seen import Seen
+from lidarplace.surrogates.table import ASKED_FOR, SURROGATES
 
 NORMAL_95 = 1.959963984540054
 """97.5 % quantile of the normal distribution."""
@@ -105,7 +103,7 @@ def pog_sampling_error(
     ray_method = rays_of(method)
     rays = ray_counts(placement, roi, ray_method).reshape(-1)
     totals = draws @ lengths
-    all_covered = np.count_nonzero(covered)
+    all_covered = CoveredVoxels(partial(int, np.count_nonzero(covered)))
     tables = []
     for object_class in classes:
         histories = BlockCounts.of_blocks(
@@ -126,18 +124,30 @@ def pog_sampling_error(
         voxels = _by_history(histories, np.ones(len(here), np.int64))
         covered_voxels = _by_history(histories, covered[here])
         met_rays = _by_history(histories, rays[here])
-        values: dict[str, list[float]] = {name: [] for name in SURROGATES}
+        values: dict[str, list[float]] = {name: [] for name in ASKED_FOR}
         for draw, total in zip(draws, totals.tolist(), strict=True):
             counts = histories.counts(draw)
-            entropy = entropy_of_counts(np.arange(int(counts.max()) + 1), total)
-            h_pog = _entropy_sum(counts, voxels, entropy)
-            seen = _entropy_sum(counts, covered_voxels, entropy)
-            unseen = _entropy_sum(counts, voxels - covered_voxels, entropy)
-            m_sog = -seen / all_covered if all_covered else math.nan
-            points = int(np.dot(met_rays, counts)) / total
-            row = (0 - seen, unseen, h_pog, seen, unseen, m_sog)
-            for name, value in zip(SURROGATES, (*row, points, gain(counts, total)), strict=True):
-                values[name].append(value)
+            seen = Seen(
+                frames=total,
+                counts=np.arange(1, int(counts.max()) + 1),
+                voxels=np.bincount(counts, voxels)[1:],
+                covered=np.bincount(counts, covered_voxels)[1:],
+                entropy=entropy_of_counts(np.arange(1, int(counts.max()) + 1), total),
+                crossings=partial(_crossings, histories, rays[here], counts),
+                points=partial(_points, met_rays, counts, total),
+                information=partial(gain, counts, total),
+            )
+            result = Surrogates(
+                placement=placement,
+                roi=roi,
+                method=method,
+                values={n: own.of_seen(seen) for n, own in SURROGATES.items() if own.of_seen},
+                covered=all_covered,
+                covered_nonzero=int(seen.covered.sum()),
+                seconds=0.0,
+            )
+            for name in ASKED_FOR:
+                values[name].append(getattr(result, name))
         for name, estimates in values.items():
             tables.append(
                 pd.DataFrame({"class": object_class, "surrogate": name, "value": estimates})
@@ -187,12 +197,18 @@ def _by_history(histories: BlockCounts, amount: NDArray[np.generic]) -> NDArray[
     return sums.astype(np.int64)
 
 
-def _entropy_sum(
-    counts: NDArray[np.int64], voxels: NDArray[np.int64], entropy: NDArray[np.float64]
-) -> float:
-    """Sum of H over the voxels of all histories, by their count first: as `entropy_of_levels`."""
-    number = np.bincount(counts, voxels)
-    return math.fsum(number * entropy[: len(number)])
+def _crossings(
+    histories: BlockCounts, rays: NDArray[np.integer], counts: NDArray[np.int64]
+) -> Crossings:
+    """The voxels that are crossed and occupied, each by itself."""
+    count = counts[histories.history]
+    met = (rays > 0) & (count > 0)
+    return Crossings(count[met], rays[met].astype(np.int64), np.ones(met.sum(), np.int64))
+
+
+def _points(rays: NDArray[np.int64], counts: NDArray[np.int64], frames: int) -> float:
+    """expected_points from the rays and the counts of the histories."""
+    return int(np.dot(rays, counts)) / frames
 
 
 _Gain = Callable[[NDArray[np.int64], int], float]

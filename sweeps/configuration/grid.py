@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from lidarplace.configuration.settings import found, shortened
+from lidarplace.metrics import RANKING
 from lidarplace.sensor import Lidar
 from sweeps.configuration.file import (
     ConfigError,
@@ -22,7 +23,7 @@ from sweeps.configuration.file import (
     refuse_overlaps,
     unknown_key,
 )
-from sweeps.configuration.sweep import METRICS, Common, Point, SweepFile
+from sweeps.configuration.sweep import Common, Point, SweepFile
 from training.settings import TrainingSettings
 
 MOST_POINTS = 20_000
@@ -182,9 +183,9 @@ def _check_rungs(common: Common, point: Point, path: Path) -> None:
     """Refuse a rung that ranks by what the point has not."""
     for number, rung in enumerate(common.promote):
         key = f"{path}: promote[{number}]"
-        if rung.by in METRICS and point.detector is None:
+        if rung.by in RANKING and point.detector is None:
             raise ConfigError(f"{key}.by: {rung.by} needs a detector")
-        if rung.by not in METRICS and rung.by not in point.surrogate.names:
+        if rung.by not in RANKING and rung.by not in point.surrogate.names:
             raise ConfigError(f"{key}.by: {rung.by} is not among surrogate.names")
         shorter = point.training.model_copy(
             update={key.removeprefix("training."): value for key, value in rung.set.items()}

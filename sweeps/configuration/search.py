@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
 
@@ -25,9 +25,11 @@ from lidarplace.configuration.settings import (
     Settings,
     Text,
 )
+from lidarplace.metrics import OF_CLASSES, RANKING, Direction
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.mounting.zone import Zone
-from sweeps.configuration.sweep import METRICS, ClassName, Common, Point, SurrogateName
+from lidarplace.surrogates.table import ASKED_FOR, SURROGATES
+from sweeps.configuration.sweep import ClassName, Common, Point, best_of
 
 Pair = tuple[Length, Length]
 
@@ -120,26 +122,27 @@ class ConstraintSettings(Settings):
 class ObjectiveSettings(Settings):
     """What is searched for; `expected_ig.Car` is short for one class."""
 
-    by: Literal[(*get_args(SurrogateName), *METRICS, "price")] = Field(  # type: ignore[valid-type]
+    by: Literal[(*ASKED_FOR, *RANKING, "price")] = Field(  # type: ignore[valid-type]
         description="a surrogate, a measured value, or the price"
     )
     weights: dict[ClassName, Annotated[Factor, Field(gt=0)]] | None = Field(
         None, description="class -> weight in the sum; by default all classes, each once"
     )
-    direction: Literal["maximize", "minimize"] | None = Field(
+    direction: Direction | None = Field(
         None, description="maximize, but minimize for residual_entropy and price"
     )
 
     @field_validator("by")
     @classmethod
     def _varies(cls, by: str) -> str:
-        if by == "h_pog":
-            raise ValueError("h_pog does not depend on the placement")
+        if by in SURROGATES and SURROGATES[by].fixed:
+            raise ValueError(f"{by} does not depend on the placement")
         return by
 
     @model_validator(mode="after")
     def _has_classes(self) -> ObjectiveSettings:
-        if self.weights is not None and (self.by in ("recall", "price") or not self.weights):
+        of_classes = self.by in (*SURROGATES, *OF_CLASSES)
+        if self.weights is not None and not (of_classes and self.weights):
             raise ValueError(f"{self.by} has no classes")
         return self
 
@@ -151,10 +154,9 @@ class ObjectiveSettings(Settings):
         return str(self.by)
 
     @property
-    def best(self) -> Literal["maximize", "minimize"]:
+    def best(self) -> Direction:
         """Which values are wanted."""
-        least = ("residual_entropy", "price")
-        return self.direction or ("minimize" if self.by in least else "maximize")
+        return self.direction or ("minimize" if self.by == "price" else best_of(self.by))
 
     def weights_of(self, classes: Iterable[str]) -> dict[str, float]:
         """Weight by class in the sum, of those that have one."""
@@ -163,7 +165,7 @@ class ObjectiveSettings(Settings):
     @property
     def measured(self) -> bool:
         """Whether detectors have to be trained for it."""
-        return self.by in METRICS
+        return self.by in RANKING
 
 
 def _objective(value: Any) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 from pydantic import (
     BaseModel,
@@ -36,33 +36,23 @@ from lidarplace.configuration.settings import (
 )
 from lidarplace.coverage import Method
 from lidarplace.lidar.profiles import PROFILES
+from lidarplace.metrics import METRICS, RANKING, Direction
 from lidarplace.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.roi import Roi
 from lidarplace.scenes.recorded import LogScene
 from lidarplace.scenes.routes import KEEP_M
 from lidarplace.scenes.sumo.settings import SumoScene
 from lidarplace.sensor import Lidar
+from lidarplace.surrogates.table import ASKED_FOR, SURROGATES
 from training import DETECTORS
 from training.settings import TrainingSettings
 
 ClassName = Literal["Car", "Cyclist", "Pedestrian"]
-SurrogateName = Literal[
-    "s_mig",
-    "ig",
-    "h_pog",
-    "covered_entropy",
-    "residual_entropy",
-    "m_sog",
-    "expected_points",
-    "expected_ig",
-]
+SurrogateName = Literal[ASKED_FOR]  # type: ignore[valid-type]
 
 MOST_VOXELS = 2_000_000_000
 """A POG counts in int32, so these take 8 GB for each class, and a surrogate needs several times as
 much. Beyond, a mistyped resolution is likelier than a machine that holds them."""
-
-METRICS = ("AP_R40_3D", "AP_R40_BEV", "recall")
-"""Measured values that a rung of `promote` can rank by."""
 
 
 NAME = r"^\w[\w.-]*$"
@@ -123,7 +113,7 @@ class SurrogateSettings(Settings):
     """Which surrogates are computed, and how."""
 
     names: tuple[SurrogateName, ...] = Field(
-        get_args(SurrogateName), min_length=1, description="docs/method.md has their formulas"
+        ASKED_FOR, min_length=1, description="docs/method.md has their formulas"
     )
     resolution: Distance = Field(0.1, gt=0, description="edge of a voxel, metres")
     method: Method = Field(
@@ -287,10 +277,15 @@ class StoreSettings(Settings):
     )
 
 
+def best_of(by: str) -> Direction:
+    """Which values of a surrogate or a metric are best unless a user says else."""
+    return SURROGATES[by].direction if by in SURROGATES else METRICS[by].direction
+
+
 class Rung(Settings):
     """A step of `promote`: the best placements by one value go on to the next."""
 
-    by: Literal[get_args(SurrogateName) + METRICS] = Field(  # type: ignore[valid-type]
+    by: Literal[ASKED_FOR + RANKING] = Field(  # type: ignore[valid-type]
         description="the value: a surrogate, or a metric of short trainings"
     )
     keep: CountFromOne = Field(description="placements that go on; equal ones go on together")
@@ -300,7 +295,7 @@ class Rung(Settings):
         description="class that counts; by default the sum over classes for a surrogate, the "
         "first class for AP, all objects for recall",
     )
-    direction: Literal["maximize", "minimize"] | None = Field(
+    direction: Direction | None = Field(
         None, description="which values are best; maximize, but minimize for residual_entropy"
     )
     set: dict[str, Any] = Field(
@@ -309,11 +304,11 @@ class Rung(Settings):
 
     @model_validator(mode="after")
     def _clear(self) -> Rung:
-        if self.by in METRICS and not self.set:
+        if self.by in RANKING and not self.set:
             raise ValueError(f"set: a rung by {self.by} needs shorter trainings than the full ones")
-        if self.by not in METRICS and self.set:
+        if self.by not in RANKING and self.set:
             raise ValueError(f"set: nothing is trained for a rung by {self.by}")
-        if self.by in ("s_mig", "ig") and self.direction is None:
+        if self.direction is None and self.by in SURROGATES and SURROGATES[self.by].contested:
             raise ValueError(
                 f"direction: {self.by} is highest for a placement that sees nothing; say maximize "
                 "(the paper to the letter) or minimize"
@@ -321,9 +316,9 @@ class Rung(Settings):
         return self
 
     @property
-    def best(self) -> Literal["maximize", "minimize"]:
+    def best(self) -> Direction:
         """Which values go on."""
-        return self.direction or ("minimize" if self.by == "residual_entropy" else "maximize")
+        return self.direction or best_of(self.by)
 
 
 class Common(Settings):

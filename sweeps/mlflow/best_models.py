@@ -12,13 +12,13 @@ from tempfile import TemporaryDirectory
 
 from lidarplace.boxes import GEOMETRY
 from lidarplace.files.atomic import sync
+from lidarplace.metrics import HEADLINE_METRIC
 from sweeps.plan.plan import Trial
 from sweeps.results.trial_results import metric_mean
 from sweeps.store.open import AnyStore
 from sweeps.store.whole_folder import whole_folder
 from tracking.mlflow.log import SweepLog
 
-_METRIC = "AP_R40_3D"
 _OF_PREDICTION = ("batch_size", "score_threshold", "nms_threshold")
 _POINTS = {"frame": "long"} | dict.fromkeys(("x", "y", "z", "intensity"), "double")
 _BOXES = {"frame": "long", "class": "string"} | dict.fromkeys((*GEOMETRY, "score"), "double")
@@ -35,7 +35,7 @@ def log_best_models(trials: Iterable[Trial], store: AnyStore, folder: Path, log:
     best: dict[str, tuple[float, Trial]] = {}
     for trial in trials:
         point = trial.grid_point.point
-        ap = metric_mean([trial], _METRIC, point.classes[0], store)
+        ap = metric_mean([trial], HEADLINE_METRIC, point.classes[0], store)
         if not math.isnan(ap) and ap > best.get(str(point.detector), (-1.0, trial))[0]:
             best[str(point.detector)] = ap, trial
     for detector, (ap, trial) in best.items():
@@ -46,7 +46,7 @@ def log_best_models(trials: Iterable[Trial], store: AnyStore, folder: Path, log:
         about = {
             "placement": point.placement,
             "seed": point.seed,
-            f"{_METRIC}.{point.classes[0]}": f"{ap:.2f}",
+            f"{HEADLINE_METRIC}.{point.classes[0]}": f"{ap:.2f}",
         }
         log.model(trial.key, detector, own, about)
 

@@ -9,12 +9,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from lidarplace.files.secret_urls import hide_secrets
+from lidarplace.metrics import headline_metric, kitti_iou
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.grid import Sweep
 from sweeps.plan.plan import Trial, further_axes
 from sweeps.results.trial_results import axis_values
 from sweeps.tasks.task import Task
-from tracking.kitti_iou import KITTI_IOU
 from tracking.mlflow.journal import Dataset
 
 _SHOWN_SURROGATES = ("expected_ig", "s_mig", "covered_entropy")
@@ -38,11 +38,17 @@ A sweep over LiDAR placements: one parent run, and a child run for every trained
 def columns(sweep: Sweep) -> list[str]:
     """What the experiment's page shows of every run; the first orders them."""
     point = sweep.points[0].point
-    first = [f"metrics.AP_R40_3D.{name}.{KITTI_IOU.get(name, 0.5):.2f}" for name in point.classes]
+    first = [_column(name) for name in point.classes]
     shown = [name for name in _SHOWN_SURROGATES if name in point.surrogate.names]
     surrogates = [f"metrics.surrogate.{name}.{c}" for c in point.classes for name in shown]
     axes = [f"params.{axis}" for axis in further_axes(sweep)]
-    return [*first, "metrics.recall.all.0.50", *surrogates, *axes, "metrics.seconds"]
+    return [*first, _column("all"), *surrogates, *axes, "metrics.seconds"]
+
+
+def _column(object_class: str) -> str:
+    """What a class is judged by, as MLflow knows it."""
+    iou = kitti_iou(object_class).strict
+    return f"metrics.{headline_metric(object_class)}.{object_class}.{iou:.2f}"
 
 
 def note(source: Mapping[str, Any], command: str, addresses: Iterable[str]) -> str:

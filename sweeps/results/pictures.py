@@ -14,6 +14,7 @@ from lidarplace.coverage import coverage
 from lidarplace.files.atomic import replacing
 from lidarplace.lidar.clouds import PointClouds
 from lidarplace.occupancy.entropy import entropy_of_counts
+from lidarplace.surrogates.table import DECIDING
 from sweeps.configuration.grid import Sweep
 from sweeps.plan.plan import Trial
 from sweeps.store.local import Value
@@ -34,7 +35,7 @@ def drawn(known: Sequence[Trial], tested: Sequence[Trial], surrogates: pd.DataFr
         by_name.setdefault(trial.grid_point.point.placement, trial)
     if tested or len(by_name) <= MOST_UNTESTED:
         return list(by_name.values())
-    for name in ("expected_ig", "covered_entropy", "expected_points"):
+    for name in DECIDING:
         own = surrogates[surrogates["surrogate"] == name]
         if len(own):
             best = own.groupby("placement")["value"].sum().nlargest(MOST_UNTESTED)

@@ -10,12 +10,13 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 import pandas as pd
 
+from lidarplace.metrics import OF_CLASSES, RANKING, Direction
 from sweeps.configuration.grid import Sweep
-from sweeps.configuration.sweep import METRICS, Rung
+from sweeps.configuration.sweep import Rung
 from sweeps.plan.plan import Plan, Trial
 from sweeps.results.trial_results import cells, metric_mean, trial_seconds
 from sweeps.store.open import AnyStore
@@ -80,9 +81,7 @@ def at_most(sweep: Sweep, plan: Plan) -> list[Task]:
     return list(tasks.values())
 
 
-def survivors(
-    values: Mapping[str, float], keep: int, direction: Literal["maximize", "minimize"]
-) -> set[str]:
+def survivors(values: Mapping[str, float], keep: int, direction: Direction) -> set[str]:
     """The `keep` best names, and those that equal the last of them; none without a value."""
     import optuna
 
@@ -149,7 +148,7 @@ def _climb(
 
 def _looked_at(trial: Trial, rung: Rung) -> tuple[Task, ...]:
     """Tasks whose results the rung needs."""
-    return trial.results if rung.by in METRICS else (trial.pog, trial.surrogates)
+    return trial.results if rung.by in RANKING else (trial.pog, trial.surrogates)
 
 
 def _group(trial: Trial) -> str:
@@ -170,7 +169,7 @@ def _standings(
     if not group:
         return []
     point, axes = next((t.grid_point.point, _axes(t)) for own in group.values() for t in own)
-    object_class = rung.object_class or (point.classes[0] if rung.by in METRICS[:2] else _ALL)
+    object_class = rung.object_class or (point.classes[0] if rung.by in OF_CLASSES else _ALL)
     values = {name: _value(trials, rung, object_class, store) for name, trials in group.items()}
     kept = survivors(values, rung.keep, rung.best)
     ranks = pd.Series(values).rank(
@@ -196,14 +195,14 @@ def _standings(
 def _reason(row: Mapping[str, Any], of: int, kept: int) -> str | None:
     """Why a placement is out; None if a surrogate failed, which is no verdict on the placement."""
     if not math.isfinite(row["value"]):
-        measured = row["by"] in METRICS
+        measured = row["by"] in RANKING
         return f"rung {row['rung']} has no {row['by']} of every seed" if measured else None
     return f"rank {row['rank']} of {of} by {row['by']} ({row['class']}), {kept} kept"
 
 
 def _value(trials: Sequence[Trial], rung: Rung, object_class: str, store: AnyStore) -> float:
     """What a placement is ranked by: a mean over seeds for a metric; NaN if nothing is there."""
-    if rung.by not in METRICS:
+    if rung.by not in RANKING:
         task = trials[0].surrogates
         if not store.has(task):
             return math.nan
@@ -217,7 +216,7 @@ def _value(trials: Sequence[Trial], rung: Rung, object_class: str, store: AnySto
 
 def _seconds(trials: Sequence[Trial], rung: Rung, store: AnyStore) -> float:
     """What the rung took for a placement, over all its seeds."""
-    if rung.by not in METRICS:
+    if rung.by not in RANKING:
         task = trials[0].surrogates
         return store.seconds(task) if store.has(task) else math.nan
     whole = [trial for trial in trials if trial.evaluate is not None and store.has(trial.evaluate)]

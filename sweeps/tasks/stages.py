@@ -32,7 +32,7 @@ from lidarplace import (
 from lidarplace.box_log import BoxLog, join_logs
 from lidarplace.lidar.clouds import JoinedClouds, PointClouds
 from lidarplace.surrogates.evaluate import FAINT_Q, linear_share
-from lidarplace.surrogates.formulas import RAY_SURROGATES
+from lidarplace.surrogates.table import RAY_SURROGATES, SURROGATES
 from sweeps.tasks.parameters import (
     AccuracyParams,
     CollectParams,
@@ -108,7 +108,7 @@ def surrogates(params: SurrogateParams, pog: Value) -> Value:
     rows = [
         (object_class, name, float(getattr(result, name)), params.method, result.seconds)
         for object_class, result in results.items()
-        for name in (*names, *(["covered_voxels"] if "m_sog" in names else []))
+        for name in (*names, *(n for n, own in SURROGATES.items() if own.beside in names))
     ]
     columns = ["class", "surrogate", "value", "method", "seconds"]
     table = pd.DataFrame(rows, columns=columns)

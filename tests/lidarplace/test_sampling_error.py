@@ -6,7 +6,8 @@ import pytest
 
 from lidarplace import Lidar, Mount, OccupancyGrid, Placement, Roi, evaluate
 from lidarplace.occupancy.block_counts import BlockCounts
-from lidarplace.surrogates.sampling_error import SURROGATES, frame_blocks, pog_sampling_error
+from lidarplace.surrogates.sampling_error import frame_blocks, pog_sampling_error
+from lidarplace.surrogates.table import ASKED_FOR
 
 ROI = Roi((0, 20), (-5, 5), (0, 2), 0.5)
 LIDAR = Lidar(tuple(np.radians(np.linspace(-25, 5, 8))), azimuth_steps=180)
@@ -62,7 +63,7 @@ def test_equals_a_log_that_is_put_together_again(q, occlusion, method):
             names, expected = RAYS[:1], evaluate(grid, PLACEMENT, method, surrogates=RAYS[:1])
         else:
             names, expected = (
-                SURROGATES,
+                ASKED_FOR,
                 evaluate(grid, PLACEMENT, method, surrogates=RAYS, **options),
             )
         own = found.resamples[found.resamples["resample"] == number].set_index("surrogate")["value"]

@@ -7,16 +7,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-ADDITIVE = (
-    "s_mig",
-    "ig",
-    "h_pog",
-    "covered_entropy",
-    "residual_entropy",
-    "expected_points",
-    "expected_ig",
-)
-"""Surrogates that may be summed over classes."""
+from lidarplace.surrogates.table import SURROGATES
 
 
 @dataclass(frozen=True)
@@ -54,7 +45,7 @@ def paired(
     """Every group of `results` beside its surrogates, sorted by `group_columns`.
 
     Results of class "all" (recall over all objects) meet the surrogates summed over classes, the
-    paper's sum, for those of `ADDITIVE`. `m_sog` is a mean and `covered_voxels` the same number
+    paper's sum, for those that are additive. `m_sog` is a mean and `covered_voxels` the same number
     for every class: neither has a sum with a meaning.
 
     Args:
@@ -79,15 +70,16 @@ def paired(
 
 
 def with_sums(surrogates: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
-    """`surrogates` with rows of class "all" added: those of `ADDITIVE` summed over classes.
+    """`surrogates` with rows of class "all" added: those that are additive summed over classes.
 
     A sum is NaN if the surrogate is NaN for a class. Keeps placement, class, surrogate, value and
     those of `axes` that are columns.
     """
     depends = [axis for axis in axes if axis in surrogates.columns]
     single = surrogates[["placement", "class", *depends, "surrogate", "value"]]
+    additive = [name for name, own in SURROGATES.items() if own.additive]
     total = (
-        single[single["surrogate"].isin(ADDITIVE)]
+        single[single["surrogate"].isin(additive)]
         .groupby(["placement", *depends, "surrogate"], dropna=False, sort=False)["value"]
         .agg(lambda values: values.sum(skipna=False))
     )

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tracking.findings.training_cost import METRIC, is_longest
+from lidarplace.metrics import HEADLINE_METRIC
+from tracking.findings.training_cost import is_longest
 from tracking.kitti_iou import headline_iou
 from tracking.labels import metric_label, setting_label, surrogate_name
 
@@ -109,7 +110,9 @@ def _headline_ap(results: pd.DataFrame, object_class: str) -> pd.Series:
     """Mean AP over seeds by placement; for "all" the mean over the classes with ground truth."""
     names = results["class"].unique() if object_class == "all" else [object_class]
     iou = {name: headline_iou(results, str(name)) for name in names}
-    own = results[(results["metric"] == METRIC) & (results["iou"] == results["class"].map(iou))]
+    own = results[
+        (results["metric"] == HEADLINE_METRIC) & (results["iou"] == results["class"].map(iou))
+    ]
     return own.groupby(["placement", "class"])["value"].mean().groupby("placement").mean().dropna()
 
 

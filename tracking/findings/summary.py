@@ -8,16 +8,16 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from lidarplace.metrics import HEADLINE_METRIC, METRICS, RANKING, headline_metric
+from lidarplace.surrogates.table import DECIDING
 from tracking.findings.paired import group_columns
 from tracking.kitti_iou import headline_iou
-from tracking.labels import in_order, surrogate_name
+from tracking.labels import in_order, surrogate_short
 from tracking.run_folders.sweep import RunFolder
 from tracking.statistics.jackknife import sample_error
 
 TERMINAL_ROWS = 20
 """Rows of the summary of a sweep without results: a terminal shows the best."""
-
-_SHORT = {"s_mig": "S-MIG", "expected_ig": "E-IG"}
 
 
 def seed_means(
@@ -126,8 +126,7 @@ def deciding_surrogate(surrogates: pd.DataFrame) -> str:
     which S-MIG does not. Then expected points, which do too, then any that was computed.
     """
     computed = in_order(surrogates.loc[surrogates["value"].notna(), "surrogate"].unique())
-    rising = ("expected_ig", "covered_entropy", "expected_points")
-    return next((name for name in (*rising, *computed) if name in computed), rising[0])
+    return next((name for name in (*DECIDING, *computed) if name in computed), DECIDING[0])
 
 
 def by_surrogate(surrogates: pd.DataFrame) -> list[str]:
@@ -157,14 +156,13 @@ def summary_table(run: RunFolder) -> pd.DataFrame:
 
     columns: list[tuple[str, str, str, float]] = []
     main_iou = headline_iou(run.results, first)
-    columns.append((f"{first} 3D@{main_iou:g}", first, "AP_R40_3D", main_iou))
+    columns.append(_column(first, HEADLINE_METRIC, main_iou))
+    beside = [name for name in RANKING if not METRICS[name].headline]
     for iou in sorted(run.results.loc[run.results["class"] == first, "iou"].unique()):
-        columns.append((f"{first} BEV@{iou:g}", first, "AP_R40_BEV", iou))
+        columns += [_column(first, metric, iou) for metric in beside]
     for name in others:
-        iou = headline_iou(run.results, name)
-        columns.append((f"{name} BEV@{iou:g}", name, "AP_R40_BEV", iou))
-    iou = headline_iou(run.results, "all")
-    columns.append((f"recall@{iou:g}", "all", "recall", iou))
+        columns += [_column(name, metric, headline_iou(run.results, name)) for metric in beside]
+    columns.append(_column("all", headline_metric("all"), headline_iou(run.results, "all")))
 
     rows = []
     for key, group in run.results.groupby(keys, dropna=False, sort=False, observed=True):
@@ -172,9 +170,9 @@ def summary_table(run: RunFolder) -> pd.DataFrame:
         row["seeds"] = group["seed"].nunique()
         setting = {axis: row[axis] for axis in varying}
         own = surrogates_of(run.surrogates, setting, first)
-        for surrogate, title in _SHORT.items():
+        for surrogate in ("s_mig", "expected_ig"):
             if surrogate in own.columns:
-                row[f"{first} {title}"] = own[surrogate].get(row["placement"])
+                row[f"{first} {surrogate_short(surrogate)}"] = own[surrogate].get(row["placement"])
         covered = [surrogates_of(run.surrogates, setting, name) for name in run.classes]
         if all("covered_entropy" in table.columns for table in covered):
             row["covered entropy"] = sum(
@@ -191,6 +189,12 @@ def summary_table(run: RunFolder) -> pd.DataFrame:
     if best in table.columns:
         table = table.sort_values(best, ascending=False, kind="stable", na_position="last")
     return table.reset_index(drop=True)
+
+
+def _column(object_class: str, metric: str, iou: float) -> tuple[str, str, str, float]:
+    """Title, class, metric and IoU of a column."""
+    of = "" if object_class == "all" else f"{object_class} "
+    return f"{of}{METRICS[metric].short}@{iou:g}", object_class, metric, iou
 
 
 def _surrogate_summary(run: RunFolder) -> pd.DataFrame:
@@ -218,12 +222,12 @@ def _surrogate_summary(run: RunFolder) -> pd.DataFrame:
         columns |= {axis: pd.Series(value, index=order) for axis, value in setting.items()}
         for surrogate in dict.fromkeys((decides, "covered_entropy", "s_mig")):
             known = {k: table[surrogate] for k, table in own.items() if surrogate in table.columns}
-            title = _SHORT.get(surrogate, surrogate_name(surrogate))
+            title = surrogate_short(surrogate)
             if surrogate == decides and len(run.classes) > 1:
                 columns |= {f"{name} {title}": values for name, values in known.items()}
             columns[title] = pd.DataFrame(known, index=order).sum(axis=1, min_count=1)
         table = pd.DataFrame(columns).dropna(axis="columns", how="all")
-        best = _SHORT.get(decides, surrogate_name(decides))
+        best = surrogate_short(decides)
         table = table.sort_values(best, ascending=False, kind="stable")
         tables.append(table.head(TERMINAL_ROWS))
     return pd.concat(tables, ignore_index=True)

@@ -6,13 +6,12 @@ from collections.abc import Sequence
 
 import pandas as pd
 
+from lidarplace.metrics import HEADLINE_METRIC
 from tracking.findings.surrogate_accuracy import rank_agreement
 from tracking.kitti_iou import headline_iou
 
 COST_AXES = ("training.epochs", "training.frame_share")
 """Axes of a sweep that trade AP for seconds of training."""
-METRIC = "AP_R40_3D"
-"""What is compared, at `headline_iou`."""
 
 
 def varied_cost_axes(results: pd.DataFrame) -> tuple[str, ...]:
@@ -50,7 +49,9 @@ def training_cost(results: pd.DataFrame, curves: pd.DataFrame, axes: Sequence[st
         reference_ap, and error, reference_ap less ap: NaN where the longest training failed.
     """
     iou = {name: headline_iou(results, name) for name in results["class"].unique()}
-    own = results[(results["metric"] == METRIC) & (results["iou"] == results["class"].map(iou))]
+    own = results[
+        (results["metric"] == HEADLINE_METRIC) & (results["iou"] == results["class"].map(iou))
+    ]
     own = own.dropna(subset="value").rename(columns={"value": "ap"})
     spent = curves[curves["metric"] == "seconds"].groupby("trial")["value"].sum()
     # A first epoch that also compiled is as long as it was: that is what a user waits for.

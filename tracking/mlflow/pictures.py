@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from lidarplace.files.atomic import replacing
+from lidarplace.metrics import METRICS
 from lidarplace.placement import Mount
 from lidarplace.pose import rotation
 from lidarplace.sensor import Lidar
@@ -66,7 +67,7 @@ def draw_pr_curves(path: Path, title: str, curves: pd.DataFrame) -> None:
     for axis, name in zip(figure.subplots(1, len(classes), squeeze=False)[0], classes, strict=True):
         own = curves[curves["class"] == name].groupby(["metric", "iou"], sort=False)
         for i, ((metric, iou), curve) in enumerate(own):
-            label = f"{str(metric).removeprefix('AP_R40_')} @ {iou:g}"
+            label = f"{METRICS[str(metric)].short} @ {iou:g}"
             style = "-" if str(metric).endswith("3D") else "--"
             axis.plot(curve["recall"], curve["precision"], style, color=colour(i), label=label)
         axis.set(xlim=(0, 100), ylim=(0, 102), xlabel="recall (%)", ylabel="precision (%)")

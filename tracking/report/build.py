@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from lidarplace.metrics import HEADLINE_METRIC
 from tracking.findings.best_surrogate import which_predicts
 from tracking.findings.correlation import correlate
 from tracking.findings.distinct_rigs import copies, without
@@ -22,12 +23,7 @@ from tracking.pages.csv_files import FOLDER, write_csv_files
 from tracking.pages.markdown import escaped, write_markdown
 from tracking.pages.page import write_page
 from tracking.report.cautions import cautions
-from tracking.report.headline import (
-    HEADLINE_METRIC,
-    headline_ranking,
-    surrogate_verdicts,
-    verdicts,
-)
+from tracking.report.headline import headline_ranking, surrogate_verdicts, verdicts
 from tracking.report.sections.accuracy import accuracy_section
 from tracking.report.sections.agreement import agreement_section
 from tracking.report.sections.best import best_section

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pandas as pd
 
+from lidarplace.metrics import HEADLINE_METRIC
 from tracking.findings.groups import by_setting
 from tracking.findings.individuals import MOST_FREQUENT, count_individuals
 from tracking.findings.ray_counting import largest_linear_share, ray_counting_caution
 from tracking.kitti_iou import headline_iou
 from tracking.labels import metric_label
-from tracking.report.headline import HEADLINE_METRIC
 from tracking.run_folders.sweep import RunFolder
 from tracking.statistics.jackknife import LEAST_ROUTES
 from tracking.statistics.permutation import smallest_p

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from lidarplace.metrics import headline_metric
+from lidarplace.surrogates.table import HEADLINE_SURROGATES
 from tracking.findings.best_placement import BestPlacement, best_placement
 from tracking.findings.best_surrogate import Predictors
 from tracking.findings.groups import Group
@@ -15,12 +17,8 @@ from tracking.findings.paired import with_sums
 from tracking.findings.sampling_error import separated
 from tracking.findings.summary import deciding_surrogate, surrogates_of
 from tracking.kitti_iou import headline_iou
-from tracking.labels import SURROGATES, metric_label, some, surrogate_name
+from tracking.labels import metric_label, some, surrogate_name, surrogate_unit
 from tracking.run_folders.sweep import RunFolder
-
-HEADLINE_METRIC = "AP_R40_3D"
-HEADLINE_SURROGATES = ("s_mig", "expected_ig", "m_sog", "expected_points", "covered_voxels")
-"""Those with an order of their own: the others order placements as S-MIG or its negative."""
 
 
 @dataclass(frozen=True)
@@ -77,11 +75,6 @@ def verdicts(
             )
         )
     return found
-
-
-def headline_metric(object_class: str) -> str:
-    """What a class is judged by: 3D AP; of all classes together there is recall only."""
-    return "recall" if object_class == "all" else HEADLINE_METRIC
 
 
 def class_label(object_class: str) -> str:
@@ -176,7 +169,7 @@ def surrogate_verdicts(run: RunFolder, group: Group) -> list[Verdict]:
         if decides not in table.columns or not table[decides].notna().any():
             continue
         ranked = table[decides].dropna().sort_values(ascending=False, kind="stable")
-        best, unit = str(ranked.index[0]), SURROGATES[decides][1]
+        best, unit = str(ranked.index[0]), surrogate_unit(decides)
         lead = f"{ranked.iloc[0]:,.5g} {unit}"
         # Sums of the same terms in another order differ by rounding.
         level = len(ranked) > 1 and np.allclose(ranked, ranked.iloc[0], rtol=1e-9, atol=0)

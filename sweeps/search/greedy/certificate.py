@@ -15,8 +15,8 @@ from lidarplace import Mount, OccupancyGrid, Placement
 from lidarplace.coverage.rays import ray_weight
 from lidarplace.files.atomic import replacing
 from lidarplace.files.json import read_json
-from lidarplace.selection import greedy, upper_bound
-from lidarplace.surrogates.formulas import RAY_SURROGATES
+from lidarplace.selection import OBJECTIVES, greedy, upper_bound
+from lidarplace.surrogates.table import RAY_SURROGATES
 from sweeps.configuration.file import ConfigError
 from sweeps.search.greedy.candidates import (
     candidates_of,
@@ -28,9 +28,6 @@ from sweeps.search.greedy.refine import keeps, refine
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.rig import Mounted, Rig
 from sweeps.search.problem.slots import Placed, params_of, placed_in, rig_of
-
-BOUNDED = ("covered_entropy", "expected_ig", "expected_points")
-"""Surrogates that are monotone and submodular in the set of LiDARs."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +83,7 @@ def why_none(problem: Problem) -> str | None:
     objective = search.objective[0]
     if objective.by == "residual_entropy":
         return "search.objective covered_entropy asks for the same, and has a bound"
-    if objective.by not in BOUNDED or objective.best != "maximize":
+    if objective.by not in OBJECTIVES or objective.best != "maximize":
         return f"{objective.best} {objective.by} is not monotone and submodular in the LiDARs"
     if objective.by in RAY_SURROGATES and len(_weights(problem)) > 1:
         return (

@@ -13,8 +13,8 @@ from scipy import stats
 
 from lidarplace.command_line.verbs import wrong
 from lidarplace.files.atomic import replacing
+from lidarplace.metrics import RANKING
 from sweeps.configuration.grid import Sweep
-from sweeps.configuration.sweep import METRICS
 from sweeps.plan.plan import Plan, read_plan
 from sweeps.search.judgement.found import Found
 from sweeps.search.judgement.winners import Judged
@@ -94,7 +94,7 @@ def verified_table(
     """
     rows = []
     for (object_class, metric), own in results.groupby(["class", "metric"], sort=False):
-        if metric not in METRICS:
+        if metric not in RANKING:
             continue
         own = own[own["iou"] == headline_iou(own, str(object_class))]
         by_seed = own.pivot_table(index="seed", columns="placement", values="value")

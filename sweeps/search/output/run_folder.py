@@ -19,7 +19,8 @@ from lidarplace import Mount
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.files.atomic import replacing
 from lidarplace.files.secret_urls import public_url
-from lidarplace.surrogates.formulas import RAY_SURROGATES
+from lidarplace.metrics import METRICS
+from lidarplace.surrogates.table import RAY_SURROGATES, SURROGATES
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.search import ObjectiveSettings
 from sweeps.results.pictures import save_arrays
@@ -43,8 +44,6 @@ _OPTIONAL = (
     *("placement.yaml", "sweep.yaml", "maps.npz"),
 )
 """Files that not every search has."""
-
-_UNITS = {"price": "", "expected_points": "points", "m_sog": "nats"}
 
 
 def write_search(
@@ -193,10 +192,12 @@ def _objective(objective: ObjectiveSettings, problem: Problem) -> dict[str, Any]
     weights = None
     if objective.by != "price":
         weights = objective.weights_of(problem.file.classes)
+    units = {name: surrogate.unit for name, surrogate in SURROGATES.items()}
+    units |= {name: metric.unit for name, metric in METRICS.items()}
     return {
         "name": objective.name,
         "by": objective.by,
-        "unit": "%" if objective.measured else _UNITS.get(objective.by, "nats"),
+        "unit": units.get(objective.by, ""),
         "direction": objective.best,
         "weights": weights,
     }

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from rich.console import Console
 from rich.table import Table
 
+from lidarplace.surrogates.table import SURROGATES
 from sweeps.search.judgement.found import Found
 from sweeps.search.judgement.winners import Judged
 from sweeps.search.output.tables import mount_columns
@@ -29,7 +30,9 @@ def warnings_of(problem: Problem) -> list[str]:
     return [
         _TO_THE_LETTER.format(name=objective.name)
         for objective in problem.file.search.objective
-        if objective.by in ("s_mig", "ig") and objective.best == "maximize"
+        if objective.by in SURROGATES
+        and SURROGATES[objective.by].contested
+        and objective.best == "maximize"
     ]
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from lidarplace import OccupancyGrid, evaluate_classes, expected_ig_by_q
 from lidarplace.coverage import Method
-from lidarplace.surrogates.formulas import RAY_SURROGATES
+from lidarplace.surrogates.table import RAY_SURROGATES
 from sweeps.configuration.search import ObjectiveSettings
 from sweeps.search.problem.constraints import Carrier, Constraint, measures_of
 from sweeps.search.problem.rig import Rig

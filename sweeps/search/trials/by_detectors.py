@@ -10,8 +10,8 @@ from typing import Any
 
 import optuna
 
+from lidarplace.metrics import METRICS, RANKING
 from sweeps.configuration.search import ObjectiveSettings
-from sweeps.configuration.sweep import METRICS
 from sweeps.execution.backends import Backend
 from sweeps.execution.execute import Outcome, execute
 from sweeps.execution.failures import Failure
@@ -160,9 +160,9 @@ def _failure(trial: Trial, outcome: Outcome) -> str | None:
 
 def measured_value(objective: ObjectiveSettings, trials: Sequence[Trial], store: AnyStore) -> float:
     """The weighted mean over classes of a metric's mean over seeds, percent."""
-    assert objective.by in METRICS
+    assert objective.by in RANKING
     classes = objective.weights_of(trials[0].grid_point.point.classes)
-    if objective.by == "recall":  # of all objects together
+    if METRICS[objective.by].of_all:
         classes = {"all": 1.0}
     total = math.fsum(
         weight * metric_mean(trials, objective.by, name, store) for name, weight in classes.items()

@@ -8,8 +8,9 @@ import pandas as pd
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from lidarplace.metrics import HEADLINE_METRIC
 from tracking.figures.kit.style import SYMBOLS, colour, figure, text
-from tracking.findings.training_cost import COST_AXES, METRIC
+from tracking.findings.training_cost import COST_AXES
 from tracking.labels import metric_label
 
 _EPOCHS, _SHARE = COST_AXES
@@ -67,7 +68,7 @@ def training_cost_figure(cost: pd.DataFrame, title: str, placements: Sequence[st
         shape = SYMBOLS[shares.index(share) % len(SYMBOLS)]
         _key(plot, shape, "all frames" if share == 1 else f"{share:g} of the frames")
     _key(plot, "star", "longest training")
-    label = metric_label(METRIC, cost["iou"].iloc[0])
+    label = metric_label(HEADLINE_METRIC, cost["iou"].iloc[0])
     for column, (_, axis) in enumerate(_PANELS, start=1):
         plot.update_yaxes(title=axis.format(label), col=column)
     plot.update_xaxes(type="log", title="seconds of training")

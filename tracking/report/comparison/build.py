@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from lidarplace.metrics import METRICS, RANKING, headline_metric
+from lidarplace.surrogates.table import HEADLINE_SURROGATES
 from tracking.figures.kit.style import text
 from tracking.figures.of_sweeps.heat_map import heat_map
 from tracking.figures.of_sweeps.side_by_side import side_by_side
@@ -18,7 +20,14 @@ from tracking.findings.promotion import is_full
 from tracking.findings.summary import seed_means
 from tracking.findings.surrogate_accuracy import rank_agreement
 from tracking.kitti_iou import headline_iou
-from tracking.labels import in_order, metric_label, signed, surrogate_label, surrogate_name
+from tracking.labels import (
+    in_order,
+    metric_label,
+    metric_name,
+    signed,
+    surrogate_label,
+    surrogate_name,
+)
 from tracking.pages.csv_files import FOLDER, write_csv_files
 from tracking.pages.markdown import escaped, write_markdown
 from tracking.pages.page import write_page
@@ -33,10 +42,9 @@ from tracking.report.comparison.variants import (
     sweep_names,
     variants,
 )
-from tracking.report.headline import HEADLINE_METRIC, HEADLINE_SURROGATES, class_label
+from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
 
-_METRICS = (HEADLINE_METRIC, "AP_R40_BEV", "recall")
 _NOTHING_SHARED = (
     "These sweeps share no placement (same name and same mounts), so no results stand side by side."
 )
@@ -167,7 +175,7 @@ def _results(found: Sequence[Variant], same: list[str]) -> Section:
         "training and the detector; what can be compared is the order of the placements."
     )
     for name in _classes(found):
-        for metric in _METRICS:
+        for metric in RANKING:
             tables = _cells(found, name, metric)
             columns = {
                 variant.title: table.reindex(same)
@@ -179,7 +187,7 @@ def _results(found: Sequence[Variant], same: list[str]) -> Section:
             ious = dict.fromkeys(f"{own['iou'].dropna().iloc[0]:g}" for own in columns.values())
             label = f"{metric_label(metric, 0).rsplit(' @', 1)[0]} @ {' / '.join(ious)}"
             heading = f"{class_label(name)} · {label}"
-            if metric != "AP_R40_BEV":
+            if METRICS[metric].headline:
                 plot = side_by_side(columns, same, text(heading), f"{label} (%)")
                 section.figures.append(plot)
             rows = tuple(
@@ -253,11 +261,11 @@ def _ranks(found: Sequence[Variant], same: list[str]) -> Section:
     )
     rows = []
     for name in _classes(found):
-        metric = "recall" if name == "all" else HEADLINE_METRIC
+        metric = headline_metric(name)
         measured = [
             None if table is None else table["mean"] for table in _cells(found, name, metric)
         ]
-        values = {metric_label(metric, 0).rsplit(" @", 1)[0]: measured}
+        values = {metric_name(metric): measured}
         for surrogate in HEADLINE_SURROGATES:
             tables = [variant.surrogates(name) for variant in found]
             values[surrogate_name(surrogate)] = [
@@ -305,7 +313,7 @@ def _coefficients(runs: Sequence[RunFolder], names: Sequence[str]) -> Section:
         own = correlate(run.results, run.surrogates, run.axes)
         headline = [
             row["iou"] == headline_iou(run.results, row["class"])
-            and row["metric"] == ("recall" if row["class"] == "all" else HEADLINE_METRIC)
+            and row["metric"] == headline_metric(row["class"])
             for row in own.to_dict("records")
         ]
         settings = [

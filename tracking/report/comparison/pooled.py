@@ -7,13 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
+from lidarplace.metrics import headline_metric
+from lidarplace.surrogates.table import HEADLINE_SURROGATES
 from tracking.findings.groups import groups
 from tracking.findings.paired import with_sums
 from tracking.findings.summary import seed_means, surrogates_of
 from tracking.kitti_iou import headline_iou
 from tracking.labels import metric_label, signed, surrogate_name
 from tracking.pages.tables import Table
-from tracking.report.headline import HEADLINE_METRIC, HEADLINE_SURROGATES
 from tracking.run_folders.sweep import RunFolder
 
 LEAST = 3
@@ -60,7 +61,7 @@ def _pairs(run: RunFolder, sweep: int) -> pd.DataFrame:
     parts = []
     for number, group in enumerate(groups(run)):
         for name in (*run.classes, "all"):
-            metric = "recall" if name == "all" else HEADLINE_METRIC
+            metric = headline_metric(name)
             own = group.of(means)
             own = own[(own["class"] == name) & (own["metric"] == metric) & (own["seeds"] > 0)]
             own = own[own["iou"] == headline_iou(run.results, name)].set_index("placement")

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 
+from lidarplace.metrics import headline_metric
 from tracking.figures.kit.style import text
 from tracking.figures.of_sweeps.forest import forest
 from tracking.findings.best_placement import BestPlacement
@@ -15,13 +16,7 @@ from tracking.kitti_iou import headline_iou
 from tracking.labels import metric_label
 from tracking.pages.section import Section
 from tracking.pages.tables import MOST_ROWS, Table, slug
-from tracking.report.headline import (
-    class_label,
-    headline_metric,
-    percent,
-    plus_minus,
-    signed_points,
-)
+from tracking.report.headline import class_label, percent, plus_minus, signed_points
 from tracking.run_folders.sweep import RunFolder
 
 MOST_DRAWN = 20

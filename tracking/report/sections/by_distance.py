@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
+from lidarplace.metrics import HEADLINE_METRIC
 from tracking.figures.kit.style import text
 from tracking.figures.of_sweeps.by_distance import by_distance, ring_label
 from tracking.findings.groups import Group, by_setting, has_detectors
@@ -15,7 +16,7 @@ from tracking.kitti_iou import headline_iou
 from tracking.labels import metric_label
 from tracking.pages.section import Section
 from tracking.pages.tables import Table, slug
-from tracking.report.headline import HEADLINE_METRIC, plus_minus
+from tracking.report.headline import plus_minus
 from tracking.run_folders.sweep import RunFolder
 
 _RING = ["from_m", "to_m"]

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
+from lidarplace.metrics import headline_metric
 from tracking.figures.kit.style import text
 from tracking.figures.of_sweeps.scatter import scatter
 from tracking.findings.groups import Group, has_detectors
@@ -16,7 +17,7 @@ from tracking.kitti_iou import headline_iou
 from tracking.labels import interval, metric_label, signed, surrogate_name
 from tracking.pages.section import Section
 from tracking.pages.tables import Table
-from tracking.report.headline import HEADLINE_METRIC, class_label
+from tracking.report.headline import class_label
 from tracking.report.sections.fitted_q import fitted_q_table
 from tracking.run_folders.sweep import RunFolder
 
@@ -67,7 +68,7 @@ def correlation_section(
     order = list(run.placements)
     for group in found:
         for name in (*run.classes, "all"):
-            metric = "recall" if name == "all" else HEADLINE_METRIC
+            metric = headline_metric(name)
             iou = headline_iou(run.results, name)
             own, tests = (
                 part[(part["class"] == name) & (part["metric"] == metric) & (part["iou"] == iou)]

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pandas as pd
 
+from lidarplace.metrics import headline_metric
 from tracking.figures.kit.style import text
 from tracking.figures.of_sweeps.by_density import by_density
 from tracking.findings.groups import Group
@@ -16,7 +17,7 @@ from tracking.kitti_iou import headline_iou
 from tracking.labels import in_order, metric_label, surrogate_label
 from tracking.pages.section import Section
 from tracking.pages.tables import MOST_ROWS, Table, number, points, slug
-from tracking.report.headline import HEADLINE_METRIC, class_label, plus_minus
+from tracking.report.headline import class_label, plus_minus
 from tracking.report.sections.published_surrogates import published_density_table
 from tracking.run_folders.sweep import RunFolder
 
@@ -41,7 +42,7 @@ def density_section(run: RunFolder, found: list[Group], means: pd.DataFrame) -> 
     # One density each: the groups of the others differ in density alone.
     alike = [group for group in found if group.setting[DENSITY] == found[0].setting[DENSITY]]
     for name in (*run.classes, "all"):
-        metric = "recall" if name == "all" else HEADLINE_METRIC
+        metric = headline_metric(name)
         label = metric_label(metric, headline_iou(run.results, name))
         own = means[
             (means["class"] == name)

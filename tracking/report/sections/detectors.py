@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
+from lidarplace.metrics import RANKING, headline_metric
 from tracking.figures.of_sweeps.sensitivity import sensitivity_figure
 from tracking.findings.groups import Group
 from tracking.findings.sensitivity import sensitivity
@@ -15,10 +16,9 @@ from tracking.kitti_iou import headline_iou
 from tracking.labels import metric_label, setting_label
 from tracking.pages.section import Section
 from tracking.pages.tables import Table, slug
-from tracking.report.headline import class_label, headline_metric, plus_minus
+from tracking.report.headline import class_label, plus_minus
 from tracking.run_folders.sweep import RunFolder
 
-LAYOUT_METRICS = ("AP_R40_3D", "AP_R40_BEV", "recall")
 MOST_COLUMNS = 12
 """Placements of a table with a column each; more are in the tables of all placements."""
 
@@ -54,7 +54,7 @@ def _layout(
     """A table for every metric of the class at its headline IoU."""
     placements = [name for name in run.placements if name in set(run.results["placement"])]
     tables = []
-    for metric in LAYOUT_METRICS:
+    for metric in RANKING:
         iou = headline_iou(run.results, object_class)
         cells = means[
             (means["class"] == object_class) & (means["metric"] == metric) & (means["iou"] == iou)

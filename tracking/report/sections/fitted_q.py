@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import pandas as pd
 
+from lidarplace.metrics import HEADLINE_METRIC
 from tracking.findings.fitted_q import LEAST_PLACEMENTS, fit_detection_probability
 from tracking.findings.groups import Group
 from tracking.findings.summary import surrogates_of
 from tracking.kitti_iou import headline_iou
 from tracking.pages.tables import Table
-from tracking.report.headline import HEADLINE_METRIC
 from tracking.run_folders.sweep import RunFolder
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
+from lidarplace.metrics import HEADLINE_METRIC
 from tracking.findings.groups import Group
 from tracking.findings.summary import by_surrogate, deciding_surrogate, surrogates_of
 from tracking.kitti_iou import headline_iou
@@ -69,7 +70,7 @@ def placement_table(
         data |= {f"{label} {key}": cells[key].to_numpy() for key in ("mean", "sd", "low", "high")}
         data[f"{label} seeds"] = cells["seeds"].to_numpy()
         if order is None or iou == headline_iou(run.results, object_class):
-            order = cells["mean"] if order is None or metric == "AP_R40_3D" else order
+            order = cells["mean"] if order is None or metric == HEADLINE_METRIC else order
     caption = class_label(object_class)
     caption += f" · {group.title}" if group.varies else ""
     if "h_pog" in surrogates.columns and surrogates["h_pog"].nunique() == 1:

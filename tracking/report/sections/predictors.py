@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from lidarplace.metrics import headline_metric
+from lidarplace.surrogates.table import HEADLINE_SURROGATES
 from tracking.figures.kit.style import text
 from tracking.figures.of_sweeps.heat_map import heat_map
 from tracking.figures.of_sweeps.left_out import left_out
@@ -18,7 +20,7 @@ from tracking.kitti_iou import headline_iou
 from tracking.labels import interval, metric_label, setting_label, signed, surrogate_name
 from tracking.pages.section import Section
 from tracking.pages.tables import Table
-from tracking.report.headline import HEADLINE_SURROGATES, class_label, headline_metric
+from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
 from tracking.statistics.permutation import smallest_p
 from tracking.statistics.power import power_table, smallest_detectable

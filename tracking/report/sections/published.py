@@ -8,7 +8,9 @@ from dataclasses import astuple, replace
 import pandas as pd
 
 from lidarplace import PAPER_PLACEMENTS
+from lidarplace.metrics import HEADLINE_METRIC, headline_metric
 from lidarplace.placement import Mount
+from lidarplace.surrogates.table import HEADLINE_SURROGATES
 from tracking.figures.kit.style import text
 from tracking.figures.of_sweeps.heat_map import heat_map
 from tracking.figures.of_sweeps.published import against_own, published_scatter
@@ -19,7 +21,7 @@ from tracking.labels import metric_label, setting_label
 from tracking.pages.section import Section
 from tracking.pages.tables import Table
 from tracking.published import TABLES, published_detection
-from tracking.report.headline import HEADLINE_METRIC, HEADLINE_SURROGATES, class_label
+from tracking.report.headline import class_label
 from tracking.report.sections.correlation import correlation_table
 from tracking.report.sections.published_surrogates import add_published_surrogates
 from tracking.run_folders.sweep import RunFolder
@@ -129,7 +131,9 @@ def _of_run(run: RunFolder) -> pd.DataFrame:
 
 def _is_headline(table: pd.DataFrame) -> pd.Series:
     return (table["metric"] == HEADLINE_METRIC) | (
-        (table["metric"] == "recall") & (table["class"] == "all") & (table["iou"] == 0.5)
+        (table["metric"] == headline_metric("all"))
+        & (table["class"] == "all")
+        & (table["iou"] == 0.5)
     )
 
 

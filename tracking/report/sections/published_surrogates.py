@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import pandas as pd
 
+from lidarplace.metrics import HEADLINE_METRIC
 from tracking.figures.of_sweeps.published import published_scatter
 from tracking.findings.correlation import correlate
 from tracking.labels import in_order, metric_label, surrogate_label
 from tracking.pages.section import Section
 from tracking.pages.tables import Table, number
 from tracking.published import published_detection, published_surrogates
-from tracking.report.headline import HEADLINE_METRIC
 from tracking.report.sections.correlation import correlation_table
 
 _CLASS = "Car"

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import pandas as pd
 
+from lidarplace.surrogates.table import HEADLINE_SURROGATES
 from tracking.figures.of_sweeps.intervals import intervals
 from tracking.findings.groups import by_setting
 from tracking.findings.sampling_error import paired_differences
-from tracking.labels import SURROGATES, in_order, surrogate_label
+from tracking.labels import in_order, surrogate_label, surrogate_unit
 from tracking.pages.section import Section
 from tracking.pages.tables import Table, number, slug
-from tracking.report.headline import HEADLINE_SURROGATES, separation_sentences
+from tracking.report.headline import separation_sentences
 from tracking.run_folders.sweep import RunFolder
 
 MOST_INTERVALS = 20
@@ -76,7 +77,7 @@ def sampling_error_table(estimates: pd.DataFrame, title: str) -> Table:
         caption += (
             f" · {estimates['resamples'].iloc[0]} draws of {estimates['blocks'].iloc[0]} blocks"
         )
-    units = [SURROGATES.get(name, (name, ""))[1] for name in estimates["surrogate"]]
+    units = [surrogate_unit(name) for name in estimates["surrogate"]]
     return Table(
         caption,
         head,

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from lidarplace.metrics import RANKING
+from lidarplace.surrogates.table import HEADLINE_SURROGATES
 from tracking.figures.kit.style import text
 from tracking.figures.of_sweeps.differences import differences_figure
 from tracking.findings.groups import Group
@@ -15,10 +17,8 @@ from tracking.kitti_iou import headline_iou
 from tracking.labels import metric_label, surrogate_name
 from tracking.pages.section import Section
 from tracking.pages.tables import Table, points
-from tracking.report.headline import HEADLINE_METRIC, HEADLINE_SURROGATES, class_label
+from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
-
-_METRICS = (HEADLINE_METRIC, "AP_R40_BEV", "recall")
 
 
 def tilts_section(run: RunFolder, found: list[Group], means: pd.DataFrame) -> Section | None:
@@ -51,7 +51,7 @@ def _differences(
     rows = []
     for name in (*run.classes, "all"):
         iou = headline_iou(run.results, name)
-        for metric in _METRICS:
+        for metric in RANKING:
             for group in found:
                 own = group.of(means)
                 own = own[(own["class"] == name) & (own["metric"] == metric) & (own["iou"] == iou)]

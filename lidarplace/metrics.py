@@ -1,0 +1,74 @@
+"""The table of the metrics: what detections are measured by, in the order of display.
+
+Training, configuration, search, statistics and report read it. A new metric is computed in
+`training.kitti_ap` and has a row here (docs/extending.md).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+Direction = Literal["maximize", "minimize"]
+"""Which values are best."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Metric:
+    """A measure of detections.
+
+    Attributes:
+        label: how it is called in figures and tables.
+        short: the same where there is little room.
+        unit: of its values.
+        direction: which of them are best.
+        of_all: whether it is one of all objects together, class "all", beside those of each class.
+        ranks: whether placements are compared by it: in reports, by a rung of `promote`, by the
+            objective of a search.
+        headline: whether it is what headlines tell of a class; with `of_all`, of all objects.
+    """
+
+    label: str
+    short: str
+    unit: str = "%"
+    direction: Direction = "maximize"
+    of_all: bool = False
+    ranks: bool = False
+    headline: bool = False
+
+
+METRICS: dict[str, Metric] = {
+    "AP_R40_3D": Metric(label="3D AP", short="3D", ranks=True, headline=True),
+    "AP_R40_BEV": Metric(label="BEV AP", short="BEV", ranks=True),
+    "class_recall_3D": Metric(label="recall of the class", short="class recall"),
+    "recall": Metric(label="recall", short="recall", of_all=True, ranks=True, headline=True),
+}
+"""Metrics by name, in the order of display."""
+
+RANKING = tuple(name for name, own in METRICS.items() if own.ranks)
+"""What placements are compared by."""
+
+OF_CLASSES = tuple(name for name, own in METRICS.items() if not own.of_all)
+"""What is measured of each class alone."""
+
+
+def headline_metric(object_class: str) -> str:
+    """What a class is judged by: 3D AP; of all classes together there is recall only."""
+    own = (n for n, m in METRICS.items() if m.headline and m.of_all == (object_class == "all"))
+    return next(own)
+
+
+HEADLINE_METRIC = headline_metric("")
+"""What a single class is judged by."""
+
+
+class Overlaps(NamedTuple):
+    """IoU above which a detection is true."""
+
+    strict: float
+    loose: float
+
+
+def kitti_iou(object_class: str) -> Overlaps:
+    """KITTI's of a class: 0.7 and 0.5 for Car, 0.5 and 0.25 for others."""
+    return Overlaps(0.7, 0.5) if object_class == "Car" else Overlaps(0.5, 0.25)
