@@ -166,12 +166,12 @@ def _scene(
 def _print(summary: pd.DataFrame) -> None:
     from rich.table import Table
 
-    from lidarplace.surrogates.table import RAY_SURROGATES
     from tracking.labels import surrogate_name
 
     console = output()
-    # The others have the errors of these, or none that depends on the placement.
-    shown = summary[summary["surrogate"].isin(["s_mig", "ig", "m_sog", *RAY_SURROGATES])]
+    # These have the errors of S-MIG and IG, or none that depends on the placement.
+    same = summary["surrogate"].isin(["covered_entropy", "residual_entropy", "h_pog"])
+    shown = summary[~same]
     for object_class, own in shown.groupby("class", sort=False):
         table = Table(title=f"{object_class}: errors in percent, medians over placements")
         head = ("surrogate", "method", "m", "steps", "frames", "fine ref.", "same res.")

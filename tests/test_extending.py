@@ -121,13 +121,12 @@ from tracking.findings.summary import summary_table
 from training.kitti_ap import evaluate_boxes
 
 NAME = "precision_at_half_3D"
-places = [(10.0 * k, 0.0, 0.8, 4.0, 2.0, 1.5, 0.0) for k in range(9)]
+places = [(10.0 * k, 0.0, 0.8, 4.0, 2.0, 1.5, 0.0) for k in range(80)]
 boxes = pd.DataFrame(places, columns=list(GEOMETRY)).assign(frame=0, **{"class": "Car"})
-# Of eight objects four are found, after as many false alarms with a higher score each.
-truths = boxes.iloc[:8]
-good = boxes.iloc[:4].assign(score=0.5)
-bad = boxes.iloc[:4].assign(y=15.0, score=0.9)
-values = evaluate_boxes(truths, pd.concat([good, bad]), [0], ["Car"])
+# Three of four objects are found, below as many false alarms: every other detection is one.
+good = boxes.iloc[:60].assign(score=0.5)
+bad = boxes.iloc[:60].assign(y=15.0, score=0.9)
+values = evaluate_boxes(boxes, pd.concat([good, bad]), [0], ["Car"])
 print(json.dumps(values[values["metric"] == NAME]["value"].tolist()))
 
 Rung.model_validate({"by": NAME, "keep": 1, "set": {"training.epochs": 1}})
@@ -148,7 +147,7 @@ def test_a_metric_is_two_files(tree):
     put(tree / "training/kitti_ap.py", "        for iou in RECALL_IOU:\n            add(name", line)
     put(tree / "lidarplace/metrics.py", '}\n"""Metrics by name', row)
     values, columns = map(json.loads, python(tree, "-c", METRIC).splitlines())
-    assert values == [50.0, 50.0], "half of the boxes down to the one that finds the half"
+    assert values == [50.0, 50.0], "both IoUs"
     assert "Car P@half@0.7" in columns
     report = (tree / "made_up/report.html").read_text(encoding="utf-8")
     assert "precision at half @ 0.7" in report

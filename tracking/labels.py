@@ -35,16 +35,6 @@ def in_order(surrogates: Iterable[str]) -> list[str]:
     return sorted(found, key=lambda name: [*SURROGATES, *found].index(name))
 
 
-def signed(value: float) -> str:
-    """A coefficient with its sign and two decimals; zero has no minus."""
-    return f"{round(value, 2) + 0.0:+.2f}".replace("-", "−")
-
-
-def interval(low: float, high: float) -> str:
-    """An interval of a coefficient in brackets; one of no width is no statement of precision."""
-    return f"[{signed(low)}, {signed(high)}]" if high - low > 1e-9 else "[no interval]"
-
-
 def some(names: Sequence[str], most: int = 5) -> str:
     """A few of many names, for a sentence."""
     more = len(names) - most

@@ -9,7 +9,8 @@ import numpy as np
 import pandas as pd
 
 from tracking.findings.paired import Paired, group_columns, paired
-from tracking.labels import metric_label, signed, surrogate_name
+from tracking.labels import metric_label, surrogate_name
+from tracking.numbers import signed
 from tracking.statistics.correlation_difference import strength_leads
 from tracking.statistics.multiple_tests import distinct_tests
 from tracking.statistics.permutation import smallest_p

@@ -6,7 +6,6 @@ import re
 import unicodedata
 from dataclasses import dataclass, field, replace
 
-import numpy as np
 import pandas as pd
 
 MOST_ROWS = 50
@@ -52,16 +51,3 @@ def slug(*words: str) -> str:
     """Words as a part of a file's name or an address: a-z, 0-9, dots and hyphens."""
     plain = unicodedata.normalize("NFKD", " ".join(words)).encode("ascii", "ignore").decode()
     return re.sub(r"[^a-z0-9.]+", "-", plain.lower()).strip("-.")[:80]
-
-
-def points(value: float) -> str:
-    """A difference of percentages with its sign and one decimal; a dash for no number."""
-    return f"{round(value, 1) + 0.0:+.1f}".replace("-", "−") if np.isfinite(value) else "–"
-
-
-def number(value: float) -> str:
-    """Five significant digits, thousands separated; a dash for no number."""
-    if not np.isfinite(value):
-        return "–"
-    digits = max(0, 4 - int(np.floor(np.log10(abs(value))))) if value else 0
-    return f"{value:,.{min(digits, 8)}f}".replace("-", "−")

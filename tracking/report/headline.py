@@ -18,6 +18,7 @@ from tracking.findings.sampling_error import separated
 from tracking.findings.summary import deciding_surrogate, surrogates_of
 from tracking.kitti_iou import headline_iou
 from tracking.labels import metric_label, some, surrogate_name, surrogate_unit
+from tracking.numbers import percent, plus_minus, span
 from tracking.run_folders.sweep import RunFolder
 
 
@@ -112,7 +113,7 @@ def _lead(best: BestPlacement) -> str:
         return f"{text}, the same for {len(best.equal)} of {len(best.sure)} placements"
     text += f", {second['lead']:.1f} points ahead of {best.others.index[0]}"
     if np.isfinite(second["low"]):
-        text += f" (95 %: {signed_points(second['low'])} to {signed_points(second['high'])})"
+        text += f" (95 %: {span(second['low'], second['high'], 'z.1f')})"
     return text
 
 
@@ -146,18 +147,6 @@ def _chosen(run: RunFolder, group: Group, best: BestPlacement, name: str) -> lis
         return [f"The highest {label} is that of the same placement."]
     lost = float(best.others["lead"][choice])
     return [f"The highest {label} is that of {choice}: {lost:.1f} points below the best."]
-
-
-def percent(share: float) -> str:
-    """A probability without false certainty."""
-    if share > 0.99:
-        return "over 99 %"
-    return "under 1 %" if share < 0.01 else f"{100 * share:.0f} %"
-
-
-def signed_points(value: float) -> str:
-    """Points of AP with a true minus."""
-    return f"{round(value, 1) + 0.0:.1f}".replace("-", "−")
 
 
 def surrogate_verdicts(run: RunFolder, group: Group) -> list[Verdict]:
@@ -203,14 +192,6 @@ def _without_entropy(table: pd.DataFrame, name: str) -> str:
     if "h_pog" not in table.columns or not (table["h_pog"] == 0).all():
         return ""
     return f"H_POG is 0: no {name} was seen, or always in the same voxels."
-
-
-def plus_minus(mean: float, sd: float) -> str:
-    """Mean and standard deviation, "71.3 ± 0.9"; a dash for no number, no ± for a single seed."""
-    if np.isnan(mean):
-        return "–"
-    shown = f"{round(mean, 1) + 0.0:.1f}".replace("-", "−")
-    return shown if np.isnan(sd) else f"{shown} ± {sd:.1f}"
 
 
 def separation_sentences(pairs: pd.DataFrame, title: str) -> list[str]:

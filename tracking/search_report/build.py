@@ -16,9 +16,10 @@ from tracking.figures.of_searches.search_history import bound_over_seconds, sear
 from tracking.figures.of_searches.uncovered import unseen
 from tracking.figures.of_searches.verified import verified_figure
 from tracking.labels import metric_label
+from tracking.numbers import digits, number
 from tracking.pages.page import write_page
 from tracking.pages.section import Section
-from tracking.pages.tables import Table, number
+from tracking.pages.tables import Table
 from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_json import Rig
 from tracking.search_report.cautions import cautions
@@ -156,7 +157,7 @@ def _unseen(run: SearchFolder) -> Section | None:
                 name,
                 number(whole),
                 *(_part(value, whole) for value in left),
-                f"{100 * (left[1] / left[0] - 1):+.1f} %".replace("-", "−") if left[0] else "–",
+                f"{digits(100 * (left[1] / left[0] - 1), '+.1f')} %" if left[0] else "–",
             )
         )
     if not rows:

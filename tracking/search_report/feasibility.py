@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pandas as pd
 
+from tracking.numbers import digits
 from tracking.pages.tables import Table
 from tracking.run_folders.search import SearchFolder
 
@@ -107,5 +107,4 @@ def _measure(value: float | None) -> str:
 
 def _amount(value: float, unit: str) -> str:
     """A value that keeps no more digits than it has, with its unit."""
-    shown = f"{value:,.4g}" if abs(value) < 1e4 or not np.isfinite(value) else f"{value:,.0f}"
-    return f"{shown} {unit}".rstrip().replace("-", "−")
+    return f"{digits(value, ',.4g' if abs(value) < 1e4 else ',.0f')} {unit}".rstrip()

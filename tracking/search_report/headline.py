@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tracking.pages.tables import number
+from tracking.numbers import digits, number
 from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_json import Objective, Rig, SearchResult
 from tracking.search_report.feasibility import infeasible_sentences
@@ -42,10 +42,8 @@ def cards(run: SearchFolder) -> list[Card]:
 def change(objective: Objective, value: float, base: float) -> str:
     """How a value differs from `base`: in percent if that is positive, else in its unit."""
     if base > 0:
-        shown = f"{100 * (value / base - 1):+.1f} %"
-    else:
-        shown = f"{value - base:+.4g} {objective.unit}".rstrip()
-    return shown.replace("-", "−")
+        return f"{digits(100 * (value / base - 1), '+.1f')} %"
+    return f"{digits(value - base, '+.4g')} {objective.unit}".rstrip()
 
 
 def with_unit(objective: Objective, value: float) -> str:

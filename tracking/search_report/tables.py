@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tracking.pages.tables import Table, number
+from tracking.numbers import digits, number, span
+from tracking.pages.tables import Table
 from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_json import Objective, Rig
 from tracking.search_report.feasibility import excess
@@ -27,8 +28,8 @@ def mount_table(caption: str, rig: Rig) -> Table:
             str(i),
             model,
             zone or "–",
-            *(_fixed(value, 3) for value in mount[:3]),
-            *(_fixed(value, 2) for value in np.degrees(mount[3:])),
+            *(digits(value, "z.3f") for value in mount[:3]),
+            *(digits(value, "z.2f") for value in np.degrees(mount[3:])),
         )
         for i, (model, zone, mount) in enumerate(
             zip(rig.models, rig.zones, rig.mounts, strict=True), start=1
@@ -136,7 +137,7 @@ def robustness_table(rows: pd.DataFrame) -> Table:
             f"{row['draws']:,}",
             number(row["value"]),
             number(row["worst"]),
-            "–" if np.isnan(row["share"]) else f"{100 * row['share']:.2f}",
+            digits(100 * row["share"], ".2f"),
         )
         for row in rows.to_dict("records")
     )
@@ -156,7 +157,7 @@ def verified_table(rows: pd.DataFrame, baseline: str, objective: Objective) -> T
             str(row["seeds"]),
             number(row["surrogate"]),
             f"{row['value']:.2f}",
-            _between(row["low"], row["high"], ".2f"),
+            span(row["low"], row["high"], ".2f"),
             *_difference(row, baseline),
         )
         for row in rows.to_dict("records")
@@ -169,21 +170,16 @@ def _difference(row: Mapping[Hashable, Any], baseline: str) -> tuple[str, str]:
     if row["rig"] == baseline or np.isnan(row["difference"]):
         return "–", "–"
     return (
-        f"{row['difference']:+.2f}".replace("-", "−"),
-        _between(row["difference_low"], row["difference_high"], "+.2f"),
+        digits(row["difference"], "+.2f"),
+        span(row["difference_low"], row["difference_high"], "+.2f"),
     )
-
-
-def _between(low: float, high: float, form: str) -> str:
-    """An interval; a dash for that of a single seed."""
-    return "–" if np.isnan(low) else f"{low:{form}} to {high:{form}}".replace("-", "−")
 
 
 def _mount_words(rig: Rig) -> list[str]:
     words = []
     for model, zone, mount in zip(rig.models, rig.zones, rig.mounts, strict=True):
-        where = ", ".join(_fixed(value, 2) for value in mount[:3])
-        angles = ", ".join(_fixed(value, 1) for value in np.degrees(mount[3:]))
+        where = ", ".join(digits(value, "z.2f") for value in mount[:3])
+        angles = ", ".join(digits(value, "z.1f") for value in np.degrees(mount[3:]))
         words.append(f"{model}{f', {zone}' if zone else ''}: {where}; {angles}")
     return words
 
@@ -192,12 +188,5 @@ def _cell(value: Any) -> str:
     if isinstance(value, str):
         return value
     if value is None or pd.isna(value):
-        return "–"
-    if isinstance(value, float | np.floating):
-        return f"{value:.5g}".replace("-", "−")
-    return str(value)
-
-
-def _fixed(value: float, digits: int) -> str:
-    """Zero has no minus."""
-    return f"{round(float(value), digits) + 0.0:.{digits}f}".replace("-", "−")
+        return digits(np.nan, "")
+    return digits(float(value), ".5g") if isinstance(value, float | np.floating) else str(value)

@@ -9,7 +9,8 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from tracking.figures.kit.style import figure, text, two_lines
-from tracking.labels import in_order, signed, surrogate_name
+from tracking.labels import in_order, surrogate_name
+from tracking.numbers import signed
 
 SIGNIFICANT = 0.05
 

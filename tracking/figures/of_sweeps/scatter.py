@@ -11,14 +11,8 @@ import plotly.graph_objects as go
 
 from tracking.figures.kit.label_places import label_places
 from tracking.figures.kit.style import OUTLINE, broken, colour, figure, symbol, text
-from tracking.labels import (
-    in_order,
-    interval,
-    metric_label,
-    signed,
-    surrogate_label,
-    surrogate_name,
-)
+from tracking.labels import in_order, metric_label, surrogate_label, surrogate_name
+from tracking.numbers import interval, signed
 
 
 def scatter(

@@ -7,7 +7,8 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from tracking.figures.kit.style import figure
-from tracking.labels import in_order, signed, surrogate_name
+from tracking.labels import in_order, surrogate_name
+from tracking.numbers import signed
 
 
 def surrogate_agreement(surrogates: pd.DataFrame, title: str) -> go.Figure | None:

@@ -20,19 +20,13 @@ from tracking.findings.promotion import is_full
 from tracking.findings.summary import seed_means
 from tracking.findings.surrogate_accuracy import rank_agreement
 from tracking.kitti_iou import headline_iou
-from tracking.labels import (
-    in_order,
-    metric_label,
-    metric_name,
-    signed,
-    surrogate_label,
-    surrogate_name,
-)
+from tracking.labels import in_order, metric_label, metric_name, surrogate_label, surrogate_name
+from tracking.numbers import digits, number, signed
 from tracking.pages.csv_files import FOLDER, write_csv_files
 from tracking.pages.markdown import escaped, write_markdown
 from tracking.pages.page import write_page
 from tracking.pages.section import Section
-from tracking.pages.tables import MOST_ROWS, Table, number, slug
+from tracking.pages.tables import MOST_ROWS, Table, slug
 from tracking.report.cautions import cautions
 from tracking.report.comparison.pooled import pooled_table
 from tracking.report.comparison.variants import (
@@ -193,7 +187,7 @@ def _results(found: Sequence[Variant], same: list[str]) -> Section:
             rows = tuple(
                 (
                     placement,
-                    *("–" if np.isnan(v) else f"{v:.1f}" for v in values),
+                    *(digits(v, ".1f") for v in values),
                 )
                 for placement, values in zip(
                     same, np.stack([own["mean"] for own in columns.values()], axis=1), strict=True
@@ -353,10 +347,8 @@ def _coefficients(runs: Sequence[RunFolder], names: Sequence[str]) -> Section:
             metric_label(row["metric"], row["iou"]),
             surrogate_name(row["surrogate"]),
             str(row["n"]),
-            *(
-                "–" if np.isnan(row["spearman"]) else shown
-                for shown in (signed(row["spearman"]), f"{row['spearman_p']:.2g}")
-            ),
+            signed(row["spearman"]),
+            digits(row["spearman_p"], ".2g"),
         )
         for row in shown.to_dict("records")
     )

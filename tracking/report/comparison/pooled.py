@@ -13,7 +13,8 @@ from tracking.findings.groups import groups
 from tracking.findings.paired import with_sums
 from tracking.findings.summary import seed_means, surrogates_of
 from tracking.kitti_iou import headline_iou
-from tracking.labels import metric_label, signed, surrogate_name
+from tracking.labels import metric_label, surrogate_name
+from tracking.numbers import signed
 from tracking.pages.tables import Table
 from tracking.run_folders.sweep import RunFolder
 

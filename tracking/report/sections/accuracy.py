@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pandas as pd
 
 from tracking.figures.of_sweeps.accuracy import accuracy_figure
 from tracking.findings.groups import by_setting
 from tracking.findings.surrogate_accuracy import relative_errors, summarise
-from tracking.labels import signed, surrogate_name
+from tracking.labels import surrogate_name
+from tracking.numbers import digits, signed
 from tracking.pages.section import Section
 from tracking.pages.tables import Table, slug
 from tracking.run_folders.sweep import RunFolder
@@ -53,8 +53,8 @@ def accuracy_table(summary: pd.DataFrame, title: str) -> Table:
                 f"{row['resolution']:g}",
                 f"{row['azimuth_steps']:,}" if row["azimuth_steps"] else "all",
                 f"{row['frames']:,}",
-                *("–" if np.isnan(e) else f"{100 * e:.3g}" for e in errors),
-                *("–" if np.isnan(r) else signed(r) for r in ranks),
+                *(digits(100 * e, ".3g") for e in errors),
+                *map(signed, ranks),
                 *(f"{row[key]:.3g}" for key in ("seconds", "pog_seconds")),
             )
         )

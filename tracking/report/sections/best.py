@@ -14,9 +14,10 @@ from tracking.findings.best_placement import BestPlacement
 from tracking.findings.groups import Group
 from tracking.kitti_iou import headline_iou
 from tracking.labels import metric_label
+from tracking.numbers import digits, percent, plus_minus, span
 from tracking.pages.section import Section
 from tracking.pages.tables import MOST_ROWS, Table, slug
-from tracking.report.headline import class_label, percent, plus_minus, signed_points
+from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
 
 MOST_DRAWN = 20
@@ -91,12 +92,12 @@ def _table(table: pd.DataFrame, best: BestPlacement, metric: str, label: str) ->
         (
             str(name),
             plus_minus(row["mean"], row["sd"]),
-            "–" if np.isnan(row["sample_sd"]) else f"{row['sample_sd']:.1f}",
-            _interval(row["low"], row["high"]),
+            digits(row["sample_sd"], ".1f"),
+            span(row["low"], row["high"], "z.1f"),
             f"{row['seeds']:.0f}",
-            "–" if np.isnan(row["lead"]) else signed_points(row["lead"]),
-            _interval(row["low_of_lead"], row["high_of_lead"]),
-            "–" if np.isnan(row["p"]) else f"{row['p']:.2g}",
+            digits(row["lead"], "z.1f"),
+            span(row["low_of_lead"], row["high_of_lead"], "z.1f"),
+            digits(row["p"], ".2g"),
             _share(row["sure"]),
         )
         for name, row in joined.iterrows()
@@ -112,7 +113,3 @@ def _table(table: pd.DataFrame, best: BestPlacement, metric: str, label: str) ->
     return Table(
         f"{metric} · {label}", head, rows, name=slug("best", metric, label), data=data
     ).first(MOST_ROWS)
-
-
-def _interval(low: float, high: float) -> str:
-    return "–" if np.isnan(low) else f"{signed_points(low)} to {signed_points(high)}"

@@ -14,9 +14,9 @@ from tracking.findings.groups import Group, by_setting, has_detectors
 from tracking.findings.summary import seed_means
 from tracking.kitti_iou import headline_iou
 from tracking.labels import metric_label
+from tracking.numbers import plus_minus
 from tracking.pages.section import Section
 from tracking.pages.tables import Table, slug
-from tracking.report.headline import plus_minus
 from tracking.run_folders.sweep import RunFolder
 
 _RING = ["from_m", "to_m"]

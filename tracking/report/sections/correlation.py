@@ -14,7 +14,8 @@ from tracking.findings.groups import Group, has_detectors
 from tracking.findings.paired import group_columns, with_sums
 from tracking.findings.summary import surrogates_of
 from tracking.kitti_iou import headline_iou
-from tracking.labels import interval, metric_label, signed, surrogate_name
+from tracking.labels import metric_label, surrogate_name
+from tracking.numbers import digits, interval, signed
 from tracking.pages.section import Section
 from tracking.pages.tables import Table
 from tracking.report.headline import class_label
@@ -102,7 +103,7 @@ def correlation_table(correlations: pd.DataFrame, axes: Sequence[str]) -> Table:
             known = not np.isnan(value)
             estimates.append(f"{signed(value)} {interval(low, high)}" if known else "–")
             shown = ("p", "holm") if name == "spearman" else ("p",)
-            estimates += [f"{row[f'{name}_{key}']:.2g}" if known else "–" for key in shown]
+            estimates += [digits(row[f"{name}_{key}"], ".2g") for key in shown]
         rows.append(
             (
                 *(str(row[key]) for key in ("class", "detector", *axes)),

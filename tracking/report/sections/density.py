@@ -15,9 +15,10 @@ from tracking.findings.paired import with_sums
 from tracking.findings.summary import surrogates_of
 from tracking.kitti_iou import headline_iou
 from tracking.labels import in_order, metric_label, surrogate_label
+from tracking.numbers import number, plus_minus, points
 from tracking.pages.section import Section
-from tracking.pages.tables import MOST_ROWS, Table, number, points, slug
-from tracking.report.headline import class_label, plus_minus
+from tracking.pages.tables import MOST_ROWS, Table, slug
+from tracking.report.headline import class_label
 from tracking.report.sections.published_surrogates import published_density_table
 from tracking.run_folders.sweep import RunFolder
 

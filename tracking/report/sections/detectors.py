@@ -14,9 +14,10 @@ from tracking.findings.groups import Group
 from tracking.findings.sensitivity import sensitivity
 from tracking.kitti_iou import headline_iou
 from tracking.labels import metric_label, setting_label
+from tracking.numbers import digits, plus_minus
 from tracking.pages.section import Section
 from tracking.pages.tables import Table, slug
-from tracking.report.headline import class_label, plus_minus
+from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
 
 MOST_COLUMNS = 12
@@ -141,7 +142,7 @@ def _sensitivity_table(spreads: pd.DataFrame, run: RunFolder) -> Table:
             metric_label(row["metric"], row["iou"]),
             *(str(row[key]) for key in ("n", "best", "worst")),
             *(f"{row[key]:.1f}" for key in ("mean", "spread")),
-            "–" if np.isnan(row["by_chance"]) else f"{row['by_chance']:.1f}",
+            digits(row["by_chance"], ".1f"),
             "–" if np.isnan(row["relative"]) else f"{100 * row['relative']:.0f} %",
         )
         for row in spreads.to_dict("records")

@@ -12,9 +12,10 @@ from tracking.findings.groups import Group
 from tracking.findings.summary import by_surrogate, deciding_surrogate, surrogates_of
 from tracking.kitti_iou import headline_iou
 from tracking.labels import in_order, metric_label, surrogate_label, surrogate_name
+from tracking.numbers import number, plus_minus
 from tracking.pages.section import Section
-from tracking.pages.tables import MOST_ROWS, Table, number, slug
-from tracking.report.headline import class_label, plus_minus
+from tracking.pages.tables import MOST_ROWS, Table, slug
+from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
 
 

@@ -17,7 +17,8 @@ from tracking.figures.of_sweeps.left_out import left_out
 from tracking.findings.best_surrogate import SIGNIFICANT, Predictors
 from tracking.findings.groups import has_detectors
 from tracking.kitti_iou import headline_iou
-from tracking.labels import interval, metric_label, setting_label, signed, surrogate_name
+from tracking.labels import metric_label, setting_label, surrogate_name
+from tracking.numbers import digits, interval, signed, span
 from tracking.pages.section import Section
 from tracking.pages.tables import Table
 from tracking.report.headline import class_label
@@ -216,7 +217,6 @@ def _ranking_table(run: RunFolder, found: Sequence[Predictors], errors: pd.DataF
     for one, start, end in zip(found, [0, *ends], ends, strict=False):
         own = table.iloc[start:end] if _is_headline(run, one) else table.iloc[:0]
         for row in own[own["same_as"] == ""].to_dict("records"):
-            low, high = row["spearman_min"], row["spearman_max"]
             bounds = interval(row["behind_low"], row["behind_high"])
             axes = setting_label(run.axes, [one.group[axis] for axis in run.axes])
             rows.append(
@@ -227,12 +227,9 @@ def _ranking_table(run: RunFolder, found: Sequence[Predictors], errors: pd.DataF
                     surrogate_name(row["surrogate"]),
                     signed(row["spearman"]),
                     *(f"{row[key]:.2g}" for key in ("p", "holm")),
-                    "–" if np.isnan(low) else f"{signed(low)} to {signed(high)}",
+                    span(row["spearman_min"], row["spearman_max"], "+z.2f"),
                     "–" if np.isnan(row["behind_low"]) else f"{row['behind']:.2f} {bounds}",
-                    *(
-                        "–" if np.isnan(row[key]) else f"{row[key]:.2f}"
-                        for key in ("rmse", "rmse_of_mean")
-                    ),
+                    *(digits(row[key], ".2f") for key in ("rmse", "rmse_of_mean")),
                 )
             )
     points = {key: f"{key} (points)" for key in ("rmse", "rmse_of_mean")}

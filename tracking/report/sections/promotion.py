@@ -10,9 +10,9 @@ from tracking.figures.of_sweeps.promotion import error_over_seconds, ranks_by_st
 from tracking.findings.promotion import FULL_TRAINING, Promoted, promoted, stage_ranks
 from tracking.findings.promotion_agreement import agreement
 from tracking.findings.promotion_savings import rung_costs, savings
-from tracking.labels import signed
+from tracking.numbers import digits, number
 from tracking.pages.section import Section
-from tracking.pages.tables import MOST_ROWS, Table, number, slug
+from tracking.pages.tables import MOST_ROWS, Table, slug
 from tracking.run_folders.sweep import RunFolder
 
 _HOW_TO_READ = (
@@ -116,13 +116,9 @@ def _agreement(pairs: pd.DataFrame, title: str) -> Table:
             FULL_TRAINING if row["to_full"] else f"rung {row['rung'] + 1}",
             str(row["n"]),
             *(
-                cell
+                digits(row[key], form)
                 for name in ("spearman", "kendall")
-                for cell in (
-                    ("–", "–")
-                    if np.isnan(row[name])
-                    else (signed(row[name]), f"{row[f'{name}_p']:.2g}")
-                )
+                for key, form in ((name, "+z.2f"), (f"{name}_p", ".2g"))
             ),
             str(row["best"]),
             f"{row['best_rank']:,} of {row['ranked']:,}",
@@ -147,7 +143,7 @@ def _ranking(group: Promoted, title: str) -> Table:
     ranks = stage_ranks(group)
     values = group.rungs.pivot(index="placement", columns="rung", values="value")
     shown = [values[rung].reindex(ranks.index).map(number) for rung in sorted(values.columns)]
-    shown.append(group.ap.reindex(ranks.index).map(lambda ap: "–" if np.isnan(ap) else f"{ap:.1f}"))
+    shown.append(group.ap.reindex(ranks.index).map(lambda ap: digits(ap, ".1f")))
     order = ranks.sort_values(ranks.columns[::-1].tolist(), kind="stable").index
     rows = tuple(
         (
@@ -198,6 +194,4 @@ def _numbered(number: int, name: str) -> str:
 
 
 def _seconds(value: float) -> str:
-    if np.isnan(value):
-        return "–"
-    return (f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}").replace("-", "−")
+    return digits(value, ",.0f" if abs(value) >= 100 else ".3g")

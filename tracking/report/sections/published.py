@@ -18,6 +18,7 @@ from tracking.findings.correlation import correlate
 from tracking.findings.groups import by_setting
 from tracking.findings.paired import with_sums
 from tracking.labels import metric_label, setting_label
+from tracking.numbers import digits
 from tracking.pages.section import Section
 from tracking.pages.tables import Table
 from tracking.published import TABLES, published_detection
@@ -200,7 +201,7 @@ def _published_table(published: pd.DataFrame) -> Table:
             class_label(name),
             metric_label(metric, iou),
             detector,
-            *("–" if pd.isna(value) else f"{value:.2f}" for value in values),
+            *(digits(value, ".2f") for value in values),
         )
         for (name, metric, iou, detector), values in zip(wide.index, wide.to_numpy(), strict=True)
     )

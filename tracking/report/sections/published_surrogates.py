@@ -10,8 +10,9 @@ from lidarplace.metrics import HEADLINE_METRIC
 from tracking.figures.of_sweeps.published import published_scatter
 from tracking.findings.correlation import correlate
 from tracking.labels import in_order, metric_label, surrogate_label
+from tracking.numbers import number
 from tracking.pages.section import Section
-from tracking.pages.tables import Table, number
+from tracking.pages.tables import Table
 from tracking.published import published_detection, published_surrogates
 from tracking.report.sections.correlation import correlation_table
 

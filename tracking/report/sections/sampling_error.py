@@ -9,8 +9,9 @@ from tracking.figures.of_sweeps.intervals import intervals
 from tracking.findings.groups import by_setting
 from tracking.findings.sampling_error import paired_differences
 from tracking.labels import in_order, surrogate_label, surrogate_unit
+from tracking.numbers import number
 from tracking.pages.section import Section
-from tracking.pages.tables import Table, number, slug
+from tracking.pages.tables import Table, slug
 from tracking.report.headline import separation_sentences
 from tracking.run_folders.sweep import RunFolder
 

@@ -15,8 +15,9 @@ from tracking.findings.summary import surrogates_of
 from tracking.findings.tilt_pairs import TiltPair, tilt_pairs
 from tracking.kitti_iou import headline_iou
 from tracking.labels import metric_label, surrogate_name
+from tracking.numbers import points
 from tracking.pages.section import Section
-from tracking.pages.tables import Table, points
+from tracking.pages.tables import Table
 from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
 import pandas as pd
 
 from tracking.figures.kit.style import text
@@ -16,10 +15,9 @@ from tracking.findings.training_cost import (
     training_cost,
     varied_cost_axes,
 )
-from tracking.labels import signed
+from tracking.numbers import plus_minus, signed
 from tracking.pages.section import Section
 from tracking.pages.tables import Table, slug
-from tracking.report.headline import plus_minus
 from tracking.run_folders.sweep import RunFolder
 
 
@@ -67,7 +65,7 @@ def training_cost_table(summary: pd.DataFrame, axes: Sequence[str], title: str) 
             f"{row['seconds']:.3g}",
             f"{row['ap']:.1f}",
             "–" if row["reference"] else plus_minus(row["error"], row["error_sd"]),
-            "–" if row["reference"] or np.isnan(row["kendall"]) else signed(row["kendall"]),
+            "–" if row["reference"] else signed(row["kendall"]),
         )
         for row in summary.to_dict("records")
     )

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pandas as pd
 
 from tracking.figures.of_sweeps.times import times
 from tracking.findings.efficiency import WHOLE_SWEEP, stage_efficiency
 from tracking.labels import some
+from tracking.numbers import digits
 from tracking.pages.section import Section
 from tracking.pages.tables import Table
 from tracking.run_folders.sweep import RunFolder
@@ -89,9 +89,9 @@ def efficiency_table(efficiency: pd.DataFrame, cores: int) -> Table:
             str(row["stage"]),
             f"{row['tasks']:,}",
             *(f"{row[key]:,.1f}" for key in ("task_seconds", "wall")),
-            "–" if np.isnan(row["efficiency"]) else f"{row['efficiency']:.2f}",
-            f"{1000 * row['overhead']:,.1f}".replace("-", "−"),
-            "–" if np.isnan(row["peak_memory"]) else f"{row['peak_memory'] / 1e6:,.0f}",
+            digits(row["efficiency"], ".2f"),
+            digits(1000 * row["overhead"], ",.1f"),
+            digits(row["peak_memory"] / 1e6, ",.0f"),
         )
         for row in efficiency.to_dict("records")
     )
