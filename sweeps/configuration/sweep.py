@@ -131,6 +131,11 @@ class SurrogateSettings(Settings):
     sampling_error: bool = Field(
         True, description="work out how much the surrogates would change with other frames"
     )
+    studied_placements: CountFromOne = Field(
+        12,
+        description="of how many placements, spread over the grid, accuracy and sampling_error are "
+        "worked out; with promote of all that are trained",
+    )
 
 
 def _source(scene: Any) -> str:

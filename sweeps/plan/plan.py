@@ -60,7 +60,7 @@ class Trial:
         scenes, ground_truths, collect_test: its tasks for every part of the scene, of those with
             test frames for the last.
         pog, surrogates: its cheap tasks, by which `promote` may rank.
-        accuracy, sampling_error: None if they are not asked for.
+        accuracy, sampling_error: None if they are not asked for, or of other placements.
         finetune, evaluate: None without a detector.
     """
 
@@ -144,6 +144,7 @@ class _Builder:
     def __init__(self, sweep: Sweep) -> None:
         self.tasks: dict[str, Task] = {}
         self._common = sweep.common
+        self._placements = list(dict.fromkeys(g.point.placement for g in sweep.points))
         self._parts_of = cache(scene_parts)
         self._digest_of = cache(clouds_digest)
         self._checkpoint_digest = cache(_checkpoint_digest)
@@ -200,6 +201,10 @@ class _Builder:
             "accuracy": None,
             "sampling_error": None,
         }
+        chosen = spread(self._placements, settings.studied_placements)
+        # A sweep with rungs works them out for what goes on alone.
+        if point.placement not in chosen and not self._common.promote:
+            return found
         if settings.accuracy:
             studied = AccuracyParams(
                 placement=placement,
@@ -303,6 +308,12 @@ class _Builder:
 def _nameless(placement: Placement) -> Placement:
     """The same rig for all names, so that a rig of two names is computed once."""
     return replace(placement, name="placement")
+
+
+def spread(names: Sequence[str], most: int) -> set[str]:
+    """At most so many of `names`, evenly from the first to the last."""
+    places = np.linspace(0, len(names) - 1, min(most, len(names)), dtype=int)
+    return {names[place] for place in places}
 
 
 def further_axes(sweep: Sweep) -> tuple[str, ...]:

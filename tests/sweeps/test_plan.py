@@ -49,6 +49,36 @@ def test_a_finer_grid_trains_nothing_again(tmp_path):
     assert (found["scene"], found["collect"], found["finetune"]) == (2, 2, 1)
 
 
+def test_studies_are_of_placements_spread_over_the_grid(tmp_path):
+    mounts = [{"x": 0, "y": 0, "z": 2 + i / 100} for i in range(100)]
+    own = {f"p{i:02d}": {"mounts": [mount]} for i, mount in enumerate(mounts)}
+    changes = {"placements": own, "grid": {"placement": [*own], "seed": [1, 2]}}
+
+    def studied(plan):
+        found = {
+            stage: [t.grid_point.point.placement for t in plan.trials if getattr(t, stage)]
+            for stage in ("accuracy", "sampling_error")
+        }
+        assert found["accuracy"] == found["sampling_error"]
+        return list(dict.fromkeys(found["accuracy"]))
+
+    def among(count):
+        return plan_of(tmp_path, **changes | {"grid": {"placement": [*own][:count]}})
+
+    found = plan_of(tmp_path, **changes)
+    assert stages(found)["accuracy"] == stages(found)["sampling_error"] == 12
+    assert stages(found)["surrogates"] == 100
+    assert studied(found) == [f"p{9 * i:02d}" for i in range(12)]
+    assert studied(among(12)) == [*own][:12], "all of a small grid"
+    assert studied(among(13)) == [*[*own][:11], "p12"]
+    changes |= {"surrogate": {"studied_placements": 2}}
+    fewer = plan_of(tmp_path, **changes)
+    assert studied(fewer) == ["p00", "p99"]
+    assert {t.key for t in fewer.tasks} < {t.key for t in found.tasks}, "results are shared"
+    changes |= {"promote": [{"by": "expected_ig", "keep": 3}]}
+    assert studied(plan_of(tmp_path, **changes)) == [*own], "whatever goes on"
+
+
 def test_another_density_is_another_scene(tmp_path):
     found = stages(plan_of(tmp_path, grid={"scene.density": [40, 80]}))
     assert (found["scene"], found["collect"], found["finetune"]) == (4, 4, 2)

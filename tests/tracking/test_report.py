@@ -208,6 +208,19 @@ def test_what_the_sweep_did_not_make_is_said(made_up_run, tmp_path):
     assert "The run folder has no maps of residual entropy." in page.text
 
 
+def test_studies_of_some_placements_say_of_which(made_up_run, built, tmp_path):
+    folder = tmp_path / "some"
+    shutil.copytree(made_up_run, folder)
+    for name in ("accuracy", "sampling_error", "pog_resamples"):
+        table = pd.read_parquet(folder / f"{name}.parquet")
+        table = table[table["placement"].isin(["line", "trapezoid"])]
+        table.to_parquet(folder / f"{name}.parquet", index=False)
+    told = "Worked out for 2 of 5 placements: line, trapezoid."
+    build_report(folder)
+    assert (folder / "report.md").read_text(encoding="utf-8").count(told) == 2
+    assert "Worked out for" not in built.with_suffix(".md").read_text(encoding="utf-8")
+
+
 def test_efficiency_is_told_by_stage(built, page):
     tasks = pd.read_parquet(built.parent / "tasks.parquet")
     ran = tasks[tasks["ended"].notna()]

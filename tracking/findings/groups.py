@@ -11,6 +11,9 @@ import pandas as pd
 from tracking.labels import setting_label
 from tracking.run_folders.sweep import RunFolder
 
+MOST_NAMES = 24
+"""Of placements in one sentence."""
+
 
 @dataclass(frozen=True)
 class Group:
@@ -53,6 +56,19 @@ def pictured(run: RunFolder) -> str:
     known = {a: v for a, v in run.sweep.pictured.items() if a in run.surrogates.columns}
     varied = {a: v for a, v in known.items() if run.surrogates[a].nunique() > 1}
     return f"at {setting_label(varied, varied.values())}" if varied else ""
+
+
+def studied(run: RunFolder, table: pd.DataFrame) -> list[str]:
+    """Says of which placements `table` is, if it is not of all: [] or one sentence."""
+    of = set(table["placement"])
+    names = [name for name in run.placements if name in of]
+    if len(names) == len(run.placements):
+        return []
+    few = ", ".join(names[:MOST_NAMES]) + (" …" if len(names) > MOST_NAMES else "")
+    return [
+        f"Worked out for {len(names):,} of {len(run.placements):,} placements: {few}. "
+        "surrogate.studied_placements says of how many."
+    ]
 
 
 def by_setting(table: pd.DataFrame, axes: Sequence[str]) -> Iterator[tuple[str, pd.DataFrame]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from tracking.figures.of_sweeps.accuracy import accuracy_figure
-from tracking.findings.groups import by_setting
+from tracking.findings.groups import by_setting, studied
 from tracking.findings.surrogate_accuracy import relative_errors, summarise
 from tracking.labels import surrogate_name
 from tracking.numbers import digits, signed
@@ -27,6 +27,7 @@ def accuracy_section(run: RunFolder) -> Section:
         "placements are ranked alike, which is what a choice needs. Medians over placements, bars "
         "to the largest; hollow points have no error. The menu chooses the surrogate."
     )
+    section.notes += studied(run, run.accuracy)
     for title, part in by_setting(run.accuracy, run.axes):
         summary = summarise(relative_errors(part))
         for name, own in summary.groupby("class", sort=False):

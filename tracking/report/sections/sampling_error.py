@@ -6,7 +6,7 @@ import pandas as pd
 
 from lidarplace.surrogates.table import HEADLINE_SURROGATES
 from tracking.figures.of_sweeps.intervals import intervals
-from tracking.findings.groups import by_setting
+from tracking.findings.groups import by_setting, studied
 from tracking.findings.sampling_error import paired_differences
 from tracking.labels import in_order, surrogate_label, surrogate_unit
 from tracking.numbers import number
@@ -35,6 +35,7 @@ def sampling_error_section(run: RunFolder, ranked: list[str]) -> Section:
         "with few blocks. Entropies from few frames are too low; the estimated bias is taken off "
         "the interval, not off the value."
     )
+    section.notes += studied(run, run.sampling_error)
     known = set(run.sampling_error["placement"])
     shown = [name for name in ranked if name in known][:MOST_INTERVALS]
     if len(shown) < len(known):
