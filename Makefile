@@ -16,7 +16,7 @@ endif
 export MLFLOW_DISABLE_TELEMETRY := true
 export RAY_USAGE_STATS_ENABLED := 0
 
-.PHONY: setup demo dashboard test lint docs clean
+.PHONY: setup demo dashboard test lint wheel docs clean
 
 setup: $(STAMP)
 
@@ -24,7 +24,7 @@ $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt uv
 	$(BIN)/uv pip install --quiet --python $(BIN)/python --constraint constraints.txt \
-		--compile-bytecode $(TORCH_SOURCE) --editable ".[sumo,dev]"
+		--compile-bytecode $(TORCH_SOURCE) --editable ".[all,dev]"
 	touch $(STAMP)
 
 demo: setup
@@ -42,6 +42,10 @@ lint: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+
+# The installed package in an environment of its own, outside of this folder.
+wheel: setup
+	.ci/wheel
 
 docs: setup
 	$(BIN)/python docs/configuration.py

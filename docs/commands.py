@@ -72,10 +72,10 @@ file.
 def commands() -> list[tuple[str, str, str]]:
     """Verb, module and sub-command (or nothing), in the order of `lidarplace --help`."""
     found = []
-    for name, (module, _) in VERBS.items():
-        command = get_command(import_module(module).app)
+    for name, verb in VERBS.items():
+        command = get_command(import_module(verb.module).app)
         inner = getattr(command, "commands", {"": None})
-        found += [(name, module.removesuffix(".__main__"), sub) for sub in inner]
+        found += [(name, verb.module.removesuffix(".__main__"), sub) for sub in inner]
     return found
 
 
@@ -84,7 +84,7 @@ def page() -> str:
     parts = [HEAD]
     for name, module, sub in commands():
         program = f"python -m {module}"
-        app = import_module(VERBS[name][0]).app
+        app = import_module(VERBS[name].module).app
         words = [sub] if sub else []
         done = CliRunner().invoke(app, [*words, "--help"], prog_name=program, env={"COLUMNS": "80"})
         title = " ".join([name, *words])

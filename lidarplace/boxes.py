@@ -46,7 +46,7 @@ def check_boxes(boxes: pd.DataFrame, source: str = "box log") -> None:
 
 def check_classes(boxes: pd.DataFrame, source: str) -> None:
     """Raise ValueError that names the first row whose class is none of `CLASSES`."""
-    hint = "; lidarplace.convert table --class-map names the class of others"
+    hint = "; convert table --class-map names the class of others"
     one_of(boxes, "class", CLASSES, source, hint)
 
 

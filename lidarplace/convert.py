@@ -29,7 +29,7 @@ from lidarplace.scenes.kitti.read import read_kitti
 app = new_app(
     no_args_is_help=True,
     help="Write the box log of a data set or a table: a folder of Parquet files that a sweep and "
-    "sweeps.accuracy take.",
+    "`accuracy` take.",
 )
 
 _MOST_YAW = 4 * math.pi
@@ -136,7 +136,7 @@ def kitti(
     ] = False,
     class_map: ClassMapFile = None,
 ) -> None:
-    """KITTI's object layout, such as of python -m lidarplace.export; labels are enough."""
+    """KITTI's object layout, as `export` writes it; labels are enough."""
     skipped: list[str] = []
 
     def read(ignored: Counter[str]) -> BoxLog:

@@ -7,6 +7,7 @@ A verb's module is imported when the verb is called. Without lidarplace's packag
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import version
 from typing import Annotated, Any
@@ -14,25 +15,44 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+
+@dataclass(frozen=True)
+class Verb:
+    """A verb of the program.
+
+    Attributes:
+        module: has its app.
+        line: of help.
+        extra: what has to be installed beside the base, by the name of an extra; "" for nothing.
+    """
+
+    module: str
+    line: str
+    extra: str = ""
+
+
 VERBS = {
-    "run": ("sweeps.run", "Run a sweep."),
-    "search": ("sweeps.search.__main__", "Search for the best placement."),
-    "status": ("sweeps.status", "Show where a sweep or a search stands."),
-    "clean": ("sweeps.clean", "Show the sizes of a store, and make room in it."),
-    "doctor": ("sweeps.doctor", "Look whether everything is there that a sweep needs."),
-    "report": ("tracking.report.__main__", "Make the report of a sweep again."),
-    "search-report": ("tracking.search_report.__main__", "Make the report of a search again."),
-    "dashboard": ("tracking.dashboard", "Open MLflow on the runs of sweeps."),
-    "record": ("sweeps.record", "Record the scenes of a sweep as box logs."),
-    "convert": ("lidarplace.convert", "Write the box log of a data set or a table."),
-    "carla": ("lidarplace.scenes.carla.__main__", "Collect box logs and clouds from CARLA."),
-    "describe": ("lidarplace.describe", "Print frames and objects per frame of box logs."),
-    "view": ("lidarplace.view", "Make a page of one frame of a box log."),
-    "export": ("lidarplace.export", "Write a box log in KITTI's object layout."),
-    "pretrain": ("sweeps.pretrain", "Train a detector on all placements of a sweep together."),
-    "accuracy": ("sweeps.accuracy", "Compare ways to compute the surrogates."),
+    "init": Verb("sweeps.init", "Write configurations to begin with."),
+    "run": Verb("sweeps.run", "Run a sweep.", "sweeps"),
+    "search": Verb("sweeps.search.__main__", "Search for the best placement.", "sweeps"),
+    "status": Verb("sweeps.status", "Show where a sweep or a search stands."),
+    "clean": Verb("sweeps.clean", "Show the sizes of a store, and make room in it."),
+    "doctor": Verb("sweeps.doctor", "Look whether everything is there that a sweep needs."),
+    "report": Verb("tracking.report.__main__", "Make the report of a sweep again."),
+    "search-report": Verb("tracking.search_report.__main__", "Make the report of a search again."),
+    "dashboard": Verb("tracking.dashboard", "Open MLflow on the runs of sweeps.", "sweeps"),
+    "record": Verb("sweeps.record", "Record the scenes of a sweep as box logs.", "sweeps"),
+    "convert": Verb("lidarplace.convert", "Write the box log of a data set or a table."),
+    "carla": Verb(
+        "lidarplace.scenes.carla.__main__", "Collect box logs and clouds from CARLA.", "carla"
+    ),
+    "describe": Verb("lidarplace.describe", "Print frames and objects per frame of box logs."),
+    "view": Verb("lidarplace.view", "Make a page of one frame of a box log."),
+    "export": Verb("lidarplace.export", "Write a box log in KITTI's object layout."),
+    "pretrain": Verb("sweeps.pretrain", "Train a detector on all placements together.", "sweeps"),
+    "accuracy": Verb("sweeps.accuracy", "Compare ways to compute the surrogates."),
 }
-"""Module and one line of help, by verb."""
+"""By name, in the order of help."""
 
 
 class _Verbs(TyperGroup):
@@ -40,13 +60,14 @@ class _Verbs(TyperGroup):
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
-        for name, (_, line) in VERBS.items():
-            self.add_command(TyperCommand(name, help=line))
+        for name, verb in VERBS.items():
+            needed = f" [{verb.extra}]" if verb.extra else ""
+            self.add_command(TyperCommand(name, short_help=verb.line + needed))
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         name, command, rest = super().resolve_command(ctx, args)
         if name in VERBS:
-            command = typer.main.get_command(import_module(VERBS[name][0]).app)
+            command = typer.main.get_command(import_module(VERBS[name].module).app)
         return name, command, rest
 
     def invoke(self, ctx: Any) -> Any:
@@ -72,7 +93,10 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
+@app.callback(
+    epilog="[extra]: what a verb needs beside the base, as pip install 'lidarplace[sweeps]'; "
+    "simulated traffic needs [sumo]."
+)
 def lidarplace(
     _: Annotated[
         bool,

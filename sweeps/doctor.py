@@ -16,6 +16,7 @@ from rich.table import Table
 from rich.text import Text
 from typer.core import TyperCommand
 
+from lidarplace.optional import needs
 from sweeps.execution import checks
 from sweeps.execution.checks import Finding
 from sweeps.options import SetOption
@@ -150,6 +151,7 @@ def look(asked: Asked) -> list[Finding]:
     wanted: list[tuple[str, Callable[[], Finding]]] = [
         ("Python", checks.python_version),
         ("packages", partial(checks.packages, None, "packages", "everything", True)),
+        ("sweeps", partial(checks.packages, "sweeps", "sweeps", "detectors, sweeps", True)),
         ("GPU", checks.gpu),
         ("memory", checks.memory),
         ("shared memory", checks.shared_memory),
@@ -199,7 +201,8 @@ def _tried(name: str, check: Callable[[], Finding]) -> Finding:
         return check()
     except Exception as error:
         text = " ".join(f"{type(error).__name__}: {error}".split())
-        return Finding(name, text, "see the message", "missing", "make setup")
+        remedy = needs(error) if isinstance(error, ModuleNotFoundError) else None
+        return Finding(name, text, "see the message", "missing", remedy or "make setup")
 
 
 def _print(console: Console, findings: list[Finding]) -> None:

@@ -16,8 +16,9 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from lidarplace.command_line.invocation import called, command
 from lidarplace.command_line.terminal import output
-from lidarplace.command_line.verbs import JsonOption, called, new_app, print_json, verb, wrong
+from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
 from sweeps.configuration.grid import Sweep
 from sweeps.configuration.sweep import SweepFile
 from sweeps.execution.failures import FailureFolder
@@ -64,7 +65,8 @@ def run(
     if config is None:
         wrong("name a configuration file, such as examples/grid.yaml")
     if as_json and not dry_run:
-        wrong("--json: is for --dry-run and --schema; sweeps.status --json tells how a sweep goes")
+        told = command("sweeps.status", "--json")
+        wrong(f"--json: is for --dry-run and --schema; {told} tells how a sweep goes")
     try:
         sweep, plan = read_plan(config, set_ or [])
         store = store_of(sweep)
@@ -220,7 +222,8 @@ def keep_to_quota(console: Console, sweep: Sweep, store: AnyStore) -> None:
     if cleaned.kept_bytes > quota_gb * 1e9:
         console.print(
             f"store: {cleaned.kept_bytes / 1e9:.3g} GB belong to sweeps, more than quota_gb "
-            f"{quota_gb:g}; sweeps.clean lists their names, and --forget NAME gives one up"
+            f"{quota_gb:g}; {command('sweeps.clean')} lists their names, and --forget NAME gives "
+            "one up"
         )
 
 

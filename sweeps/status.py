@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from lidarplace.command_line.invocation import command
 from lidarplace.command_line.terminal import output
 from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
 from sweeps.options import SetOption
@@ -101,7 +102,8 @@ def print_state(console: Console, state: SweepState, every: bool) -> None:
     if len(trials) < len(state.trials):
         console.print(f"{len(state.trials) - len(trials)} more trials: --all lists them")
     if by_status["failed"]:
-        console.print("What failed for good is tried again by sweeps.run with --rerun-failed.")
+        again = command("sweeps.run")
+        console.print(f"What failed for good is tried again by {again} with --rerun-failed.")
 
 
 def print_search(console: Console, state: SearchState, every: bool) -> None:

@@ -85,12 +85,13 @@ def test_the_list_of_verbs_has_all_modules():
         for path in (ROOT / package).rglob("*.py")
         if '\nif __name__ == "__main__":' in path.read_text(encoding="utf-8")
     }
-    assert programs == {module for module, _ in VERBS.values()}
+    assert programs == {verb.module for verb in VERBS.values()}
 
 
 def test_the_list_of_verbs_says_what_they_do():
     text = lidarplace("--help").stdout
-    for name, (_, line) in VERBS.items():
+    for name, verb in VERBS.items():
+        line = f"{verb.line} [{verb.extra}]" if verb.extra else verb.line
         assert re.search(rf"^  {name} +{re.escape(line)}$", text, re.MULTILINE)
 
 
@@ -105,8 +106,8 @@ import sys
 from importlib import import_module
 from sweeps.command_line import VERBS
 light = {"numpy", "rich", "lidarplace"} & set(sys.modules)
-for module, _ in VERBS.values():
-    import_module(module)
+for verb in VERBS.values():
+    import_module(verb.module)
 print(light, {"torch", "ray", "mlflow", "optuna"} & set(sys.modules))
 """
     done = subprocess.run(
@@ -485,21 +486,33 @@ def test_the_script_of_a_shell(shell):
 
 
 def test_the_command_that_was_given(monkeypatch):
-    from lidarplace.command_line.verbs import called
+    from lidarplace.command_line.invocation import called, command
 
     main = sys.modules["__main__"]
     spec = type("Spec", (), {"name": "sweeps.search.__main__"})
     monkeypatch.setattr(main, "__spec__", spec)
     monkeypatch.setattr(sys, "argv", ["/x/sweeps/search/__main__.py", "my search.yaml"])
     assert called() == "python -m sweeps.search 'my search.yaml'"
+    assert command("tracking.search_report", "my run") == (
+        "python -m tracking.search_report 'my run'"
+    )
     monkeypatch.setattr(main, "__spec__", None)
     monkeypatch.setattr(sys, "argv", ["/x/bin/lidarplace", "search", "a.yaml"])
     assert called() == "lidarplace search a.yaml"
+    assert command("tracking.search_report", "my run") == "lidarplace search-report 'my run'"
+
+
+def test_a_verb_is_named_by_its_module(monkeypatch):
+    from lidarplace.command_line.invocation import command
+
+    monkeypatch.setattr(sys, "argv", ["/x/bin/lidarplace"])
+    for name, verb in VERBS.items():
+        assert command(verb.module.removesuffix(".__main__")) == f"lidarplace {name}"
 
 
 def test_every_verb_is_an_app():
-    for module, _ in VERBS.values():
-        assert isinstance(import_module(module).app, typer.Typer)
+    for verb in VERBS.values():
+        assert isinstance(import_module(verb.module).app, typer.Typer)
 
 
 def test_the_page_of_commands_is_up_to_date():

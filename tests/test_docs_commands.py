@@ -101,7 +101,7 @@ LOOKED_UP = [c for c in commands() if listed(c.text)] + commands_in_text()
 def test_runs(command, world):
     words = shlex.split(command.text)
     if words[0] == "lidarplace":
-        words = ["python", "-m", VERBS[words[1]][0].removesuffix(".__main__"), *words[2:]]
+        words = ["python", "-m", VERBS[words[1]].module.removesuffix(".__main__"), *words[2:]]
     python, minus_m, verb, *arguments = words
     assert (python, minus_m) == ("python", "-m"), f"{command.text}: neither runs nor is listed"
     arguments = [PLACEHOLDERS.get(argument, argument) for argument in arguments]
@@ -141,7 +141,7 @@ def test_what_it_names_is_there(command):
         check_options(lidarplace, words[1:])
     elif words[0] == "lidarplace":
         assert words[1] in VERBS
-        check_options(app_of(VERBS[words[1]][0]), words[2:])
+        check_options(app_of(VERBS[words[1]].module), words[2:])
 
 
 def look_up_tests(words: list[str]) -> None:

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from lidarplace.command_line.verbs import called
+from lidarplace.command_line.invocation import called
 from lidarplace.files.secret_urls import check_whole, hide_secrets, hide_secrets_in, public_url
 
 

@@ -13,7 +13,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
-import requests
 import typer
 
 from lidarplace.command_line.verbs import new_app, verb, within, wrong
@@ -50,6 +49,8 @@ def dashboard(
         port = None if is_server(uri) else _free_port(port)
     except ValueError as error:
         wrong(error)
+    except ModuleNotFoundError:  # told in one line for all verbs
+        raise
     except Exception as error:  # of MLflow, SQLAlchemy or requests, by what is wrong there
         wrong(hide_secrets(f"{where}: {reason(error)}", where))
     if port is None:
@@ -94,6 +95,8 @@ def server(uri: str, port: int) -> Iterator[tuple[subprocess.Popen[bytes], str]]
 
 
 def _wait(process: subprocess.Popen[bytes], address: str) -> None:
+    import requests
+
     end = time.monotonic() + _STARTS_WITHIN_S
     while process.poll() is None and time.monotonic() < end:
         try:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeVar
 
 import typer
@@ -14,6 +12,7 @@ from typer.core import TyperCommand
 
 from lidarplace.command_line.terminal import say, visible
 from lidarplace.files.secret_urls import hide_secrets
+from lidarplace.optional import needs
 from lidarplace.ranges import Range
 
 if TYPE_CHECKING:
@@ -27,7 +26,8 @@ _UsageError: Any = typer.BadParameter.__mro__[1]
 
 
 class Verb(TyperCommand):
-    """A command that Ctrl-C and a closed pipe end without a traceback."""
+    """A command that ends without a traceback: by Ctrl-C, a closed pipe, a package not
+    installed."""
 
     def __init__(self, *arguments: Any, **settings: Any) -> None:
         super().__init__(*arguments, **settings)
@@ -51,6 +51,10 @@ class Verb(TyperCommand):
         except KeyboardInterrupt:
             print("\nStopped.", file=sys.stderr)
             raise typer.Exit(130) from None
+        except ModuleNotFoundError as error:
+            if (told := needs(error)) is None:
+                raise
+            wrong(f"{ctx.command_path}: {told}")
         return result
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
@@ -80,16 +84,6 @@ def verb(
     lines += [f"  1    {failed}"] if failed else []
     lines += ["  2    the input is wrong: one line on stderr says what", "  130  stopped by Ctrl-C"]
     return app.command(cls=Verb, epilog="\n".join(lines) + "\n")
-
-
-def called() -> str:
-    """The command that this process was started with, for a shell, without secrets."""
-    spec = sys.modules["__main__"].__spec__
-    if spec is not None:
-        program = ["python", "-m", spec.name.removesuffix(".__main__")]
-    else:  # installed
-        program = [Path(sys.argv[0]).name]
-    return shlex.join([*program, *map(hide_secrets, sys.argv[1:])])
 
 
 JsonOption = Annotated[bool, typer.Option("--json", help="print JSON for a script")]

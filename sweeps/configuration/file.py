@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import yaml
 from pydantic import BaseModel, ValidationError
 
+from lidarplace.command_line.invocation import command
 from lidarplace.configuration.settings import key_path, shortened, what_is_wrong
 from lidarplace.configuration.yaml import YamlError, parse_yaml, read_yaml_file
 from lidarplace.files.secret_urls import hide_secrets_in
@@ -20,12 +21,12 @@ from sweeps.configuration.sweep import NAME, SCENES
 Model = TypeVar("Model", bound=BaseModel)
 
 
-_COMMANDS = {
+_MODULES = {
     "search": ("a search", "sweeps.search"),
     "grid": ("a sweep", "sweeps.run"),
     "exclude": ("a sweep", "sweeps.run"),
 }
-"""Keys that only one kind of file has, and the command that takes it."""
+"""Keys that only one kind of file has, and the module of the command that takes it."""
 
 
 class ConfigError(ValueError):
@@ -43,9 +44,11 @@ def read_yaml(path: Path, model: type[BaseModel]) -> dict[str, Any]:
     if not isinstance(raw, dict):
         what = "nothing" if raw is None else type(raw).__name__
         raise ConfigError(f"{path}: found {what}; a mapping of keys is expected")
-    for key, (kind, command) in _COMMANDS.items():
+    for key, (kind, module) in _MODULES.items():
         if key in raw and key not in model.model_fields:
-            raise ConfigError(f"{path}: {key}: is a key of {kind}; {command} takes this file")
+            raise ConfigError(
+                f"{path}: {key}: is a key of {kind}; {command(module)} takes this file"
+            )
     for key in raw:
         if key not in model.model_fields:
             raise ConfigError(f"{path}: {shortened(str(key))}: {unknown_key(str(key), model)}")

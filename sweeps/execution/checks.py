@@ -17,6 +17,7 @@ from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
+from lidarplace.command_line.invocation import command
 from lidarplace.files.secret_urls import hide_secrets, public_url
 
 if TYPE_CHECKING:
@@ -203,7 +204,7 @@ def disk(folder: Path, what: str, cleaned: str) -> Finding:
         state = "missing"
     if state == "good":
         return Finding(name, found, needed_for)
-    clean = shlex.join(["python", "-m", "sweeps.clean", cleaned])
+    clean = command("sweeps.clean", cleaned)
     return Finding(name, found, needed_for, state, f"{clean}, or another output in the file")
 
 

@@ -9,8 +9,9 @@ from typing import Annotated
 
 import typer
 
+from lidarplace.command_line.invocation import called, command
 from lidarplace.command_line.terminal import output
-from lidarplace.command_line.verbs import JsonOption, called, new_app, print_json, verb, wrong
+from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
 from sweeps.execution.interrupted import going_on
 from sweeps.options import DryRunOption, SchemaOption, SetOption
 
@@ -46,7 +47,8 @@ def search(
     if config is None:
         wrong("name a configuration file, such as examples/search.yaml")
     if as_json and not dry_run:
-        wrong("--json: is for --dry-run and --schema; sweeps.status --json tells how a search goes")
+        told = command("sweeps.status", "--json")
+        wrong(f"--json: is for --dry-run and --schema; {told} tells how a search goes")
     from sweeps.search.greedy.certificate import check_candidates
     from sweeps.search.output.dry_run import planned
     from sweeps.search.output.terminal import print_problem

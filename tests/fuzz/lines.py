@@ -41,6 +41,7 @@ class Line:
 
 
 LINES = {
+    "init": Line("sweeps.init", ("new",), ()),
     "run": Line("sweeps.run", ("sweep.yaml", "--dry-run"), ("sweep.yaml", "log")),
     "search": Line("sweeps.search.__main__", ("search.yaml", "--dry-run"), ("search.yaml", "log")),
     "status": Line("sweeps.status", ("sweep.yaml",), ("sweep.yaml", "log")),

@@ -355,5 +355,5 @@ def test_more_vehicles_than_fit():
 
 def test_without_sumo_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "libsumo", None)
-    with pytest.raises(ImportError, match=r"pip install lidarplace\[sumo\]"):
+    with pytest.raises(ImportError, match=r"pip install 'lidarplace\[sumo\]'"):
         record(TINY)

@@ -13,6 +13,7 @@ from typing import Any
 
 from lidarplace.files.atomic import temporary
 from lidarplace.files.secret_urls import public_url
+from lidarplace.optional import needs
 from tracking.mlflow.uri import is_server, sqlite_file
 
 
@@ -70,8 +71,8 @@ def _try_database(uri: str) -> None:
     try:
         engine = sqlalchemy.create_engine(uri)
     except ModuleNotFoundError as error:
-        hint = ": pip install 'lidarplace[postgres]'" if uri.startswith("postgresql") else ""
-        raise ValueError(f"{public_url(uri)} needs the package {error.name}{hint}") from error
+        told = needs(error) or f"needs the package {error.name}"
+        raise ValueError(f"{public_url(uri)} {told}") from error
     try:
         sqlalchemy.inspect(engine).get_table_names()
     finally:

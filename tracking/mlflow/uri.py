@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-import shlex
 from pathlib import Path
 
+from lidarplace.command_line.invocation import command
 from lidarplace.files.secret_urls import check_whole, public_url
 
 
@@ -49,4 +49,4 @@ def ui_command(uri: str, page: str = "") -> str:
     if is_server(uri):
         return public_url(uri).rstrip("/") + page
     uri = absolute_uri(uri)
-    return f"python -m tracking.dashboard {shlex.quote(str(sqlite_file(uri) or public_url(uri)))}"
+    return command("tracking.dashboard", str(sqlite_file(uri) or public_url(uri)))

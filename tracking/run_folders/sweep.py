@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.command_line.invocation import command
 from lidarplace.files.arrays import check_numbers, read_npz
 from lidarplace.files.atomic import read_text
 from lidarplace.placement import Mount
@@ -168,7 +169,8 @@ class RunFolder:
         if missing == required and (path / _LOCK).is_file():
             raise ValueError(
                 f"{path} has no results yet: its sweep has not finished. "
-                "`python -m sweeps.status FILE` tells where it stands, FILE being its configuration"
+                f"`{command('sweeps.status', 'FILE')}` tells where it stands, FILE being its "
+                "configuration"
             )
         if missing:
             raise ValueError(f"{path} is no run folder: it has no {', '.join(missing)}")

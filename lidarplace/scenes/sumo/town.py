@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from lidarplace.optional import needs
+
 JUNCTIONS = (4, 3)
 """Junctions along x and y: some 1.5 km of street, so an ego meets about five of 80 vehicles."""
 
@@ -33,10 +35,9 @@ def sumo_home() -> Path:
             import libsumo  # noqa: F401
         import sumo
         import sumolib  # noqa: F401
-    except ImportError as error:
-        raise ImportError(
-            "simulated traffic needs Eclipse SUMO: pip install lidarplace[sumo]"
-        ) from error
+    except ModuleNotFoundError as error:
+        told = needs(error) or f"needs the package {error.name}"
+        raise ModuleNotFoundError(f"simulated traffic {told}", name=error.name) from error
     return Path(sumo.SUMO_HOME)
 
 

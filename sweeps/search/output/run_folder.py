@@ -16,6 +16,7 @@ import pandas as pd
 import yaml
 
 from lidarplace import Mount
+from lidarplace.command_line.invocation import command
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.files.atomic import replacing
 from lidarplace.files.secret_urls import public_url
@@ -241,16 +242,15 @@ def _commands(problem: Problem, found: bool) -> list[dict[str, str]]:
     where = "DATABASE_URL" if storage else shlex.quote(str(journal_path(folder)))
     commands = [{"what": "look at all trials in a browser", "line": f"optuna-dashboard {where}"}]
     if found:
-        quoted = shlex.quote(str(folder / "sweep.yaml"))
-        rig = shlex.quote(str(folder / "placement.yaml"))
+        rig = str(folder / "placement.yaml")
         commands += [
             {
                 "what": "train detectors for it and for the paper's eight",
-                "line": f"python -m sweeps.run {quoted}",
+                "line": command("sweeps.run", str(folder / "sweep.yaml")),
             },
             {
                 "what": "see what it sees in a frame of a box log",
-                "line": f"python -m lidarplace.view LOG --placement {rig}",
+                "line": command("lidarplace.view", "LOG", "--placement", rig),
             },
         ]
     return commands

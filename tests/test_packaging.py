@@ -1,0 +1,233 @@
+"""What the package asks for, brings and says is what its source needs."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+from lidarplace.optional import EXTRAS
+from sweeps.command_line import VERBS
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+OWN = {"lidarplace", "training", "tracking", "sweeps"}
+MODULES = {
+    "carla": ["carla"],
+    "eclipse-sumo": ["sumo"],
+    "Jinja2": ["jinja2"],
+    "optuna-dashboard": ["optuna_dashboard"],
+    "psycopg2-binary": ["psycopg2"],
+    "PyYAML": ["yaml"],
+}
+"""What a distribution is imported as, if by another name."""
+
+MAY_IMPORT = {
+    "lidarplace": ["", "sumo", "carla"],
+    "training": ["", "training"],
+    "tracking": ["", "sweeps"],
+    "sweeps": ["", "training", "sweeps"],
+}
+"""Extras by package, "" being what every installation has."""
+
+NOT_IMPORTED = {
+    "cmaes": "Optuna's sampler of that name",
+    "optuna_dashboard": "a program",
+    "psycopg2": "SQLAlchemy's driver",
+    "s3fs": "fsspec's client",
+}
+
+
+def modules_of(extra: str) -> set[str]:
+    """What the requirements of an extra are imported as, without other extras."""
+    lines = PROJECT["optional-dependencies"][extra] if extra else PROJECT["dependencies"]
+    names = {Requirement(line).name for line in lines} - {PROJECT["name"]}
+    return {module for name in names for module in MODULES.get(name, [name])}
+
+
+def imports(tree: ast.AST, everywhere: bool) -> set[str]:
+    """Packages imported below `tree`; in functions and for types only if `everywhere`."""
+    found: set[str] = set()
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.Import):
+            found |= {alias.name.partition(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            found.add(str(node.module).partition(".")[0])
+        lazy = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) or (
+            isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+        )
+        if everywhere or not lazy:
+            found |= imports(node, everywhere)
+    return found - OWN - set(sys.stdlib_module_names)
+
+
+def imports_of(package: str, everywhere: bool = True) -> dict[str, set[str]]:
+    """By file."""
+    paths = sorted((ROOT / package).rglob("*.py"))
+    assert paths
+    return {
+        str(path.relative_to(ROOT)): imports(ast.parse(path.read_text("utf-8")), everywhere)
+        for path in paths
+    }
+
+
+@pytest.mark.parametrize("package", sorted(OWN))
+def test_what_is_imported_is_declared(package):
+    declared = set().union(*map(modules_of, MAY_IMPORT[package]))
+    undeclared = {path: found - declared for path, found in imports_of(package).items()}
+    assert not {path: names for path, names in undeclared.items() if names}
+
+
+def test_what_is_declared_is_imported():
+    declared = {m for extra in ("", *PROJECT["optional-dependencies"]) for m in modules_of(extra)}
+    declared -= modules_of("dev") - set(EXTRAS)
+    used = {name for package in OWN for found in imports_of(package).values() for name in found}
+    assert declared - used == set(NOT_IMPORTED)
+
+
+@pytest.mark.parametrize("package", ["lidarplace", "tracking"])
+def test_what_not_everybody_has_is_imported_where_it_is_used(package):
+    for path, found in imports_of(package, everywhere=False).items():
+        assert not found & set(EXTRAS), path
+
+
+def test_the_extra_that_is_named_brings_the_package():
+    extras = set(PROJECT["optional-dependencies"]) - {"all", "cluster", "dev"}
+    assert {module: extra for extra in extras for module in modules_of(extra)} == EXTRAS
+
+
+def test_all_has_what_verbs_need():
+    (everything,) = map(Requirement, PROJECT["optional-dependencies"]["all"])
+    assert everything.name == PROJECT["name"]
+    assert {verb.extra for verb in VERBS.values()} - {"", "carla"} <= everything.extras
+    assert everything.extras == {"training", "sweeps", "sumo"}
+
+
+@pytest.mark.parametrize("package", sorted(OWN))
+def test_types_are_promised(package):
+    assert files(package).joinpath("py.typed").is_file()
+
+
+def test_constraints_have_every_requirement():
+    lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    pinned = {re.sub(r"[-_.]+", "-", line.partition("==")[0]).lower() for line in lines}
+    wanted = (PROJECT["dependencies"], *PROJECT["optional-dependencies"].values())
+    names = {Requirement(line).name for lines in wanted for line in lines}
+    names = {re.sub(r"[-_.]+", "-", name).lower() for name in names}
+    assert names - pinned <= {"lidarplace", "s3fs"}, "s3fs is for those who have such a store"
+
+
+BARE = """
+import sys
+from importlib.abc import MetaPathFinder
+from lidarplace.optional import EXTRAS
+
+class NotInstalled(MetaPathFinder):
+    def find_spec(self, name, path, target=None):
+        if name in EXTRAS:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+sys.meta_path.insert(0, NotInstalled())
+"""
+"""Python as after `pip install lidarplace`."""
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory):
+    """Runs code in such a Python, in a folder with the examples and a database."""
+    folder = tmp_path_factory.mktemp("bare")
+    (folder / "runs").mkdir()
+    (folder / "runs/mlflow.db").touch()
+
+    def run(code: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-c", BARE + code, *arguments],
+            cwd=folder,
+            env=os.environ | {"PYTHONPATH": str(ROOT)},
+            capture_output=True,
+            text=True,
+        )
+
+    return run
+
+
+VERB = "from sweeps.command_line import app; app(prog_name='lidarplace')"
+
+
+def test_every_verb_has_help_in_every_installation(bare):
+    done = bare("""
+from typer.testing import CliRunner
+from sweeps.command_line import VERBS, app
+for name in VERBS:
+    done = CliRunner().invoke(app, [name, "--help"], catch_exceptions=False)
+    print(name, done.exit_code)
+""")
+    assert done.stdout.splitlines() == [f"{name} 0" for name in VERBS], done.stderr
+
+
+LINES = {
+    "run": ("run", "examples/grid.yaml"),
+    "search": ("search", "examples/search.yaml", "--dry-run"),
+    "dashboard": ("dashboard", "runs/mlflow.db"),
+    "record": ("record", "examples/grid.yaml", "logs"),
+    "pretrain": ("pretrain", "examples/grid.yaml", "--out", "base.pt"),
+    "carla": ("carla", "carla.yaml", "out"),
+}
+
+
+def test_a_package_that_is_not_installed_is_one_line(bare):
+    assert set(LINES) == {name for name, verb in VERBS.items() if verb.extra}
+    done = bare(f"""
+from pathlib import Path
+from typer.testing import CliRunner
+from sweeps.command_line import app
+print(CliRunner().invoke(app, ["init"], catch_exceptions=False).stdout)
+Path("carla.yaml").write_text("{{}}")
+for line in {list(LINES.values())}:
+    done = CliRunner().invoke(app, line, catch_exceptions=False, prog_name="lidarplace")
+    print(">", done.exit_code, done.stdout + done.stderr, end="")
+""")
+    lines = [line for line in done.stdout.splitlines() if line.startswith(">")]
+    assert len(lines) == len(LINES), done.stdout + done.stderr
+    for name, line in zip(LINES, lines, strict=True):
+        assert re.fullmatch(
+            r"> 2 .*needs the package \w+: pip install 'lidarplace\[\w+\]'", line
+        ), f"{name}: {line}"
+
+
+def test_init_writes_the_examples(tmp_path):
+    from typer.testing import CliRunner
+
+    from sweeps.init import app
+
+    def init(answer=None):
+        return CliRunner().invoke(app, [str(tmp_path / "new")], input=answer)
+
+    done = init()
+    assert done.exit_code == 0, done.output
+    written = {path.name: path.read_bytes() for path in (tmp_path / "new").iterdir()}
+    for name, content in written.items():
+        assert content == (ROOT / "examples" / name).read_bytes()
+        assert (ROOT / "sweeps/examples" / name).samefile(ROOT / "examples" / name), "one source"
+    own = tmp_path / "new/grid.yaml"
+    own.write_text("my: own\n")
+    for answer, code in (("", 2), ("n\n", 0)):
+        done = init(answer)
+        assert (done.exit_code, own.read_text()) == (code, "my: own\n"), done.output
+    assert "grid.yaml is there" in done.output
+    init("y\n")
+    assert own.read_bytes() == written["grid.yaml"]
+
+
+def test_init_writes_what_help_names():
+    text = "".join(path.read_text("utf-8") for path in (ROOT / "sweeps").rglob("*.py"))
+    named = set(re.findall(r"examples/(\w+\.yaml)", text))
+    assert named == {path.name for path in (ROOT / "sweeps/examples").iterdir()}
