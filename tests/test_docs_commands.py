@@ -45,6 +45,7 @@ NOT_RUN = {
 """How commands begin that are only looked up, and why."""
 
 SMALLER = {
+    "sweeps.init": ["begin"],
     "sweeps.accuracy": ["--resolution", "0.8", "--azimuth-steps", "90", "--frames-share", "1"],
     "lidarplace.export": ["--roi", "0", "20", "-10", "10", "0", "4"],
     "mine.yaml": [

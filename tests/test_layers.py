@@ -24,7 +24,7 @@ FORBIDDEN = {
 }
 FLOORS = {
     "lidarplace": (
-        "pose ranges rings roi",
+        "optional pose ranges rings roi",
         "sensor",
         "placement",
         "configuration coverage",
@@ -70,7 +70,7 @@ FLOORS = {
         "execution",
         "results",
         "mlflow",
-        "accuracy pretrain record run",
+        "accuracy init pretrain record run",
         "search",
         "sweep_or_search",
         "clean doctor status",

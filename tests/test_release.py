@@ -33,6 +33,16 @@ def test_the_changelog():
     assert set(re.findall(r"^### (.*)", text, re.M)) <= kinds
 
 
+def test_hooks_check_what_make_lint_checks():
+    hooks = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))["repos"]
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    (recipe,) = re.findall(r"^lint: setup\n((?:\t.*\n)+)", makefile, re.M)
+    lines = [line.strip().replace("$(BIN)", ".venv/bin") for line in recipe.splitlines()]
+    assert [hook["entry"] for own in hooks for hook in own["hooks"]] == [
+        line.removesuffix(" .") for line in lines
+    ]
+
+
 def test_images_of_the_cluster():
     for path in sorted((ROOT / "examples/cluster").iterdir()):
         for found in re.findall(r"lidarplace:([\d.]+)", path.read_text(encoding="utf-8")):
