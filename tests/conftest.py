@@ -2,9 +2,21 @@
 
 from __future__ import annotations
 
+import gc
+import os
 import sys
 
 import pytest
+
+if "PYTEST_XDIST_WORKER" in os.environ:
+    # Tests run beside each other: more threads than cores wait for each other.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+
+def pytest_collection_finish():
+    """What was imported stays: to look through it for garbage takes a second, every time."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ import random
 import signal
 import sqlite3
 import subprocess
-import sys
 import time
 from collections import Counter
 from dataclasses import dataclass, field
@@ -18,7 +17,8 @@ import pandas as pd
 import yaml
 from small_log import write_small_log
 
-ROOT = Path(__file__).parents[2]
+from tests.forked import GUARD_S, Forked
+
 SWEEP = {
     "classes": ["Car"],
     "lidar": {"azimuth_steps": 360},
@@ -26,10 +26,6 @@ SWEEP = {
     "training": {"epochs": 4, "batch_size": 1},
     "grid": {"placement": ["line", "center"], "seed": [1, 2]},
 }
-ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
-"""As on Ray: with more, sums of a training come in another order."""
-GUARD_S = 300
-"""No run takes so long: one that does hangs."""
 
 
 @dataclass
@@ -57,16 +53,11 @@ class Sweep:
         own = {"scene": scene, "output": "runs", "ray": self.ray}
         (self.folder / "tiny.yaml").write_text(yaml.safe_dump(SWEEP | own))
 
-    def start(self, *options: str) -> subprocess.Popen:
+    def start(self, *options: str) -> Forked:
         """Give the command."""
         self.runs += 1
-        return subprocess.Popen(
-            [sys.executable, "-m", "sweeps.run", "tiny.yaml", *options],
-            cwd=self.folder,
-            env=os.environ | ONE_THREAD | {"PYTHONPATH": str(ROOT), "COLUMNS": "200"},
-            stdout=(self.folder / f"run{self.runs}.log").open("wb"),
-            stderr=subprocess.STDOUT,
-        )
+        command = ["sweeps.run", "tiny.yaml", *options]
+        return Forked(command, self.folder, self.folder / f"run{self.runs}.log")
 
     def output(self) -> str:
         """What the last run printed."""

@@ -7,7 +7,9 @@ import subprocess
 
 import pandas as pd
 import pytest
-from killing import GUARD_S, Sweep
+from killing import Sweep
+
+from tests.forked import GUARD_S
 
 
 @pytest.fixture

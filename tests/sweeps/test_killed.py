@@ -10,7 +10,9 @@ import time
 from collections import Counter
 
 import pytest
-from killing import GUARD_S, Sweep, descendants, differences, kill_once, wait_for_end
+from killing import Sweep, descendants, differences, kill_once, wait_for_end
+
+from tests.forked import GUARD_S
 
 LONG_KILLS = 21
 

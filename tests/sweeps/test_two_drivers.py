@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import pandas as pd
-from killing import GUARD_S, Sweep
+from killing import Sweep
 
 from sweeps.store.lock import locked
+from tests.forked import GUARD_S
 
 
 def test_the_second_driver_of_a_sweep_is_refused(tmp_path):

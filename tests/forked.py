@@ -1,0 +1,111 @@
+"""Commands of this project in processes that have imported everything when they start.
+
+A command that trains, draws and logs computes for ten seconds to import what it needs, more than it
+takes for a tiny sweep. Here it is a fork of a process that did so once. The test of a program's
+start itself, and of what it imports, takes a fresh interpreter.
+"""
+
+from __future__ import annotations
+
+import atexit
+import multiprocessing
+import os
+import runpy
+import subprocess
+import sys
+from collections.abc import Mapping
+from functools import cache
+from multiprocessing import forkserver
+from pathlib import Path
+from unittest.mock import patch
+
+ROOT = Path(__file__).parents[1]
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+"""As on Ray: with more, sums of a training come in another order. A fork has no threads of others,
+so all commands have these."""
+GUARD_S = 300
+"""No command takes so long: one that does hangs."""
+# Not Ray, which reads variables when it is imported.
+_IMPORTED = [
+    *("matplotlib.pyplot", "mlflow.store.tracking.sqlalchemy_store", "mlflow.tracking"),
+    *("plotly.graph_objects", "scipy.stats", "torch._dynamo", "torchvision"),
+    *(
+        "sweeps.run",
+        "sweeps.tasks.stages",
+        "sweeps.results.run_folder",
+        "tracking.report.build",
+        "training",
+    ),
+]
+
+
+@cache
+def _context() -> multiprocessing.context.ForkServerContext:
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(_IMPORTED)
+    with patch.dict(os.environ, ONE_THREAD | {"PYTHONPATH": str(ROOT)}):
+        forkserver.ensure_running()
+    return context
+
+
+class Forked:
+    """`python -m MODULE ARGUMENT…` in a folder, as far as tests need a `subprocess.Popen`.
+
+    Args:
+        command: the module, then its arguments.
+        folder: in which it runs.
+        out: file that gets what it prints.
+        err: file that gets its errors, None for `out`.
+        environment: variables, None for those of this process.
+    """
+
+    def __init__(
+        self,
+        command: list[str],
+        folder: Path,
+        out: Path,
+        err: Path | None = None,
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
+        variables = dict(os.environ if environment is None else environment)
+        variables |= ONE_THREAD | {"PYTHONPATH": str(ROOT), "COLUMNS": "200"}
+        arguments = (command, folder, (out, err or out), variables)
+        self._process = _context().Process(target=_run, args=arguments)
+        self._process.start()
+        self.pid = self._process.pid
+        self.kill = self._process.kill
+        atexit.register(self.kill)  # a failed test leaves none
+
+    def poll(self) -> int | None:
+        return self._process.exitcode
+
+    def wait(self, timeout: float) -> int:
+        self._process.join(timeout)
+        if self._process.exitcode is None:
+            raise subprocess.TimeoutExpired(str(self.pid), timeout)
+        return self._process.exitcode
+
+
+def run_forked(
+    command: list[str], folder: Path, logs: Path, environment: Mapping[str, str] | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Run it to its end; what it prints goes through files in `logs`."""
+    out, err = logs / "out.log", logs / "err.log"
+    for file in (out, err):
+        file.unlink(missing_ok=True)
+    code = Forked(command, folder, out, err, environment).wait(GUARD_S)
+    return subprocess.CompletedProcess(command, code, out.read_text(), err.read_text())
+
+
+def _run(
+    command: list[str], folder: Path, files: tuple[Path, Path], environment: dict[str, str]
+) -> None:
+    os.environ.clear()
+    os.environ.update(environment)
+    for number, file in enumerate(files, start=1):
+        os.dup2(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND), number)  # both may be one
+    sys.stdout, sys.stderr = (os.fdopen(number, "w", 1, closefd=False) for number in (1, 2))
+    os.chdir(folder)
+    sys.argv[1:] = command[1:]
+    sys.modules.pop(command[0], None)
+    runpy.run_module(command[0], run_name="__main__", alter_sys=True)
