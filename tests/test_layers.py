@@ -24,7 +24,7 @@ FORBIDDEN = {
 }
 FLOORS = {
     "lidarplace": (
-        "optional pose ranges rings roi",
+        "metrics optional pose ranges rings roi",
         "sensor",
         "placement",
         "configuration coverage",
@@ -55,7 +55,7 @@ FLOORS = {
         "pv_rcnn second_iou voxel_rcnn",
     ),
     "tracking": (
-        "kitti_iou labels published",
+        "kitti_iou labels numbers published",
         "run_folders statistics",
         "findings",
         "figures",

@@ -3,16 +3,6 @@
 from lidarplace.selection.exposure import Exposure
 from lidarplace.selection.greedy import Greedy, gains, greedy
 from lidarplace.selection.limits import Limits
-from lidarplace.selection.tracing import OBJECTIVES
 from lidarplace.selection.upper_bound import UpperBound, upper_bound
 
-__all__ = [
-    "OBJECTIVES",
-    "Exposure",
-    "Greedy",
-    "Limits",
-    "UpperBound",
-    "gains",
-    "greedy",
-    "upper_bound",
-]
+__all__ = ["Exposure", "Greedy", "Limits", "UpperBound", "gains", "greedy", "upper_bound"]

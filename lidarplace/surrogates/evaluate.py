@@ -117,7 +117,7 @@ def evaluate_classes(
         )
     tiles = occupied_tiles(grids)
     for grid in grids.values():
-        grid.entropy_of_level  # noqa: B018 - computed here, kept by the grid
+        grid.h_pog  # noqa: B018 - computed here, kept by the grid
 
     start = time.perf_counter()
     ray_method = rays_of(method)
@@ -136,8 +136,15 @@ def evaluate_classes(
     if method != "cone":
         whole = functools.partial(int, np.bitwise_count(covered).sum())
     voxels = CoveredVoxels(whole)
-    q = detection_probability
-    rays = _Rays(placement, occupied, ray_method, azimuth_stride, counts, q, occlusion)
+    rays = _Rays(
+        placement=placement,
+        roi=occupied,
+        method=ray_method,
+        azimuth_stride=azimuth_stride,
+        counts=counts,
+        q=detection_probability,
+        occlusion=occlusion,
+    )
     common = time.perf_counter() - start
 
     results = {}
@@ -178,6 +185,11 @@ class _Rays:
     q: float
     occlusion: bool
 
+    @functools.cached_property
+    def weight(self) -> float:
+        """Rays that stand behind each one traced."""
+        return ray_weight(self.placement, self.azimuth_stride)
+
     def seen(self, grid: OccupancyGrid, covered: NDArray[np.int64]) -> Seen:
         """What is seen of a class; `covered` voxels by level."""
 
@@ -186,12 +198,19 @@ class _Rays:
             assert self.counts is not None
             return Crossings.of_grid(grid, self.counts)
 
-        weight = ray_weight(self.placement, self.azimuth_stride)
-
         def information() -> float:
-            if self.occlusion:
-                return expected_ig_with_occlusion(grid, self._log_miss(grid))
-            return expected_ig(grid, crossings(), weight * log_miss_of_ray(self.q))
+            if not self.occlusion:
+                return expected_ig(grid, crossings(), self.weight * log_miss_of_ray(self.q))
+            missed = log_miss(
+                self.placement,
+                self.roi,
+                self.method,
+                counts=grid.counts[..., : self.roi.shape[2]],
+                frames=grid.frames,
+                detection_probability=self.q,
+                azimuth_stride=self.azimuth_stride,
+            )
+            return expected_ig_with_occlusion(grid, missed)
 
         return Seen(
             frames=grid.frames,
@@ -199,20 +218,10 @@ class _Rays:
             voxels=grid.levels.total,
             covered=covered,
             entropy=grid.entropy_of_level,
+            h_pog=grid.h_pog,
             crossings=crossings,
-            points=lambda: expected_points(grid, crossings(), weight),
+            points=lambda: expected_points(grid, crossings(), self.weight),
             information=information,
-        )
-
-    def _log_miss(self, grid: OccupancyGrid) -> NDArray[np.float64]:
-        return log_miss(
-            self.placement,
-            self.roi,
-            self.method,
-            grid.counts[..., : self.roi.shape[2]],
-            grid.frames,
-            self.q,
-            self.azimuth_stride,
         )
 
 

@@ -25,6 +25,7 @@ class Seen:
         voxels: number of voxels of each level, shape (levels,).
         covered: how many of these are covered, shape (levels,).
         entropy: H of a voxel of each level, nats, shape (levels,).
+        h_pog: entropy of the POG, nats.
         crossings: counts and rays of the occupied voxels that are crossed.
         points: `sum of m(v) p(v)`, see `lidarplace.surrogates.formulas.expected_points`.
         information: nats, see `lidarplace.surrogates.formulas.expected_ig`.
@@ -35,6 +36,7 @@ class Seen:
     voxels: NDArray[np.number]
     covered: NDArray[np.number]
     entropy: NDArray[np.float64]
+    h_pog: float
     crossings: Callable[[], Crossings]
     points: Callable[[], float]
     information: Callable[[], float]

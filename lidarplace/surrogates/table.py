@@ -9,13 +9,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Any, Literal
 
 from lidarplace.metrics import Direction
 from lidarplace.surrogates.seen import Seen
-
-if TYPE_CHECKING:
-    from lidarplace.surrogates.result import Surrogates
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +25,7 @@ class Surrogate:
         unit: of its values.
         meaning: its definition in a line.
         of_seen: computes it from what a placement sees; None if it follows from others.
-        of_others: computes it from the other surrogates of a result, when it is read.
+        of_others: computes it from the others of a `Surrogates`, when it is read.
         sense: 1 if more sensing raises it, -1 if more sensing lowers it, 0 if neither.
         contested: whether the paper maximises it, though more sensing lowers it: then nothing is
             taken for granted, a user says what is best.
@@ -50,7 +47,7 @@ class Surrogate:
     unit: str
     meaning: str
     of_seen: Callable[[Seen], float] | None = None
-    of_others: Callable[[Surrogates], float] | None = None
+    of_others: Callable[[Any], float] | None = None
     sense: Literal[-1, 0, 1]
     contested: bool = False
     fixed: bool = False
@@ -93,7 +90,7 @@ SURROGATES: dict[str, Surrogate] = {
         label="H_POG",
         unit="nats",
         meaning="`sum over v of H(v)`, the entropy of the POG",
-        of_seen=lambda seen: seen.entropy_of(seen.voxels),
+        of_seen=lambda seen: seen.h_pog,
         sense=0,
         fixed=True,
         power=3,

@@ -15,7 +15,8 @@ from lidarplace import Mount, OccupancyGrid, Placement
 from lidarplace.coverage.rays import ray_weight
 from lidarplace.files.atomic import replacing
 from lidarplace.files.json import read_json
-from lidarplace.selection import OBJECTIVES, greedy, upper_bound
+from lidarplace.selection import greedy, upper_bound
+from lidarplace.selection.tracing import OBJECTIVES
 from lidarplace.surrogates.table import RAY_SURROGATES
 from sweeps.configuration.file import ConfigError
 from sweeps.search.greedy.candidates import (

@@ -1,0 +1,60 @@
+"""What the table says of the surrogates is what these do."""
+
+import math
+
+import numpy as np
+import pytest
+
+from lidarplace import (
+    Lidar,
+    Mount,
+    OccupancyGrid,
+    Placement,
+    Roi,
+    evaluate,
+    evaluate_classes,
+    sum_over_classes,
+)
+from lidarplace.surrogates.table import RAY_SURROGATES, SURROGATES
+
+ROI = Roi(x=(0.0, 6.0), y=(-3.0, 3.0), z=(0.0, 2.0), resolution=0.25)
+LIDAR = Lidar(tuple(np.radians([-40.0, -20.0, -3.0])), azimuth_steps=180)
+MOUNTS = [Mount(y=y, z=2.2, roll=roll) for y, roll in ((-0.6, 0.2), (0.6, -0.2), (0.0, 0.0))]
+
+
+@pytest.fixture(scope="module")
+def grids():
+    rng = np.random.default_rng(3)
+    grids = {}
+    for name, most in (("Car", 60), ("Pedestrian", 9)):
+        counts = rng.integers(0, most, ROI.shape).astype(np.int32)
+        counts[counts > most // 2] = 0
+        grids[name] = OccupancyGrid(ROI, name, counts, 100)
+    return grids
+
+
+@pytest.mark.parametrize("occlusion", [False, True])
+@pytest.mark.parametrize("name", SURROGATES)
+def test_more_lidars_do_what_its_sense_says(grids, name, occlusion):
+    own = SURROGATES[name]
+    rigs = [Placement("rig", MOUNTS[:n], LIDAR) for n in (1, 2, 3)]
+    asked = [name] if own.needs_rays else []
+    results = [evaluate(grids["Car"], rig, surrogates=asked, occlusion=occlusion) for rig in rigs]
+    values = np.array([getattr(result, name) for result in results])
+    assert not own.fixed or len(set(values)) == 1
+    assert np.all(np.diff(values) * own.sense > 0) or own.sense == 0
+    assert (getattr(evaluate(grids["Car"], rigs[0]), name) is None) == own.needs_rays
+
+
+@pytest.mark.parametrize("name", [name for name, own in SURROGATES.items() if own.additive])
+def test_those_that_are_additive_have_a_sum(grids, name):
+    results = evaluate_classes(grids, Placement("rig", MOUNTS, LIDAR), surrogates=RAY_SURROGATES)
+    total = math.fsum(getattr(result, name) for result in results.values())
+    assert getattr(sum_over_classes(results), name) == pytest.approx(total)
+
+
+def test_no_other_name_is_an_attribute(grids):
+    result = evaluate(grids["Car"], Placement("rig", MOUNTS, LIDAR))
+    assert {*SURROGATES} < {*dir(result)}
+    with pytest.raises(AttributeError, match="no attribute 's_nig'"):
+        result.s_nig  # noqa: B018
