@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pandas as pd
 
-from lidarplace.metrics import HEADLINE_METRIC
 from tracking.findings.best_surrogate import which_predicts
 from tracking.findings.correlation import correlate
 from tracking.findings.distinct_rigs import copies, without
@@ -17,7 +16,7 @@ from tracking.findings.individuals import count_individuals
 from tracking.findings.leave_one_out import leave_one_out
 from tracking.findings.promotion import is_full
 from tracking.findings.summary import by_surrogate, seed_means
-from tracking.kitti_iou import headline_iou
+from tracking.kitti_iou import judged
 from tracking.labels import some
 from tracking.pages.csv_files import FOLDER, write_csv_files
 from tracking.pages.markdown import escaped, write_markdown
@@ -144,11 +143,7 @@ def build_report(run: Path) -> Path:
 def best_first(run: RunFolder, means: pd.DataFrame) -> list[str]:
     """Placements by headline AP of the first class, over all groups; then by a surrogate."""
     first = run.classes[0]
-    own = means[
-        (means["class"] == first)
-        & (means["metric"] == HEADLINE_METRIC)
-        & (means["iou"] == headline_iou(run.results, first))
-    ]
+    own = judged(means, run.results, first)
     order = own.groupby("placement")["mean"].mean().sort_values(ascending=False).index.tolist()
     return list(dict.fromkeys((*order, *by_surrogate(run.surrogates), *run.placements)))
 

@@ -8,7 +8,7 @@ from lidarplace.metrics import HEADLINE_METRIC
 from tracking.findings.groups import by_setting
 from tracking.findings.individuals import MOST_FREQUENT, count_individuals
 from tracking.findings.ray_counting import largest_linear_share, ray_counting_caution
-from tracking.kitti_iou import headline_iou
+from tracking.kitti_iou import headline_iou, judged
 from tracking.labels import metric_label
 from tracking.run_folders.sweep import RunFolder
 from tracking.statistics.jackknife import LEAST_ROUTES
@@ -199,8 +199,7 @@ def _learned_little(run: RunFolder, means: pd.DataFrame) -> list[str]:
     said = []
     for name in run.classes:
         iou = headline_iou(run.results, name)
-        judged = (means["metric"] == HEADLINE_METRIC) & (means["iou"] == iou)
-        ap = means[(means["class"] == name) & judged]["mean"]
+        ap = judged(means, run.results, name)["mean"]
         if ap.notna().any() and ap.max() < LEAST_AP:
             said.append(
                 f"{name}: {metric_label(HEADLINE_METRIC, iou)} is below {LEAST_AP:g} % everywhere: "

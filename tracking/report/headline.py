@@ -16,7 +16,7 @@ from tracking.findings.groups import Group
 from tracking.findings.paired import with_sums
 from tracking.findings.sampling_error import separated
 from tracking.findings.summary import deciding_surrogate, surrogates_of
-from tracking.kitti_iou import headline_iou
+from tracking.kitti_iou import headline_iou, judged
 from tracking.labels import metric_label, some, surrogate_name, surrogate_unit
 from tracking.numbers import percent, plus_minus, span
 from tracking.run_folders.sweep import RunFolder
@@ -87,14 +87,10 @@ def headline_ranking(run: RunFolder, group: Group) -> dict[str, BestPlacement]:
     """`best_placement` of headline AP for every class that has any, and of recall for "all"."""
     found = {}
     for name in (*run.classes, "all"):
-
-        def judged(table: pd.DataFrame, name: str = name) -> pd.DataFrame:
-            own = group.of(table)
-            own = own[(own["class"] == name) & (own["metric"] == headline_metric(name))]
-            return own[own["iou"] == headline_iou(run.results, name)]
-
-        left_out = None if run.left_out is None else judged(run.left_out)
-        best = best_placement(judged(run.results), left_out=left_out)
+        own, left_out = judged(group.of(run.results), run.results, name), None
+        if run.left_out is not None:
+            left_out = judged(group.of(run.left_out), run.results, name)
+        best = best_placement(own, left_out=left_out)
         if best is not None:
             found[name] = best
     return found

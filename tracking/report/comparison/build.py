@@ -19,7 +19,7 @@ from tracking.findings.correlation import correlate
 from tracking.findings.promotion import is_full
 from tracking.findings.summary import seed_means
 from tracking.findings.surrogate_accuracy import rank_agreement
-from tracking.kitti_iou import headline_iou
+from tracking.kitti_iou import headline_iou, judged
 from tracking.labels import in_order, metric_label, metric_name, surrogate_label, surrogate_name
 from tracking.numbers import digits, number, signed
 from tracking.pages.csv_files import FOLDER, write_csv_files
@@ -145,10 +145,8 @@ def _cells(found: Sequence[Variant], name: str, metric: str) -> list[pd.DataFram
     """Of every variant mean, low, high and seeds by placement; None where there is none."""
     tables: list[pd.DataFrame | None] = []
     for variant in found:
-        own = variant.means
-        own = own[(own["class"] == name) & (own["metric"] == metric) & (own["seeds"] > 0)]
-        iou = headline_iou(variant.run.results, name)
-        own = own[own["iou"] == iou].set_index("placement")
+        own = judged(variant.means, variant.run.results, name, metric)
+        own = own[own["seeds"] > 0].set_index("placement")
         tables.append(own if len(own) else None)
     return tables
 

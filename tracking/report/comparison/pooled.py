@@ -12,7 +12,7 @@ from lidarplace.surrogates.table import HEADLINE_SURROGATES
 from tracking.findings.groups import groups
 from tracking.findings.paired import with_sums
 from tracking.findings.summary import seed_means, surrogates_of
-from tracking.kitti_iou import headline_iou
+from tracking.kitti_iou import judged
 from tracking.labels import metric_label, surrogate_name
 from tracking.numbers import signed
 from tracking.pages.tables import Table
@@ -63,9 +63,8 @@ def _pairs(run: RunFolder, sweep: int) -> pd.DataFrame:
     for number, group in enumerate(groups(run)):
         for name in (*run.classes, "all"):
             metric = headline_metric(name)
-            own = group.of(means)
-            own = own[(own["class"] == name) & (own["metric"] == metric) & (own["seeds"] > 0)]
-            own = own[own["iou"] == headline_iou(run.results, name)].set_index("placement")
+            own = judged(group.of(means), run.results, name)
+            own = own[own["seeds"] > 0].set_index("placement")
             values = surrogates_of(surrogates, group.setting, name)
             for surrogate in HEADLINE_SURROGATES:
                 if surrogate not in values:

@@ -12,7 +12,7 @@ from tracking.figures.kit.style import text
 from tracking.figures.of_sweeps.forest import forest
 from tracking.findings.best_placement import BestPlacement
 from tracking.findings.groups import Group
-from tracking.kitti_iou import headline_iou
+from tracking.kitti_iou import headline_iou, judged
 from tracking.labels import metric_label
 from tracking.numbers import digits, percent, plus_minus, span
 from tracking.pages.section import Section
@@ -41,8 +41,7 @@ def best_section(
     for group, ranked in rankings:
         for name, best in ranked.items():
             metric, iou = headline_metric(name), headline_iou(run.results, name)
-            own = group.of(means)
-            own = own[(own["class"] == name) & (own["metric"] == metric) & (own["iou"] == iou)]
+            own = judged(group.of(means), run.results, name)
             table = own.set_index("placement").loc[best.sure.index]
             label = class_label(name) + (f" · {group.title}" if group.varies else "")
             section.figures.append(

@@ -12,7 +12,7 @@ from tracking.figures.kit.style import text
 from tracking.figures.of_sweeps.by_distance import by_distance, ring_label
 from tracking.findings.groups import Group, by_setting, has_detectors
 from tracking.findings.summary import seed_means
-from tracking.kitti_iou import headline_iou
+from tracking.kitti_iou import judged
 from tracking.labels import metric_label
 from tracking.numbers import plus_minus
 from tracking.pages.section import Section
@@ -65,9 +65,7 @@ def _headline(run: RunFolder, found: list[Group]) -> Iterator[tuple[str, pd.Data
     assert run.distance is not None
     for group in found:
         for name in run.classes:
-            own = group.of(run.distance)
-            own = own[(own["class"] == name) & (own["metric"] == HEADLINE_METRIC)]
-            own = own[own["iou"] == headline_iou(run.results, name)]
+            own = judged(group.of(run.distance), run.results, name)
             if own.empty:
                 continue
             means = seed_means(own.assign(difficulty="all"), [*run.axes, *_RING])

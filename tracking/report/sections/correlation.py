@@ -7,13 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from lidarplace.metrics import headline_metric
 from tracking.figures.kit.style import text
 from tracking.figures.of_sweeps.scatter import scatter
 from tracking.findings.groups import Group, has_detectors
 from tracking.findings.paired import group_columns, with_sums
 from tracking.findings.summary import surrogates_of
-from tracking.kitti_iou import headline_iou
+from tracking.kitti_iou import judged
 from tracking.labels import metric_label, surrogate_name
 from tracking.numbers import digits, interval, signed
 from tracking.pages.section import Section
@@ -69,11 +68,8 @@ def correlation_section(
     order = list(run.placements)
     for group in found:
         for name in (*run.classes, "all"):
-            metric = headline_metric(name)
-            iou = headline_iou(run.results, name)
             own, tests = (
-                part[(part["class"] == name) & (part["metric"] == metric) & (part["iou"] == iou)]
-                for part in (group.of(means), group.of(tested_and_left_out))
+                judged(group.of(part), run.results, name) for part in (means, tested_and_left_out)
             )
             title = text(class_label(name))
             title += f" · {text(group.title)}" if group.varies else ""

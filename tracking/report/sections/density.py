@@ -13,7 +13,7 @@ from tracking.figures.of_sweeps.by_density import by_density
 from tracking.findings.groups import Group
 from tracking.findings.paired import with_sums
 from tracking.findings.summary import surrogates_of
-from tracking.kitti_iou import headline_iou
+from tracking.kitti_iou import headline_iou, judged
 from tracking.labels import in_order, metric_label, surrogate_label
 from tracking.numbers import number, plus_minus, points
 from tracking.pages.section import Section
@@ -45,11 +45,7 @@ def density_section(run: RunFolder, found: list[Group], means: pd.DataFrame) -> 
     for name in (*run.classes, "all"):
         metric = headline_metric(name)
         label = metric_label(metric, headline_iou(run.results, name))
-        own = means[
-            (means["class"] == name)
-            & (means["metric"] == metric)
-            & (means["iou"] == headline_iou(run.results, name))
-        ]
+        own = judged(means, run.results, name)
         heading = class_label(name)
         for group in alike:
             parts = [_at(group, density).of(own) for density in densities]

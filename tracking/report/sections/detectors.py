@@ -12,7 +12,7 @@ from lidarplace.metrics import RANKING, headline_metric
 from tracking.figures.of_sweeps.sensitivity import sensitivity_figure
 from tracking.findings.groups import Group
 from tracking.findings.sensitivity import sensitivity
-from tracking.kitti_iou import headline_iou
+from tracking.kitti_iou import headline_iou, judged
 from tracking.labels import metric_label, setting_label
 from tracking.numbers import digits, plus_minus
 from tracking.pages.section import Section
@@ -57,9 +57,7 @@ def _layout(
     tables = []
     for metric in RANKING:
         iou = headline_iou(run.results, object_class)
-        cells = means[
-            (means["class"] == object_class) & (means["metric"] == metric) & (means["iou"] == iou)
-        ]
+        cells = judged(means, run.results, object_class, metric)
         rows: list[tuple[str, ...]] = []
         data: list[dict[str, object]] = []
         best = set()

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from lidarplace.metrics import HEADLINE_METRIC
 from tracking.findings.fitted_q import LEAST_PLACEMENTS, fit_detection_probability
 from tracking.findings.groups import Group
 from tracking.findings.summary import surrogates_of
-from tracking.kitti_iou import headline_iou
+from tracking.kitti_iou import judged
 from tracking.pages.tables import Table
 from tracking.run_folders.sweep import RunFolder
 
@@ -27,9 +26,7 @@ def fitted_q_table(
     rows, data = [], []
     for group in found:
         for name in run.classes:
-            own = group.of(means)
-            own = own[(own["class"] == name) & (own["metric"] == HEADLINE_METRIC)]
-            own = own[own["iou"] == headline_iou(run.results, name)]
+            own = judged(group.of(means), run.results, name)
             measured: pd.Series = own.set_index("placement")["mean"].dropna()
             gains = surrogates_of(by_q, group.setting, name, "q", "expected_ig")
             common = measured.index.intersection(gains.index)
