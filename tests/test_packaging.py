@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 
@@ -69,6 +70,7 @@ def imports(tree: ast.AST, everywhere: bool) -> set[str]:
     return found - OWN - set(sys.stdlib_module_names)
 
 
+@cache
 def imports_of(package: str, everywhere: bool = True) -> dict[str, set[str]]:
     """By file."""
     paths = sorted((ROOT / package).rglob("*.py"))
