@@ -13,8 +13,9 @@ if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 
-def pytest_collection_finish():
-    """What was imported stays: to look through it for garbage takes a second, every time."""
+@pytest.fixture(autouse=True, scope="module")
+def what_was_imported_is_no_garbage():
+    """To look through it takes a second, and some libraries do so at every call."""
     gc.collect()
     gc.freeze()
 

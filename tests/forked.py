@@ -15,6 +15,7 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from functools import cache
+from importlib.util import find_spec
 from multiprocessing import forkserver
 from pathlib import Path
 from unittest.mock import patch
@@ -25,24 +26,23 @@ ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "NUMBA_NUM_THREADS
 so all commands have these."""
 GUARD_S = 300
 """No command takes so long: one that does hangs."""
-# Not Ray, which reads variables when it is imported.
-_IMPORTED = [
+_OTHERS = [
     *("matplotlib.pyplot", "mlflow.store.tracking.sqlalchemy_store", "mlflow.tracking"),
     *("plotly.graph_objects", "scipy.stats", "torch._dynamo", "torchvision"),
-    *(
-        "sweeps.run",
-        "sweeps.tasks.stages",
-        "sweeps.results.run_folder",
-        "tracking.report.build",
-        "training",
-    ),
+]
+"""Without Ray, which reads variables when it is imported."""
+_OWN = [
+    *("sweeps.run", "sweeps.results.run_folder", "sweeps.search.__main__", "sweeps.tasks.stages"),
+    *("tracking.report.build", "training"),
 ]
 
 
 @cache
 def _context() -> multiprocessing.context.ForkServerContext:
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(_IMPORTED)
+    # What cannot be imported would be left out, and every command import it again.
+    assert all(find_spec(name) for name in _OWN)
+    context.set_forkserver_preload([*_OTHERS, *_OWN])
     with patch.dict(os.environ, ONE_THREAD | {"PYTHONPATH": str(ROOT)}):
         forkserver.ensure_running()
     return context

@@ -1,22 +1,20 @@
 """The scenes of a sweep as box logs, and sweeps over logs that were recorded before."""
 
-import subprocess
-import sys
 from dataclasses import asdict, astuple
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from typer.testing import CliRunner, Result
 
 from lidarplace import PAPER_PLACEMENTS, Lidar
 from lidarplace.box_log import read_box_log
 from lidarplace.lidar.clouds import PointClouds, write_clouds
 from lidarplace.lidar.collect import collect
+from sweeps.record import app
 from sweeps.tasks import stages
 
-ROOT = Path(__file__).parents[2]
 CROP = (0.0, -20.0, -0.5, 40.0, 20.0, 4.0)
 SCENE = {
     "seed": 3,
@@ -37,17 +35,16 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def recorded(folder) -> subprocess.CompletedProcess[str]:
+def recorded(folder) -> Result:
     config = folder / "grid.yaml"
     settings = {"placement": "line", "scene": SCENE, "ray": "debug"}
     settings |= {"output": str(folder / "runs"), "grid": {"scene.density": [20, 30]}}
     config.write_text(yaml.safe_dump(settings))
-    command = [sys.executable, "-m", "sweeps.record", str(config), str(folder / "logs")]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
+    return CliRunner().invoke(app, [str(config), str(folder / "logs")], catch_exceptions=False)
 
 
 def test_every_scene_of_the_grid_is_a_box_log(folder, recorded):
-    assert recorded.returncode == 0, recorded.stdout + recorded.stderr
+    assert recorded.exit_code == 0, recorded.output
     assert sorted(path.name for path in (folder / "logs").iterdir()) == [
         "scene.density=20",
         "scene.density=30",
@@ -63,9 +60,8 @@ def test_every_scene_of_the_grid_is_a_box_log(folder, recorded):
 
 def test_a_mistake_is_one_line(tmp_path):
     (tmp_path / "grid.yaml").write_text("placement: line\nscene: {towns: [Nowhere]}\n")
-    command = [sys.executable, "-m", "sweeps.record", str(tmp_path / "grid.yaml"), str(tmp_path)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
-    assert done.returncode == 2
+    done = CliRunner().invoke(app, [str(tmp_path / "grid.yaml"), str(tmp_path)])
+    assert done.exit_code == 2
     path = tmp_path / "grid.yaml"
     assert done.stderr.startswith(f"{path}: scene: no map 'Nowhere'; looked in ")
     assert done.stderr.count("\n") == 1

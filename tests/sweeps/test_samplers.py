@@ -7,6 +7,8 @@ from optuna.distributions import CategoricalDistribution, FloatDistribution
 from sweeps.configuration.search import SAMPLERS
 from sweeps.search.trials.samplers import Repeatable
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 SPACE = {f"x{i}": FloatDistribution(0.0, 1.0) for i in range(3)}
 
 
@@ -40,7 +42,7 @@ def test_categories_and_constraints(name):
 def test_they_learn(name):
     def late(name):
         """Mean of the last trials."""
-        last = run(name, trials=60)[-15:]
+        last = run(name, trials=40)[-10:]
         return sum((p[f"x{i}"] - 0.3 * i) ** 2 for p in last for i in range(3)) / len(last)
 
     assert late(name) < late("random") / 2

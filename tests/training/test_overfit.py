@@ -17,8 +17,8 @@ EPOCHS_AND_RATE = {
     "second": (30, 0.003),
     "second_iou": (25, 0.003),
     "voxel_rcnn": (25, 0.003),
-    "pointrcnn": (65, 0.01),
-    "pointrcnn_iou": (65, 0.01),
+    "pointrcnn": (45, 0.01),
+    "pointrcnn_iou": (45, 0.01),
     "pv_rcnn": (24, 0.005),
 }
 
