@@ -1,7 +1,5 @@
 """The scenes of a sweep as box logs, and sweeps over logs that were recorded before."""
 
-from dataclasses import asdict, astuple
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -12,8 +10,10 @@ from lidarplace import PAPER_PLACEMENTS, Lidar
 from lidarplace.box_log import read_box_log
 from lidarplace.lidar.clouds import PointClouds, write_clouds
 from lidarplace.lidar.collect import collect
+from lidarplace.scenes.recorded import LogScene
 from sweeps.record import app
 from sweeps.tasks import stages
+from sweeps.tasks.parameters import CollectParams, LogParams, RecordedParams
 
 CROP = (0.0, -20.0, -0.5, 40.0, 20.0, 4.0)
 SCENE = {
@@ -67,13 +67,6 @@ def test_a_mistake_is_one_line(tmp_path):
     assert done.stderr.count("\n") == 1
 
 
-def collection(placement, **changes):
-    lidars = [asdict(lidar) for lidar in placement.lidars]
-    rig = {"mounts": [astuple(m) for m in placement.mounts], "lidars": lidars}
-    how = {"recorded": None, "seed": 1, "misaligned_heights": False, "crop": CROP}
-    return rig | how | {"split": "train"} | changes
-
-
 def inner(points: np.ndarray) -> np.ndarray:
     """Points that are inside the crop on either grid."""
     low, high = np.array(CROP[:3]) + 0.005, np.array(CROP[3:]) - 0.005
@@ -83,17 +76,19 @@ def inner(points: np.ndarray) -> np.ndarray:
 def test_recorded_clouds_take_the_place_of_simulated_ones(folder, recorded):
     """The stage gives the same points either way, to the millimetres of their grids."""
     log = read_box_log(folder / "logs" / "scene.density=30")
-    value = stages.scene({"source": "log", "folder": str(folder / "logs" / "scene.density=30")})
+    scene = LogScene(source="log", folder=folder / "logs" / "scene.density=30")
+    value = stages.scene(LogParams(scene, digest=""))
     pd.testing.assert_frame_equal(value["boxes"], log.boxes)
     pd.testing.assert_frame_equal(value["buildings"], log.buildings)
 
     lidar = Lidar(tuple(np.radians([-9.0, -5.0, -2.0])), azimuth_steps=720)
     placement = PAPER_PLACEMENTS["line"].with_lidar(lidar)
-    simulated = stages.collect(collection(placement), value)
+    own = CollectParams(placement, misaligned_heights=False, seed=1, split="train", crop=CROP)
+    simulated = stages.collect(own, value)
     wide = (-1.0, -30.0, -1.0, 50.0, 30.0, 9.0)
     store = folder / "clouds" / "line"
     write_clouds(store / "route-0", collect(log, log.frames["frame"], placement, wide, seed=1))
-    replayed = stages.collect({"recorded": str(store), "crop": CROP, "split": "train"}, value)
+    replayed = stages.collect(RecordedParams(store, digest="", split="train", crop=CROP), value)
 
     ours, theirs = PointClouds.from_arrays(simulated), PointClouds.from_arrays(replayed)
     numbers = log.frames.loc[log.frames["split"] == "train", "frame"].tolist()
