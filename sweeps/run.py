@@ -122,9 +122,11 @@ def run_sweep(
     from sweeps.mlflow.trials import TrialLog
     from sweeps.results.promotion import at_most, promote
     from sweeps.results.run_folder import Run, write_run
-    from tracking.mlflow.log import SweepLog, ui_command
+    from tracking.mlflow.content import ParentRun
+    from tracking.mlflow.log import SweepLog
     from tracking.mlflow.source import source_tags
     from tracking.mlflow.system import SystemMonitor
+    from tracking.mlflow.uri import ui_command
     from tracking.report.build import build_report
 
     start = time.monotonic()
@@ -138,18 +140,16 @@ def run_sweep(
             store.refer(reference(sweep), [task.key for task in plan.tasks])
             keep_to_quota(console, sweep, store)
             stack.enter_context(store.in_use())
-            log = SweepLog(
-                sweep.common.tracking_uri,
-                sweep.common.name,
+            parent = ParentRun(
                 sweep_key(sweep, plan),
+                sweep.common.name,
                 _parameters(sweep, plan),
-                journal=folder / "mlflow.jsonl",
                 tags=source_tags(),
                 note=note(sweep.source, command, sweep.common.urls),
                 about=ABOUT,
                 columns=columns(sweep),
-                say=say,
             )
+            log = SweepLog(sweep.common.tracking_uri, parent, folder=folder, say=say)
             stack.enter_context(log)
             stack.enter_context(workers)
             backend = workers.enter_context(backend_for(sweep.common.ray, store))
@@ -166,8 +166,10 @@ def run_sweep(
         outcome = Outcome()
         with workers, StageProgress(console, at_most(sweep, plan), cached) as progress:
             listener = TrialLog(
-                progress, log, plan, store, further_axes(sweep), failures, folder / "pictures"
+                *(progress, plan.trials, store, further_axes(sweep), cached),
+                *(failures, folder / "pictures"),
             )
+            log.follow(listener.ended)
 
             def run_tasks(tasks: list[Task]) -> bool:
                 execute(tasks, store, backend, listener, outcome, known)
@@ -176,7 +178,8 @@ def run_sweep(
             promotion = promote(sweep, plan, store, run_tasks)
             cores = backend.cores
         store.refer(reference(sweep), [*(task.key for task in plan.tasks), *outcome.probes])
-        listener.log_rest(outcome.failures)
+        listener.end(outcome.failures)
+        log.hold()
         seconds = time.monotonic() - start
         run = Run(outcome, promotion, cached, cores, command, start, seconds)
         write_run(folder, sweep, plan, store, run)

@@ -17,6 +17,7 @@ from sweeps.plan.plan import Trial
 from sweeps.results.trial_results import metric_mean
 from sweeps.store.open import AnyStore
 from sweeps.store.whole_folder import whole_folder
+from tracking.mlflow.content import Model
 from tracking.mlflow.log import SweepLog
 
 _OF_PREDICTION = ("batch_size", "score_threshold", "nms_threshold")
@@ -48,7 +49,7 @@ def log_best_models(trials: Iterable[Trial], store: AnyStore, folder: Path, log:
             "seed": point.seed,
             f"{HEADLINE_METRIC}.{point.classes[0]}": f"{ap:.2f}",
         }
-        log.model(trial.key, detector, own, about)
+        log.model(Model(detector, trial.key, own, about))
 
 
 def save_model(trial: Trial, store: AnyStore, path: Path) -> None:

@@ -15,7 +15,7 @@ from sweeps.configuration.grid import Sweep
 from sweeps.plan.plan import Trial, further_axes
 from sweeps.results.trial_results import axis_values
 from sweeps.tasks.task import Task
-from tracking.mlflow.journal import Dataset
+from tracking.mlflow.content import Dataset
 
 _SHOWN_SURROGATES = ("expected_ig", "s_mig", "covered_entropy")
 _LONGEST_CONFIG = 4000

@@ -23,7 +23,7 @@ from sweeps.search.judgement.found import Found, baseline_of, best_linear_share
 from sweeps.search.judgement.robustness import in_scene, robustness, with_share
 from sweeps.search.judgement.winners import Judged, best_trials, exact, judge, judge_others
 from sweeps.search.output.mlflow_page import ABOUT, columns
-from sweeps.search.output.mlflow_trials import TrialRuns
+from sweeps.search.output.mlflow_trials import ended_trials
 from sweeps.search.output.run_folder import write_search
 from sweeps.search.output.terminal import print_failures, print_found, print_nothing_found
 from sweeps.search.problem.problem import Problem
@@ -45,8 +45,10 @@ from sweeps.store.leftovers import remove_leftovers_of
 from sweeps.store.lock import locked
 from sweeps.store.of_sweep import reference, store_of
 from sweeps.store.open import AnyStore
-from tracking.mlflow.log import SweepLog, ui_command
+from tracking.mlflow.content import ParentRun
+from tracking.mlflow.log import SweepLog
 from tracking.mlflow.source import source_tags
+from tracking.mlflow.uri import ui_command
 from tracking.search_report.build import build_search_report
 
 
@@ -116,19 +118,17 @@ def _mlflow(problem: Problem, command: str, say: Callable[[str], None]) -> Sweep
         "seed": search.seed,
         "batch_size": search.batch_size,
     }
-    return SweepLog(
-        file.tracking_uri,
-        file.name,
+    parent = ParentRun(
         problem.key,
+        file.name,
         params,
-        journal=problem.folder / "mlflow.jsonl",
         tags=source_tags(),
         note=note(problem.source, command, file.urls),
         about=ABOUT,
         columns=columns(problem),
         ascending=search.objective[0].best == "minimize",
-        say=say,
     )
+    return SweepLog(file.tracking_uri, parent, folder=problem.folder, say=say)
 
 
 def _search(
@@ -158,15 +158,9 @@ def _search(
         )
     else:
         answers = SurrogateAnswers(study, problem.space, problem.question, pool)
-    runs = TrialRuns(log, study, problem)
+    log.follow(partial(ended_trials, study, problem))
     with _bar(console, settings.trials) as told:
-
-        def after_batch(number: int) -> None:
-            runs.log_new()
-            told(number)
-
-        run_study(study, problem.space, settings, answers, after_batch, timing)
-    runs.log_new()  # what a stop kept from it
+        run_study(study, problem.space, settings, answers, told, timing)
     trials = best_trials(study, problem.space)
     judged = _judged(problem, trials, certificate, pool)
     table = None

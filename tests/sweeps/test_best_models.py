@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -16,6 +17,7 @@ from sweeps.configuration.grid import read_sweep
 from sweeps.mlflow.best_models import log_best_models
 from sweeps.plan.plan import make_plan
 from sweeps.store.local import Store
+from tracking.mlflow.content import EndedTrial, ParentRun, TrialRun
 from tracking.mlflow.log import SweepLog
 
 PREDICT = """
@@ -76,9 +78,13 @@ def test_a_fresh_process_loads_the_best_and_finds_the_same_boxes(sweep, tmp_path
     plan, store = sweep
     uri, folder = f"sqlite:///{tmp_path}/mlflow.db", tmp_path / "models"
     for _ in range(2):
-        with SweepLog(uri, "demo", "k1", {}, journal=tmp_path / "mlflow.jsonl") as log:
-            for trial in plan.trials:
-                log.trial(trial.key, trial.label, {}, {})
+        with SweepLog(uri, ParentRun("k1", "demo", {}), folder=tmp_path) as log:
+            log.follow(
+                lambda: [
+                    EndedTrial(trial.key, partial(TrialRun, trial.label, {}, {}, ended=1))
+                    for trial in plan.trials
+                ]
+            )
             log_best_models(plan.trials, store, folder, log)
         assert not log.refused
     client = MlflowClient(tracking_uri=uri)
@@ -146,13 +152,13 @@ def test_a_better_trial_is_made_a_model_beside_the_earlier(sweep, tmp_path):
     said = []
 
     class Log:
-        def model(self, *found):
-            said.append(found)
+        def model(self, model):
+            said.append(model.trial)
 
     for trials in (plan.trials[:1], plan.trials, plan.trials):
         log_best_models(trials, store, tmp_path, Log())
     first, second = (trial.key for trial in plan.trials)
-    assert [trial for trial, *_ in said] == [first, second, second]
+    assert said == [first, second, second]
     assert {path.parent.name for path in tmp_path.glob("pointpillars_tiny/*/MLmodel")} == {
         first,
         second,

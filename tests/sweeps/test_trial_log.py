@@ -16,21 +16,6 @@ from sweeps.plan.plan import make_plan
 from sweeps.store.local import Store
 
 
-class Log:
-    """In the place of MLflow's."""
-
-    def __init__(self, settled=()):
-        self.settled = set(settled)
-        self.trials = []
-
-    def is_settled(self, key):
-        return key in self.settled
-
-    def trial(self, key, name, params, metrics, curve=None, error=None, **about):
-        self.trials.append((name, metrics, error))
-        self.about = about
-
-
 class Quiet:
     def started(self, task): ...
     def finished(self, task): ...
@@ -68,10 +53,11 @@ def sweep(tmp_path):
     plan = make_plan(read_sweep(path))
     store = Store(tmp_path / "store")
 
-    pictures = tmp_path / "pictures"
-
-    def listener(log):
-        return TrialLog(Quiet(), log, plan, store, (), FailureFolder(tmp_path / "failed"), pictures)
+    def listener():
+        there = store.finished(plan.tasks)
+        failures = FailureFolder(tmp_path / "failed")
+        pictures = tmp_path / "pictures"
+        return TrialLog(Quiet(), plan.trials, store, (), there, failures, pictures)
 
     return plan, store, listener
 
@@ -85,67 +71,69 @@ METRICS = {
 }
 
 
-def test_a_trial_is_logged_when_its_last_task_has_ended(sweep):
+def told(log):
+    """Name, metrics and error of the trials that have ended."""
+    ended = [(trial.describe(), trial.error) for trial in log.ended()]
+    return [(run.name, run.metrics, error) for run, error in ended]
+
+
+def test_a_trial_has_ended_when_its_last_task_has(sweep):
     plan, store, listener = sweep
-    log = Log()
-    own = listener(log)
+    log = listener()
     trial = plan.trials[0]
     for task in trial.results[:-1]:
         finish(store, task)
-        own.finished(task)
-        assert not log.trials
+        log.finished(task)
+        assert not told(log)
     finish(store, trial.results[-1])
-    own.finished(trial.results[-1])
-    assert log.trials == [(trial.label, METRICS, None)]
+    log.finished(trial.results[-1])
+    assert told(log) == [(trial.label, METRICS, None)]
 
 
 def test_a_run_can_be_filtered_and_tells_its_data_and_has_pictures(sweep):
     plan, store, listener = sweep
     finish(store, *(task for trial in plan.trials for task in trial.results))
-    log = Log()
-    listener(log)
+    *_, last = listener().ended()
+    assert last.key == plan.trials[-1].key
+    run = last.describe()
     scene = plan.trials[-1].scenes[0]
-    assert log.about["tags"] | {"folder": "log"} == {
+    assert run.tags | {"folder": "log"} == {
         "placement": "square",
         "detector": "pointpillars_tiny",
         "seed": 0,
         "scene": "log",
         "folder": "log",
     }
-    assert [(d.name, d.digest, d.context, d.profile) for d in log.about["datasets"]] == [
+    assert [(d.name, d.digest, d.context, d.profile) for d in run.datasets] == [
         ("log train", scene.key, "train", {"frames": 3}),
         ("log test", scene.key, "test", {"frames": 1}),
     ]
-    assert [path.name for path in log.about["files"]] == ["placement.png", "precision_recall.png"]
-    for path in log.about["files"]:
+    assert [path.name for path in run.files] == ["placement.png", "precision_recall.png"]
+    for path in run.files:
         width, height = struct.unpack(">II", path.read_bytes()[16:24])  # of a PNG
         assert width > 500
         assert height > 250
 
 
-def test_what_was_there_is_logged_unless_mlflow_has_it(sweep):
+def test_what_was_there_has_ended_at_once(sweep):
     plan, store, listener = sweep
     for trial in plan.trials[:2]:
         finish(store, *trial.results)
-    log = Log(settled=[plan.trials[0].key])
-    listener(log)
-    assert [name for name, *_ in log.trials] == [plan.trials[1].label]
+    assert [name for name, *_ in told(listener())] == [trial.label for trial in plan.trials[:2]]
 
 
-def test_what_another_driver_finished_meanwhile_is_logged_too(sweep):
+def test_what_another_driver_finished_meanwhile_is_told_at_the_end(sweep):
     plan, store, listener = sweep
-    log = Log()
-    own = listener(log)
+    log = listener()
     for trial in plan.trials[:2]:
         finish(store, *trial.results)
-    own.log_rest({})
-    assert [name for name, *_ in log.trials] == [trial.label for trial in plan.trials[:2]]
+    log.end({})
+    assert [name for name, *_ in told(log)] == [trial.label for trial in plan.trials[:2]]
 
 
 def test_failures_have_their_reason_and_the_surrogates_that_are_known(sweep):
     plan, store, listener = sweep
-    log = Log()
-    own = listener(log)
+    log = listener()
     finish(store, plan.trials[0].surrogates)
-    own.log_rest({plan.trials[0].finetune.key: Failure("the loss is nan")})
-    assert log.trials == [(plan.trials[0].label, {"surrogate.s_mig.Car": -2.0}, "the loss is nan")]
+    log.end({plan.trials[0].finetune.key: Failure("the loss is nan")})
+    assert told(log) == [(plan.trials[0].label, {"surrogate.s_mig.Car": -2.0}, "the loss is nan")]

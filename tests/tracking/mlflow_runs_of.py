@@ -9,12 +9,15 @@ import sys
 import tempfile
 import time
 import urllib.request
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
+
+from tracking.mlflow.content import EndedTrial, ParentRun, TrialRun
+from tracking.mlflow.log import SweepLog
 
 CURVE = pd.DataFrame({"epoch": [1, 2, 3], "metric": "loss", "value": [3.0, 2.0, 1.5]})
 
@@ -37,14 +40,33 @@ def new_store(folder: Path) -> str:
     return f"sqlite:///{folder}/mlflow.db"
 
 
-def log_trial(log: Any, seed: int) -> None:
-    log.trial(
+def trial(key: str, error: str | None = None, **content: Any) -> EndedTrial:
+    """A trial whose run has its key as name, unless `content` says otherwise."""
+    own = {"name": key, "params": {}, "metrics": {}, "ended": 1_700_000_000_000} | content
+    return EndedTrial(key, lambda: TrialRun(**own), error)
+
+
+def trial_of(seed: int) -> EndedTrial:
+    return trial(
         f"t{seed}",
-        f"line · tiny · seed {seed}",
-        {"seed": seed, "detector": "tiny"},
-        {"AP_R40_3D.Car.0.70": 60.0 + seed, "recall.all.0.50": float("nan")},
-        CURVE,
+        name=f"line · tiny · seed {seed}",
+        params={"seed": seed, "detector": "tiny"},
+        metrics={"AP_R40_3D.Car.0.70": 60.0 + seed, "recall.all.0.50": float("nan")},
+        curve=CURVE,
     )
+
+
+def logging(uri: str, folder: Path, trials: Sequence[EndedTrial] = (), **about: Any) -> SweepLog:
+    """A log of the sweep `demo`, which `trials` have ended of.
+
+    Args:
+        about: of the parent run, `say` and `patience_s`.
+    """
+    own = {name: about.pop(name) for name in ("say", "patience_s") if name in about}
+    parent = ParentRun(**{"key": "k1", "name": "demo", "params": {}} | about)
+    log = SweepLog(uri, parent, folder=folder, **own)
+    log.follow(lambda: trials)
+    return log
 
 
 def runs_of(uri: str, name: str = "demo") -> dict[str, Any]:
@@ -71,7 +93,7 @@ def points_of(uri: str, run: Any) -> list[tuple[str, int, float]]:
 
 
 def assert_logged_once(uri: str, seeds: range, name: str = "demo") -> None:
-    """The parent and exactly one run for each of the `log_trial`s."""
+    """The parent and exactly one run for each `trial_of`."""
     runs = runs_of(uri, name)
     parent = runs.pop(name)
     assert parent.info.status == "FINISHED"

@@ -12,12 +12,11 @@ from unittest.mock import patch
 
 import pytest
 import requests
-from mlflow_runs_of import free_port, new_store
+from mlflow_runs_of import free_port, logging, new_store, trial
 from typer.testing import CliRunner
 
 from tests.forked import GUARD_S
 from tracking.dashboard import app, server
-from tracking.mlflow.log import SweepLog
 
 COLUMNS = ["metrics.AP_R40_3D.Car.0.70", "metrics.seconds"]
 
@@ -27,11 +26,18 @@ def runs(tmp_path_factory) -> Path:
     """A folder with the database of a sweep of three trials, and the folder of the sweep."""
     folder = tmp_path_factory.mktemp("runs")
     uri = new_store(folder / "store")
-    journal = folder / "demo" / "mlflow.jsonl"
-    with SweepLog(uri, "demo", "k1", {}, journal=journal, columns=COLUMNS) as log:
-        for name, ap in (("line", 61.5), ("center", 70.25), ("square", 65.0)):
-            metrics = {"AP_R40_3D.Car.0.70": ap, "seconds": 9.0}
-            log.trial(name, f"{name} · tiny · seed 1", {}, metrics, tags={"placement": name})
+    (folder / "demo").mkdir()
+    ended = [
+        trial(
+            name,
+            name=f"{name} · tiny · seed 1",
+            metrics={"AP_R40_3D.Car.0.70": ap, "seconds": 9.0},
+            tags={"placement": name},
+        )
+        for name, ap in (("line", 61.5), ("center", 70.25), ("square", 65.0))
+    ]
+    with logging(uri, folder / "demo", ended, columns=COLUMNS):
+        pass
     (folder / "demo" / "sweep.json").write_text(json.dumps({"name": "demo", "tracking_uri": uri}))
     return folder
 

@@ -6,11 +6,11 @@ import json
 from pathlib import Path
 
 import pytest
-from mlflow_runs_of import new_store, runs_of, until
+from mlflow_runs_of import logging, new_store, runs_of, trial
 
-from tracking.mlflow.journal import Dataset, Journal, SampleEntry, TrialEntry
-from tracking.mlflow.log import SweepLog
+from tracking.mlflow.content import Dataset, Model
 from tracking.mlflow.page import VIEW_TAG
+from tracking.mlflow.samples import Sample, Samples
 
 DATA = [
     Dataset(
@@ -30,11 +30,6 @@ def uri(tmp_path) -> str:
 
 
 @pytest.fixture
-def journal(tmp_path) -> Path:
-    return tmp_path / "demo" / "mlflow.jsonl"
-
-
-@pytest.fixture
 def picture(tmp_path) -> Path:
     path = tmp_path / "placement.png"
     path.write_bytes(b"a picture")
@@ -47,23 +42,19 @@ def client(uri):
     return MlflowClient(tracking_uri=uri)
 
 
-def opened(uri, journal, **about):
-    return SweepLog(uri, "demo", "k1", {}, journal=journal, **about)
-
-
-def log_trial(log, picture, key="t1"):
-    log.trial(key, key, {}, {}, tags={"seed": 1}, datasets=DATA, files=[picture])
+def drawn(picture, key="t1"):
+    return trial(key, tags={"seed": 1}, datasets=DATA, files=[picture])
 
 
 def artifacts(uri, run):
     return [file.path for file in client(uri).list_artifacts(run.info.run_id)]
 
 
-def test_a_trial_has_tags_data_and_pictures(uri, journal, picture):
+def test_a_trial_has_tags_data_and_pictures(uri, tmp_path, picture):
     tags = {"mlflow.source.name": "run.py"}
     for _ in range(2):
-        with opened(uri, journal, tags=tags, note="**Run** again") as log:
-            log_trial(log, picture)
+        with logging(uri, tmp_path, [drawn(picture)], tags=tags, note="**Run** again"):
+            pass
     runs = runs_of(uri)
     parent, child = runs["demo"], runs["t1"]
     assert parent.data.tags["mlflow.note.content"] == "**Run** again"
@@ -78,55 +69,17 @@ def test_a_trial_has_tags_data_and_pictures(uri, journal, picture):
     assert artifacts(uri, parent) == []
 
 
-def test_a_driver_killed_before_the_picture_arrived_loses_none(uri, journal, picture):
-    """The journal has the trial, MLflow has its run, and nobody sent the picture."""
-    with opened(uri, journal):
+def test_a_trial_cut_before_its_picture_gets_it_and_has_its_data_once(uri, tmp_path, picture):
+    with logging(uri, tmp_path, [trial("t1", tags={"seed": 1}, datasets=DATA)]):
         pass
-    entry = TrialEntry(
-        sweep="k1",
-        key="t1",
-        run_name="t1",
-        time=1,
-        params={},
-        points=(),
-        error=None,
-        datasets=DATA,
-        files=(str(picture),),
-    )
-    lines = Journal(journal)
-    lines.append(entry)
-    with opened(uri, journal) as log:
-        own = log._runs["k1"]
-        until(lambda: not log.undelivered)
-        assert artifacts(uri, runs_of(uri)["t1"]) == ["placement.png"]
-        own.write(entry)  # once more changes nothing
-    assert len(runs_of(uri)["t1"].inputs.dataset_inputs) == 2
-
-
-def test_a_picture_that_is_gone_does_not_take_its_trial_with_it(uri, journal, picture, tmp_path):
-    journal.parent.mkdir()
-    gone = tmp_path / "gone.png"
-    lines = Journal(journal)
-    lines.append(
-        TrialEntry(
-            sweep="k1",
-            key="t1",
-            run_name="t1",
-            time=1,
-            params={},
-            points=(),
-            error=None,
-            files=(str(gone), str(picture)),
-        )
-    )
-    said = []
-    with opened(uri, journal, say=said.append) as log:
+    run = runs_of(uri)["t1"]
+    client(uri).update_run(run.info.run_id, status="RUNNING")
+    with logging(uri, tmp_path, [drawn(picture)]):
         pass
-    assert said == [f"MLflow: {gone} is gone, it is no longer logged"]
-    assert not log.refused
     run = runs_of(uri)["t1"]
     assert run.info.status == "FINISHED"
     assert artifacts(uri, run) == ["placement.png"]
+    assert len(run.inputs.dataset_inputs) == 2
 
 
 def samples(uri):
@@ -137,27 +90,40 @@ def samples(uri):
     ]
 
 
-def test_samples_go_on_after_a_stop_and_come_once(uri, journal):
-    with opened(uri, journal):
-        until(lambda: "demo" in runs_of(uri))
+def test_samples_go_on_after_a_stop_and_come_once(uri, tmp_path):
+    file = tmp_path / "system_metrics.jsonl"
+    with logging(uri, tmp_path):
         start = runs_of(uri)["demo"].info.start_time
 
-    def sample(second):
-        return SampleEntry(sweep="k1", time=start + 1000 * second, values={"system/cpu": second})
-
-    for seconds in ((1, 11), (1, 11, 21), (600,)):  # the second driver finds a journal again
-        lines = Journal(journal)
+    for seconds in ((1, 11), (1, 11, 21), (600,)):  # the second driver finds old ones again
+        left = Samples(file)
         for second in seconds:
-            lines.append(sample(second))
-        with opened(uri, journal):
+            left.add(Sample(start + 1000 * second, {"system/cpu": second}))
+        with logging(uri, tmp_path):
             pass
+        assert not file.exists()
     assert samples(uri) == [(1, 1), (11, 11), (21, 21), (600, 600)]
+    with logging(uri, tmp_path) as log:
+        log.sample({"system/memory": 7.0})
+    assert runs_of(uri)["demo"].data.metrics["system/memory"] == 7
 
 
-def test_the_view_of_the_page_is_the_experiments(uri, journal):
+def test_half_a_line_of_samples_is_skipped(tmp_path):
+    file = tmp_path / "system_metrics.jsonl"
+    written = [Sample(time, {"system/cpu": 0.1 + 0.2}) for time in (1, 2, 3)]
+    Samples(file).add(written[0])
+    whole = file.read_bytes()
+    Samples(file).add(written[1])
+    second = file.read_bytes()
+    for end in range(len(whole), len(second)):
+        file.write_bytes(second[:end])
+        Samples(file).add(written[2])
+        assert Samples(file).waiting() == [written[0], written[2]]
+
+
+def test_the_view_of_the_page_is_the_experiments(uri, tmp_path):
     columns = ["metrics.AP_R40_3D.Car.0.70", "params.scene.density"]
-    with opened(uri, journal, columns=columns, ascending=True, about="What it is") as log:
-        until(lambda: not log.undelivered)
+    with logging(uri, tmp_path, columns=columns, ascending=True, about="What it is") as log:
         page = log.page()
     experiment = client(uri).get_experiment_by_name("demo")
     parent = runs_of(uri)["demo"].info.run_id
@@ -176,14 +142,18 @@ def models(uri):
     return {m.tags["lidarplace.trial"]: m for m in client(uri).search_logged_models([experiment])}
 
 
-def test_the_best_model_is_logged_once_and_the_mark_moves(uri, journal, picture, tmp_path):
+@pytest.fixture
+def model(tmp_path) -> Path:
     folder = tmp_path / "model"
     folder.mkdir()
     (folder / "MLmodel").write_text("flavors: {}")
+    return folder
+
+
+def test_the_best_model_is_logged_once_and_the_mark_moves(uri, tmp_path, picture, model):
     for key in ("t1", "t1", "t2"):
-        with opened(uri, journal) as log:
-            log_trial(log, picture, key)
-            log.model(key, "second", folder, {"AP": 61.5})
+        with logging(uri, tmp_path, [drawn(picture, key)]) as log:
+            log.model(Model("second", key, model, {"AP": 61.5}))
         assert not log.refused
     found = models(uri)
     assert set(found) == {"t1", "t2"}
@@ -196,12 +166,9 @@ def test_the_best_model_is_logged_once_and_the_mark_moves(uri, journal, picture,
 
 
 @pytest.mark.parametrize("fails_in", ["log_model_artifacts", "log_outputs"])
-def test_a_model_cut_half_way_is_continued(uri, journal, picture, tmp_path, monkeypatch, fails_in):
+def test_a_model_cut_half_way_is_continued(uri, tmp_path, picture, model, monkeypatch, fails_in):
     from mlflow import MlflowClient
 
-    folder = tmp_path / "model"
-    folder.mkdir()
-    (folder / "MLmodel").write_text("flavors: {}")
     whole, broken = getattr(MlflowClient, fails_in), []
 
     def breaks(self, *arguments):
@@ -211,20 +178,19 @@ def test_a_model_cut_half_way_is_continued(uri, journal, picture, tmp_path, monk
             raise ConnectionError("reset by peer")
 
     monkeypatch.setattr(MlflowClient, fails_in, breaks)
-    with opened(uri, journal, say=str) as log:
-        log_trial(log, picture)
-        log.model("t1", "second", folder, {})
+    with logging(uri, tmp_path, [drawn(picture)], say=str) as log:
+        log.model(Model("second", "t1", model, {}))
     assert broken
     assert not log.refused
     experiment = client(uri).get_experiment_by_name("demo").experiment_id
-    (model,) = client(uri).search_logged_models([experiment])
-    assert model.status.value == "READY"
+    (found,) = client(uri).search_logged_models([experiment])
+    assert found.status.value == "READY"
     assert len(runs_of(uri)["t1"].outputs.model_outputs) == 1
 
 
-def test_a_model_without_a_run_is_refused(uri, journal, tmp_path):
+def test_a_model_without_a_run_is_refused(uri, tmp_path):
     said = []
-    with opened(uri, journal, say=said.append) as log:
-        log.model("t9", "second", tmp_path, {})
+    with logging(uri, tmp_path, say=said.append) as log:
+        log.model(Model("second", "t9", tmp_path, {}))
     assert log.refused == 1
     assert "trial t9 has no run" in said[0]

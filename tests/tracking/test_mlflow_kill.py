@@ -1,4 +1,4 @@
-"""A driver killed between any two statements of the log, and the next one that goes on."""
+"""A driver killed anywhere in the log, and the next one that goes on."""
 
 from __future__ import annotations
 
@@ -7,28 +7,38 @@ import os
 import random
 import signal
 import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
-from mlflow_runs_of import assert_logged_once, log_trial, new_store, runs_of
+import pytest
+from mlflow_runs_of import (
+    assert_logged_once,
+    free_port,
+    logging,
+    new_store,
+    runs_of,
+    start_server,
+    trial_of,
+)
 
-from tracking.mlflow import journal as journal_module
-from tracking.mlflow.log import SweepLog
+from tracking.mlflow.content import Model
+from tracking.mlflow.samples import Sample, Samples
 
 SEEDS = range(1, 5)
 KILLS = 5
+MOMENTS = [1_800_000_000_000 + 10_000 * i for i in range(3)]
 
 
-def log_all(uri: str, journal: Path) -> None:
-    with SweepLog(uri, "demo", "k1", {"epochs": 3}, journal=journal) as log:
-        for seed in SEEDS:
-            log_trial(log, seed)
-        log.sample({"system/cpu_utilization_percentage": 50.0})
-        log.artifact(journal.parent / "report.html")
-        log.model("t1", "tiny", journal.parent / "model", {"AP": 61.0})
+def log_all(uri: str, folder: Path) -> None:
+    with logging(uri, folder, [*map(trial_of, SEEDS)], params={"epochs": 3}) as log:
+        log.artifact(folder / "report.html")
+        log.model(Model("tiny", "t1", folder / "model", {"AP": 61.0}))
 
 
-def killed_driver(uri: str, journal: Path, steps: int) -> None:
-    """Log the sweep, and kill this process at a step: before a statement of SQL or after a sync."""
+def killed_driver(uri: str, folder: Path, steps: int) -> None:
+    """Log the sweep, and kill this process at a step: a statement of SQL, or a request."""
+    import requests
     from sqlalchemy import event
     from sqlalchemy.engine import Engine
 
@@ -40,47 +50,75 @@ def killed_driver(uri: str, journal: Path, steps: int) -> None:
         if not left:
             os.kill(os.getpid(), signal.SIGKILL)
 
-    sync = os.fsync
+    send = requests.Session.send
 
-    def synced(file: int) -> None:
-        sync(file)
+    def sent(*arguments: object, **named: object) -> object:
         step()
+        answer = send(*arguments, **named)
+        step()
+        return answer
 
-    journal_module.os.fsync = synced
+    requests.Session.send = sent
     event.listen(Engine, "before_cursor_execute", step)
     event.listen(Engine, "commit", step)
-    log_all(uri, journal)
+    log_all(uri, folder)
 
 
-def test_a_driver_killed_anywhere_loses_and_doubles_nothing(tmp_path):
+@contextmanager
+def served(store: str, folder: Path) -> Iterator[str]:
+    port = free_port()
+    server = start_server(store, port, folder)
+    try:
+        yield f"http://127.0.0.1:{port}"
+    finally:
+        os.killpg(server.pid, signal.SIGKILL)
+        server.wait(60)
+
+
+# Of all steps of a driver, and of those of one that finds nothing missing.
+@pytest.mark.parametrize(("through", "first", "further"), [("sqlite", 300, 80), ("server", 55, 20)])
+def test_a_driver_killed_anywhere_loses_and_doubles_nothing(tmp_path, through, first, further):
+    store = new_store(tmp_path / "store")
+    limits = [first] + [further] * (KILLS - 1)
+    if through == "sqlite":
+        killed_often(store, store, tmp_path, limits)
+    else:
+        with served(store, tmp_path) as address:
+            killed_often(address, store, tmp_path, limits)
+
+
+def killed_often(uri: str, store: str, folder: Path, limits: Sequence[int]) -> None:
     from mlflow import MlflowClient
 
-    uri = new_store(tmp_path / "store")
     processes = multiprocessing.get_context("forkserver")
     # What takes seconds to import, once for all drivers.
     heavy = ["mlflow.store.tracking.sqlalchemy_store", "mlflow.tracking", "tracking.mlflow.log"]
     processes.set_forkserver_preload(heavy)
-    journal = tmp_path / "demo" / "mlflow.jsonl"
-    journal.parent.mkdir()
-    (journal.parent / "report.html").write_text("<p>report</p>")
-    (journal.parent / "model").mkdir()
-    (journal.parent / "model" / "MLmodel").write_text("flavors: {}")
+    run = folder / "demo"
+    run.mkdir()
+    (run / "report.html").write_text("<p>report</p>")
+    (run / "model").mkdir()
+    (run / "model" / "MLmodel").write_text("flavors: {}")
+    for moment in MOMENTS:
+        Samples(run / "system_metrics.jsonl").add(Sample(moment, {"system/cpu": 50.0}))
     chance = random.Random(6)
-    for _ in range(KILLS):
-        driver = processes.Process(
-            target=killed_driver, args=(uri, journal, chance.randrange(1, 120))
-        )
+    for limit in limits:
+        step = chance.randrange(1, limit)
+        driver = processes.Process(target=killed_driver, args=(uri, run, step))
         driver.start()
-        driver.join(120)
+        driver.join(240)
         assert driver.exitcode == -signal.SIGKILL
-    log_all(uri, journal)
-    assert_logged_once(uri, SEEDS)
-    assert runs_of(uri)["demo"].data.params == {"epochs": "3"}
-    assert not journal.exists()
-    files = [path.name for path in (tmp_path / "store" / "artifacts").rglob("*.html")]
+    log_all(uri, run)
+    assert_logged_once(store, SEEDS)
+    parent = runs_of(store)["demo"]
+    assert parent.data.params == {"epochs": "3"}
+    assert not (run / "system_metrics.jsonl").exists()
+    mlflow = MlflowClient(tracking_uri=store)
+    samples = mlflow.get_metric_history(parent.info.run_id, "system/cpu")
+    assert [point.timestamp for point in samples] == MOMENTS
+    files = [path.name for path in folder.rglob("artifacts/**/*.html")]
     assert files == ["report.html"]
-    mlflow = MlflowClient(tracking_uri=uri)
-    (model,) = mlflow.search_logged_models([runs_of(uri)["demo"].info.experiment_id])
+    (model,) = mlflow.search_logged_models([parent.info.experiment_id])
     assert (model.status.value, model.tags["lidarplace.best"]) == ("READY", "true")
-    with sqlite3.connect(uri.removeprefix("sqlite:///")) as database:
+    with sqlite3.connect(store.removeprefix("sqlite:///")) as database:
         assert database.execute("PRAGMA integrity_check").fetchone() == ("ok",)

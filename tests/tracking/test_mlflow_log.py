@@ -1,4 +1,4 @@
-"""A sweep in MLflow: found again, continued, never logged twice."""
+"""A sweep in MLflow: found again, completed, never logged twice."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ import socket
 import sys
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from pathlib import Path
-from threading import Thread
+from threading import Event, Thread
 
 import numpy as np
 import pytest
@@ -16,17 +15,26 @@ import requests
 from mlflow_runs_of import (
     CURVE,
     assert_logged_once,
-    log_trial,
+    logging,
     new_store,
     runs_of,
+    trial,
+    trial_of,
     until,
 )
 
 from lidarplace.files.secret_urls import public_url
+from tracking.mlflow import log as mlflow_log
 from tracking.mlflow.connection import is_away
-from tracking.mlflow.journal import Journal, RefusedEntry
-from tracking.mlflow.log import SweepLog, trial_metrics, ui_command
+from tracking.mlflow.content import EndedTrial, trial_metrics
+from tracking.mlflow.uri import ui_command
 from tracking.run_folders.sweep import RunFolder
+
+
+@pytest.fixture(autouse=True)
+def short_pauses(monkeypatch):
+    monkeypatch.setattr(mlflow_log, "LOOK_S", 0.02)
+    monkeypatch.setattr(mlflow_log, "FIRST_PAUSE_S", 0.01)
 
 
 @pytest.fixture
@@ -46,31 +54,25 @@ def http_error(status):
     return requests.HTTPError(response=response)
 
 
-@pytest.fixture
-def journal(tmp_path) -> Path:
-    return tmp_path / "demo" / "mlflow.jsonl"
-
-
-def log_two(uri, journal, key="k1"):
-    with SweepLog(uri, "demo", key, {"epochs": 3}, journal=journal) as log:
-        for seed in (1, 2):
-            log_trial(log, seed)
+def log_two(uri, folder, **about):
+    with logging(uri, folder, [trial_of(1), trial_of(2)], params={"epochs": 3}, **about) as log:
+        pass
     assert (log.undelivered, log.refused) == (0, 0)
-    assert not journal.exists()
 
 
-def test_a_sweep_is_a_parent_and_a_child_a_trial(uri, journal, tmp_path):
+def test_a_sweep_is_a_parent_and_a_child_a_trial(uri, tmp_path):
     figure = tmp_path / "report.html"
     figure.write_text("<p>report</p>")
-    with SweepLog(uri, "demo", "k1", {"epochs": 3}, journal=journal) as log:
-        metrics = {"seconds": 2.5, "recall.all.0.50": np.nan}
-        log.trial("t1", "line · tiny · seed 1", {"seed": 1}, metrics, CURVE)
+    metrics = {"seconds": 2.5, "recall.all.0.50": np.nan}
+    one = trial("t1", name="line", params={"seed": 1}, metrics=metrics, curve=CURVE, ended=10_000)
+    with logging(uri, tmp_path, [one], params={"epochs": 3}) as log:
         log.artifact(figure)
     runs = runs_of(uri)
-    parent, child = runs["demo"], runs["line · tiny · seed 1"]
+    parent, child = runs["demo"], runs["line"]
     assert parent.data.params == {"epochs": "3"}
     assert child.data.tags["mlflow.parentRunId"] == parent.info.run_id
     assert child.data.metrics == {"seconds": 2.5, "loss": 1.5}
+    assert (child.info.start_time, child.info.end_time) == (7500, 10_000)
     assert {run.info.status for run in runs.values()} == {"FINISHED"}
     history = client(uri).get_metric_history(child.info.run_id, "loss")
     assert [(point.step, point.value) for point in history] == [(1, 3.0), (2, 2.0), (3, 1.5)]
@@ -78,17 +80,25 @@ def test_a_sweep_is_a_parent_and_a_child_a_trial(uri, journal, tmp_path):
     assert files == ["report.html"]
 
 
-def test_the_parent_runs_in_the_block(uri, journal):
-    log_two(uri, journal)
-    with SweepLog(uri, "demo", "k1", {"epochs": 3}, journal=journal) as log:
-        until(lambda: not log.undelivered)
+def test_the_parent_runs_in_the_block_and_trials_are_seen_as_they_end(uri, tmp_path):
+    log_two(uri, tmp_path)
+    ended = [trial_of(1), trial_of(2)]
+    with logging(uri, tmp_path, ended, params={"epochs": 3}):
         assert runs_of(uri)["demo"].info.status == "RUNNING"
+        ended.append(trial_of(3))
+        until(lambda: "line · tiny · seed 3" in runs_of(uri))
+        assert runs_of(uri)["demo"].info.status == "RUNNING"
+    assert_logged_once(uri, range(1, 4))
 
 
-def test_a_resumed_sweep_doubles_nothing(uri, journal):
-    log_two(uri, journal)
+def test_a_resumed_sweep_doubles_nothing_and_asks_for_nothing_that_is_there(uri, tmp_path):
+    log_two(uri, tmp_path)
     before = runs_of(uri)
-    log_two(uri, journal)
+    asked = []
+    again = [EndedTrial(f"t{seed}", lambda: asked.append(1)) for seed in (1, 2)]
+    with logging(uri, tmp_path, again, params={"epochs": 3}):
+        pass
+    assert not asked
     assert_logged_once(uri, range(1, 3))
     assert {run.info.run_id for run in runs_of(uri).values()} == {
         run.info.run_id for run in before.values()
@@ -96,9 +106,9 @@ def test_a_resumed_sweep_doubles_nothing(uri, journal):
 
 
 @pytest.mark.parametrize("fails_in", ["create_run", "log_batch", "set_terminated"])
-def test_a_trial_cut_half_way_is_continued(uri, journal, monkeypatch, fails_in):
+def test_a_trial_cut_half_way_is_continued(uri, tmp_path, monkeypatch, fails_in):
     """The connection breaks when a call has been carried out, in part, and not been answered."""
-    log_two(uri, journal)
+    log_two(uri, tmp_path)
     from mlflow import MlflowClient
 
     whole = getattr(MlflowClient, fails_in)
@@ -114,37 +124,37 @@ def test_a_trial_cut_half_way_is_continued(uri, journal, monkeypatch, fails_in):
         whole(self, *arguments, **named)
         raise ConnectionError("reset by peer")
 
-    with SweepLog(uri, "demo", "k1", {"epochs": 3}, journal=journal, say=said.append) as log:
-        until(lambda: not log.undelivered)
+    ended = []
+    with logging(uri, tmp_path, ended, params={"epochs": 3}, say=said.append):
         monkeypatch.setattr(MlflowClient, fails_in, breaks)
-        log_trial(log, 3)
+        ended.append(trial_of(3))
     assert broken
-    assert len(said) == 2
-    assert "is away, the sweep goes on, entries wait in" in said[0]
-    assert "reset by peer" in said[0]
-    assert said[1] == f"MLflow at {uri} is back"
+    assert said == [
+        f"MLflow at {uri} is away, the sweep goes on: reset by peer",
+        f"MLflow at {uri} is back",
+    ]
     assert_logged_once(uri, range(1, 4))
 
 
-def test_of_two_runs_of_a_trial_one_stays(uri, journal):
+def test_of_two_runs_of_a_trial_one_stays(uri, tmp_path):
     """A server that answers too late may carry out a call that was given up and made again."""
-    log_two(uri, journal)
+    log_two(uri, tmp_path)
     mlflow = client(uri)
     first = runs_of(uri)["line · tiny · seed 1"]
     tags = {k: v for k, v in first.data.tags.items() if k.startswith(("lidarplace", "mlflow.p"))}
     mlflow.create_run(first.info.experiment_id, 1, tags, first.info.run_name)
-    log_two(uri, journal)
+    log_two(uri, tmp_path)
     assert runs_of(uri)["line · tiny · seed 1"].info.run_id == first.info.run_id
 
 
-def test_of_two_parents_the_oldest_stays_and_has_all_trials(uri, journal):
+def test_of_two_parents_the_oldest_stays_and_has_all_trials(uri, tmp_path):
     """The lost call was carried out late: what was made in its place has the trials."""
-    log_two(uri, journal)
+    log_two(uri, tmp_path)
     mlflow = client(uri)
     second = runs_of(uri)["demo"]
     mine = {"lidarplace.sweep": "k1"}
     first = mlflow.create_run(second.info.experiment_id, 1, mine, "demo")
-    log_two(uri, journal)
+    log_two(uri, tmp_path)
     runs = runs_of(uri)
     assert runs.pop("demo").info.run_id == first.info.run_id
     assert {run.data.tags["mlflow.parentRunId"] for run in runs.values()} == {first.info.run_id}
@@ -152,55 +162,67 @@ def test_of_two_parents_the_oldest_stays_and_has_all_trials(uri, journal):
     assert mlflow.get_run(second.info.run_id).info.lifecycle_stage == "deleted"
 
 
-def test_a_failed_trial_is_marked_and_may_succeed_later(uri, journal):
-    with SweepLog(uri, "demo", "k1", {}, journal=journal) as log:
-        log.trial("t1", "line", {}, {}, error="ValueError: no box")
-    failed = runs_of(uri)["line"]
-    assert failed.info.status == "FAILED"
-    assert failed.data.tags["lidarplace.error"] == "ValueError: no box"
-    with SweepLog(uri, "demo", "k1", {}, journal=journal) as log:
-        log.trial("t1", "line", {}, {}, error="ValueError: no box")  # fails once more
-        log.trial("t1", "line", {"seed": 1}, {"seconds": 1.0})
+def test_a_failed_trial_is_marked_and_may_succeed_later(uri, tmp_path):
+    reason = "ValueError: no box" + 6000 * "!"
+    for _ in range(2):
+        with logging(uri, tmp_path, [trial("line", reason)]):
+            pass
+        failed = runs_of(uri)["line"]
+        assert failed.info.status == "FAILED"
+        assert failed.data.tags["lidarplace.error"] == reason[:5000]
+    with logging(uri, tmp_path, [trial("line", "another")]):
+        pass
+    assert runs_of(uri)["line"].data.tags["lidarplace.error"] == "another"
+    good = trial("line", params={"seed": 1}, metrics={"seconds": 1.0})
+    with logging(uri, tmp_path, [good]):
+        pass
     run = runs_of(uri)["line"]
     assert run.info.run_id == failed.info.run_id
     assert run.info.status == "FINISHED"
+    assert run.info.end_time - run.info.start_time == 1000
     assert run.data.params == {"seed": "1"}
     assert "lidarplace.error" not in run.data.tags
+    with logging(uri, tmp_path, [trial("line", "no more")]):  # what is finished stays
+        pass
+    assert runs_of(uri)["line"].info.status == "FINISHED"
 
 
 @pytest.mark.parametrize(
     ("error", "status"), [(RuntimeError, "FAILED"), (KeyboardInterrupt, "KILLED")]
 )
-def test_an_exception_shows_at_the_parent(uri, journal, error, status):
-    with pytest.raises(error), SweepLog(uri, "demo", "k1", {}, journal=journal):
+def test_an_exception_shows_at_the_parent(uri, tmp_path, error, status):
+    with pytest.raises(error), logging(uri, tmp_path, [trial_of(1)]):
         raise error
-    assert runs_of(uri)["demo"].info.status == status
+    runs = runs_of(uri)
+    assert runs["demo"].info.status == status
+    assert runs["line · tiny · seed 1"].info.status == "FINISHED"
 
 
-def test_more_params_and_metrics_than_one_batch_takes(uri, journal):
+def test_more_params_and_metrics_than_one_batch_takes(uri, tmp_path):
     params = {f"p{i}": i for i in range(150)}
     metrics = {f"m{i}": float(i) for i in range(1100)}
     for _ in range(2):
-        with SweepLog(uri, "demo", "k1", params, journal=journal) as log:
-            log.trial("t1", "line", params, metrics)
+        one = trial("line", params=params, metrics=metrics)
+        with logging(uri, tmp_path, [one], params=params):
+            pass
     run = runs_of(uri)["line"]
     assert len(run.data.params) == 150
     assert run.data.metrics == metrics
 
 
-def test_what_mlflow_refuses_does_not_hold_up_the_rest(uri, journal):
+def test_what_mlflow_refuses_does_not_hold_up_the_rest_and_is_tried_again(uri, tmp_path):
     said = []
-    with SweepLog(uri, "demo", "k1", {}, journal=journal, say=said.append) as log:
-        log.trial("worse", "worse", {}, {"no such\nname": 1.0})
-        log.trial("bad", "bad", {}, {}, error="ValueError: no box")
-        log.trial("bad", "bad", {}, {"no such\nname": 1.0})
-        log.artifact(journal.parent / "missing.html")
-        log_trial(log, 1)
+    bad = {"no such\nname": 1.0}
+    with logging(uri, tmp_path, [trial("bad", "ValueError: no box")]):
+        pass
+    ended = [trial("worse", metrics=bad), trial("bad", metrics=bad), trial_of(1)]
+    with logging(uri, tmp_path, ended, say=said.append) as log:
+        log.artifact(tmp_path / "missing.html")
     assert (log.undelivered, log.refused) == (0, 3)
-    assert [line.split(", kept in")[0] for line in said] == [
+    assert [line.split(", the same command tries again: ")[0] for line in said] == [
         "MLflow refuses 'worse'",
         "MLflow refuses 'bad'",
-        "MLflow refuses 'artifact'",
+        f"MLflow refuses '{tmp_path / 'missing.html'}'",
     ]
     assert "Invalid value" in said[0]
     assert "missing.html is gone" in said[2]
@@ -208,35 +230,88 @@ def test_what_mlflow_refuses_does_not_hold_up_the_rest(uri, journal):
     assert runs["line · tiny · seed 1"].info.status == "FINISHED"
     assert runs["demo"].info.status == "FINISHED"
     assert runs["worse"].info.status == "FAILED"
-    refused = [entry for entry in Journal(journal).entries if isinstance(entry, RefusedEntry)]
-    assert [entry.entry.kind for entry in refused] == ["trial", "trial", "artifact"]
-    # The cause was mended: the next driver delivers them, and the journal goes.
-    journal.write_text(journal.read_text().replace("no such\\nname", "a name"))
-    (journal.parent / "missing.html").touch()
-    log_two(uri, journal, "k2")
-    assert runs_of_key(uri, "k1")["bad"].data.metrics == {"a name": 1.0}
+    assert "Invalid value" in runs["worse"].data.tags["lidarplace.refused"]
+    # The cause was mended.
+    good = {"a name": 1.0}
+    ended = [trial("worse", metrics=good), trial("bad", metrics=good), trial_of(1)]
+    with logging(uri, tmp_path, ended) as log:
+        pass
+    assert (log.undelivered, log.refused) == (0, 0)
+    runs = runs_of(uri)
+    assert {run.info.status for run in runs.values()} == {"FINISHED"}
+    for name in ("worse", "bad"):
+        assert runs[name].data.metrics == good
+        assert not {"lidarplace.refused", "lidarplace.error"} & set(runs[name].data.tags)
 
 
-def test_artifacts_that_cannot_be_written_hold_up_nothing(uri, journal, tmp_path):
+def test_artifacts_that_cannot_be_written_hold_up_nothing(uri, tmp_path):
     root = tmp_path / "store" / "artifacts"
     root.write_text("a file where a folder should be")
     report = tmp_path / "report.html"
     report.write_text("<p>report</p>")
+    picture = tmp_path / "placement.png"
+    picture.write_bytes(b"a picture")
+    drawn = trial("drawn", files=[picture], metrics={"seconds": 1.0})
     said = []
-    for seed in (1, 2):  # the second driver tries the artifact again, and goes on
-        with SweepLog(uri, "demo", "k1", {}, journal=journal, say=said.append, patience_s=5) as log:
+    for seeds in ([1], [1, 2]):  # the second driver tries the artifacts again, and goes on
+        ended = [drawn, *map(trial_of, seeds)]
+        with logging(uri, tmp_path, ended, say=said.append, patience_s=5) as log:
             log.artifact(report)
-            log_trial(log, seed)
-        assert (log.undelivered, log.refused) == (0, seed)
-    assert_logged_once(uri, range(1, 3))
-    assert len(said) == 3
-    assert all(line.startswith("MLflow refuses 'artifact', kept in") for line in said)
+        assert (log.undelivered, log.refused) == (0, 2)
+    runs = runs_of(uri)
+    assert {run.info.status for run in runs.values()} == {"FINISHED"}
+    assert runs["drawn"].data.metrics == {"seconds": 1.0}
+    assert "Errno" in runs["drawn"].data.tags["lidarplace.refused"]
+    assert len(said) == 4
+    assert all(line.startswith("MLflow refuses ") for line in said)
     assert "Errno" in said[0]
     root.unlink()
-    with SweepLog(uri, "demo", "k1", {}, journal=journal) as log:
+    with logging(uri, tmp_path, ended) as log:
+        log.artifact(report)
+    assert (log.undelivered, log.refused) == (0, 0)
+    assert sorted(path.name for path in root.rglob("*.*")) == ["placement.png", "report.html"]
+    run = runs_of(uri)["drawn"]
+    assert "lidarplace.refused" not in run.data.tags
+    assert run.data.metrics == {"seconds": 1.0}
+
+
+def test_a_trial_that_cannot_be_told_ends_the_sweep_and_no_other(uri, tmp_path):
+    def tell():
+        raise FileNotFoundError("the result is gone")
+
+    log = logging(uri, tmp_path, [trial_of(1), EndedTrial("gone", tell)])
+
+    def held():
+        with log:
+            until(lambda: log._broken is not None)
+            with pytest.raises(FileNotFoundError):
+                log.hold()
+
+    with pytest.raises(FileNotFoundError):
+        held()
+    assert runs_of(uri)["demo"].info.status == "FAILED"
+    with logging(uri, tmp_path, [trial_of(1)]):
         pass
-    assert not journal.exists()
-    assert [path.name for path in root.rglob("*.html")] == ["report.html"]
+    assert_logged_once(uri, range(1, 2))
+
+
+def test_nobody_is_asked_while_the_log_is_held(uri, tmp_path):
+    begun, asked = Event(), []
+
+    def ended():
+        asked.append(1)
+        begun.set()
+        return [trial_of(1)]
+
+    with logging(uri, tmp_path) as log:
+        log.follow(ended)
+        assert begun.wait(60)
+        log.hold()
+        before = len(asked)
+        log.artifact(tmp_path / "missing.html")
+        until(lambda: log.refused == 1)  # a look without a question
+        assert len(asked) == before
+    assert len(asked) > before
 
 
 @pytest.mark.parametrize(
@@ -257,25 +332,6 @@ def test_what_stops_an_artifact_for_a_while_and_what_for_good(error, away):
     assert is_away(error, "http://host:5000") == away
 
 
-def test_an_artifact_that_is_gone_is_dropped_when_the_journal_is_opened(uri, journal, tmp_path):
-    report = tmp_path / "report.html"
-    report.write_text("<p>report</p>")
-    with (
-        answering(503) as address,
-        SweepLog(address, "demo", "k1", {}, journal=journal, say=str, patience_s=0) as log,
-    ):
-        log.artifact(report)
-        log_trial(log, 1)
-    report.unlink()
-    said = []
-    with SweepLog(uri, "demo", "k1", {}, journal=journal, say=said.append) as log:
-        pass
-    assert said == [f"MLflow: {report} is gone, it is no longer logged"]
-    assert (log.undelivered, log.refused) == (0, 0)
-    assert not journal.exists()
-    assert_logged_once(uri, range(1, 2))
-
-
 def runs_of_key(uri, key):
     mlflow = client(uri)
     experiment = mlflow.get_experiment_by_name("demo")
@@ -283,9 +339,9 @@ def runs_of_key(uri, key):
     return {run.info.run_name: run for run in found}
 
 
-def test_two_sweeps_share_an_experiment(uri, journal):
-    log_two(uri, journal, "k1")
-    log_two(uri, journal, "k2")
+def test_two_sweeps_share_an_experiment(uri, tmp_path):
+    log_two(uri, tmp_path, key="k1")
+    log_two(uri, tmp_path, key="k2")
     for key in ("k1", "k2"):
         assert len(runs_of_key(uri, key)) == 3
 
@@ -311,34 +367,50 @@ def answering(status):
 
 
 @pytest.mark.parametrize("status", [429, 500, 502, 503])
-def test_a_server_in_trouble_is_away(journal, status):
+def test_a_server_in_trouble_is_away(tmp_path, status):
     said = []
     with (
         answering(status) as address,
-        SweepLog(address, "demo", "k1", {}, journal=journal, say=said.append, patience_s=0) as log,
+        logging(address, tmp_path, [trial_of(1)], say=said.append, patience_s=0.1) as log,
     ):
-        log_trial(log, 1)
+        log.artifact(tmp_path / "report.html")
     assert log.undelivered == 3
-    assert " is away, the sweep goes on, entries wait in " in said[0]
+    assert " is away, the sweep goes on: " in said[0]
+    assert said[1:] == [
+        "MLflow has not got 3 runs, files or models; the same command delivers them"
+    ]
     assert "s3cret" not in "".join(said)
-    kinds = [entry.kind for entry in Journal(journal).entries]
-    assert kinds == ["sweep", "status", "trial", "status"]
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("status", [401, 403, 404])
-def test_a_server_that_will_not_have_the_sweep_is_a_mistake(journal, status):
+def test_a_server_that_will_not_have_the_sweep_is_a_mistake(tmp_path, status):
     with (
         answering(status) as address,
         pytest.raises(ValueError, match=f"me:\\*\\*\\*@127.*{status}"),
-        SweepLog(address, "demo", "k1", {}, journal=journal),
+        logging(address, tmp_path),
     ):
         pass
-    assert not journal.exists()
 
 
-def test_mistakes_have_clear_errors(uri, journal, tmp_path, monkeypatch):
-    def opened(uri, key="k1", params=None):
-        with SweepLog(uri, "demo", key, params or {}, journal=journal):
+def test_a_server_that_does_not_answer_holds_up_nothing(tmp_path, monkeypatch):
+    """It takes the connection, and that is all."""
+    monkeypatch.setattr(mlflow_log, "_OPENS_WITHIN_S", 0.1)
+    said = []
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.listen()
+        address = f"http://127.0.0.1:{listener.getsockname()[1]}"
+        with logging(address, tmp_path, [trial_of(1)], say=said.append, patience_s=0.1) as log:
+            pass
+    assert log.undelivered == 2
+    assert [line.partition(": ")[2] for line in said[:1]] == ["no answer for 0.1 s"]
+    assert said[1].startswith("MLflow has not got 2 runs")
+
+
+def test_mistakes_have_clear_errors(uri, tmp_path, monkeypatch):
+    def opened(uri, **about):
+        with logging(uri, tmp_path, **about):
             pass
 
     with pytest.raises(
@@ -347,8 +419,8 @@ def test_mistakes_have_clear_errors(uri, journal, tmp_path, monkeypatch):
         opened("./mlruns")
     with pytest.raises(ValueError, match="found 'file:mlruns'"):
         ui_command("file:mlruns")
-    with pytest.raises(ValueError, match="sweep_key may have letters"):
-        opened(uri, "k'1")
+    with pytest.raises(ValueError, match="key of a sweep: may have letters"):
+        opened(uri, key="k'1")
     (tmp_path / "file").write_text("no database, and longer than a header of one " * 9)
     with pytest.raises(ValueError, match="file: file is not a database"):
         opened(f"sqlite:///{tmp_path}/file")
@@ -361,7 +433,7 @@ def test_mistakes_have_clear_errors(uri, journal, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "psycopg2", None)
     with pytest.raises(ValueError, match=r"u:\*\*\*@h/db needs the package psycopg2: pip install"):
         opened("postgresql://u:secret@h/db")
-    log_two(uri, journal)
+    log_two(uri, tmp_path)
     with pytest.raises(ValueError, match="has epochs = 3, now it is 4: a resumed sweep cannot"):
         opened(uri, params={"epochs": 4})
     mlflow = client(uri)

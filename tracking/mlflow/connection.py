@@ -17,6 +17,10 @@ from lidarplace.optional import needs
 from tracking.mlflow.uri import is_server, sqlite_file
 
 
+class Away(Exception):
+    """MLflow cannot be reached now; what was sent may or may not have arrived."""
+
+
 def connect(uri: str) -> Any:
     """An MLflow client. Fails at once where MLflow itself would try for minutes.
 
@@ -82,7 +86,7 @@ def _try_database(uri: str) -> None:
 def _sync_less(connection: Any, _record: Any) -> None:
     """Let SQLite wait for the disk once a commit, not three times: MLflow commits often.
 
-    A killed process loses nothing by it; what a power cut takes back comes from the journal again.
+    A killed process loses nothing by it; what a power cut takes back is found missing again.
     """
     if isinstance(connection, sqlite3.Connection):
         connection.execute("PRAGMA synchronous = NORMAL")

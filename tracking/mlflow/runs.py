@@ -1,65 +1,71 @@
-"""The runs of one sweep at MLflow: found again by tags, so that nothing is written twice."""
+"""The runs of one sweep at MLflow: found again by tags, and completed, so that none is doubled."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from lidarplace.files.secret_urls import public_url
 from tracking.mlflow.connection import (
+    Away,
     connect,
     is_away,
     is_forbidden,
     is_server_error,
     reason,
 )
-from tracking.mlflow.delivery import Away
-from tracking.mlflow.journal import (
-    ArtifactEntry,
-    Dataset,
-    Entry,
-    ModelEntry,
-    SampleEntry,
-    StatusEntry,
-    SweepEntry,
-    TrialEntry,
-)
+from tracking.mlflow.content import Dataset, EndedTrial, Model, ParentRun, TrialRun
 from tracking.mlflow.models import write_model
 from tracking.mlflow.page import NOTE_TAG, VIEW_TAG, page_of, view
+from tracking.mlflow.samples import Sample
 from tracking.mlflow.uri import is_server
 
 SWEEP_TAG = "lidarplace.sweep"
 TRIAL_TAG = "lidarplace.trial"
 ERROR_TAG = "lidarplace.error"
+REFUSED_TAG = "lidarplace.refused"
+"""What MLflow did not take of a run, which is tried again."""
 PARENT_TAG = "mlflow.parentRunId"
+_LONGEST_REASON = 5000
+"""Characters of a tag."""
 
 
 class SweepRuns:
-    """Writes entries to the parent run and the child runs of a sweep.
+    """The parent run and the child runs of a sweep.
 
-    A trial that is finished is left alone; one that was cut half way, or failed, continues in its
-    run, and what was logged of it is not logged again. So any entry may be written again.
+    A trial's run ends last of all, so one that has ended has everything, and any other is
+    completed: what is there of it is not logged again. So everything may be written again.
+
+    All methods that write raise Away when it may or may not be written, after which `open` finds
+    out, and anything else for what MLflow does not take.
 
     Args:
         uri: absolute.
         artifacts: where a new experiment keeps artifacts if MLflow writes to a database itself.
     """
 
-    def __init__(self, uri: str, sweep: SweepEntry, artifacts: Path) -> None:
+    def __init__(self, uri: str, parent: ParentRun, artifacts: Path) -> None:
         self._uri = uri
-        self._sweep = sweep
+        self._wanted = parent
         self._artifacts = artifacts
         self._client: Any = None
         self._experiment = ""
         self._parent: Any = None
         self._trials: dict[str, Any] = {}
+        self._whole: dict[str, str | None] = {}
+        """By the trial's key, why it failed."""
         self._last_steps: dict[str, int] = {}
-        self.finished: set[str] = set()
-        """Keys of the trials that are finished."""
+
+    @property
+    def is_open(self) -> bool:
+        """Whether there is a connection, as far as is known."""
+        return self._client is not None
 
     def open(self) -> None:
-        """Find, or make, the experiment and the parent run, and find the trials.
+        """Find, or make, the experiment and the parent run, which is RUNNING; find the trials.
 
         Raises:
             ValueError: the server cannot take this sweep.
@@ -70,7 +76,7 @@ class SweepRuns:
             self._experiment = self._find_experiment()
             runs = self._find_runs()
             self._trials = self._one_each([r for r in runs if TRIAL_TAG in r.data.tags])
-            self.finished = {k for k, r in self._trials.items() if r.info.status == "FINISHED"}
+            self._whole = {key: _error(r) for key, r in self._trials.items() if _is_whole(r)}
             self._parent = self._one_parent([r for r in runs if TRIAL_TAG not in r.data.tags])
             self._describe()
         except ValueError:
@@ -82,109 +88,105 @@ class SweepRuns:
                 raise Away(reason(error)) from error
             raise ValueError(f"{public_url(self._uri)}: {reason(error)}") from error
 
-    def write(self, entry: Entry) -> None:
-        """Write one entry, after `open` if need be.
+    def lacks(self, trial: EndedTrial) -> bool:
+        """Whether something of a trial is missing. One that is finished never fails again."""
+        known = trial.key in self._whole
+        return not known or self._whole[trial.key] not in (None, _short(trial.error))
 
-        Raises:
-            Away: it may or may not be written; the next call finds out.
-            Exception: MLflow does not take it.
+    def write_trial(self, trial: EndedTrial, content: TrialRun) -> None:
+        """Make the run of a trial, or complete it, and end it.
+
+        What MLflow does not take is told by a tag: the run has FAILED without its values, and is
+        FINISHED without its files.
         """
-        try:
-            if self._client is None:
-                self.open()
-        except ValueError as error:  # a person may mend it, until then everything waits
-            raise Away(str(error)) from error
-        try:
-            if isinstance(entry, TrialEntry):
-                self._write_trial(entry)
-            elif isinstance(entry, ArtifactEntry):
-                self._write_artifact(entry)
-            elif isinstance(entry, SampleEntry):
-                self._write_sample(entry)
-            elif isinstance(entry, ModelEntry):
-                run = self._run_of(entry.trial)
-                write_model(self._client, self._experiment, run, entry)
-            elif isinstance(entry, StatusEntry):
-                self._write_status(entry.status)
-        except Exception as error:
-            is_file = isinstance(entry, (ArtifactEntry, ModelEntry))
-            unwritable = is_file and is_server_error(error)
-            if is_away(error, self._uri) and not unwritable:
-                self._client = None
-                raise Away(reason(error)) from error
-            if isinstance(entry, TrialEntry) and entry.key in self._trials:
-                # A run without its data must not look as if it were still going on.
-                self._client.set_terminated(self._trials[entry.key].info.run_id, "FAILED")
-            raise
+        with self._connected():
+            run = self._trials.get(trial.key)
+            if run is None:
+                run = self._trials[trial.key] = self._create_trial(trial, content)
+            else:
+                run = self._client.get_run(run.info.run_id)
+            run_id, refused, status = run.info.run_id, None, "FAILED"
+            try:
+                with self._connected():
+                    self._log_values(run, trial, content)
+                status = "FINISHED" if trial.error is None else "FAILED"
+                with self._connected(files=True):
+                    for path in content.files:
+                        self._client.log_artifact(run_id, str(path))
+            except Away:
+                raise
+            except Exception as error:
+                refused = error
+                self._client.set_tag(run_id, REFUSED_TAG, _short(reason(error)))
+            else:
+                if REFUSED_TAG in run.data.tags:
+                    self._client.delete_tag(run_id, REFUSED_TAG)
+            ends = run.info.start_time + round(1000 * content.metrics.get("seconds", 0.0))
+            self._client.set_terminated(run_id, status, ends)
+            if refused is not None:
+                raise refused
+            self._whole[trial.key] = _short(trial.error)
 
-    def _write_trial(self, entry: TrialEntry) -> None:
-        from mlflow.entities import Metric, Param, RunTag
+    def write_file(self, path: Path, folder: str | None) -> None:
+        """Copy a file to the artifacts of the parent run, into `folder` of them."""
+        with self._connected(files=True):
+            if not path.is_file():
+                raise ValueError(f"{path} is gone")
+            self._client.log_artifact(self._parent.info.run_id, str(path), folder)
 
-        if entry.key in self.finished:
-            return
-        run = self._trials.get(entry.key)
-        points = entry.points
-        params = entry.params
-        tags = entry.tags | ({} if entry.error is None else {ERROR_TAG: entry.error})
-        if run is None:
-            names = {TRIAL_TAG: entry.key, PARENT_TAG: self._parent.info.run_id}
-            started = entry.time - round(1000 * entry.seconds)
-            run = self._create(entry.run_name, {**tags, **names}, started)
-            self._trials[entry.key] = run
-            tags = {}
-        else:
-            run = self._client.get_run(run.info.run_id)
-            there = self._points_of(run)
-            points = tuple(point for point in points if point[:2] not in there)
-            params = {k: v for k, v in params.items() if run.data.params.get(k) != v}
-            if entry.error is None and ERROR_TAG in run.data.tags:
-                self._client.delete_tag(run.info.run_id, ERROR_TAG)
-        run_id = run.info.run_id
-        self._client.log_batch(
-            run_id,
-            [Metric(name, value, run.info.start_time, step) for name, step, value in points],
-            [Param(name, value) for name, value in params.items()],
-            [RunTag(name, value) for name, value in tags.items()],
-        )
-        if entry.datasets:
-            self._client.log_inputs(run_id, [_input(dataset) for dataset in entry.datasets])
-        self._client.set_terminated(
-            run_id, "FINISHED" if entry.error is None else "FAILED", entry.time
-        )
-        if entry.error is None:
-            self.finished.add(entry.key)
+    def write_model(self, model: Model) -> None:
+        """Log a model and mark it as the best of its name."""
+        if model.trial not in self._trials:
+            raise ValueError(f"trial {model.trial} has no run")
+        run = self._trials[model.trial]
+        with self._connected(files=True):
+            write_model(self._client, self._experiment, self._wanted.key, run, model)
 
-    def _write_artifact(self, entry: ArtifactEntry) -> None:
-        if not Path(entry.path).is_file():
-            raise ValueError(f"{entry.path} is gone")
-        run = self._parent if entry.trial is None else self._run_of(entry.trial)
-        self._client.log_artifact(run.info.run_id, entry.path, entry.folder)
+    def write_samples(self, samples: Sequence[Sample]) -> None:
+        """Log metrics of moments to the parent run; their step is the second of the run.
 
-    def _run_of(self, trial: str) -> Any:
-        if trial not in self._trials:
-            raise ValueError(f"trial {trial} has no run")
-        return self._trials[trial]
-
-    def _write_sample(self, entry: SampleEntry) -> None:
-        """Samples arrive in the order of their steps, so what is not after the last is there."""
+        They come in the order of their steps, so what is not after the last one is there.
+        """
         from mlflow.entities import Metric
 
         info = self._parent.info
-        step = (entry.time - info.start_time) // 1000
-        new = {k: v for k, v in entry.values.items() if step > self._last_steps.get(k, -1)}
-        points = [Metric(name, value, entry.time, step) for name, value in new.items()]
-        self._client.log_batch(info.run_id, points)
-        self._last_steps |= dict.fromkeys(new, step)
+        points = []
+        for sample in samples:
+            step = (sample.time - info.start_time) // 1000
+            new = {k: v for k, v in sample.values.items() if step > self._last_steps.get(k, -1)}
+            points += [Metric(name, value, sample.time, step) for name, value in new.items()]
+            self._last_steps |= dict.fromkeys(new, step)
+        with self._connected():
+            self._client.log_batch(info.run_id, points)
 
-    def _write_status(self, status: str) -> None:
-        run_id = self._parent.info.run_id
-        if status == "RUNNING":
-            self._client.update_run(run_id, status=status)
-        else:
-            self._client.set_terminated(run_id, status)
+    def end(self, status: str) -> None:
+        """End the parent run with one of MLflow's statuses."""
+        with self._connected():
+            self._client.set_terminated(self._parent.info.run_id, status)
+
+    def page(self) -> str:
+        """The experiment's page below the server's address; empty before `open` succeeded."""
+        return page_of(self._experiment, bool(self._wanted.columns)) if self._experiment else ""
+
+    @contextmanager
+    def _connected(self, files: bool = False) -> Iterator[None]:
+        """Raise Away, and hold the connection for lost, where the block may succeed later.
+
+        Args:
+            files: whether it writes files, for which a server's answer 500 is a refusal.
+        """
+        try:
+            yield
+        except Away:
+            raise
+        except Exception as error:
+            if not is_away(error, self._uri) or (files and is_server_error(error)):
+                raise
+            self._client = None
+            raise Away(reason(error)) from error
 
     def _find_experiment(self) -> str:
-        name = self._sweep.name
+        name = self._wanted.name
         experiment = self._client.get_experiment_by_name(name)
         if experiment is None:
             place = None if is_server(self._uri) else self._artifacts.resolve().as_uri()
@@ -205,7 +207,7 @@ class SweepRuns:
         while True:
             page = self._client.search_runs(
                 [self._experiment],
-                filter_string=f"tags.`{SWEEP_TAG}` = '{self._sweep.sweep}'",
+                filter_string=f"tags.`{SWEEP_TAG}` = '{self._wanted.key}'",
                 max_results=1000,
                 order_by=["attributes.start_time ASC"],
                 page_token=token,
@@ -225,7 +227,7 @@ class SweepRuns:
 
     def _one_parent(self, parents: list[Any]) -> Any:
         """The parent run: the oldest, for the same reason. All trials become its children."""
-        parent, *others = parents or [self._create(self._sweep.name, {}, None)]
+        parent, *others = parents or [self._create(self._wanted.name, {}, None)]
         for run in others:
             self._client.delete_run(run.info.run_id)
         for run in self._trials.values():
@@ -233,43 +235,44 @@ class SweepRuns:
                 self._client.set_tag(run.info.run_id, PARENT_TAG, parent.info.run_id)
         return parent
 
-    def _create(self, name: str, tags: dict[str, str], time: int | None) -> Any:
-        return self._client.create_run(
-            self._experiment,
-            time,
-            {SWEEP_TAG: self._sweep.sweep, **self._sweep.tags, **tags},
-            name,
-        )
+    def _create(self, name: str, tags: Mapping[str, str], time: int | None) -> Any:
+        tags = {SWEEP_TAG: self._wanted.key, **self._wanted.tags, **tags}
+        return self._client.create_run(self._experiment, time, tags, name)
 
-    def _describe(self) -> None:
-        """Parameters and tags of the parent run, and what the experiment's page shows."""
-        from mlflow.entities import Param, RunTag
+    def _create_trial(self, trial: EndedTrial, content: TrialRun) -> Any:
+        """A run with the tags that find it again; when it began is told by its seconds."""
+        names = {TRIAL_TAG: trial.key, PARENT_TAG: self._parent.info.run_id}
+        tags = _tags_of(trial, content) | names
+        began = content.ended - round(1000 * content.metrics.get("seconds", 0.0))
+        return self._create(content.name, tags, began)
 
-        wanted, run = self._sweep.params, self._client.get_run(self._parent.info.run_id)
-        for name, value in run.data.params.items():
-            if wanted.get(name, value) != value:
-                raise ValueError(
-                    f"run {run.info.run_name!r} in MLflow has {name} = {value}, now it is "
-                    f"{wanted[name]}: a resumed sweep cannot change it, give it another name"
-                )
-        self._last_steps = {point.key: point.step for point in run.data.to_proto().metrics}
-        tags = self._sweep.tags | ({NOTE_TAG: self._sweep.note} if self._sweep.note else {})
+    def _log_values(self, run: Any, trial: EndedTrial, content: TrialRun) -> None:
+        """Log parameters, metrics, tags and data that a run has not got."""
+        from mlflow.entities import Metric, Param, RunTag
+
+        run_id, there = run.info.run_id, self._points_of(run)
+        if trial.error is None and ERROR_TAG in run.data.tags:
+            self._client.delete_tag(run_id, ERROR_TAG)
         self._client.log_batch(
-            run.info.run_id,
-            params=[Param(name, wanted[name]) for name in wanted if name not in run.data.params],
-            tags=[RunTag(k, v) for k, v in tags.items() if run.data.tags.get(k) != v],
+            run_id,
+            [
+                Metric(name, value, run.info.start_time, step)
+                for name, step, value in content.points()
+                if (name, step) not in there
+            ],
+            [
+                Param(name, value)
+                for name, value in _texts(content.params).items()
+                if run.data.params.get(name) != value
+            ],
+            [
+                RunTag(name, value)
+                for name, value in _tags_of(trial, content).items()
+                if run.data.tags.get(name) != value
+            ],
         )
-        page = {NOTE_TAG: self._sweep.about} if self._sweep.about else {}
-        if self._sweep.columns:
-            page[VIEW_TAG] = view(self._sweep.columns, self._sweep.ascending, run.info.run_id)
-        there = self._client.get_experiment(self._experiment).tags
-        for name, value in page.items():
-            if there.get(name) != value:
-                self._client.set_experiment_tag(self._experiment, name, value)
-
-    def page(self) -> str:
-        """The experiment's page below the server's address; empty before `open` succeeded."""
-        return page_of(self._experiment, bool(self._sweep.columns)) if self._experiment else ""
+        if content.datasets:
+            self._client.log_inputs(run_id, [_input(dataset) for dataset in content.datasets])
 
     def _points_of(self, run: Any) -> set[tuple[str, int]]:
         """(metric, step) of all that was logged."""
@@ -278,6 +281,59 @@ class SweepRuns:
             for name in run.data.metrics
             for point in self._client.get_metric_history(run.info.run_id, name)
         }
+
+    def _describe(self) -> None:
+        """Parameters, tags and status of the parent run, and what the experiment's page shows."""
+        from mlflow.entities import Param, RunTag
+
+        own, run = self._wanted, self._client.get_run(self._parent.info.run_id)
+        params = _texts(own.params)
+        for name, value in run.data.params.items():
+            if params.get(name, value) != value:
+                raise ValueError(
+                    f"run {run.info.run_name!r} in MLflow has {name} = {value}, now it is "
+                    f"{params[name]}: a resumed sweep cannot change it, give it another name"
+                )
+        self._last_steps = {point.key: point.step for point in run.data.to_proto().metrics}
+        tags = {**own.tags} | ({NOTE_TAG: own.note} if own.note else {})
+        self._client.log_batch(
+            run.info.run_id,
+            params=[Param(name, params[name]) for name in params if name not in run.data.params],
+            tags=[RunTag(k, v) for k, v in tags.items() if run.data.tags.get(k) != v],
+        )
+        page = {NOTE_TAG: own.about} if own.about else {}
+        if own.columns:
+            page[VIEW_TAG] = view(own.columns, own.ascending, run.info.run_id)
+        there = self._client.get_experiment(self._experiment).tags
+        for name, value in page.items():
+            if there.get(name) != value:
+                self._client.set_experiment_tag(self._experiment, name, value)
+        if run.info.status != "RUNNING":
+            self._client.update_run(run.info.run_id, status="RUNNING")
+
+
+def _is_whole(run: Any) -> bool:
+    """Whether a trial's run has all that it is to have."""
+    status, tags = run.info.status, run.data.tags
+    ended = status == "FINISHED" or (status == "FAILED" and ERROR_TAG in tags)
+    return ended and REFUSED_TAG not in tags
+
+
+def _error(run: Any) -> str | None:
+    return None if run.info.status == "FINISHED" else str(run.data.tags[ERROR_TAG])
+
+
+def _short(error: str | None) -> str | None:
+    return None if error is None else error[:_LONGEST_REASON]
+
+
+def _tags_of(trial: EndedTrial, content: TrialRun) -> dict[str, str]:
+    error = _short(trial.error)
+    return _texts(content.tags) | ({} if error is None else {ERROR_TAG: error})
+
+
+def _texts(values: Mapping[str, object]) -> dict[str, str]:
+    return {name: str(value) for name, value in values.items()}
 
 
 def _input(dataset: Dataset) -> Any:
