@@ -166,8 +166,13 @@ def run_sweep(
         outcome = Outcome()
         with workers, StageProgress(console, at_most(sweep, plan), cached) as progress:
             listener = TrialLog(
-                *(progress, plan.trials, store, further_axes(sweep), cached),
-                *(failures, folder / "pictures"),
+                progress,
+                plan.trials,
+                store,
+                axes=further_axes(sweep),
+                there=cached,
+                failures=failures,
+                pictures=folder / "pictures",
             )
             log.follow(listener.ended)
 

@@ -38,6 +38,7 @@ class TrialLog:
         progress: StageProgress,
         trials: Sequence[Trial],
         store: AnyStore,
+        *,
         axes: Sequence[str],
         there: Collection[str],
         failures: FailureFolder,

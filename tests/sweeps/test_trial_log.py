@@ -54,10 +54,15 @@ def sweep(tmp_path):
     store = Store(tmp_path / "store")
 
     def listener():
-        there = store.finished(plan.tasks)
-        failures = FailureFolder(tmp_path / "failed")
-        pictures = tmp_path / "pictures"
-        return TrialLog(Quiet(), plan.trials, store, (), there, failures, pictures)
+        return TrialLog(
+            Quiet(),
+            plan.trials,
+            store,
+            axes=(),
+            there=store.finished(plan.tasks),
+            failures=FailureFolder(tmp_path / "failed"),
+            pictures=tmp_path / "pictures",
+        )
 
     return plan, store, listener
 

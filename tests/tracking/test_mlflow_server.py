@@ -78,6 +78,8 @@ def test_a_server_comes_and_goes_and_gets_everything_once(tmp_path):
         runs = runs_of(address)
         for name in ("drawn", f"line · tiny · seed {MORE.stop}"):
             assert runs[name].info.status == "FINISHED"
+        assert runs["drawn"].data.tags["lidarplace.refused"]
+        assert "s3cret" not in str([run.data.tags for run in runs.values()])
         with (
             pytest.raises(ValueError, match="has x = 1, now it is 2"),
             log([], params={"x": 2}),

@@ -20,7 +20,7 @@ from tracking.mlflow.uri import absolute_uri, sqlite_file
 
 T = TypeVar("T")
 
-LOOK_S = 1.0
+LOOK_S = 2.0
 """From one look at what has ended to the next."""
 FIRST_PAUSE_S = 0.2
 LONGEST_PAUSE_S = 10.0
@@ -110,7 +110,7 @@ class SweepLog:
             self._tried.set()
             self._went_away(f"no answer for {_OPENS_WITHIN_S:g} s")
         if self._mistake is not None:
-            raise ValueError(hide_secrets(str(self._mistake), self._uri)) from None
+            raise ValueError(hide_secrets(str(self._mistake), self._uri))
         return self
 
     def __exit__(
@@ -206,7 +206,7 @@ class SweepLog:
             try:
                 self._reconcile()
                 if status is not None:
-                    self._runs.end(status)
+                    self._write("the end", "the end", partial(self._runs.end, status))
             except Away as error:
                 self._went_away(error)
                 wait, pause = pause, min(2 * pause, LONGEST_PAUSE_S)
@@ -244,9 +244,10 @@ class SweepLog:
         except Away:
             raise
         except Exception as error:
+            if key not in self._refused:
+                reason = " ".join(str(error).split())
+                self._say(f"MLflow refuses {what!r}, the same command tries again: {reason}")
             self._refused.add(key)
-            reason = " ".join(str(error).split())
-            self._say(f"MLflow refuses {what!r}, the same command tries again: {reason}")
         self._is_back()
         self._tell_progress()
 

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from lidarplace.files.secret_urls import public_url
+from lidarplace.files.secret_urls import hide_secrets, public_url
 from tracking.mlflow.connection import (
     Away,
     connect,
@@ -105,27 +105,17 @@ class SweepRuns:
                 run = self._trials[trial.key] = self._create_trial(trial, content)
             else:
                 run = self._client.get_run(run.info.run_id)
-            run_id, refused, status = run.info.run_id, None, "FAILED"
-            try:
-                with self._connected():
-                    self._log_values(run, trial, content)
-                status = "FINISHED" if trial.error is None else "FAILED"
-                with self._connected(files=True):
-                    for path in content.files:
-                        self._client.log_artifact(run_id, str(path))
-            except Away:
-                raise
-            except Exception as error:
-                refused = error
-                self._client.set_tag(run_id, REFUSED_TAG, _short(reason(error)))
-            else:
-                if REFUSED_TAG in run.data.tags:
-                    self._client.delete_tag(run_id, REFUSED_TAG)
-            ends = run.info.start_time + round(1000 * content.metrics.get("seconds", 0.0))
-            self._client.set_terminated(run_id, status, ends)
+            status, refused = self._fill(run, trial, content)
             if refused is not None:
-                raise refused
-            self._whole[trial.key] = _short(trial.error)
+                why = hide_secrets(reason(refused), self._uri)
+                self._client.set_tag(run.info.run_id, REFUSED_TAG, _short(why))
+            elif REFUSED_TAG in run.data.tags:
+                self._client.delete_tag(run.info.run_id, REFUSED_TAG)
+            ends = run.info.start_time + round(1000 * content.metrics.get("seconds", 0.0))
+            self._client.set_terminated(run.info.run_id, status, ends)
+        if refused is not None:
+            raise refused
+        self._whole[trial.key] = _short(trial.error)
 
     def write_file(self, path: Path, folder: str | None) -> None:
         """Copy a file to the artifacts of the parent run, into `folder` of them."""
@@ -245,6 +235,22 @@ class SweepRuns:
         tags = _tags_of(trial, content) | names
         began = content.ended - round(1000 * content.metrics.get("seconds", 0.0))
         return self._create(content.name, tags, began)
+
+    def _fill(self, run: Any, trial: EndedTrial, content: TrialRun) -> tuple[str, Exception | None]:
+        """Log what a run has not got. Returns its status, and why MLflow does not take all."""
+        status = "FAILED"
+        try:
+            with self._connected():
+                self._log_values(run, trial, content)
+            status = "FINISHED" if trial.error is None else "FAILED"
+            with self._connected(files=True):
+                for path in content.files:
+                    self._client.log_artifact(run.info.run_id, str(path))
+        except Away:
+            raise
+        except Exception as error:
+            return status, error
+        return status, None
 
     def _log_values(self, run: Any, trial: EndedTrial, content: TrialRun) -> None:
         """Log parameters, metrics, tags and data that a run has not got."""

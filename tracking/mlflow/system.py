@@ -58,7 +58,7 @@ class SystemMonitor:
         while not self._ended.wait(self._interval_s):
             try:
                 self._log(self._sample())
-            except OSError:  # the journal's disk is full: the next result that is kept tells
+            except OSError:  # the disk is full: the next result that is kept tells
                 continue
 
     def _sample(self) -> dict[str, float]:
