@@ -46,13 +46,14 @@ def trial(key: str, error: str | None = None, **content: Any) -> EndedTrial:
     return EndedTrial(key, lambda: TrialRun(**own), error)
 
 
-def trial_of(seed: int) -> EndedTrial:
+def trial_of(seed: int, *files: Path) -> EndedTrial:
     return trial(
         f"t{seed}",
         name=f"line · tiny · seed {seed}",
         params={"seed": seed, "detector": "tiny"},
         metrics={"AP_R40_3D.Car.0.70": 60.0 + seed, "recall.all.0.50": float("nan")},
         curve=CURVE,
+        files=files,
     )
 
 

@@ -31,7 +31,8 @@ MOMENTS = [1_800_000_000_000 + 10_000 * i for i in range(3)]
 
 
 def log_all(uri: str, folder: Path) -> None:
-    with logging(uri, folder, [*map(trial_of, SEEDS)], params={"epochs": 3}) as log:
+    ended = [trial_of(seed, folder / "placement.png") for seed in SEEDS]
+    with logging(uri, folder, ended, params={"epochs": 3}) as log:
         log.artifact(folder / "report.html")
         log.model(Model("tiny", "t1", folder / "model", {"AP": 61.0}))
 
@@ -97,6 +98,7 @@ def killed_often(uri: str, store: str, folder: Path, limits: Sequence[int]) -> N
     run = folder / "demo"
     run.mkdir()
     (run / "report.html").write_text("<p>report</p>")
+    (run / "placement.png").write_bytes(b"a picture")
     (run / "model").mkdir()
     (run / "model" / "MLmodel").write_text("flavors: {}")
     for moment in MOMENTS:
@@ -116,8 +118,8 @@ def killed_often(uri: str, store: str, folder: Path, limits: Sequence[int]) -> N
     mlflow = MlflowClient(tracking_uri=store)
     samples = mlflow.get_metric_history(parent.info.run_id, "system/cpu")
     assert [point.timestamp for point in samples] == MOMENTS
-    files = [path.name for path in folder.rglob("artifacts/**/*.html")]
-    assert files == ["report.html"]
+    files = sorted(path.name for path in folder.rglob("artifacts/**/*.*"))
+    assert files == len(SEEDS) * ["placement.png"] + ["report.html"]
     (model,) = mlflow.search_logged_models([parent.info.experiment_id])
     assert (model.status.value, model.tags["lidarplace.best"]) == ("READY", "true")
     with sqlite3.connect(store.removeprefix("sqlite:///")) as database:

@@ -105,9 +105,11 @@ def test_a_resumed_sweep_doubles_nothing_and_asks_for_nothing_that_is_there(uri,
     }
 
 
-@pytest.mark.parametrize("fails_in", ["create_run", "log_batch", "set_terminated"])
+@pytest.mark.parametrize("fails_in", ["create_run", "log_batch", "log_artifact", "set_terminated"])
 def test_a_trial_cut_half_way_is_continued(uri, tmp_path, monkeypatch, fails_in):
     """The connection breaks when a call has been carried out, in part, and not been answered."""
+    picture = tmp_path / "placement.png"
+    picture.write_bytes(b"a picture")
     log_two(uri, tmp_path)
     from mlflow import MlflowClient
 
@@ -121,14 +123,17 @@ def test_a_trial_cut_half_way_is_continued(uri, tmp_path, monkeypatch, fails_in)
         if fails_in == "log_batch":
             run_id, metrics, params, tags = arguments
             arguments = (run_id, metrics[:2], params, tags)
-        whole(self, *arguments, **named)
+        if fails_in != "log_artifact":
+            whole(self, *arguments, **named)
         raise ConnectionError("reset by peer")
 
     ended = []
     with logging(uri, tmp_path, ended, params={"epochs": 3}, say=said.append):
         monkeypatch.setattr(MlflowClient, fails_in, breaks)
-        ended.append(trial_of(3))
+        ended.append(trial_of(3, picture))
     assert broken
+    run = runs_of(uri)["line · tiny · seed 3"]
+    assert [file.path for file in client(uri).list_artifacts(run.info.run_id)] == ["placement.png"]
     assert said == [
         f"MLflow at {uri} is away, the sweep goes on: reset by peer",
         f"MLflow at {uri} is back",
@@ -170,10 +175,10 @@ def test_a_failed_trial_is_marked_and_may_succeed_later(uri, tmp_path):
         failed = runs_of(uri)["line"]
         assert failed.info.status == "FAILED"
         assert failed.data.tags["lidarplace.error"] == reason[:5000]
-    with logging(uri, tmp_path, [trial("line", "another")]):
+    with logging(uri, tmp_path, [trial("line", "another", metrics={"surrogate": 2.0})]):
         pass
     assert runs_of(uri)["line"].data.tags["lidarplace.error"] == "another"
-    good = trial("line", params={"seed": 1}, metrics={"seconds": 1.0})
+    good = trial("line", params={"seed": 1}, metrics={"seconds": 1.0, "surrogate": 2.5})
     with logging(uri, tmp_path, [good]):
         pass
     run = runs_of(uri)["line"]
@@ -182,6 +187,7 @@ def test_a_failed_trial_is_marked_and_may_succeed_later(uri, tmp_path):
     assert run.info.end_time - run.info.start_time == 1000
     assert run.data.params == {"seed": "1"}
     assert "lidarplace.error" not in run.data.tags
+    assert run.data.metrics == {"seconds": 1.0, "surrogate": 2.0}, "one value each, the first"
     with logging(uri, tmp_path, [trial("line", "no more")]):  # what is finished stays
         pass
     assert runs_of(uri)["line"].info.status == "FINISHED"

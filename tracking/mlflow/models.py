@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from tracking.mlflow.connection import every
 from tracking.mlflow.content import Model
 
 BEST_TAG = "lidarplace.best"
@@ -22,7 +23,8 @@ def write_model(client: Any, experiment: str, sweep: str, run: Any, model: Model
     """
     from mlflow.entities import LoggedModelOutput, LoggedModelStatus
 
-    known = _models_of(client, experiment, sweep, model.name)
+    wanted = f"name = '{model.name}' AND tags.`{_SWEEP_TAG}` = '{sweep}'"
+    known = every(client.search_logged_models, [experiment], filter_string=wanted)
     own = next((one for one in known if one.tags[_TRIAL_TAG] == model.trial), None)
     if own is None:
         own = client.create_logged_model(
@@ -44,16 +46,3 @@ def write_model(client: Any, experiment: str, sweep: str, run: Any, model: Model
         if other.model_id != own.model_id and other.tags.get(BEST_TAG) == "true":
             client.set_logged_model_tags(other.model_id, {BEST_TAG: "false"})
     client.set_logged_model_tags(own.model_id, {BEST_TAG: "true"})
-
-
-def _models_of(client: Any, experiment: str, sweep: str, name: str) -> list[Any]:
-    """All models of this sweep and name."""
-    models: list[Any] = []
-    token = None
-    wanted = f"name = '{name}' AND tags.`{_SWEEP_TAG}` = '{sweep}'"
-    while True:
-        page = client.search_logged_models([experiment], filter_string=wanted, page_token=token)
-        models += page
-        token = page.token
-        if not token:
-            return models

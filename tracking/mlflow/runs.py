@@ -12,6 +12,7 @@ from lidarplace.files.secret_urls import hide_secrets, public_url
 from tracking.mlflow.connection import (
     Away,
     connect,
+    every,
     is_away,
     is_forbidden,
     is_server_error,
@@ -192,20 +193,13 @@ class SweepRuns:
 
     def _find_runs(self) -> list[Any]:
         """All runs of this sweep, the parent among them, oldest first."""
-        runs: list[Any] = []
-        token = None
-        while True:
-            page = self._client.search_runs(
-                [self._experiment],
-                filter_string=f"tags.`{SWEEP_TAG}` = '{self._wanted.key}'",
-                max_results=1000,
-                order_by=["attributes.start_time ASC"],
-                page_token=token,
-            )
-            runs += page
-            token = page.token
-            if not token:
-                return runs
+        return every(
+            self._client.search_runs,
+            [self._experiment],
+            filter_string=f"tags.`{SWEEP_TAG}` = '{self._wanted.key}'",
+            max_results=1000,
+            order_by=["attributes.start_time ASC"],
+        )
 
     def _one_each(self, runs: list[Any]) -> dict[str, Any]:
         """The run of each trial. A server that answered too late may have made a second one."""
