@@ -46,7 +46,7 @@ def read(arguments: argparse.Namespace) -> Problem:
 def objective(problem: Problem) -> Callable[[dict], float]:
     """The value of parameters; NaN if two LiDARs are in one place."""
     store = store_of(problem.sweep())
-    grids = pog(output(), problem, store, InProcess(store))
+    grids = pog(output(), problem, store, InProcess())
     warm_up(problem, grids)
 
     def value(params: dict) -> float:
@@ -131,7 +131,7 @@ def main() -> None:
     arguments = parser.parse_args()
     problem = read(arguments)
     store = store_of(problem.sweep())
-    grids = pog(output(), problem, store, InProcess(store))
+    grids = pog(output(), problem, store, InProcess())
     warm_up(problem, grids)
     start = time.perf_counter()
     paper = {

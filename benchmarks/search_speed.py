@@ -41,7 +41,7 @@ def problem_at(resolution: float, objective: str) -> tuple[Problem, dict]:
         ],
     )
     store = store_of(problem.sweep())
-    return problem, pog(output(), problem, store, InProcess(store))
+    return problem, pog(output(), problem, store, InProcess())
 
 
 def rate(job: tuple[float, str, int, int]) -> float:

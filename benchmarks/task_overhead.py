@@ -83,7 +83,7 @@ def main() -> None:
     plan = plan_of(arguments.placements)
     with tempfile.TemporaryDirectory() as folder:
         store = open_store(folder, Path(folder))
-        with backend_for(RaySettings(num_cpus=arguments.cpus), store) as backend:
+        with backend_for(RaySettings(num_cpus=arguments.cpus)) as backend:
             for stage in ("surrogates", "collect"):
                 efficiency(plan, stage, store, backend)
 

@@ -89,7 +89,7 @@ def pretrain(
     def trained() -> Value | Failure:
         with (
             store.in_use(),
-            backend_for(sweep.common.ray, store) as backend,
+            backend_for(sweep.common.ray) as backend,
             StageProgress(console, tasks, store.finished(tasks)) as progress,
         ):
             failures = execute(tasks, store, backend, _Listener(progress, logs)).failures

@@ -52,7 +52,7 @@ def record(
         """The log of every scene that did not fail, and whether none failed."""
         with (
             store.in_use(),
-            backend_for(sweep.common.ray, store) as backend,
+            backend_for(sweep.common.ray) as backend,
             StageProgress(console, tasks, store.finished(tasks)) as progress,
         ):
             failures = execute(tasks, store, backend, progress).failures

@@ -152,7 +152,7 @@ def run_sweep(
             log = SweepLog(sweep.common.tracking_uri, parent, folder=folder, say=say)
             stack.enter_context(log)
             stack.enter_context(workers)
-            backend = workers.enter_context(backend_for(sweep.common.ray, store))
+            backend = workers.enter_context(backend_for(sweep.common.ray))
             workers.enter_context(SystemMonitor(log.sample, say))
         except ValueError as error:  # in use, or MLflow or Ray cannot be had
             wrong(error)

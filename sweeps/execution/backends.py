@@ -1,29 +1,33 @@
-"""Where tasks run: on Ray, or in this process."""
+"""Where calls run: on Ray, or in this process."""
 
 from __future__ import annotations
 
 import math
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Protocol
+from typing import Any, Generic, Literal, Protocol, TypeVar
 
 from sweeps.configuration.sweep import RaySettings
 from sweeps.execution.failures import Failure
 from sweeps.execution.needs import Need
-from sweeps.execution.worker import Batch, Ended, try_task
-from sweeps.store.open import AnyStore
-from sweeps.tasks.task import Task
+
+T = TypeVar("T")
+T_co = TypeVar("T_co", covariant=True)
 
 _LOOK_S = 2.0
 """How often the driver looks whether machines came or went."""
 
 
 class BackendLost(RuntimeError):
-    """There is nothing left to run tasks on."""
+    """There is nothing left to run calls on."""
+
+
+class WorkerDied(BackendLost):
+    """What ran a call died, more than once."""
 
 
 @dataclass(frozen=True)
@@ -34,80 +38,131 @@ class Room:
     memory: float = math.inf
 
 
-class Backend(Protocol):
-    """Where tasks run."""
+class Job(Protocol[T_co]):
+    """A call that was handed out."""
 
-    @property
-    def probes(self) -> bool:
-        """Whether the needs of trainings matter."""
-
-    @property
-    def gpus_per_training(self) -> float | Literal["auto"]:
-        """Share of a GPU that a training gets."""
-
-    @property
-    def slots(self) -> int:
-        """Tasks to hand out at once."""
-
-    @property
-    def room(self) -> Room:
-        """What trainings share."""
-
-    @property
-    def device(self) -> str:
-        """What trainings run on."""
-
-    @property
-    def cores(self) -> int:
-        """Tasks that run at once."""
-
-    def submit(self, task: Task, how: Batch, need: Need) -> Any:
-        """Start a task. Returns a token for `wait`."""
-
-    def wait(self, tokens: Sequence[Any]) -> tuple[Any, Ended] | None:
-        """A token whose task has ended, and how; None if none has for a while.
+    def result(self) -> T_co:
+        """What it returned, once it has ended. What it raised is raised.
 
         Raises:
-            BackendLost: no task can end any more.
+            WorkerDied: there is no result.
+            BackendLost: no call can end any more.
         """
 
-    def cancel(self, tokens: Sequence[Any]) -> None:
-        """Stop the tasks."""
+    def cancel(self) -> None:
+        """Stop it."""
 
 
-@dataclass
-class InProcess:
-    """Runs every task at once in this process: `ray: debug`, for a debugger."""
+class Backend(Protocol):
+    """Where calls run.
 
-    store: AnyStore
-    slots: ClassVar[int] = 1
-    room: ClassVar[Room] = Room()
-    device: ClassVar[str] = "this process"
-    cores: ClassVar[int] = 1
-    probes: ClassVar[bool] = False
-    gpus_per_training: ClassVar[float | Literal["auto"]] = 1.0
+    Attributes:
+        probes: whether the needs of trainings matter.
+        gpus_per_training: share of a GPU that a training gets.
+        slots: calls to hand out at once.
+        room: what trainings share.
+        device: what trainings run on.
+        cores: calls that run at once.
+    """
 
-    def submit(self, task: Task, how: Batch, need: Need) -> Any:
-        return task.key, try_task(task, self.store, how)
+    @property
+    def probes(self) -> bool: ...
+    @property
+    def gpus_per_training(self) -> float | Literal["auto"]: ...
+    @property
+    def slots(self) -> int: ...
+    @property
+    def room(self) -> Room: ...
+    @property
+    def device(self) -> str: ...
+    @property
+    def cores(self) -> int: ...
 
-    def wait(self, tokens: Sequence[Any]) -> tuple[Any, Ended] | None:
-        return tokens[0], tokens[0][1]
+    def share(self, value: T) -> T:
+        """`value` as an argument of many calls: each machine gets it once."""
 
-    def cancel(self, tokens: Sequence[Any]) -> None:
+    def submit(
+        self, function: Callable[..., T], *arguments: Any, name: str = "", need: Need = Need()
+    ) -> Job[T]:
+        """Start a call.
+
+        Args:
+            function: of a module, with what it needs of its own.
+            name: what a person calls it.
+            need: what it asks for besides one CPU.
+        """
+
+    def wait(self, jobs: Sequence[Job[T]]) -> Job[T] | None:
+        """One that has ended; None if none has for a while.
+
+        Raises:
+            BackendLost: no call can end any more.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class Later(Generic[T]):
+    """A job that runs in this process, when its result is asked for."""
+
+    function: Callable[..., T]
+    arguments: Sequence[Any]
+
+    def result(self) -> T:
+        return self.function(*self.arguments)
+
+    def cancel(self) -> None:
         """Nothing runs between two calls."""
 
 
+class InProcess:
+    """Runs one call after the other in this process: `ray: debug`, for a debugger."""
+
+    slots: int = 1
+    room: Room = Room()
+    device: str = "this process"
+    cores: int = 1
+    probes: bool = False
+    gpus_per_training: float | Literal["auto"] = 1.0
+
+    def share(self, value: T) -> T:
+        return value
+
+    def submit(
+        self, function: Callable[..., T], *arguments: Any, name: str = "", need: Need = Need()
+    ) -> Job[T]:
+        return Later(function, arguments)
+
+    def wait(self, jobs: Sequence[Job[T]]) -> Job[T] | None:
+        return jobs[0]
+
+
+@dataclass(frozen=True, eq=False)
+class RayJob(Generic[T]):
+    """A Ray task."""
+
+    ray: Any
+    reference: Any
+
+    def result(self) -> T:
+        with _translated(self.ray):
+            value: T = self.ray.get(self.reference)
+            return value
+
+    def cancel(self) -> None:
+        self.ray.cancel(self.reference, force=True)
+
+
 class OnRay:
-    """Runs tasks as Ray tasks, one CPU each. Ray tries again what a dying machine took down."""
+    """Runs calls as Ray tasks, one CPU each. Ray tries again what a dying machine took down, and
+    machines may come and go."""
 
     probes = True
 
-    def __init__(self, ray: Any, store: AnyStore, settings: RaySettings) -> None:
-        self.ray = ray
-        self._store = store
+    def __init__(self, ray: Any, settings: RaySettings) -> None:
+        self._ray = ray
         self.gpus_per_training = settings.gpus_per_training
         self._looked = float("-inf")
-        self._run: Any = ray.remote(num_cpus=1, max_retries=3)(_run_remotely)
+        self._run: Any = ray.remote(num_cpus=1, max_retries=3)(_call)
 
     @property
     def cores(self) -> int:
@@ -131,69 +186,70 @@ class OnRay:
         # Ray names the kinds of accelerators as resources.
         return ", ".join(sorted(n for n in self._resources if n.startswith("accelerator_type:")))
 
-    def submit(self, task: Task, how: Batch, need: Need) -> Any:
+    def share(self, value: T) -> T:
+        shared: T = self._ray.put(value)  # Ray puts the value in the place of its reference
+        return shared
+
+    def submit(
+        self, function: Callable[..., T], *arguments: Any, name: str = "", need: Need = Need()
+    ) -> Job[T]:
         self._look()
         run = self._run.options(
-            name=f"{task.stage}: {task.label}",
+            name=name,
             num_gpus=need.gpu_share if self._resources.get("GPU", 0) else 0,
             # What no machine has would wait for ever: it gets the largest machine to itself.
             memory=min(need.memory, self._largest_memory),
         )
-        return run.remote(task, self._store, how, str(Path.cwd()))
+        return RayJob(self._ray, run.remote(str(Path.cwd()), function, *arguments))
 
-    def wait(self, tokens: Sequence[Any]) -> tuple[Any, Ended] | None:
-        token = None
-        try:
-            ended, _ = self.ray.wait(list(tokens), num_returns=1, timeout=_LOOK_S)
-            if not ended:
-                return None
-            (token,) = ended
-            return token, self.ray.get(token)
-        except self.ray.exceptions.LocalRayletDiedError:
-            raise BackendLost("Ray's node on this machine died") from None
-        except ConnectionError as error:
-            raise BackendLost(f"the Ray cluster is gone: {error}") from None
-        except self.ray.exceptions.RayError as error:  # the worker died, more than once
-            reason = f"the worker died: {Failure.of(error).reason}"
-            return token, Ended(Failure(reason, str(error)), 0.0)
-
-    def cancel(self, tokens: Sequence[Any]) -> None:
-        for token in tokens:
-            self.ray.cancel(token, force=True)
+    def wait(self, jobs: Sequence[Any]) -> Any:
+        by_reference = {job.reference: job for job in jobs}
+        with _translated(self._ray):
+            ended, _ = self._ray.wait(list(by_reference), num_returns=1, timeout=_LOOK_S)
+        return by_reference[ended[0]] if ended else None
 
     def _look(self) -> None:
         """Ask Ray what there is, now and then: machines come and go."""
         now = time.monotonic()
         if now - self._looked > _LOOK_S:
             self._looked = now
-            alive = [node["Resources"] for node in self.ray.nodes() if node["Alive"]]
+            alive = [node["Resources"] for node in self._ray.nodes() if node["Alive"]]
             self._resources: Counter[str] = Counter()
             for node in alive:
                 self._resources.update(node)
             self._largest_memory = max((int(node.get("memory", 0)) for node in alive), default=0)
 
 
-def _run_remotely(task: Task, store: AnyStore, how: Batch, folder: str) -> Ended:
-    """`try_task` in a worker."""
-    import torch  # imported here to set its threads before anything uses them
-
+def _call(folder: str, function: Callable[..., T], *arguments: Any) -> T:
+    """The call in a worker. Raises OSError if it has not got the driver's folder."""
     from sweeps.execution.ray_cluster import enter_folder
 
-    torch.set_num_threads(1)
-    try:
-        enter_folder(folder)
-    except OSError as error:
-        return Ended(Failure.of(error), 0.0)
-    return try_task(task, store, how)
+    enter_folder(folder)
+    return function(*arguments)
 
 
 @contextmanager
-def backend_for(settings: RaySettings, store: AnyStore) -> Iterator[Backend]:
+def _translated(ray: Any) -> Iterator[None]:
+    """Ray's errors as those of `Job`."""
+    try:
+        yield
+    except ray.exceptions.RayTaskError as error:
+        raise error.cause from error
+    except ray.exceptions.LocalRayletDiedError:
+        raise BackendLost("Ray's node on this machine died") from None
+    except ConnectionError as error:
+        raise BackendLost(f"the Ray cluster is gone: {error}") from None
+    except ray.exceptions.RayError as error:
+        raise WorkerDied(f"the worker died: {Failure.of(error).reason}") from error
+
+
+@contextmanager
+def backend_for(settings: RaySettings) -> Iterator[Backend]:
     """The backend that `ray:` asks for, shut down at the end."""
     if settings.address == "debug":
-        yield InProcess(store)
+        yield InProcess()
         return
     from sweeps.execution.ray_cluster import ray_session
 
     with ray_session(settings) as ray:
-        yield OnRay(ray, store, settings)
+        yield OnRay(ray, settings)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Protocol
 
-from sweeps.execution.backends import Backend
+from sweeps.execution.backends import Backend, Job, WorkerDied
 from sweeps.execution.failures import Failure
 from sweeps.execution.needs import Need, largest_share, need_of, probes_of
 from sweeps.execution.schedule import Schedule
-from sweeps.execution.worker import Batch
+from sweeps.execution.worker import Batch, Ended, try_task
 from sweeps.store.open import AnyStore
 from sweeps.store.result_folder import DamagedResult
 from sweeps.tasks.task import Task
@@ -81,7 +81,7 @@ def execute(
     done |= store.finished(probes.values())
     # A probe comes right after its inputs, so that no training waits long for it.
     schedule = Schedule(_with_probes(tasks, probes), done, probes)
-    running: dict[Any, tuple[Task, Batch, Need]] = {}
+    running: dict[Job[Ended], tuple[Task, Batch, Need]] = {}
 
     def fail(failed: Task, failure: Failure) -> None:
         for fallen in schedule.fail(failed, failure):
@@ -111,15 +111,17 @@ def execute(
                 if how.halvings:
                     need = replace(need, gpu_share=max(1.0, need.gpu_share))
                 listener.started(task)
-                running[backend.submit(task, how, need)] = (task, how, need)
+                name = f"{task.stage}: {task.label}"
+                job = backend.submit(try_task, task, store, how, name=name, need=need)
+                running[job] = (task, how, need)
             if not running:
                 outcome.failures |= schedule.failed
                 return outcome
-            found = backend.wait(list(running))
-            if found is None:  # nothing has ended, but there may be more machines now
+            waited = backend.wait(list(running))
+            if waited is None:  # nothing has ended, but there may be more machines now
                 continue
-            token, ended = found
-            task, how, _ = running.pop(token)
+            ended = _ended(waited)
+            task, how, _ = running.pop(waited)
             now, failure = time.monotonic(), ended.failure
             outcome.times[task.key] = (now - ended.seconds, now)
             if failure is None:
@@ -134,8 +136,19 @@ def execute(
             else:
                 fail(task, failure)
     except BaseException:
-        backend.cancel(list(running))
+        for job in running:
+            job.cancel()
         raise
+
+
+def _ended(job: Job[Ended]) -> Ended:
+    """How a task ended, also if its worker could not even begin."""
+    try:
+        return job.result()
+    except WorkerDied as error:
+        return Ended(Failure(str(error), str(error.__cause__)), 0.0)
+    except OSError as error:
+        return Ended(Failure.of(error), 0.0)
 
 
 def _with_probes(tasks: Sequence[Task], probes: Mapping[str, Task]) -> list[Task]:

@@ -31,7 +31,7 @@ from sweeps.search.problem.rig import Rig
 from sweeps.search.trials.by_detectors import TrainingAnswers
 from sweeps.search.trials.by_surrogates import SurrogateAnswers
 from sweeps.search.trials.pog import NoPog, pog
-from sweeps.search.trials.pool import Pool, pool_for
+from sweeps.search.trials.pool import Pool
 from sweeps.search.trials.study import (
     Timing,
     is_emptied,
@@ -76,7 +76,7 @@ def run_search(console: Console, problem: Problem, command: str, verify: bool) -
                 say(f"{journal_path(folder)} holds no trial, though this search had some: anew")
             log = stack.enter_context(_mlflow(problem, command, say))
             stack.enter_context(workers)
-            backend = workers.enter_context(backend_for(file.ray, store))
+            backend = workers.enter_context(backend_for(file.ray))
         except ValueError as error:
             wrong(error)
         with workers, quiet():
@@ -151,7 +151,7 @@ def _search(
     name = f"{reference(problem.sweep(), 'search')}-{problem.key}"
     study = open_study(storage, name, settings, first)
     timing = Timing()
-    pool = pool_for(backend, grids)
+    pool = Pool.of(backend, grids)
     if any(objective.measured for objective in settings.objective):
         answers: SurrogateAnswers | TrainingAnswers = TrainingAnswers(
             study, problem, pool, store, backend
@@ -250,7 +250,7 @@ def _in_scenes(
         except NoPog as error:  # what was found is worth more than one more scene
             console.print(f"robustness: {name} is left out: {error}", soft_wrap=True)
             continue
-        pool = pool_for(backend, grids)
+        pool = Pool.of(backend, grids)
         tables.append(in_scene(rigs, exact(problem.question), pool, name))
     return pd.concat(tables, ignore_index=True)
 

@@ -40,7 +40,7 @@ def test_every_network_trains_and_is_evaluated(tmp_path):
     config.write_text(yaml.safe_dump(SWEEP | {"scene": scene, "output": str(tmp_path / "runs")}))
     plan = make_plan(read_sweep(config))
     store = Store(tmp_path / "store")
-    execute(plan.tasks, store, InProcess(store), Loud())
+    execute(plan.tasks, store, InProcess(), Loud())
     assert [trial.finetune.params.detector for trial in plan.trials] == SWEEP["grid"]["detector"]
     for trial in plan.trials:
         training = store.load(trial.finetune)

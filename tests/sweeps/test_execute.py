@@ -59,7 +59,7 @@ def diamond():
 def run(tasks, folder, known=None, backend=InProcess):
     recorder = Recorder()
     store = Store(folder)
-    outcome = execute(tasks, store, backend(store), recorder, known=known)
+    outcome = execute(tasks, store, backend(), recorder, known=known)
     return outcome.failures, recorder, store
 
 
@@ -88,7 +88,7 @@ def test_what_is_in_the_store_is_not_computed_again(tmp_path, stages):
 def test_times_are_kept_of_what_ran(tmp_path, stages):
     tasks = diamond()
     store = Store(tmp_path)
-    outcome = execute(tasks, store, InProcess(store), Recorder())
+    outcome = execute(tasks, store, InProcess(), Recorder())
     assert set(outcome.times) == {task.key for task in tasks}
     ends = [outcome.times[task.key][1] for task in tasks]
     assert all(start <= end for start, end in outcome.times.values())
@@ -101,7 +101,7 @@ def test_a_clock_that_jumps_changes_nothing(tmp_path, stages, monkeypatch):
         monkeypatch.setattr(f"time.{name}", lambda: 3600 * next(hours))
     tasks = diamond()
     store = Store(tmp_path)
-    outcome = execute(tasks, store, InProcess(store), Recorder())
+    outcome = execute(tasks, store, InProcess(), Recorder())
     assert store.load(tasks[-1])["sum"] == 1112
     assert all(0 <= end - start < 3600 for start, end in outcome.times.values())
     assert all(0 <= store.seconds(task) < 3600 for task in tasks)
@@ -164,7 +164,7 @@ def test_a_damaged_input_ends_all_and_the_next_time_it_is_computed_again(tmp_pat
     worker._load.cache_clear()
     recorder = Recorder()
     with pytest.raises(DamagedResult, match=f"{tasks[1].key} is damaged"):
-        execute(tasks, store, InProcess(store), recorder)
+        execute(tasks, store, InProcess(), recorder)
     assert not [entry for entry in recorder.log if entry[0] == "failed"]
     failures, recorder, store = run(tasks, tmp_path)
     assert not failures
@@ -184,7 +184,7 @@ def test_an_input_that_another_worker_found_damaged_is_no_failure(tmp_path, stag
 
     monkeypatch.setitem(worker.FUNCTIONS, "collect", gone)
     with pytest.raises(DamagedResult, match="no such result"):
-        execute(tasks, store, InProcess(store), Recorder())
+        execute(tasks, store, InProcess(), Recorder())
 
 
 @pytest.mark.parametrize(
@@ -266,13 +266,12 @@ class Probing(InProcess):
     probes = True
     needs: dict
 
-    def __init__(self, store):
-        super().__init__(store)
+    def __init__(self):
         self.needs = {}
 
-    def submit(self, task, how, need):
+    def submit(self, function, task, *arguments, name, need):
         self.needs.setdefault(task.key, []).append(need)
-        return super().submit(task, how, need)
+        return super().submit(function, task, *arguments, name=name, need=need)
 
 
 def training(n, detector="second", batch_size=8, inputs=()):
@@ -322,7 +321,7 @@ def test_what_failed_in_a_rung_may_succeed_later(tmp_path, monkeypatch):
     tasks = [Task("scene", name, Toy(name)) for name in ("bad", "unlucky")]
     store, outcome = Store(tmp_path), Outcome()
     for _ in range(2):
-        execute(tasks, store, InProcess(store), Recorder(), outcome)
+        execute(tasks, store, InProcess(), Recorder(), outcome)
     assert set(outcome.failures) == {tasks[0].key}
     assert asked == ["bad", "unlucky", "unlucky"]
 
@@ -348,7 +347,7 @@ def test_a_training_that_is_too_large_for_a_gpu_is_tried_alone_with_half_the_bat
     )
     fits, fits_not = training(2), training(0)
     store, recorder = Store(tmp_path), Recorder()
-    backend = Probing(store)
+    backend = Probing()
     outcome = execute([fits, fits_not], store, backend, recorder)
     assert store.load(fits) == {"batch_size": 2}
     assert [size for n, size in tried if n == 2] == [8, 4, 2]
@@ -372,7 +371,7 @@ def test_the_memory_of_a_training_is_that_of_its_probe(tmp_path, monkeypatch):
     )
     tasks = [training(1, batch_size="auto"), training(2, batch_size="auto")]
     store, recorder = Store(tmp_path), Recorder()
-    backend = Probing(store)
+    backend = Probing()
     assert not execute(tasks, store, backend, recorder).failures
     assert [label for kind, label in recorder.log if kind == "started"].count("second") == 1
     for task in tasks:

@@ -136,7 +136,7 @@ def test_the_command_writes_weights_to_start_from(folder):
         (f"training.checkpoint={out}", f"base.pt sha256:{digest(out)}", content["classes"]),
     ):
         trial = make_plan(read_sweep(config, [override])).trials[0]
-        failures = execute(with_inputs(trial.evaluate), store, InProcess(store), Quiet()).failures
+        failures = execute(with_inputs(trial.evaluate), store, InProcess(), Quiet()).failures
         assert not failures
         training = store.load(trial.finetune)
         assert (training["weights"], training["classes"]) == (weights, classes)

@@ -97,7 +97,7 @@ def run(sweep, plan, folder):
     store, outcome = Store(folder / "store"), Outcome()
 
     def run_tasks(tasks):
-        execute(tasks, store, InProcess(store), Quiet(), outcome)
+        execute(tasks, store, InProcess(), Quiet(), outcome)
         return True
 
     return promote(sweep, plan, store, run_tasks), store, outcome
@@ -146,7 +146,7 @@ def test_the_outcome_is_the_same_after_a_stop(log, quick):
     def stop_soon(tasks):
         nonlocal given
         given += 1
-        execute(tasks[: 5 if given > 1 else None], store, InProcess(store), Quiet(), outcome)
+        execute(tasks[: 5 if given > 1 else None], store, InProcess(), Quiet(), outcome)
         return given < 2
 
     stopped = promote(sweep, plan, store, stop_soon)
@@ -155,7 +155,7 @@ def test_the_outcome_is_the_same_after_a_stop(log, quick):
     trained.clear()
 
     def go_on(tasks):
-        execute(tasks, store, InProcess(store), Quiet(), outcome)
+        execute(tasks, store, InProcess(), Quiet(), outcome)
         return True
 
     again = promote(sweep, plan, store, go_on)

@@ -32,7 +32,7 @@ def folder(tmp_path_factory):
     )
     sweep = read_sweep(config)
     plan, store, outcome = make_plan(sweep), Store(path / "store"), Outcome()
-    execute(plan.tasks, store, InProcess(store), Loud(), outcome)
+    execute(plan.tasks, store, InProcess(), Loud(), outcome)
     run = Run(outcome, Promotion(complete=True), set(), 1, "sweeps.run small.yaml", 0.0, 1.0)
     write_run(path / "run", sweep, plan, store, run)
     return path / "run"

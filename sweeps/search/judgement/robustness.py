@@ -13,7 +13,7 @@ from lidarplace import Mount
 from sweeps.configuration.search import RobustnessSettings
 from sweeps.search.problem.assess import Question
 from sweeps.search.problem.rig import Mounted, Rig
-from sweeps.search.trials.pool import Pool, in_order
+from sweeps.search.trials.pool import Pool
 
 AS_DESIGNED = "as designed"
 
@@ -34,7 +34,7 @@ def robustness(
         for case, altered in _cases(rig, settings, seed)
     ]
     flat = [rig for _, _, altered in cases for rig in altered]
-    found = iter(in_order(pool, flat, question))
+    found = iter(pool.in_order(flat, question))
     rows = []
     for name, case, altered in cases:
         values = [next(found).values or {} for _ in altered]
@@ -44,7 +44,7 @@ def robustness(
 
 def in_scene(rigs: Mapping[str, Rig], question: Question, pool: Pool, scene: str) -> pd.DataFrame:
     """Objectives of each rig on the POG of another scene; columns as of `robustness`."""
-    found = in_order(pool, list(rigs.values()), question)
+    found = pool.in_order(list(rigs.values()), question)
     rows = []
     for name, assessment in zip(rigs, found, strict=True):
         rows += _rows(name, f"scene: {scene}", [assessment.values or {}], question)

@@ -15,7 +15,7 @@ from sweeps.configuration.search import ObjectiveSettings
 from sweeps.search.problem.assess import Assessment, Question
 from sweeps.search.problem.rig import Rig
 from sweeps.search.problem.space import Space
-from sweeps.search.trials.pool import Pool, in_order
+from sweeps.search.trials.pool import Pool
 from sweeps.search.trials.study import assessment_of, candidate_of, finished_trials
 
 MOST_EXACT = 20
@@ -78,7 +78,7 @@ def judge(
     several = len(question.objectives) > 1
     chosen = _spread(trials) if several else list(trials[:MOST_EXACT])
     candidates = [candidate_of(trial, space) for trial in chosen]
-    found = in_order(pool, [candidate.rig for candidate in candidates], exact(question))
+    found = pool.in_order([candidate.rig for candidate in candidates], exact(question))
     judged = []
     for trial, candidate, assessment in zip(chosen, candidates, found, strict=True):
         searched = zip(question.objectives, trial.values, strict=True)
@@ -113,7 +113,7 @@ def judge_others(
     rigs: Mapping[str, Rig], role: str, question: Question, pool: Pool
 ) -> dict[str, Judged]:
     """Rigs that no trial found, with all rays and as the search computes them; the best first."""
-    both = [in_order(pool, list(rigs.values()), asked) for asked in (exact(question), question)]
+    both = [pool.in_order(list(rigs.values()), asked) for asked in (exact(question), question)]
     judged = {
         name: Judged(rig, all_rays, role, fast.values or {})
         for (name, rig), all_rays, fast in zip(rigs.items(), *both, strict=True)

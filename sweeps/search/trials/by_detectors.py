@@ -20,7 +20,7 @@ from sweeps.results.trial_results import metric_mean
 from sweeps.search.problem.as_sweep import sweep_of, sweep_settings
 from sweeps.search.problem.assess import Assessment
 from sweeps.search.problem.problem import Problem
-from sweeps.search.trials.pool import Pool, in_order
+from sweeps.search.trials.pool import Pool
 from sweeps.search.trials.study import Candidate, tell
 from sweeps.store.of_sweep import reference
 from sweeps.store.open import AnyStore
@@ -55,7 +55,7 @@ class TrainingAnswers:
 
     def finish(self) -> None:
         asked, self._asked = self._asked, []
-        found = in_order(self.pool, [c.rig for _, c in asked], self.problem.question)
+        found = self.pool.in_order([c.rig for _, c in asked], self.problem.question)
         alive = [
             (trial, candidate)
             for (trial, candidate), assessment in zip(asked, found, strict=True)

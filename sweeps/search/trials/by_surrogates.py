@@ -7,6 +7,7 @@ from typing import Any
 
 import optuna
 
+from sweeps.execution.backends import Job
 from sweeps.search.problem.assess import Assessment, Question
 from sweeps.search.problem.space import Space
 from sweeps.search.trials.pool import Pool
@@ -28,16 +29,16 @@ class SurrogateAnswers:
             candidate_of(trial, space).key: assessment_of(trial) for trial in finished_trials(study)
         }
         self._asked: list[tuple[optuna.Trial, Candidate]] = []
-        self._tokens: dict[tuple[Any, ...], Any] = {}
+        self._jobs: dict[tuple[Any, ...], Job[Assessment]] = {}
 
     def begin(self, trial: optuna.Trial, candidate: Candidate) -> None:
         self._asked.append((trial, candidate))
-        if candidate.key not in self._known and candidate.key not in self._tokens:
-            self._tokens[candidate.key] = self._pool.submit(candidate.rig, self._question)
+        if candidate.key not in self._known and candidate.key not in self._jobs:
+            self._jobs[candidate.key] = self._pool.submit(candidate.rig, self._question)
 
     def finish(self) -> None:
-        for key, token in self._tokens.items():
-            self._known[key] = self._pool.result(token)
+        for key, job in self._jobs.items():
+            self._known[key] = job.result()
         for trial, candidate in self._asked:
             found = self._known[candidate.key]
             values, failure = None, None
@@ -46,4 +47,4 @@ class SurrogateAnswers:
                 if any(math.isnan(value) for value in values):
                     failure = "an objective is undefined for this rig: nothing is covered"
             tell(self._study, trial, found, values, failure)
-        self._asked, self._tokens = [], {}
+        self._asked, self._jobs = [], {}
