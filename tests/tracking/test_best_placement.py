@@ -70,3 +70,19 @@ def test_a_seed_that_occurs_twice_is_an_error():
     table = results({"a": [1.0, 2.0]})
     with pytest.raises(ValueError, match="'a' has two values for seed 0"):
         best_placement(pd.concat([table, table]))
+
+
+def test_differences_to_any_placement_are_tukeys_too():
+    y = {"a": [70.0, 72, 71], "b": [75.0, 74], "c": [73.0, 76, 77, 75]}
+    found = best_placement(results(y)).differences("b")
+    theirs = stats.tukey_hsd(*y.values())
+    bounds = theirs.confidence_interval(0.95)
+    assert found.index.tolist() == ["c", "b", "a"]
+    for name in "ac":
+        at = list(y).index(name), 1
+        row = found.loc[name]
+        assert row["difference"] == pytest.approx(theirs.statistic[at])
+        expected = (bounds.low[at], bounds.high[at])
+        assert (row["low"], row["high"]) == pytest.approx(expected, abs=1e-3)
+    with pytest.raises(KeyError):
+        best_placement(results(y)).differences("d")

@@ -14,6 +14,8 @@ from tracking.statistics.jackknife import SampleError, combined, sample_error
 from tracking.statistics.probability_of_best import probability_of_best
 from tracking.statistics.reliability import pooled_variance, seed_mean
 
+Noise = tuple[NDArray[np.float64], float, float]
+
 
 @dataclass(frozen=True)
 class BestPlacement:
@@ -30,6 +32,7 @@ class BestPlacement:
         sample: error of a placement against the others by the choice of the test objects; None
             where it is unknown, and intervals and probabilities are over seeds alone.
         note: why there are no intervals, or "".
+        noise: counts, variance and degrees, as of `lead_intervals`, the best first.
     """
 
     best: str
@@ -39,6 +42,25 @@ class BestPlacement:
     sd: float
     sample: SampleError | None
     note: str
+    noise: Noise
+
+    def differences(self, reference: str) -> pd.DataFrame:
+        """All placements against one of them, in intervals that hold for all pairs at once.
+
+        Returns:
+            Index placement, best mean first: `difference` to `reference`, `low` and `high`.
+
+        Raises:
+            KeyError: `reference` has no value.
+        """
+        names = self.sure.index
+        means = np.concatenate([[self.mean], self.others["mean"].to_numpy(np.float64)])
+        at = names.get_loc(reference)
+        order = np.array([at, *np.delete(np.arange(len(names)), at)])
+        counts, variance, degrees = self.noise
+        intervals = lead_intervals(means[order], counts[order], variance, degrees)
+        table = {"difference": means[order] - means[at], "low": -intervals[:, 1]}
+        return pd.DataFrame(table | {"high": -intervals[:, 0]}, names[order]).loc[names]
 
     @property
     def equal(self) -> list[str]:
@@ -110,6 +132,7 @@ def best_placement(
         sd=float(np.sqrt(variance)),
         sample=sample,
         note=note,
+        noise=noise,
     )
 
 

@@ -260,7 +260,9 @@ def _verified(run: SearchFolder) -> Section | None:
     section = Section("Did the gain become AP?")
     section.notes.append(
         f"Differences to {search.baseline} in {search.first.name} and in what detectors measured, "
-        f"with 95 % intervals over seeds. Up and to the {side} of the dotted lines, the "
+        "with 95 % intervals that hold for all pairs of rigs at once, over seeds and, where they "
+        "are known, over the routes and individuals of the test frames, as in the report of the "
+        f"sweep. Up and to the {side} of the dotted lines, the "
         "gain became AP."
     )
     base = search.rigs[search.baseline].value(search.first)

@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
+from typing import Any
 
-import numpy as np
 import pandas as pd
 from rich.console import Console
-from scipy import stats
 
 from lidarplace.command_line.verbs import wrong
 from lidarplace.files.atomic import replacing
@@ -20,10 +19,10 @@ from sweeps.search.judgement.found import Found
 from sweeps.search.judgement.winners import Judged
 from sweeps.search.problem.problem import Problem
 from sweeps.store.of_sweep import store_of
+from tracking.findings.best_placement import best_placement
+from tracking.findings.summary import seed_means
 from tracking.kitti_iou import headline_iou
 from tracking.run_folders.sweep import RunFolder
-
-_LEVEL = 0.95
 
 
 def verify_found(console: Console, problem: Problem, found: Found, command: str) -> bool:
@@ -46,15 +45,15 @@ def verify_found(console: Console, problem: Problem, found: Found, command: str)
     folder = sweep.common.output / sweep.common.name
     if not (folder / "results.parquet").exists():
         return False
-    results = RunFolder.read(folder).results
-    if results.empty:
+    run = RunFolder.read(folder)
+    if run.results.empty:
         return False
     objective = problem.file.search.objective[0]
     known = not objective.measured
     surrogate = {
         name: own.value(objective) if known else math.nan for name, own in found.judged.items()
     }
-    table = verified_table(results, found.judged, surrogate, found.baseline)
+    table = verified_table(run, found.judged, surrogate, found.baseline)
     with replacing(problem.folder / "verified.parquet") as partial:
         table.to_parquet(partial, index=False)
     return complete
@@ -72,66 +71,56 @@ def read_verification(problem: Problem) -> tuple[Sweep, Plan]:
 
 
 def verified_table(
-    results: pd.DataFrame,
-    judged: Mapping[str, Judged],
-    surrogate: Mapping[str, float],
-    baseline: str,
+    run: RunFolder, judged: Mapping[str, Judged], surrogate: Mapping[str, float], baseline: str
 ) -> pd.DataFrame:
-    """Means over seeds with Student's intervals, and differences to the baseline by seed.
+    """Means and differences to the baseline, with the intervals of the sweep's own report.
 
-    Trainings of one seed see the same frames in the same order under every rig, so differences are
-    taken seed by seed; their interval is that of a paired t-test (95 %, n - 1 degrees of freedom).
+    Those of the means are Student's (`tracking.findings.summary.seed_means`), those of the
+    differences Tukey and Kramer's, which hold for all pairs of rigs at once
+    (`tracking.findings.best_placement`). Both allow for the test routes and individuals where these
+    are known.
 
     Args:
-        results: rows of a sweep's `results.parquet`.
+        run: the sweep of the verification.
         judged: rigs by name.
         surrogate: the objective's value of each.
         baseline: the rig that others are compared with.
 
     Returns:
         rig, role, class, metric, iou, value, low, high, seeds, difference, difference_low,
-        difference_high, surrogate. Intervals are NaN for one seed.
+        difference_high, surrogate; the best first. Intervals are NaN where all have one seed.
     """
+    means = seed_means(run.results, left_out=run.left_out)
     rows = []
-    for (object_class, metric), own in results.groupby(["class", "metric"], sort=False):
+    for (object_class, metric), every in run.results.groupby(["class", "metric"], sort=False):
         if metric not in RANKING:
             continue
-        own = own[own["iou"] == headline_iou(own, str(object_class))]
-        by_seed = own.pivot_table(index="seed", columns="placement", values="value")
-        for name in by_seed.columns:
-            if name not in judged:
-                continue
-            values = by_seed[name].dropna()
-            mean, half = _interval(values.to_numpy())
-            difference, spread = math.nan, math.nan
-            if baseline in by_seed and name != baseline:
-                pairs = (by_seed[name] - by_seed[baseline]).dropna()
-                difference, spread = _interval(pairs.to_numpy())
+        of = {"class": object_class, "metric": metric}
+        of["iou"] = headline_iou(every, str(object_class))
+        left_out = None if run.left_out is None else _rows(run.left_out, of)
+        best = best_placement(_rows(every, of), left_out=left_out)
+        if best is None:
+            continue
+        mean = _rows(means, of).set_index("placement")
+        against = best.differences(baseline) if baseline in best.sure.index else pd.DataFrame()
+        for name in (name for name in best.sure.index if name in judged):
+            own = against.loc[name] if name in against.index and name != baseline else {}
             rows.append(
-                {
-                    "rig": name,
-                    "role": judged[name].role,
-                    "class": object_class,
-                    "metric": metric,
-                    "iou": own["iou"].iloc[0],
-                    "value": mean,
-                    "low": mean - half,
-                    "high": mean + half,
-                    "seeds": len(values),
-                    "difference": difference,
-                    "difference_low": difference - spread,
-                    "difference_high": difference + spread,
+                {"rig": name, "role": judged[name].role}
+                | of
+                | {
+                    "value": mean.at[name, "mean"],
+                    "low": mean.at[name, "low"],
+                    "high": mean.at[name, "high"],
+                    "seeds": mean.at[name, "seeds"],
+                    "difference": own.get("difference", math.nan),
+                    "difference_low": own.get("low", math.nan),
+                    "difference_high": own.get("high", math.nan),
                     "surrogate": surrogate[str(name)],
                 }
             )
     return pd.DataFrame(rows)
 
 
-def _interval(values: np.ndarray) -> tuple[float, float]:
-    """Mean, and half the width of Student's interval; NaN for fewer than two values."""
-    if len(values) == 0:
-        return math.nan, math.nan
-    if len(values) == 1:
-        return float(values[0]), math.nan
-    error = float(stats.sem(values))
-    return float(values.mean()), float(stats.t.ppf((1 + _LEVEL) / 2, len(values) - 1)) * error
+def _rows(table: pd.DataFrame, of: Mapping[str, Any]) -> pd.DataFrame:
+    return table[(table[list(of)] == pd.Series(of)).all(axis=1)]
