@@ -50,10 +50,8 @@ def pretrain(
     from sweeps.execution.execute import execute
     from sweeps.execution.failures import Failure, FailureFolder
     from sweeps.execution.progress import StageProgress
-    from sweeps.execution.ray_cluster import ClusterError
     from sweeps.plan.plan import read_plan
     from sweeps.plan.pretrain_task import pretrain_task, with_inputs
-    from sweeps.store.damage import until_whole
     from sweeps.store.of_sweep import reference, store_of
     from training.checkpoints import write_checkpoint
 
@@ -95,11 +93,7 @@ def pretrain(
             failures = execute(tasks, store, backend, _Listener(progress, logs)).failures
         return failures[task.key] if task.key in failures else store.load(task)
 
-    try:
-        with going_on(console):
-            value = until_whole(trained, say)
-    except ClusterError as error:
-        wrong(error)
+    value = going_on(console, trained)
     if isinstance(value, Failure):
         say(f"failed: {task.label}: {value.reason}")
         say(f"see {logs.folder}")

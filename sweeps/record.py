@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -32,9 +31,7 @@ def record(
     from sweeps.execution.backends import backend_for
     from sweeps.execution.execute import execute
     from sweeps.execution.progress import StageProgress
-    from sweeps.execution.ray_cluster import ClusterError
     from sweeps.plan.plan import read_plan
-    from sweeps.store.damage import until_whole
     from sweeps.store.of_sweep import reference, store_of
     from sweeps.tasks.stages import box_log
 
@@ -67,11 +64,7 @@ def record(
         ]
         return logs, not failures
 
-    try:
-        with going_on(console):
-            logs, complete = until_whole(recorded, partial(console.print, soft_wrap=True))
-    except ClusterError as error:
-        wrong(error)
+    logs, complete = going_on(console, recorded)
     for label, log in logs:
         folder = out / re.sub(r"[^\w.=-]+", "_", label)
         try:

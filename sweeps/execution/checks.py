@@ -31,17 +31,16 @@ _SERVER_S = 10.0
 _GPU_SETUP = "make clean && make setup TORCH_BACKEND=auto"
 _RAY_TASK = """
 import sys
+from sweeps.execution.backends import backend_for
 from sweeps.configuration.sweep import RaySettings
-from sweeps.execution.ray_cluster import ray_session
 
 def threads():
     import numba
     return numba.get_num_threads()
 
 try:
-    with ray_session(RaySettings(address=sys.argv[1])) as ray:
-        cpus = int(ray.cluster_resources().get("CPU", 0))
-        print(cpus, ray.get(ray.remote(num_cpus=1)(threads).remote()))
+    with backend_for(RaySettings(address=sys.argv[1])) as backend:
+        print(backend.cores, backend.submit(threads).result())
 except ValueError as error:
     sys.exit(str(error))
 """

@@ -81,64 +81,110 @@ def execute(
     done |= store.finished(probes.values())
     # A probe comes right after its inputs, so that no training waits long for it.
     schedule = Schedule(_with_probes(tasks, probes), done, probes)
-    running: dict[Job[Ended], tuple[Task, Batch, Need]] = {}
-
-    def fail(failed: Task, failure: Failure) -> None:
-        for fallen in schedule.fail(failed, failure):
-            listener.failed(fallen, schedule.failed.get(fallen.key, failure))
-
+    run = _Execution(store, backend, listener, outcome, schedule, probes)
     for item in tasks:
         if item.key in known and item.key not in done | schedule.failed.keys():
-            fail(item, known[item.key])
-    attempts: dict[str, Batch] = {}
+            run.fail(item, known[item.key])
     try:
         while True:
-            while len(running) < backend.slots:
-                needs = [need for *_, need in running.values()]
-                # What would wait for a GPU or for memory must not keep others from the CPUs.
-                fits = not needs or (
-                    sum(need.gpu_share for need in needs) < backend.room.gpus
-                    and sum(need.memory for need in needs) < backend.room.memory
-                )
-                if (task := schedule.next(gpu=fits)) is None:
-                    break
-                if store.has(task):  # another driver was here in the meantime
-                    schedule.finish(task)
-                    listener.finished(task)
-                    continue
-                need = need_of(task, probes.get(task.key), store, backend.gpus_per_training)
-                how = attempts.get(task.key, Batch(need.batch_size))
-                if how.halvings:
-                    need = replace(need, gpu_share=max(1.0, need.gpu_share))
-                listener.started(task)
-                name = f"{task.stage}: {task.label}"
-                job = backend.submit(try_task, task, store, how, name=name, need=need)
-                running[job] = (task, how, need)
-            if not running:
+            run.hand_out()
+            if not run.running:
                 outcome.failures |= schedule.failed
                 return outcome
-            waited = backend.wait(list(running))
-            if waited is None:  # nothing has ended, but there may be more machines now
-                continue
-            ended = _ended(waited)
-            task, how, _ = running.pop(waited)
-            now, failure = time.monotonic(), ended.failure
-            outcome.times[task.key] = (now - ended.seconds, now)
-            if failure is None:
-                outcome.failures.pop(task.key, None)  # of a rung before
-                schedule.finish(task)
-                listener.finished(task)
-            elif failure.damaged or not all(map(store.has, task.inputs)):
-                raise DamagedResult(failure.reason)
-            elif failure.out_of_gpu_memory and _can_be_halved(task, how):
-                attempts[task.key] = Batch(how.batch_size, how.halvings + 1)
-                schedule.again(task)
-            else:
-                fail(task, failure)
+            # None has ended: there may be more machines now.
+            if (job := backend.wait(list(run.running))) is not None:
+                run.take_back(job)
     except BaseException:
-        for job in running:
+        for job in run.running:
             job.cancel()
         raise
+
+
+@dataclass(frozen=True)
+class _Handed:
+    """A task that was handed out, how it is tried and what it asked for."""
+
+    task: Task
+    how: Batch
+    need: Need
+
+
+@dataclass
+class _Execution:
+    """Tasks between their schedule and the backend.
+
+    Attributes:
+        probes: probe of a training, by the training's key.
+        running: what was handed out.
+        attempts: how a training is tried again, by its key.
+    """
+
+    store: AnyStore
+    backend: Backend
+    listener: Listener
+    outcome: Outcome
+    schedule: Schedule
+    probes: Mapping[str, Task]
+    running: dict[Job[Ended], _Handed] = field(default_factory=dict)
+    attempts: dict[str, Batch] = field(default_factory=dict)
+
+    def hand_out(self) -> None:
+        """Start tasks while the backend takes some."""
+        while len(self.running) < self.backend.slots:
+            if (task := self.schedule.next(gpu=self._has_room())) is None:
+                return
+            if self.store.has(task):  # another driver was here in the meantime
+                self._finish(task)
+                continue
+            need = need_of(
+                task, self.probes.get(task.key), self.store, self.backend.gpus_per_training
+            )
+            how = self.attempts.get(task.key, Batch(need.batch_size))
+            if how.halvings:
+                need = replace(need, gpu_share=max(1.0, need.gpu_share))
+            self.listener.started(task)
+            name = f"{task.stage}: {task.label}"
+            job = self.backend.submit(try_task, task, self.store, how, name=name, need=need)
+            self.running[job] = _Handed(task, how, need)
+
+    def take_back(self, job: Job[Ended]) -> None:
+        """Note how a task ended.
+
+        Raises:
+            DamagedResult: a result that it needs was damaged, and is gone.
+        """
+        ended, handed = _ended(job), self.running.pop(job)
+        task, how = handed.task, handed.how
+        now, failure = time.monotonic(), ended.failure
+        self.outcome.times[task.key] = (now - ended.seconds, now)
+        if failure is None:
+            self.outcome.failures.pop(task.key, None)  # of a rung before
+            self._finish(task)
+        elif failure.damaged or not all(map(self.store.has, task.inputs)):
+            raise DamagedResult(failure.reason)
+        elif failure.out_of_gpu_memory and _can_be_halved(task, how):
+            self.attempts[task.key] = Batch(how.batch_size, how.halvings + 1)
+            self.schedule.again(task)
+        else:
+            self.fail(task, failure)
+
+    def fail(self, failed: Task, failure: Failure) -> None:
+        """Note that a task, and all that need it, failed."""
+        for fallen in self.schedule.fail(failed, failure):
+            self.listener.failed(fallen, self.schedule.failed.get(fallen.key, failure))
+
+    def _finish(self, task: Task) -> None:
+        self.schedule.finish(task)
+        self.listener.finished(task)
+
+    def _has_room(self) -> bool:
+        """What would wait for a GPU or for memory must not keep others from the CPUs."""
+        needs = [handed.need for handed in self.running.values()]
+        room = self.backend.room
+        return not needs or (
+            sum(need.gpu_share for need in needs) < room.gpus
+            and sum(need.memory for need in needs) < room.memory
+        )
 
 
 def _ended(job: Job[Ended]) -> Ended:

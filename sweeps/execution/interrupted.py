@@ -2,28 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from functools import partial
+from typing import TypeVar
 
 import typer
 from rich.console import Console
 
+from lidarplace.command_line.verbs import wrong
 from lidarplace.files.secret_urls import hide_secrets
+
+T = TypeVar("T")
 
 _GOES_ON = "What is finished is kept; the same command goes on from there."
 
 
-@contextmanager
-def going_on(console: Console) -> Iterator[None]:
-    """Leave with exit code 1 if the machine fails the block, such as a disk that is full.
+def going_on(console: Console, work: Callable[[], T]) -> T:
+    """What `work` returns, which begins again after a damaged result (`sweeps.store.damage`).
 
-    Ctrl-C leaves with 130.
+    Leaves with exit code 1 if the machine fails it, such as a disk that is full, with 2 if a
+    cluster cannot be joined, and with 130 at Ctrl-C.
     """
     from sweeps.execution.backends import BackendLost
+    from sweeps.execution.ray_cluster import ClusterError
+    from sweeps.store.damage import until_whole
     from sweeps.store.result_folder import DamagedResult
 
     try:
-        yield
+        return until_whole(work, partial(console.print, soft_wrap=True))
+    except ClusterError as error:
+        wrong(error)
     except (BackendLost, DamagedResult, OSError) as error:
         console.print(f"\n{hide_secrets(str(error))}. {_GOES_ON}", soft_wrap=True)
         raise typer.Exit(1) from None

@@ -6,9 +6,10 @@ machine was faster, nor on a stop in between. Optuna's pruner decides.
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -117,43 +118,55 @@ def _climb(
             with the reason, None if they are not pruned but have failed.
         pruned: takes up the reasons by the trial's key.
     """
-    out: set[str] = set()
-    groups: dict[str, list[Trial]] = {}
-    for trial in plan.trials:
-        groups.setdefault(_group(trial), []).append(trial)
+    groups = _groups(plan.trials)
     rungs = sorted({trial.grid_point.rung for trial in plan.trials})
+    out: set[str] = set()
     for number, rung in enumerate(sweep.common.promote):
-        own = next(r for r in rungs if r >= number)  # of a rung that trains nothing, the next one
-        contests = []
-        for trials in groups.values():
-            contest: dict[str, list[Trial]] = {}
-            for trial in trials:
-                if trial.grid_point.rung == own and trial.key not in out:
-                    contest.setdefault(trial.grid_point.point.placement, []).append(trial)
-            contests.append((trials, contest))
-        compared = (t for _, contest in contests for same in contest.values() for t in same)
-        if not run(plan.needed_for(task for t in compared for task in _looked_at(t, rung))):
+        trained = next(r for r in rungs if r >= number)  # of a rung that trains nothing, the next
+        contests = [_contest(trials, trained, out) for trials in groups]
+        if not run(plan.needed_for(_looked_at(contests, rung))):
             return False
-        for trials, contest in contests:
+        for trials, contest in zip(groups, contests, strict=True):
             verdicts = decide(number, rung, contest)
-            for trial in trials:
+            later = (trial for trial in trials if trial.grid_point.rung > number)
+            for trial in _open(later, out):
                 name = trial.grid_point.point.placement
-                if name in verdicts and trial.grid_point.rung > number and trial.key not in out:
+                if name in verdicts:
                     out.add(trial.key)
                     if (reason := verdicts[name]) is not None:
                         pruned[trial.key] = reason
-    left = [t for t in plan.trials if t.grid_point.rung == rungs[-1] and t.key not in out]
-    return run(plan.needed_for(task for trial in left for task in trial.results))
+    last = (trial for trial in plan.trials if trial.grid_point.rung == rungs[-1])
+    return run(plan.needed_for(task for trial in _open(last, out) for task in trial.results))
 
 
-def _looked_at(trial: Trial, rung: Rung) -> tuple[Task, ...]:
+def _open(trials: Iterable[Trial], out: Collection[str]) -> list[Trial]:
+    """Those that are not out, by key."""
+    return [trial for trial in trials if trial.key not in out]
+
+
+def _groups(trials: Iterable[Trial]) -> list[list[Trial]]:
+    """By detector and further axes: placements compete within one group."""
+    groups: dict[str, list[Trial]] = {}
+    for trial in trials:
+        key = json.dumps([trial.grid_point.point.detector, _axes(trial)], sort_keys=True)
+        groups.setdefault(key, []).append(trial)
+    return list(groups.values())
+
+
+def _contest(trials: Iterable[Trial], rung: int, out: Collection[str]) -> dict[str, list[Trial]]:
+    """The trials of a rung that are not out, by placement."""
+    contest: dict[str, list[Trial]] = {}
+    for trial in _open(trials, out):
+        if trial.grid_point.rung == rung:
+            contest.setdefault(trial.grid_point.point.placement, []).append(trial)
+    return contest
+
+
+def _looked_at(contests: Iterable[Mapping[str, list[Trial]]], rung: Rung) -> Iterator[Task]:
     """Tasks whose results the rung needs."""
-    return trial.results if rung.by in RANKING else (trial.pog, trial.surrogates)
-
-
-def _group(trial: Trial) -> str:
-    """Detector and further axes: placements compete within one group."""
-    return json.dumps([trial.grid_point.point.detector, _axes(trial)], sort_keys=True)
+    for contest in contests:
+        for trial in itertools.chain.from_iterable(contest.values()):
+            yield from trial.results if rung.by in RANKING else (trial.pog, trial.surrogates)
 
 
 def _axes(trial: Trial) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import Any, Literal
 from sweeps.configuration.grid import Sweep
 from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.plan.plan import Plan, Trial
-from sweeps.results.promotion import Promotion, at_most, promote
+from sweeps.results.promotion import at_most, promote
 from sweeps.results.trial_results import trial_failure
 from sweeps.store.lock import is_locked
 from sweeps.store.open import AnyStore
@@ -59,11 +59,15 @@ def sweep_state(sweep: Sweep, plan: Plan, store: AnyStore) -> SweepState:
     alive = is_locked(folder)
     failed = FailureFolder(folder / "failed")
     there = store.finished(plan.tasks)
-    failures = {key: why for key, why in failed.read().items() if key not in there}
-    notes = store.running_notes(task for task in plan.tasks if task.key not in there)
+    look = _Look(
+        alive=alive,
+        there=there,
+        failures={key: why for key, why in failed.read().items() if key not in there},
+        notes=store.running_notes(task for task in plan.tasks if task.key not in there),
+    )
 
     def settled(tasks: list[Task]) -> bool:
-        return all(task.key in there or task.key in failures for task in tasks)
+        return all(task.key in there or task.key in look.failures for task in tasks)
 
     promotion = promote(sweep, plan, store, settled)
     if promotion.complete or not sweep.common.promote:
@@ -71,56 +75,58 @@ def sweep_state(sweep: Sweep, plan: Plan, store: AnyStore) -> SweepState:
         expected = plan.needed_for(task for trial in open_ for task in trial.results)
     else:
         expected = at_most(sweep, plan)
-    stages: dict[str, dict[str, int]] = {}
-    for stage in dict.fromkeys(task.stage for task in expected):
-        own = [task for task in expected if task.stage == stage]
-        stages[stage] = dict(
-            Counter(_task_status(task, there, failures, notes, alive) for task in own)
-        )
-    trials = [
-        _trial_state(trial, plan, there, failures, notes, alive, promotion, failed)
-        for trial in plan.trials
-    ]
-    return SweepState(sweep.common.name, alive, stages, trials)
+    stages: dict[str, Counter[str]] = {}
+    for task in expected:
+        stages.setdefault(task.stage, Counter())[look.status(task)] += 1
+    return SweepState(
+        name=sweep.common.name,
+        alive=look.alive,
+        stages={stage: dict(own) for stage, own in stages.items()},
+        trials=[look.trial(trial, plan, promotion.pruned, failed) for trial in plan.trials],
+    )
 
 
-def _task_status(
-    task: Task,
-    there: set[str],
-    failures: Mapping[str, Failure],
-    notes: Mapping[str, Any],
-    alive: bool,
-) -> Status:
-    if task.key in there:
-        return "done"
-    if task.key in failures:
-        return "failed"
-    if task.key in notes:
-        return "running" if alive else "stopped"
-    return "waiting"
+@dataclass(frozen=True)
+class _Look:
+    """What was there at one moment.
 
+    Attributes:
+        alive: whether a driver runs.
+        there: keys of results.
+        failures: by key of tasks that have none.
+        notes: what runs, or ran when a driver was killed, by key.
+    """
 
-def _trial_state(
-    trial: Trial,
-    plan: Plan,
-    there: set[str],
-    failures: Mapping[str, Failure],
-    notes: Mapping[str, Mapping[str, Any]],
-    alive: bool,
-    promotion: Promotion,
-    failed: FailureFolder,
-) -> TrialState:
-    if trial.key in promotion.pruned:
-        return TrialState(trial.label, "pruned", promotion.pruned[trial.key])
-    if all(task.key in there for task in trial.results):
-        return TrialState(trial.label, "done")
-    failure = trial_failure(trial, failures)
-    if failure is not None:
-        task = next(task for task in trial.results if task.key in failures)
-        return TrialState(trial.label, "failed", failure.reason, str(failed.log(task)))
-    for task in plan.needed_for(trial.results):
-        if task.key in notes and task.key not in there:
-            note = notes[task.key]
-            where = f"{task.stage} on {note['node']}, process {note['pid']}, since {note['since']}"
-            return TrialState(trial.label, "running" if alive else "stopped", where)
-    return TrialState(trial.label, "waiting")
+    alive: bool
+    there: set[str]
+    failures: Mapping[str, Failure]
+    notes: Mapping[str, Mapping[str, Any]]
+
+    def status(self, task: Task) -> Status:
+        if task.key in self.there:
+            return "done"
+        if task.key in self.failures:
+            return "failed"
+        return self._running if task.key in self.notes else "waiting"
+
+    def trial(
+        self, trial: Trial, plan: Plan, pruned: Mapping[str, str], failed: FailureFolder
+    ) -> TrialState:
+        if trial.key in pruned:
+            return TrialState(trial.label, "pruned", pruned[trial.key])
+        if all(task.key in self.there for task in trial.results):
+            return TrialState(trial.label, "done")
+        failure = trial_failure(trial, self.failures)
+        if failure is not None:
+            task = next(task for task in trial.results if task.key in self.failures)
+            return TrialState(trial.label, "failed", failure.reason, str(failed.log(task)))
+        for task in plan.needed_for(trial.results):
+            if task.key in self.notes and task.key not in self.there:
+                note = self.notes[task.key]
+                where = f"{note['node']}, process {note['pid']}, since {note['since']}"
+                return TrialState(trial.label, self._running, f"{task.stage} on {where}")
+        return TrialState(trial.label, "waiting")
+
+    @property
+    def _running(self) -> Status:
+        return "running" if self.alive else "stopped"

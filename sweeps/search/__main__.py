@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -68,20 +67,15 @@ def search(
         return
     os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"  # before anything imports it
     from sweeps.search.run import run_search
-    from sweeps.store.damage import until_whole
     from sweeps.store.of_sweep import check_writable, store_of
 
     try:
         sweep = problem.sweep()
-        check_writable(sweep, store_of(sweep))
+        store = store_of(sweep)
+        check_writable(sweep, store)
     except (ValueError, OSError) as error:
         wrong(error)
-    with going_on(console):
-        found = until_whole(
-            lambda: run_search(console, problem, called(), verify),
-            partial(console.print, soft_wrap=True),
-        )
-    if not found:
+    if not going_on(console, lambda: run_search(console, problem, store, called(), verify)):
         raise typer.Exit(1)
 
 

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
+from typing import Any
 
 import optuna
 import pandas as pd
@@ -16,7 +19,9 @@ from lidarplace import OccupancyGrid
 from lidarplace.command_line.verbs import wrong
 from lidarplace.files.secret_urls import hide_secrets
 from sweeps.configuration.file import ConfigError
-from sweeps.execution.backends import Backend, BackendLost, backend_for
+from sweeps.configuration.sweep import Common
+from sweeps.execution.backends import Backend, BackendLost
+from sweeps.execution.runner import Say, drive
 from sweeps.mlflow.page import note
 from sweeps.search.greedy.certificate import Certificate, first_params, kept_certificate, why_none
 from sweeps.search.judgement.found import Found, baseline_of, best_linear_share
@@ -27,7 +32,6 @@ from sweeps.search.output.mlflow_trials import ended_trials
 from sweeps.search.output.run_folder import write_search
 from sweeps.search.output.terminal import print_failures, print_found, print_nothing_found
 from sweeps.search.problem.problem import Problem
-from sweeps.search.problem.rig import Rig
 from sweeps.search.trials.by_detectors import TrainingAnswers
 from sweeps.search.trials.by_surrogates import SurrogateAnswers
 from sweeps.search.trials.pog import NoPog, pog
@@ -41,168 +45,194 @@ from sweeps.search.trials.study import (
     run_study,
     storage_for,
 )
-from sweeps.store.leftovers import remove_leftovers_of
-from sweeps.store.lock import locked
-from sweeps.store.of_sweep import reference, store_of
+from sweeps.store.of_sweep import reference
 from sweeps.store.open import AnyStore
 from tracking.mlflow.content import ParentRun
 from tracking.mlflow.log import SweepLog
 from tracking.mlflow.source import source_tags
-from tracking.mlflow.uri import ui_command
 from tracking.search_report.build import build_search_report
-
-
-def run_search(console: Console, problem: Problem, command: str, verify: bool) -> bool:
-    """Search, write the results, verify. Returns whether a placement was found and all went well.
-
-    Raises:
-        typer.Exit: another driver runs the search, or MLflow, Ray or a database cannot be had.
-        BackendLost: Ray has gone.
-        OSError: the run folder cannot be written.
-    """
-    start = time.monotonic()
-    folder, file = problem.folder, problem.file
-    say = partial(console.print, soft_wrap=True)
-    command = hide_secrets(command, *file.urls)
-    with ExitStack() as stack:
-        workers = ExitStack()  # given back before the results are written
-        try:
-            store = store_of(problem.sweep())
-            stack.enter_context(locked(folder, alone=True))
-            remove_leftovers_of(file, store)
-            stack.enter_context(store.in_use())
-            storage = storage_for(file.search.storage, folder)
-            if file.search.storage is None and is_emptied(folder):
-                say(f"{journal_path(folder)} holds no trial, though this search had some: anew")
-            log = stack.enter_context(_mlflow(problem, command, say))
-            stack.enter_context(workers)
-            backend = workers.enter_context(backend_for(file.ray))
-        except ValueError as error:
-            wrong(error)
-        with workers, quiet():
-            try:
-                found = _search(console, problem, storage, store, backend, log)
-            except NoPog as error:
-                raise BackendLost(f"no POG: {error}") from None
-            except ConfigError as error:
-                wrong(error)
-        write_search(folder, problem, found, command, time.monotonic() - start)
-        if found.trials:
-            print_found(console, problem, found)
-        else:
-            print_nothing_found(console, problem, found)
-        report = build_search_report(folder)
-        for path in sorted(p for p in folder.iterdir() if p.suffix in _ARTIFACTS):
-            log.artifact(path)
-        say(f"\nReport  {report}")
-        say(f"MLflow  {ui_command(file.tracking_uri, log.page())}")
-    failed = print_failures(console, found)
-    good = bool(found.trials) and not failed and not log.undelivered and not log.refused
-    if verify and file.verify is not None and found.trials:
-        from sweeps.search.judgement.verify import verify_found
-
-        good &= verify_found(console, problem, found, command)
-        build_search_report(folder)
-    console.print(f"{time.monotonic() - start:.0f} s", highlight=False)
-    return good
-
 
 _ARTIFACTS = (".parquet", ".yaml", ".html", ".json")
 
 
-def _mlflow(problem: Problem, command: str, say: Callable[[str], None]) -> SweepLog:
-    file, search = problem.file, problem.file.search
-    params = {
-        "objective": ", ".join(objective.name for objective in search.objective),
-        "sampler": search.sampler,
-        "seed": search.seed,
-        "batch_size": search.batch_size,
-    }
-    parent = ParentRun(
-        problem.key,
-        file.name,
-        params,
-        tags=source_tags(),
-        note=note(problem.source, command, file.urls),
-        about=ABOUT,
-        columns=columns(problem),
-        ascending=search.objective[0].best == "minimize",
-    )
-    return SweepLog(file.tracking_uri, parent, folder=problem.folder, say=say)
+def run_search(
+    console: Console, problem: Problem, store: AnyStore, command: str, verify: bool
+) -> bool:
+    """Search, write the results, verify. Returns whether a placement was found and all went well.
+
+    Raises:
+        as `sweeps.execution.runner.drive`.
+    """
+    work = SearchWork(console, problem, store, hide_secrets(command, *problem.file.urls))
+    found, good = drive(console, work)
+    failed = print_failures(console, found)
+    good &= bool(found.trials) and not failed
+    if verify and problem.file.verify is not None and found.trials:
+        from sweeps.search.judgement.verify import verify_found
+
+        good &= verify_found(console, problem, found, work.command)
+        build_search_report(problem.folder)
+    console.print(f"{time.monotonic() - work.started:.0f} s", highlight=False)
+    return good
 
 
-def _search(
-    console: Console,
-    problem: Problem,
-    storage: optuna.storages.BaseStorage,
-    store: AnyStore,
-    backend: Backend,
-    log: SweepLog,
-) -> Found:
-    settings = problem.file.search
-    grids: Mapping[str, OccupancyGrid] = {}
-    if problem.question.needs_pog:
-        grids = pog(console, problem, store, backend)
-    certificate, none = None, why_none(problem)
-    if none is None:
-        certificate = _certificate(console, problem, grids)
-        none = None if certificate else "no candidate mount keeps the constraints"
-    first = first_params(problem, certificate)
-    name = f"{reference(problem.sweep(), 'search')}-{problem.key}"
-    study = open_study(storage, name, settings, first)
-    timing = Timing()
-    pool = Pool.of(backend, grids)
-    if any(objective.measured for objective in settings.objective):
-        answers: SurrogateAnswers | TrainingAnswers = TrainingAnswers(
-            study, problem, pool, store, backend
+@dataclass
+class SearchWork:
+    """The steps of a search.
+
+    Attributes:
+        command: what makes the search again, without passwords.
+        started: on the monotonic clock.
+    """
+
+    console: Console
+    problem: Problem
+    store: AnyStore
+    command: str
+    started: float = field(default_factory=time.monotonic)
+    _storage: optuna.storages.BaseStorage = field(init=False)
+
+    @property
+    def common(self) -> Common:
+        """Of the configuration."""
+        return self.problem.file
+
+    def open(self, folder: Path, say: Say) -> SweepLog:
+        """Open Optuna's storage."""
+        file, search = self.problem.file, self.problem.file.search
+        self._storage = storage_for(search.storage, folder)
+        if search.storage is None and is_emptied(folder):
+            say(f"{journal_path(folder)} holds no trial, though this search had some: anew")
+        params = {
+            "objective": ", ".join(objective.name for objective in search.objective),
+            "sampler": search.sampler,
+            "seed": search.seed,
+            "batch_size": search.batch_size,
+        }
+        parent = ParentRun(
+            self.problem.key,
+            file.name,
+            params,
+            tags=source_tags(),
+            note=note(self.problem.source, self.command, file.urls),
+            about=ABOUT,
+            columns=columns(self.problem),
+            ascending=search.objective[0].best == "minimize",
         )
-    else:
-        answers = SurrogateAnswers(study, problem.space, problem.question, pool)
-    log.follow(partial(ended_trials, study, problem))
-    with _bar(console, settings.trials) as told:
-        run_study(study, problem.space, settings, answers, told, timing)
-    trials = best_trials(study, problem.space)
-    judged = _judged(problem, trials, certificate, pool)
-    table = None
-    if trials and problem.file.robustness is not None and grids:
-        table = robustness(
-            _compared(judged),
-            exact(problem.question),
-            pool,
-            problem.file.robustness,
-            settings.seed,
-        )
-    if table is not None:
-        table = with_share(_in_scenes(console, problem, judged, table, store, backend))
-    share = best_linear_share(judged, grids, problem.question)
-    return Found(study, trials, certificate, none, judged, table, grids, timing, share)
+        return SweepLog(file.tracking_uri, parent, folder=folder, say=say)
 
+    def compute(self, folder: Path, backend: Backend, log: SweepLog, say: Say) -> Found:
+        """POG, bound, trials, exact values of the winners."""
+        with quiet():
+            try:
+                return self._search(backend, log)
+            except NoPog as error:
+                raise BackendLost(f"no POG: {error}") from None
+            except ConfigError as error:
+                wrong(error)
 
-def _certificate(
-    console: Console, problem: Problem, grids: Mapping[str, OccupancyGrid]
-) -> Certificate | None:
-    greedy = problem.file.search.greedy
-    assert greedy is not None
-    console.print(
-        f"greedy choice, then its upper bound, up to {greedy.bound_seconds:g} s more …",
-        highlight=False,
-    )
-    found = kept_certificate(problem, grids, problem.folder / "certificate.json")
-    if found is None:
-        return None
-    console.print(
-        f"greedy choice from {found.candidates:,} candidates: {found.value:.6g}; no choice from "
-        f"them exceeds {found.bound:.6g} "
-        f"({found.greedy_seconds:.0f} and {found.bound_seconds:.0f} s)",
-        highlight=False,
-    )
-    if found.refined_value is not None:
-        console.print(
-            f"refined from {found.refined_from}, between the candidates: "
-            f"{found.refined_value:.6g} ({found.refine_seconds:.0f} s)",
-            highlight=False,
+    def write(self, folder: Path, found: Found) -> None:
+        """The tables."""
+        seconds = time.monotonic() - self.started
+        write_search(folder, self.problem, found, self.command, seconds)
+
+    def publish(self, folder: Path, found: Found, log: SweepLog) -> Path:
+        """What was found, the report and the artifacts."""
+        if found.trials:
+            print_found(self.console, self.problem, found)
+        else:
+            print_nothing_found(self.console, self.problem, found)
+        report = build_search_report(folder)
+        for path in sorted(p for p in folder.iterdir() if p.suffix in _ARTIFACTS):
+            log.artifact(path)
+        return report
+
+    def _search(self, backend: Backend, log: SweepLog) -> Found:
+        problem = self.problem
+        question, settings = problem.question, problem.file.search
+        grids = self._pog(backend, None) if question.needs_pog else {}
+        certificate, none = self._certificate(grids)
+        study = open_study(
+            self._storage,
+            f"{reference(problem.sweep(), 'search')}-{problem.key}",
+            settings,
+            first_params(problem, certificate),
         )
-    return found
+        pool = Pool.of(backend, grids)
+        timing = self._trials(study, pool, backend, log)
+        trials = best_trials(study, problem.space)
+        judged = _judged(problem, trials, certificate, pool)
+        return Found(
+            study=study,
+            trials=trials,
+            certificate=certificate,
+            no_certificate=none,
+            judged=judged,
+            robustness=self._robustness(judged, pool, backend) if trials and grids else None,
+            grids=grids,
+            timing=timing,
+            linear_share=best_linear_share(judged, grids, question),
+        )
+
+    def _pog(self, backend: Backend, scene: Mapping[str, Any] | None) -> dict[str, OccupancyGrid]:
+        return pog(self.console, self.problem, self.store, backend, scene)
+
+    def _certificate(
+        self, grids: Mapping[str, OccupancyGrid]
+    ) -> tuple[Certificate | None, str | None]:
+        """Greedy choice and its bound; or None and why there is none."""
+        problem, say = self.problem, partial(self.console.print, highlight=False)
+        if (none := why_none(problem)) is not None:
+            return None, none
+        greedy = problem.file.search.greedy
+        assert greedy is not None
+        say(f"greedy choice, then its upper bound, up to {greedy.bound_seconds:g} s more …")
+        found = kept_certificate(problem, grids, problem.folder / "certificate.json")
+        if found is None:
+            return None, "no candidate mount keeps the constraints"
+        say(
+            f"greedy choice from {found.candidates:,} candidates: {found.value:.6g}; no choice "
+            f"from them exceeds {found.bound:.6g} "
+            f"({found.greedy_seconds:.0f} and {found.bound_seconds:.0f} s)"
+        )
+        if found.refined_value is not None:
+            say(
+                f"refined from {found.refined_from}, between the candidates: "
+                f"{found.refined_value:.6g} ({found.refine_seconds:.0f} s)"
+            )
+        return found, None
+
+    def _trials(self, study: optuna.Study, pool: Pool, backend: Backend, log: SweepLog) -> Timing:
+        """Ask and tell; every trial is logged."""
+        problem, timing = self.problem, Timing()
+        settings = problem.file.search
+        answers: SurrogateAnswers | TrainingAnswers
+        if any(objective.measured for objective in settings.objective):
+            answers = TrainingAnswers(study, problem, pool, self.store, backend)
+        else:
+            answers = SurrogateAnswers(study, problem.space, problem.question, pool)
+        log.follow(partial(ended_trials, study, problem))
+        with _bar(self.console, settings.trials) as told:
+            run_study(study, problem.space, settings, answers, told, timing)
+        return timing
+
+    def _robustness(
+        self, judged: Mapping[str, Judged], pool: Pool, backend: Backend
+    ) -> pd.DataFrame | None:
+        """The best rigs with other mounts and in other scenes; None if it is not asked for."""
+        settings, question = self.problem.file.robustness, exact(self.problem.question)
+        if settings is None:
+            return None
+        rigs = {name: judged[name].rig for name in ("found_1", baseline_of(judged))}
+        tables = [robustness(rigs, question, pool, settings, self.problem.file.search.seed)]
+        for name, changes in settings.scenes.items():
+            try:
+                there = Pool.of(backend, self._pog(backend, changes))
+            except NoPog as error:  # what was found is worth more than one more scene
+                self.console.print(f"robustness: {name} is left out: {error}", soft_wrap=True)
+                continue
+            tables.append(in_scene(rigs, question, there, name))
+        return with_share(pd.concat(tables, ignore_index=True))
 
 
 def _judged(
@@ -224,35 +254,6 @@ def _judged(
         | judge_others(others, "greedy", question, pool)
         | judge_others(problem.paper_rigs(), "paper", question, pool)
     )
-
-
-def _compared(judged: Mapping[str, Judged]) -> dict[str, Rig]:
-    """The rigs whose robustness is compared."""
-    return {name: judged[name].rig for name in ("found_1", baseline_of(judged))}
-
-
-def _in_scenes(
-    console: Console,
-    problem: Problem,
-    judged: Mapping[str, Judged],
-    table: pd.DataFrame,
-    store: AnyStore,
-    backend: Backend,
-) -> pd.DataFrame:
-    """`table`, and the same rigs in the other scenes."""
-    settings = problem.file.robustness
-    assert settings is not None
-    rigs = _compared(judged)
-    tables = [table]
-    for name, changes in settings.scenes.items():
-        try:
-            grids = pog(console, problem, store, backend, changes)
-        except NoPog as error:  # what was found is worth more than one more scene
-            console.print(f"robustness: {name} is left out: {error}", soft_wrap=True)
-            continue
-        pool = Pool.of(backend, grids)
-        tables.append(in_scene(rigs, exact(problem.question), pool, name))
-    return pd.concat(tables, ignore_index=True)
 
 
 @contextmanager

@@ -154,20 +154,20 @@ def certify(problem: Problem, grids: Mapping[str, OccupancyGrid]) -> Certificate
         if value is None or own > value:
             refined, value, origin = rig_of(moved, problem.space), own, name
     return Certificate(
-        len(candidates),
-        chosen,
-        (*choice.gains.tolist(), *[0.0] * (len(chosen) - len(choice.chosen))),
-        choice.value,
-        bound.by_gains,
-        bound.value,
-        bound.history,
-        choice.evaluations,
-        refined,
-        value,
-        origin,
-        chosen_after - start,
-        bounded - chosen_after,
-        time.perf_counter() - bounded,
+        candidates=len(candidates),
+        chosen=chosen,
+        gains=(*choice.gains.tolist(), *[0.0] * (len(chosen) - len(choice.chosen))),
+        value=choice.value,
+        by_gains=bound.by_gains,
+        bound=bound.value,
+        history=bound.history,
+        evaluations=choice.evaluations,
+        refined=refined,
+        refined_value=value,
+        refined_from=origin,
+        greedy_seconds=chosen_after - start,
+        bound_seconds=bounded - chosen_after,
+        refine_seconds=time.perf_counter() - bounded,
     )
 
 

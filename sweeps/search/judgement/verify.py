@@ -34,7 +34,7 @@ def verify_found(console: Console, problem: Problem, found: Found, command: str)
     Returns:
         Whether all trainings finished.
     """
-    from sweeps.run import run_sweep
+    from sweeps.run_sweep import run_sweep
 
     try:
         sweep, plan = read_verification(problem)

@@ -176,13 +176,13 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
                 "the search have the models of search.models"
             )
     question = Question(
-        settings.objective,
-        constraints_of(settings.constraints) if settings.zones else (),
-        carrier,
-        file.surrogate.method,
-        file.surrogate.detection_probability,
-        file.surrogate.occlusion,
-        settings.azimuth_stride,
+        objectives=settings.objective,
+        constraints=constraints_of(settings.constraints) if settings.zones else (),
+        carrier=carrier,
+        method=file.surrogate.method,
+        detection_probability=file.surrogate.detection_probability,
+        occlusion=file.surrogate.occlusion,
+        azimuth_stride=settings.azimuth_stride,
     )
     problem = Problem(path, source, file, models, space, start, question)
     _check_what_comes_later(problem)

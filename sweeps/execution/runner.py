@@ -1,0 +1,91 @@
+"""What a run of a sweep and one of a search have in common: one driver, its workers, MLflow."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+from typing import Protocol, TypeVar
+
+from rich.console import Console
+
+from lidarplace.command_line.verbs import wrong
+from sweeps.configuration.sweep import Common
+from sweeps.execution.backends import Backend, backend_for
+from sweeps.store.leftovers import remove_leftovers_of
+from sweeps.store.lock import locked
+from sweeps.store.open import AnyStore
+from tracking.mlflow.log import SweepLog
+from tracking.mlflow.uri import ui_command
+
+T = TypeVar("T")
+
+Say = Callable[[str], None]
+"""Prints a line."""
+
+
+class Work(Protocol[T]):
+    """A sweep or a search, step by step. Each step goes on from what an earlier run left.
+
+    Attributes:
+        common: what every configuration has.
+        store: where results of tasks are.
+    """
+
+    @property
+    def common(self) -> Common: ...
+    @property
+    def store(self) -> AnyStore: ...
+
+    def open(self, folder: Path, say: Say) -> SweepLog:
+        """Prepare the run folder and the store; no other driver has the folder.
+
+        Raises:
+            ValueError: something that is asked for cannot be had.
+        """
+
+    def compute(self, folder: Path, backend: Backend, log: SweepLog, say: Say) -> T:
+        """Run all that is not there yet, and log it."""
+
+    def write(self, folder: Path, found: T) -> None:
+        """Write the results into the run folder."""
+
+    def publish(self, folder: Path, found: T, log: SweepLog) -> Path | None:
+        """Build the report, log the files, print what was found. Returns the report's file."""
+
+
+def drive(console: Console, work: Work[T]) -> tuple[T, bool]:
+    """Run a sweep or a search from where it stopped.
+
+    Returns:
+        What was found, and whether MLflow has got all.
+
+    Raises:
+        typer.Exit: another driver runs it, or MLflow, Ray or a database cannot be had.
+        BackendLost: Ray has gone.
+        DamagedResult: a result was damaged; it is not there any more when this is called again.
+        OSError: the run folder cannot be written.
+    """
+    folder = work.common.output / work.common.name
+    say = partial(console.print, soft_wrap=True)
+    with ExitStack() as stack:
+        workers = ExitStack()  # given back before the results are written
+        try:
+            stack.enter_context(locked(folder, alone=True))
+            remove_leftovers_of(work.common, work.store)
+            log = work.open(folder, say)
+            stack.enter_context(work.store.in_use())
+            stack.enter_context(log)
+            stack.enter_context(workers)
+            backend = workers.enter_context(backend_for(work.common.ray))
+        except ValueError as error:
+            wrong(error)
+        with workers:
+            found = work.compute(folder, backend, log, say)
+        work.write(folder, found)
+        report = work.publish(folder, found, log)
+        if report is not None:
+            say(f"\nReport  {report}")
+        say(f"MLflow  {ui_command(work.common.tracking_uri, log.page())}")
+    return found, not log.undelivered and not log.refused

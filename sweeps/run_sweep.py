@@ -1,0 +1,243 @@
+"""Run a sweep: its tasks, results, MLflow and the report."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from lidarplace.command_line.invocation import command
+from lidarplace.command_line.verbs import wrong
+from sweeps.configuration.grid import Sweep
+from sweeps.configuration.sweep import Common
+from sweeps.execution.backends import Backend
+from sweeps.execution.execute import Outcome, execute
+from sweeps.execution.failures import Failure, FailureFolder
+from sweeps.execution.progress import StageProgress
+from sweeps.execution.runner import Say, drive
+from sweeps.mlflow.best_models import log_best_models
+from sweeps.mlflow.page import ABOUT, columns, note
+from sweeps.mlflow.trials import TrialLog
+from sweeps.plan.plan import Plan, Trial, further_axes
+from sweeps.results.promotion import at_most, promote
+from sweeps.results.run_folder import Run, write_run
+from sweeps.results.trial_results import trial_failure
+from sweeps.store.cleaning import clean_store
+from sweeps.store.of_sweep import reference
+from sweeps.store.open import AnyStore
+from sweeps.tasks.task import Task
+from tracking.findings.ray_counting import largest_linear_share, ray_counting_caution
+from tracking.findings.summary import summary_table
+from tracking.mlflow.content import ParentRun
+from tracking.mlflow.log import SweepLog
+from tracking.mlflow.source import source_tags
+from tracking.mlflow.system import SystemMonitor
+from tracking.report.build import build_report
+from tracking.run_folders.sweep import RunFolder
+
+
+def run_sweep(
+    console: Console,
+    sweep: Sweep,
+    plan: Plan,
+    store: AnyStore,
+    command: str,
+    rerun_failed: bool,
+) -> bool:
+    """Run the plan, log it, report it. Returns whether all trials finished and were logged.
+
+    Args:
+        command: what makes the sweep again.
+        rerun_failed: try again what failed for good.
+
+    Raises:
+        as `sweeps.execution.runner.drive`.
+    """
+    work = SweepWork(console, sweep, plan, store, command, rerun_failed)
+    run, logged = drive(console, work)
+    console.print(f"{time.monotonic() - work.started:.0f} s", highlight=False)
+    failed = _failed(plan, run)
+    for trial, failure in failed:
+        console.print(f"failed: {trial.label}: {failure.reason}", soft_wrap=True)
+    if failed:
+        console.print(
+            f"{len(failed)} of {len(plan.trials)} trials failed; see "
+            f"{sweep.common.output / sweep.common.name / 'failed'}. "
+            "--rerun-failed tries all of them again."
+        )
+    return logged and not failed
+
+
+@dataclass(frozen=True)
+class SweepWork:
+    """The steps of a sweep.
+
+    Attributes:
+        command, rerun_failed: see `run_sweep`.
+        started: on the clock of `Outcome.times`.
+    """
+
+    console: Console
+    sweep: Sweep
+    plan: Plan
+    store: AnyStore
+    command: str
+    rerun_failed: bool
+    started: float = field(default_factory=time.monotonic)
+
+    @property
+    def common(self) -> Common:
+        """Of the sweep."""
+        return self.sweep.common
+
+    def open(self, folder: Path, say: Say) -> SweepLog:
+        """Refer to the results, make room for more of them."""
+        sweep, plan = self.sweep, self.plan
+        self.store.refer(reference(sweep), [task.key for task in plan.tasks])
+        keep_to_quota(self.console, sweep, self.store)
+        parent = ParentRun(
+            sweep_key(sweep, plan),
+            sweep.common.name,
+            _parameters(sweep, plan),
+            tags=source_tags(),
+            note=note(sweep.source, self.command, sweep.common.urls),
+            about=ABOUT,
+            columns=columns(sweep),
+        )
+        return SweepLog(sweep.common.tracking_uri, parent, folder=folder, say=say)
+
+    def compute(self, folder: Path, backend: Backend, log: SweepLog, say: Say) -> Run:
+        """Run what is not there and has not failed for good, rung by rung."""
+        sweep, plan, store = self.sweep, self.plan, self.store
+        store.end_running(plan.tasks)  # what a killed driver left
+        cached = store.finished(plan.tasks)
+        failures = FailureFolder(folder / "failed")
+        try:
+            known = failures.known(self.rerun_failed, cached)
+        except ValueError as error:
+            wrong(error)
+        outcome = Outcome()
+        with (
+            SystemMonitor(log.sample, say),
+            StageProgress(self.console, at_most(sweep, plan), cached) as progress,
+        ):
+            listener = TrialLog(
+                progress,
+                plan.trials,
+                store,
+                axes=further_axes(sweep),
+                there=cached,
+                failures=failures,
+                pictures=folder / "pictures",
+            )
+            log.follow(listener.ended)
+
+            def run_tasks(tasks: list[Task]) -> bool:
+                execute(tasks, store, backend, listener, outcome, known)
+                return True
+
+            promotion = promote(sweep, plan, store, run_tasks)
+            cores = backend.cores
+        store.refer(reference(sweep), [*(task.key for task in plan.tasks), *outcome.probes])
+        listener.end(outcome.failures)
+        log.hold()
+        return Run(
+            outcome=outcome,
+            promotion=promotion,
+            cached=cached,
+            cores=cores,
+            command=self.command,
+            started=self.started,
+            seconds=time.monotonic() - self.started,
+        )
+
+    def write(self, folder: Path, run: Run) -> None:
+        """The tables."""
+        write_run(folder, self.sweep, self.plan, self.store, run)
+
+    def publish(self, folder: Path, run: Run, log: SweepLog) -> Path | None:
+        """Report, artifacts, best models and summary; nothing if no trial finished."""
+        if len(_failed(self.plan, run)) == len(self.plan.trials):
+            return None
+        report = build_report(folder)
+        written = (report, report.with_suffix(".md"), folder / "sweep.json")
+        for path in (*written, *sorted(folder.glob("*.parquet")), folder / "config.yaml"):
+            log.artifact(path)
+        for path in sorted((folder / "tables").glob("*.csv")):
+            log.artifact(path, "tables")
+        log_best_models(self.plan.trials, self.store, folder / "models", log)
+        _print_summary(self.console, folder)
+        return report
+
+
+def _failed(plan: Plan, run: Run) -> list[tuple[Trial, Failure]]:
+    """Trials that failed, and why; without those that were pruned."""
+    return [
+        (trial, failure)
+        for trial in plan.trials
+        if trial.key not in run.promotion.pruned
+        and (failure := trial_failure(trial, run.outcome.failures))
+    ]
+
+
+def keep_to_quota(console: Console, sweep: Sweep, store: AnyStore) -> None:
+    """Remove results that no sweep refers to, oldest first, beyond the quota of the store."""
+    quota_gb = sweep.common.store.quota_gb
+    if quota_gb is None:
+        return
+    try:
+        with store.exclusive():
+            cleaned = clean_store(store, int(quota_gb * 1e9))
+    except ValueError as error:
+        console.print(f"store: not cleaned: {error}", soft_wrap=True)
+        return
+    if cleaned.kept_bytes > quota_gb * 1e9:
+        console.print(
+            f"store: {cleaned.kept_bytes / 1e9:.3g} GB belong to sweeps, more than quota_gb "
+            f"{quota_gb:g}; {command('sweeps.clean')} lists their names, and --forget NAME gives "
+            "one up"
+        )
+
+
+def sweep_key(sweep: Sweep, plan: Plan) -> str:
+    """Tells a sweep from others of its name: the same while its trials, axes and rungs are."""
+    rungs = [rung.model_dump(mode="json") for rung in sweep.common.promote]
+    keys = sorted(trial.key for trial in plan.trials)
+    content = json.dumps([keys, rungs, sorted(sweep.axes)])
+    return hashlib.sha256(content.encode()).hexdigest()[:12]
+
+
+def _parameters(sweep: Sweep, plan: Plan) -> dict[str, object]:
+    """Parameters of the parent run."""
+    return {
+        "placements": len({trial.grid_point.point.placement for trial in plan.trials}),
+        "trials": len(plan.trials),
+        "axes": ", ".join(sorted(sweep.axes)),
+    }
+
+
+def _print_summary(console: Console, folder: Path) -> None:
+    run = RunFolder.read(folder)
+    summary = summary_table(run)
+    what = "surrogates in nats" if run.results.empty else "means over seeds, percent"
+    table = Table(title=f"{folder.name}: best placement first, {what}")
+    for column in summary.columns:
+        table.add_column(str(column), justify="left" if column == "placement" else "right")
+    for row in summary.itertuples(index=False):
+        table.add_row(*(_short(value) for value in row))
+    console.print(table)
+    said = ray_counting_caution(largest_linear_share(run.surrogates))
+    if said:
+        console.print(f"warning: {said}", style="yellow", soft_wrap=True)
+
+
+def _short(value: object) -> str:
+    """A number in six places or less: 62.3, -134k, 7.69k."""
+    if not isinstance(value, float):
+        return str(value)
+    return f"{value / 1000:.3g}k" if abs(value) >= 1000 else f"{value:.1f}"

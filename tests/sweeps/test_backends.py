@@ -1,0 +1,85 @@
+"""One interface for both places where calls run; in Ray's the workers are other processes."""
+
+import math
+import operator
+import os
+
+import numpy as np
+import pytest
+import ray
+import torch
+
+from sweeps.configuration.sweep import RaySettings
+from sweeps.execution.backends import BackendLost, WorkerDied, _translated, backend_for
+
+
+@pytest.fixture(scope="module", params=["debug", "local"])
+def backend(request):
+    own = {"num_cpus": 1} if request.param == "local" else {}
+    with backend_for(RaySettings(address=request.param, **own)) as found:
+        yield found
+
+
+@pytest.fixture
+def on_ray(backend):
+    if backend.probes:
+        return backend
+    return pytest.skip("runs in this process")
+
+
+def test_a_call_returns_its_value(backend):
+    jobs = [backend.submit(operator.add, n, 1, name=f"add {n}") for n in range(3)]
+    assert [job.result() for job in jobs] == [1, 2, 3]
+
+
+def test_every_job_is_waited_for_once(backend):
+    jobs = {backend.submit(math.factorial, n): n for n in range(4)}
+    found = []
+    while jobs:
+        if (job := backend.wait(list(jobs))) is not None:
+            found.append((jobs.pop(job), job.result()))
+    assert sorted(found) == [(0, 1), (1, 1), (2, 2), (3, 6)]
+
+
+def test_what_a_call_raises_is_raised(backend):
+    with pytest.raises(ValueError, match=r"math domain error|nonnegative"):
+        backend.submit(math.sqrt, -1.0).result()
+
+
+def test_what_is_shared_arrives_as_it_is(backend):
+    shared = backend.share(np.arange(1000.0))
+    jobs = [backend.submit(np.dot, shared, shared) for _ in range(2)]
+    assert {float(job.result()) for job in jobs} == {float(np.dot(*[np.arange(1000.0)] * 2))}
+
+
+def test_a_worker_is_in_the_drivers_folder(backend, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert backend.submit(os.getcwd).result() == str(tmp_path)
+
+
+def test_a_folder_that_a_worker_has_not_got_is_told(on_ray, tmp_path, monkeypatch):
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    monkeypatch.setattr("sweeps.execution.backends.Path.cwd", lambda: gone)
+    with pytest.raises(FileNotFoundError, match=r"has no folder .*gone"):
+        on_ray.submit(os.getcwd).result()
+
+
+@pytest.mark.parametrize(
+    ("error", "found", "text"),
+    [
+        (ray.exceptions.WorkerCrashedError(), WorkerDied, "the worker died: WorkerCrashedError"),
+        (ray.exceptions.LocalRayletDiedError(), BackendLost, "Ray's node on this machine died"),
+        (ConnectionError("lost"), BackendLost, "the Ray cluster is gone: lost"),
+    ],
+)
+def test_a_worker_or_a_cluster_that_is_gone_is_told(error, found, text):
+    with pytest.raises(BackendLost, match=text) as told, _translated(ray):
+        raise error
+    assert told.type is found
+
+
+def test_a_task_has_one_thread(on_ray):
+    assert on_ray.submit(torch.get_num_threads).result() == 1
