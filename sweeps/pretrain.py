@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -17,10 +16,8 @@ from sweeps.execution.interrupted import going_on
 from sweeps.options import ConfigArgument, SetOption
 
 if TYPE_CHECKING:
-    from sweeps.execution.failures import Failure, FailureFolder
-    from sweeps.execution.progress import StageProgress
+    from sweeps.execution.failures import Failure
     from sweeps.store.result_folder import Value
-    from sweeps.tasks.task import Task
 
 app = new_app()
 
@@ -46,10 +43,8 @@ def pretrain(
     """
     from sweeps.configuration.file import ConfigError
     from sweeps.configuration.grid import read_sweep
-    from sweeps.execution.backends import backend_for
-    from sweeps.execution.execute import execute
     from sweeps.execution.failures import Failure, FailureFolder
-    from sweeps.execution.progress import StageProgress
+    from sweeps.execution.run_tasks import run_tasks
     from sweeps.plan.plan import read_plan
     from sweeps.plan.pretrain_task import pretrain_task, with_inputs
     from sweeps.store.of_sweep import reference, store_of
@@ -85,12 +80,7 @@ def pretrain(
     say = partial(console.print, soft_wrap=True)
 
     def trained() -> Value | Failure:
-        with (
-            store.in_use(),
-            backend_for(sweep.common.ray) as backend,
-            StageProgress(console, tasks, store.finished(tasks)) as progress,
-        ):
-            failures = execute(tasks, store, backend, _Listener(progress, logs)).failures
+        failures = run_tasks(console, sweep.common, store, tasks, logs)
         return failures[task.key] if task.key in failures else store.load(task)
 
     value = going_on(console, trained)
@@ -111,24 +101,6 @@ def pretrain(
         highlight=False,
         soft_wrap=True,
     )
-
-
-@dataclass(frozen=True)
-class _Listener:
-    """Shows how far the tasks are, and keeps the tracebacks of those that fail."""
-
-    progress: StageProgress
-    failures: FailureFolder
-
-    def started(self, task: Task) -> None:
-        self.progress.started(task)
-
-    def finished(self, task: Task) -> None:
-        self.progress.finished(task)
-
-    def failed(self, task: Task, failure: Failure) -> None:
-        self.progress.failed(task, failure)
-        self.failures.write(task, failure)
 
 
 if __name__ == "__main__":

@@ -28,9 +28,7 @@ def record(
     """
     from lidarplace.box_log import BoxLog, join_logs, write_box_log
     from lidarplace.describe import print_description
-    from sweeps.execution.backends import backend_for
-    from sweeps.execution.execute import execute
-    from sweeps.execution.progress import StageProgress
+    from sweeps.execution.run_tasks import run_tasks
     from sweeps.plan.plan import read_plan
     from sweeps.store.of_sweep import reference, store_of
     from sweeps.tasks.stages import box_log
@@ -47,12 +45,7 @@ def record(
 
     def recorded() -> tuple[list[tuple[str, BoxLog]], bool]:
         """The log of every scene that did not fail, and whether none failed."""
-        with (
-            store.in_use(),
-            backend_for(sweep.common.ray) as backend,
-            StageProgress(console, tasks, store.finished(tasks)) as progress,
-        ):
-            failures = execute(tasks, store, backend, progress).failures
+        failures = run_tasks(console, sweep.common, store, tasks)
         good = {
             parts: label
             for parts, label in scenes.items()

@@ -11,7 +11,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Column
 
 from lidarplace.command_line.terminal import visible
-from sweeps.execution.failures import Failure
+from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.tasks.task import Task
 
 
@@ -21,10 +21,18 @@ class StageProgress:
     Args:
         tasks: those to expect; of a stage that is not among them nothing is shown.
         cached: keys of those with a result.
+        failures: keeps why tasks failed.
     """
 
-    def __init__(self, console: Console, tasks: Sequence[Task], cached: Collection[str]) -> None:
+    def __init__(
+        self,
+        console: Console,
+        tasks: Sequence[Task],
+        cached: Collection[str],
+        failures: FailureFolder | None = None,
+    ) -> None:
         self._console = console
+        self._failures = failures
         self._total = Counter(task.stage for task in tasks)
         self._done = Counter(task.stage for task in tasks if task.key in cached)
         self._failed: Counter[str] = Counter()
@@ -77,6 +85,8 @@ class StageProgress:
     def failed(self, task: Task, failure: Failure) -> None:
         text = f"failed: {task.stage} '{task.label}': {failure.reason}"
         self._console.print(text, highlight=False, soft_wrap=True)
+        if self._failures is not None:
+            self._failures.write(task, failure)
         self._failed[task.stage] += 1
         self._ended(task)
 
