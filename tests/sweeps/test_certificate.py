@@ -8,7 +8,7 @@ from search_files import write_search
 from lidarplace import OccupancyGrid
 from lidarplace.box_log import read_box_log
 from sweeps.configuration.file import ConfigError
-from sweeps.search.greedy.candidates import choices
+from sweeps.search.greedy.candidates import grid_points
 from sweeps.search.greedy.certificate import (
     certify,
     first_params,
@@ -17,8 +17,8 @@ from sweeps.search.greedy.certificate import (
     why_none,
 )
 from sweeps.search.problem.assess import assess
+from sweeps.search.problem.choice import Choice, ordered
 from sweeps.search.problem.problem import read_problem
-from sweeps.search.problem.rig import Mounted, Rig
 from sweeps.search.problem.slots import Placed, rig_of
 
 COARSE = {"position_step": 0.6, "angle_step_deg": 10.0, "bound_seconds": 2.0, "refine": 0}
@@ -39,24 +39,24 @@ def grids_of(problem):
 def all_candidates(problem):
     """Every mount of the grid, or mirrored pair, whatever it violates."""
     found = {}
-    for slot, model, zone, mount in choices(problem):
-        found.setdefault(Placed(slot, Mounted(model, zone.name, mount)).rig)
+    for slot, model, zone, mount in grid_points(problem):
+        found.setdefault(Placed(slot, Choice(model, zone.name, mount)).rig)
     return list(found)
 
 
 def best_of_all(problem, grids):
     """The best feasible rig of the grid, by the search's own evaluation."""
-    fixed = Rig.of(problem.space.fixed)
+    fixed = ordered(problem.space.fixed)
     free = all_candidates(problem)
     best = 0.0
     for count in range(1, problem.space.numbers[-1] + 1):
         for parts in itertools.combinations(free, count):
-            lidars = [lidar for part in parts for lidar in part.lidars]
+            lidars = [lidar for part in parts for lidar in part]
             if len(lidars) not in problem.space.numbers:
                 continue
-            if problem.file.search.symmetric and sum(len(part.lidars) == 1 for part in parts) > 1:
+            if problem.file.search.symmetric and sum(len(part) == 1 for part in parts) > 1:
                 continue
-            found = assess(Rig.of([*fixed.lidars, *lidars]), problem.question, grids)
+            found = assess(ordered([*fixed, *lidars]), problem.question, grids)
             if found.feasible:
                 best = max(best, found.values[problem.question.objectives[0].name])
     return best
@@ -104,7 +104,7 @@ def test_no_rig_of_the_grid_exceeds_the_bound(tmp_path, changes):
     assert certificate.bound >= best * (1 - 1e-12)
     assert certificate.by_gains >= certificate.bound
     found = assess(certificate.rig, problem.question, grids)
-    if len(certificate.rig.lidars) - len(problem.space.fixed) in problem.space.numbers:
+    if len(certificate.rig) - len(problem.space.fixed) in problem.space.numbers:
         assert found.feasible
         assert certificate.value <= best * (1 + 1e-12)
         assert certificate.value >= 0.63 * best

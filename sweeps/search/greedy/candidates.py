@@ -15,29 +15,38 @@ from lidarplace.mounting.spacing import least_distance
 from lidarplace.mounting.zone import Zone, grid
 from lidarplace.selection import Exposure, Limits
 from sweeps.configuration.search import GreedySettings, Pair, SearchSettings
+from sweeps.search.problem.choice import (
+    Choice,
+    Choices,
+    is_possible,
+    mirrored,
+    ordered,
+    placement_of,
+    price_of,
+    rounded,
+)
 from sweeps.search.problem.constraints import ROUNDING
 from sweeps.search.problem.problem import Problem
-from sweeps.search.problem.rig import Mounted, Rig, mirrored, rounded
 from sweeps.search.problem.space import Slot, Space
 
 
-def candidates_of(problem: Problem) -> list[Rig]:
+def candidates_of(problem: Problem) -> list[Choices]:
     """The grid: one LiDAR or mirrored pair each, and the fixed LiDARs as one candidate.
 
     Those that can be part of no rig are left out: too much of their own body in view, or the two
     of a pair, or one of the fixed LiDARs, too near.
     """
     space = problem.space
-    fixed = Rig.of(space.fixed)
-    found: dict[Rig, None] = {}
-    for slot, model, zone, mount in choices(problem):
-        lidars = [Mounted(model, zone.name, mount)]
+    fixed = ordered(space.fixed)
+    found: dict[Choices, None] = {}
+    for slot, model, zone, mount in grid_points(problem):
+        lidars = [Choice(model, zone.name, mount)]
         if slot.pair:
-            lidars.append(Mounted(model, zone.name, mirrored(mount)))
-        rig = Rig.of(lidars)
+            lidars.append(Choice(model, zone.name, mirrored(mount)))
+        rig = ordered(lidars)
         if _may_be(rig, fixed, problem):
             found[rig] = None
-    return [*([fixed] if fixed.lidars else []), *found]
+    return [*([fixed] if fixed else []), *found]
 
 
 def number_of_candidates(problem: Problem) -> int:
@@ -52,7 +61,7 @@ def number_of_candidates(problem: Problem) -> int:
         for slot in _kinds(problem.space)
         for zone in slot.zones
     )
-    return about if about > 10 * settings.most else sum(1 for _ in choices(problem))
+    return about if about > 10 * settings.most else sum(1 for _ in grid_points(problem))
 
 
 def _about(zone: Zone, settings: GreedySettings) -> int:
@@ -66,7 +75,7 @@ def _count(span: Pair, settings: GreedySettings) -> int:
     return 2 * math.floor((span[1] - span[0]) / (2 * settings.angle_step_deg) + 1e-9) + 1
 
 
-def choices(problem: Problem) -> Iterator[tuple[Slot, str, Zone, Mount]]:
+def grid_points(problem: Problem) -> Iterator[tuple[Slot, str, Zone, Mount]]:
     """Slot, model, zone and pose of every candidate; of a pair those of the left one."""
     settings, space = problem.file.search.greedy, problem.space
     assert settings is not None
@@ -101,22 +110,22 @@ def _levels(span: Pair, step: float) -> list[float]:
     return [(low + high) / 2 + i * step for i in range(-reach, reach + 1)]
 
 
-def _may_be(rig: Rig, fixed: Rig, problem: Problem) -> bool:
+def _may_be(rig: Choices, fixed: Choices, problem: Problem) -> bool:
     limits = problem.file.search.constraints
-    both = Rig(rig.lidars + fixed.lidars)
-    if not both.possible:
+    both = rig + fixed
+    if not is_possible(both):
         return False
-    if least_distance(both.placement("both", problem.models)) < limits.distance - ROUNDING:
+    if least_distance(placement_of(both, problem.models)) < limits.distance - ROUNDING:
         return False
     carrier = problem.question.carrier
     return limits.body_share is None or all(
         body_share(lidar.mount, problem.models[lidar.model], carrier.vehicle) <= limits.body_share
-        for lidar in rig.lidars
+        for lidar in rig
     )
 
 
 def exposure_of(
-    rigs: Sequence[Rig], problem: Problem, grids: Mapping[str, OccupancyGrid]
+    rigs: Sequence[Choices], problem: Problem, grids: Mapping[str, OccupancyGrid]
 ) -> Exposure:
     """What each of `rigs`, parts of a whole, adds to the objective as the search computes it."""
     question = problem.question
@@ -124,7 +133,7 @@ def exposure_of(
     return Exposure.of_candidates(
         grids,
         objective.weights_of(grids),
-        [rig.placement("candidate", problem.models) for rig in rigs],
+        [placement_of(rig, problem.models) for rig in rigs],
         objective.by,
         question.method,
         question.detection_probability,
@@ -133,14 +142,14 @@ def exposure_of(
     )
 
 
-def limits_of(candidates: Sequence[Rig], problem: Problem) -> Limits:
+def limits_of(candidates: Sequence[Choices], problem: Problem) -> Limits:
     """Number of LiDARs, of single ones beside pairs, price, and distances.
 
     The near field is no limit here: the bound holds for rigs that neglect it as well.
     """
     space, search = problem.space, problem.file.search
-    fixed = Rig.of(space.fixed)
-    sizes = np.array([0 if rig == fixed else len(rig.lidars) for rig in candidates], float)
+    fixed = ordered(space.fixed)
+    sizes = np.array([0 if rig == fixed else len(rig) for rig in candidates], float)
     used, budgets = [sizes], [float(space.numbers[-1])]
     if search.symmetric:
         odd = any(number % 2 for number in space.numbers)
@@ -149,16 +158,16 @@ def limits_of(candidates: Sequence[Rig], problem: Problem) -> Limits:
     if search.constraints.price is not None:
         prices = problem.question.carrier.prices
         # What every rig has is paid for first.
-        own = [0.0 if rig == fixed else rig.price(prices) for rig in candidates]
+        own = [0.0 if rig == fixed else price_of(rig, prices) for rig in candidates]
         used.append(np.array(own))
-        budgets.append(max(0.0, search.constraints.price - fixed.price(prices)))
+        budgets.append(max(0.0, search.constraints.price - price_of(fixed, prices)))
     return Limits(np.array(used), np.array(budgets), _compatible(candidates, search))
 
 
-def _compatible(candidates: Sequence[Rig], search: SearchSettings) -> np.ndarray:
+def _compatible(candidates: Sequence[Choices], search: SearchSettings) -> np.ndarray:
     """Which candidates are far enough from each other."""
-    places = np.array([lidar.mount.position for rig in candidates for lidar in rig.lidars])
-    first = np.concatenate([[0], np.cumsum([len(rig.lidars) for rig in candidates])[:-1]])
+    places = np.array([lidar.mount.position for rig in candidates for lidar in rig])
+    first = np.concatenate([[0], np.cumsum([len(rig) for rig in candidates])[:-1]])
     near = cdist(places, places) < max(search.constraints.distance, 2 * ROUNDING) - ROUNDING
     by_row = np.logical_or.reduceat(near, first, axis=0)
     apart = ~np.logical_or.reduceat(by_row, first, axis=1)

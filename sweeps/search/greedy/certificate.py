@@ -26,8 +26,8 @@ from sweeps.search.greedy.candidates import (
     number_of_candidates,
 )
 from sweeps.search.greedy.refine import keeps, refine
+from sweeps.search.problem.choice import Choice, Choices, ordered
 from sweeps.search.problem.problem import Problem
-from sweeps.search.problem.rig import Mounted, Rig
 from sweeps.search.problem.slots import Placed, params_of, placed_in, rig_of
 
 
@@ -52,14 +52,14 @@ class Certificate:
     """
 
     candidates: int
-    chosen: tuple[Rig, ...]
+    chosen: tuple[Choices, ...]
     gains: tuple[float, ...]
     value: float
     by_gains: float
     bound: float
     history: pd.DataFrame
     evaluations: int
-    refined: Rig | None
+    refined: Choices | None
     refined_value: float | None
     refined_from: str | None
     greedy_seconds: float
@@ -67,7 +67,7 @@ class Certificate:
     refine_seconds: float
 
     @property
-    def rig(self) -> Rig:
+    def rig(self) -> Choices:
         """Greedy's rig."""
         return rig_of_parts(self.chosen)
 
@@ -102,10 +102,10 @@ def _weights(problem: Problem) -> set[float]:
     return {ray_weight(Placement(name, one, problem.models[name]), stride) for name in names}
 
 
-def _with_fixed(chosen: tuple[Rig, ...], problem: Problem) -> tuple[Rig, ...]:
+def _with_fixed(chosen: tuple[Choices, ...], problem: Problem) -> tuple[Choices, ...]:
     """Greedy leaves out what adds nothing, but every rig has the fixed LiDARs."""
-    fixed = Rig.of(problem.space.fixed)
-    return chosen if not fixed.lidars or fixed in chosen else (*chosen, fixed)
+    fixed = ordered(problem.space.fixed)
+    return chosen if not fixed or fixed in chosen else (*chosen, fixed)
 
 
 def check_candidates(problem: Problem) -> None:
@@ -207,8 +207,8 @@ def _as_plain(certificate: Certificate) -> dict[str, Any]:
     }
 
 
-def _plain_rig(rig: Rig) -> list[dict[str, Any]]:
-    return [asdict(lidar) for lidar in rig.lidars]
+def _plain_rig(rig: Choices) -> list[dict[str, Any]]:
+    return [asdict(lidar) for lidar in rig]
 
 
 def _from_plain(plain: dict[str, Any]) -> Certificate:
@@ -221,18 +221,18 @@ def _from_plain(plain: dict[str, Any]) -> Certificate:
     return Certificate(**plain | own)
 
 
-def _rig_of_plain(rig: list[dict[str, Any]]) -> Rig:
-    return Rig.of(Mounted(m["model"], m["zone"], Mount(**m["mount"])) for m in rig)
+def _rig_of_plain(rig: list[dict[str, Any]]) -> Choices:
+    return ordered(Choice(m["model"], m["zone"], Mount(**m["mount"])) for m in rig)
 
 
-def rig_of_parts(parts: Sequence[Rig]) -> Rig:
+def rig_of_parts(parts: Sequence[Choices]) -> Choices:
     """The rig of all LiDARs of `parts`."""
-    return Rig.of(lidar for part in parts for lidar in part.lidars)
+    return ordered(lidar for part in parts for lidar in part)
 
 
-def slots_of(rig: Rig, problem: Problem) -> list[Placed] | None:
+def slots_of(rig: Choices, problem: Problem) -> list[Placed] | None:
     """A rig of the space in its slots; None if it is none, as greedy's may have too few LiDARs."""
-    left = [lidar for lidar in rig.lidars if lidar not in problem.space.fixed]
+    left = [lidar for lidar in rig if lidar not in problem.space.fixed]
     try:
         return placed_in(problem.space, left)
     except ValueError:

@@ -12,9 +12,9 @@ import numpy as np
 from lidarplace import Mount, OccupancyGrid
 from lidarplace.selection import gains
 from sweeps.search.greedy.candidates import exposure_of
+from sweeps.search.problem.choice import Choices, is_possible, ordered, rounded
 from sweeps.search.problem.constraints import measures_of
 from sweeps.search.problem.problem import Problem
-from sweeps.search.problem.rig import Rig, rounded
 from sweeps.search.problem.slots import Placed, rig_of
 
 _MOST_ROUNDS = 4
@@ -57,23 +57,23 @@ def _moved(
     angle: float,
 ) -> tuple[Placed, float]:
     """The best neighbour of one, which may be itself, and the value of the whole rig with it."""
-    others = rig_of([*placed[:i], *placed[i + 1 :]], problem.space).lidars
+    others = rig_of([*placed[:i], *placed[i + 1 :]], problem.space)
     near = [placed[i]]
     near += [
         place
         for place in _neighbours(placed[i], length, angle)
-        if keeps(problem, Rig.of([*others, *place.rig.lidars]))
+        if keeps(problem, ordered([*others, *place.rig]))
     ]
-    rigs = [place.rig for place in near] + ([Rig.of(others)] if others else [])
+    rigs = [place.rig for place in near] + ([others] if others else [])
     exposure = exposure_of(rigs, problem, grids)
     rest = (len(near),) if others else ()
     best = int(np.argmax(gains(exposure, rest)[: len(near)]))
     return near[best], exposure.value([best, *rest])
 
 
-def keeps(problem: Problem, rig: Rig) -> bool:
+def keeps(problem: Problem, rig: Choices) -> bool:
     """Whether the rig can be, and keeps all constraints."""
-    if not rig.possible:
+    if not is_possible(rig):
         return False
     question = problem.question
     found = measures_of(rig, question.constraints, question.carrier)

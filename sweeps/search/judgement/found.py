@@ -14,6 +14,7 @@ from lidarplace.surrogates.evaluate import FAINT_Q, expected_ig_by_q, linear_sha
 from sweeps.search.greedy.certificate import Certificate
 from sweeps.search.judgement.winners import Judged
 from sweeps.search.problem.assess import Question
+from sweeps.search.problem.choice import placement_of
 from sweeps.search.trials.study import Timing
 
 
@@ -64,7 +65,7 @@ def best_linear_share(
     if best is None or not any(o.by == "expected_ig" for o in question.objectives):
         return None
     q = question.detection_probability
-    rig = best.placement("rig", question.carrier.models)
+    rig = placement_of(best, question.carrier.models)
     return float(linear_share(expected_ig_by_q(grids, rig, [q, FAINT_Q]), q).max())
 
 

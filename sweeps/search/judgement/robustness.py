@@ -12,14 +12,18 @@ import pandas as pd
 from lidarplace import Mount
 from sweeps.configuration.search import RobustnessSettings
 from sweeps.search.problem.assess import Question
-from sweeps.search.problem.rig import Mounted, Rig
+from sweeps.search.problem.choice import Choice, Choices, ordered
 from sweeps.search.trials.pool import Pool
 
 AS_DESIGNED = "as designed"
 
 
 def robustness(
-    rigs: Mapping[str, Rig], question: Question, pool: Pool, settings: RobustnessSettings, seed: int
+    rigs: Mapping[str, Choices],
+    question: Question,
+    pool: Pool,
+    settings: RobustnessSettings,
+    seed: int,
 ) -> pd.DataFrame:
     """Objectives of each rig as designed, with all mounts off, and without each of its LiDARs.
 
@@ -42,7 +46,9 @@ def robustness(
     return pd.DataFrame(rows)
 
 
-def in_scene(rigs: Mapping[str, Rig], question: Question, pool: Pool, scene: str) -> pd.DataFrame:
+def in_scene(
+    rigs: Mapping[str, Choices], question: Question, pool: Pool, scene: str
+) -> pd.DataFrame:
     """Objectives of each rig on the POG of another scene; columns as of `robustness`."""
     found = pool.in_order(list(rigs.values()), question)
     rows = []
@@ -80,24 +86,26 @@ def _rows(
     return rows
 
 
-def _cases(rig: Rig, settings: RobustnessSettings, seed: int) -> Iterator[tuple[str, list[Rig]]]:
+def _cases(
+    rig: Choices, settings: RobustnessSettings, seed: int
+) -> Iterator[tuple[str, list[Choices]]]:
     yield AS_DESIGNED, [rig]
     if settings.offset or settings.angle_deg:
         random = np.random.default_rng(seed)
         yield "mounts off", [_off(rig, settings, random) for _ in range(settings.draws)]
-    if len(rig.lidars) > 1:
-        for i in range(len(rig.lidars)):
-            left = Rig(rig.lidars[:i] + rig.lidars[i + 1 :])
+    if len(rig) > 1:
+        for i in range(len(rig)):
+            left = rig[:i] + rig[i + 1 :]
             yield f"LiDAR {i + 1} fails", [left]
 
 
-def _off(rig: Rig, settings: RobustnessSettings, random: np.random.Generator) -> Rig:
+def _off(rig: Choices, settings: RobustnessSettings, random: np.random.Generator) -> Choices:
     scale = np.repeat([settings.offset, math.radians(settings.angle_deg)], 3)
-    return Rig.of(
-        Mounted(
+    return ordered(
+        Choice(
             lidar.model,
             lidar.zone,
             Mount(*(np.array(astuple(lidar.mount)) + scale * random.uniform(-1, 1, 6)).tolist()),
         )
-        for lidar in rig.lidars
+        for lidar in rig
     )

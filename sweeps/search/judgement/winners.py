@@ -13,7 +13,7 @@ from optuna.trial import FrozenTrial
 
 from sweeps.configuration.search import ObjectiveSettings
 from sweeps.search.problem.assess import Assessment, Question
-from sweeps.search.problem.rig import Rig
+from sweeps.search.problem.choice import Choices
 from sweeps.search.problem.space import Space
 from sweeps.search.trials.pool import Pool
 from sweeps.search.trials.study import assessment_of, candidate_of, finished_trials
@@ -34,7 +34,7 @@ class Judged:
         values_beside: by key path of the configuration, of a trial that varied some.
     """
 
-    rig: Rig
+    rig: Choices
     assessment: Assessment
     role: str
     searched: Mapping[str, float]
@@ -110,7 +110,7 @@ def _is_dominated(own: Judged, others: Sequence[Judged], question: Question) -> 
 
 
 def judge_others(
-    rigs: Mapping[str, Rig], role: str, question: Question, pool: Pool
+    rigs: Mapping[str, Choices], role: str, question: Question, pool: Pool
 ) -> dict[str, Judged]:
     """Rigs that no trial found, with all rays and as the search computes them; the best first."""
     both = [pool.in_order(list(rigs.values()), asked) for asked in (exact(question), question)]

@@ -32,8 +32,8 @@ from sweeps.search.output.optuna_figures import importances, write_optuna_figure
 from sweeps.search.output.tables import greedy_table, trials_table
 from sweeps.search.output.uncovered import maps
 from sweeps.search.problem.as_sweep import placement_settings, verify_settings
+from sweeps.search.problem.choice import Choices
 from sweeps.search.problem.problem import Problem
-from sweeps.search.problem.rig import Rig
 from sweeps.search.trials.study import assessment_of, candidate_of, finished_trials, journal_path
 from sweeps.store.local import write_text
 from tracking.mlflow.uri import absolute_uri
@@ -108,11 +108,11 @@ def _sweep(problem: Problem, found: Found) -> str:
     return public_yaml(config)
 
 
-def _is_one_of(rig: Rig, others: Iterable[Rig]) -> bool:
+def _is_one_of(rig: Choices, others: Iterable[Choices]) -> bool:
     """Whether another rig has the same LiDARs in the same places."""
 
-    def places(rig: Rig) -> set[tuple[str, Mount]]:
-        return {(lidar.model, lidar.mount) for lidar in rig.lidars}
+    def places(rig: Choices) -> set[tuple[str, Mount]]:
+        return {(lidar.model, lidar.mount) for lidar in rig}
 
     return any(places(rig) == places(other) for other in others)
 
@@ -208,9 +208,9 @@ def _rig(own: Judged) -> dict[str, Any]:
     return {
         "role": own.role,
         "feasible": own.assessment.feasible,
-        "mounts": [list(astuple(lidar.mount)) for lidar in own.rig.lidars],
-        "models": [lidar.model for lidar in own.rig.lidars],
-        "zones": [lidar.zone or None for lidar in own.rig.lidars],
+        "mounts": [list(astuple(lidar.mount)) for lidar in own.rig],
+        "models": [lidar.model for lidar in own.rig],
+        "zones": [lidar.zone or None for lidar in own.rig],
         "values": own.all_values,
         "searched": own.searched,
         "measures": own.assessment.measures,

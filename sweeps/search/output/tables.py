@@ -10,12 +10,12 @@ import optuna
 import pandas as pd
 
 from sweeps.results.trial_results import cells
+from sweeps.search.problem.choice import Choice, Choices
 from sweeps.search.problem.problem import Problem
-from sweeps.search.problem.rig import Mounted, Rig
 from sweeps.search.trials.study import assessment_of, candidate_of, finished_trials
 
 
-def mount_columns(lidar: Mounted) -> dict[str, Any]:
+def mount_columns(lidar: Choice) -> dict[str, Any]:
     """A LiDAR in metres and degrees."""
     mount = lidar.mount
     angles = {f"{n}_deg": math.degrees(getattr(mount, n)) for n in ("roll", "pitch", "yaw")}
@@ -23,11 +23,11 @@ def mount_columns(lidar: Mounted) -> dict[str, Any]:
     return {"model": lidar.model, "zone": lidar.zone} | place | angles
 
 
-def rig_columns(rig: Rig) -> dict[str, Any]:
+def rig_columns(rig: Choices) -> dict[str, Any]:
     """All LiDARs of a rig: `lidar_1.model`, `lidar_1.x_m`, ..."""
     return {
         f"lidar_{i}.{name}": value
-        for i, lidar in enumerate(rig.lidars, start=1)
+        for i, lidar in enumerate(rig, start=1)
         for name, value in mount_columns(lidar).items()
     }
 
@@ -46,13 +46,13 @@ def trials_table(study: optuna.Study, problem: Problem) -> pd.DataFrame:
             | {f"violation.{name}": v for name, v in found.violations.items()}
             | {"seconds": found.seconds, "failure": trial.user_attrs.get("failure", "")}
             | {f"param.{key}": value for key, value in cells(candidate.values).items()}
-            | {"lidars": len(candidate.rig.lidars)}
+            | {"lidars": len(candidate.rig)}
             | rig_columns(candidate.rig)
         )
     return pd.DataFrame(rows)
 
 
-def greedy_table(rigs: Sequence[Rig], gains: Sequence[float], start: float) -> pd.DataFrame:
+def greedy_table(rigs: Sequence[Choices], gains: Sequence[float], start: float) -> pd.DataFrame:
     """A row a step of greedy choice: step, gain, value, and what was added."""
     rows = []
     value = start

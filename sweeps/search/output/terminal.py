@@ -165,7 +165,7 @@ def print_found(console: Console, problem: Problem, found: Found) -> None:
     elif found.no_certificate:
         console.print(f"no bound: {found.no_certificate}")
     table = Table(title="found_1, metres and degrees")
-    rows = [mount_columns(lidar) for lidar in found.judged["found_1"].rig.lidars]
+    rows = [mount_columns(lidar) for lidar in found.judged["found_1"].rig]
     for column in rows[0]:
         table.add_column(column, justify="left" if column in ("model", "zone") else "right")
     for row in rows:

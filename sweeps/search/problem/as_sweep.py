@@ -12,12 +12,12 @@ from sweeps.configuration.file import check, put
 from sweeps.configuration.grid import GridPoint, Sweep
 from sweeps.configuration.search import SearchFile
 from sweeps.configuration.sweep import Point, SweepFile
-from sweeps.search.problem.rig import Mounted, Rig
+from sweeps.search.problem.choice import Choice, Choices
 
 _OWN = ("search", "robustness", "verify", "placement")
 
 
-def mount_settings(lidar: Mounted, search: SearchFile) -> dict[str, Any]:
+def mount_settings(lidar: Choice, search: SearchFile) -> dict[str, Any]:
     """One LiDAR as a mount of `placements`; with its model, if it is not that of all."""
     pose = {key: value for key, value in asdict(lidar.mount).items() if key in "xyz" or value}
     if lidar.model not in search.search.models:
@@ -26,13 +26,13 @@ def mount_settings(lidar: Mounted, search: SearchFile) -> dict[str, Any]:
     return pose | {"lidar": model.model_dump(mode="json", exclude_unset=True, exclude={"price"})}
 
 
-def placement_settings(rig: Rig, search: SearchFile) -> dict[str, Any]:
+def placement_settings(rig: Choices, search: SearchFile) -> dict[str, Any]:
     """A rig as one of `placements`."""
-    return {"mounts": [mount_settings(lidar, search) for lidar in rig.lidars]}
+    return {"mounts": [mount_settings(lidar, search) for lidar in rig]}
 
 
 def sweep_settings(
-    source: Mapping[str, Any], search: SearchFile, rigs: Mapping[str, Rig], name: str
+    source: Mapping[str, Any], search: SearchFile, rigs: Mapping[str, Choices], name: str
 ) -> dict[str, Any]:
     """The configuration of a sweep of `rigs`, without its grid.
 
@@ -50,7 +50,7 @@ def sweep_settings(
 def verify_settings(
     source: Mapping[str, Any],
     search: SearchFile,
-    rigs: Mapping[str, Rig],
+    rigs: Mapping[str, Choices],
     others: Sequence[str],
     values: Mapping[str, Any],
 ) -> dict[str, Any]:

@@ -11,8 +11,8 @@ from lidarplace import OccupancyGrid, evaluate_classes, expected_ig_by_q
 from lidarplace.coverage import Method
 from lidarplace.surrogates.table import RAY_SURROGATES
 from sweeps.configuration.search import ObjectiveSettings
+from sweeps.search.problem.choice import Choices, is_possible, placement_of, price_of
 from sweeps.search.problem.constraints import Carrier, Constraint, measures_of
-from sweeps.search.problem.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Assessment:
         return self.values is not None and all(v <= 0 for v in self.violations.values())
 
 
-def assess(rig: Rig, question: Question, grids: Mapping[str, OccupancyGrid]) -> Assessment:
+def assess(rig: Choices, question: Question, grids: Mapping[str, OccupancyGrid]) -> Assessment:
     """Answer the question for one rig.
 
     Args:
@@ -70,16 +70,18 @@ def assess(rig: Rig, question: Question, grids: Mapping[str, OccupancyGrid]) -> 
     start = time.perf_counter()
     measures = measures_of(rig, question.constraints, question.carrier)
     violations = {c.name: c.violation(measures[c.name]) for c in question.constraints}
-    values = _values(rig, question, grids) if rig.possible else None
+    values = _values(rig, question, grids) if is_possible(rig) else None
     return Assessment(values, measures, violations, time.perf_counter() - start)
 
 
-def _values(rig: Rig, question: Question, grids: Mapping[str, OccupancyGrid]) -> dict[str, float]:
+def _values(
+    rig: Choices, question: Question, grids: Mapping[str, OccupancyGrid]
+) -> dict[str, float]:
     found = {}
     by_class = _by_class(rig, question, grids) if question.needs_pog else {}
     for objective in question.objectives:
         if objective.by == "price":
-            found[objective.name] = rig.price(question.carrier.prices)
+            found[objective.name] = price_of(rig, question.carrier.prices)
         elif not objective.measured:
             found[objective.name] = math.fsum(
                 weight * by_class[name][objective.by]
@@ -89,11 +91,11 @@ def _values(rig: Rig, question: Question, grids: Mapping[str, OccupancyGrid]) ->
 
 
 def _by_class(
-    rig: Rig, question: Question, grids: Mapping[str, OccupancyGrid]
+    rig: Choices, question: Question, grids: Mapping[str, OccupancyGrid]
 ) -> dict[str, dict[str, float]]:
     """The surrogates that are asked for, by class."""
     wanted = {o.by for o in question.objectives if not o.measured and o.by != "price"}
-    placement = rig.placement("rig", question.carrier.models)
+    placement = placement_of(rig, question.carrier.models)
     if wanted == {"expected_ig"} and not question.occlusion and question.method != "bresenham":
         # The default, for which no cone has to be covered.
         q = question.detection_probability

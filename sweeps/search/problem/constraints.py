@@ -14,7 +14,7 @@ from lidarplace.mounting.near_field import near_field_coverage
 from lidarplace.mounting.spacing import least_distance
 from lidarplace.mounting.vehicle import Vehicle
 from sweeps.configuration.search import ConstraintSettings, SearchSettings
-from sweeps.search.problem.rig import Rig
+from sweeps.search.problem.choice import Choices, is_possible, placement_of, price_of
 
 ROUNDING = 1e-9
 """0.6 - 0.4 is not quite 0.2."""
@@ -84,19 +84,21 @@ class Carrier:
         )
 
 
-def measures_of(rig: Rig, constraints: Sequence[Constraint], carrier: Carrier) -> dict[str, float]:
+def measures_of(
+    rig: Choices, constraints: Sequence[Constraint], carrier: Carrier
+) -> dict[str, float]:
     """What each constraint looks at, by its name."""
-    placement = rig.placement("rig", carrier.models) if rig.possible else None
+    placement = placement_of(rig, carrier.models) if is_possible(rig) else None
     found = {}
     for constraint in constraints:
         if constraint.name == "price":
-            found["price"] = rig.price(carrier.prices)
+            found["price"] = price_of(rig, carrier.prices)
         elif constraint.name == "distance":
             found["distance"] = least_distance(placement) if placement else 0.0
         elif constraint.name == "body_share":
             found["body_share"] = max(
                 body_share(lidar.mount, carrier.models[lidar.model], carrier.vehicle)
-                for lidar in rig.lidars
+                for lidar in rig
             )
         else:
             assert carrier.near_field is not None

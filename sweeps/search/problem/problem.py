@@ -28,8 +28,8 @@ from sweeps.configuration.sweep import Common, Point
 from sweeps.plan.plan import Trial, make_plan
 from sweeps.search.problem.as_sweep import sweep_of, sweep_settings, verify_settings
 from sweeps.search.problem.assess import Question
+from sweeps.search.problem.choice import Choice, Choices, ordered
 from sweeps.search.problem.constraints import Carrier, constraints_of
-from sweeps.search.problem.rig import Mounted, Rig
 from sweeps.search.problem.slots import Placed, placed_in
 from sweeps.search.problem.space import Space
 from sweeps.tasks.code_version import code_version
@@ -120,10 +120,10 @@ class Problem:
         (trial,) = plan.trials
         return plan.needed_for([trial.pog]), trial
 
-    def paper_rigs(self) -> dict[str, Rig]:
+    def paper_rigs(self) -> dict[str, Choices]:
         """The paper's eight with the LiDAR of the key `lidar`."""
         return {
-            name: Rig.of(Mounted(OWN_MODEL, "", mount) for mount in placement.mounts)
+            name: ordered(Choice(OWN_MODEL, "", mount) for mount in placement.mounts)
             for name, placement in PAPER_PLACEMENTS.items()
         }
 
@@ -272,7 +272,7 @@ def _start(file: SearchFile, name: str, space: Space) -> list[Placed]:
     _check_own_lidars(file, name, "search.start")
     try:
         placement = file.placement_named(name, file.lidar.lidar())
-        lidars = [Mounted(space.models[0], "", mount) for mount in placement.mounts]
+        lidars = [Choice(space.models[0], "", mount) for mount in placement.mounts]
         return placed_in(space, lidars)
     except ValueError as error:
         raise ValueError(f"search.start: {name}: {error}") from None
@@ -284,13 +284,13 @@ def _check_own_lidars(file: SearchFile, name: str, key: str) -> None:
         raise ValueError(f"{key}: {name}: its mounts have LiDARs of their own; give one of `lidar`")
 
 
-def _fixed(file: SearchFile, first: str) -> list[Mounted]:
+def _fixed(file: SearchFile, first: str) -> list[Choice]:
     """LiDARs that all rigs have: `fixed`, or a whole placement where there are no zones."""
     if file.search.zones:
         return [
-            Mounted(f.model or first, "", Mount(f.x, f.y, f.z, f.roll, f.pitch, f.yaw))
+            Choice(f.model or first, "", Mount(f.x, f.y, f.z, f.roll, f.pitch, f.yaw))
             for f in file.search.fixed
         ]
     _check_own_lidars(file, file.placement, "placement")
     placement = file.placement_named(file.placement, file.lidar.lidar())
-    return [Mounted(OWN_MODEL, "", mount) for mount in placement.mounts]
+    return [Choice(OWN_MODEL, "", mount) for mount in placement.mounts]

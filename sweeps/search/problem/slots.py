@@ -8,7 +8,7 @@ from dataclasses import astuple, dataclass
 
 from lidarplace import Mount
 from lidarplace.mounting.zone import TOLERANCE, Zone, distance
-from sweeps.search.problem.rig import Mounted, Rig, mirrored
+from sweeps.search.problem.choice import Choice, Choices, mirrored, ordered
 from sweeps.search.problem.space import Slot, Space
 
 _ANGLE = 1e-4
@@ -20,15 +20,15 @@ class Placed:
     """A LiDAR, or the left one of a mirrored pair, in its slot."""
 
     slot: Slot
-    lidar: Mounted
+    lidar: Choice
 
     @property
-    def rig(self) -> Rig:
+    def rig(self) -> Choices:
         """It, or the pair."""
         if not self.slot.pair:
-            return Rig.of([self.lidar])
-        other = Mounted(self.lidar.model, self.lidar.zone, mirrored(self.lidar.mount))
-        return Rig.of([self.lidar, other])
+            return ordered([self.lidar])
+        other = Choice(self.lidar.model, self.lidar.zone, mirrored(self.lidar.mount))
+        return ordered([self.lidar, other])
 
     def allows(self, mount: Mount) -> bool:
         """Whether the LiDAR might sit there, in its zone, as far as its own slot goes."""
@@ -36,7 +36,7 @@ class Placed:
         return _fits(self.slot, zone, mount)
 
 
-def placed_in(space: Space, lidars: Sequence[Mounted]) -> list[Placed]:
+def placed_in(space: Space, lidars: Sequence[Choice]) -> list[Placed]:
     """Give each of the LiDARs, without the fixed ones, to a slot of its kind.
 
     LiDARs without a zone get the first one that holds them.
@@ -57,14 +57,14 @@ def placed_in(space: Space, lidars: Sequence[Mounted]) -> list[Placed]:
                 f"({mount.x:g}, {mount.y:g}, {mount.z:g}) with its angles"
             )
         found.append(place)
-        for mount in (own.mount for own in place.rig.lidars):
+        for mount in (own.mount for own in place.rig):
             left.remove(next(lidar for lidar in left if _same(lidar.mount, mount)))
     return found
 
 
-def rig_of(placed: Sequence[Placed], space: Space) -> Rig:
+def rig_of(placed: Sequence[Placed], space: Space) -> Choices:
     """The rig of these LiDARs and those that every rig has."""
-    return Rig.of([*space.fixed, *(lidar for place in placed for lidar in place.rig.lidars)])
+    return ordered([*space.fixed, *(lidar for place in placed for lidar in place.rig)])
 
 
 def params_of(placed: Sequence[Placed], space: Space) -> dict[str, object]:
@@ -72,7 +72,7 @@ def params_of(placed: Sequence[Placed], space: Space) -> dict[str, object]:
     return space.params([(place.slot, place.lidar) for place in placed])
 
 
-def _in_slot(slot: Slot, lidar: Mounted, left: Sequence[Mounted]) -> Placed | None:
+def _in_slot(slot: Slot, lidar: Choice, left: Sequence[Choice]) -> Placed | None:
     """The LiDAR in that slot; a pair needs its mirrored one among those `left`."""
     mount = lidar.mount
     if slot.pair:
@@ -81,7 +81,7 @@ def _in_slot(slot: Slot, lidar: Mounted, left: Sequence[Mounted]) -> Placed | No
             return None
     for zone in slot.zones:
         if lidar.zone in ("", zone.name) and _fits(slot, zone, mount):
-            return Placed(slot, Mounted(lidar.model, zone.name, mount))
+            return Placed(slot, Choice(lidar.model, zone.name, mount))
     return None
 
 

@@ -24,7 +24,7 @@ from optuna.distributions import (
 from lidarplace import Mount
 from lidarplace.mounting.zone import Zone, left_half, on_centre_line, position, shares
 from sweeps.configuration.search import Pair, RangeSettings, SearchSettings
-from sweeps.search.problem.rig import Mounted, Rig, mirrored, rounded
+from sweeps.search.problem.choice import Choice, Choices, mirrored, ordered, rounded
 
 NUMBER = "lidars"
 """The parameter for the number of LiDARs."""
@@ -61,7 +61,7 @@ class Space:
     """
 
     def __init__(
-        self, settings: SearchSettings, models: tuple[str, ...], fixed: Sequence[Mounted]
+        self, settings: SearchSettings, models: tuple[str, ...], fixed: Sequence[Choice]
     ) -> None:
         self.settings, self.models, self.fixed = settings, models, tuple(fixed)
         self.zones = tuple(zone.zone(name) for name, zone in settings.zones.items())
@@ -127,7 +127,7 @@ class Space:
         """The parameters that are key paths of the configuration."""
         return {key: _distribution(values) for key, values in self.settings.space.items()}
 
-    def suggest(self, trial: optuna.Trial) -> tuple[Rig, dict[str, Any]]:
+    def suggest(self, trial: optuna.Trial) -> tuple[Choices, dict[str, Any]]:
         """Ask a trial for all its parameters. Returns the rig, and values by key path.
 
         The parameters of a rig depend on the number of its LiDARs.
@@ -141,7 +141,7 @@ class Space:
         values = {key: trial.params[key] for key in self.further}
         return self.rig(number, trial.params), values
 
-    def rig(self, number: int, params: Mapping[str, Any]) -> Rig:
+    def rig(self, number: int, params: Mapping[str, Any]) -> Choices:
         """The rig of these parameters."""
         lidars = list(self.fixed)
         for slot in self.slots(number):
@@ -154,12 +154,12 @@ class Space:
                 for angle in _ANGLES
             )
             mount = rounded(Mount(*place, *turn))
-            lidars.append(Mounted(model, name, mount))
+            lidars.append(Choice(model, name, mount))
             if slot.pair:
-                lidars.append(Mounted(model, name, mirrored(mount)))
-        return Rig.of(lidars)
+                lidars.append(Choice(model, name, mirrored(mount)))
+        return ordered(lidars)
 
-    def params(self, placed: Sequence[tuple[Slot, Mounted]]) -> dict[str, Any]:
+    def params(self, placed: Sequence[tuple[Slot, Choice]]) -> dict[str, Any]:
         """The parameters that give these LiDARs to their slots; the inverse of `rig`."""
         found: dict[str, Any] = {}
         for slot, lidar in placed:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from lidarplace import OccupancyGrid
 from sweeps.execution.backends import Backend, Job
 from sweeps.search.problem.assess import Assessment, Question, assess
-from sweeps.search.problem.rig import Rig
+from sweeps.search.problem.choice import Choices
 
 
 @dataclass(frozen=True)
@@ -29,11 +29,11 @@ class Pool:
             grid.levels, grid.h_pog  # noqa: B018 - worked out once, not by every worker
         return cls(backend, backend.share(dict(grids)))
 
-    def submit(self, rig: Rig, question: Question) -> Job[Assessment]:
+    def submit(self, rig: Choices, question: Question) -> Job[Assessment]:
         """Start with a rig."""
         return self.backend.submit(assess, rig, question, self.grids)
 
-    def in_order(self, rigs: Sequence[Rig], question: Question) -> list[Assessment]:
+    def in_order(self, rigs: Sequence[Choices], question: Question) -> list[Assessment]:
         """Assess several rigs at once; results in the order of `rigs`."""
         jobs = [self.submit(rig, question) for rig in rigs]
         return [job.result() for job in jobs]

@@ -23,7 +23,7 @@ from optuna.trial import FrozenTrial, TrialState
 from lidarplace.files.secret_urls import check_whole, hide_secrets
 from sweeps.configuration.search import SearchSettings
 from sweeps.search.problem.assess import Assessment
-from sweeps.search.problem.rig import Rig
+from sweeps.search.problem.choice import Choices
 from sweeps.search.problem.space import NUMBER, Space
 from sweeps.search.trials.samplers import Repeatable, pruner_for
 
@@ -42,7 +42,7 @@ class Candidate:
     """
 
     number: int
-    rig: Rig
+    rig: Choices
     values: Mapping[str, Any] = field(default_factory=dict)
 
     @property

@@ -1,0 +1,63 @@
+"""What a search chooses: a model and a mount for each LiDAR; a placement, if they are possible."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import astuple, dataclass, replace
+
+from lidarplace import Lidar, Mount, Placement
+
+
+@dataclass(frozen=True, order=True)
+class Choice:
+    """One LiDAR.
+
+    Attributes:
+        model: name of its model.
+        zone: name of the zone in which it sits; empty if it is fixed.
+        mount: its pose, rounded if it was searched for.
+    """
+
+    model: str
+    zone: str
+    mount: Mount
+
+
+Choices = tuple[Choice, ...]
+"""In the order of `ordered`."""
+
+
+def ordered(choices: Iterable[Choice]) -> Choices:
+    """In a canonical order: the same LiDARs are equal, in whatever order they come."""
+    return tuple(sorted(choices, key=lambda c: (c.model, c.zone, astuple(c.mount))))
+
+
+def is_possible(choices: Choices) -> bool:
+    """Whether no two LiDARs sit in one place."""
+    return len({(c.mount.x, c.mount.y, c.mount.z) for c in choices}) == len(choices)
+
+
+def placement_of(choices: Choices, models: Mapping[str, Lidar], name: str = "rig") -> Placement:
+    """The placement. Raises ValueError if two LiDARs sit in one place."""
+    return Placement(name, [c.mount for c in choices], lidar=[models[c.model] for c in choices])
+
+
+def price_of(choices: Choices, prices: Mapping[str, float]) -> float:
+    """Of all LiDARs."""
+    return math.fsum(prices[choice.model] for choice in choices)
+
+
+def rounded(mount: Mount) -> Mount:
+    """To the millimetre and a ten-thousandth of a radian: no one mounts more exactly, and the files
+    that people read have short numbers."""
+    x, y, z, *angles = astuple(mount)
+    # + 0.0: no negative zero.
+    lengths = [round(value, 3) + 0.0 for value in (x, y, z)]
+    return Mount(*lengths, *(round(angle, 4) + 0.0 for angle in angles))
+
+
+def mirrored(mount: Mount) -> Mount:
+    """On the other side of the vehicle: left and right exchanged."""
+    # 0 - v, not -v: a zero stays +0, so that equal rigs are equal.
+    return replace(mount, y=0 - mount.y, roll=0 - mount.roll, yaw=0 - mount.yaw)
