@@ -14,7 +14,6 @@ from rich.table import Table
 from lidarplace.command_line.invocation import command
 from lidarplace.command_line.verbs import wrong
 from sweeps.configuration.grid import Sweep
-from sweeps.configuration.sweep import Common
 from sweeps.execution.backends import Backend
 from sweeps.execution.execute import Outcome, execute
 from sweeps.execution.failures import Failure, FailureFolder
@@ -59,7 +58,7 @@ def run_sweep(
         as `sweeps.execution.runner.drive`.
     """
     work = SweepWork(console, sweep, plan, store, command, rerun_failed)
-    run, logged = drive(console, work)
+    run, logged = drive(console, sweep.common, store, work)
     console.print(f"{time.monotonic() - work.started:.0f} s", highlight=False)
     failed = _failed(plan, run)
     for trial, failure in failed:
@@ -89,11 +88,6 @@ class SweepWork:
     command: str
     rerun_failed: bool
     started: float = field(default_factory=time.monotonic)
-
-    @property
-    def common(self) -> Common:
-        """Of the sweep."""
-        return self.sweep.common
 
     def open(self, folder: Path, say: Say) -> SweepLog:
         """Refer to the results, make room for more of them."""
@@ -156,12 +150,9 @@ class SweepWork:
             seconds=time.monotonic() - self.started,
         )
 
-    def write(self, folder: Path, run: Run) -> None:
-        """The tables."""
+    def report(self, folder: Path, run: Run, log: SweepLog) -> Path | None:
+        """Tables; and report, artifacts, best models and summary, if a trial finished."""
         write_run(folder, self.sweep, self.plan, self.store, run)
-
-    def publish(self, folder: Path, run: Run, log: SweepLog) -> Path | None:
-        """Report, artifacts, best models and summary; nothing if no trial finished."""
         if len(_failed(self.plan, run)) == len(self.plan.trials):
             return None
         report = build_report(folder)

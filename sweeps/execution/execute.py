@@ -100,22 +100,13 @@ def execute(
         raise
 
 
-@dataclass(frozen=True)
-class _Handed:
-    """A task that was handed out, how it is tried and what it asked for."""
-
-    task: Task
-    how: Batch
-    need: Need
-
-
 @dataclass
 class _Execution:
     """Tasks between their schedule and the backend.
 
     Attributes:
         probes: probe of a training, by the training's key.
-        running: what was handed out.
+        running: what was handed out, how it is tried and what it asked for.
         attempts: how a training is tried again, by its key.
     """
 
@@ -125,7 +116,7 @@ class _Execution:
     outcome: Outcome
     schedule: Schedule
     probes: Mapping[str, Task]
-    running: dict[Job[Ended], _Handed] = field(default_factory=dict)
+    running: dict[Job[Ended], tuple[Task, Batch, Need]] = field(default_factory=dict)
     attempts: dict[str, Batch] = field(default_factory=dict)
 
     def hand_out(self) -> None:
@@ -145,7 +136,7 @@ class _Execution:
             self.listener.started(task)
             name = f"{task.stage}: {task.label}"
             job = self.backend.submit(try_task, task, self.store, how, name=name, need=need)
-            self.running[job] = _Handed(task, how, need)
+            self.running[job] = (task, how, need)
 
     def take_back(self, job: Job[Ended]) -> None:
         """Note how a task ended.
@@ -153,8 +144,8 @@ class _Execution:
         Raises:
             DamagedResult: a result that it needs was damaged, and is gone.
         """
-        ended, handed = _ended(job), self.running.pop(job)
-        task, how = handed.task, handed.how
+        ended = _ended(job)
+        task, how, _ = self.running.pop(job)
         now, failure = time.monotonic(), ended.failure
         self.outcome.times[task.key] = (now - ended.seconds, now)
         if failure is None:
@@ -179,7 +170,7 @@ class _Execution:
 
     def _has_room(self) -> bool:
         """What would wait for a GPU or for memory must not keep others from the CPUs."""
-        needs = [handed.need for handed in self.running.values()]
+        needs = [need for *_, need in self.running.values()]
         room = self.backend.room
         return not needs or (
             sum(need.gpu_share for need in needs) < room.gpus

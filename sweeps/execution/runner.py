@@ -26,17 +26,7 @@ Say = Callable[[str], None]
 
 
 class Work(Protocol[T]):
-    """A sweep or a search, step by step. Each step goes on from what an earlier run left.
-
-    Attributes:
-        common: what every configuration has.
-        store: where results of tasks are.
-    """
-
-    @property
-    def common(self) -> Common: ...
-    @property
-    def store(self) -> AnyStore: ...
+    """A sweep or a search, step by step. Each step goes on from what an earlier run left."""
 
     def open(self, folder: Path, say: Say) -> SweepLog:
         """Prepare the run folder and the store; no other driver has the folder.
@@ -48,15 +38,16 @@ class Work(Protocol[T]):
     def compute(self, folder: Path, backend: Backend, log: SweepLog, say: Say) -> T:
         """Run all that is not there yet, and log it."""
 
-    def write(self, folder: Path, found: T) -> None:
-        """Write the results into the run folder."""
-
-    def publish(self, folder: Path, found: T, log: SweepLog) -> Path | None:
-        """Build the report, log the files, print what was found. Returns the report's file."""
+    def report(self, folder: Path, found: T, log: SweepLog) -> Path | None:
+        """Write, print and log what was found. Returns the file of the report, if there is one."""
 
 
-def drive(console: Console, work: Work[T]) -> tuple[T, bool]:
+def drive(console: Console, common: Common, store: AnyStore, work: Work[T]) -> tuple[T, bool]:
     """Run a sweep or a search from where it stopped.
+
+    Args:
+        common: what every configuration has.
+        store: where results of tasks are.
 
     Returns:
         What was found, and whether MLflow has got all.
@@ -67,25 +58,24 @@ def drive(console: Console, work: Work[T]) -> tuple[T, bool]:
         DamagedResult: a result was damaged; it is not there any more when this is called again.
         OSError: the run folder cannot be written.
     """
-    folder = work.common.output / work.common.name
+    folder = common.output / common.name
     say = partial(console.print, soft_wrap=True)
     with ExitStack() as stack:
         workers = ExitStack()  # given back before the results are written
         try:
             stack.enter_context(locked(folder, alone=True))
-            remove_leftovers_of(work.common, work.store)
+            remove_leftovers_of(common, store)
             log = work.open(folder, say)
-            stack.enter_context(work.store.in_use())
+            stack.enter_context(store.in_use())
             stack.enter_context(log)
             stack.enter_context(workers)
-            backend = workers.enter_context(backend_for(work.common.ray))
+            backend = workers.enter_context(backend_for(common.ray))
         except ValueError as error:
             wrong(error)
         with workers:
             found = work.compute(folder, backend, log, say)
-        work.write(folder, found)
-        report = work.publish(folder, found, log)
+        report = work.report(folder, found, log)
         if report is not None:
             say(f"\nReport  {report}")
-        say(f"MLflow  {ui_command(work.common.tracking_uri, log.page())}")
+        say(f"MLflow  {ui_command(common.tracking_uri, log.page())}")
     return found, not log.undelivered and not log.refused

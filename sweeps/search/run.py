@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import optuna
 import pandas as pd
@@ -19,7 +18,6 @@ from lidarplace import OccupancyGrid
 from lidarplace.command_line.verbs import wrong
 from lidarplace.files.secret_urls import hide_secrets
 from sweeps.configuration.file import ConfigError
-from sweeps.configuration.sweep import Common
 from sweeps.execution.backends import Backend, BackendLost
 from sweeps.execution.runner import Say, drive
 from sweeps.mlflow.page import note
@@ -64,7 +62,7 @@ def run_search(
         as `sweeps.execution.runner.drive`.
     """
     work = SearchWork(console, problem, store, hide_secrets(command, *problem.file.urls))
-    found, good = drive(console, work)
+    found, good = drive(console, problem.file, store, work)
     failed = print_failures(console, found)
     good &= bool(found.trials) and not failed
     if verify and problem.file.verify is not None and found.trials:
@@ -91,11 +89,6 @@ class SearchWork:
     command: str
     started: float = field(default_factory=time.monotonic)
     _storage: optuna.storages.BaseStorage = field(init=False)
-
-    @property
-    def common(self) -> Common:
-        """Of the configuration."""
-        return self.problem.file
 
     def open(self, folder: Path, say: Say) -> SweepLog:
         """Open Optuna's storage."""
@@ -131,13 +124,10 @@ class SearchWork:
             except ConfigError as error:
                 wrong(error)
 
-    def write(self, folder: Path, found: Found) -> None:
-        """The tables."""
+    def report(self, folder: Path, found: Found, log: SweepLog) -> Path:
+        """What was found, as tables, text, report and artifacts."""
         seconds = time.monotonic() - self.started
         write_search(folder, self.problem, found, self.command, seconds)
-
-    def publish(self, folder: Path, found: Found, log: SweepLog) -> Path:
-        """What was found, the report and the artifacts."""
         if found.trials:
             print_found(self.console, self.problem, found)
         else:
@@ -150,7 +140,7 @@ class SearchWork:
     def _search(self, backend: Backend, log: SweepLog) -> Found:
         problem = self.problem
         question, settings = problem.question, problem.file.search
-        grids = self._pog(backend, None) if question.needs_pog else {}
+        grids = pog(self.console, problem, self.store, backend) if question.needs_pog else {}
         certificate, none = self._certificate(grids)
         study = open_study(
             self._storage,
@@ -173,9 +163,6 @@ class SearchWork:
             timing=timing,
             linear_share=best_linear_share(judged, grids, question),
         )
-
-    def _pog(self, backend: Backend, scene: Mapping[str, Any] | None) -> dict[str, OccupancyGrid]:
-        return pog(self.console, self.problem, self.store, backend, scene)
 
     def _certificate(
         self, grids: Mapping[str, OccupancyGrid]
@@ -220,14 +207,15 @@ class SearchWork:
         self, judged: Mapping[str, Judged], pool: Pool, backend: Backend
     ) -> pd.DataFrame | None:
         """The best rigs with other mounts and in other scenes; None if it is not asked for."""
-        settings, question = self.problem.file.robustness, exact(self.problem.question)
+        problem = self.problem
+        settings, question = problem.file.robustness, exact(problem.question)
         if settings is None:
             return None
         rigs = {name: judged[name].rig for name in ("found_1", baseline_of(judged))}
-        tables = [robustness(rigs, question, pool, settings, self.problem.file.search.seed)]
+        tables = [robustness(rigs, question, pool, settings, problem.file.search.seed)]
         for name, changes in settings.scenes.items():
             try:
-                there = Pool.of(backend, self._pog(backend, changes))
+                there = Pool.of(backend, pog(self.console, problem, self.store, backend, changes))
             except NoPog as error:  # what was found is worth more than one more scene
                 self.console.print(f"robustness: {name} is left out: {error}", soft_wrap=True)
                 continue
