@@ -89,12 +89,12 @@ class SweepWork:
     rerun_failed: bool
     started: float = field(default_factory=time.monotonic)
 
-    def open(self, folder: Path, say: Say) -> SweepLog:
+    def open(self, folder: Path, say: Say) -> ParentRun:
         """Refer to the results, make room for more of them."""
         sweep, plan = self.sweep, self.plan
         self.store.refer(reference(sweep), [task.key for task in plan.tasks])
         keep_to_quota(self.console, sweep, self.store)
-        parent = ParentRun(
+        return ParentRun(
             sweep_key(sweep, plan),
             sweep.common.name,
             _parameters(sweep, plan),
@@ -103,7 +103,6 @@ class SweepWork:
             about=ABOUT,
             columns=columns(sweep),
         )
-        return SweepLog(sweep.common.tracking_uri, parent, folder=folder, say=say)
 
     def compute(self, folder: Path, backend: Backend, log: SweepLog, say: Say) -> Run:
         """Run what is not there and has not failed for good, rung by rung."""

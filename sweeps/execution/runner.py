@@ -16,6 +16,7 @@ from sweeps.execution.backends import Backend, backend_for
 from sweeps.store.leftovers import remove_leftovers_of
 from sweeps.store.lock import locked
 from sweeps.store.open import AnyStore
+from tracking.mlflow.content import ParentRun
 from tracking.mlflow.log import SweepLog
 from tracking.mlflow.uri import ui_command
 
@@ -28,8 +29,11 @@ Say = Callable[[str], None]
 class Work(Protocol[T]):
     """A sweep or a search, step by step. Each step goes on from what an earlier run left."""
 
-    def open(self, folder: Path, say: Say) -> SweepLog:
-        """Prepare the run folder and the store; no other driver has the folder.
+    def open(self, folder: Path, say: Say) -> ParentRun:
+        """Prepare the run folder, which no other driver has, and the store.
+
+        Returns:
+            What MLflow tells of the whole.
 
         Raises:
             ValueError: something that is asked for cannot be had.
@@ -65,7 +69,7 @@ def drive(console: Console, common: Common, store: AnyStore, work: Work[T]) -> t
         try:
             stack.enter_context(locked(folder, alone=True))
             remove_leftovers_of(common, store)
-            log = work.open(folder, say)
+            log = SweepLog(common.tracking_uri, work.open(folder, say), folder=folder, say=say)
             stack.enter_context(store.in_use())
             stack.enter_context(log)
             stack.enter_context(workers)

@@ -90,7 +90,7 @@ class SearchWork:
     started: float = field(default_factory=time.monotonic)
     _storage: optuna.storages.BaseStorage = field(init=False)
 
-    def open(self, folder: Path, say: Say) -> SweepLog:
+    def open(self, folder: Path, say: Say) -> ParentRun:
         """Open Optuna's storage."""
         file, search = self.problem.file, self.problem.file.search
         self._storage = storage_for(search.storage, folder)
@@ -102,7 +102,7 @@ class SearchWork:
             "seed": search.seed,
             "batch_size": search.batch_size,
         }
-        parent = ParentRun(
+        return ParentRun(
             self.problem.key,
             file.name,
             params,
@@ -112,7 +112,6 @@ class SearchWork:
             columns=columns(self.problem),
             ascending=search.objective[0].best == "minimize",
         )
-        return SweepLog(file.tracking_uri, parent, folder=folder, say=say)
 
     def compute(self, folder: Path, backend: Backend, log: SweepLog, say: Say) -> Found:
         """POG, bound, trials, exact values of the winners."""
