@@ -261,7 +261,7 @@ FAINT_Q = 1e-7
 
 MOSTLY_LINEAR = 2 / 3
 """A `linear_share` beyond which `expected_ig` ranks placements by the number of their rays within
-objects rather than by what these cover (`python benchmarks/expected_ig_regime.py`)."""
+objects rather than by what these cover (`python benchmarks/studies/expected_ig_regime.py`)."""
 
 
 def linear_share(by_q: pd.DataFrame, q: float) -> pd.Series[float]:

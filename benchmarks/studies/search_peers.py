@@ -1,6 +1,6 @@
 """Searchers on one problem: best value against evaluations and against seconds.
 
-    OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 python benchmarks/search_peers.py
+    OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 python benchmarks/studies/search_peers.py
 
 Every searcher gets the same problem (`examples/search.yaml` without its constraints, which CMA-ES
 does not know), the same number of evaluations and the same machine, with several seeds: Optuna's

@@ -1,7 +1,7 @@
 """How good is the report's decision for a placement, in studies whose truth is known?
 
-    python benchmarks/decision.py               # a table of all cases, then the calibration
-    python benchmarks/decision.py --times 200
+    python benchmarks/studies/decision.py               # a table of all cases, then the calibration
+    python benchmarks/studies/decision.py --times 200
 
 Seeds scatter with a sd of 1 point around a placement's true AP, and true APs are normal. Of every
 study `tracking` names the best placement, says how probable that is, and gives the intervals of its

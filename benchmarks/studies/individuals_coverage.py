@@ -1,7 +1,7 @@
 """Do the report's intervals hold the AP of all traffic when the test frames met few individuals?
 
-    python benchmarks/individuals_coverage.py               # all cases
-    python benchmarks/individuals_coverage.py --times 20
+    python benchmarks/studies/individuals_coverage.py               # all cases
+    python benchmarks/studies/individuals_coverage.py --times 20
 
 Test sets are drawn from traffic whose AP is known from 1,000 routes: on every route about 8.5 road
 users, each in as many frames as a lognormal number says (a tenth of them in half of the frames or

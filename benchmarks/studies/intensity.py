@@ -1,6 +1,6 @@
 """How much of the class Car the intensity alone gives away in simulated clouds.
 
-    python benchmarks/intensity.py logs/sumo-1
+    python benchmarks/studies/intensity.py logs/sumo-1
 
 Collects every `--every`-th frame of a box log without range noise, cut to the front ROI. A point
 within a box belongs to its object, all others are background. Prints, per placement:

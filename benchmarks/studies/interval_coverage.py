@@ -4,12 +4,12 @@ Placements are drawn from a population in which the correlation is known, their 
 with seeds that scatter, and the interval is computed from that, many times. The truth is the
 correlation of the surrogate with the metric as expected over seeds, also with one seed.
 
-python benchmarks/interval_coverage.py                # coefficients, the method in use
-python benchmarks/interval_coverage.py candidates     # beside other methods
-python benchmarks/interval_coverage.py means          # means over seeds
+python benchmarks/studies/interval_coverage.py                # coefficients, the method in use
+python benchmarks/studies/interval_coverage.py candidates     # beside other methods
+python benchmarks/studies/interval_coverage.py means          # means over seeds
 
-Leads of the best placement are in `benchmarks/decision.py`, differences between surrogates in
-`benchmarks/surrogate_differences.py`.
+Leads of the best placement are in `decision.py` beside this file, differences between surrogates
+in `surrogate_differences.py`.
 """
 
 from __future__ import annotations

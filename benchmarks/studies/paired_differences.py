@@ -1,7 +1,7 @@
 """How noisy differences between placements are: seed by seed, and between independent seeds.
 
     python -m sweeps.run examples/study.yaml
-    python benchmarks/paired_differences.py runs/study
+    python benchmarks/studies/paired_differences.py runs/study
 
 Trainings of one seed see the same frames, moved alike, under every placement. What they have in
 common cancels in differences that are taken seed by seed. For each metric:

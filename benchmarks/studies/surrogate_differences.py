@@ -1,7 +1,7 @@
 """How often do the intervals between two surrogates' \\|rho\\| hold the truth, or tell too much?
 
-    python benchmarks/surrogate_differences.py              # all three tables
-    python benchmarks/surrogate_differences.py --times 100
+    python benchmarks/studies/surrogate_differences.py              # all three tables
+    python benchmarks/studies/surrogate_differences.py --times 100
 
 Surrogates and the expected metric are normal with known correlations; each placement's metric is
 measured with seeds that scatter with `noise` times the spread between placements. The truth is

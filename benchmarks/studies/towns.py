@@ -1,6 +1,6 @@
 """What towns, traffic and buildings give, and what they cost.
 
-    OMP_NUM_THREADS=1 python benchmarks/towns.py [TOWN …]
+    OMP_NUM_THREADS=1 python benchmarks/studies/towns.py [TOWN …]
 
 By default the generated town and CARLA's Town01, 03, 04 and 06. Each town is recorded with 40, 80
 and 120 vehicles and 60 pedestrians: 8 egos in one run of 60 s at 20 Hz after 30 s of warm-up.

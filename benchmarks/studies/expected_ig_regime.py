@@ -1,7 +1,7 @@
 """What `expected_ig` measures at a q, a number of azimuth steps and a resolution.
 
     python -m sweeps.record examples/grid.yaml logs
-    python benchmarks/expected_ig_regime.py logs/sumo-1
+    python benchmarks/studies/expected_ig_regime.py logs/sumo-1
 
 A voxel that m rays cross is detected with d = 1 - (1 - q)^m. Where q m is small everywhere, d is
 q m and `expected_ig` is a sum over rays, as `expected_points` is; where it is large, d is 1 and it

@@ -1,6 +1,6 @@
 """How many different road users a scene's frames hold, and what the choice of egos does to them.
 
-    OMP_NUM_THREADS=1 python benchmarks/individuals.py [CONFIG …]
+    OMP_NUM_THREADS=1 python benchmarks/studies/individuals.py [CONFIG …]
 
 By default examples/grid.yaml and examples/study.yaml. Counted are boxes whose centre is in the
 ROI, of the classes of the configuration. `top ten` is the share of the boxes that the ten
