@@ -8,6 +8,7 @@ a second one counts hits and false alarms at each.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -17,6 +18,14 @@ COUNTS, IGNORED, OTHER = 0, 1, -1
 """What a box is to the class under test: it counts, is neither hit nor miss, is not looked at."""
 
 RECALL_POINTS = 41
+
+
+class Layout(NamedTuple):
+    """Where the boxes and pairs of each frame are, as compiled code takes it, see `FramePairs`."""
+
+    truths: NDArray[np.int64]
+    found: NDArray[np.int64]
+    pairs: NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -53,6 +62,11 @@ class FramePairs:
         pair_offsets = np.concatenate([[0], np.cumsum(np.diff(truths) * np.diff(found))])
         return cls(truths, found, pair_offsets, ground_truth, detection)
 
+    @property
+    def layout(self) -> Layout:
+        """The offsets."""
+        return Layout(self.ground_truth_offsets, self.detection_offsets, self.pair_offsets)
+
 
 @dataclass(frozen=True)
 class PrecisionCurve:
@@ -72,8 +86,9 @@ class PrecisionCurve:
 
 
 @njit(cache=True)
-def _recall_pass(truths, found, pairs, overlaps, scores, truth_role, found_role, minimum):
+def _recall_pass(layout, overlaps, scores, truth_role, found_role, minimum):
     """Score of each ground truth's hit when it takes the detection of highest score; NaN: none."""
+    truths, found, pairs = layout
     hits = np.full(len(truth_role), np.nan)
     taken = np.zeros(len(found_role), np.bool_)
     for f in range(len(pairs) - 1):
@@ -97,20 +112,10 @@ def _recall_pass(truths, found, pairs, overlaps, scores, truth_role, found_role,
 
 
 @njit(cache=True)
-def _precision_pass(
-    truths,
-    found,
-    pairs,
-    overlaps,
-    similarity,
-    scores,
-    truth_role,
-    found_role,
-    harmless,
-    minimum,
-    lowest,
-):
+def _precision_pass(layout, overlaps, similarity, scores, roles, harmless, minimum, lowest):
     """True and false positives, and the similarity of the true ones, at each score of `lowest`."""
+    truths, found, pairs = layout
+    truth_role, found_role = roles
     counts = np.zeros((len(lowest), 3))
     taken = np.zeros(len(found_role), np.bool_)
     for t in range(len(lowest)):
@@ -194,16 +199,18 @@ def precision_curve(
         harmless = np.zeros(found, np.bool_)
     if similarity is None:
         similarity = np.ones(len(overlaps))
-    layout = (pairs.ground_truth_offsets, pairs.detection_offsets, pairs.pair_offsets)
-    roles = (ground_truth_role, detection_role)
-    hits = _recall_pass(*layout, overlaps, scores, *roles, minimum_overlap)
+    layout = pairs.layout
+    hits = _recall_pass(
+        layout, overlaps, scores, ground_truth_role, detection_role, minimum_overlap
+    )
     hits = hits[~np.isnan(hits)]
     if len(hits) == 0:
         return PrecisionCurve(np.zeros(RECALL_POINTS), np.zeros(RECALL_POINTS), 0.0)
     counted = np.count_nonzero(ground_truth_role == COUNTS)
     lowest = sampled_scores(np.sort(hits)[::-1].copy(), counted, RECALL_POINTS)
+    roles = (ground_truth_role, detection_role)
     counts = _precision_pass(
-        *layout, overlaps, similarity, scores, *roles, harmless, minimum_overlap, lowest
+        layout, overlaps, similarity, scores, roles, harmless, minimum_overlap, lowest
     )
     # Taking the largest overlap can lose every hit of the first pass to ignored ground truths.
     positives = np.maximum(counts[:, 0] + counts[:, 1], 1)
@@ -224,12 +231,9 @@ def hit_scores(
 
     NaN where it is missed. Arguments as of `precision_curve`.
     """
-    layout = (pairs.ground_truth_offsets, pairs.detection_offsets, pairs.pair_offsets)
-    roles = (
-        np.full(pairs.ground_truth_offsets[-1], COUNTS, np.int8),
-        np.full(pairs.detection_offsets[-1], COUNTS, np.int8),
-    )
-    return _recall_pass(*layout, overlaps, scores, *roles, minimum_overlap)
+    truths, found, _ = layout = pairs.layout
+    truth_role, found_role = (np.full(offsets[-1], COUNTS, np.int8) for offsets in (truths, found))
+    return _recall_pass(layout, overlaps, scores, truth_role, found_role, minimum_overlap)
 
 
 def monotone(sampled: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -251,10 +251,10 @@ def evaluate_detections(
     scores = found["score"].to_numpy(np.float64)
     truth_boxes = boxes_z_up(truths)
     found_boxes = boxes_z_up(found)
-    sides = (truth_boxes[pairs.ground_truth], found_boxes[pairs.detection])
+    truth_sides, found_sides = truth_boxes[pairs.ground_truth], found_boxes[pairs.detection]
     overlaps = {
-        "3D": paired_iou(*sides, True),
-        "BEV": paired_iou(*sides, False),
+        "3D": paired_iou(truth_sides, found_sides, three_d=True),
+        "BEV": paired_iou(truth_sides, found_sides, three_d=False),
         "image": image_iou(truths, found, pairs),
     }
     truth_class = truths["class"].str.lower().to_numpy(str)

@@ -49,10 +49,9 @@ class Matches:
         minimum_overlap: float,
     ) -> Matches:
         """Of boxes that all count. Arguments as of `average_precision.precision_curve`."""
-        layout = (pairs.ground_truth_offsets, pairs.detection_offsets, pairs.pair_offsets)
         return cls(
             hit_scores(pairs, overlaps, scores, minimum_overlap),
-            _matched_from(*layout, overlaps, scores, minimum_overlap),
+            _matched_from(pairs.layout, overlaps, scores, minimum_overlap),
             scores,
         )
 
@@ -110,8 +109,9 @@ def _ap(
 
 
 @njit(cache=True)
-def _matched_from(truths, found, pairs, overlaps, scores, minimum):  # pragma: no cover - compiled
+def _matched_from(layout, overlaps, scores, minimum):  # pragma: no cover - compiled
     """Highest score at which each ground truth is matched by KITTI's second pass; NaN: never."""
+    truths, found, pairs = layout
     matched = np.full(truths[-1], np.nan)
     taken = np.zeros(found[-1], np.bool_)
     for f in range(len(pairs) - 1):

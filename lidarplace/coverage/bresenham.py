@@ -10,17 +10,7 @@ from numba import njit
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def walk_bresenham(
-    origin,
-    directions,
-    spans,
-    reach,
-    first,
-    minimum,
-    resolution,
-    shape,
-    strides,
-    voxels,
-    offsets,
+    origin, directions, spans, reach, first, grid, voxels, offsets
 ):  # pragma: no cover - compiled
     """Write the voxels of the lines along the rays from `first` on, as many as there is room for.
 
@@ -30,35 +20,31 @@ def walk_bresenham(
     Arguments and result as in `walk_dda`.
     """
     size, rays = np.uint64(0), 0
-    room = len(voxels) - (shape[0] + shape[1] + shape[2])
+    room = len(voxels) - grid.shape.sum()
     offsets[0] = 0
     while first + rays < len(directions) and rays + 1 < len(offsets) and size <= room:
         near, far = spans[first + rays, 0], min(spans[first + rays, 1], reach)
         if near < far:
-            size = _line(
-                *(origin, directions[first + rays], far),
-                *(minimum, resolution, shape, strides, voxels, size),
-            )
+            size = _line(origin, directions[first + rays], far, grid, voxels, size)
         rays += 1
         offsets[rays] = size
     return rays
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _line(
-    origin, direction, far, minimum, resolution, shape, strides, voxels, size
-):  # pragma: no cover - compiled
+def _line(origin, direction, far, grid, voxels, size):  # pragma: no cover - compiled
     """Append the voxels of one line to the first `size` of `voxels`; returns the new size."""
+    shape, strides = grid.shape, grid.strides
     # The axis along which the line is longest comes first.
     main, longest = 0, -1
     for a in range(3):
-        start, end = _ends(a, origin, direction, far, minimum, resolution, shape)
+        start, end = _ends(a, origin, direction, far, grid)
         if abs(end - start) > longest:
             main, longest = a, abs(end - start)
     a, b = (1 if main == 0 else 0), (1 if main == 2 else 2)
-    i, end_i = _ends(main, origin, direction, far, minimum, resolution, shape)
-    j, end_j = _ends(a, origin, direction, far, minimum, resolution, shape)
-    k, end_k = _ends(b, origin, direction, far, minimum, resolution, shape)
+    i, end_i = _ends(main, origin, direction, far, grid)
+    j, end_j = _ends(a, origin, direction, far, grid)
+    k, end_k = _ends(b, origin, direction, far, grid)
     step_i, step_j, step_k = (
         (1 if end_i > i else -1),
         (1 if end_j > j else -1),
@@ -84,8 +70,9 @@ def _line(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _ends(axis, origin, direction, far, minimum, resolution, shape):  # pragma: no cover - compiled
+def _ends(axis, origin, direction, far, grid):  # pragma: no cover - compiled
     """First and last cell of a line on one axis: the sensor's, and the ray's at `far`."""
-    start = math.floor((origin[axis] - minimum[axis]) / resolution)
-    end = math.floor((origin[axis] + far * direction[axis] - minimum[axis]) / resolution)
-    return start, min(max(end, 0), shape[axis] - 1)
+    minimum, resolution = grid.minimum[axis], grid.resolution
+    start = math.floor((origin[axis] - minimum) / resolution)
+    end = math.floor((origin[axis] + far * direction[axis] - minimum) / resolution)
+    return start, min(max(end, 0), grid.shape[axis] - 1)

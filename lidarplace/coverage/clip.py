@@ -3,20 +3,38 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+
+class VoxelGrid(NamedTuple):
+    """The voxels, as compiled code takes them.
+
+    Attributes:
+        minimum: lower corner, ego frame, shape (3,), metres.
+        resolution: edge of a voxel, metres.
+        shape: voxels along the axes, int64, shape (3,).
+        strides: voxel (i, j, k) has the index `i * strides[0] + j * strides[1] + k * strides[2]`.
+    """
+
+    minimum: NDArray[np.float64]
+    resolution: float
+    shape: NDArray[np.int64]
+    strides: NDArray[np.int64]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def clip_rays(origin, directions, reach, minimum, resolution, shape):  # pragma: no cover
+def clip_rays(origin, directions, reach, grid):  # pragma: no cover
     """Ray parameters between which rays are in the grid; (inf, -inf) for those that miss it.
 
     Args:
         origin: start of all rays, ego frame, shape (3,), metres.
         directions: unit vectors, ego frame, shape (rays, 3).
         reach: length of the rays, metres; what ends before the grid misses it.
-        minimum, resolution, shape: the grid.
+        grid: a `VoxelGrid`.
 
     Returns:
         Entry (0 for an origin in the grid) and exit, metres, float64, shape (rays, 2).
@@ -25,8 +43,8 @@ def clip_rays(origin, directions, reach, minimum, resolution, shape):  # pragma:
     for r in range(len(directions)):
         near, far = 0.0, math.inf
         for a in range(3):
-            low = minimum[a] - origin[a]
-            high = minimum[a] + shape[a] * resolution - origin[a]
+            low = grid.minimum[a] - origin[a]
+            high = grid.minimum[a] + grid.shape[a] * grid.resolution - origin[a]
             d = directions[r, a]
             if d == 0.0:
                 if low > 0 or high <= 0:  # voxels are half open

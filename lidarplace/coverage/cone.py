@@ -28,7 +28,7 @@ from cachetools import LRUCache, cached
 from numpy.typing import NDArray
 
 from lidarplace.coverage.bits import Bits, empty, turned, unpack
-from lidarplace.coverage.cone_kernels import cover_tiles, cover_voxels, keep_seen
+from lidarplace.coverage.cone_kernels import Columns, Sensor, cover_tiles, cover_voxels, keep_seen
 from lidarplace.coverage.tiles import Tiles
 from lidarplace.placement import Mount, Placement
 from lidarplace.roi import Roi
@@ -69,23 +69,22 @@ def sensor_bits(lidar: Lidar, mount: Mount, roi: Roi, tiles: Tiles) -> Bits:
 
     Kept for the next call with the same beams, mount, ROI and tiles.
     """
-    frame, sines, azimuth = _upright(lidar, mount)
-    run = int(np.argmax(np.abs(frame[2])))
+    sensor = _sensor(lidar, mount)
+    run = int(np.argmax(np.abs(sensor.frame[2])))
     axes = list(_AXES[run])
-    shape = tuple(roi.shape[axis] for axis in axes)
-    if frame[2, run] < 0:
-        frame, sines, azimuth = _upside_down(frame, sines, azimuth)
+    nx, ny, nz = (roi.shape[axis] for axis in axes)
+    if sensor.frame[2, run] < 0:
+        sensor = _upside_down(sensor)
+    frame = np.ascontiguousarray(sensor.frame[:, axes])
+    sensor = sensor._replace(origin=sensor.origin[axes], frame=frame)
     part = tiles.along(run, roi.shape)
-    bits = empty((shape[0], shape[1], shape[2]))
-    sensor = (
-        *(mount.position[axes], np.ascontiguousarray(frame[:, axes]), sines, azimuth, lidar.range),
-        *(roi.minimum[axes], roi.resolution, shape[2], part.lowest, part.highest),
-    )
-    cover_tiles(*sensor, bits)
+    grid = Columns(roi.minimum[axes], roi.resolution, nz, part.lowest, part.highest)
+    bits = empty((nx, ny, nz))
+    cover_tiles(sensor, grid, bits)
     if not lidar.full_turn or lidar.range < _farthest(mount, roi):
-        keep_seen(*sensor, bits)
+        keep_seen(sensor, grid, bits)
     if run != 2:
-        bits = turned(bits, shape[2])  # from (y, z, x) to (y, x, z), or from (x, z, y) to (x, y, z)
+        bits = turned(bits, nz)  # from (y, z, x) to (y, x, z), or from (x, z, y) to (x, y, z)
         bits = np.ascontiguousarray(bits.swapaxes(1, 2)) if run == 0 else bits
     bits.flags.writeable = False
     return bits
@@ -101,32 +100,21 @@ def covered_voxel_by_voxel(placement: Placement, roi: Roi) -> NDArray[np.bool_]:
     """The same as `covered_by_cones`, by the test of every single voxel: slower, always valid."""
     covered = np.zeros(roi.shape, np.bool_)
     for mount, lidar in zip(placement.mounts, placement.lidars, strict=True):
-        frame, sines, azimuth = _upright(lidar, mount)
-        cover_voxels(
-            mount.position,
-            frame,
-            sines,
-            azimuth,
-            lidar.range,
-            roi.minimum,
-            roi.resolution,
-            covered,
-        )
+        cover_voxels(_sensor(lidar, mount), roi.minimum, roi.resolution, covered)
     return covered
 
 
-_Sensor = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
-
-
-def _upright(lidar: Lidar, mount: Mount) -> _Sensor:
-    """Axes of the sensor as rows, sorted sines of its beams, field of view."""
+def _sensor(lidar: Lidar, mount: Mount) -> Sensor:
     sines = np.unique(np.sin(lidar.elevations))
-    azimuth = (-np.pi, np.pi) if lidar.full_turn else lidar.azimuth
-    return np.ascontiguousarray(mount.rotation.T), sines, np.array(azimuth)
+    azimuth = np.array((-np.pi, np.pi) if lidar.full_turn else lidar.azimuth)
+    frame = np.ascontiguousarray(mount.rotation.T)
+    return Sensor(mount.position, frame, sines, azimuth, lidar.range)
 
 
-def _upside_down(
-    frame: NDArray[np.float64], sines: NDArray[np.float64], azimuth: NDArray[np.float64]
-) -> _Sensor:
+def _upside_down(sensor: Sensor) -> Sensor:
     """The same sensor described with the opposite axis: y, elevations and azimuths turn round."""
-    return frame * np.array([[1.0], [-1.0], [-1.0]]), -sines[::-1], -azimuth[::-1]
+    return sensor._replace(
+        frame=sensor.frame * np.array([[1.0], [-1.0], [-1.0]]),
+        sines=-sensor.sines[::-1],
+        azimuth=-sensor.azimuth[::-1],
+    )

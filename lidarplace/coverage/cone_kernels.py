@@ -7,9 +7,11 @@ sensor's axis with n2 >= 0, `s` the sine of a beam's elevation.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 TILE_X, TILE_Y = 16, 32
 """Columns of a tile. Loops over TILE_Y have a fixed length, so that they become vector code."""
@@ -18,6 +20,51 @@ _LINES_Y = TILE_Y + 8  # grid lines of a tile, and more to make whole vectors
 _HAIR = 1e-9  # cubes are grown by this share of their edge
 _ULPS = 4e-16  # rounding of a sine: no beam may slip between two voxels
 _LEAST_K = 1e-2  # a cone with a smaller n2^2 - s^2 is too steep to be computed as a graph
+
+
+class Sensor(NamedTuple):
+    """A turning LiDAR, as compiled code takes it.
+
+    Attributes:
+        origin: position, shape (3,).
+        frame: axes x, y, z as rows, shape (3, 3).
+        sines: of the elevations, sorted.
+        azimuth, reach: field of view, shape (2,), and range.
+    """
+
+    origin: NDArray[np.float64]
+    frame: NDArray[np.float64]
+    sines: NDArray[np.float64]
+    azimuth: NDArray[np.float64]
+    reach: float
+
+
+class Columns(NamedTuple):
+    """A grid of columns of voxels.
+
+    Attributes:
+        minimum, resolution, nz: lower corner, edge of a voxel, voxels of a column.
+        lowest, highest: voxels of each tile that matter, shape (tiles in x, tiles in y); none
+            where highest < lowest. Others may be set or not.
+    """
+
+    minimum: NDArray[np.float64]
+    resolution: float
+    nz: int
+    lowest: NDArray[np.int32]
+    highest: NDArray[np.int32]
+
+
+class _Tile(NamedTuple):
+    """`rows` × `columns` columns between the grid lines `xs` and `ys`, from the height `bottom`."""
+
+    xs: NDArray[np.float64]
+    ys: NDArray[np.float64]
+    rows: int
+    columns: int
+    bottom: float
+    resolution: float
+    nz: int
 
 
 _inner = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
@@ -311,15 +358,15 @@ def _add_level_beam(near, far, s, bottom, resolution, nz, words, scratch):
 
 
 @_inner
-def _add_tilted_beam(
-    xs, ys, rows, columns, s, n0, n1, n2, bottom, resolution, nz, words, lines, scratch
-):  # pragma: no cover - compiled
+def _add_tilted_beam(tile, axis, s, words, lines, scratch):  # pragma: no cover - compiled
     """Add the run of every column for a beam of a tilted sensor.
 
     The height is homogeneous of degree one in (x, y), and convex or concave. Over a square its
     extremes are at the corners, at the apex, and at the one stationary point of the height along
     each grid line. The few squares that hold such a point are widened one by one.
     """
+    xs, ys, rows, columns, bottom, resolution, nz = tile
+    n0, n1, n2 = axis
     one, two, zero = np.uint64(1), np.uint64(2), np.uint64(0)
     k = n2 * n2 - s * s
     scale = 1 / (k * resolution)
@@ -393,10 +440,10 @@ def _height(x, y, k, n0, n1, by_root, by_tilt):  # pragma: no cover - compiled
 
 
 @_inner
-def _add_steep_beams(
-    xs, ys, rows, columns, k0, k1, sines, graphs, n0, n1, n2, bottom, resolution, scratch
-):  # pragma: no cover - compiled
+def _add_steep_beams(tile, axis, k0, k1, sines, graphs, scratch):  # pragma: no cover - compiled
     """Test the beams but `sines[graphs[0]:graphs[1]]`, whose cone is no graph, by voxel."""
+    xs, ys, rows, columns, bottom, resolution, _ = tile
+    n0, n1, n2 = axis
     grow = _HAIR * resolution
     for row in range(rows):
         x0, x1 = xs[row] - grow, xs[row + 1] + grow
@@ -421,23 +468,18 @@ def _steep_between(sines, graphs, low, high):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def cover_tiles(
-    origin, frame, sines, azimuth, reach, minimum, resolution, nz, lowest, highest, bits
-):  # pragma: no cover - compiled
+def cover_tiles(sensor, grid, bits):  # pragma: no cover - compiled
     """Set the bits of the voxels that the beams of one sensor cover, by columns.
 
     Where range or field of view end within a tile the whole cones are taken; see `keep_seen`.
 
     Args:
-        origin: position of the sensor, shape (3,).
-        frame: its axes x, y, z as rows, shape (3, 3), with `frame[2, 2] >= 0`.
-        sines: of the elevations, sorted.
-        azimuth, reach: field of view and range.
-        minimum, resolution, nz: the grid.
-        lowest, highest: voxels of each tile that matter, shape (tiles in x, tiles in y); none
-            where highest < lowest. Others may be set or not.
+        sensor: a `Sensor` with `frame[2, 2] >= 0`.
+        grid: `Columns`.
         bits: shape (words, nx, ny), uint64; bit k % 64 of word k // 64 is voxel k of a column.
     """
+    origin, frame, sines, azimuth, reach = sensor
+    minimum, resolution, nz, lowest, highest = grid
     words, nx, ny = bits.shape
     n0, n1, n2 = frame[2]
     grow = _HAIR * resolution
@@ -476,21 +518,16 @@ def cover_tiles(
                 for c in range(TILE_X * TILE_Y):
                     scratch[word, c] = 0
             needed = k0 >> 6, k1 >> 6
+            tile = _Tile(xs, ys, rows, columns, bottom, resolution, nz)
             if level:
                 _distances(xs, ys, near, far)
             for b in range(max(first, graphs[0]), min(last, graphs[1])):
                 if level:
                     _add_level_beam(near, far, sines[b], bottom, resolution, nz, needed, scratch)
                 else:
-                    _add_tilted_beam(
-                        *(xs, ys, rows, columns, sines[b], n0, n1, n2),
-                        *(bottom, resolution, nz, needed, lines, scratch),
-                    )
+                    _add_tilted_beam(tile, (n0, n1, n2), sines[b], needed, lines, scratch)
             if first < graphs[0] or last > graphs[1]:
-                _add_steep_beams(
-                    *(xs, ys, rows, columns, k0, k1, sines, graphs, n0, n1, n2),
-                    *(bottom, resolution, scratch),
-                )
+                _add_steep_beams(tile, (n0, n1, n2), k0, k1, sines, graphs, scratch)
             for word in range(words):
                 for row in range(rows):
                     for c in range(columns):
@@ -511,10 +548,10 @@ def _distances(xs, ys, near, far):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def keep_seen(
-    origin, frame, sines, azimuth, reach, minimum, resolution, nz, lowest, highest, bits
-):  # pragma: no cover - compiled
+def keep_seen(sensor, grid, bits):  # pragma: no cover - compiled
     """Clear the bits that range and field of view exclude; arguments of `cover_tiles`."""
+    origin, frame, sines, azimuth, reach = sensor
+    minimum, resolution, nz, lowest, highest = grid
     _, nx, ny = bits.shape
     width = azimuth[1] - azimuth[0]
     planes = _planes(frame, azimuth)
@@ -559,13 +596,12 @@ def keep_seen(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def cover_voxels(
-    origin, frame, sines, azimuth, reach, minimum, resolution, covered
-):  # pragma: no cover - compiled
-    """Set the voxels that the beams of one sensor cover, one by one; arguments of `cover_tiles`.
+def cover_voxels(sensor, minimum, resolution, covered):  # pragma: no cover - compiled
+    """Set the voxels that the beams of one sensor cover, one by one.
 
     covered: shape (nx, ny, nz), bool.
     """
+    origin, frame, sines, azimuth, reach = sensor
     grow = _HAIR * resolution
     low, high = np.empty(3), np.empty(3)
     planes = _planes(frame, azimuth)

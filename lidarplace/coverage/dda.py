@@ -16,40 +16,26 @@ from numba import njit
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def walk_dda(
-    origin,
-    directions,
-    spans,
-    reach,
-    first,
-    minimum,
-    resolution,
-    shape,
-    strides,
-    voxels,
-    offsets,
+    origin, directions, spans, reach, first, grid, voxels, offsets
 ):  # pragma: no cover - compiled
     """Write the voxels of the rays from `first` on, as many rays as there is room for.
 
     Args:
-        origin, directions, reach, minimum, resolution, shape: as in `clip_rays`.
+        origin, directions, reach, grid: as in `clip_rays`.
         spans: from `clip_rays`.
-        strides: voxel (i, j, k) has the index `i * strides[0] + j * strides[1] + k * strides[2]`.
-        voxels: indices go here, unsigned; room for `sum(shape)` is enough for a ray.
+        voxels: indices go here, unsigned; room for `sum(grid.shape)` is enough for a ray.
         offsets: those of ray `first + n` are `voxels[offsets[n]:offsets[n + 1]]`.
 
     Returns:
         The number of rays written, at most `len(offsets) - 1`.
     """
     size, rays = np.uint64(0), 0
-    room = len(voxels) - (shape[0] + shape[1] + shape[2])
+    room = len(voxels) - grid.shape.sum()
     offsets[0] = 0
     while first + rays < len(directions) and rays + 1 < len(offsets) and size <= room:
         start = spans[first + rays, 0]
         if start < math.inf:
-            size = _walk(
-                *(origin, directions[first + rays], start, reach),
-                *(minimum, resolution, shape, strides, voxels, size),
-            )
+            size = _walk(origin, directions[first + rays], start, reach, grid, voxels, size)
         rays += 1
         offsets[rays] = size
     return rays
@@ -96,10 +82,9 @@ def _is_past(line, start, origin, d, minimum, resolution):  # pragma: no cover -
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _walk(
-    origin, direction, start, reach, minimum, resolution, shape, strides, voxels, size
-):  # pragma: no cover - compiled
+def _walk(origin, direction, start, reach, grid, voxels, size):  # pragma: no cover - compiled
     """Append the voxels of one ray to the first `size` of `voxels`; returns the new size."""
+    minimum, resolution, shape, strides = grid
     ox, oy, oz = origin[0], origin[1], origin[2]
     dx, dy, dz = direction[0], direction[1], direction[2]
     x0, y0, z0 = minimum[0], minimum[1], minimum[2]

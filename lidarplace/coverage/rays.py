@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from lidarplace.coverage.bresenham import walk_bresenham
-from lidarplace.coverage.clip import clip_rays
+from lidarplace.coverage.clip import VoxelGrid, clip_rays
 from lidarplace.coverage.dda import walk_dda
 from lidarplace.placement import Placement
 from lidarplace.roi import Roi
@@ -125,22 +125,21 @@ def _chunks(
     All chunks share one piece of memory: use a chunk before asking for the next.
     """
     nx, ny, nz = roi.shape
-    shape, strides = np.array([nx, ny, nz]), np.array([ny, 1, nx * ny])
+    in_layers = np.array([ny, 1, nx * ny])
+    grid = VoxelGrid(roi.minimum, roi.resolution, np.array([nx, ny, nz]), strides=in_layers)
     index: type[np.unsignedinteger] = np.uint32 if nx * ny * nz < 2**32 else np.uint64
     voxels = np.empty(max(_CHUNK, 2 * (nx + ny + nz)), index)
     offsets = np.empty(_CHUNK // 8, np.int64)
     directions_of = cache(Lidar.directions)
     for mount, lidar in zip(placement.mounts, placement.lidars, strict=True):
         reach, directions = lidar.range, directions_of(lidar) @ mount.rotation.T
-        grid = (roi.minimum, roi.resolution, shape)
-        spans = clip_rays(mount.position, directions, reach, *grid)
+        spans = clip_rays(mount.position, directions, reach, grid)
         hit = spans[:, 0] < np.inf
         directions, spans = directions[hit], spans[hit]
         first = 0
         while first < len(directions):
             rays = _WALKS[method](
-                *(mount.position, directions, spans, reach, first),
-                *(*grid, strides, voxels, offsets),
+                mount.position, directions, spans, reach, first, grid, voxels, offsets
             )
             yield voxels[: offsets[rays]], offsets[: rays + 1]
             first += rays

@@ -34,13 +34,8 @@ def facades(buildings: NDArray[np.float64], seed: int) -> Parts:
     edge, tall = np.minimum(SIGN_M, length), np.minimum(SIGN_M, height)
     aside = (along - 0.5) * (length - edge)
     bottom = np.minimum(low + (high - low) * up, height - tall)
-    signs = np.stack(
-        [
-            *(x + np.cos(yaw) * aside, y + np.sin(yaw) * aside, z - height / 2 + bottom + tall / 2),
-            *(edge, width + 2 * _PROUD_M, tall, yaw),
-        ],
-        axis=1,
-    )
+    x, y, z = x + np.cos(yaw) * aside, y + np.sin(yaw) * aside, z - height / 2 + bottom + tall / 2
+    signs = np.stack([x, y, z, edge, width + 2 * _PROUD_M, tall, yaw], axis=1)
     light = reflectivity(np.full(number, Material.RETROREFLECTOR), sign)
     walls = bricks(buildings, BUILDING, reflectivity(np.full(number, Material.WALL), wall))
     return walls.and_(bricks(signs, SIGN, light))

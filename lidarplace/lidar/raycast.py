@@ -16,8 +16,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -33,8 +33,7 @@ GROUND, NOTHING = -1, -5
 EVERYWHERE = (-math.inf, -math.inf, -math.inf, math.inf, math.inf, math.inf)
 
 
-@dataclass(frozen=True)
-class Hits:
+class Hits(NamedTuple):
     """What every ray of a LiDAR meets first, in the order of `Lidar.directions()`.
 
     Attributes:
@@ -73,17 +72,12 @@ def cast(
     _cast(
         mount.position,
         mount.rotation,
-        *beam_tables(lidar),
-        lidar.first_step,
-        lidar.azimuth_steps,
-        lidar.range,
+        beams_of(lidar),
         everything.geometry,
         everything.owner,
         everything.reflectivity,
         np.array(crop, np.float64),
-        hits.range,
-        hits.target,
-        hits.reflected,
+        hits,
     )
     return hits
 
@@ -91,16 +85,33 @@ def cast(
 _OWN_BODY = own_body()
 
 
+class Beams(NamedTuple):
+    """The rays of a LiDAR, as compiled code takes them.
+
+    Attributes:
+        elevations: angle, cosine and sine, shape (beams, 3).
+        azimuths: cosine and sine of those fired, shape (2, fired_steps).
+        first_step, turn: the first azimuth fired, and the steps of a full turn.
+        reach: metres.
+    """
+
+    elevations: NDArray[np.float64]
+    azimuths: NDArray[np.float64]
+    first_step: int
+    turn: int
+    reach: float
+
+
 @lru_cache(maxsize=16)
-def beam_tables(lidar: Lidar) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Elevations (beams, 3): angle, cosine, sine; fired azimuths (2, fired_steps): cosine, sine."""
+def beams_of(lidar: Lidar) -> Beams:
+    """The rays of `lidar`, in read-only arrays."""
     elevation = np.asarray(lidar.elevations)
     azimuth = lidar.azimuths()
     elevations = np.stack([elevation, np.cos(elevation), np.sin(elevation)], axis=1)
     azimuths = np.stack([np.cos(azimuth), np.sin(azimuth)])
     for table in (elevations, azimuths):
         table.flags.writeable = False  # shared by all callers
-    return elevations, azimuths
+    return Beams(elevations, azimuths, lidar.first_step, lidar.azimuth_steps, lidar.range)
 
 
 def visible_share(
@@ -248,10 +259,8 @@ def _window(corners, origin, rotation):  # pragma: no cover - compiled
     reach = max(abs(lowest), abs(highest))
     lowest = math.atan2(lowest, near if lowest < 0 else far)
     highest = math.atan2(highest, near if highest > 0 else far)
-    return (
-        *(middle, below, above, lowest - 1e-9, highest + 1e-9),
-        *(math.hypot(near, height), math.hypot(far, reach)),
-    )
+    near, far = math.hypot(near, height), math.hypot(far, reach)
+    return middle, below, above, lowest - 1e-9, highest + 1e-9, near, far
 
 
 @_inner
@@ -278,27 +287,15 @@ def _enter(cosines, sines, planes, facing, ce, se, enter):  # pragma: no cover -
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _cast(
-    origin,
-    rotation,
-    elevations,
-    azimuths,
-    first_step,
-    turn,
-    reach,
-    parts,
-    owners,
-    reflectivities,
-    crop,
-    ranges,
-    targets,
-    reflected,
+    origin, rotation, fired, parts, owners, reflectivities, crop, hits
 ):  # pragma: no cover - compiled
-    """Fill range, target and reflected of every ray; exact for what lies within `crop`.
+    """Fill the `hits` of the `Beams` that are fired; exact for what lies within `crop`.
 
     Parts apart from the hull of crop and sensor are skipped: the hull is convex, so it holds every
-    ray up to a point in `crop`, and they cannot stand before one. `azimuths` are those fired: from
-    `first_step` on, of `turn` steps in a full turn.
+    ray up to a point in `crop`, and they cannot stand before one.
     """
+    elevations, azimuths, first_step, turn, reach = fired
+    ranges, targets, reflected = hits
     beams, steps = len(elevations), azimuths.shape[1]
     cosines, sines = azimuths[0], azimuths[1]
     # Until the end `ranges` holds inverse distances and `targets` rows of `parts`.
@@ -350,10 +347,8 @@ def _cast(
                 last = min((last + 7) & ~7, steps)
                 if first >= last:
                     continue
-                _enter(
-                    *(cosines[first:last], sines[first:last], planes[p], facing[p]),
-                    *(elevations[beam, 1], elevations[beam, 2], enter),
-                )
+                ce, se = elevations[beam, 1], elevations[beam, 2]
+                _enter(cosines[first:last], sines[first:last], planes[p], facing[p], ce, se, enter)
                 best = ranges[beam * steps + first : beam * steps + last]
                 which = targets[beam * steps + first : beam * steps + last]
                 for n in range(len(best)):

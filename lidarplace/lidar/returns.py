@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from lidarplace.lidar.ground import CELL_M, Ground
-from lidarplace.lidar.raycast import GROUND, Hits, beam_tables
+from lidarplace.lidar.raycast import GROUND, Hits, beams_of
 from lidarplace.lidar.shapes import SIGN
 from lidarplace.placement import Mount
 from lidarplace.sensor import Lidar
@@ -56,22 +57,37 @@ def sample_points(
     return _sample(
         mount.position,
         mount.rotation,
-        *beam_tables(lidar),
+        beams_of(lidar),
         np.array(crop, np.float64),
         lift,
-        LARGEST_ERROR * lidar.range_noise,
-        hits.range,
-        hits.target,
-        hits.reflected,
+        hits,
         (SIGN, GROUND),
-        ground.reflectivity,
-        _to_cells(ground.pose),
-        lidar.range_noise,
-        lidar.drop_off,
-        np.array([value % 2**64 for value in key], np.uint64),
-        ATTENUATION_PER_M,
+        _Cells(ground.reflectivity, *_to_cells(ground.pose)),
+        _Chance(
+            lidar.range_noise,
+            lidar.drop_off,
+            np.array([value % 2**64 for value in key], np.uint64),
+        ),
         points,
     )
+
+
+class _Cells(NamedTuple):
+    """Reflectivity of the cells of the ground, and the ego frame among them, see `_to_cells`."""
+
+    reflectivity: NDArray[np.float32]
+    x: float
+    y: float
+    cosine: float
+    sine: float
+
+
+class _Chance(NamedTuple):
+    """Standard deviation of the range, probability of a loss, and the key of `sample_points`."""
+
+    range_noise: float
+    drop_off: float
+    key: NDArray[np.uint64]
 
 
 def _to_cells(pose: tuple[float, float, float]) -> tuple[float, float, float, float]:
@@ -144,31 +160,18 @@ def _fill_normals(uniforms, count, flank):  # pragma: no cover - compiled
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _sample(
-    origin,
-    rotation,
-    elevations,
-    azimuths,
-    crop,
-    lift,
-    slack,
-    ranges,
-    targets,
-    reflected,
-    codes,
-    cells,
-    to_cells,
-    range_noise,
-    drop_off,
-    key,
-    attenuation,
-    points,
+    origin, rotation, beams, crop, lift, hits, codes, ground_cells, chance, points
 ):  # pragma: no cover - compiled
     """Write the returns within `crop` to `points` and return their number.
 
     Beam by beam, in short loops over arrays without branches.
     """
     faintest, ground = codes
-    cell_x, cell_y, cell_c, cell_s = to_cells
+    elevations, azimuths = beams.elevations, beams.azimuths
+    ranges, targets, reflected = hits
+    cells, cell_x, cell_y, cell_c, cell_s = ground_cells
+    range_noise, drop_off, key = chance
+    slack = LARGEST_ERROR * range_noise
     last_row, last_column = cells.shape[0] - 1, cells.shape[1] - 1
     stream = np.uint64(0)
     for part in key:
@@ -249,6 +252,6 @@ def _sample(
                 & (pz <= roof)
             )
         for i in range(count - start):
-            bright = points[start + i, 3] * math.exp(-attenuation * errors[i])
+            bright = points[start + i, 3] * math.exp(-ATTENUATION_PER_M * errors[i])
             points[start + i, 3] = min(bright, 1.0)
     return count

@@ -262,33 +262,25 @@ def _two_wheeler(
     wheel: float, tyre: float, frame: float, saddle: float, back: float, lean: float
 ) -> Sequence[Part]:
     """Two wheels, what joins them, a rider whose back begins at `back`, reflector and lamp."""
-    rim = 0.09
+    rim, seat = 0.09, saddle - 0.02
+    nape, face = back + 0.10 + lean, back + 0.24 + lean
     return [
         Part(0.0, wheel, tyre, 0.0, 0.36, rim, rim, 0.0, Material.TYRE),
         Part(1.0 - wheel, 1.0, tyre, 0.0, 0.36, rim, rim, 0.0, Material.TYRE),
         Part(0.18, 0.78, frame, 0.18, saddle, 0.06, 0.0, 0.0, Material.PAINT),
         Part(back, back + 0.30, 0.55, 0.14, saddle, 0.0, 0.0, 0.06, Material.CLOTHES),
-        Part(
-            *(back, back + 0.34, 1.0, saddle - 0.02, 0.87, 0.14 - lean, lean, 0.24),
-            Material.CLOTHES,
-        ),
-        Part(
-            *(back + 0.10 + lean, back + 0.24 + lean, 0.34, 0.86, 1.0, 0.02, 0.02, 0.06),
-            Material.SKIN,
-        ),
+        Part(back, back + 0.34, 1.0, seat, 0.87, 0.14 - lean, lean, 0.24, Material.CLOTHES),
+        Part(nape, face, 0.34, 0.86, 1.0, 0.02, 0.02, 0.06, Material.SKIN),
         Part(0.08, 0.12, 0.12, 0.36, 0.42, 0.0, 0.0, 0.0, Material.RETROREFLECTOR),
         Part(0.86, 0.90, 0.12, 0.46, 0.52, 0.0, 0.0, 0.0, Material.LAMP),
     ]
 
 
 def _pedestrian(a: float, b: float, c: float, d: float) -> Sequence[Part]:
-    hip, shoulder = 0.47 + 0.04 * a, 0.84 + 0.03 * b
+    hip, shoulder, head = 0.47 + 0.04 * a, 0.84 + 0.03 * b, 0.14 + 0.04 * d
     return [
         Part(0.0, 1.0, 0.64 + 0.1 * c, 0.0, hip, 0.26, 0.26, 0.04, Material.CLOTHES),
-        Part(
-            *(0.20, 0.80, 1.0, hip - 0.02, shoulder, 0.08, 0.08, 0.14 + 0.04 * d),
-            Material.CLOTHES,
-        ),
+        Part(0.20, 0.80, 1.0, hip - 0.02, shoulder, 0.08, 0.08, head, Material.CLOTHES),
         Part(0.32, 0.68, 0.36, shoulder - 0.01, 1.0, 0.05, 0.05, 0.04, Material.SKIN),
     ]
 
@@ -299,8 +291,15 @@ def _brick(a: float, b: float, c: float, d: float) -> Sequence[Part]:
 
 
 _KINDS = (
-    *(_sedan, _hatchback, _suv, _pickup),
-    *(_box_truck, _motorcycle, _bicycle, _pedestrian, _brick),
+    _sedan,
+    _hatchback,
+    _suv,
+    _pickup,
+    _box_truck,
+    _motorcycle,
+    _bicycle,
+    _pedestrian,
+    _brick,
 )
 
 OWN_BODY = (0.0, 0.0, 0.75, 4.6, 1.9, 1.5, 0.0)

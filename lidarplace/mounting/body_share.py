@@ -36,10 +36,8 @@ def body_share(
     number = min(fired, azimuth_steps)
     steps = lidar.first_step + (2 * np.arange(number) + 1) * fired // (2 * number)
     azimuths = steps * (2 * math.pi / lidar.azimuth_steps)
-    hits = _count_hits(
-        *(mount.position, mount.rotation, azimuths, np.array(lidar.elevations), lidar.range),
-        vehicle.interior,
-    )
+    elevations, boxes = np.array(lidar.elevations), vehicle.interior
+    hits = _count_hits(mount.position, mount.rotation, azimuths, elevations, lidar.range, boxes)
     return hits / (number * lidar.beams)
 
 

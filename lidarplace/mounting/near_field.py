@@ -33,11 +33,9 @@ def near_field_coverage(placement: Placement, vehicle: Vehicle, roi: Roi) -> flo
             for lidar, mount in zip(placement.lidars, placement.mounts, strict=True)
         ]
     )
-    seen, outside = _count_seen(
-        *(bits, np.array([mount.position for mount in placement.mounts])),
-        *(roi.centres(0), roi.centres(1), roi.centres(2)),
-        vehicle.interior,
-    )
+    origins = np.array([mount.position for mount in placement.mounts])
+    xs, ys, zs = map(roi.centres, range(3))
+    seen, outside = _count_seen(bits, origins, xs, ys, zs, vehicle.interior)
     if outside == 0:
         raise ValueError(
             f"the near field x {list(roi.x)}, y {list(roi.y)}, z {list(roi.z)} m needs a voxel "

@@ -161,14 +161,15 @@ def _clash(vertices: Polygon) -> tuple[tuple[Vertex, Vertex], tuple[Vertex, Vert
             ahead = (a[0] - b[0]) * (c[0] - b[0]) + (a[1] - b[1]) * (c[1] - b[1])
             bad = _cross(a, b, c) == 0 and ahead > 0
         else:
-            bad = _touch(*first, *second)
+            bad = _touch(first, second)
         if bad:
             return first, second
     return None
 
 
-def _touch(a: Vertex, b: Vertex, c: Vertex, d: Vertex) -> bool:
-    """Whether the segments ab and cd have a point in common."""
+def _touch(first: tuple[Vertex, Vertex], second: tuple[Vertex, Vertex]) -> bool:
+    """Whether two segments have a point in common."""
+    (a, b), (c, d) = first, second
     for axis in (0, 1):
         if max(a[axis], b[axis]) < min(c[axis], d[axis]):
             return False

@@ -9,6 +9,7 @@ masks tell which voxels of a rectangle the frame has counted already.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -38,15 +39,23 @@ def count_boxes(
         _count(
             geometry,
             frame,
-            roi.minimum,
-            roi.resolution,
-            *(roi.centres(axis) for axis in range(3)),
+            _Centres(roi.minimum, roi.resolution, *map(roi.centres, range(3))),
             seen=np.zeros((words, nx, -(-ny // 64)), np.int64),
             counted=np.empty((words, nx, ny), np.int64),
             changes=np.zeros((nz, nx, ny), np.int32),
             counts=counts,
         )
     return counts
+
+
+class _Centres(NamedTuple):
+    """Centres of the voxels along the axes of a grid with this corner and edge."""
+
+    minimum: NDArray[np.float64]
+    resolution: float
+    xs: NDArray[np.float64]
+    ys: NDArray[np.float64]
+    zs: NDArray[np.float64]
 
 
 _inner = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
@@ -234,10 +243,9 @@ def _bounds(box, minimum, resolution, zs, shape):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _count(
-    boxes, frame, minimum, resolution, xs, ys, zs, seen, counted, changes, counts
-):  # pragma: no cover - compiled
+def _count(boxes, frame, grid, seen, counted, changes, counts):  # pragma: no cover - compiled
     """Count boxes in `counts`, shape (nx, ny, nz), which is zero as are `seen` and `changes`."""
+    minimum, resolution, xs, ys, zs = grid
     nx, ny, nz = counts.shape
     j_first, j_last, k_first, k_last = np.full(nx, ny), np.full(nx, -1), nz, -1
     begin = 0
@@ -257,11 +265,9 @@ def _count(
             # Voxels a metre along y for each side of the box; large, not infinite, along an axis.
             per_along = 1 / (resolution * s) if abs(s) > 1e-200 else 1e200 / resolution
             per_across = 1 / (resolution * c) if abs(c) > 1e-200 else 1e200 / resolution
-            sides = (
-                *(y, c, s, length / 2, width / 2),
-                (y - minimum[1]) / resolution - 0.5,
-                *(per_along, per_across, rounding * (abs(per_along) + abs(per_across))),
-            )
+            slack = rounding * (abs(per_along) + abs(per_across))
+            at = (y - minimum[1]) / resolution - 0.5
+            sides = (y, c, s, length / 2, width / 2, at, per_along, per_across, slack)
             for i in range(i0, i1 + 1):
                 j0, j1 = _run(xs[i] - x, sides, ys, minimum[1], resolution)
                 if j0 > j1:

@@ -85,7 +85,12 @@ class Exposure:
         if not weighted:
             return cls._empty(len(candidates))
         source = Tracing(
-            *(weighted, surrogate, method, detection_probability, occlusion, azimuth_stride)
+            weighted,
+            surrogate,
+            method,
+            detection_probability=detection_probability,
+            occlusion=occlusion,
+            azimuth_stride=azimuth_stride,
         )
         with ThreadPoolExecutor(numba.get_num_threads()) as threads:
             parts = list(threads.map(source.of_candidate, candidates))
@@ -104,10 +109,9 @@ class Exposure:
 
     @classmethod
     def _empty(cls, candidates: int) -> Exposure:
-        nothing = np.empty((0, 0))
-        gain = VoxelGain(
-            *("linear", np.empty(0, np.int32), np.empty(0)), *(nothing, nothing, np.empty(0))
-        )
+        none, nothing = np.empty(0), np.empty((0, 0))
+        profile = np.empty(0, np.int32)
+        gain = VoxelGain("linear", profile, worth=none, p=nothing, rest=nothing, weights=none)
         offsets, scale = np.zeros(candidates + 1, np.int64), np.ones(candidates)
         return cls(offsets, np.empty(0, np.uint32), np.empty(0, np.float32), scale, gain)
 

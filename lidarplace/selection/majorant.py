@@ -78,8 +78,8 @@ class Majorant:
                 gains = gains_of(tables, exposed * _unit(exposure))
                 reached = gains.copy()
                 for e in np.flatnonzero(share):
-                    part = exposure.rows, e, tables, exposure.ladder, share[e]
-                    _climb(*part, exposed, gains, reached)
+                    rows, ladder = exposure.rows, exposure.ladder
+                    _climb(rows, e, tables, ladder, share[e], exposed, gains, reached)
                 lower = reached < value
                 value = np.where(lower, reached, value)
                 constant = np.where(lower, gains, constant)
@@ -91,8 +91,14 @@ class Majorant:
         """What a candidate adds, by blocks of voxels `edges[b]` to `edges[b + 1]`, (blocks,)."""
         edges = np.array([0, len(self.constant)]) if edges is None else edges
         return _added(
-            *(self.exposure.rows, candidate, self.exposure.gain.tables, self.exposure.ladder),
-            *(self.constant, self.slopes, self.start, edges),
+            self.exposure.rows,
+            candidate,
+            self.exposure.gain.tables,
+            self.exposure.ladder,
+            constant=self.constant,
+            slopes=self.slopes,
+            start=self.start,
+            edges=edges,
         )
 
     def added_by_all(self, edges: NDArray[np.int64]) -> NDArray[np.float64]:

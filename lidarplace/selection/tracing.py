@@ -103,18 +103,23 @@ class Tracing:
             words = bits.reshape(len(bits), -1)
             voxels = _covered(words, self.blocks[0].places)
             return voxels, np.broadcast_to(np.float32(1), len(voxels))
-        traced = (candidate, self.occupied, rays_of(self.method))
+        method = rays_of(self.method)
         if not self.occlusion:
-            rays = ray_counts(*traced, self.azimuth_stride)
+            rays = ray_counts(candidate, self.occupied, method, self.azimuth_stride)
             voxels, amounts = _exposed(_in_layers(rays), self.blocks[0].places)
             # Integers below 2^24 are exact in float32.
             exact = np.float32 if amounts.max(initial=0) < 2**24 else np.float64
             return voxels, np.minimum(amounts, 1 if self.certain else np.inf).astype(exact)
         parts = []
         for block, grid in zip(self.blocks, self.grids.values(), strict=True):
-            counts = grid.counts[..., : self.occupied.shape[2]]
             missed = log_miss(
-                *(*traced, counts, grid.frames, self.detection_probability, self.azimuth_stride)
+                candidate,
+                self.occupied,
+                method,
+                counts=grid.counts[..., : self.occupied.shape[2]],
+                frames=grid.frames,
+                detection_probability=self.detection_probability,
+                azimuth_stride=self.azimuth_stride,
             )
             voxels, amounts = _exposed(_in_layers(-missed), block.places)
             parts.append((voxels + np.uint32(block.first), np.minimum(amounts, SATURATED)))

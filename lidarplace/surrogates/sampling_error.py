@@ -115,8 +115,12 @@ def pog_sampling_error(
             occupied = np.zeros(covered.size, np.int32)
             occupied[here] = histories.counts(draws[0])[histories.history]
             log_misses = log_miss(
-                *(placement, roi, ray_method, occupied.reshape(roi.shape), int(totals[0])),
-                detection_probability,
+                placement,
+                roi,
+                ray_method,
+                counts=occupied.reshape(roi.shape),
+                frames=int(totals[0]),
+                detection_probability=detection_probability,
             )
             gain = _gain_by_voxel(histories, log_misses.reshape(-1)[here])
         else:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from lidarplace.coverage.bresenham import walk_bresenham
-from lidarplace.coverage.clip import clip_rays
+from lidarplace.coverage.clip import VoxelGrid, clip_rays
 from lidarplace.coverage.dda import walk_dda
 
 WALKS = {"dda": walk_dda, "bresenham": walk_bresenham}
@@ -11,12 +11,10 @@ WALKS = {"dda": walk_dda, "bresenham": walk_bresenham}
 
 def voxels_of_rays(method, origin, directions, reach, minimum, resolution, shape):
     """Flat C-order indices and offsets: ray r has `voxels[offsets[r]:offsets[r + 1]]`."""
-    cells, strides = np.array(shape), np.array([shape[1] * shape[2], shape[2], 1])
-    spans = clip_rays(origin, directions, reach, minimum, resolution, cells)
+    strides = np.array([shape[1] * shape[2], shape[2], 1])
+    grid = VoxelGrid(minimum, resolution, np.array(shape), strides)
+    spans = clip_rays(origin, directions, reach, grid)
     voxels = np.empty(len(directions) * sum(shape), np.uint64)
     offsets = np.zeros(len(directions) + 1, np.int64)
-    WALKS[method](
-        *(origin, directions, spans, reach, 0),
-        *(minimum, resolution, cells, strides, voxels, offsets),
-    )
+    WALKS[method](origin, directions, spans, reach, 0, grid, voxels, offsets)
     return voxels[: offsets[-1]], offsets
