@@ -322,7 +322,6 @@ def _write_optuna(path: Path, trials: int, lidars: int) -> None:
     )
     path.mkdir()
     for title, plot in (
-        ("optimization_history", optuna.visualization.plot_optimization_history(study)),
         ("slice", optuna.visualization.plot_slice(study)),
         ("parallel_coordinate", optuna.visualization.plot_parallel_coordinate(study, names[:4])),
     ):

@@ -1,4 +1,7 @@
-"""Optuna's own plots of a study, as plotly figures in files."""
+"""Optuna's own plots of what parameters matter, as plotly figures in files.
+
+The history of a search and its Pareto front are figures of our own (`tracking.figures`).
+"""
 
 from __future__ import annotations
 
@@ -50,10 +53,8 @@ def write_optuna_figures(study: optuna.Study, names: list[str], folder: Path) ->
         names: of the objectives.
     """
     from optuna.visualization import (
-        plot_optimization_history,
         plot_parallel_coordinate,
         plot_param_importances,
-        plot_pareto_front,
         plot_slice,
     )
 
@@ -61,10 +62,8 @@ def write_optuna_figures(study: optuna.Study, names: list[str], folder: Path) ->
     for old in folder.glob("*.json"):
         old.unlink()
     complete = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
-    if not complete:
-        return
     first: dict[str, Any] = {"target": lambda trial: trial.values[0], "target_name": names[0]}
-    figures = {"optimization_history": plot_optimization_history(study, **first)}
+    figures = {}
     found = importances(study)
     if found:
         with warnings.catch_warnings(action="ignore"):
@@ -78,8 +77,6 @@ def write_optuna_figures(study: optuna.Study, names: list[str], folder: Path) ->
         figures["slice"] = plot_slice(study, params=most, **first)
         if len(complete) <= MOST_LINES:
             figures["parallel_coordinate"] = plot_parallel_coordinate(study, params=most, **first)
-    if 2 <= len(names) <= 3:
-        figures["pareto_front"] = plot_pareto_front(study, target_names=names)
     for title, figure in figures.items():
         with replacing(folder / f"{title}.json") as partial:
             partial.write_text(figure.to_json(), encoding="utf-8")
