@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import torch
 
@@ -15,6 +16,19 @@ from training.settings import LARGEST_BATCH, TrainingSettings
 ON_CPU = 4
 MEMORY_SHARE = 0.8
 """Of the GPU memory that others leave; the rest is for frames that grow by augmentation."""
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What is known of the memory that a training has.
+
+    Attributes:
+        frames: of a step that it holds, where the settings say "auto"; None: it is found out.
+        halvings: how often the frames of a step are halved, to at least 1, as it was too small.
+    """
+
+    frames: int | None = None
+    halvings: int = 0
 
 
 def batch_size_for(

@@ -16,7 +16,7 @@ from torch import Tensor
 from lidarplace.lidar.clouds import Clouds
 from training import build_detector
 from training.augment import Augmentation
-from training.batch_size import batch_size_for
+from training.batch_size import Memory, batch_size_for
 from training.checkpoints import load_checkpoint
 from training.dataset import TrainingFrames, as_tensors
 from training.detectors.detector import Detector, PointRange
@@ -67,8 +67,7 @@ def finetune(
     on_epoch: Callable[[dict[str, float]], None] | None = None,
     folder: Path | None = None,
     checkpoint_digest: str | None = None,
-    batch_size: int | None = None,
-    halvings: int = 0,
+    memory: Memory = Memory(),
 ) -> FinetuneResult:
     """Train `detector` on the frames of `clouds`, on a GPU if there is one.
 
@@ -85,9 +84,8 @@ def finetune(
         folder: keeps the training after each epoch, see `TrainingFolder`; one that was stopped
             goes on from there and gives what it would have given.
         checkpoint_digest: SHA-256 that the checkpoint of the settings must have.
-        batch_size: frames of a step where the settings say "auto"; None: what the memory holds.
-        halvings: how often the batch size is halved, to at least 1. A training that was stopped
-            goes on with the frames that it had, unless these are more than are left now.
+        memory: how many frames of a step it holds. A training that was stopped goes on with the
+            frames that it had, unless these are more than are left now.
 
     Raises:
         ValueError: no frames, unknown detector or class, bad ground truth, a checkpoint that does
@@ -112,17 +110,7 @@ def finetune(
             "weights": weights,
         }
         kept = TrainingFolder(folder, fingerprint(identity, clouds, ground_truth), model.classes)
-        if settings.batch_size != "auto":
-            batch_size = settings.batch_size
-        state = kept.load()
-        if state is not None and not halvings:  # what was found before a stop stays
-            batch_size, reduced = state.batch_size, state.batch_size_reduced
-        else:
-            wanted = batch_size or batch_size_for(model, frames, settings)
-            batch_size = max(1, wanted >> halvings)
-            reduced = batch_size < wanted
-            if state is not None and state.batch_size > batch_size:
-                state = None  # it ran out of memory
+        state, batch_size, reduced = _start(kept.load(), memory, model, frames, settings)
         steps = settings.epochs * -(-len(frames) // batch_size)
         optimisation = Optimisation(model, settings, steps)
         if state is not None:
@@ -158,6 +146,24 @@ def finetune(
         None if losses[-1] == min(losses) else kept.best(),
         earlier,
     )
+
+
+def _start(
+    state: TrainingState | None,
+    memory: Memory,
+    model: Detector,
+    frames: TrainingFrames,
+    settings: TrainingSettings,
+) -> tuple[TrainingState | None, int, bool]:
+    """Where to go on, the frames of a step, and whether these are fewer than there should be."""
+    if state is not None and not memory.halvings:  # what was found before a stop stays
+        return state, state.batch_size, state.batch_size_reduced
+    known = memory.frames if settings.batch_size == "auto" else settings.batch_size
+    wanted = known or batch_size_for(model, frames, settings)
+    batch_size = max(1, wanted >> memory.halvings)
+    if state is not None and state.batch_size > batch_size:
+        state = None  # it ran out of memory
+    return state, batch_size, batch_size < wanted
 
 
 def training_data(

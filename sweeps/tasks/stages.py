@@ -327,6 +327,7 @@ def _train(
     batch_size: int | None,
     halvings: int,
 ) -> Value:
+    from training.batch_size import Memory
     from training.finetune import finetune as train
 
     result = train(
@@ -339,8 +340,7 @@ def _train(
         point_range=params.point_range,
         folder=folder,
         checkpoint_digest=params.checkpoint,
-        batch_size=batch_size,
-        halvings=halvings,
+        memory=Memory(batch_size, halvings),
     )
     value = {
         "state_dict": result.state_dict,
