@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from tracking.findings.best_placement import best_placement, lead_intervals
 from tracking.statistics.probability_of_best import probability_of_best
-from tracking.statistics.reliability import pooled_variance, seed_mean
+from tracking.statistics.reliability import Noise, seed_mean
 
 Array = NDArray[np.float64]
 PLACEMENTS = (2, 4, 8, 16)
@@ -75,17 +75,15 @@ def decide(truth: Array, y: Array, seed: int) -> dict[str, float]:
     """What `tracking` says of a study, and whether it is so."""
     order = np.argsort(-seed_mean(y), kind="stable")
     truth, y = truth[order], y[order]
-    means, counts = seed_mean(y), np.isfinite(y).sum(axis=1)
+    means, noise = seed_mean(y), Noise.of_seeds(y)
     best = truth == truth.max()
     found = {"right": 1 / best.sum() if best[0] else 0.0, "regret": float(truth.max() - truth[0])}
-    pooled, extra = pooled_variance(y)
-    variance, degrees = float(pooled), int(extra)
-    if degrees == 0:
+    if noise.degrees == 0:
         return found
-    low, high = lead_intervals(means, counts, variance, degrees)[1:].T
+    low, high = lead_intervals(means, noise)[1:].T
     lead = truth[0] - truth[1:]
-    said = probability_of_best(means, counts, variance, degrees, seed, DRAWS)
-    flat = flat_prior(means, y.shape[1], variance, degrees, seed)
+    said = probability_of_best(means, noise, seed, DRAWS)
+    flat = flat_prior(means, y.shape[1], noise.variance, int(noise.degrees), seed)
     return {
         **found,
         "said": said[0],
@@ -110,12 +108,11 @@ def check_against_report(y: Array) -> None:
     best = best_placement(table)
     assert best is not None
     means = -np.sort(-seed_mean(y))
-    pooled, degrees = pooled_variance(y)
-    own = means, np.full(n, seeds), float(pooled), int(degrees)
+    noise = Noise.of_seeds(y)
     assert int(best.best) == int(seed_mean(y).argmax())
-    expected = lead_intervals(*own)[1:]
+    expected = lead_intervals(means, noise)[1:]
     assert np.allclose(best.others[["low", "high"]], expected, equal_nan=True)
-    assert np.allclose(best.sure, probability_of_best(*own), equal_nan=True)
+    assert np.allclose(best.sure, probability_of_best(means, noise), equal_nan=True)
 
 
 def cases() -> list[Case]:

@@ -30,7 +30,7 @@ from tracking.findings.best_placement import lead_intervals
 from tracking.findings.summary import seed_means
 from tracking.statistics.jackknife import combined, sample_error
 from tracking.statistics.probability_of_best import probability_of_best
-from tracking.statistics.reliability import pooled_variance, seed_mean
+from tracking.statistics.reliability import Noise, seed_mean
 from training.matches import Matches
 
 Array = NDArray[np.float64]
@@ -114,8 +114,8 @@ def trainings(seeds: int, rng: np.random.Generator) -> Array:
 
 def whole_ap(matches: Matches) -> float:
     """AP of all of it: without a unit that nothing belongs to."""
-    nothing = (np.zeros(len(matches.hit), np.intp), np.zeros(len(matches.scores), np.intp))
-    return float(matches.without_each(*nothing, 2)[1])
+    truths, found = (np.zeros(len(side), np.intp) for side in (matches.hit, matches.scores))
+    return float(matches.without_each(truths, found, 2)[1])
 
 
 def tables(test: TestSet) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -148,10 +148,9 @@ def judge(results: pd.DataFrame, left_out: pd.DataFrame | None, truth: Array) ->
     y = results.pivot(index="placement", columns="seed", values="value").to_numpy()
     order = np.argsort(-seed_mean(y), kind="stable")
     y, ranked = y[order], truth[order]
-    pooled, degrees = pooled_variance(y)
-    noise = (np.full(PLACEMENTS, float(SEEDS)), float(pooled), float(degrees))
-    noise = combined(*noise, None if left_out is None else sample_error(left_out, paired=True))
-    low, high = lead_intervals(seed_mean(y), *noise)[1:].T
+    error = None if left_out is None else sample_error(left_out, paired=True)
+    noise = combined(Noise.of_seeds(y), error)
+    low, high = lead_intervals(seed_mean(y), noise)[1:].T
     lead = ranked[0] - ranked[1:]
     return {
         "mean": float(((means["low"] <= truth) & (truth <= means["high"])).mean()),
@@ -159,7 +158,7 @@ def judge(results: pd.DataFrame, left_out: pd.DataFrame | None, truth: Array) ->
         "difference": float((np.abs(off) <= np.hypot(half[one], half[other])).mean()),
         "difference half": float(np.hypot(half, half).mean()),
         "leads": float(((low <= lead) & (lead <= high)).all()),
-        "said": float(probability_of_best(seed_mean(y), *noise, draws=2000)[0]),
+        "said": float(probability_of_best(seed_mean(y), noise, draws=2000)[0]),
         "right": float(ranked[0] == truth.max()),
     }
 

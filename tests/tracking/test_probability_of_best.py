@@ -5,7 +5,7 @@ import pytest
 from scipy import integrate, special
 
 from tracking.statistics.probability_of_best import probability_of_best
-from tracking.statistics.reliability import pooled_variance
+from tracking.statistics.reliability import Noise
 
 
 def probability(y, **options):
@@ -13,10 +13,8 @@ def probability(y, **options):
     table = np.full((len(y), max(map(len, y))), np.nan)
     for row, values in zip(table, y, strict=True):
         row[: len(values)] = values
-    variance, degrees = pooled_variance(table)
-    counts = np.isfinite(table).sum(axis=1)
     means = np.array([np.mean(values) for values in y])
-    return probability_of_best(means, counts, float(variance), int(degrees), **options)
+    return probability_of_best(means, Noise.of_seeds(table), **options)
 
 
 def test_two_placements_by_quadrature():
@@ -37,8 +35,8 @@ def test_two_placements_by_quadrature():
         integrate.dblquad(joint, 1e-9, 1 - 1e-9, -4, 5, args=(weigh,), epsabs=1e-6)[0]
         for weigh in (False, True)
     )
-    means, counts = np.array([70.0, 72.0]), np.array([seeds, seeds])
-    found = probability_of_best(means, counts, variance, degrees, draws=200_000)
+    noise = Noise(np.array([seeds, seeds]), variance, degrees)
+    found = probability_of_best(np.array([70.0, 72.0]), noise, draws=200_000)
     assert found[1] == pytest.approx(wins / total, abs=0.004)
 
 
@@ -104,9 +102,9 @@ def test_stiff_cases():
 
 def test_a_larger_lead_is_surer_however_few_the_seeds():
     """With a prior of thinner tails two seeds each would never be more than 97.5 % sure."""
-    counts, said = np.array([2, 2]), []
+    noise, said = Noise(np.array([2, 2]), variance=1.0, degrees=2), []
     for lead in (1.0, 10.0, 100.0, 1e4):
-        said.append(probability_of_best(np.array([lead, 0.0]), counts, 1.0, degrees=2)[0])
+        said.append(probability_of_best(np.array([lead, 0.0]), noise)[0])
     assert said == sorted(said)
     assert said[2] > 0.99
     assert said[3] > 0.999

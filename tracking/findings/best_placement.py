@@ -12,7 +12,7 @@ from scipy import stats
 
 from tracking.statistics.jackknife import SampleError, combined, sample_error
 from tracking.statistics.probability_of_best import probability_of_best
-from tracking.statistics.reliability import pooled_variance, seed_mean
+from tracking.statistics.reliability import Noise, seed_mean
 
 Noise = tuple[NDArray[np.float64], float, float]
 
@@ -108,67 +108,58 @@ def best_placement(
     y = y.reindex(known["placement"].unique())
     y = y.iloc[np.argsort(-seed_mean(y.to_numpy(np.float64)), kind="stable")]
     values = y.to_numpy(np.float64)
-    means, counts = seed_mean(values), np.isfinite(values).sum(axis=1).astype(np.float64)
-    pooled, extra = pooled_variance(values)
-    variance, degrees = float(pooled), float(extra)
+    means, of_seeds = seed_mean(values), Noise.of_seeds(values)
     sample = None if left_out is None else sample_error(left_out, paired=True)
-    noise = (counts, variance, degrees)
-    if degrees > 0:
-        noise = combined(counts, variance, degrees, sample)
-    low, high = lead_intervals(means, *noise).T
-    table = {"mean": means, "seeds": counts, "lead": means[0] - means, "low": low, "high": high}
-    p = _lead_tests(means, *noise)
-    others = pd.DataFrame({**table, "p": p}, index=y.index)
+    noise = combined(of_seeds, sample)
+    low, high = lead_intervals(means, noise).T
+    table = {"mean": means, "seeds": of_seeds.counts, "lead": means[0] - means}
+    table |= {"low": low, "high": high, "p": _lead_tests(means, noise)}
+    others = pd.DataFrame(table, index=y.index)
     note = ""
     if len(y) == 1:
         note = "one placement: there is nothing to compare it with"
-    elif degrees == 0:
+    elif of_seeds.degrees == 0:
         note = "one seed each: how much the training scatters is unknown, so there is no interval"
     return BestPlacement(
         best=str(y.index[0]),
         mean=float(means[0]),
         others=others.iloc[1:],
-        sure=pd.Series(probability_of_best(means, *noise, seed), y.index, name="sure"),
-        sd=float(np.sqrt(variance)),
+        sure=pd.Series(probability_of_best(means, noise, seed), y.index, name="sure"),
+        sd=float(np.sqrt(of_seeds.variance)),
         sample=sample,
         note=note,
         noise=noise,
     )
 
 
-def lead_intervals(
-    means: NDArray[np.float64], counts: NDArray[np.float64], variance: float, degrees: float
-) -> NDArray[np.float64]:
+def lead_intervals(means: NDArray[np.float64], noise: Noise) -> NDArray[np.float64]:
     """95 % intervals of the lead of the first over each, for all pairs at once, shape (n, 2).
 
-    Tukey and Kramer's, by the studentized range. Arguments as in
-    `tracking.statistics.probability_of_best.probability_of_best`. NaN for one placement and without
-    degrees of freedom.
+    Tukey and Kramer's, by the studentized range. NaN for one placement and without degrees of
+    freedom.
     """
-    if degrees == 0 or len(means) < 2:
+    if noise.degrees == 0 or len(means) < 2:
         return np.full((len(means), 2), np.nan)
-    half = _critical_range(len(means), degrees) * _error(counts, variance)
+    half = _critical_range(len(means), noise.degrees) * _error(noise)
     lead = means[0] - means
     return np.stack([lead - half, lead + half], axis=1)
 
 
-def _lead_tests(
-    means: NDArray[np.float64], counts: NDArray[np.float64], variance: float, degrees: float
-) -> NDArray[np.float64]:
+def _lead_tests(means: NDArray[np.float64], noise: Noise) -> NDArray[np.float64]:
     """p of no lead of the first over each, adjusted as `lead_intervals`, shape (n,)."""
-    if degrees == 0 or len(means) < 2:
+    if noise.degrees == 0 or len(means) < 2:
         return np.full(len(means), np.nan)
-    lead, error = means[0] - means, _error(counts, variance)
+    lead, error = means[0] - means, _error(noise)
     # Without any spread over seeds every lead is certain, and no lead is none.
     ratio = np.where(lead > 0, np.inf, 0.0)
     ratio = np.divide(lead, error, out=ratio, where=error > 0)
-    p = stats.studentized_range.sf(ratio, len(means), degrees)
+    p = stats.studentized_range.sf(ratio, len(means), noise.degrees)
     return np.where(np.isinf(ratio), 0.0, p)
 
 
-def _error(counts: NDArray[np.float64], variance: float) -> NDArray[np.float64]:
+def _error(noise: Noise) -> NDArray[np.float64]:
     """Standard error of the lead of the first over each, by the root of 2."""
-    return np.sqrt(variance / 2 * (1 / counts[0] + 1 / counts))
+    return np.sqrt(noise.variance / 2 * (1 / noise.counts[0] + 1 / noise.counts))
 
 
 @lru_cache(maxsize=256)

@@ -16,6 +16,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from tracking.statistics.reliability import Noise
+
 LEAST_ROUTES = 4
 """With objects of the class. Student's factor is 4.3 for three routes and 12.7 for two: so few
 tell nothing of what routes differ in, and individuals alone are left."""
@@ -84,24 +86,17 @@ def _covariance(values: NDArray[np.float64], units: int, paired: bool) -> NDArra
     return (units - 1) / units * (deviations.T @ deviations)
 
 
-def combined(
-    counts: NDArray[np.float64], variance: float, degrees: float, error: SampleError | None
-) -> tuple[NDArray[np.float64], float, float]:
-    """Seeds and test objects as one noise.
+def combined(noise: Noise, error: SampleError | None) -> Noise:
+    """Seeds and test objects as one noise: that of seeds alone that would scatter as much.
 
-    Args:
-        counts: seeds of every placement, shape (n,).
-        variance: over seeds within placements, pooled.
-        degrees: its degrees of freedom, above 0.
-
-    Returns:
-        Counts, variance and degrees of freedom of seeds alone that would scatter as much: the
-        variance of a mean is variance / counts. Degrees are rounded down.
+    Degrees of freedom are rounded down. Without any it stays as it is.
     """
-    if error is None or error.variance == 0:
-        return counts, variance, degrees
+    if error is None or error.variance == 0 or noise.degrees == 0:
+        return noise
+    counts, variance = noise.counts, noise.variance
     seeds = len(counts) / (1 / counts).sum()
     other = error.variance * seeds
     whole = variance + other
-    freedom = whole**2 / (variance**2 / degrees + other**2 / error.degrees)
-    return whole / (variance / counts + error.variance), whole, math.floor(max(freedom, 1.0))
+    freedom = whole**2 / (variance**2 / noise.degrees + other**2 / error.degrees)
+    alone = whole / (variance / counts + error.variance)
+    return Noise(alone, whole, math.floor(max(freedom, 1.0)))

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tracking.statistics.reliability import Noise
+
 _DRAWS = 20_000
 _BLOCK = 1_000
 _LOG_RATIOS = np.linspace(-24.0, 40.0, 1281)
@@ -12,12 +14,7 @@ _LOG_RATIOS = np.linspace(-24.0, 40.0, 1281)
 
 
 def probability_of_best(
-    means: NDArray[np.float64],
-    counts: NDArray[np.float64],
-    variance: float,
-    degrees: float,
-    seed: int = 0,
-    draws: int = _DRAWS,
+    means: NDArray[np.float64], noise: Noise, seed: int = 0, draws: int = _DRAWS
 ) -> NDArray[np.float64]:
     """Posterior probability of each placement to have the highest expected metric.
 
@@ -29,17 +26,13 @@ def probability_of_best(
 
     Args:
         means: over seeds, shape (n,).
-        counts: seeds of each, shape (n,).
-        variance: over seeds within placements, pooled
-            (`tracking.statistics.reliability.pooled_variance`); with the noise of the test objects
-            as well, see `tracking.statistics.jackknife.combined`.
-        degrees: its degrees of freedom.
+        noise: of seeds, or of the test objects as well, see `tracking.statistics.jackknife`.
         seed: of the draws.
 
     Returns:
         Shape (n,), sums to 1. NaN without degrees of freedom.
     """
-    n = len(means)
+    n, counts, variance, degrees = len(means), noise.counts, noise.variance, noise.degrees
     if degrees == 0:
         return np.full(n, np.nan)
     if variance == 0:

@@ -2,8 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+
+@dataclass(frozen=True)
+class Noise:
+    """How means over seeds scatter: the variance of a mean is `variance / counts`.
+
+    Attributes:
+        counts: seeds of every placement, shape (n,).
+        variance: over seeds within placements, pooled; NaN without degrees of freedom.
+        degrees: its degrees of freedom.
+    """
+
+    counts: NDArray[np.float64]
+    variance: float
+    degrees: float
+
+    @classmethod
+    def of_seeds(cls, y: NDArray[np.float64]) -> Noise:
+        """Of values of shape (n, seeds), NaN where a seed is missing."""
+        pooled, degrees = pooled_variance(y)
+        counts = np.isfinite(y).sum(axis=1).astype(np.float64)
+        return cls(counts, float(pooled), float(degrees))
 
 
 def pooled_variance(y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
