@@ -39,7 +39,7 @@ def count_boxes(
         _count(
             geometry,
             frame,
-            _Centres(roi.minimum, roi.resolution, *map(roi.centres, range(3))),
+            _Centres(roi.minimum, roi.resolution, roi.centres(0), roi.centres(1), roi.centres(2)),
             seen=np.zeros((words, nx, -(-ny // 64)), np.int64),
             counted=np.empty((words, nx, ny), np.int64),
             changes=np.zeros((nz, nx, ny), np.int32),

@@ -9,12 +9,16 @@ from lidarplace.coverage.dda import walk_dda
 WALKS = {"dda": walk_dda, "bresenham": walk_bresenham}
 
 
-def voxels_of_rays(method, origin, directions, reach, minimum, resolution, shape):
-    """Flat C-order indices and offsets: ray r has `voxels[offsets[r]:offsets[r + 1]]`."""
+def voxels_of_rays(method, origin, directions, reach, grid):
+    """Flat C-order indices and offsets: ray r has `voxels[offsets[r]:offsets[r + 1]]`.
+
+    grid: minimum, resolution and shape.
+    """
+    minimum, resolution, shape = grid
     strides = np.array([shape[1] * shape[2], shape[2], 1])
-    grid = VoxelGrid(minimum, resolution, np.array(shape), strides)
-    spans = clip_rays(origin, directions, reach, grid)
+    voxel_grid = VoxelGrid(minimum, resolution, np.array(shape), strides)
+    spans = clip_rays(origin, directions, reach, voxel_grid)
     voxels = np.empty(len(directions) * sum(shape), np.uint64)
     offsets = np.zeros(len(directions) + 1, np.int64)
-    WALKS[method](origin, directions, spans, reach, 0, grid, voxels, offsets)
+    WALKS[method](origin, directions, spans, reach, 0, voxel_grid, voxels, offsets)
     return voxels[: offsets[-1]], offsets

@@ -287,11 +287,10 @@ def test_wrong_input_is_named():
     with pytest.raises(ValueError, match="frame 0 needs a finite pose"):
         collect(with_building((100.0, math.nan, 0.0)), [0], placement, CROP)
     no_pose = with_building((0.0, 0.0, 0.0))
+    frames = no_pose.frames.drop(columns="ego_yaw")
+    no_pose = BoxLog(no_pose.boxes, frames, no_pose.buildings)
     with pytest.raises(ValueError, match="no column ego_yaw; buildings need the pose"):
-        collect(
-            BoxLog(no_pose.boxes, no_pose.frames.drop(columns="ego_yaw"), no_pose.buildings),
-            *([0], placement, CROP),
-        )
+        collect(no_pose, [0], placement, CROP)
     twice = BoxLog(log().boxes, pd.concat([log().frames, log().frames[:1]]))
     with pytest.raises(ValueError, match="a frame is listed twice"):
         collect(twice, [0], placement, CROP)

@@ -23,6 +23,7 @@ from lidarplace.coverage.rays import (
 )
 
 ROI = Roi(x=(0.0, 3.0), y=(-1.5, 1.5), z=(0.0, 2.0), resolution=0.25)
+GRID = (ROI.minimum, ROI.resolution, ROI.shape)
 LIDAR = Lidar(tuple(np.radians([-60.0, -25.0, -3.0, 0.0, 5.0, 40.0])), azimuth_steps=720)
 RIG = PAPER_PLACEMENTS["line_roll"].with_lidar(LIDAR)
 
@@ -35,11 +36,11 @@ directions = st.tuples(component, component, component).filter(any)
 reaches = st.one_of(st.just(math.inf), st.integers(1, 40).map(lambda n: n / 8))
 
 
-def walk(method, origin, direction, reach, minimum=CORNER, edge=EDGE, shape=SHAPE):
+def walk(method, origin, direction, reach, grid=(CORNER, EDGE, SHAPE)):
     """Cells of one ray as tuples."""
-    found, offsets = voxels_of_rays(
-        *(method, np.array(origin), np.array([direction]), reach, np.array(minimum), edge, shape)
-    )
+    minimum, edge, shape = grid
+    grid = (np.array(minimum), edge, shape)
+    found, offsets = voxels_of_rays(method, np.array(origin), np.array([direction]), reach, grid)
     assert offsets.tolist() == [0, len(found)]
     return [tuple(int(c) for c in np.unravel_index(int(v), shape)) for v in found]
 
@@ -119,7 +120,7 @@ def chords(o, d, reach, grow):
 def test_dda_along_any_ray(origin, direction, reach):
     """Cubes shrunk by a hair that the ray meets are listed, and only cubes grown by a hair."""
     o, d = np.array(origin), np.array(direction) / np.linalg.norm(direction)
-    cells = walk("dda", o, d, reach, ROI.minimum, ROI.resolution, ROI.shape)
+    cells = walk("dda", o, d, reach, GRID)
     listed = np.zeros(ROI.shape, bool)
     listed[tuple(np.array(cells, int).reshape(-1, 3).T)] = True
     assert len(cells) == np.count_nonzero(listed)
@@ -134,10 +135,10 @@ def test_dda_along_any_ray(origin, direction, reach):
 def test_errors_do_not_grow_along_the_ray():
     """10,000 voxels of an edge that has no exact binary form, against rational numbers."""
     n, edge, slope = 10**4, 0.1, Fraction(1, 3)
-    flat = walk("dda", (0.05, 0.05, 1e-12), (1.0, 0, 0), 1e9, (0, 0, 0), edge, (n, 1, 1))
+    flat = walk("dda", (0.05, 0.05, 1e-12), (1.0, 0, 0), 1e9, ((0, 0, 0), edge, (n, 1, 1)))
     assert flat == [(i, 0, 0) for i in range(n)]
     ray = np.array([3.0, 1.0, 0.0]) / math.sqrt(10)
-    cells = walk("dda", (0.05, 0.06, 0.05), ray, 1e9, (0, 0, 0), edge, (n, n, 1))
+    cells = walk("dda", (0.05, 0.06, 0.05), ray, 1e9, ((0, 0, 0), edge, (n, n, 1)))
     # At the middle of every slab of x, which lies a tenth of a voxel or more away from faces.
     middles = [(i, math.floor(Fraction(6, 10) + i * slope), 0) for i in range(n)]
     assert set(middles) <= set(cells)
@@ -165,7 +166,7 @@ def textbook_line(start, end):
 @settings(max_examples=200, deadline=None)
 def test_bresenham_is_the_textbooks(origin, direction):
     d = np.array(direction) / np.linalg.norm(direction)
-    cells = walk("bresenham", origin, d, 100.0, ROI.minimum, ROI.resolution, ROI.shape)
+    cells = walk("bresenham", origin, d, 100.0, GRID)
     start = tuple(np.floor((np.array(origin) - ROI.minimum) / ROI.resolution).astype(int).tolist())
     assert cells[0] == start
     assert cells == list(textbook_line(start, cells[-1]))
@@ -175,10 +176,7 @@ def test_bresenham_is_the_textbooks(origin, direction):
 
 def test_bresenham_ends_with_the_range():
     for reach, last in ((0.5, 3), (0.8, 4)):
-        cells = walk(
-            *("bresenham", (0.3, 0.1, 0.6), (1.0, 0.0, 0.0), reach),
-            *(ROI.minimum, ROI.resolution, ROI.shape),
-        )
+        cells = walk("bresenham", (0.3, 0.1, 0.6), (1.0, 0.0, 0.0), reach, GRID)
         assert cells == [(i, 6, 2) for i in range(1, last + 1)]
 
 
@@ -186,10 +184,8 @@ def test_bresenham_ends_with_the_range():
 def test_counts_and_coverage_are_those_of_the_single_rays(method, monkeypatch):
     expected = np.zeros(ROI.shape, np.int32)
     for mount in RIG.mounts:
-        found, _ = voxels_of_rays(
-            *(method, mount.position, LIDAR.directions() @ mount.rotation.T, LIDAR.range),
-            *(ROI.minimum, ROI.resolution, ROI.shape),
-        )
+        directions = LIDAR.directions() @ mount.rotation.T
+        found, _ = voxels_of_rays(method, mount.position, directions, LIDAR.range, GRID)
         np.add.at(expected.reshape(-1), found.astype(np.int64), 1)
     for chunk in (2**16, 64):
         monkeypatch.setattr(rays, "_CHUNK", chunk)
@@ -232,10 +228,7 @@ def test_log_miss_against_a_plain_loop_over_rays(counts):
     for mount in thin.mounts:
         for direction in thin.lidar.directions() @ mount.rotation.T:
             reach = 1.0
-            for cell in walk(
-                *("dda", mount.position, direction, 100.0),
-                *(ROI.minimum, ROI.resolution, ROI.shape),
-            ):
+            for cell in walk("dda", mount.position, direction, 100.0, GRID):
                 if counts[cell] > 0:
                     missed[cell] *= 1 - q * reach
                 reach *= 1 - counts[cell] / FRAMES

@@ -95,10 +95,8 @@ def test_occlusion_against_a_plain_loop_over_rays(grid):
     placement = PAPER_PLACEMENTS["pyramid_pitch"].with_lidar(single)
     for mount in placement.mounts:
         for direction in single.directions() @ mount.rotation.T:
-            voxels, _ = voxels_of_rays(
-                *("dda", mount.position, direction[None], 100.0),
-                *(ROI.minimum, ROI.resolution, ROI.shape),
-            )
+            grid = (ROI.minimum, ROI.resolution, ROI.shape)
+            voxels, _ = voxels_of_rays("dda", mount.position, direction[None], 100.0, grid)
             reach = 1.0
             for v in voxels:
                 lost.reshape(-1)[v] *= 1 - q * reach

@@ -27,8 +27,12 @@ def exposure_of(amounts, shape, worth=None, p=None, scale=0.7):
         amounts[rows, columns],
         np.full(len(amounts), float(scale)),
         VoxelGain(
-            *(shape, np.arange(voxels, dtype=np.int32), worth),
-            *(p[:, None], 1 - p[:, None], np.ones(1)),
+            shape,
+            profile=np.arange(voxels, dtype=np.int32),
+            worth=worth,
+            p=p[:, None],
+            rest=1 - p[:, None],
+            weights=np.ones(1),
         ),
     )
 
