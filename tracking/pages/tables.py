@@ -4,12 +4,48 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
 
 import pandas as pd
 
+from tracking.labels import metric_label, surrogate_name
+from tracking.numbers import digits
+
 MOST_ROWS = 50
 """Placements and trials that a table shows; a page must stay small."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table and how its cells are told from rows of the data.
+
+    Attributes:
+        head: its name.
+        cell: the text for a row, by the names of the data's columns.
+        words: whether it holds words, the others hold numbers.
+    """
+
+    head: str
+    cell: Callable[[Mapping[Any, Any]], str]
+    words: bool = False
+
+
+def words(head: str, key: str = "", show: Callable[[Any], str] = str) -> Column:
+    """What the data hold under `key`, or under the head."""
+    return Column(head, lambda row: show(row[key or head]), words=True)
+
+
+def numbers(head: str, key: str, form: str | Callable[[float], str]) -> Column:
+    """What the data hold under `key`, by a format of `digits` or a function."""
+    show = partial(digits, form=form) if isinstance(form, str) else form
+    return Column(head, lambda row: show(row[key]))
+
+
+METRIC = Column("metric", lambda row: metric_label(row["metric"], row["iou"]), words=True)
+SURROGATE = words("surrogate", show=surrogate_name)
 
 
 @dataclass(frozen=True)
@@ -35,6 +71,19 @@ class Table:
     wide: bool = False
     name: str = ""
     data: pd.DataFrame | None = field(default=None, compare=False, repr=False)
+
+    @classmethod
+    def of(
+        cls, caption: str, rows: pd.DataFrame, columns: Sequence[Column], **further: Any
+    ) -> Table:
+        """A row for every one of `rows`; `further` attributes as they are."""
+        return cls(
+            caption,
+            tuple(column.head for column in columns),
+            tuple(tuple(column.cell(row) for column in columns) for row in rows.to_dict("records")),
+            words=frozenset(i for i, column in enumerate(columns) if column.words),
+            **further,
+        )
 
     def first(self, most: int) -> Table:
         """The first `most` rows; the caption then says so. The CSV file has all of them."""

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pandas as pd
 
-from tracking.findings.best_surrogate import which_predicts
+from tracking.findings.best_placement import BestPlacement
+from tracking.findings.best_surrogate import Predictors, which_predicts
 from tracking.findings.correlation import correlate
 from tracking.findings.distinct_rigs import copies, without
-from tracking.findings.groups import groups, pictured
+from tracking.findings.groups import Group, groups, pictured
 from tracking.findings.individuals import count_individuals
 from tracking.findings.leave_one_out import leave_one_out
 from tracking.findings.promotion import is_full
@@ -21,8 +23,9 @@ from tracking.labels import some
 from tracking.pages.csv_files import FOLDER, write_csv_files
 from tracking.pages.markdown import escaped, write_markdown
 from tracking.pages.page import write_page
+from tracking.pages.section import Section
 from tracking.report.cautions import cautions
-from tracking.report.headline import headline_ranking, surrogate_verdicts, verdicts
+from tracking.report.headline import Verdict, headline_ranking, surrogate_verdicts, verdicts
 from tracking.report.sections.accuracy import accuracy_section
 from tracking.report.sections.agreement import agreement_section
 from tracking.report.sections.best import best_section
@@ -60,52 +63,16 @@ def build_report(run: Path) -> Path:
     complete = RunFolder.read(run)
     same = copies(complete)
     whole = without(complete, set(same))
-    # Placements are compared after the longest training; shorter ones show what they cost.
-    full = is_full(whole.results, whole.axes, whole.sweep.promote)
-    folder = replace(whole, results=whole.results[full])
-    means = seed_means(folder.results, folder.axes, folder.left_out)
-    sample = (folder.results, folder.surrogates)
-    correlations = correlate(*sample, folder.axes)
-    errors = leave_one_out(*sample, folder.axes)
-    predicted = which_predicts(*sample, correlations, errors, folder.axes)
-    found = list(groups(folder))
-    rankings = [(group, headline_ranking(folder, group)) for group in found]
-    order = best_first(folder, means)
-    promotions = folder.promotions
-    promotions = None if promotions is None or promotions.empty else promotions
-    sections = [
-        section
-        for section in (
-            best_section(folder, rankings, means),
-            placements_section(folder, found, means),
-            agreement_section(folder, found),
-            None if promotions is None else promotion_section(whole, promotions),
-            predictors_section(folder, correlations, errors, predicted),
-            correlation_section(folder, found, means, correlations, errors),
-            published_section(folder, means),
-            detectors_section(folder, found, means),
-            tilts_section(folder, found, means),
-            density_section(folder, found, means),
-            rigs_section(folder, order),
-            coverage_section(folder, order),
-            clouds_section(folder, order),
-            individuals_section(folder),
-            by_distance_section(folder, found),
-            accuracy_section(folder),
-            sampling_error_section(folder, order),
-            training_cost_section(whole),
-            curves_section(folder, found),
-            where_time_went(folder),
-        )
-        if section is not None
-    ]
-    cards = [v for group, ranked in rankings for v in verdicts(folder, group, ranked, predicted)]
-    cards = cards or [v for group in found for v in surrogate_verdicts(folder, group)]
-    # A table of verdicts has no room for the findings about surrogates.
-    many = len(cards) > MOST_CARDS and len(predicted) > 0
-    findings = counted(folder, predicted, correlations) if many else ""
-    weaknesses = [*cautions(folder, means), *_same_rigs(same), *reduced_batches(folder.tasks)]
+    found = _Analysis.of(whole)
+    folder = found.run
+    sections = [section for section in _sections(whole, found) if section is not None]
+    cards, findings = _verdicts(found)
     extent = _extent(folder)
+    warnings = [
+        *cautions(folder, found.means),
+        *_same_rigs(same),
+        *reduced_batches(folder.tasks),
+    ]
     facts = folder.sweep.model_dump(mode="json", exclude_unset=True, exclude={"placements"})
     write_csv_files(folder.path / FOLDER, sections)
     page = write_page(
@@ -118,26 +85,98 @@ def build_report(run: Path) -> Path:
         most_cards=MOST_CARDS,
         findings=findings,
         extent=extent,
-        warnings=weaknesses,
+        warnings=warnings,
         sweep=json.dumps(facts, indent=2, default=str),
     )
-    write_markdown(
-        folder.path / "report.md",
-        folder.sweep.name,
-        [
-            escaped(extent),
-            *(
-                f"**{escaped(card.heading)}: {escaped(card.best)}.** "
-                + escaped(" ".join([f"{card.metric}: {card.lead}.", card.sure, *card.surrogates]))
-                for card in cards
-            ),
-            *(f"> Warning: {escaped(warning)}" for warning in weaknesses),
-        ],
-        sections,
-        {"Command": folder.sweep.command, "Configuration": folder.config},
-        page.name,
-    )
+    first = [escaped(extent), *map(_in_markdown, cards)]
+    first += [f"> Warning: {escaped(warning)}" for warning in warnings]
+    last = {"Command": folder.sweep.command, "Configuration": folder.config}
+    name = folder.sweep.name
+    write_markdown(folder.path / "report.md", name, first, sections, last, page.name)
     return page
+
+
+@dataclass(frozen=True)
+class _Analysis:
+    """What several sections are about.
+
+    Attributes:
+        run: the placements after the longest training; shorter ones show what they cost.
+        means: `seed_means`.
+        correlations, errors, predicted: `correlate`, `leave_one_out` and `which_predicts`.
+        groups: what is compared with each other.
+        rankings: every group with its `headline_ranking`.
+        order: `best_first`.
+    """
+
+    run: RunFolder
+    means: pd.DataFrame
+    correlations: pd.DataFrame
+    errors: pd.DataFrame
+    predicted: list[Predictors]
+    groups: list[Group]
+    rankings: list[tuple[Group, dict[str, BestPlacement]]]
+    order: list[str]
+
+    @classmethod
+    def of(cls, whole: RunFolder) -> _Analysis:
+        full = is_full(whole.results, whole.axes, whole.sweep.promote)
+        run = replace(whole, results=whole.results[full])
+        results, surrogates = run.results, run.surrogates
+        means = seed_means(results, run.axes, run.left_out)
+        correlations = correlate(results, surrogates, run.axes)
+        errors = leave_one_out(results, surrogates, run.axes)
+        found = list(groups(run))
+        return cls(
+            run=run,
+            means=means,
+            correlations=correlations,
+            errors=errors,
+            predicted=which_predicts(results, surrogates, correlations, errors, run.axes),
+            groups=found,
+            rankings=[(group, headline_ranking(run, group)) for group in found],
+            order=best_first(run, means),
+        )
+
+
+def _sections(whole: RunFolder, found: _Analysis) -> Iterator[Section | None]:
+    """The page from top to bottom."""
+    run, means, order = found.run, found.means, found.order
+    yield best_section(run, found.rankings, means)
+    yield placements_section(run, found.groups, means)
+    yield agreement_section(run, found.groups)
+    if run.promotions is not None and not run.promotions.empty:
+        yield promotion_section(whole, run.promotions)
+    yield predictors_section(run, found.correlations, found.errors, found.predicted)
+    yield correlation_section(run, found.groups, means, found.correlations, found.errors)
+    yield published_section(run, means)
+    yield detectors_section(run, found.groups, means)
+    yield tilts_section(run, found.groups, means)
+    yield density_section(run, found.groups, means)
+    yield rigs_section(run, order)
+    yield coverage_section(run, order)
+    yield clouds_section(run, order)
+    yield individuals_section(run)
+    yield by_distance_section(run, found.groups)
+    yield accuracy_section(run)
+    yield sampling_error_section(run, order)
+    yield training_cost_section(whole)
+    yield curves_section(run, found.groups)
+    yield where_time_went(run)
+
+
+def _verdicts(found: _Analysis) -> tuple[list[Verdict], str]:
+    """The verdicts, and what is said of surrogates where their table has no room for it."""
+    run, predicted = found.run, found.predicted
+    cards = [v for group, best in found.rankings for v in verdicts(run, group, best, predicted)]
+    cards = cards or [v for group in found.groups for v in surrogate_verdicts(run, group)]
+    many = len(cards) > MOST_CARDS and len(predicted) > 0
+    return cards, counted(run, predicted, found.correlations) if many else ""
+
+
+def _in_markdown(card: Verdict) -> str:
+    said = " ".join([f"{card.metric}: {card.lead}.", card.sure, *card.surrogates])
+    return f"**{escaped(card.heading)}: {escaped(card.best)}.** {escaped(said)}"
 
 
 def best_first(run: RunFolder, means: pd.DataFrame) -> list[str]:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from tracking.numbers import digits, number, span
-from tracking.pages.tables import Table
+from tracking.pages.tables import Column, Table, numbers, words
 from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_json import Objective, Rig
 from tracking.search_report.feasibility import excess
@@ -130,49 +130,48 @@ def greedy_table(greedy: pd.DataFrame, rays: str) -> Table:
 
 def robustness_table(rows: pd.DataFrame) -> Table:
     """`robustness.parquet` as text."""
-    head = ("rig", "case", "objective", "draws", "mean", "worst", "mean of its own as designed (%)")
-    cells = tuple(
-        (
-            *(str(row[key]) for key in ("rig", "case", "objective")),
-            f"{row['draws']:,}",
-            number(row["value"]),
-            number(row["worst"]),
-            digits(100 * row["share"], ".2f"),
-        )
-        for row in rows.to_dict("records")
-    )
-    return Table("Mean and worst over draws", head, cells, words=frozenset({0, 1, 2}), wide=True)
+    columns = [
+        words("rig"),
+        words("case"),
+        words("objective"),
+        numbers("draws", "draws", ","),
+        numbers("mean", "value", number),
+        numbers("worst", "worst", number),
+        numbers(
+            "mean of its own as designed (%)", "share", lambda share: digits(100 * share, ".2f")
+        ),
+    ]
+    return Table.of("Mean and worst over draws", rows, columns, wide=True)
 
 
 def verified_table(rows: pd.DataFrame, baseline: str, objective: Objective) -> Table:
     """`verified.parquet` as text."""
-    head = (
-        *("rig", "role", "class", "metric", "seeds", objective.label, "value (%)", "95 %"),
-        *(f"difference to {baseline}", "95 %"),
-    )
-    cells = tuple(
-        (
-            *(str(row[key]) for key in ("rig", "role", "class")),
-            f"{row['metric']} @ {row['iou']:g}",
-            str(row["seeds"]),
-            number(row["surrogate"]),
-            f"{row['value']:.2f}",
-            span(row["low"], row["high"], ".2f"),
-            *_difference(row, baseline),
+
+    def difference(row: Mapping[Any, Any]) -> str:
+        return digits(row["difference"], "+.2f")
+
+    def its_interval(row: Mapping[Any, Any]) -> str:
+        return span(row["difference_low"], row["difference_high"], "+.2f")
+
+    def of_others(cell: Callable[[Mapping[Any, Any]], str]) -> Callable[[Mapping[Any, Any]], str]:
+        """A dash for the baseline itself, and where it has no value."""
+        return lambda row: (
+            "–" if row["rig"] == baseline or np.isnan(row["difference"]) else cell(row)
         )
-        for row in rows.to_dict("records")
-    )
-    words = frozenset({0, 1, 2, 3})
-    return Table("Means over seeds", head, cells, words=words, wide=True)
 
-
-def _difference(row: Mapping[Hashable, Any], baseline: str) -> tuple[str, str]:
-    if row["rig"] == baseline or np.isnan(row["difference"]):
-        return "–", "–"
-    return (
-        digits(row["difference"], "+.2f"),
-        span(row["difference_low"], row["difference_high"], "+.2f"),
-    )
+    columns = [
+        words("rig"),
+        words("role"),
+        words("class"),
+        Column("metric", lambda row: f"{row['metric']} @ {row['iou']:g}", words=True),
+        numbers("seeds", "seeds", ""),
+        numbers(objective.label, "surrogate", number),
+        numbers("value (%)", "value", ".2f"),
+        Column("95 %", lambda row: span(row["low"], row["high"], ".2f")),
+        Column(f"difference to {baseline}", of_others(difference)),
+        Column("95 %", of_others(its_interval)),
+    ]
+    return Table.of("Means over seeds", rows, columns, wide=True)
 
 
 def _mount_words(rig: Rig) -> list[str]:

@@ -14,7 +14,7 @@ from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Mount
 from lidarplace.viewing.axes import equal_axes
 from lidarplace.viewing.solids import edges, triangles
-from tracking.figures.kit.style import OUTLINE, figure, lidar_colour, text
+from tracking.figures.kit.style import OUTLINE, add_menu, figure, lidar_colour, text
 from tracking.run_folders.search_json import Point, Rig, Zone
 
 _CAR = tuple((tuple(low), tuple(high)) for low, high in Vehicle.car().boxes.tolist())
@@ -89,23 +89,9 @@ def rig_picture(
     plot.update_layout(
         scene=_scene(plot),
         legend={"orientation": "h", "y": 0, "yanchor": "top", "itemsizing": "constant"},
-        updatemenus=[
-            {
-                "x": 0,
-                "xanchor": "left",
-                "y": 1,
-                "yanchor": "bottom",
-                "buttons": [
-                    {
-                        "label": text(name),
-                        "method": "restyle",
-                        "args": [{"visible": [who in ("", name) for who in owner]}],
-                    }
-                    for name in rigs
-                ],
-            }
-        ],
     )
+    changes = [({"visible": [who in ("", name) for who in owner]},) for name in rigs]
+    add_menu(plot, [text(name) for name in rigs], changes, y=1)
     return plot
 
 

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import html
 import textwrap
+from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import plotly.graph_objects as go
+from numpy.typing import ArrayLike
 
 from lidarplace.viewing.style import COLOURS as OKABE_ITO
 from lidarplace.viewing.style import OUTLINE
@@ -131,6 +134,40 @@ def legend_below(plot: go.Figure) -> None:
             "yanchor": "top",
         },
     )
+
+
+def add_menu(
+    plot: go.Figure,
+    labels: Sequence[str],
+    changes: Sequence[Sequence[dict[str, Any]]],
+    active: int = 0,
+    right: bool = False,
+    **place: Any,
+) -> None:
+    """A menu above the figure.
+
+    Args:
+        labels: its entries, plotly text.
+        changes: what each makes of the data, and of the layout if there is a second one.
+        active: the entry that the figure shows at the start.
+        right: whether it stands above the right end.
+        place: `y` and other keys of plotly's `updatemenus`.
+    """
+    side = {"x": 1, "xanchor": "right"} if right else {"x": 0, "xanchor": "left"}
+    buttons = [
+        {"label": label, "method": "restyle" if len(change) == 1 else "update", "args": [*change]}
+        for label, change in zip(labels, changes, strict=True)
+    ]
+    whole = {**side, "yanchor": "bottom", "active": active, "buttons": buttons, **place}
+    plot.update_layout(updatemenus=[whole])
+
+
+def error_bars(up: ArrayLike, down: ArrayLike | None = None, **style: Any) -> dict[str, Any]:
+    """Error bars, as far down as up unless `down` says else; NaN for none."""
+    drawn: dict[str, Any] = {"type": "data", "array": np.asarray(up, np.float64), **style}
+    if down is not None:
+        drawn |= {"symmetric": False, "arrayminus": np.asarray(down, np.float64)}
+    return drawn
 
 
 def theme(dark: bool) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
-from tracking.figures.kit.style import colour, figure, symbol, text
+from tracking.figures.kit.style import colour, error_bars, figure, symbol, text
 from tracking.run_folders.search_json import Objective
 
 
@@ -35,13 +35,9 @@ def robustness_figure(
         plot.add_scatter(
             x=mean,
             y=[cases.index(case) + step * (i - (len(rigs) - 1) / 2) for case in own["case"]],
-            error_x={
-                "type": "data",
-                "symmetric": False,
-                "array": np.maximum(worst - mean, 0),
-                "arrayminus": np.maximum(mean - worst, 0),
-                "thickness": 1.5,
-            },
+            error_x=error_bars(
+                np.maximum(worst - mean, 0), np.maximum(mean - worst, 0), thickness=1.5
+            ),
             mode="markers",
             marker={"size": 9, "color": colour(i), "symbol": symbol(i)},
             text=[text(case) for case in own["case"]],

@@ -7,7 +7,7 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from tracking.figures.kit.label_places import label_places
-from tracking.figures.kit.style import OUTLINE, colour, figure, text
+from tracking.figures.kit.style import OUTLINE, colour, error_bars, figure, text
 from tracking.run_folders.search_json import Objective
 
 _ROLES = {
@@ -49,14 +49,12 @@ def verified_figure(
         plot.add_scatter(
             x=gain[own],
             y=difference[own],
-            error_y={
-                "type": "data",
-                "symmetric": False,
-                "array": (rows["difference_high"].to_numpy(np.float64) - difference)[own],
-                "arrayminus": (difference - rows["difference_low"].to_numpy(np.float64))[own],
-                "thickness": 1.5,
-                "color": OUTLINE,
-            },
+            error_y=error_bars(
+                (rows["difference_high"].to_numpy(np.float64) - difference)[own],
+                (difference - rows["difference_low"].to_numpy(np.float64))[own],
+                thickness=1.5,
+                color=OUTLINE,
+            ),
             mode="markers+text",
             marker={"size": 10, "symbol": shape, "color": shade},
             text=[text(name) for name, mine in zip(names, own, strict=True) if mine],

@@ -7,7 +7,7 @@ import pandas as pd
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from tracking.figures.kit.style import colour, figure, text
+from tracking.figures.kit.style import add_menu, colour, error_bars, figure, text
 from tracking.findings.surrogate_accuracy import varied
 from tracking.labels import in_order, surrogate_name
 
@@ -55,27 +55,10 @@ def accuracy_figure(summary: pd.DataFrame, title: str) -> go.Figure:
     for trace, name in zip(plot.data, owner, strict=True):
         trace.visible = name == first
     plot.update_layout(figure(text(title), height=460, margin={"t": 92, "b": 96}).layout)
-    plot.update_layout(
-        legend={"orientation": "h", "y": -0.18, "yanchor": "top"},
-        updatemenus=[
-            {
-                "buttons": [
-                    {
-                        "label": surrogate_name(name),
-                        "method": "restyle",
-                        "args": [{"visible": [name == other for other in owner]}],
-                    }
-                    for name in names
-                ],
-                "active": names.index(first),
-                "x": 1,
-                "xanchor": "right",
-                "y": 1.2,
-                "yanchor": "bottom",
-                "pad": {"t": 0, "b": 4},
-            }
-        ],
-    )
+    plot.update_layout(legend={"orientation": "h", "y": -0.18, "yanchor": "top"})
+    labels = [surrogate_name(name) for name in names]
+    changes = [({"visible": [name == other for other in owner]},) for name in names]
+    add_menu(plot, labels, changes, names.index(first), right=True, y=1.2, pad={"t": 0, "b": 4})
     plot.update_annotations(font={"size": 12})
     plot.update_xaxes(type="log", title="seconds a placement and class", dtick=1)
     for column in (1, 2):
@@ -108,13 +91,7 @@ def _line(
     return go.Scatter(
         x=rows["seconds"].to_numpy(),
         y=shown.to_numpy(),
-        error_y={
-            "type": "data",
-            "symmetric": False,
-            "array": (rows[worst].clip(lower=floor) - shown).to_numpy(),
-            "arrayminus": np.zeros(len(rows)),
-            "thickness": 1,
-        }
+        error_y=error_bars(rows[worst].clip(lower=floor) - shown, np.zeros(len(rows)), thickness=1)
         if worst
         else None,
         mode="lines+markers+text",

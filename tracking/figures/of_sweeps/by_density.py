@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import pandas as pd
 import plotly.graph_objects as go
 
-from tracking.figures.kit.style import colour, figure, legend_below, symbol, text
+from tracking.figures.kit.style import colour, error_bars, figure, legend_below, symbol, text
 
 MOST_LINES = 12
 
@@ -36,12 +36,7 @@ def by_density(
         plot.add_scatter(
             x=(own[axis] + apart * (i - (len(shown) - 1) / 2)).to_numpy(),
             y=own["mean"].to_numpy(),
-            error_y={
-                "type": "data",
-                "array": (own["high"] - own["mean"]).fillna(0).to_numpy(),
-                "thickness": 1,
-                "width": 2,
-            },
+            error_y=error_bars((own["high"] - own["mean"]).fillna(0), thickness=1, width=2),
             mode="lines+markers",
             line={"color": colour(rank), "width": 1.5},
             marker={"size": 8, "symbol": symbol(rank)},

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
-from tracking.figures.kit.style import colour, figure, symbol, text
+from tracking.figures.kit.style import colour, error_bars, figure, symbol, text
 
 _SPREAD = 0.35  # of a ring's width, over which the markers of placements are set apart
 
@@ -41,19 +41,11 @@ def by_distance(
         rank = placements.index(name)
         x = [number[ring] + offset for ring in zip(own["from_m"], own["to_m"], strict=True)]
         value = own["value"].to_numpy(np.float64)
-        bars = own["low"].notna().any()
         plot.add_scatter(
             x=x,
             y=value,
-            error_y={
-                "type": "data",
-                "symmetric": False,
-                "array": own["high"].to_numpy() - value,
-                "arrayminus": value - own["low"].to_numpy(),
-                "thickness": 1,
-                "width": 2,
-            }
-            if bars
+            error_y=error_bars(own["high"] - value, value - own["low"], thickness=1, width=2)
+            if own["low"].notna().any()
             else None,
             mode="lines+markers",
             line={"color": colour(rank), "width": 1.5},

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import pandas as pd
 import plotly.graph_objects as go
 
-from tracking.figures.kit.style import OUTLINE, colour, figure, symbol, text
+from tracking.figures.kit.style import OUTLINE, colour, error_bars, figure, symbol, text
 
 _ROW = 26  # pixels
 
@@ -27,12 +27,11 @@ def forest(table: pd.DataFrame, title: str, axis: str, placements: Sequence[str]
     plot = figure(title, height=130 + _ROW * len(names))
     rows = list(range(len(names)))
     whole = ((table["high"] - table["low"]) / 2).fillna(0)
-    bar = {"type": "data", "color": OUTLINE}
     if (whole > table["half"]).any():
         plot.add_scatter(
             x=table["mean"].to_numpy(),
             y=rows,
-            error_x=bar | {"array": whole.to_numpy(), "thickness": 1, "width": 0},
+            error_x=error_bars(whole, thickness=1, width=0, color=OUTLINE),
             mode="markers",
             marker={"size": 1, "color": OUTLINE},
             hoverinfo="skip",
@@ -41,7 +40,7 @@ def forest(table: pd.DataFrame, title: str, axis: str, placements: Sequence[str]
     plot.add_scatter(
         x=table["mean"].to_numpy(),
         y=rows,
-        error_x=bar | {"array": table["half"].fillna(0).to_numpy(), "thickness": 3, "width": 4},
+        error_x=error_bars(table["half"].fillna(0), thickness=3, width=4, color=OUTLINE),
         mode="markers",
         marker={
             "size": 10,

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
+from numpy.typing import ArrayLike
 
 from tracking.figures.kit.style import figure, text, two_lines
 from tracking.labels import in_order, surrogate_name
@@ -41,10 +43,39 @@ def heat_map(correlations: pd.DataFrame, labels: Sequence[str], title: str) -> g
     # Plotly sizes the numbers by their letters and would count those of tags too.
     shown = np.where(holm < SIGNIFICANT, rho.map(signed) + "★", rho.map(signed))
     plot = figure(title, height=140 + 34 * len(rho), margin={"l": 120, "r": 8, "t": 48, "b": 84})
+    add_coefficients(
+        plot,
+        rho,
+        [surrogate_name(str(name)) for name in rho.columns],
+        [two_lines(text(name)) for name in rho.index],
+        shown,
+        hover=", p = %{customdata[0]:.2g}, adjusted %{customdata[1]:.2g}",
+        customdata=np.stack([p.to_numpy(), holm.to_numpy()], axis=-1),
+    )
+    return plot
+
+
+def add_coefficients(
+    plot: go.Figure,
+    rho: pd.DataFrame,
+    columns: Sequence[str],
+    rows: Sequence[str],
+    shown: ArrayLike,
+    hover: str = "",
+    **further: Any,
+) -> None:
+    """Cells from -1, blue, to 1, orange.
+
+    Args:
+        rho: coefficients, NaN where there is none.
+        columns, rows: what those of `rho` are called, plotly text.
+        shown: the cells' texts.
+        hover: what is told of a cell behind its coefficient.
+    """
     plot.add_heatmap(
         z=rho.to_numpy(),
-        x=[surrogate_name(str(name)) for name in rho.columns],
-        y=[two_lines(text(name)) for name in rho.index],
+        x=columns,
+        y=rows,
         zmin=-1,
         zmax=1,
         # Two of Okabe and Ito's colours about a light middle, which keeps the numbers readable.
@@ -52,13 +83,11 @@ def heat_map(correlations: pd.DataFrame, labels: Sequence[str], title: str) -> g
         text=np.where(rho.isna(), "", shown),
         texttemplate="%{text}",
         textfont={"color": "#1d2126"},
-        customdata=np.stack([p.to_numpy(), holm.to_numpy()], axis=-1),
-        hovertemplate="%{y}, %{x}<br>ρ = %{z:+.3f}, p = %{customdata[0]:.2g}, "
-        "adjusted %{customdata[1]:.2g}<extra></extra>",
+        hovertemplate=f"%{{y}}, %{{x}}<br>ρ = %{{z:+.3f}}{hover}<extra></extra>",
         showscale=False,
         xgap=2,
         ygap=2,
+        **further,
     )
     plot.update_yaxes(autorange="reversed", showgrid=False, ticks="")
     plot.update_xaxes(showgrid=False, ticks="", tickangle=-45)
-    return plot

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import pandas as pd
 import plotly.graph_objects as go
 
-from tracking.figures.kit.style import colour, figure, text
+from tracking.figures.kit.style import add_menu, colour, error_bars, figure, text
 from tracking.labels import in_order, surrogate_label, surrogate_name
 
 
@@ -29,7 +29,7 @@ def intervals(estimates: pd.DataFrame, title: str, placements: Sequence[str]) ->
         plot.add_scatter(
             x=middle.to_numpy(),
             y=labels,
-            error_x={"type": "data", "array": (own["high"] - middle).to_numpy(), "thickness": 2},
+            error_x=error_bars(own["high"] - middle, thickness=2),
             mode="markers",
             marker={"size": 9, "color": colour(0)},
             name="estimate, bias taken off",
@@ -48,26 +48,15 @@ def intervals(estimates: pd.DataFrame, title: str, placements: Sequence[str]) ->
     plot.update_layout(
         xaxis_title=surrogate_label(first),
         legend={"orientation": "h", "y": 1, "yanchor": "bottom"},
-        updatemenus=[
-            {
-                "buttons": [
-                    {
-                        "label": surrogate_name(name),
-                        "method": "update",
-                        "args": [
-                            {"visible": [name == other for other in names for _ in range(2)]},
-                            {"xaxis.title.text": surrogate_label(name)},
-                        ],
-                    }
-                    for name in names
-                ],
-                "active": names.index(first),
-                "x": 1,
-                "xanchor": "right",
-                "y": 1.02,
-                "yanchor": "bottom",
-            }
-        ],
     )
+    changes = [
+        (
+            {"visible": [name == other for other in names for _ in range(2)]},
+            {"xaxis.title.text": surrogate_label(name)},
+        )
+        for name in names
+    ]
+    labels = [surrogate_name(name) for name in names]
+    add_menu(plot, labels, changes, names.index(first), right=True, y=1.02)
     plot.update_yaxes(autorange="reversed")
     return plot

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lidarplace.roi import Roi
 from tracking.figures.kit.from_above import add_vehicle, metres
-from tracking.figures.kit.style import OUTLINE, figure, lidar_colour, text
+from tracking.figures.kit.style import OUTLINE, add_menu, figure, lidar_colour, text
 from tracking.run_folders.sweep import Frame
 
 POINTS = 8000
@@ -61,27 +61,13 @@ def point_clouds(
     plot.update_layout(
         margin={"t": 96},
         legend={"orientation": "h", "y": -0.25, "itemsizing": "constant"},
-        updatemenus=[
-            {
-                "x": 0,
-                "xanchor": "left",
-                "y": 1.06,
-                "yanchor": "bottom",
-                "active": list(placements).index(first),
-                "buttons": [
-                    {
-                        "label": text(name),
-                        "method": "update",
-                        "args": [
-                            {"visible": [who in ("", name) for who in owner]},
-                            {"title.text": text(name)},
-                        ],
-                    }
-                    for name in placements
-                ],
-            }
-        ],
     )
+    changes = [
+        ({"visible": [who in ("", name) for who in owner]}, {"title.text": text(name)})
+        for name in placements
+    ]
+    active = list(placements).index(first)
+    add_menu(plot, [text(name) for name in placements], changes, active, y=1.06)
     return plot
 
 

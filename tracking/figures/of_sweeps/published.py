@@ -10,7 +10,16 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from tracking.figures.kit.label_places import label_places, labels_on_top, room_on_top
-from tracking.figures.kit.style import OUTLINE, colour, figure, legend_below, symbol, text
+from tracking.figures.kit.style import (
+    OUTLINE,
+    add_menu,
+    colour,
+    error_bars,
+    figure,
+    legend_below,
+    symbol,
+    text,
+)
 from tracking.labels import in_order, metric_label, surrogate_label, surrogate_name
 from tracking.numbers import interval, signed
 
@@ -81,33 +90,20 @@ def published_scatter(
         )
     plot.update_xaxes(title=surrogate_label(menu[0]), showgrid=False)
     plot.update_yaxes(title=f"{label} (%)")
-    plot.update_layout(
-        **places(menu[0]),
-        updatemenus=[
+    plot.update_layout(**places(menu[0]))
+    changes = [
+        (
+            data(name) | {"name": names(name)},
             {
-                "x": 0,
-                "xanchor": "left",
-                "y": 1,
-                "yanchor": "bottom",
-                "pad": {"b": room, "t": 0},
-                "buttons": [
-                    {
-                        "label": surrogate_name(name),
-                        "method": "update",
-                        "args": [
-                            data(name) | {"name": names(name)},
-                            {
-                                "xaxis.title.text": surrogate_label(name),
-                                "xaxis.autorange": True,
-                                **places(name),
-                            },
-                        ],
-                    }
-                    for name in menu
-                ],
-            }
-        ],
-    )
+                "xaxis.title.text": surrogate_label(name),
+                "xaxis.autorange": True,
+                **places(name),
+            },
+        )
+        for name in menu
+    ]
+    labels = [surrogate_name(name) for name in menu]
+    add_menu(plot, labels, changes, y=1, pad={"b": room, "t": 0})
     legend_below(plot)
     return plot
 
@@ -140,12 +136,7 @@ def against_own(pairs: pd.DataFrame, title: str, placements: Sequence[str]) -> g
         plot.add_scatter(
             x=own["value"].to_numpy(),
             y=own["mean"].to_numpy(),
-            error_y={
-                "type": "data",
-                "array": np.nan_to_num((own["high"] - own["mean"]).to_numpy()),
-                "thickness": 1.5,
-                "color": OUTLINE,
-            },
+            error_y=error_bars((own["high"] - own["mean"]).fillna(0), thickness=1.5, color=OUTLINE),
             mode="markers+text",
             text=own["label"].tolist(),
             textposition=own["place"].tolist(),

@@ -10,7 +10,16 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from tracking.figures.kit.label_places import label_places
-from tracking.figures.kit.style import OUTLINE, broken, colour, figure, symbol, text
+from tracking.figures.kit.style import (
+    OUTLINE,
+    add_menu,
+    broken,
+    colour,
+    error_bars,
+    figure,
+    symbol,
+    text,
+)
 from tracking.labels import in_order, metric_label, surrogate_label, surrogate_name
 from tracking.numbers import interval, signed
 
@@ -55,12 +64,7 @@ def scatter(
     plot.add_scatter(
         x=table[menu[first]].to_numpy(),
         y=table["mean"].to_numpy(),
-        error_y={
-            "type": "data",
-            "array": table["half"].fillna(0).to_numpy(),
-            "thickness": 1.5,
-            "color": OUTLINE,
-        },
+        error_y=error_bars(table["half"].fillna(0), thickness=1.5, color=OUTLINE),
         mode="markers+text",
         text=[text(name) for name in names],
         textposition=places(menu[first]),
@@ -76,36 +80,18 @@ def scatter(
     )
     plot.update_xaxes(title=surrogate_label(menu[first]))
     plot.update_yaxes(title=f"{label} (%)")
-    plot.update_layout(
-        updatemenus=[
+    changes = [
+        (
+            {"x": [table[name].to_list()], "textposition": [places(name)]},
             {
-                "x": 0,
-                "xanchor": "left",
-                "y": 1.02,
-                "yanchor": "bottom",
-                "active": first,
-                "showactive": True,
-                "buttons": [
-                    {
-                        "label": surrogate_name(name),
-                        "method": "update",
-                        "args": [
-                            {
-                                "x": [table[name].to_list()],
-                                "textposition": [places(name)],
-                            },
-                            {
-                                "title.text": broken(head),
-                                "xaxis.title.text": surrogate_label(name),
-                                "xaxis.autorange": True,
-                            },
-                        ],
-                    }
-                    for name, head in zip(menu, heads, strict=True)
-                ],
-            }
-        ],
-    )
+                "title.text": broken(head),
+                "xaxis.title.text": surrogate_label(name),
+                "xaxis.autorange": True,
+            },
+        )
+        for name, head in zip(menu, heads, strict=True)
+    ]
+    add_menu(plot, [surrogate_name(name) for name in menu], changes, first, y=1.02)
     return plot
 
 

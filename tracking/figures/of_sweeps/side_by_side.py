@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
-from tracking.figures.kit.style import colour, figure, legend_below, symbol, text
+from tracking.figures.kit.style import colour, error_bars, figure, legend_below, symbol, text
 
 MOST_ROWS = 20
 
@@ -33,11 +33,7 @@ def side_by_side(
         plot.add_scatter(
             x=own["mean"].to_numpy(),
             y=place,
-            error_x={
-                "type": "data",
-                "array": (own["high"] - own["mean"]).fillna(0).to_numpy(),
-                "thickness": 1.5,
-            },
+            error_x=error_bars((own["high"] - own["mean"]).fillna(0), thickness=1.5),
             mode="markers",
             marker={"size": 9, "color": colour(i), "symbol": symbol(i)},
             name=text(name),

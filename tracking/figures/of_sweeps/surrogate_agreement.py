@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
 from tracking.figures.kit.style import figure
+from tracking.figures.of_sweeps.heat_map import add_coefficients
 from tracking.labels import in_order, surrogate_name
 from tracking.numbers import signed
 
@@ -28,21 +28,5 @@ def surrogate_agreement(surrogates: pd.DataFrame, title: str) -> go.Figure | Non
     rho = own.corr("spearman")
     names = [surrogate_name(str(name)) for name in rho.columns]
     plot = figure(title, height=132 + 30 * len(rho), margin={"l": 120, "r": 8, "t": 48, "b": 84})
-    plot.add_heatmap(
-        z=rho.to_numpy(),
-        x=names,
-        y=names,
-        zmin=-1,
-        zmax=1,
-        colorscale=[[0, "#56B4E9"], [0.5, "#f7f7f7"], [1, "#E69F00"]],
-        text=np.where(rho.isna(), "", rho.map(signed)),
-        texttemplate="%{text}",
-        textfont={"color": "#1d2126"},
-        hovertemplate="%{y}, %{x}<br>ρ = %{z:+.3f}<extra></extra>",
-        showscale=False,
-        xgap=2,
-        ygap=2,
-    )
-    plot.update_yaxes(autorange="reversed", showgrid=False, ticks="")
-    plot.update_xaxes(showgrid=False, ticks="", tickangle=-45)
+    add_coefficients(plot, rho, names, names, rho.map(signed))
     return plot

@@ -20,13 +20,21 @@ from tracking.findings.promotion import is_full
 from tracking.findings.summary import seed_means
 from tracking.findings.surrogate_accuracy import rank_agreement
 from tracking.kitti_iou import headline_iou, judged
-from tracking.labels import in_order, metric_label, metric_name, surrogate_label, surrogate_name
-from tracking.numbers import digits, number, signed
+from tracking.labels import in_order, metric_label, metric_name, surrogate_name
+from tracking.numbers import digits, signed
 from tracking.pages.csv_files import FOLDER, write_csv_files
 from tracking.pages.markdown import escaped, write_markdown
 from tracking.pages.page import write_page
 from tracking.pages.section import Section
-from tracking.pages.tables import MOST_ROWS, Table, slug
+from tracking.pages.tables import (
+    METRIC,
+    MOST_ROWS,
+    SURROGATE,
+    Table,
+    numbers,
+    slug,
+    words,
+)
 from tracking.report.cautions import cautions
 from tracking.report.comparison.pooled import pooled_table
 from tracking.report.comparison.variants import (
@@ -37,6 +45,7 @@ from tracking.report.comparison.variants import (
     variants,
 )
 from tracking.report.headline import class_label
+from tracking.report.sections.surrogates_beside import surrogates_beside
 from tracking.run_folders.sweep import RunFolder
 
 _NOTHING_SHARED = (
@@ -222,27 +231,10 @@ def _surrogates(found: Sequence[Variant], same: list[str]) -> Section:
                 columns[variant.title] = table
         tables = columns.values()
         shown = in_order(s for s in HEADLINE_SURROGATES if sum(s in t for t in tables) > 1)
-        rows, data = [], []
-        for surrogate in shown:
-            for placement in same:
-                values = [
-                    float(table[surrogate][placement]) if surrogate in table else np.nan
-                    for table in columns.values()
-                ]
-                rows.append((surrogate_label(surrogate), placement, *map(number, values)))
-                data.append((surrogate, placement, *values))
-        if rows and _sweeps(found, columns) > 1:
+        if shown and _sweeps(found, columns) > 1:
             heading = "Sum of the classes" if name == "all" else name
-            head = ("surrogate", "placement", *columns)
-            listed = Table(
-                heading,
-                head,
-                tuple(rows),
-                words=frozenset({0, 1}),
-                name=slug("surrogates", heading),
-                data=pd.DataFrame(data, columns=head),
-            )
-            section.tables.append(listed.first(MOST_ROWS))
+            slugged = slug("surrogates", heading)
+            section.tables.append(surrogates_beside(columns, shown, same, heading, slugged))
     return section
 
 
@@ -273,19 +265,21 @@ def _ranks(found: Sequence[Variant], same: list[str]) -> Section:
                 if not np.isnan(rho):
                     titles = (found[i].title, found[j].title)
                     rows.append((name, what, *titles, len(common), rho, tau))
-    columns = ["class", "what", "one", "other", "n", "spearman", "kendall"]
-    data = pd.DataFrame(rows, columns=columns)
-    cells = tuple(
-        (name, what, one, other, str(n), signed(rho), signed(tau))
-        for name, what, one, other, n, rho, tau in rows
-    )
-    if cells:
-        head = ("class", "", "one", "other", "n", "Spearman ρ", "Kendall τ")
-        table = Table(
+    data = pd.DataFrame(rows, columns=["class", "what", "one", "other", "n", "spearman", "kendall"])
+    columns = [
+        words("class"),
+        words("", "what"),
+        words("one"),
+        words("other"),
+        numbers("n", "n", ""),
+        numbers("Spearman ρ", "spearman", signed),
+        numbers("Kendall τ", "kendall", signed),
+    ]
+    if rows:
+        table = Table.of(
             "Rank agreement between sweeps",
-            head,
-            cells,
-            words=frozenset(range(4)),
+            data,
+            columns,
             wide=True,
             name="rank-agreement",
             data=data,
@@ -300,19 +294,7 @@ def _coefficients(runs: Sequence[RunFolder], names: Sequence[str]) -> Section:
         "Spearman's ρ of the surrogates with 3D AP, and with recall of all, over all placements of "
         "each sweep. A star: p below 0.05 after Holm's correction within the sweep."
     )
-    tests = []
-    for run, name in zip(runs, names, strict=True):
-        own = correlate(run.results, run.surrogates, run.axes)
-        headline = [
-            row["iou"] == headline_iou(run.results, row["class"])
-            and row["metric"] == headline_metric(row["class"])
-            for row in own.to_dict("records")
-        ]
-        settings = [
-            ", ".join([str(row["detector"]), *(f"{a} = {row[a]}" for a in run.axes)])
-            for row in own.to_dict("records")
-        ]
-        tests.append(own.assign(sweep=name, setting=settings)[headline])
+    tests = (_headline_tests(run).assign(sweep=n) for run, n in zip(runs, names, strict=True))
     known = [own for own in tests if len(own)]
     if not known:
         section.notes = ["No sweep has a coefficient."]
@@ -336,33 +318,42 @@ def _coefficients(runs: Sequence[RunFolder], names: Sequence[str]) -> Section:
             "the pooled coefficient has neither a p-value nor an interval."
         )
         section.tables.append(pooled)
+    section.tables.append(_coefficient_table(table, shown).first(2 * MOST_ROWS))
+    return section
+
+
+def _headline_tests(run: RunFolder) -> pd.DataFrame:
+    """Rows of `correlate` for the headline metrics, with `setting`: detector and axes."""
+    own = correlate(run.results, run.surrogates, run.axes)
+    records = own.to_dict("records")
+    headline = [
+        row["iou"] == headline_iou(run.results, row["class"])
+        and row["metric"] == headline_metric(row["class"])
+        for row in records
+    ]
+    settings = [
+        ", ".join([str(row["detector"]), *(f"{a} = {row[a]}" for a in run.axes)]) for row in records
+    ]
+    return own.assign(setting=settings)[headline]
+
+
+def _coefficient_table(table: pd.DataFrame, shown: pd.DataFrame) -> Table:
+    """`shown` to be read; its file has all of `table`."""
     keep = ["sweep", "setting", "class", "metric", "iou", "surrogate", "n", "seeds"]
     kinds = ("pearson", "spearman", "kendall")
     keep += [f"{kind}{end}" for kind in kinds for end in ("", "_low", "_high", "_p", "_holm")]
-    rows = tuple(
-        (
-            *(str(row[key]) for key in ("sweep", "setting", "class")),
-            metric_label(row["metric"], row["iou"]),
-            surrogate_name(row["surrogate"]),
-            str(row["n"]),
-            signed(row["spearman"]),
-            digits(row["spearman_p"], ".2g"),
-        )
-        for row in shown.to_dict("records")
-    )
-    head = ("sweep", "detector", "class", "metric", "surrogate", "n", "Spearman ρ", "p")
-    section.tables.append(
-        Table(
-            "Coefficients by sweep",
-            head,
-            rows,
-            words=frozenset(range(5)),
-            wide=True,
-            name="coefficients",
-            data=table[keep],
-        ).first(2 * MOST_ROWS)
-    )
-    return section
+    columns = [
+        words("sweep"),
+        words("detector", "setting"),
+        words("class"),
+        METRIC,
+        SURROGATE,
+        numbers("n", "n", ""),
+        numbers("Spearman ρ", "spearman", signed),
+        numbers("p", "spearman_p", ".2g"),
+    ]
+    caption = "Coefficients by sweep"
+    return Table.of(caption, shown, columns, wide=True, name="coefficients", data=table[keep])
 
 
 def _plain(caption: str, data: pd.DataFrame, words: set[int], name: str) -> Table:

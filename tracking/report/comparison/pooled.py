@@ -13,9 +13,9 @@ from tracking.findings.groups import groups
 from tracking.findings.paired import with_sums
 from tracking.findings.summary import seed_means, surrogates_of
 from tracking.kitti_iou import judged
-from tracking.labels import metric_label, surrogate_name
+from tracking.labels import metric_label
 from tracking.numbers import signed
-from tracking.pages.tables import Table
+from tracking.pages.tables import SURROGATE, Column, Table, numbers, words
 from tracking.run_folders.sweep import RunFolder
 
 LEAST = 3
@@ -40,20 +40,17 @@ def pooled_table(runs: Sequence[RunFolder]) -> Table | None:
         return None
     columns = [*keys, "sweeps", "groups", "values", "pooled_spearman"]
     data = pd.DataFrame(rows, columns=columns)
-    return Table(
-        "Pooled over sweeps, the level of each removed",
-        ("class", "metric", "surrogate", "sweeps", "groups", "values", "ρ within sweeps"),
-        tuple(
-            (
-                *(name, metric_label(metric, 0).rsplit(" @", 1)[0], surrogate_name(surrogate)),
-                *(str(sweeps), str(count), str(n), signed(rho)),
-            )
-            for name, metric, surrogate, sweeps, count, n, rho in data.itertuples(index=False)
-        ),
-        words=frozenset(range(3)),
-        name="pooled",
-        data=data,
-    )
+    shown = [
+        words("class"),
+        Column("metric", lambda row: metric_label(row["metric"], 0).rsplit(" @", 1)[0], words=True),
+        SURROGATE,
+        numbers("sweeps", "sweeps", ""),
+        numbers("groups", "groups", ""),
+        numbers("values", "values", ""),
+        numbers("ρ within sweeps", "pooled_spearman", signed),
+    ]
+    caption = "Pooled over sweeps, the level of each removed"
+    return Table.of(caption, data, shown, name="pooled", data=data)
 
 
 def _pairs(run: RunFolder, sweep: int) -> pd.DataFrame:

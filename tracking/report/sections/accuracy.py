@@ -7,10 +7,9 @@ import pandas as pd
 from tracking.figures.of_sweeps.accuracy import accuracy_figure
 from tracking.findings.groups import by_setting, studied
 from tracking.findings.surrogate_accuracy import relative_errors, summarise
-from tracking.labels import surrogate_name
 from tracking.numbers import digits, signed
 from tracking.pages.section import Section
-from tracking.pages.tables import Table, slug
+from tracking.pages.tables import SURROGATE, Column, Table, numbers, slug
 from tracking.run_folders.sweep import RunFolder
 
 
@@ -39,32 +38,31 @@ def accuracy_section(run: RunFolder) -> Section:
 
 def accuracy_table(summary: pd.DataFrame, title: str) -> Table:
     """`tracking.findings.surrogate_accuracy.summarise` of one class as text."""
-    head = (
-        *("surrogate", "method", "resolution (m)", "azimuth steps", "frames", "error (%)"),
-        *("worst (%)", "same resolution (%)", "Spearman ρ", "Kendall τ", "seconds", "POG seconds"),
-    )
-    rows = []
-    for row in summary.to_dict("records"):
-        errors = (row["median_error"], row["worst_error"], row["median_method_error"])
-        ranks = (row["spearman"], row["kendall"])
-        rows.append(
-            (
-                surrogate_name(str(row["surrogate"])),
-                str(row["method"]) + (" (reference)" if row["reference"] else ""),
-                f"{row['resolution']:g}",
-                f"{row['azimuth_steps']:,}" if row["azimuth_steps"] else "all",
-                f"{row['frames']:,}",
-                *(digits(100 * e, ".3g") for e in errors),
-                *map(signed, ranks),
-                *(f"{row[key]:.3g}" for key in ("seconds", "pog_seconds")),
-            )
-        )
-    caption = f"Rank agreement with the reference and errors · {title}"
-    return Table(
-        caption,
-        head,
-        tuple(rows),
-        words=frozenset({0, 1}),
+    columns = [
+        SURROGATE,
+        Column(
+            "method",
+            lambda row: str(row["method"]) + (" (reference)" if row["reference"] else ""),
+            words=True,
+        ),
+        numbers("resolution (m)", "resolution", "g"),
+        Column(
+            "azimuth steps",
+            lambda row: f"{row['azimuth_steps']:,}" if row["azimuth_steps"] else "all",
+        ),
+        numbers("frames", "frames", ","),
+        numbers("error (%)", "median_error", _percent),
+        numbers("worst (%)", "worst_error", _percent),
+        numbers("same resolution (%)", "median_method_error", _percent),
+        numbers("Spearman ρ", "spearman", signed),
+        numbers("Kendall τ", "kendall", signed),
+        numbers("seconds", "seconds", ".3g"),
+        numbers("POG seconds", "pog_seconds", ".3g"),
+    ]
+    return Table.of(
+        f"Rank agreement with the reference and errors · {title}",
+        summary,
+        columns,
         wide=True,
         name=slug("surrogate accuracy", title),
         data=summary.rename(
@@ -75,3 +73,7 @@ def accuracy_table(summary: pd.DataFrame, title: str) -> Table:
             }
         ),
     )
+
+
+def _percent(error: float) -> str:
+    return digits(100 * error, ".3g")

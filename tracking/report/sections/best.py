@@ -14,9 +14,9 @@ from tracking.findings.best_placement import BestPlacement
 from tracking.findings.groups import Group
 from tracking.kitti_iou import headline_iou, judged
 from tracking.labels import metric_label
-from tracking.numbers import digits, percent, plus_minus, span
+from tracking.numbers import percent, plus_minus, span
 from tracking.pages.section import Section
-from tracking.pages.tables import MOST_ROWS, Table, slug
+from tracking.pages.tables import MOST_ROWS, Column, Table, numbers, slug, words
 from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
 
@@ -87,28 +87,27 @@ def _table(table: pd.DataFrame, best: BestPlacement, metric: str, label: str) ->
     leads = leads.rename(columns={"low": "low_of_lead", "high": "high_of_lead"})
     joined = table[["mean", "sd", "sample_sd", "low", "high", "half", "seeds"]].join(leads)
     joined["sure"] = best.sure
-    rows = tuple(
-        (
-            str(name),
-            plus_minus(row["mean"], row["sd"]),
-            digits(row["sample_sd"], ".1f"),
-            span(row["low"], row["high"], "z.1f"),
-            f"{row['seeds']:.0f}",
-            digits(row["lead"], "z.1f"),
-            span(row["low_of_lead"], row["high_of_lead"], "z.1f"),
-            digits(row["p"], ".2g"),
-            _share(row["sure"]),
-        )
-        for name, row in joined.iterrows()
-    )
-    head = (
-        *("placement", f"{metric} (%)", "sd by test objects", "95 %", "seeds"),
-        "below the best (points)",
-        *("95 %, all pairs at once", "p, adjusted", "likely to be the best"),
-    )
+    columns = [
+        words("placement"),
+        Column(f"{metric} (%)", lambda row: plus_minus(row["mean"], row["sd"])),
+        numbers("sd by test objects", "sample_sd", ".1f"),
+        Column("95 %", lambda row: span(row["low"], row["high"], "z.1f")),
+        numbers("seeds", "seeds", ".0f"),
+        numbers("below the best (points)", "lead", "z.1f"),
+        Column(
+            "95 %, all pairs at once",
+            lambda row: span(row["low_of_lead"], row["high_of_lead"], "z.1f"),
+        ),
+        numbers("p, adjusted", "p", ".2g"),
+        numbers("likely to be the best", "sure", _share),
+    ]
     names = {"p": "p_adjusted", "sure": "probability_best", "sample_sd": "sd_by_test_objects"}
     names["half"] = "half_interval_compared"
-    data = joined.rename(columns=names).reset_index()
-    return Table(
-        f"{metric} · {label}", head, rows, name=slug("best", metric, label), data=data
+    joined = joined.reset_index()
+    return Table.of(
+        f"{metric} · {label}",
+        joined,
+        columns,
+        name=slug("best", metric, label),
+        data=joined.rename(columns=names),
     ).first(MOST_ROWS)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,10 +15,9 @@ from tracking.findings.groups import Group, has_detectors
 from tracking.findings.paired import group_columns, with_sums
 from tracking.findings.summary import surrogates_of
 from tracking.kitti_iou import judged
-from tracking.labels import metric_label, surrogate_name
-from tracking.numbers import digits, interval, signed
+from tracking.numbers import interval, signed
 from tracking.pages.section import Section
-from tracking.pages.tables import Table
+from tracking.pages.tables import METRIC, SURROGATE, Column, Table, numbers, words
 from tracking.report.headline import class_label
 from tracking.report.sections.fitted_q import fitted_q_table
 from tracking.run_folders.sweep import RunFolder
@@ -87,34 +88,33 @@ def correlation_section(
 
 def correlation_table(correlations: pd.DataFrame, axes: Sequence[str]) -> Table:
     """Every coefficient with interval and p-value."""
-    head = (
-        *("class", "detector", *(axis.rsplit(".", 1)[-1] for axis in axes), "metric", "surrogate"),
-        *("n", "seeds", "Pearson r", "p", "Spearman ρ", "p", "p, Holm", "Kendall τ", "p", "note"),
-    )
-    rows = []
-    for row in correlations.to_dict("records"):
-        estimates = []
-        for name in ("pearson", "spearman", "kendall"):
-            value, low, high = (row[f"{name}{suffix}"] for suffix in ("", "_low", "_high"))
-            known = not np.isnan(value)
-            estimates.append(f"{signed(value)} {interval(low, high)}" if known else "–")
-            shown = ("p", "holm") if name == "spearman" else ("p",)
-            estimates += [digits(row[f"{name}_{key}"], ".2g") for key in shown]
-        rows.append(
-            (
-                *(str(row[key]) for key in ("class", "detector", *axes)),
-                metric_label(row["metric"], row["iou"]),
-                surrogate_name(row["surrogate"]),
-                *(str(row["n"]), str(row["seeds"]), *estimates, row["note"]),
-            )
-        )
-    words = frozenset({*range(4 + len(axes)), len(head) - 1})
-    return Table(
+    columns = [
+        words("class"),
+        words("detector"),
+        *(words(axis.rsplit(".", 1)[-1], axis) for axis in axes),
+        METRIC,
+        SURROGATE,
+        numbers("n", "n", ""),
+        numbers("seeds", "seeds", ""),
+        Column("Pearson r", partial(_with_interval, "pearson")),
+        numbers("p", "pearson_p", ".2g"),
+        Column("Spearman ρ", partial(_with_interval, "spearman")),
+        numbers("p", "spearman_p", ".2g"),
+        numbers("p, Holm", "spearman_holm", ".2g"),
+        Column("Kendall τ", partial(_with_interval, "kendall")),
+        numbers("p", "kendall_p", ".2g"),
+        words("note"),
+    ]
+    return Table.of(
         "All coefficients, 95 % intervals in brackets",
-        head,
-        tuple(rows),
-        words=words,
+        correlations,
+        columns,
         wide=True,
         name="coefficients",
         data=correlations,
     )
+
+
+def _with_interval(kind: str, row: Mapping[Any, Any]) -> str:
+    value, low, high = (row[f"{kind}{suffix}"] for suffix in ("", "_low", "_high"))
+    return "–" if np.isnan(value) else f"{signed(value)} {interval(low, high)}"

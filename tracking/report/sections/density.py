@@ -14,12 +14,13 @@ from tracking.findings.groups import Group
 from tracking.findings.paired import with_sums
 from tracking.findings.summary import surrogates_of
 from tracking.kitti_iou import headline_iou, judged
-from tracking.labels import in_order, metric_label, surrogate_label
-from tracking.numbers import number, plus_minus, points
+from tracking.labels import metric_label
+from tracking.numbers import plus_minus, points
 from tracking.pages.section import Section
 from tracking.pages.tables import MOST_ROWS, Table, slug
 from tracking.report.headline import class_label
 from tracking.report.sections.published_surrogates import published_density_table
+from tracking.report.sections.surrogates_beside import surrogates_beside
 from tracking.run_folders.sweep import RunFolder
 
 DENSITY = "scene.density"
@@ -58,7 +59,9 @@ def density_section(run: RunFolder, found: list[Group], means: pd.DataFrame) -> 
                 section.tables.append(_metric_table(together, densities, f"{title} · {label} (%)"))
         if DENSITY in surrogates.columns:
             values = {
-                density: surrogates_of(surrogates, _at(alike[0], density).setting, name)
+                f"density {density}": surrogates_of(
+                    surrogates, _at(alike[0], density).setting, name
+                )
                 for density in densities
             }
             section.tables += _surrogate_tables(values, order, heading)
@@ -118,33 +121,12 @@ def _metric_table(means: pd.DataFrame, densities: list[object], caption: str) ->
 
 
 def _surrogate_tables(
-    values: dict[object, pd.DataFrame], placements: Sequence[str], heading: str
+    values: dict[str, pd.DataFrame], placements: Sequence[str], heading: str
 ) -> list[Table]:
-    """A row a surrogate and placement, a column a density.
-
-    Args:
-        values: by density, placements as rows, surrogates as columns.
-        placements: of the sweep, in order.
-        heading: of the class.
-    """
+    """`surrogates_beside` of those of `SHOWN` that every density has."""
     shown = [p for p in placements if any(p in table.index for table in values.values())]
     known = [s for s in SHOWN if all(s in table.columns for table in values.values())]
     if not known:
         return []
-    rows, data = [], []
-    for surrogate in in_order(known):
-        for placement in shown:
-            cells = [table[surrogate].get(placement, float("nan")) for table in values.values()]
-            rows.append((surrogate_label(surrogate), placement, *map(number, cells)))
-            data.append((surrogate, placement, *cells))
-    head = ("surrogate", "placement", *(f"density {density}" for density in values))
-    columns = ["surrogate", "placement", *(f"density {density} (nats)" for density in values)]
-    table = Table(
-        f"{heading} · surrogates by density",
-        head,
-        tuple(rows),
-        words=frozenset({0, 1}),
-        name=slug("density surrogates", heading),
-        data=pd.DataFrame(data, columns=columns),
-    )
-    return [table.first(MOST_ROWS)]
+    caption, name = f"{heading} · surrogates by density", slug("density surrogates", heading)
+    return [surrogates_beside(values, known, shown, caption, name, unit=" (nats)")]

@@ -14,9 +14,9 @@ from tracking.findings.groups import Group
 from tracking.findings.sensitivity import sensitivity
 from tracking.kitti_iou import headline_iou, judged
 from tracking.labels import metric_label, setting_label
-from tracking.numbers import digits, plus_minus
+from tracking.numbers import plus_minus
 from tracking.pages.section import Section
-from tracking.pages.tables import Table, slug
+from tracking.pages.tables import METRIC, Column, Table, numbers, slug, words
 from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
 
@@ -37,9 +37,8 @@ def detectors_section(run: RunFolder, found: list[Group], means: pd.DataFrame) -
     )
     spreads = sensitivity(means, run.axes)
     for name in (*run.classes, "all"):
-        own = spreads[
-            (spreads["class"] == name) & (spreads["iou"] == headline_iou(run.results, name))
-        ]
+        own = spreads[spreads["class"] == name]
+        own = own[own["iou"] == headline_iou(run.results, name)]
         section.notes += _most_sensitive(name, own, run.axes)
         plot = sensitivity_figure(own, run.axes, class_label(name))
         section.figures += [] if plot is None else [plot]
@@ -129,29 +128,27 @@ def _at_equal_settings(name: str, own: pd.DataFrame, axes: Sequence[str]) -> lis
 
 
 def _sensitivity_table(spreads: pd.DataFrame, run: RunFolder) -> Table:
-    axes = [axis.rsplit(".", 1)[-1] for axis in run.axes]
-    head = (
-        *("class", "detector", *axes, "metric", "n", "best", "worst", "mean (%)"),
-        *("spread (points)", "by seeds alone (points)", "spread / mean"),
-    )
-    rows = tuple(
-        (
-            *(str(row[key]) for key in ("class", "detector", *run.axes)),
-            metric_label(row["metric"], row["iou"]),
-            *(str(row[key]) for key in ("n", "best", "worst")),
-            *(f"{row[key]:.1f}" for key in ("mean", "spread")),
-            digits(row["by_chance"], ".1f"),
-            "–" if np.isnan(row["relative"]) else f"{100 * row['relative']:.0f} %",
-        )
-        for row in spreads.to_dict("records")
-    )
-    words = frozenset({*range(3 + len(axes)), 4 + len(axes), 5 + len(axes)})
+    columns = [
+        words("class"),
+        words("detector"),
+        *(words(axis.rsplit(".", 1)[-1], axis) for axis in run.axes),
+        METRIC,
+        numbers("n", "n", ""),
+        words("best"),
+        words("worst"),
+        numbers("mean (%)", "mean", ".1f"),
+        numbers("spread (points)", "spread", ".1f"),
+        numbers("by seeds alone (points)", "by_chance", ".1f"),
+        Column(
+            "spread / mean",
+            lambda row: "–" if np.isnan(row["relative"]) else f"{100 * row['relative']:.0f} %",
+        ),
+    ]
     units = {"mean": "mean (%)", "spread": "spread (points)", "by_chance": "by_chance (points)"}
-    return Table(
+    return Table.of(
         "Sensitivity to the placement",
-        head,
-        rows,
-        words=words,
+        spreads,
+        columns,
         wide=True,
         name="sensitivity",
         data=spreads.rename(columns=units),

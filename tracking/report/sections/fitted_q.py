@@ -10,7 +10,7 @@ from tracking.findings.fitted_q import LEAST_PLACEMENTS, fit_detection_probabili
 from tracking.findings.groups import Group
 from tracking.findings.summary import surrogates_of
 from tracking.kitti_iou import judged
-from tracking.pages.tables import Table
+from tracking.pages.tables import Column, Table, numbers, words
 from tracking.run_folders.sweep import RunFolder
 
 
@@ -23,7 +23,7 @@ def fitted_q_table(
         by_q: `expected_ig_by_q.parquet`: placement, axes, class, q, expected_ig.
         means: `tracking.findings.summary.seed_means`.
     """
-    rows, data = [], []
+    rows = []
     for group in found:
         for name in run.classes:
             own = judged(group.of(means), run.results, name)
@@ -35,18 +35,8 @@ def fitted_q_table(
             fitted = fit_detection_probability(gains.loc[common], measured.loc[common])
             left_out = fitted.placements["q"]
             rows.append(
-                (
-                    name,
-                    group.title,
-                    f"{fitted.q:.2g}",
-                    f"{left_out.min():.2g} to {left_out.max():.2g}",
-                    f"{fitted.rmse:.2f}",
-                    f"{fitted.rmse_of_mean:.2f}",
-                    "better" if fitted.rmse < fitted.rmse_of_mean else "not better",
-                )
-            )
-            data.append(
                 {
+                    "title": group.title,
                     "class": name,
                     "detector": group.detector,
                     **group.setting,
@@ -59,23 +49,28 @@ def fitted_q_table(
             )
     if not rows:
         return None
-    head = (
-        "class",
-        "detector",
-        "q",
-        "q, one left out",
-        "RMSE",
-        "RMSE of the mean",
-        "than the mean",
-    )
-    caption = (
-        "q of expected IG fitted to 3D AP; each placement predicted from the others, errors in AP"
-    )
-    return Table(
-        caption,
-        head,
-        tuple(rows),
-        words=frozenset({0, 1, 6}),
+    table = pd.DataFrame(rows)
+    rmse, of_mean = "rmse (points)", "rmse_of_mean (points)"
+    columns = [
+        words("class"),
+        words("detector", "title"),
+        numbers("q", "q", ".2g"),
+        Column(
+            "q, one left out",
+            lambda row: f"{row['q_one_left_out_min']:.2g} to {row['q_one_left_out_max']:.2g}",
+        ),
+        numbers("RMSE", rmse, ".2f"),
+        numbers("RMSE of the mean", of_mean, ".2f"),
+        Column(
+            "than the mean",
+            lambda row: "better" if row[rmse] < row[of_mean] else "not better",
+            words=True,
+        ),
+    ]
+    return Table.of(
+        "q of expected IG fitted to 3D AP; each placement predicted from the others, errors in AP",
+        table,
+        columns,
         name="fitted-q",
-        data=pd.DataFrame(data),
+        data=table.drop(columns="title"),
     )

@@ -7,7 +7,7 @@ import pandas as pd
 from tracking.findings.groups import by_setting, has_detectors
 from tracking.findings.individuals import MOST_FREQUENT, count_individuals
 from tracking.pages.section import Section
-from tracking.pages.tables import Table, slug
+from tracking.pages.tables import Column, Table, numbers, slug, words
 from tracking.run_folders.sweep import RunFolder
 
 
@@ -33,25 +33,24 @@ def individuals_section(run: RunFolder) -> Section | None:
 def individuals_table(individuals: pd.DataFrame, title: str) -> Table:
     """`count_individuals` as text."""
     counts = count_individuals(individuals)
-    rows = tuple(
-        (
-            {"train": "training"}.get(str(row["split"]), str(row["split"])),
-            str(row["class"]),
-            f"{row['routes']:,}",
-            f"{row['boxes']:,}",
-            f"{row['individuals']:,}",
-            f"{100 * row['share_of_ten']:.0f} %",
-        )
-        for row in counts.to_dict("records")
-    )
-    return Table(
-        "Objects that count" + (f" · {title}" if title else ""),
-        (
-            *("frames", "class", "routes with any", "boxes", "individuals"),
+    columns = [
+        Column("frames", lambda row: _SPLITS.get(row["split"], str(row["split"])), words=True),
+        words("class"),
+        numbers("routes with any", "routes", ","),
+        numbers("boxes", "boxes", ","),
+        numbers("individuals", "individuals", ","),
+        Column(
             f"boxes of the {MOST_FREQUENT} most frequent",
+            lambda row: f"{100 * row['share_of_ten']:.0f} %",
         ),
-        rows,
-        words=frozenset({0, 1}),
+    ]
+    return Table.of(
+        "Objects that count" + (f" · {title}" if title else ""),
+        counts,
+        columns,
         name=slug("individuals", title),
         data=counts,
     )
+
+
+_SPLITS = {"train": "training"}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,9 +19,9 @@ from tracking.findings.best_surrogate import SIGNIFICANT, Predictors
 from tracking.findings.groups import has_detectors
 from tracking.kitti_iou import headline_iou
 from tracking.labels import metric_label, setting_label, surrogate_name
-from tracking.numbers import digits, interval, signed, span
+from tracking.numbers import interval, signed, span
 from tracking.pages.section import Section
-from tracking.pages.tables import Table
+from tracking.pages.tables import METRIC, SURROGATE, Column, Table, numbers, words
 from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
 from tracking.statistics.permutation import smallest_p
@@ -190,54 +191,57 @@ def _power_table(correlations: pd.DataFrame) -> Table:
     reliability = _reliability(known)
     here = known["n"].unique().tolist()
     table = power_table(sorted({*here, 6, 8, 12, 20, 50}), reliability)
-    rows = tuple(
-        (
-            f"{row['n']:,.0f}",
-            *("none" if np.isnan(row[k]) else f"{row[k]:.2f}" for k in ("pearson", "spearman")),
-        )
-        for row in table.to_dict("records")
-    )
+    heads = {"pearson": "Pearson |r|", "spearman": "Spearman |ρ|"}
+    columns = [
+        numbers("placements", "n", ",.0f"),
+        *(Column(head, partial(_detectable, key)) for key, head in heads.items()),
+    ]
     caption = (
         "Smallest correlation that a test finds with a probability of 80 %, metrics as reliable as "
         f"here ({reliability:.2f})"
     )
-    head = ("placements", "Pearson |r|", "Spearman |ρ|")
-    return Table(caption, head, rows, words=frozenset(), name="power", data=table)
+    return Table.of(caption, table, columns, name="power", data=table)
+
+
+def _detectable(key: str, row: Mapping[Any, Any]) -> str:
+    return "none" if np.isnan(row[key]) else f"{row[key]:.2f}"
 
 
 def _ranking_table(run: RunFolder, found: Sequence[Predictors], errors: pd.DataFrame) -> Table:
-    head = (
-        *("class", "detector", "metric", "surrogate", "ρ", "p", "p, Holm", "ρ, one left out"),
-        *("|ρ| behind the first", "left-out error (points)", "of the mean (points)"),
-    )
     ranges = errors[[*found[0].group, "surrogate", "spearman_min", "spearman_max"]]
     table = pd.concat([_with_group(one) for one in found]).merge(ranges, how="left")
-    ends = np.cumsum([len(one.ranking) for one in found]).tolist()
-    rows = []
-    for one, start, end in zip(found, [0, *ends], ends, strict=False):
-        own = table.iloc[start:end] if _is_headline(run, one) else table.iloc[:0]
-        for row in own[own["same_as"] == ""].to_dict("records"):
-            bounds = interval(row["behind_low"], row["behind_high"])
-            axes = setting_label(run.axes, [one.group[axis] for axis in run.axes])
-            rows.append(
-                (
-                    str(one.group["class"]),
-                    ", ".join(part for part in (str(one.group["detector"]), axes) if part),
-                    metric_label(str(one.group["metric"]), float(str(one.group["iou"]))),
-                    surrogate_name(row["surrogate"]),
-                    signed(row["spearman"]),
-                    *(f"{row[key]:.2g}" for key in ("p", "holm")),
-                    span(row["spearman_min"], row["spearman_max"], "+z.2f"),
-                    "–" if np.isnan(row["behind_low"]) else f"{row['behind']:.2f} {bounds}",
-                    *(digits(row[key], ".2f") for key in ("rmse", "rmse_of_mean")),
-                )
-            )
+    headline = np.repeat([_is_headline(run, one) for one in found], [len(o.ranking) for o in found])
+
+    def detector(row: Mapping[Any, Any]) -> str:
+        axes = setting_label(run.axes, [row[axis] for axis in run.axes])
+        return ", ".join(part for part in (str(row["detector"]), axes) if part)
+
+    def left_out(row: Mapping[Any, Any]) -> str:
+        low, high = row["spearman_min"], row["spearman_max"]
+        return span(low, high, "+z.2f")
+
+    def behind(row: Mapping[Any, Any]) -> str:
+        low, high = row["behind_low"], row["behind_high"]
+        return "–" if np.isnan(low) else f"{row['behind']:.2f} {interval(low, high)}"
+
+    columns = [
+        words("class"),
+        Column("detector", detector, words=True),
+        METRIC,
+        SURROGATE,
+        numbers("ρ", "spearman", signed),
+        numbers("p", "p", ".2g"),
+        numbers("p, Holm", "holm", ".2g"),
+        Column("ρ, one left out", left_out),
+        Column("|ρ| behind the first", behind),
+        numbers("left-out error (points)", "rmse", ".2f"),
+        numbers("of the mean (points)", "rmse_of_mean", ".2f"),
+    ]
     points = {key: f"{key} (points)" for key in ("rmse", "rmse_of_mean")}
-    return Table(
+    return Table.of(
         "Surrogates of each class, the strongest first",
-        head,
-        tuple(rows),
-        words=frozenset(range(4)),
+        table[headline & (table["same_as"] == "")],
+        columns,
         wide=True,
         name="predictors",
         data=table.rename(columns=points),

@@ -10,9 +10,9 @@ from tracking.figures.of_sweeps.promotion import error_over_seconds, ranks_by_st
 from tracking.findings.promotion import FULL_TRAINING, Promoted, promoted, stage_ranks
 from tracking.findings.promotion_agreement import agreement
 from tracking.findings.promotion_savings import rung_costs, savings
-from tracking.numbers import digits, number
+from tracking.numbers import digits, number, signed
 from tracking.pages.section import Section
-from tracking.pages.tables import MOST_ROWS, Table, slug
+from tracking.pages.tables import MOST_ROWS, Column, Table, numbers, slug, words
 from tracking.run_folders.sweep import RunFolder
 
 _HOW_TO_READ = (
@@ -86,53 +86,58 @@ def _risked(pairs: pd.DataFrame, ap: pd.Series) -> list[str]:
 
 
 def _rungs(costs: pd.DataFrame, title: str) -> Table:
-    head = ("stage", "placements", "without a value", "kept", "seconds", "seconds a placement")
-    rows = tuple(
-        (
-            _numbered(i, str(row["stage"])),
-            *(f"{row[key]:,}" for key in ("placements", "without_value")),
-            "–" if row["stage"] == FULL_TRAINING else f"{row['kept']:,}",
-            *(_seconds(row[key]) for key in ("seconds", "seconds_each")),
-        )
-        for i, row in enumerate(costs.to_dict("records"), start=1)
+    names = [_numbered(i, str(stage)) for i, stage in enumerate(costs["stage"], start=1)]
+    columns = [
+        words("stage"),
+        numbers("placements", "placements", ","),
+        numbers("without a value", "without_value", ","),
+        Column("kept", lambda row: "–" if row["stage"] == FULL_TRAINING else f"{row['kept']:,}"),
+        numbers("seconds", "seconds", _seconds),
+        numbers("seconds a placement", "seconds_each", _seconds),
+    ]
+    return Table.of(
+        f"Stages{title}",
+        costs.assign(stage=names),
+        columns,
+        name=slug("promotion stages", title),
+        data=costs.rename(columns={k: f"{k} (s)" for k in ("seconds", "seconds_each")}),
     )
-    data = costs.rename(columns={k: f"{k} (s)" for k in ("seconds", "seconds_each")})
-    return Table(f"Stages{title}", head, rows, name=slug("promotion stages", title), data=data)
 
 
 def _agreement(pairs: pd.DataFrame, title: str) -> Table:
-    head = (
-        *("earlier stage", "later stage", "n", "Spearman ρ", "p", "Kendall τ", "p"),
-        *(
-            "best of the later",
-            "its rank earlier",
-            "first of the earlier",
-            "worse than the best by",
+    columns = [
+        Column("earlier stage", lambda row: f"rung {row['rung']}", words=True),
+        Column(
+            "later stage",
+            lambda row: FULL_TRAINING if row["to_full"] else f"rung {row['rung'] + 1}",
+            words=True,
         ),
-    )
-    rows = tuple(
-        (
-            f"rung {row['rung']}",
-            FULL_TRAINING if row["to_full"] else f"rung {row['rung'] + 1}",
-            str(row["n"]),
-            *(
-                digits(row[key], form)
-                for name in ("spearman", "kendall")
-                for key, form in ((name, "+z.2f"), (f"{name}_p", ".2g"))
+        numbers("n", "n", ""),
+        numbers("Spearman ρ", "spearman", signed),
+        numbers("p", "spearman_p", ".2g"),
+        numbers("Kendall τ", "kendall", signed),
+        numbers("p", "kendall_p", ".2g"),
+        words("best of the later", "best"),
+        Column(
+            "its rank earlier", lambda row: f"{row['best_rank']:,} of {row['ranked']:,}", words=True
+        ),
+        Column(
+            "first of the earlier",
+            lambda row: (
+                str(row["first"])
+                + (f" (rank {row['first_rank']:,})" if row["first_rank"] > 1 else "")
             ),
-            str(row["best"]),
-            f"{row['best_rank']:,} of {row['ranked']:,}",
-            str(row["first"]) + (f" (rank {row['first_rank']:,})" if row["first_rank"] > 1 else ""),
-            f"{row['regret']:.2f} AP" if row["to_full"] else number(row["regret"]),
-        )
-        for row in pairs.to_dict("records")
-    )
-    words = frozenset({0, 1, 7, 8, 9})
-    return Table(
+            words=True,
+        ),
+        Column(
+            "worse than the best by",
+            lambda row: f"{row['regret']:.2f} AP" if row["to_full"] else number(row["regret"]),
+        ),
+    ]
+    return Table.of(
         f"Agreement of stages, among placements of both{title}",
-        head,
-        rows,
-        words=words,
+        pairs,
+        columns,
         name=slug("promotion agreement", title),
         data=pairs,
     )
@@ -170,23 +175,22 @@ def _ranking(group: Promoted, title: str) -> Table:
 
 
 def _savings(saved: pd.DataFrame) -> Table:
-    columns = ("surrogates", "short", "full", "spent", "without", "saved")
-    head = (
-        *("group", "placements", "surrogates (s)", "short trainings (s)", "full trainings (s)"),
-        *("spent (s)", "all in full, estimated (s)", "saved (s)", "saved (%)"),
-    )
-    rows = tuple(
-        (
-            str(row["group"]),
-            f"{row['placements']:,}",
-            *(_seconds(row[key]) for key in columns),
-            _seconds(round(100 * row["saved"] / row["without"], 0)),
-        )
-        for row in saved.to_dict("records")
-    )
-    seconds = {key: f"{key} (s)" for key in columns}
-    data = saved.rename(columns=seconds)
-    return Table("What promotion saved", head, rows, name="promotion-saved", data=data)
+    seconds = {
+        "surrogates": "surrogates (s)",
+        "short": "short trainings (s)",
+        "full": "full trainings (s)",
+        "spent": "spent (s)",
+        "without": "all in full, estimated (s)",
+        "saved": "saved (s)",
+    }
+    columns = [
+        words("group"),
+        numbers("placements", "placements", ","),
+        *(numbers(head, key, _seconds) for key, head in seconds.items()),
+        Column("saved (%)", lambda row: _seconds(round(100 * row["saved"] / row["without"], 0))),
+    ]
+    data = saved.rename(columns={key: f"{key} (s)" for key in seconds})
+    return Table.of("What promotion saved", saved, columns, name="promotion-saved", data=data)
 
 
 def _numbered(number: int, name: str) -> str:

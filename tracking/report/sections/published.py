@@ -20,7 +20,7 @@ from tracking.findings.paired import with_sums
 from tracking.labels import metric_label, setting_label
 from tracking.numbers import digits
 from tracking.pages.section import Section
-from tracking.pages.tables import Table
+from tracking.pages.tables import METRIC, Table, numbers, words
 from tracking.published import TABLES, published_detection
 from tracking.report.headline import class_label
 from tracking.report.sections.correlation import correlation_table
@@ -164,31 +164,20 @@ def _setting(row: Mapping, axes: Sequence[str]) -> str:
 
 
 def _beside_table(pairs: pd.DataFrame) -> Table:
-    head = ("class", "metric", "detector", "placement", "published (%)", "own (%)")
-    rows = tuple(
-        (
-            row["class"],
-            metric_label(row["metric"], row["iou"]),
-            row["series"],
-            row["placement"],
-            f"{row['value']:.1f}",
-            f"{row['mean']:.1f}",
-        )
-        for row in pairs.to_dict("records")
-    )
+    shown = [
+        words("class"),
+        METRIC,
+        words("detector", "series"),
+        words("placement"),
+        numbers("published (%)", "value", ".1f"),
+        numbers("own (%)", "mean", ".1f"),
+    ]
     columns = ["class", "metric", "iou", "detector", "series", "placement", "value", "mean"]
     data = pairs[[*columns, "low", "high"]].rename(
         columns={"value": "published (%)", "mean": "own (%)", "low": "own_low (%)"}
         | {"high": "own_high (%)"}
     )
-    return Table(
-        "Published and own",
-        head,
-        rows,
-        words=frozenset(range(4)),
-        name="published-and-own",
-        data=data,
-    )
+    return Table.of("Published and own", pairs, shown, name="published-and-own", data=data)
 
 
 def _published_table(published: pd.DataFrame) -> Table:

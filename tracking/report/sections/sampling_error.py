@@ -11,7 +11,7 @@ from tracking.findings.sampling_error import paired_differences
 from tracking.labels import in_order, surrogate_label, surrogate_unit
 from tracking.numbers import number
 from tracking.pages.section import Section
-from tracking.pages.tables import Table, slug
+from tracking.pages.tables import Table, numbers, slug, words
 from tracking.report.headline import separation_sentences
 from tracking.run_folders.sweep import RunFolder
 
@@ -62,17 +62,18 @@ def sampling_error_section(run: RunFolder, ranked: list[str]) -> Section:
 
 def sampling_error_table(estimates: pd.DataFrame, title: str) -> Table:
     """Estimates of `lidarplace.surrogates.sampling_error` of one class as text."""
-    head = ("surrogate", "placement", "value", "sd", "bias", "95 % low", "95 % high")
+    columns = [
+        words("surrogate", show=surrogate_label),
+        words("placement"),
+        numbers("value", "value", number),
+        numbers("sd", "sd", number),
+        numbers("bias", "bias", number),
+        numbers("95 % low", "low", number),
+        numbers("95 % high", "high", number),
+    ]
     order = in_order(estimates["surrogate"])
-    rows = tuple(
-        (
-            surrogate_label(str(row["surrogate"])),
-            str(row["placement"]),
-            *(number(row[key]) for key in ("value", "sd", "bias", "low", "high")),
-        )
-        for row in sorted(
-            estimates.to_dict("records"), key=lambda row: order.index(row["surrogate"])
-        )
+    rows = estimates.sort_values(
+        "surrogate", key=lambda names: names.map(order.index), kind="stable"
     )
     caption = f"Sampling error · {title}"
     if "blocks" in estimates:
@@ -80,11 +81,10 @@ def sampling_error_table(estimates: pd.DataFrame, title: str) -> Table:
             f" · {estimates['resamples'].iloc[0]} draws of {estimates['blocks'].iloc[0]} blocks"
         )
     units = [surrogate_unit(name) for name in estimates["surrogate"]]
-    return Table(
+    return Table.of(
         caption,
-        head,
         rows,
-        words=frozenset({0, 1}),
+        columns,
         wide=True,
         name=slug("sampling error", title),
         data=estimates.assign(unit=units),

@@ -13,11 +13,11 @@ from tracking.findings.groups import Group
 from tracking.findings.paired import with_sums
 from tracking.findings.summary import surrogates_of
 from tracking.findings.tilt_pairs import TiltPair, tilt_pairs
-from tracking.kitti_iou import headline_iou
+from tracking.kitti_iou import judged
 from tracking.labels import metric_label, surrogate_name
 from tracking.numbers import points
 from tracking.pages.section import Section
-from tracking.pages.tables import Table
+from tracking.pages.tables import METRIC, Column, Table, numbers, words
 from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
 
@@ -51,11 +51,9 @@ def _differences(
     surrogates = with_sums(run.surrogates, run.axes)
     rows = []
     for name in (*run.classes, "all"):
-        iou = headline_iou(run.results, name)
         for metric in RANKING:
             for group in found:
-                own = group.of(means)
-                own = own[(own["class"] == name) & (own["metric"] == metric) & (own["iou"] == iou)]
+                own = judged(group.of(means), run.results, name, metric)
                 own = own[own["seeds"] > 0].set_index("placement")
                 values = surrogates_of(surrogates, group.setting, name)
                 for pair in pairs:
@@ -67,7 +65,7 @@ def _differences(
                                 "class": name,
                                 "detector": group.title,
                                 "metric": metric,
-                                "iou": iou,
+                                "iou": own["iou"].iloc[0],
                                 **_difference(own, pair),
                                 **_changes(values, pair),
                             }
@@ -101,29 +99,27 @@ def _changes(values: pd.DataFrame, pair: TiltPair) -> dict[str, float]:
 
 def _table(differences: pd.DataFrame, found: list[Group]) -> Table:
     known = [name for name in HEADLINE_SURROGATES if name in differences]
-    head = (
-        *("angle", "pair", "class", "detector", "metric", "upright (%)", "tilted (%)"),
-        "difference (points)",
-        *(f"{surrogate_name(name)} (% change)" for name in known),
-    )
-    rows = tuple(
-        (
-            *(str(row[key]) for key in ("angle", "pair", "class", "detector")),
-            metric_label(row["metric"], row["iou"]),
-            *(f"{row[key]:.1f}" for key in ("upright", "tilted")),
-            _with_interval(row["difference"], row["low"], row["high"]),
-            *(points(row[name]) for name in known),
-        )
-        for row in differences.to_dict("records")
-    )
+    columns = [
+        words("angle"),
+        words("pair"),
+        words("class"),
+        words("detector"),
+        METRIC,
+        numbers("upright (%)", "upright", ".1f"),
+        numbers("tilted (%)", "tilted", ".1f"),
+        Column(
+            "difference (points)",
+            lambda row: _with_interval(row["difference"], row["low"], row["high"]),
+        ),
+        *(numbers(f"{surrogate_name(name)} (% change)", name, points) for name in known),
+    ]
     units = {key: f"{key} (%)" for key in ("upright", "tilted")}
     units |= {key: f"{key} (points)" for key in ("difference", "low", "high")}
     units |= {name: f"{name} (% change)" for name in known}
-    return Table(
+    return Table.of(
         "Tilted less upright, 95 % intervals in brackets; S-MIG is negative, so a fall is minus",
-        head,
-        rows,
-        words=frozenset(range(5)),
+        differences,
+        columns,
         wide=True,
         name="roll-and-pitch",
         data=differences.rename(columns=units),

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import pandas as pd
 
@@ -17,7 +18,7 @@ from tracking.findings.training_cost import (
 )
 from tracking.numbers import plus_minus, signed
 from tracking.pages.section import Section
-from tracking.pages.tables import Table, slug
+from tracking.pages.tables import Column, Table, numbers, slug
 from tracking.run_folders.sweep import RunFolder
 
 
@@ -53,23 +54,27 @@ def training_cost_section(run: RunFolder) -> Section | None:
 
 def training_cost_table(summary: pd.DataFrame, axes: Sequence[str], title: str) -> Table:
     """`tracking.findings.training_cost.summarise_cost` of one class and setting as text."""
-    head = (
-        *("detector", *(axis.rsplit(".", 1)[-1].replace("_", " ") for axis in axes), "trials"),
-        *("seconds", "3D AP (%)", "below the longest", "Kendall τ"),
-    )
-    rows = tuple(
-        (
-            str(row["detector"]) + (" (longest)" if row["reference"] else ""),
-            *(f"{row[axis]:g}" for axis in axes),
-            str(row["trials"]),
-            f"{row['seconds']:.3g}",
-            f"{row['ap']:.1f}",
-            "–" if row["reference"] else plus_minus(row["error"], row["error_sd"]),
-            "–" if row["reference"] else signed(row["kendall"]),
-        )
-        for row in summary.to_dict("records")
-    )
+
+    def below(row: Mapping[Any, Any]) -> str:
+        return "–" if row["reference"] else plus_minus(row["error"], row["error_sd"])
+
+    def tau(row: Mapping[Any, Any]) -> str:
+        return "–" if row["reference"] else signed(row["kendall"])
+
+    columns = [
+        Column(
+            "detector",
+            lambda row: str(row["detector"]) + (" (longest)" if row["reference"] else ""),
+            words=True,
+        ),
+        *(numbers(axis.rsplit(".", 1)[-1].replace("_", " "), axis, "g") for axis in axes),
+        numbers("trials", "trials", ""),
+        numbers("seconds", "seconds", ".3g"),
+        numbers("3D AP (%)", "ap", ".1f"),
+        Column("below the longest", below),
+        Column("Kendall τ", tau),
+    ]
     caption = f"Means over placements and seeds, rank agreement of the placements · {title}"
     units = {"seconds": "seconds (s)", "ap": "ap (%)", "error": "error (points)"}
     data = summary.rename(columns=units)
-    return Table(caption, head, rows, name=slug("training cost", title), data=data)
+    return Table.of(caption, summary, columns, name=slug("training cost", title), data=data)

@@ -9,7 +9,7 @@ from tracking.findings.efficiency import WHOLE_SWEEP, stage_efficiency
 from tracking.labels import some
 from tracking.numbers import digits
 from tracking.pages.section import Section
-from tracking.pages.tables import Table
+from tracking.pages.tables import Table, numbers, words
 from tracking.run_folders.sweep import RunFolder
 
 
@@ -80,26 +80,24 @@ def reduced_batches(tasks: pd.DataFrame | None) -> list[str]:
 
 def efficiency_table(efficiency: pd.DataFrame, cores: int) -> Table:
     """`tracking.findings.efficiency.stage_efficiency` as text."""
-    head = (
-        *("stage", "tasks", "task seconds", "wall seconds", "parallel efficiency"),
-        *("overhead a task (ms)", "peak memory (MB)"),
-    )
-    rows = tuple(
-        (
-            str(row["stage"]),
-            f"{row['tasks']:,}",
-            *(f"{row[key]:,.1f}" for key in ("task_seconds", "wall")),
-            digits(row["efficiency"], ".2f"),
-            digits(1000 * row["overhead"], ",.1f"),
-            digits(row["peak_memory"] / 1e6, ",.0f"),
-        )
-        for row in efficiency.to_dict("records")
-    )
+    columns = [
+        words("stage"),
+        numbers("tasks", "tasks", ","),
+        numbers("task seconds", "task_seconds", ",.1f"),
+        numbers("wall seconds", "wall", ",.1f"),
+        numbers("parallel efficiency", "efficiency", ".2f"),
+        numbers("overhead a task (ms)", "overhead", _milliseconds),
+        numbers("peak memory (MB)", "peak_memory", lambda size: digits(size / 1e6, ",.0f")),
+    ]
     units = {"task_seconds": "s", "wall": "s", "overhead": "s", "peak_memory": "bytes"}
-    return Table(
+    return Table.of(
         f"Parallel efficiency on {cores} cores",
-        head,
-        rows,
+        efficiency,
+        columns,
         name="efficiency",
         data=efficiency.rename(columns={key: f"{key} ({unit})" for key, unit in units.items()}),
     )
+
+
+def _milliseconds(seconds: float) -> str:
+    return digits(1000 * seconds, ",.1f")
