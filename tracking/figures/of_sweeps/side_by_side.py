@@ -8,7 +8,15 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
-from tracking.figures.kit.style import colour, error_bars, figure, legend_below, symbol, text
+from tracking.figures.kit.style import (
+    OUTLINE,
+    colour,
+    error_bars,
+    figure,
+    legend_below,
+    symbol,
+    text,
+)
 
 MOST_ROWS = 20
 
@@ -48,4 +56,21 @@ def side_by_side(
         range=[len(shown) - 0.5, -0.5],
     )
     legend_below(plot)
+    return plot
+
+
+def differences_figure(differences: pd.DataFrame, title: str, axis: str) -> go.Figure:
+    """A row a pair, a colour a detector, bars for intervals; the dotted line is no difference.
+
+    Args:
+        differences: pair, detector, difference, low, high (NaN for no interval).
+        title: plotly text.
+        axis: title of the axis, with the unit.
+    """
+    columns = {
+        str(detector): own.set_index("pair").rename(columns={"difference": "mean"})
+        for detector, own in differences.groupby("detector", sort=False)
+    }
+    plot = side_by_side(columns, list(dict.fromkeys(differences["pair"])), title, axis)
+    plot.add_vline(x=0, line={"color": OUTLINE, "dash": "dot", "width": 1.5})
     return plot

@@ -8,7 +8,7 @@ import pandas as pd
 from lidarplace.metrics import RANKING
 from lidarplace.surrogates.table import HEADLINE_SURROGATES
 from tracking.figures.kit.style import text
-from tracking.figures.of_sweeps.differences import differences_figure
+from tracking.figures.of_sweeps.side_by_side import differences_figure
 from tracking.findings.groups import Group
 from tracking.findings.paired import with_sums
 from tracking.findings.summary import surrogates_of
