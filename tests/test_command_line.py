@@ -340,9 +340,17 @@ def test_a_place_that_cannot_be_written(in_folder, log, verb, key):
 @pytest.mark.parametrize(
     ("verb", "content", "told"),
     [
-        ("search", "grid: {placement: [line]}\n", "grid: is a key of a sweep; sweeps.run takes"),
-        ("search", "exclude: []\n", "exclude: is a key of a sweep; sweeps.run takes"),
-        ("run", "robustness: {}\nsearch: {}\n", "search: is a key of a search; sweeps.search"),
+        (
+            "search",
+            "grid: {placement: [line]}\n",
+            "grid: is a key of a sweep; python -m sweeps.run takes",
+        ),
+        ("search", "exclude: []\n", "exclude: is a key of a sweep; python -m sweeps.run takes"),
+        (
+            "run",
+            "robustness: {}\nsearch: {}\n",
+            "search: is a key of a search; python -m sweeps.search",
+        ),
     ],
 )
 def test_a_file_of_another_command(in_folder, verb, content, told):
