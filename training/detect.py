@@ -14,7 +14,7 @@ from torch import Tensor
 
 from lidarplace.boxes import GEOMETRY
 from lidarplace.lidar.clouds import Clouds
-from training import build_detector
+from training.detectors.build import build
 from training.detectors.detector import PointRange, Selection
 from training.device import device
 from training.settings import TrainingSettings
@@ -49,7 +49,7 @@ def detect(
 
     Takes what `finetune` took and returned; `classes` are those of the network.
     """
-    model = build_detector(detector, classes, point_range=point_range)
+    model = build(detector, classes, point_range=point_range)
     model.load_state_dict(state_dict)
     model.to(device())
     selection = _selection(model.selection, settings)

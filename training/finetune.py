@@ -14,11 +14,11 @@ import torch
 from torch import Tensor
 
 from lidarplace.lidar.clouds import Clouds
-from training import build_detector
 from training.augment import Augmentation
 from training.batch_size import Memory, batch_size_for
 from training.checkpoints import load_checkpoint
 from training.dataset import TrainingFrames, as_tensors
+from training.detectors.build import build
 from training.detectors.detector import Detector, PointRange
 from training.device import device
 from training.ground_truth_sampling import ObjectDatabase
@@ -72,14 +72,14 @@ def finetune(
     """Train `detector` on the frames of `clouds`, on a GPU if there is one.
 
     Args:
-        detector: name for `build_detector`.
+        detector: name for `training.build_detector`.
         classes: classes to detect.
         clouds: points, ego frame; frames without points are fine.
         ground_truth: frame, class, x, y, z, length, width, height, yaw, ego frame.
         settings: how to train, and from which weights.
         seed: of the weights, the order of frames, the augmentation and what the network draws.
             The same seed gives the same result on a CPU; the caller's random state is left alone.
-        point_range: range for `build_detector`, ego frame.
+        point_range: range for `training.build_detector`, ego frame.
         on_epoch: called after each epoch with the epoch's number and its values in `curve`.
         folder: keeps the training after each epoch, see `TrainingFolder`; one that was stopped
             goes on from there and gives what it would have given.
@@ -97,7 +97,7 @@ def finetune(
         raise ValueError("training needs at least one frame, found none")
     with torch.random.fork_rng(range(torch.cuda.device_count())):
         torch.manual_seed(seed)
-        model = build_detector(detector, classes, point_range=point_range)
+        model = build(detector, classes, point_range=point_range)
         weights = _load_weights(model, settings, checkpoint_digest)
         model.to(device())
         frames, database = training_data(model, classes, clouds, ground_truth, settings)

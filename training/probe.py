@@ -9,8 +9,8 @@ import pandas as pd
 import torch
 
 from lidarplace.lidar.clouds import Clouds
-from training import build_detector
 from training.batch_size import batch_size_for, step_bytes
+from training.detectors.build import build
 from training.detectors.detector import PointRange
 from training.device import device
 from training.finetune import training_data
@@ -47,7 +47,7 @@ def probe(
     the share of a GPU's memory that a training may take.
     """
     torch.manual_seed(0)
-    model = build_detector(detector, classes, point_range=point_range).to(device())
+    model = build(detector, classes, point_range=point_range).to(device())
     frames, database = training_data(model, classes, clouds, ground_truth, settings)
     batch_size = batch_size_for(model, frames, settings, gpu_share)
     taken = step_bytes(model, frames, settings, batch_size)

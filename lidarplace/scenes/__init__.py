@@ -1,0 +1,1 @@
+"""Where box logs come from: kinds of scenes, simulators and data sets."""

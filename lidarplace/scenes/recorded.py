@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -11,6 +12,7 @@ from pydantic import Field, field_validator
 from lidarplace.box_log import BoxLog, read_box_log, read_frames
 from lidarplace.boxes import SPLITS
 from lidarplace.configuration.settings import FilePath, Seed, Settings
+from lidarplace.scenes.parts import ScenePart
 
 
 class LogScene(Settings):
@@ -54,6 +56,10 @@ class LogScene(Settings):
         split = read_frames(self.folder)["split"]
         return int((split == "train").sum()), int((split == "test").sum())
 
+    def remedy(self, split: str) -> str:
+        """What to change if there is no frame of a split."""
+        return f"column split of {self.folder / 'frames.parquet'} has to name some"
+
     def digest(self) -> str:
         """Hash of the log's tables."""
         digest = hashlib.sha256()
@@ -64,3 +70,26 @@ class LogScene(Settings):
     def read(self) -> BoxLog:
         """The log. Raises ValueError that names the file if something is wrong with it."""
         return read_box_log(self.folder)
+
+
+@dataclass(frozen=True)
+class LogRecording:
+    """A box log that is read.
+
+    Attributes:
+        digest: hash of its content: another log in the same folder is another scene.
+    """
+
+    scene: LogScene
+    digest: str
+
+    def record(self) -> BoxLog:
+        """Read it. Raises as `LogScene.read` does."""
+        return self.scene.read()
+
+
+def log_parts(scene: LogScene) -> list[ScenePart]:
+    """The log as one part."""
+    train, test = scene.frame_counts()
+    splits = tuple(s for s, count in (("train", train), ("test", test)) if count)
+    return [ScenePart("", LogRecording(scene, scene.digest()), splits)]

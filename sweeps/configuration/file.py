@@ -16,7 +16,8 @@ from lidarplace.command_line.invocation import command
 from lidarplace.configuration.settings import key_path, shortened, what_is_wrong
 from lidarplace.configuration.yaml import YamlError, parse_yaml, read_yaml_file
 from lidarplace.files.secret_urls import hide_secrets_in
-from sweeps.configuration.sweep import NAME, SCENES
+from lidarplace.scenes.kinds import KINDS
+from sweeps.configuration.sweep import NAME
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -166,7 +167,7 @@ def check(
 
 def _without_tags(loc: Sequence[int | str]) -> list[int | str]:
     """A place as the user wrote it: pydantic adds which kind of scene it is."""
-    return [p for i, p in enumerate(loc) if not (loc[i - 1 : i] == ("scene",) and p in SCENES)]
+    return [p for i, p in enumerate(loc) if not (loc[i - 1 : i] == ("scene",) and p in KINDS)]
 
 
 def _model_at(model: type[BaseModel], loc: Sequence[int | str]) -> type[BaseModel]:
@@ -175,8 +176,8 @@ def _model_at(model: type[BaseModel], loc: Sequence[int | str]) -> type[BaseMode
         if isinstance(part, str) and part in model.model_fields:
             found = _model_in(model.model_fields[part].annotation)
             model = found or model
-        elif part in SCENES:
-            model = SCENES[part]
+        elif part in KINDS:
+            model, _ = KINDS[str(part)]
     return model
 
 

@@ -8,11 +8,8 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import (
-    BaseModel,
     BeforeValidator,
-    Discriminator,
     Field,
-    Tag,
     ValidationInfo,
     field_validator,
     model_validator,
@@ -39,6 +36,7 @@ from lidarplace.lidar.profiles import PROFILES
 from lidarplace.metrics import METRICS, RANKING, Direction
 from lidarplace.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.roi import Roi
+from lidarplace.scenes.kinds import Scene
 from lidarplace.scenes.recorded import LogScene
 from lidarplace.scenes.routes import KEEP_M
 from lidarplace.scenes.sumo.settings import SumoScene
@@ -138,26 +136,6 @@ class SurrogateSettings(Settings):
     )
 
 
-def _source(scene: Any) -> str:
-    """Which kind of scene a configuration means; traffic is simulated unless it says else."""
-    if isinstance(scene, dict):
-        return str(scene.get("source", "sumo"))
-    return str(getattr(scene, "source", "sumo"))
-
-
-SCENES: dict[str, type[BaseModel]] = {"sumo": SumoScene, "log": LogScene}
-"""Kinds of scenes by `source`."""
-
-SceneSettings = Annotated[
-    Annotated[SumoScene, Tag("sumo")] | Annotated[LogScene, Tag("log")],
-    Discriminator(
-        _source,
-        custom_error_type="scene_source",
-        custom_error_message=f"source is none of {', '.join(SCENES)}",
-    ),
-]
-
-
 class Point(Settings):
     """One point of the grid: what is trained and evaluated once."""
 
@@ -166,7 +144,7 @@ class Point(Settings):
         "pointpillars_tiny", description="null: surrogates alone, nothing is trained"
     )
     seed: Seed = Field(0, description="of a training: weights, order of frames, augmentation")
-    scene: SceneSettings = Field(SumoScene(), description="traffic, simulated or recorded")
+    scene: Scene = Field(SumoScene(), description="traffic, simulated or recorded")
     roi: RoiSettings = Field(RoiSettings(), description="where objects count")
     classes: tuple[ClassName, ...] = Field(
         ("Car", "Cyclist", "Pedestrian"),
@@ -188,13 +166,11 @@ class Point(Settings):
 
     @field_validator("scene")
     @classmethod
-    def _has_the_frames_it_needs(
-        cls, scene: SumoScene | LogScene, info: ValidationInfo
-    ) -> SumoScene | LogScene:
+    def _has_the_frames_it_needs(cls, scene: Scene, info: ValidationInfo) -> Scene:
         tests = not (isinstance(scene, LogScene) and info.data.get("detector", "") is None)
         for split, count in zip(("train", "test"), scene.frame_counts(), strict=True):
             if count == 0 and (split == "train" or tests):
-                raise ValueError(f"no frame is in the {split} split; {_remedy(scene, split)}")
+                raise ValueError(f"no frame is in the {split} split; {scene.remedy(split)}")
         return scene
 
     @model_validator(mode="after")
@@ -218,17 +194,6 @@ class Point(Settings):
     def voxel_roi(self) -> Roi:
         """The ROI with its voxels."""
         return Roi(self.roi.x, self.roi.y, self.roi.z, self.surrogate.resolution)
-
-
-def _remedy(scene: SumoScene | LogScene, split: str) -> str:
-    if isinstance(scene, LogScene):
-        return f"column split of {scene.folder / 'frames.parquet'} has to name some"
-    if scene.split == "route":
-        return f"test_routes is {scene.test_routes}, allowed is at least 1"
-    return (
-        f"frames_per_route is {scene.frames_per_route}, and 'split: paper' takes every tenth frame "
-        "of a route, so allowed is at least 10"
-    )
 
 
 def _short_for(key: str) -> BeforeValidator:

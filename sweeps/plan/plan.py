@@ -17,11 +17,12 @@ from lidarplace.lidar.clouds import Crop
 from lidarplace.lidar.collect import crop_for
 from lidarplace.lidar.profiles import with_tilt_in_degrees
 from lidarplace.lidar.recorded import check_rig, clouds_digest
+from lidarplace.scenes.kinds import scene_parts
+from lidarplace.scenes.parts import ScenePart
 from lidarplace.scenes.recorded import LogScene
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import GridPoint, Sweep, read_sweep
 from sweeps.configuration.sweep import Point
-from sweeps.plan.scene_tasks import ScenePart, scene_name, scene_parts
 from sweeps.tasks.parameters import (
     AccuracyParams,
     CollectParams,
@@ -30,6 +31,7 @@ from sweeps.tasks.parameters import (
     PogParams,
     RecordedParams,
     SamplingErrorParams,
+    SceneParams,
     SurrogateParams,
     TrainingParams,
     keys_of,
@@ -160,14 +162,17 @@ class _Builder:
             parts = self._parts_of(point.scene)
         except ValueError as error:
             raise ConfigError(f"scene: {error}") from None
-        scenes = [self._task("scene", grid_point, part.params, (), part.name) for part in parts]
+        scenes = [
+            self._task("scene", grid_point, SceneParams(part.recording), (), part.name)
+            for part in parts
+        ]
         for_pog = tuple(
             scene for part, scene in zip(parts, scenes, strict=True) if "train" in part.splits
         )
         return Trial(
             grid_point=grid_point,
             label=_trial_label(point, grid_point.axes),
-            scene_label=_label(grid_point, keys_of(parts[0].params)),
+            scene_label=_label(grid_point, scenes[0].uses),
             scenes=tuple(scenes),
             **self._surrogates(grid_point, rig, for_pog),
             **self._detection(grid_point, rig, parts, scenes),
@@ -346,7 +351,7 @@ def _label(grid_point: GridPoint, keys: Collection[str]) -> str:
         for axis, value in grid_point.axes.items()
         if axis != "placement" and any(_overlap(axis, key) for key in keys)
     ]
-    return " · ".join(parts) or scene_name(grid_point.point.scene)
+    return " · ".join(parts) or grid_point.point.scene.name
 
 
 def _overlap(one: str, other: str) -> bool:

@@ -15,8 +15,7 @@ from lidarplace import Placement, Roi
 from lidarplace.coverage import Method
 from lidarplace.lidar.clouds import Crop
 from lidarplace.roi import Interval
-from lidarplace.scenes.recorded import LogScene
-from lidarplace.scenes.sumo.settings import SumoScene, TownRun
+from lidarplace.scenes.parts import Recording
 from training.settings import TrainingSettings
 
 
@@ -33,29 +32,10 @@ def _keys_of(kind: Any) -> frozenset[str]:
 
 
 @dataclass(frozen=True)
-class LogParams:
-    """A box log that is read.
+class SceneParams:
+    """A part of a scene that is recorded by itself."""
 
-    Attributes:
-        digest: hash of its content: another log in the same folder is another scene.
-    """
-
-    scene: Annotated[LogScene, "scene"]
-    digest: str
-
-
-@dataclass(frozen=True)
-class SimulationParams:
-    """One simulation of traffic.
-
-    Attributes:
-        scene: with the default number of towns, routes and egos: `run` tells its own.
-        map: SHA-256 of the town's map; None for a generated town.
-    """
-
-    scene: Annotated[SumoScene, "scene"]
-    run: TownRun
-    map: str | None
+    recording: Annotated[Recording, "scene"]
 
 
 @dataclass(frozen=True)

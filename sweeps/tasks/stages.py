@@ -37,13 +37,12 @@ from sweeps.tasks.parameters import (
     AccuracyParams,
     CollectParams,
     GroundTruthParams,
-    LogParams,
     NetworkParams,
     PogParams,
     ProbeParams,
     RecordedParams,
     SamplingErrorParams,
-    SimulationParams,
+    SceneParams,
     SurrogateParams,
     TrainingParams,
 )
@@ -51,14 +50,9 @@ from sweeps.tasks.parameters import (
 Value = dict[str, Any]
 
 
-def scene(params: LogParams | SimulationParams) -> Value:
-    """Record one simulation of traffic, or read a box log: its three tables."""
-    if isinstance(params, LogParams):
-        log = params.scene.read()
-    else:
-        from lidarplace.scenes.sumo.record import record_town  # needs SUMO
-
-        log = record_town(params.scene, params.run)
+def scene(params: SceneParams) -> Value:
+    """Simulate a part of a scene, or read it: the three tables of its box log."""
+    log = params.recording.record()
     return {"boxes": log.boxes, "frames": log.frames, "buildings": log.buildings}
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from lidarplace.scenes.parts import Recording
 from sweeps.tasks import stages
 from sweeps.tasks.code_version import code_version
 from sweeps.tasks.parameters import keys_of
@@ -49,7 +50,11 @@ class Task:
             "stage": self.stage,
             "params": self.params,
             "inputs": [task.key for task in self.inputs],
-            "code": code_of(self.stage, getattr(self.params, "detector", None)),
+            "code": code_of(
+                self.stage,
+                getattr(self.params, "detector", None),
+                getattr(self.params, "recording", None),
+            ),
         }
         text = json.dumps(content, sort_keys=True, allow_nan=False, default=plain)
         return hashlib.sha256(text.encode()).hexdigest()[:24]
@@ -64,12 +69,16 @@ def plain(value: Any) -> Any:
     return {item.name: getattr(value, item.name) for item in fields(value)}
 
 
-def code_of(stage: str, detector: str | None = None) -> str:
-    """Version of the code that a stage can run.
+def code_of(stage: str, detector: str | None = None, recording: Recording | None = None) -> str:
+    """Version of the code that a stage can run: of all networks and kinds of scenes its own.
 
     Args:
         detector: name of the one that it builds; None: it builds none.
+        recording: what it records; None: nothing.
     """
-    # Of all networks the one that the task trains.
-    networks = [] if detector is None else [f"training.detectors.{network_of(detector)}"]
-    return code_version(f"{stages.__name__}.{stage}", *networks)
+    roots = [f"{stages.__name__}.{stage}"]
+    if detector is not None:
+        roots.append(f"training.detectors.{network_of(detector)}")
+    if recording is not None:
+        roots.append(f"{type(recording).__module__}.{type(recording).__qualname__}")
+    return code_version(*roots)

@@ -10,6 +10,10 @@ from sweeps.tasks.stages import FUNCTIONS
 
 ROOT = Path(__file__).parents[2]
 TRAINED = ("probe", "pretrain", "finetune", "evaluate")
+OWN = {"scene": "lidarplace.scenes.sumo.parts.TownRecording"} | dict.fromkeys(
+    TRAINED, "training.detectors.pointpillars"
+)
+"""Of networks and kinds of scenes the one that a stage has."""
 
 TOY = {
     "app/__init__.py": "",
@@ -214,12 +218,11 @@ def copied(tmp_path):
 
 
 def versions(folder):
-    """Versions of all stages, those that train for one network."""
+    """Versions of all stages, for simulated traffic and one network."""
     code = Code({name: folder / name for name in PACKAGES})
     stages = FUNCTIONS["scene"].__module__
-    network = ["training.detectors.pointpillars"]
     return {
-        stage: code.version(f"{stages}.{stage}", *(network if stage in TRAINED else []))
+        stage: code.version(f"{stages}.{stage}", *filter(None, [OWN.get(stage)]))
         for stage in FUNCTIONS
     }
 
@@ -277,6 +280,14 @@ def test_figures_converters_and_the_command_line_leave_all_stages_as_they_are(co
             set(TRAINED),
         ),
         ("training/detectors/second.py", "from __future__", "CELL = 1\nfrom __future__", set()),
+        ("training/__init__.py", '    "pv_rcnn",\n', '    "pv_rcnn",\n    "pv_rcnn_2",\n', set()),
+        (
+            "lidarplace/scenes/sumo/egos.py",
+            "from __future__",
+            "FAR = 1\nfrom __future__",
+            {"scene"},
+        ),
+        ("lidarplace/scenes/kinds.py", '"sumo": (S', '"toy": None, "sumo": (S', set()),
     ],
 )
 def test_a_constant_counts_where_it_can_run(copied, path, old, new, stages):

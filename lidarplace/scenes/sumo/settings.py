@@ -141,6 +141,20 @@ class SumoScene(RouteSettings):
         return (train + test) * (self.frames_per_route - tenth), (train + test) * tenth
 
     @property
+    def name(self) -> str:
+        """The scene's name in labels, where nothing else tells it from others."""
+        return f"sumo-{self.seed}"
+
+    def remedy(self, split: str) -> str:
+        """What to change if there is no frame of a split."""
+        if self.split == "route":
+            return f"test_routes is {self.test_routes}, allowed is at least 1"
+        return (
+            f"frames_per_route is {self.frames_per_route}, and 'split: paper' takes every tenth "
+            "frame of a route, so allowed is at least 10"
+        )
+
+    @property
     def seconds(self) -> float:
         """Simulated time of one run, warm-up included."""
         return (self.warmup_steps + self.frames_per_route * self.frame_stride) * STEP_S

@@ -1,0 +1,30 @@
+"""What a scene consists of: parts that are recorded by themselves, and so in parallel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from lidarplace.box_log import BoxLog
+
+
+class Recording(Protocol):
+    """All that the log of a part depends on: a frozen dataclass of settings and plain data."""
+
+    def record(self) -> BoxLog:
+        """The log, the same whenever it is asked for."""
+
+
+@dataclass(frozen=True)
+class ScenePart:
+    """A part of a scene.
+
+    Attributes:
+        name: what is added to the scene's label; empty if the scene is of one piece.
+        recording: gives its log.
+        splits: "train", "test" or both: what its frames are for.
+    """
+
+    name: str
+    recording: Recording
+    splits: tuple[str, ...]

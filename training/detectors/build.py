@@ -1,0 +1,58 @@
+"""A detector by its name: each network is a module beside this one, with a function `build`."""
+
+from __future__ import annotations
+
+import importlib
+import math
+from collections.abc import Sequence
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
+
+from lidarplace.boxes import CLASSES
+
+if TYPE_CHECKING:
+    from training.detectors.detector import Detector, PointRange
+
+PRESETS = ("openpcdet", "paper", "tiny")
+"""KITTI's network as OpenPCDet configures it, the paper's changes to it, and one for CPUs."""
+
+
+def build(
+    name: str,
+    classes: Sequence[str],
+    preset: str | None = None,
+    point_range: PointRange | None = None,
+) -> Detector:
+    """As `training.build_detector`, which says more of what is wrong with a name.
+
+    It does without the table of networks, so that a further one is no change to a training's code.
+    """
+    unknown = [item for item in classes if item not in CLASSES]
+    if unknown or not classes or len(set(classes)) < len(classes):
+        raise ValueError(f"classes must be different ones of {CLASSES}, found {list(classes)}")
+    network, own = network_and_preset(name)
+    if find_spec(f"training.detectors.{network}") is None:
+        raise ValueError(f"unknown detector {name!r}")
+    if preset not in (None, *PRESETS):
+        raise ValueError(f"unknown preset {preset!r}; choose one of {', '.join(PRESETS)}")
+    if own is not None and preset not in (None, own):
+        raise ValueError(f"{name} has preset {own!r}, found {preset!r}")
+    if point_range is not None and not all(
+        -math.inf < low < high < math.inf
+        for low, high in zip(point_range[:3], point_range[3:], strict=True)
+    ):
+        raise ValueError(f"point_range needs finite low < high on every axis, found {point_range}")
+    # torch takes seconds to import, and who only evaluates does not need it.
+    from training.vector_math import settle_vector_math
+
+    settle_vector_math()
+    module = importlib.import_module(f"training.detectors.{network}")
+    return module.build(classes, own or preset or "openpcdet", point_range)
+
+
+def network_and_preset(name: str) -> tuple[str, str | None]:
+    """The network that a detector is, and the preset that its name says."""
+    for preset in ("paper", "tiny"):
+        if name.endswith(f"_{preset}"):
+            return name.removesuffix(f"_{preset}"), preset
+    return name, None
