@@ -51,6 +51,7 @@ docs: setup
 	$(BIN)/python docs/configuration.py
 	$(BIN)/python docs/api.py
 	$(BIN)/python docs/commands.py
+	$(BIN)/python -m docs.architecture
 	$(BIN)/pdoc --docformat google --output-directory build/docs lidarplace training tracking sweeps
 
 clean:

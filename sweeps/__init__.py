@@ -1,0 +1,1 @@
+"""Sweeps and searches: configuration, tasks, execution, results and the command line."""

@@ -2,13 +2,26 @@
 
 import pytest
 
-from docs import api, configuration
+from docs import api, architecture, configuration
+from sweeps.tasks.stages import FUNCTIONS
 
 
-@pytest.mark.parametrize("page", [configuration, api], ids=lambda page: page.__name__)
+@pytest.mark.parametrize("page", [configuration, api, architecture], ids=lambda page: page.__name__)
 def test_up_to_date(page):
     told = page.PAGE.read_text(encoding="utf-8")
-    assert told == page.page(), f"out of date: python docs/{page.PAGE.stem}.py makes it anew"
+    assert told == page.page(), f"out of date: python -m {page.__name__} makes it anew"
+
+
+@pytest.mark.parametrize("picture", ["ROOMS", "FLOW"])
+def test_pictures_are_of_today(picture):
+    draw = {"ROOMS": architecture.rooms_picture, "FLOW": architecture.flow_picture}[picture]
+    told = getattr(architecture, picture).read_text(encoding="utf-8")
+    assert told == draw(), "out of date: python -m docs.architecture makes it anew"
+
+
+def test_the_picture_of_the_data_has_every_stage():
+    named = " ".join(stage for _, stage in architecture.ARROWS).replace(",", " ").replace(":", " ")
+    assert set(FUNCTIONS) <= set(named.split())
 
 
 @pytest.mark.parametrize("model", [configuration.SweepFile, configuration.SearchFile])

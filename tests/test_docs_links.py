@@ -60,8 +60,18 @@ def test_every_page_and_picture_is_linked():
     readme = {(ROOT / target).resolve() for target in LINK.findall(text_of(ROOT / "README.md"))}
     for page in PAGES[1:]:
         assert page in readme, f"the README does not link {page.name}"
-    for picture in (ROOT / "docs").glob("*.png"):
+    for picture in (path for kind in ("png", "svg") for path in (ROOT / "docs").glob(f"*.{kind}")):
         assert picture in targets, f"no page shows {picture.name}"
+
+
+@pytest.mark.parametrize("page", ["architecture.md", "reproducibility.md"])
+def test_files_that_a_page_names_are_there(page):
+    named = re.findall(r"`([a-z_]+/[\w/]*(?:\.py)?)`", text_of(ROOT / "docs" / page))
+    folders = [ROOT, *(ROOT / name for name in ("sweeps", "tracking", "training", "lidarplace"))]
+    made = ("runs/",)
+    lost = [name for name in named if not any((folder / name).exists() for folder in folders)]
+    assert named
+    assert [name for name in lost if not name.startswith(made)] == []
 
 
 def test_anchors_are_githubs(tmp_path):

@@ -1,0 +1,1 @@
+"""Point clouds: rays that are cast at boxes, their returns, and clouds that were recorded."""

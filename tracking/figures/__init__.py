@@ -1,0 +1,1 @@
+"""Plotly figures: of sweeps, of searches, and what they share."""

@@ -1,0 +1,1 @@
+"""The networks, one a file, and what they are put together from."""

@@ -1,0 +1,1 @@
+"""Operations on points, voxels and boxes that torch does not have."""

@@ -1,0 +1,1 @@
+"""From points to features: pillars, voxels, sampled points."""

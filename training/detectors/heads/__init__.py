@@ -1,0 +1,1 @@
+"""From features to boxes: anchors, proposals, second stages, losses."""

@@ -1,57 +1,16 @@
-"""What docs/extending.md says to touch is all that has to be touched: tried in a copied tree."""
+"""A surrogate and a metric are two files each, as docs/extending.md has them."""
 
 import json
-import os
-import re
-import shutil
-import subprocess
-import sys
-from pathlib import Path
 
 import pandas as pd
-import pytest
 import yaml
 
-from tests.docs_blocks import ROOT
+from tests.extending import blocks_of, copy_tree, put, python
 from tests.sweeps.small_log import write_small_log
 
 
-def blocks_of(heading: str) -> list[str]:
-    """The blocks of code below a heading of the page."""
-    page = (ROOT / "docs/extending.md").read_text(encoding="utf-8")
-    section = re.split(r"^## ", page, flags=re.M)
-    (own,) = [part for part in section if part.startswith(f"{heading}\n")]
-    return re.findall(r"^```\w+\n(.*?)^```", own, re.M | re.S)
-
-
-def put(path: Path, before: str, text: str) -> None:
-    """Write `text` in front of the one place that begins with `before`."""
-    content = path.read_text(encoding="utf-8")
-    assert content.count(before) == 1, f"{path.name}: {before}"
-    path.write_text(content.replace(before, text + before), encoding="utf-8")
-
-
-@pytest.fixture
-def tree(tmp_path):
-    for package in ("lidarplace", "training", "tracking", "sweeps"):
-        shutil.copytree(ROOT / package, tmp_path / package)
-    return tmp_path
-
-
-def python(tree: Path, *arguments: str) -> str:
-    """Run Python with the packages of the tree; its output."""
-    done = subprocess.run(
-        [sys.executable, *arguments],
-        cwd=tree,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(tree), str(ROOT)]), "COLUMNS": "300"},
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
-
-
-def test_a_surrogate_is_two_files(tree):
+def test_a_surrogate_is_two_files(tmp_path):
+    tree = copy_tree(tmp_path)
     formula, row = blocks_of("A surrogate")
     imported, row = row.split("\n\n", 1)
     table = tree / "lidarplace/surrogates/table.py"
@@ -142,7 +101,8 @@ build_report(folder)
 """
 
 
-def test_a_metric_is_two_files(tree):
+def test_a_metric_is_two_files(tmp_path):
+    tree = copy_tree(tmp_path)
     line, row = blocks_of("A metric")
     put(tree / "training/kitti_ap.py", "        for iou in RECALL_IOU:\n            add(name", line)
     put(tree / "lidarplace/metrics.py", '}\n"""Metrics by name', row)
