@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -13,8 +13,6 @@ from scipy import stats
 from tracking.statistics.jackknife import SampleError, combined, sample_error
 from tracking.statistics.probability_of_best import probability_of_best
 from tracking.statistics.reliability import Noise, seed_mean
-
-Noise = tuple[NDArray[np.float64], float, float]
 
 
 @dataclass(frozen=True)
@@ -32,7 +30,7 @@ class BestPlacement:
         sample: error of a placement against the others by the choice of the test objects; None
             where it is unknown, and intervals and probabilities are over seeds alone.
         note: why there are no intervals, or "".
-        noise: counts, variance and degrees, as of `lead_intervals`, the best first.
+        noise: of the means over seeds and test objects, the best first.
     """
 
     best: str
@@ -57,8 +55,8 @@ class BestPlacement:
         means = np.concatenate([[self.mean], self.others["mean"].to_numpy(np.float64)])
         at = names.get_loc(reference)
         order = np.array([at, *np.delete(np.arange(len(names)), at)])
-        counts, variance, degrees = self.noise
-        intervals = lead_intervals(means[order], counts[order], variance, degrees)
+        noise = replace(self.noise, counts=self.noise.counts[order])
+        intervals = lead_intervals(means[order], noise)
         table = {"difference": means[order] - means[at], "low": -intervals[:, 1]}
         return pd.DataFrame(table | {"high": -intervals[:, 0]}, names[order]).loc[names]
 
