@@ -47,6 +47,7 @@ NOT_RUN = {
 SMALLER = {
     "sweeps.init": ["begin"],
     "sweeps.accuracy": ["--resolution", "0.8", "--azimuth-steps", "90", "--frames-share", "1"],
+    "sweeps.pretrain": ["--set", "training.epochs=1"],
     "lidarplace.export": ["--roi", "0", "20", "-10", "10", "0", "4"],
     "mine.yaml": [
         *("--set", "ray=debug", "--set", "lidar.azimuth_steps=90", "--set", "lidar.beams=4"),

@@ -20,6 +20,7 @@ from small_log import write_small_log
 
 from sweeps.configuration.sweep import RaySettings
 from sweeps.execution.ray_cluster import enter_folder, ray_session
+from tests.forked import GUARD_S
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("lidarplace", "training", "tracking", "sweeps")
@@ -50,7 +51,7 @@ def test_a_node_dies_under_load_and_another_comes(tmp_path):
         env=environment(PYTHONPATH=str(ROOT)),
         capture_output=True,
         text=True,
-        timeout=180,
+        timeout=GUARD_S,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     seen = json.loads(done.stdout.splitlines()[-1])
@@ -70,6 +71,8 @@ def cluster(tmp_path_factory):
         (without / f"{package}.py").write_text(f"raise ImportError('{package} of this node')")
     head, client, env = free_port(), free_port(), environment()
     node_env = env | {"PYTHONPATH": str(without), "GRPC_ENABLE_FORK_SUPPORT": "0"}
+    # Nodes get the code without compiled kernels, and few rays are faster traced than compiled for.
+    node_env |= {"NUMBA_DISABLE_JIT": "1"}
     start = [sys.executable, "-m", "ray.scripts.scripts", "start", "--block", "--num-cpus=1"]
     start += ["--object-store-memory=100000000", "--disable-usage-stats"]
     of_head = ["--head", f"--port={head}", f"--ray-client-server-port={client}"]
@@ -109,7 +112,13 @@ def sweep(folder: Path, address: str, env: dict[str, str]) -> subprocess.Complet
         "scene": {"source": "log", "folder": "log"},
         "detector": None,
         "classes": ["Car"],
-        "surrogate": {"resolution": 0.8, "names": ["ig"]},
+        "lidar": {"beams": 2, "azimuth_steps": 12},
+        "surrogate": {
+            "resolution": 2.0,
+            "names": ["ig"],
+            "accuracy": False,
+            "sampling_error": False,
+        },
         "grid": {"placement": ["line"]},
         "ray": address,
     }
@@ -120,7 +129,7 @@ def sweep(folder: Path, address: str, env: dict[str, str]) -> subprocess.Complet
         env=env | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
-        timeout=240,
+        timeout=GUARD_S,
     )
 
 

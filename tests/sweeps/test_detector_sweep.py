@@ -19,7 +19,7 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 SWEEP = {
     "classes": ["Car", "Pedestrian"],
     "lidar": {"azimuth_steps": 360},
-    "surrogate": {"resolution": 0.4},
+    "surrogate": {"resolution": 0.4, "accuracy": False, "sampling_error": False},
     "training": {"epochs": 1, "batch_size": 2},
     "grid": {"placement": ["center"], "detector": [f"{name}_tiny" for name in NETWORKS]},
     "ray": "debug",

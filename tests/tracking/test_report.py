@@ -6,8 +6,6 @@ import html
 import json
 import re
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -16,7 +14,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from made_up_run import NAMES, write_run
+from typer.testing import CliRunner
 
+from tracking.report.__main__ import app
 from tracking.report.build import build_report
 from tracking.report.sections.where_time_went import where_time_went
 from tracking.run_folders.sweep import RunFolder
@@ -335,18 +335,20 @@ def test_a_sweep_whose_trials_all_failed_has_a_report(made_up_run, tmp_path, has
 
 
 def test_the_command_rebuilds_it_or_says_what_is_wrong(built, tmp_path):
-    command = [sys.executable, "-m", "tracking.report"]
+    def report(folder):
+        return CliRunner().invoke(app, [str(folder)], catch_exceptions=False)
+
     built.unlink()
-    done = subprocess.run([*command, built.parent], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout.strip()) == (0, str(built))
+    done = report(built.parent)
+    assert (done.exit_code, done.stdout.strip()) == (0, str(built))
     assert built.is_file()
-    wrong = subprocess.run([*command, tmp_path], capture_output=True, text=True, check=False)
-    assert wrong.returncode == 2
+    wrong = report(tmp_path)
+    assert wrong.exit_code == 2
     assert f"{tmp_path} is no run folder: it has no config.yaml" in wrong.stderr
     assert len(wrong.stderr.splitlines()) == 1
     (tmp_path / ".lock").touch()
-    early = subprocess.run([*command, tmp_path], capture_output=True, text=True, check=False)
-    assert early.returncode == 2
+    early = report(tmp_path)
+    assert early.exit_code == 2
     assert "its sweep has not finished" in early.stderr
     assert "python -m sweeps.status FILE" in early.stderr
     assert len(early.stderr.splitlines()) == 1

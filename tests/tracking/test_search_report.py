@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +12,11 @@ import pandas as pd
 import pytest
 from made_up_search import BASE, STRIDED, write_search
 from test_report import Page
+from typer.testing import CliRunner
 
 from lidarplace import PAPER_PLACEMENTS
 from tracking.run_folders.search import SearchFolder
+from tracking.search_report.__main__ import app
 from tracking.search_report.build import build_search_report
 from tracking.search_report.headline import summary
 from tracking.search_report.tables import rig_table
@@ -410,10 +410,9 @@ def test_peers_without_a_price_and_of_which_model(tmp_path):
 
 
 def test_the_command_rebuilds_it_or_says_what_is_wrong(folder, tmp_path):
-    command = [sys.executable, "-m", "tracking.search_report"]
-    done = subprocess.run([*command, folder], capture_output=True, text=True, timeout=120)
+    done = CliRunner().invoke(app, [str(folder)], catch_exceptions=False)
     assert done.stdout.strip() == str(folder / "search.html")
-    wrong = subprocess.run([*command, tmp_path], capture_output=True, text=True, timeout=120)
-    assert wrong.returncode == 2
+    wrong = CliRunner().invoke(app, [str(tmp_path)], catch_exceptions=False)
+    assert wrong.exit_code == 2
     assert "it has no search.json, trials.parquet" in wrong.stderr
     assert "Traceback" not in wrong.stderr
