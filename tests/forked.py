@@ -24,8 +24,8 @@ ROOT = Path(__file__).parents[1]
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
 """As on Ray: with more, sums of a training come in another order. A fork has no threads of others,
 so all commands have these."""
-GUARD_S = 300
-"""No command takes so long: one that does hangs."""
+GUARD_S = 1800
+"""No command takes so long, however busy the machine: one that does hangs."""
 _OTHERS = [
     *("matplotlib.pyplot", "mlflow.store.tracking.sqlalchemy_store", "mlflow.tracking"),
     *("plotly.graph_objects", "scipy.stats", "torch._dynamo", "torchvision"),

@@ -1,7 +1,6 @@
 """A whole tiny sweep through the command line."""
 
 import json
-import os
 import re
 import sqlite3
 import subprocess
@@ -11,6 +10,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 import yaml
+
+from tests.forked import run_forked
 
 ROOT = Path(__file__).parents[2]
 TINY = {
@@ -35,14 +36,7 @@ TINY = {
 def sweep(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
     config = folder / "tiny.yaml"
     config.write_text(yaml.safe_dump(TINY | {"output": str(folder / "runs")}))
-    return subprocess.run(
-        [sys.executable, "-m", "sweeps.run", str(config), *options],
-        cwd=ROOT,
-        env=os.environ | {"COLUMNS": "200"},
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
+    return run_forked(["sweeps.run", str(config), *options], ROOT, folder)
 
 
 @pytest.fixture(scope="module")

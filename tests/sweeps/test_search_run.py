@@ -1,8 +1,6 @@
 """A whole search through the command line, on a small log."""
 
 import json
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -21,6 +19,7 @@ from sweeps.configuration.grid import read_sweep
 from sweeps.search.__main__ import app
 from sweeps.search.problem.problem import read_problem
 from sweeps.search.trials.study import journal_path
+from tests.forked import GUARD_S, Forked
 from tracking.mlflow.connection import connect
 from tracking.mlflow.page import VIEW_TAG
 
@@ -401,17 +400,15 @@ def test_the_outcome_does_not_depend_on_workers(tmp_path, tracking):
 def test_a_killed_process(tmp_path, tracking):
     """SIGKILL, at a moment when trials are there and others are not."""
     path = write_search(tmp_path, tracking={"uri": tracking}, name="k", search={"trials": 60})
-    command = [sys.executable, "-m", "sweeps.search", str(path)]
-    log = (tmp_path / "log.txt").open("wb")
-    process = subprocess.Popen(command, cwd=ROOT, stdout=log, stderr=subprocess.STDOUT)
+    process = Forked(["sweeps.search.__main__", str(path)], ROOT, tmp_path / "log.txt")
     journal = journal_path(tmp_path / "runs/k")
-    give_up = time.monotonic() + 240
+    give_up = time.monotonic() + GUARD_S
     while not (journal.exists() and journal.read_bytes().count(b"\n") > 300):
         assert process.poll() is None, (tmp_path / "log.txt").read_text()
         assert time.monotonic() < give_up
         time.sleep(0.02)
     process.kill()
-    process.wait()
+    process.wait(GUARD_S)
     assert len(list(journal.read_bytes().splitlines())) > 0
     result = CliRunner().invoke(app, [str(path)], catch_exceptions=False)
     assert result.exit_code == 0, result.output
