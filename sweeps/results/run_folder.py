@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import platform
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import astuple, dataclass
@@ -13,14 +12,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from lidarplace.files.atomic import replacing
 from lidarplace.files.secret_urls import hide_secrets, public_url
 from lidarplace.lidar.points_by_distance import points_by_distance
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.grid import Sweep
 from sweeps.execution.execute import Outcome
 from sweeps.plan.plan import Plan, Trial, further_axes
-from sweeps.results.pictures import drawn, maps, one_frame, save_arrays
+from sweeps.results.pictures import drawn, maps, one_frame
 from sweeps.results.promotion import Promotion
 from sweeps.results.trial_results import (
     axis_values,
@@ -36,6 +34,8 @@ from sweeps.store.local import write_text
 from sweeps.store.open import AnyStore
 from sweeps.tasks.task import Task
 from tracking.mlflow.uri import absolute_uri
+from tracking.run_folders import sweep_tables as contract
+from tracking.run_folders.sweep_json import Frames, Rung, SweepResult
 
 _VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas")
 
@@ -74,37 +74,40 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
 
     def gathered(stage: str, name: str, trials: Sequence[Trial]) -> pd.DataFrame:
         """One table of a stage; what several trials share stands there once."""
-        tables = {}
+        found = {}
         for trial in trials:
             task = getattr(trial, stage)
             if task is not None and task.key in there:
                 place = (task.key, *surrogate_identity(trial, axes).values())
-                if place not in tables:
-                    tables[place] = of_placement(trial, task, name, store, axes)
-        return _stack(list(tables.values()))
+                if place not in found:
+                    found[place] = of_placement(trial, task, name, store, axes)
+        return _stack(list(found.values()))
+
+    def of_trials(name: str) -> pd.DataFrame:
+        """One table of the evaluations."""
+        return _stack([trial_results(trial, store, axes, name) for trial in tested])
 
     surrogates = gathered("surrogates", "table", known)
     with_rays = [t for t in known if "expected_ig" in t.grid_point.point.surrogate.names]
     write_text(folder / "config.yaml", public_yaml(sweep.source))
-    for name, table in (
-        ("trials", trials_table(plan, store, run, axes)),
-        ("results", _stack([trial_results(trial, store, axes) for trial in tested])),
-        ("surrogates", surrogates),
-        ("expected_ig_by_q", gathered("surrogates", "by_q", with_rays)),
-        ("curves", _stack([_curve(trial, store) for trial in tested])),
-        ("pr_curves", _stack([_of_trial(trial, "pr_curves", store, axes) for trial in tested])),
-        ("left_out", _stack([_of_trial(trial, "left_out", store, axes) for trial in tested])),
-        ("distance", _stack([_of_trial(trial, "by_distance", store, axes) for trial in tested])),
-        ("points", _points(tested, store, axes)),
-        ("individuals", _individuals(good, store, axes)),
-        ("accuracy", gathered("accuracy", "table", known)),
-        ("sampling_error", gathered("sampling_error", "estimates", known)),
-        ("pog_resamples", gathered("sampling_error", "resamples", known)),
-        ("promotions", run.promotion.table()),
-        ("tasks", _tasks_table([*plan.tasks, *run.outcome.probes.values()], store, run)),
+    for table, frame in (
+        (contract.TRIALS, trials_table(plan, store, run, axes)),
+        (contract.RESULTS, of_trials("metrics")),
+        (contract.SURROGATES, surrogates),
+        (contract.EXPECTED_IG_BY_Q, gathered("surrogates", "by_q", with_rays)),
+        (contract.CURVES, _stack([_curve(trial, store) for trial in tested])),
+        (contract.PR_CURVES, of_trials("pr_curves")),
+        (contract.LEFT_OUT, of_trials("left_out")),
+        (contract.DISTANCE, of_trials("by_distance")),
+        (contract.POINTS, _points(tested, store, axes)),
+        (contract.INDIVIDUALS, _individuals(good, store, axes)),
+        (contract.ACCURACY, gathered("accuracy", "table", known)),
+        (contract.SAMPLING_ERROR, gathered("sampling_error", "estimates", known)),
+        (contract.POG_RESAMPLES, gathered("sampling_error", "resamples", known)),
+        (contract.PROMOTIONS, run.promotion.table()),
+        (contract.TASKS, _tasks_table([*plan.tasks, *run.outcome.probes.values()], store, run)),
     ):
-        with replacing(folder / f"{name}.parquet") as partial:
-            table.to_parquet(partial, index=False)
+        table.write(frame, folder)
     frames = {"train": 0, "test": 0}
     pictured: Mapping[str, Any] = {}
     if known:
@@ -113,12 +116,11 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
             for split, count in splits.value_counts().items():
                 frames[str(split)] += int(count)
         shown = drawn(known, tested, surrogates)
-        save_arrays(folder / "maps.npz", maps(sweep, shown, store))
+        maps(sweep, shown, store).write(folder)
         if tested:
-            save_arrays(folder / "frame.npz", one_frame(shown, store))
+            one_frame(shown, store).write(folder)
         pictured = axis_values(shown[0], [a for a in axes if a in surrogates.columns])
-    about = _about(sweep, frames, run) | {"pictured": pictured}
-    write_text(folder / "sweep.json", json.dumps(about, indent=1))
+    _about(sweep, Frames(**frames), run, pictured).write(folder)
 
 
 def trials_table(plan: Plan, store: AnyStore, run: Run, axes: Sequence[str]) -> pd.DataFrame:
@@ -147,19 +149,13 @@ def _curve(trial: Trial, store: AnyStore) -> pd.DataFrame:
     return with_columns(store.load(trial.finetune, ("curve",))["curve"], {"trial": trial.key})
 
 
-def _of_trial(trial: Trial, name: str, store: AnyStore, axes: Sequence[str]) -> pd.DataFrame:
-    """A table of the evaluation."""
-    assert trial.evaluate is not None
-    return with_columns(store.load(trial.evaluate, (name,))[name], identity(trial, axes))
-
-
 def _points(trials: Sequence[Trial], store: AnyStore, axes: Sequence[str]) -> pd.DataFrame:
     """Points per object of the test frames by distance; once for what several trials share."""
-    tables: dict[tuple[object, ...], pd.DataFrame] = {}
+    found: dict[tuple[object, ...], pd.DataFrame] = {}
     for trial in trials:
         own = surrogate_identity(trial, axes)
         place = (*(task.key for task in trial.collect_test), *own.values())
-        if place in tables:
+        if place in found:
             continue
         objects = pd.concat(
             [store.load(task, ("objects",))["objects"] for task in trial.ground_truths]
@@ -169,32 +165,31 @@ def _points(trials: Sequence[Trial], store: AnyStore, axes: Sequence[str]) -> pd
             store.load(task, ("points_per_object",))["points_per_object"]
             for task in trial.collect_test
         ]
-        found = points_by_distance(objects, pd.concat(counts))
-        tables[place] = with_columns(found, own)
-    return _stack(list(tables.values()))
+        found[place] = with_columns(points_by_distance(objects, pd.concat(counts)), own)
+    return _stack(list(found.values()))
 
 
 def _individuals(trials: Sequence[Trial], store: AnyStore, axes: Sequence[str]) -> pd.DataFrame:
     """In how many frames of a split and a route every object counts; once for what trials share."""
     keys = ["split", "scene", "route", "class", "object_id"]
-    own = [axis for axis in axes if axis.partition(".")[0] in ("scene", "roi")]
-    tables: dict[tuple[object, ...], pd.DataFrame] = {}
+    own = contract.INDIVIDUALS.axes_of(axes)
+    found: dict[tuple[object, ...], pd.DataFrame] = {}
     for trial in trials:
         setting = axis_values(trial, own)
         place = (*(task.key for task in trial.ground_truths), *setting.values())
-        if place in tables or not trial.ground_truths:
+        if place in found or not trial.ground_truths:
             continue
         values = [store.load(task, ("objects", "frames")) for task in trial.ground_truths]
         objects = pd.concat([value["objects"] for value in values])
         objects = objects[objects["class"].isin(trial.grid_point.point.classes)]
         frames = pd.concat([value["frames"] for value in values])
         counts = objects.merge(frames[["frame", "route", "split"]], on="frame").value_counts(keys)
-        tables[place] = with_columns(counts.sort_index().reset_index(name="boxes"), setting)
-    return _stack(list(tables.values()))
+        found[place] = with_columns(counts.sort_index().reset_index(name="boxes"), setting)
+    return _stack(list(found.values()))
 
 
 def _tasks_table(tasks: Sequence[Task], store: AnyStore, run: Run) -> pd.DataFrame:
-    """One row a task: what `tracking.run_folders.sweep` lists, times from the start of this run."""
+    """One row a task: columns of `TASKS`, times from the start of this run."""
     rows = []
     there = store.finished(tasks)
     for task in tasks:
@@ -222,25 +217,26 @@ def _tasks_table(tasks: Sequence[Task], store: AnyStore, run: Run) -> pd.DataFra
     return pd.DataFrame(rows)
 
 
-def _about(sweep: Sweep, frames: Mapping[str, int], run: Run) -> dict[str, Any]:
+def _about(sweep: Sweep, frames: Frames, run: Run, pictured: Mapping[str, Any]) -> SweepResult:
     first = sweep.points[0].point
     placements = {}
     for grid_point in sweep.points:
         point = grid_point.point
         rig = sweep.common.placement_named(point.placement, point.lidar.lidar())
-        placements[point.placement] = [list(astuple(mount)) for mount in rig.mounts]
-    roi = first.roi.model_dump(mode="json") | {"resolution": first.surrogate.resolution}
-    return {
-        "name": sweep.common.name,
-        "command": hide_secrets(run.command, *sweep.common.urls),
-        "axes": list(further_axes(sweep)),
-        "placements": placements,
-        "classes": list(first.classes),
-        "roi": roi,
-        "frames": dict(frames),
-        "promote": [rung.model_dump(mode="json", by_alias=True) for rung in sweep.common.promote],
-        "tracking_uri": public_url(absolute_uri(sweep.common.tracking_uri)),
-        "cores": run.cores,
-        "seconds": run.seconds,
-        "versions": {"python": platform.python_version()} | {n: version(n) for n in _VERSIONS},
-    }
+        placements[point.placement] = [astuple(mount) for mount in rig.mounts]
+    rungs = [rung.model_dump(mode="json", by_alias=True) for rung in sweep.common.promote]
+    return SweepResult(
+        name=sweep.common.name,
+        command=hide_secrets(run.command, *sweep.common.urls),
+        axes=further_axes(sweep),
+        placements=placements,
+        classes=first.classes,
+        roi=first.voxel_roi(),
+        frames=frames,
+        promote=[Rung.model_validate(rung) for rung in rungs],
+        tracking_uri=public_url(absolute_uri(sweep.common.tracking_uri)),
+        cores=run.cores,
+        seconds=run.seconds,
+        versions={"python": platform.python_version()} | {n: version(n) for n in _VERSIONS},
+        pictured=pictured,
+    )

@@ -14,8 +14,7 @@ from sweeps.plan.plan import Trial
 from sweeps.store.open import AnyStore
 from sweeps.tasks.task import Task
 from tracking.kitti_iou import headline_iou
-
-_SURROGATE_AXES = ("scene", "roi", "lidar", "surrogate")
+from tracking.run_folders.sweep_tables import SURROGATES
 
 
 def trial_failure(trial: Trial, failures: Mapping[str, Failure]) -> Failure | None:
@@ -23,14 +22,13 @@ def trial_failure(trial: Trial, failures: Mapping[str, Failure]) -> Failure | No
     return next((failures[t.key] for t in trial.results if t.key in failures), None)
 
 
-def trial_results(trial: Trial, store: AnyStore, axes: Sequence[str]) -> pd.DataFrame:
-    """Metrics of a trial: its identity, class, metric, iou, difficulty, value, ground_truths.
-
-    Empty without a detector.
-    """
+def trial_results(
+    trial: Trial, store: AnyStore, axes: Sequence[str], name: str = "metrics"
+) -> pd.DataFrame:
+    """A table of a trial's evaluation, its identity in front; empty without a detector."""
     if trial.evaluate is None:
         return pd.DataFrame()
-    return with_columns(store.load(trial.evaluate, ("metrics",))["metrics"], identity(trial, axes))
+    return with_columns(store.load(trial.evaluate, (name,))[name], identity(trial, axes))
 
 
 def metric_mean(trials: Sequence[Trial], metric: str, object_class: str, store: AnyStore) -> float:
@@ -64,8 +62,8 @@ def of_placement(
 
 def surrogate_identity(trial: Trial, axes: Sequence[str]) -> dict[str, Any]:
     """Columns that tell the surrogates of a trial from those of others."""
-    own = [axis for axis in axes if axis.partition(".")[0] in _SURROGATE_AXES]
-    return {"placement": trial.grid_point.point.placement} | axis_values(trial, own)
+    own = axis_values(trial, SURROGATES.axes_of(axes))
+    return {"placement": trial.grid_point.point.placement} | own
 
 
 def identity(trial: Trial, axes: Sequence[str]) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_log import write_small_log
+from written_tables import check_columns
 
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
@@ -21,6 +22,7 @@ from sweeps.plan.plan import make_plan
 from sweeps.results.promotion import at_most, promote, survivors
 from sweeps.results.trial_results import trial_failure
 from sweeps.store.local import Store
+from tracking.run_folders.sweep_tables import PROMOTIONS
 
 PLACEMENTS = ["line", "center", "square", "pyramid"]
 SWEEP = {
@@ -111,6 +113,7 @@ def test_cheap_stages_for_all_and_full_trainings_for_the_best(log, quick):
     assert not outcome.failures
     assert promotion.complete
     table = promotion.table()
+    check_columns(table, PROMOTIONS)
     first, second = (table[table["rung"] == number] for number in (0, 1))
     assert sorted(first["placement"]) == sorted(PLACEMENTS)
     values = {}

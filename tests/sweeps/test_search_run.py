@@ -11,6 +11,7 @@ import pytest
 import yaml
 from search_files import write_search
 from typer.testing import CliRunner
+from written_tables import check_columns
 
 from lidarplace import OccupancyGrid, Placement, Roi, evaluate
 from lidarplace.box_log import read_box_log
@@ -22,6 +23,8 @@ from sweeps.search.trials.study import journal_path
 from tests.forked import GUARD_S, Forked
 from tracking.mlflow.connection import connect
 from tracking.mlflow.page import VIEW_TAG
+from tracking.run_folders.search_json import SearchResult
+from tracking.run_folders.search_tables import BOUND, GREEDY, ROBUSTNESS
 
 ROOT = Path(__file__).parents[2]
 _OTHER = ("robustness", "verify", "detector", "seed", "placement")
@@ -65,6 +68,12 @@ def test_the_best_trial_is_what_the_files_say(folder):
     bound = found["bound"]
     assert bound["greedy"] <= bound["value"] <= bound["by_gains"]
     assert bound["gap_percent"] == pytest.approx(100 * (1 - best / bound["value"]))
+
+
+def test_tables_have_the_columns_that_their_models_tell(folder):
+    search = SearchResult.read(folder / "runs/small")
+    for table in (search.trials_table, BOUND, GREEDY, ROBUSTNESS):
+        check_columns(pd.read_parquet(folder / "runs/small" / table.file), table)
 
 
 def test_the_value_is_that_of_the_library(folder):

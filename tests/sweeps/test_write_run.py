@@ -7,6 +7,7 @@ import pytest
 import yaml
 from small_log import write_small_log
 from test_detector_sweep import SWEEP, Loud
+from written_tables import check_columns
 
 from sweeps.configuration.grid import read_sweep
 from sweeps.execution.backends import InProcess
@@ -16,6 +17,7 @@ from sweeps.results.promotion import Promotion
 from sweeps.results.run_folder import Run, write_run
 from sweeps.store.local import Store
 from tracking.run_folders.sweep import RunFolder
+from tracking.run_folders.sweep_tables import TABLES
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -36,6 +38,16 @@ def folder(tmp_path_factory):
     run = Run(outcome, Promotion(complete=True), set(), 1, "sweeps.run small.yaml", 0.0, 1.0)
     write_run(path / "run", sweep, plan, store, run)
     return path / "run"
+
+
+def test_tables_have_the_columns_that_their_models_tell(folder):
+    for table in TABLES:
+        written = pd.read_parquet(folder / table.file)
+        if table.name == "promotions":
+            assert written.shape == (0, 0)
+            continue
+        check_columns(written, table)
+        assert len(written.columns) == len(table.columns), table.file
 
 
 def test_individuals_of_both_splits_are_counted_once(folder):

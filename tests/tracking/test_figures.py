@@ -29,7 +29,8 @@ from tracking.figures.of_sweeps.published import against_own
 from tracking.figures.of_sweeps.times import times
 from tracking.findings.surrogate_accuracy import relative_errors, summarise
 from tracking.pages.section import figure_title
-from tracking.run_folders.sweep import Frame, RunFolder
+from tracking.run_folders.sweep import RunFolder
+from tracking.run_folders.sweep_arrays import Frame
 
 ROI = Roi(x=(0, 50), y=(-10, 10), z=(0, 4), resolution=0.1)
 

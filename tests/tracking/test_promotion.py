@@ -17,6 +17,7 @@ from tracking.findings.training_cost import summarise_cost, training_cost
 from tracking.report.build import build_report
 from tracking.report.sections.promotion import promotion_section
 from tracking.run_folders.sweep import RunFolder
+from tracking.run_folders.sweep_json import Rung
 
 
 @pytest.fixture(scope="module")
@@ -169,7 +170,8 @@ def test_short_trainings_are_told_by_what_their_rung_sets():
         {"detector": "a", EPOCHS: [2, 10, 10, 10], "training.flip_y": [False, True, True, False]}
     )
     axes = [EPOCHS, "training.flip_y"]
-    rungs = [{"set": {}}, {"set": {"training.flip_y": False}}]
+    changes = ({}, {"training.flip_y": False})
+    rungs = [Rung(by="s_mig", keep=2, set=own) for own in changes]
     assert is_full(trials, axes, rungs).tolist() == [False, True, True, False]
     assert is_full(trials, axes[:1]).tolist() == [False, True, True, True]
 

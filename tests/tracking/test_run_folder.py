@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from made_up_run import NAMES, write_run
+from pandas.testing import assert_frame_equal
 
 from lidarplace.boxes import CLASSES
 from tracking.findings.summary import (
@@ -19,6 +20,7 @@ from tracking.findings.summary import (
     summary_table,
 )
 from tracking.run_folders.sweep import RunFolder
+from tracking.run_folders.sweep_tables import PROMOTIONS, TABLES, TRIALS
 
 
 @pytest.fixture
@@ -92,6 +94,33 @@ def test_optional_files_may_be_missing(copy):
     assert run.tasks is not None
 
 
+def test_what_is_written_is_read(made_up_run, tmp_path):
+    run = RunFolder.read(made_up_run)
+    again = tmp_path / "again"
+    again.mkdir()
+    shutil.copy(made_up_run / "config.yaml", again)
+    for written in (run.sweep, run.maps, run.frame):
+        written.write(again)
+    there = [table for table in TABLES if table is not PROMOTIONS]
+    for table in there:
+        table.write(getattr(run, table.name), again)
+    read = RunFolder.read(again)
+    assert read.sweep == run.sweep
+    for table in there:
+        assert_frame_equal(getattr(read, table.name), getattr(run, table.name))
+    for name in ("maps", "frame"):
+        np.testing.assert_equal(vars(getattr(read, name)), vars(getattr(run, name)))
+
+
+def test_a_table_is_written_only_as_it_has_to_be_read(made_up_run, tmp_path):
+    trials = RunFolder.read(made_up_run).trials
+    with pytest.raises(ValueError, match=r"trials\.parquet: no column status; found trial"):
+        TRIALS.write(trials.drop(columns="status"), tmp_path)
+    with pytest.raises(ValueError, match=r"trials\.parquet: column seconds must hold numbers"):
+        TRIALS.write(trials.assign(seconds="long"), tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_older_tasks_are_of_unknown_times(copy):
     assert RunFolder.read(copy).tasks["started"].notna().any()
     tasks = pd.read_parquet(copy / "tasks.parquet")
@@ -107,7 +136,8 @@ def test_a_sweep_without_detectors_keeps_its_axes(tmp_path):
     run = RunFolder.read(folder)
     assert run.axes == ("scene.density",)
     assert run.results.empty
-    assert "scene.density" in run.results.columns
+    for table in (run.results, run.left_out, run.pr_curves, run.distance):
+        assert "scene.density" in table.columns
     assert (run.trials["detector"] == "").all()
     assert run.frame is None
     assert run.maps is not None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 
 import numpy as np
 import pandas as pd
@@ -10,6 +11,7 @@ import pytest
 from made_up_search import write_search
 
 from tracking.run_folders.search import SearchFolder
+from tracking.run_folders.search_json import SearchResult
 
 
 @pytest.fixture
@@ -33,6 +35,19 @@ def test_a_complete_folder_is_read_whole(tmp_path):
     found = run.search.rigs["found_1"]
     np.testing.assert_allclose(rig.mounts, found.mounts, atol=1e-12)
     assert (rig.models, rig.zones, rig.searched) == (found.models, found.zones, found.searched)
+
+
+def test_what_is_not_known_is_null_in_the_file(folder):
+    search = SearchResult.read(folder)
+    line = search.rigs["line"].model_copy(update={"values": {"expected_ig": math.nan}})
+    rigs = search.rigs | {"line": line}
+    search.model_copy(update={"rigs": rigs}).write(folder)
+    assert json.loads((folder / "search.json").read_text())["rigs"]["line"]["values"] == {
+        "expected_ig": None
+    }
+    again = SearchResult.read(folder)
+    assert again.rigs["found_1"] == search.rigs["found_1"]
+    assert math.isnan(again.rigs["line"].value(search.first))
 
 
 def test_absent_parts_are_none_or_empty(folder):

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,6 +13,7 @@ from lidarplace.metrics import HEADLINE_METRIC
 from tracking.findings.training_cost import is_longest
 from tracking.kitti_iou import headline_iou
 from tracking.labels import metric_label, setting_label, surrogate_name
+from tracking.run_folders.sweep_json import Rung
 
 FULL_TRAINING = "full training"
 """The stage after the last rung."""
@@ -46,9 +46,7 @@ class Promoted:
         return int((self.rungs["rung"] == self.rungs["rung"].min()).sum())
 
 
-def is_full(
-    table: pd.DataFrame, axes: Sequence[str], rungs: Sequence[Mapping[str, Any]] = ()
-) -> pd.Series:
+def is_full(table: pd.DataFrame, axes: Sequence[str], rungs: Sequence[Rung] = ()) -> pd.Series:
     """Whether each row is of the longest training and of none that a rung shortened.
 
     Args:
@@ -57,7 +55,7 @@ def is_full(
     """
     full = is_longest(table, axes)
     for rung in rungs:
-        setting = {k: v for k, v in rung["set"].items() if k in table and table[k].nunique() > 1}
+        setting = {k: v for k, v in rung.set.items() if k in table and table[k].nunique() > 1}
         if setting:
             same = [table[key] == _cell(value) for key, value in setting.items()]
             full &= ~np.logical_and.reduce(same)
@@ -74,7 +72,7 @@ def promoted(
     trials: pd.DataFrame,
     results: pd.DataFrame,
     axes: Sequence[str],
-    rungs: Sequence[Mapping[str, Any]],
+    rungs: Sequence[Rung],
 ) -> Iterator[Promoted]:
     """The groups of `promotions`, in its order.
 

@@ -73,7 +73,9 @@ def build_report(run: Path) -> Path:
         *_same_rigs(same),
         *reduced_batches(folder.tasks),
     ]
-    facts = folder.sweep.model_dump(mode="json", exclude_unset=True, exclude={"placements"})
+    facts = folder.sweep.model_dump(
+        mode="json", by_alias=True, exclude_unset=True, exclude={"placements"}
+    )
     write_csv_files(folder.path / FOLDER, sections)
     page = write_page(
         folder.path / "report.html",

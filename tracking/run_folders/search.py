@@ -11,21 +11,11 @@ import plotly.graph_objects as go
 import plotly.io
 from numpy.typing import NDArray
 
-from lidarplace.files.arrays import check_numbers, read_npz
 from lidarplace.files.atomic import read_text
 from lidarplace.roi import Roi
-from tracking.run_folders.search_json import Rig, SearchResult, read_search_result
-from tracking.run_folders.tables import read_result_table
-
-_TABLES: dict[str, tuple[str, ...]] = {
-    "bound": ("seconds", "bound", "kind"),
-    "greedy": ("step", "gain", "value"),
-    "robustness": ("rig", "case", "objective", "draws", "value", "worst", "share"),
-    "verified": (
-        *("rig", "role", "class", "metric", "iou", "value", "low", "high", "seeds"),
-        *("difference", "difference_low", "difference_high", "surrogate"),
-    ),
-}
+from tracking.run_folders.search_arrays import UnseenMaps
+from tracking.run_folders.search_json import Rig, SearchResult
+from tracking.run_folders.search_tables import BOUND, GREEDY, ROBUSTNESS, TRIALS, VERIFIED
 
 
 @dataclass(frozen=True)
@@ -83,11 +73,16 @@ class SearchFolder:
             zones.append(None if pd.isna(zone) else zone or None)
         if not mounts:
             return None
-        values = {o.name: trial[f"value.{o.name}"] for o in self.search.objectives}
-        return Rig.model_validate(
-            {"role": "found", "mounts": mounts, "models": models, "zones": zones}
-            | {"values": {}, "searched": values, "measures": {}}
-            | {"feasible": bool(trial["feasible"])}
+        searched = {o.name: trial[f"value.{o.name}"] for o in self.search.objectives}
+        return Rig(
+            role="found",
+            mounts=mounts,
+            models=models,
+            zones=zones,
+            values={},
+            searched=searched,
+            measures={},
+            feasible=bool(trial["feasible"]),
         )
 
     @classmethod
@@ -99,55 +94,29 @@ class SearchFolder:
                 that it must have.
         """
         path = Path(path)
-        missing = [n for n in ("search.json", "trials.parquet") if not (path / n).is_file()]
+        missing = [n for n in (SearchResult.FILE, TRIALS.file) if not (path / n).is_file()]
         if missing:
             raise ValueError(f"{path} is no folder of a search: it has no {', '.join(missing)}")
-        search = read_search_result(path / "search.json")
-        of_trials = (
-            *("number", "state", "feasible", "possible", "seconds"),
-            *(f"value.{objective.name}" for objective in search.objectives),
-            *(f"violation.{constraint.name}" for constraint in search.constraints),
-        )
-        trials = read_result_table(path / "trials.parquet", of_trials)
-        tables = {
-            name: read_result_table(file, columns, numbers=("surrogate",))
-            if (file := path / f"{name}.parquet").is_file()
-            else None
-            for name, columns in _TABLES.items()
-        }
+        search = SearchResult.read(path)
         config = path / "config.yaml"
-        pog, unseen = _read_maps(path / "maps.npz")
+        maps = UnseenMaps.read(path)
         return cls(
             path=path,
             search=search,
             config=read_text(config) if config.is_file() else "",
             roi=search.roi,
-            trials=trials.sort_values("number", ignore_index=True),
-            **tables,
-            pog=pog,
-            unseen=unseen,
+            trials=search.trials_table.read(path).sort_values("number", ignore_index=True),
+            bound=BOUND.read_if_there(path),
+            greedy=GREEDY.read_if_there(path),
+            robustness=ROBUSTNESS.read_if_there(path),
+            verified=VERIFIED.read_if_there(path),
+            pog=maps.pog,
+            unseen=maps.unseen,
             optuna={
                 file.stem.replace("_", " ").capitalize(): _read_figure(file)
                 for file in sorted((path / "optuna").glob("*.json"))
             },
         )
-
-
-def _read_maps(
-    file: Path,
-) -> tuple[dict[str, NDArray[np.float32]], dict[str, dict[str, NDArray[np.float32]]]]:
-    pog: dict[str, NDArray[np.float32]] = {}
-    unseen: dict[str, dict[str, NDArray[np.float32]]] = {}
-    if file.is_file():
-        for name, array in read_npz(file).items():
-            check_numbers(name, array, 2, file)
-            kind, _, rest = name.partition("/")
-            if kind == "pog":
-                pog[rest] = array
-            elif kind == "unseen":
-                object_class, _, rig = rest.partition("/")
-                unseen.setdefault(object_class, {})[rig] = array
-    return pog, unseen
 
 
 def _read_figure(file: Path) -> go.Figure:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from lidarplace.placement import Mount
 from lidarplace.roi import Roi
-from tracking.run_folders.json_file import Part, read_result_file
+from tracking.run_folders.json_file import Part, ResultFile
+from tracking.run_folders.search_tables import trials_of
+from tracking.run_folders.table import Table
 
 Point = tuple[float, float, float]
 
@@ -75,22 +76,24 @@ class Rig(Part):
 
     Attributes:
         role: found by the sampler, by greedy, or one of the paper's eight.
+        feasible: it keeps every constraint.
         mounts: x, y, z in metres, roll, pitch, yaw in radians.
         models, zones: names, one a mount.
         values: by objective, with all rays; None or absent if it was not evaluated.
         searched: by objective, as the search computes it, see `Stride`.
         measures: by constraint.
-        feasible: it keeps every constraint.
+        params: by key path of the configuration, of a trial that varied some.
     """
 
     role: Literal["found", "greedy", "paper"]
+    feasible: bool
     mounts: tuple[tuple[float, float, float, float, float, float], ...]
     models: tuple[str, ...]
     zones: tuple[str | None, ...]
     values: dict[str, float | None]
     searched: dict[str, float | None]
     measures: dict[str, float | None]
-    feasible: bool
+    params: dict[str, Any] = Field({})
 
     def value(self, objective: Objective) -> float:
         """With all rays; NaN if it was not evaluated."""
@@ -123,18 +126,18 @@ class Bound(Part):
         value: no rig of the candidates is better; None if there is no bound, see `reason`.
         by_gains: the bound from marginal gains alone, which `value` may tighten.
         greedy: value of the greedy rig.
+        candidates: number of candidate mounts.
         gap_percent: how far `best_value`, of the first of `best`, is below `value`, in percent
             of `value`.
-        candidates: number of candidate mounts.
         reason: why there is no bound.
     """
 
     value: float | None = None
     by_gains: float | None = None
     greedy: float | None = None
-    gap_percent: float | None = None
     candidates: int | None = None
     best_value: float | None = None
+    gap_percent: float | None = None
     reason: str | None = None
 
 
@@ -160,72 +163,94 @@ class Command(Part):
     line: str
 
 
-class SearchResult(Part):
-    """`search.json`; lengths in metres, angles in radians.
+class SearchResult(ResultFile):
+    """`search.json`; lengths in metres, angles in radians."""
 
-    Attributes:
-        command: the line that ran the search.
-        seconds, sampler_seconds, evaluation_seconds: of the last command alone.
-        trials: asked for; evaluations: rigs that were evaluated; repeated: duplicates that were
-            not; feasible: trials that kept every constraint.
-        parameters: the largest number of parameters of a trial.
-        roi: the region of interest.
-        frames: in the POG.
-        vehicle: boxes, lowest and highest corner.
-        best: names of `rigs`, best first; several are of a Pareto front; empty if none is feasible.
-        front: number of rigs of the whole Pareto front; None for one objective.
-        baseline: the best of the paper's eight by the first objective, None if they are no peers.
-        stride: None where no objective fires rays.
-        linear_share: of `expected_ig` of the best rig, see
-            `lidarplace.surrogates.evaluate.linear_share`; the largest of the classes that the
-            search weighs, None if it is no objective.
-        importance: share of each parameter in reaching good values (PED-ANOVA).
-    """
+    FILE: ClassVar[str] = "search.json"
 
     name: str
+    """Of the search."""
     command: str
-    seconds: float
-    objectives: tuple[Objective, ...]
-    sampler: str
-    seed: int
-    batch_size: int
-    trials: int
-    evaluations: int
-    repeated: int
-    feasible: int
-    sampler_seconds: float
-    evaluation_seconds: float
-    parameters: int
-    constraints: tuple[Constraint, ...]
-    classes: tuple[str, ...]
-    roi: Roi
-    frames: int
-    zones: tuple[Zone, ...]
-    spans: Spans
-    vehicle: tuple[tuple[Point, Point], ...]
-    models: dict[str, Model]
-    bound: Bound | None
-    best: tuple[str, ...]
-    front: int | None
-    baseline: str | None
-    rigs: dict[str, Rig]
+    """The line that ran the search."""
     commands: tuple[Command, ...]
-    tracking_uri: str | None
-    versions: dict[str, str]
-    stride: Stride | None
-    linear_share: float | None = None
+    """What can be done with what was found."""
+    seconds: float
+    """Of the last command alone."""
+    objectives: tuple[Objective, ...]
+    """What is made large or small, with the unit, and the weights of the classes."""
+    sampler: str
+    """Of Optuna, in words of the configuration."""
+    seed: int
+    """Of the sampler."""
+    batch_size: int
+    """Trials that were asked for at a time."""
+    trials: int
+    """That were asked for."""
+    evaluations: int
+    """Rigs that were evaluated."""
+    repeated: int
+    """Duplicates that were not."""
+    feasible: int
+    """Trials that kept every constraint."""
+    sampler_seconds: float
+    """Of the last command alone."""
+    evaluation_seconds: float
+    """Of the last command alone."""
+    constraints: tuple[Constraint, ...]
+    """With their limits and units."""
+    classes: tuple[str, ...]
+    """Of objects, in the order of the configuration."""
+    roi: Roi
+    """The region of interest."""
+    frames: int
+    """In the POG."""
+    zones: tuple[Zone, ...]
+    """Where LiDARs may sit."""
+    vehicle: tuple[tuple[Point, Point], ...]
+    """Boxes, lowest and highest corner."""
+    models: dict[str, Model]
+    """LiDAR models that the search could choose, by name."""
+    bound: Bound | None
+    """How good the first objective can be, or why that is not known."""
+    best: tuple[str, ...]
+    """Names of `rigs`, best first; several are of a Pareto front; empty if none is feasible."""
+    front: int | None
+    """Number of rigs of the whole Pareto front; null for one objective."""
+    spans: Spans
+    """Lowest and highest angles of mounts, degrees."""
+    parameters: int
+    """The largest number of parameters of a trial."""
+    baseline: str | None
+    """The best of the paper's eight by the first objective, null if they are no peers."""
+    rigs: dict[str, Rig]
+    """Placements by name, with what they measure."""
     importance: dict[str, float] | None
+    """Share of each parameter in reaching good values (PED-ANOVA)."""
+    stride: Stride | None
+    """How rays were thinned, and the error of that; null where no objective fires rays."""
+    linear_share: float | None = None
+    """Of `expected_ig` of the best rig, see `lidarplace.surrogates.evaluate.linear_share`; the
+    largest of the classes that the search weighs, null if it is no objective."""
+    tracking_uri: str | None
+    """Where MLflow has the runs, without passwords."""
+    versions: dict[str, str]
+    """Of Python and of the libraries."""
 
     @property
     def first(self) -> Objective:
         """The objective that decides where there is one figure to tell."""
         return self.objectives[0]
 
+    @property
+    def trials_table(self) -> Table:
+        """What the table of trials holds."""
+        return trials_of((o.name for o in self.objectives), (c.name for c in self.constraints))
+
     @model_validator(mode="after")
     def _consistent(self) -> SearchResult:
         if not self.objectives:
             raise ValueError("objectives: needs at least one, found none")
-        for name in (*self.best, *([self.baseline] if self.baseline else [])):
+        for name in filter(None, (*self.best, self.baseline)):
             if name not in self.rigs:
                 raise ValueError(f"rigs: has no {name!r}, which best or baseline names")
             missing = [o.name for o in self.objectives if np.isnan(self.rigs[name].value(o))]
@@ -237,13 +262,3 @@ class SearchResult(Part):
 
 def _known(value: float | None) -> float:
     return float("nan") if value is None else value
-
-
-def read_search_result(path: Path) -> SearchResult:
-    """Read `search.json`.
-
-    Raises:
-        ValueError: it is no JSON, or a key is missing or not as it must be.
-        OSError: it cannot be read.
-    """
-    return read_result_file(path, SearchResult)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
-from pydantic import AfterValidator, ConfigDict, Field, FiniteFloat
+from pydantic import ConfigDict, Field, FiniteFloat
 
 from lidarplace.configuration.settings import Count, CountFromOne
 from lidarplace.placement import Mount
 from lidarplace.roi import Roi
-from tracking.run_folders.json_file import Part
+from tracking.run_folders.json_file import Part, ResultFile
 
 Pose = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
 
@@ -21,39 +21,49 @@ class Frames(Part):
     test: Count
 
 
-def _sets(rung: dict[str, Any]) -> dict[str, Any]:
-    if not isinstance(rung.get("set"), dict):
-        raise ValueError("a rung has a mapping of keys `set`")
-    return rung
+class Rung(Part):
+    """A step of `promote`, as the configuration has it."""
+
+    by: str
+    keep: CountFromOne
+    object_class: str | None = Field(None, alias="class")
+    direction: str | None = None
+    set: dict[str, Any]
+    """Key path -> value of its trainings."""
 
 
-class SweepResult(Part):
-    """`sweep.json`; lengths in metres, angles in radians. Run folders of before lack the last keys.
+class SweepResult(ResultFile):
+    """`sweep.json`; lengths in metres, angles in radians. Older ones lack the last keys."""
 
-    Attributes:
-        command: the line that ran the sweep.
-        axes: of the grid, beyond the placement.
-        placements: x, y, z, roll, pitch, yaw of every mount, by the placement's name.
-        roi: the region of interest.
-        promote: what each rung ranked by, kept and set.
-        pictured: of which setting maps, frames and clouds are, by axis.
-        cores: that the sweep had.
-        seconds: of the last command.
-    """
-
+    FILE: ClassVar[str] = "sweep.json"
     model_config = ConfigDict(extra="allow")  # the report shows all that the file says
 
     name: str
+    """Of the sweep."""
     command: str
+    """The line that ran the sweep."""
     axes: tuple[str, ...]
+    """Of the grid, beyond placement, detector and seed."""
     placements: dict[str, tuple[Pose, ...]]
+    """x, y, z, roll, pitch, yaw of every mount, by the placement's name."""
     classes: Annotated[tuple[str, ...], Field(min_length=1)]
+    """Of objects, in the order of the configuration."""
     roi: Roi
+    """The region of interest."""
     frames: Frames
-    promote: tuple[Annotated[dict[str, Any], AfterValidator(_sets)], ...] = ()
-    pictured: dict[str, str | int | float | bool | None] = Field({})
+    """How many there are of each split."""
+    promote: tuple[Rung, ...] = ()
+    """What each rung ranked by, kept and set."""
+    tracking_uri: str | None = None
+    """Where MLflow has the runs, without passwords."""
     cores: CountFromOne | None = None
+    """Tasks that could run at once."""
     seconds: Annotated[FiniteFloat, Field(ge=0)] | None = None
+    """Of the last command."""
+    versions: dict[str, str] = Field({})
+    """Of Python and of the libraries."""
+    pictured: dict[str, str | int | float | bool | None] = Field({})
+    """Of which setting maps, frames and clouds are, by axis."""
 
     @property
     def rigs(self) -> dict[str, tuple[Mount, ...]]:

@@ -11,7 +11,6 @@ import pandas as pd
 from rich.console import Console
 
 from lidarplace.command_line.verbs import wrong
-from lidarplace.files.atomic import replacing
 from lidarplace.metrics import RANKING
 from sweeps.configuration.grid import Sweep
 from sweeps.plan.plan import Plan, read_plan
@@ -22,6 +21,7 @@ from sweeps.store.of_sweep import store_of
 from tracking.findings.best_placement import best_placement
 from tracking.findings.summary import seed_means
 from tracking.kitti_iou import headline_iou
+from tracking.run_folders.search_tables import VERIFIED
 from tracking.run_folders.sweep import RunFolder
 
 
@@ -54,8 +54,7 @@ def verify_found(console: Console, problem: Problem, found: Found, command: str)
         name: own.value(objective) if known else math.nan for name, own in found.judged.items()
     }
     table = verified_table(run, found.judged, surrogate, found.baseline)
-    with replacing(problem.folder / "verified.parquet") as partial:
-        table.to_parquet(partial, index=False)
+    VERIFIED.write(table, problem.folder)
     return complete
 
 

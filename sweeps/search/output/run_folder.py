@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-import json
 import platform
 import shlex
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import astuple
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-import pandas as pd
 import yaml
 
-from lidarplace import Mount
+from lidarplace import Mount, Roi
 from lidarplace.command_line.invocation import command
 from lidarplace.configuration.sensor import SensorSettings
-from lidarplace.files.atomic import replacing
 from lidarplace.files.secret_urls import public_url
 from lidarplace.metrics import METRICS
 from lidarplace.surrogates.table import RAY_SURROGATES, SURROGATES
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.search import ObjectiveSettings
-from sweeps.results.pictures import save_arrays
-from sweeps.search.greedy.certificate import Certificate
 from sweeps.search.judgement.found import Found
 from sweeps.search.judgement.winners import Judged, stride_error
 from sweeps.search.output.optuna_figures import importances, write_optuna_figures
@@ -37,13 +30,25 @@ from sweeps.search.problem.problem import Problem
 from sweeps.search.trials.study import assessment_of, candidate_of, finished_trials, journal_path
 from sweeps.store.local import write_text
 from tracking.mlflow.uri import absolute_uri
+from tracking.run_folders.search_arrays import UnseenMaps
+from tracking.run_folders.search_json import (
+    Bound,
+    Command,
+    Constraint,
+    Model,
+    Objective,
+    SearchResult,
+    Spans,
+    Stride,
+    Zone,
+)
+from tracking.run_folders.search_json import Rig as JudgedRig
+from tracking.run_folders.search_tables import BOUND, GREEDY, ROBUSTNESS, TABLES
 
 _VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas", "optuna")
 
-_OPTIONAL = (
-    *("bound.parquet", "greedy.parquet", "robustness.parquet", "verified.parquet"),
-    *("placement.yaml", "sweep.yaml", "maps.npz"),
-)
+_OPTIONAL = [table.file for table in TABLES if not table.needed]
+_OPTIONAL += ["placement.yaml", "sweep.yaml", UnseenMaps.FILE]
 """Files that not every search has."""
 
 
@@ -51,33 +56,26 @@ def write_search(
     folder: Path, problem: Problem, found: Found, command: str, seconds: float
 ) -> None:
     """Write all results into `folder`, each file renamed into place."""
-    tables = {"trials": trials_table(found.study, problem)}
-    if found.certificate is not None:
-        tables["bound"] = found.certificate.history
-        gains = found.certificate.gains
-        tables["greedy"] = greedy_table(found.certificate.chosen, gains, 0.0)
-    if found.robustness is not None:
-        tables["robustness"] = found.robustness
+    about = _about(problem, found, command, seconds)
     for name in _OPTIONAL:  # of an earlier search of this name, or of fewer trials
         (folder / name).unlink(missing_ok=True)
-    for name, table in tables.items():
-        _parquet(folder / f"{name}.parquet", table)
+    about.trials_table.write(trials_table(found.study, problem), folder)
+    if found.certificate is not None:
+        BOUND.write(found.certificate.history, folder)
+        chosen, gains = found.certificate.chosen, found.certificate.gains
+        GREEDY.write(greedy_table(chosen, gains, 0.0), folder)
+    if found.robustness is not None:
+        ROBUSTNESS.write(found.robustness, folder)
     write_text(folder / "config.yaml", public_yaml(problem.source))
     if found.trials:
         write_text(folder / "placement.yaml", _placement(problem, found))
         write_text(folder / "sweep.yaml", _sweep(problem, found))
         if found.grids:
             rigs = {name: found.judged[name].rig for name in ("found_1", found.baseline)}
-            save_arrays(folder / "maps.npz", maps(rigs, problem, found.grids))
+            maps(rigs, problem, found.grids).write(folder)
     names = [objective.name for objective in problem.file.search.objective]
     write_optuna_figures(found.study, names, folder / "optuna")
-    about = _about(problem, found, command, seconds)
-    write_text(folder / "search.json", json.dumps(_finite(about), indent=1))
-
-
-def _parquet(path: Path, table: pd.DataFrame) -> None:
-    with replacing(path) as partial:
-        table.to_parquet(partial, index=False)
+    about.write(folder)
 
 
 def _placement(problem: Problem, found: Found) -> str:
@@ -117,149 +115,136 @@ def _is_one_of(rig: Choices, others: Iterable[Choices]) -> bool:
     return any(places(rig) == places(other) for other in others)
 
 
-def _about(problem: Problem, found: Found, command: str, seconds: float) -> dict[str, Any]:
+def _about(problem: Problem, found: Found, command: str, seconds: float) -> SearchResult:
     file, question = problem.file, problem.question
     search = file.search
+    several = len(search.objective) > 1
     trials = list(finished_trials(found.study))
     different = len({candidate_of(trial, problem.space).key for trial in trials})
-    roi = file.roi.model_dump(mode="json") | {"resolution": file.surrogate.resolution}
-    return {
-        "name": file.name,
-        "command": command,
-        "commands": _commands(problem, bool(found.trials)),
-        "seconds": seconds,
-        "objectives": [_objective(objective, problem) for objective in search.objective],
-        "sampler": search.sampler,
-        "seed": search.seed,
-        "batch_size": search.batch_size,
-        "trials": len(trials),
-        "evaluations": different,
-        "repeated": len(trials) - different,
-        "feasible": sum(assessment_of(trial).feasible for trial in trials),
-        "sampler_seconds": found.timing.sampler,
-        "evaluation_seconds": found.timing.evaluation,
-        "constraints": [
-            {
-                "name": c.name,
-                "unit": c.unit,
-                "limit": c.limit,
-                "sense": "at least" if c.at_least else "at most",
-            }
+    return SearchResult(
+        name=file.name,
+        command=command,
+        commands=_commands(problem, bool(found.trials)),
+        seconds=seconds,
+        objectives=[_objective(objective, problem) for objective in search.objective],
+        sampler=search.sampler,
+        seed=search.seed,
+        batch_size=search.batch_size,
+        trials=len(trials),
+        evaluations=different,
+        repeated=len(trials) - different,
+        feasible=sum(assessment_of(trial).feasible for trial in trials),
+        sampler_seconds=found.timing.sampler,
+        evaluation_seconds=found.timing.evaluation,
+        constraints=[
+            Constraint(
+                name=c.name,
+                unit=c.unit,
+                limit=c.limit,
+                sense="at least" if c.at_least else "at most",
+            )
             for c in question.constraints
         ],
-        "classes": list(file.classes),
-        "roi": roi,
-        "frames": next((grid.frames for grid in found.grids.values()), 0),
-        "zones": [
-            {"name": zone.name, "polygon": zone.polygon, "z": zone.z}
-            for zone in problem.space.zones
+        classes=file.classes,
+        roi=Roi(file.roi.x, file.roi.y, file.roi.z, file.surrogate.resolution),
+        frames=next((grid.frames for grid in found.grids.values()), 0),
+        zones=[
+            Zone(name=zone.name, polygon=zone.polygon, z=zone.z) for zone in problem.space.zones
         ],
-        "vehicle": question.carrier.vehicle.boxes.tolist(),
-        "models": {
-            name: {
-                "price": question.carrier.prices[name],
-                "beams": lidar.beams,
-                "azimuth_steps": lidar.azimuth_steps,
-            }
+        vehicle=question.carrier.vehicle.boxes.tolist(),
+        models={
+            name: Model(
+                price=question.carrier.prices[name],
+                beams=lidar.beams,
+                azimuth_steps=lidar.azimuth_steps,
+            )
             for name, lidar in problem.models.items()
         },
-        "bound": _bound(found, problem),
-        "best": found.best if len(search.objective) > 1 else found.best[:1],
-        "front": len(found.trials) if len(search.objective) > 1 else None,
-        "spans": {name: getattr(search, name) for name in ("roll_deg", "pitch_deg", "yaw_deg")},
-        "parameters": max(
+        bound=_bound(found, problem),
+        best=found.best if several else found.best[:1],
+        front=len(found.trials) if several else None,
+        spans=Spans(roll_deg=search.roll_deg, pitch_deg=search.pitch_deg, yaw_deg=search.yaw_deg),
+        parameters=max(
             len(problem.space.distributions(number) | problem.space.further)
             for number in problem.space.numbers
         ),
-        "baseline": None if any(o.measured for o in search.objective) else found.baseline,
-        "rigs": {name: _rig(own) for name, own in found.judged.items()},
-        "importance": importances(found.study) or None,
-        "stride": _stride(problem, found),
-        "linear_share": found.linear_share,
-        "tracking_uri": public_url(absolute_uri(file.tracking_uri)),
-        "versions": {"python": platform.python_version()} | {n: version(n) for n in _VERSIONS},
-    }
+        baseline=None if any(o.measured for o in search.objective) else found.baseline,
+        rigs={name: _rig(own) for name, own in found.judged.items()},
+        importance=importances(found.study) or None,
+        stride=_stride(problem, found),
+        linear_share=found.linear_share,
+        tracking_uri=public_url(absolute_uri(file.tracking_uri)),
+        versions={"python": platform.python_version()} | {n: version(n) for n in _VERSIONS},
+    )
 
 
-def _stride(problem: Problem, found: Found) -> dict[str, Any] | None:
+def _stride(problem: Problem, found: Found) -> Stride | None:
     """How the search thinned rays, and the largest error of that; None if it fired none."""
     if not any(objective.by in RAY_SURROGATES for objective in problem.question.objectives):
         return None
-    stride = problem.question.azimuth_stride
-    return {"azimuth_stride": stride, "relative_error": stride_error(found.judged.values())}
+    return Stride(
+        azimuth_stride=problem.question.azimuth_stride,
+        relative_error=stride_error(found.judged.values()),
+    )
 
 
-def _objective(objective: ObjectiveSettings, problem: Problem) -> dict[str, Any]:
-    weights = None
-    if objective.by != "price":
-        weights = objective.weights_of(problem.file.classes)
+def _objective(objective: ObjectiveSettings, problem: Problem) -> Objective:
     units = {name: surrogate.unit for name, surrogate in SURROGATES.items()}
     units |= {name: metric.unit for name, metric in METRICS.items()}
-    return {
-        "name": objective.name,
-        "by": objective.by,
-        "unit": units.get(objective.by, ""),
-        "direction": objective.best,
-        "weights": weights,
-    }
+    return Objective(
+        name=objective.name,
+        by=objective.by,
+        unit=units.get(objective.by, ""),
+        direction=objective.best,
+        weights=None if objective.by == "price" else objective.weights_of(problem.file.classes),
+    )
 
 
-def _rig(own: Judged) -> dict[str, Any]:
-    return {
-        "role": own.role,
-        "feasible": own.assessment.feasible,
-        "mounts": [list(astuple(lidar.mount)) for lidar in own.rig],
-        "models": [lidar.model for lidar in own.rig],
-        "zones": [lidar.zone or None for lidar in own.rig],
-        "values": own.all_values,
-        "searched": own.searched,
-        "measures": own.assessment.measures,
-        "params": dict(own.values_beside),
-    }
+def _rig(own: Judged) -> JudgedRig:
+    return JudgedRig(
+        role=own.role,
+        feasible=own.assessment.feasible,
+        mounts=[astuple(lidar.mount) for lidar in own.rig],
+        models=[lidar.model for lidar in own.rig],
+        zones=[lidar.zone or None for lidar in own.rig],
+        values=own.all_values,
+        searched=own.searched,
+        measures=own.assessment.measures,
+        params=dict(own.values_beside),
+    )
 
 
-def _bound(found: Found, problem: Problem) -> dict[str, Any]:
+def _bound(found: Found, problem: Problem) -> Bound:
     """How good the first objective can be; as the search computes it, with its azimuth stride."""
-    certificate: Certificate | None = found.certificate
+    certificate = found.certificate
     if certificate is None:
-        return {"value": None, "reason": found.no_certificate}
+        return Bound(value=None, reason=found.no_certificate)
     name = problem.question.objectives[0].name
     best = found.judged["found_1"].searched[name] if found.trials else certificate.value
-    return {
-        "value": certificate.bound,
-        "by_gains": certificate.by_gains,
-        "greedy": certificate.value,
-        "candidates": certificate.candidates,
-        "best_value": best,
-        "gap_percent": 100 * (1 - best / certificate.bound) if certificate.bound else 0.0,
-        "reason": None,
-    }
+    return Bound(
+        value=certificate.bound,
+        by_gains=certificate.by_gains,
+        greedy=certificate.value,
+        candidates=certificate.candidates,
+        best_value=best,
+        gap_percent=100 * (1 - best / certificate.bound) if certificate.bound else 0.0,
+        reason=None,
+    )
 
 
-def _commands(problem: Problem, found: bool) -> list[dict[str, str]]:
+def _commands(problem: Problem, found: bool) -> list[Command]:
     folder = problem.folder
     storage = problem.file.search.storage
     where = "DATABASE_URL" if storage else shlex.quote(str(journal_path(folder)))
-    commands = [{"what": "look at all trials in a browser", "line": f"optuna-dashboard {where}"}]
+    lines = {"look at all trials in a browser": f"optuna-dashboard {where}"}
     if found:
         rig = str(folder / "placement.yaml")
-        commands += [
-            {
-                "what": "train detectors for it and for the paper's eight",
-                "line": command("sweeps.run", str(folder / "sweep.yaml")),
-            },
-            {
-                "what": "see what it sees in a frame of a box log",
-                "line": command("lidarplace.view", "LOG", "--placement", rig),
-            },
-        ]
-    return commands
-
-
-def _finite(value: Any) -> Any:
-    """JSON knows neither NaN nor infinity: null."""
-    if isinstance(value, Mapping):
-        return {key: _finite(inner) for key, inner in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(inner) for inner in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value
+        lines |= {
+            "train detectors for it and for the paper's eight": command(
+                "sweeps.run", str(folder / "sweep.yaml")
+            ),
+            "see what it sees in a frame of a box log": command(
+                "lidarplace.view", "LOG", "--placement", rig
+            ),
+        }
+    return [Command(what=what, line=line) for what, line in lines.items()]

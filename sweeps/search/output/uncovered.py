@@ -5,26 +5,27 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lidarplace import OccupancyGrid
 from lidarplace.coverage import coverage
 from sweeps.search.problem.choice import Choices, placement_of
 from sweeps.search.problem.problem import Problem
+from tracking.run_folders.search_arrays import UnseenMaps
 
 
 def maps(
     rigs: Mapping[str, Choices], problem: Problem, grids: Mapping[str, OccupancyGrid]
-) -> dict[str, np.ndarray]:
-    """`pog/CLASS`: entropy of each column of voxels; `unseen/CLASS/RIG`: that of the voxels which
-    no beam covers; nats, shape (nx, ny), float32."""
-    found = {f"pog/{name}": _columns(grid.entropy) for name, grid in grids.items()}
+) -> UnseenMaps:
+    """The maps of the POG by class, and of what each rig leaves unseen of it."""
+    unseen: dict[str, dict[str, NDArray[np.float32]]] = {name: {} for name in grids}
     for rig_name, rig in rigs.items():
         placement = placement_of(rig, problem.models, rig_name)
         for name, grid in grids.items():
             covered = coverage(placement, grid.roi, problem.file.surrogate.method)
-            found[f"unseen/{name}/{rig_name}"] = _columns(np.where(covered, 0.0, grid.entropy))
-    return found
+            unseen[name][rig_name] = _columns(np.where(covered, 0.0, grid.entropy))
+    return UnseenMaps({name: _columns(grid.entropy) for name, grid in grids.items()}, unseen)
 
 
-def _columns(entropy: np.ndarray) -> np.ndarray:
+def _columns(entropy: NDArray[np.float64]) -> NDArray[np.float32]:
     return entropy.sum(axis=2).astype(np.float32)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lidarplace.roi import Roi
 from tracking.figures.kit.from_above import add_vehicle, metres
 from tracking.figures.kit.style import OUTLINE, add_menu, figure, lidar_colour, text
-from tracking.run_folders.sweep import Frame
+from tracking.run_folders.sweep_arrays import Frame
 
 POINTS = 8000
 """Points kept of a placement's cloud, drawn at random."""

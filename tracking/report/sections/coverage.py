@@ -8,7 +8,8 @@ from tracking.figures.kit.style import text
 from tracking.figures.of_sweeps.coverage_maps import SeenFrom, coverage_maps, densest
 from tracking.findings.groups import pictured
 from tracking.pages.section import Section
-from tracking.run_folders.sweep import Maps, RunFolder
+from tracking.run_folders.sweep import RunFolder
+from tracking.run_folders.sweep_arrays import Maps
 
 MOST_MAPS = 12
 """Placements drawn in maps: a page must stay small."""

@@ -1,0 +1,104 @@
+"""Arrays of a sweep's run folder: what the report draws of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarplace.files.arrays import check_numbers, read_npz
+from tracking.run_folders.array_file import ArrayFile, within
+
+
+@dataclass(frozen=True)
+class Maps(ArrayFile):
+    """What lies around the vehicle and what placements cover of it, over the ROI.
+
+    From above is by columns of voxels, shape (nx, ny); from the side, seen along y, by rows of
+    voxels, shape (nx, nz). All are float32. Older run folders have no residual entropy and nothing
+    from the side.
+
+    Attributes:
+        pog: by class, the entropy in nats, from above.
+        coverage, coverage_side: by placement, the covered share, in [0, 1].
+        residual, residual_side: by placement, the entropy of all classes that no beam covers, nats.
+    """
+
+    FILE: ClassVar[str] = "maps.npz"
+
+    pog: dict[str, NDArray[np.float32]]
+    coverage: dict[str, NDArray[np.float32]]
+    coverage_side: dict[str, NDArray[np.float32]]
+    residual: dict[str, NDArray[np.float32]]
+    residual_side: dict[str, NDArray[np.float32]]
+
+    @classmethod
+    def read(cls, folder: Path) -> Maps | None:
+        """None if they are not in `folder`. Raises ValueError that names file and array."""
+        path = folder / cls.FILE
+        if not path.is_file():
+            return None
+        arrays = read_npz(path)
+        for name, array in arrays.items():
+            check_numbers(name, array, 2, path)
+        return cls(**{field.name: within(arrays, field.name) for field in fields(cls)})
+
+
+@dataclass(frozen=True)
+class Frame(ArrayFile):
+    """One frame as every placement sees it, in the ego frame.
+
+    Attributes:
+        boxes: ground truth x, y, z, length, width, height, yaw, shape (m, 7), float64.
+        labels: class of every box, shape (m,), str.
+        points: by placement, x, y, z in metres and intensity, shape (n, 4), float32.
+        lidar: by placement, the mount that each point comes from, shape (n,), uint8.
+    """
+
+    FILE: ClassVar[str] = "frame.npz"
+
+    boxes: NDArray[np.float64]
+    labels: NDArray[np.str_]
+    points: dict[str, NDArray[np.float32]]
+    lidar: dict[str, NDArray[np.uint8]]
+
+    @classmethod
+    def read(cls, folder: Path) -> Frame | None:
+        """None if it is not in `folder`. Raises ValueError that names file and array."""
+        path = folder / cls.FILE
+        if not path.is_file():
+            return None
+        arrays = read_npz(path)
+        missing = [name for name in ("boxes", "labels") if name not in arrays]
+        if missing:
+            raise ValueError(f"{path} has no array {', '.join(missing)}; found {', '.join(arrays)}")
+        points, lidar = within(arrays, "points"), within(arrays, "lidar")
+        frame = cls(arrays["boxes"], arrays["labels"], points, lidar)
+        frame._check(path)
+        return frame
+
+    def _check(self, path: Path) -> None:
+        """Raise ValueError unless the arrays are of the shapes that the class tells."""
+        check_numbers("boxes", self.boxes, 2, path)
+        if self.boxes.shape[1] != 7 or self.labels.shape != self.boxes.shape[:1]:
+            raise ValueError(
+                f"{path}: boxes need 7 numbers and a label each, found {self.boxes.shape} and "
+                f"{self.labels.shape} labels"
+            )
+        if self.labels.dtype.kind != "U":
+            raise ValueError(f"{path}: labels must hold text, found {self.labels.dtype}")
+        if set(self.points) != set(self.lidar):
+            raise ValueError(
+                f"{path}: points of {', '.join(self.points)}, but lidar of {', '.join(self.lidar)}"
+            )
+        for name, points in self.points.items():
+            check_numbers(f"points/{name}", points, 2, path)
+            check_numbers(f"lidar/{name}", self.lidar[name], 1, path)
+            if points.shape != (len(self.lidar[name]), 4):
+                raise ValueError(
+                    f"{path}: points/{name} needs 4 numbers for each of {len(self.lidar[name])} "
+                    f"points, found shape {points.shape}"
+                )

@@ -1,0 +1,248 @@
+"""The tables of a sweep's run folder."""
+
+from __future__ import annotations
+
+import math
+
+from tracking.run_folders.table import Column, Table
+
+_EVERY_AXIS = ("",)
+_SCENE_AXES = ("scene", "roi")
+_SURROGATE_AXES = ("scene", "roi", "lidar", "surrogate")
+
+_TRIAL = Column("trial", "str", "its key, as in `--dry-run` and MLflow")
+_PLACEMENT = Column("placement", "str", "its name")
+_DETECTOR = Column("detector", "str", "its name; empty without one", unknown="")
+_SEED = Column("seed", "int64", "of the training")
+_CLASS = Column("class", "str", "object class")
+_SURROGATE = Column("surrogate", "str", "its name in the configuration")
+_METHOD = Column("method", "str", "of coverage or of the rays: `cone`, `dda`, `bresenham`")
+_FROM = Column("from_m", "float64", "inner bound of the ring around the vehicle, m")
+_TO = Column("to_m", "float64", "outer bound, m")
+
+_OF_TRIAL = (
+    _TRIAL,
+    _PLACEMENT,
+    Column("detector", "str", "its name"),
+    _SEED,
+    Column("class", "str", "object class; `all` for the recall of all objects"),
+    Column("metric", "str", "`AP_R40_3D`, `AP_R40_BEV`, `class_recall_3D` or `recall`"),
+    Column("iou", "float64", "the least overlap of a detection that counts"),
+)
+
+RESULTS = Table(
+    "results",
+    "an evaluation's metric of a class",
+    (
+        *_OF_TRIAL,
+        Column("difficulty", "str", "of the objects; `all` here"),
+        Column("value", "float64", "percent"),
+        Column("ground_truths", "int64", "boxes of the ground truth that count"),
+    ),
+    needed=True,
+    axes=_EVERY_AXIS,
+)
+SURROGATES = Table(
+    "surrogates",
+    "a surrogate of a class",
+    (
+        _PLACEMENT,
+        _CLASS,
+        _SURROGATE,
+        Column("value", "float64", "in the surrogate's unit"),
+        Column("method", "str", _METHOD.doc, needed=False),
+        Column("seconds", "float64", "of all surrogates of the placement, s", needed=False),
+        Column(
+            "linear_share",
+            "float64",
+            "of `expected_ig`: its value by what it were if every ray counted by itself",
+            needed=False,
+        ),
+    ),
+    needed=True,
+    axes=_SURROGATE_AXES,
+)
+TRIALS = Table(
+    "trials",
+    "a trial, finished or not",
+    (
+        _TRIAL,
+        _PLACEMENT,
+        _DETECTOR,
+        _SEED,
+        Column("seconds", "float64", "of training and evaluation, else of the surrogates, s"),
+        Column("status", "str", "`finished`, `failed` or `pruned`"),
+        Column("error", "str", "why it failed or was pruned"),
+    ),
+    needed=True,
+    axes=_EVERY_AXIS,
+)
+EXPECTED_IG_BY_Q = Table(
+    "expected_ig_by_q",
+    "expected IG without occlusion at one detection probability",
+    (
+        _PLACEMENT,
+        _CLASS,
+        Column("q", "float64", "detection probability of a ray"),
+        Column("expected_ig", "float64", "nats"),
+    ),
+    axes=_SURROGATE_AXES,
+)
+CURVES = Table(
+    "curves",
+    "a value of an epoch of a training",
+    (
+        _TRIAL,
+        Column("epoch", "int64", "from 1"),
+        Column("metric", "str", "`loss` and its parts, `seconds`, …"),
+        Column("value", "float64", "of the epoch"),
+    ),
+)
+PR_CURVES = Table(
+    "pr_curves",
+    "a point of the curve of which an AP is the mean",
+    (
+        *_OF_TRIAL,
+        Column("recall", "float64", "percent"),
+        Column("precision", "float64", "percent"),
+    ),
+    axes=_EVERY_AXIS,
+)
+DISTANCE = Table(
+    "distance",
+    "a metric of the objects in one ring around the vehicle",
+    (
+        *_OF_TRIAL,
+        _FROM,
+        _TO,
+        Column("value", "float64", "percent"),
+        Column("ground_truths", "int64", "boxes of the ground truth in the ring"),
+    ),
+    axes=_EVERY_AXIS,
+)
+LEFT_OUT = Table(
+    "left_out",
+    "a result without one route or one individual of the test frames",
+    (
+        *_OF_TRIAL,
+        Column("unit", "str", "`route` or `individual`"),
+        Column("left_out", "str", "which one"),
+        Column("ground_truths", "int64", "boxes of the ground truth that are left out with it"),
+        Column("value", "float64", "percent, of the others"),
+    ),
+    axes=_EVERY_AXIS,
+)
+POINTS = Table(
+    "points",
+    "points on the objects of a class in one ring of the test frames",
+    (
+        _PLACEMENT,
+        _CLASS,
+        _FROM,
+        _TO,
+        Column("objects", "int64", "in the ring"),
+        Column("mean", "float64", "points an object"),
+        Column("median", "float64", "points an object"),
+        Column("p10", "float64", "points that a tenth of the objects do not exceed"),
+        Column("unseen", "float64", "share of the objects without a point"),
+    ),
+    axes=_SURROGATE_AXES,
+)
+INDIVIDUALS = Table(
+    "individuals",
+    "an object on one route of one split",
+    (
+        Column("split", "str", "`train` or `test`"),
+        Column("scene", None, "as in the box log"),
+        Column("route", None, "as in the box log"),
+        _CLASS,
+        Column("object_id", None, "as in the box log"),
+        Column("boxes", "int64", "frames in which it counts"),
+    ),
+    axes=_SCENE_AXES,
+)
+ACCURACY = Table(
+    "accuracy",
+    "a surrogate computed in one of several ways",
+    (
+        _PLACEMENT,
+        _CLASS,
+        _SURROGATE,
+        _METHOD,
+        Column("resolution", "float64", "edge of a voxel, m"),
+        Column("azimuth_steps", "int64", "rays of a beam in a turn; 0 for cones"),
+        Column("frames", "int64", "in the POG"),
+        Column("value", "float64", "in the surrogate's unit", needed=False),
+        Column("comparable", "float64", "in units that the resolution does not change"),
+        Column("reference", "bool", "whether it is the most accurate way"),
+        Column("seconds", "float64", "of the evaluation, s"),
+        Column("pog_seconds", "float64", "of the POG and of what depends on it alone, s"),
+    ),
+    axes=_SURROGATE_AXES,
+)
+SAMPLING_ERROR = Table(
+    "sampling_error",
+    "a surrogate's error by the choice of the frames",
+    (
+        _PLACEMENT,
+        _CLASS,
+        _SURROGATE,
+        Column("value", "float64", "in the surrogate's unit"),
+        Column("sd", "float64", "standard deviation of the resamples"),
+        Column("bias", "float64", "their mean less the value"),
+        Column("low", "float64", "of the 95 % interval"),
+        Column("high", "float64", "of the 95 % interval"),
+        Column("blocks", "int64", "of frames that were drawn", needed=False),
+        Column("resamples", "int64", "how many there are", needed=False),
+    ),
+    axes=_SURROGATE_AXES,
+)
+POG_RESAMPLES = Table(
+    "pog_resamples",
+    "a surrogate of one draw of the frames, the same for all placements",
+    (
+        _PLACEMENT,
+        _CLASS,
+        _SURROGATE,
+        Column("resample", "int64", "from 0"),
+        Column("value", "float64", "in the surrogate's unit"),
+    ),
+    axes=_SURROGATE_AXES,
+)
+PROMOTIONS = Table(
+    "promotions",
+    "a placement on a rung of `promote`",
+    (
+        Column("rung", "int64", "from 0"),
+        _DETECTOR,
+        _PLACEMENT,
+        Column("by", "str", "the surrogate or metric that ranks"),
+        Column("class", "str", "of that value; `all` for a sum over classes"),
+        Column("value", "float64", "that it was ranked by"),
+        Column("rank", "int64", "1 is best"),
+        Column("kept", "bool", "whether it went on"),
+        Column("seconds", "float64", "of this rung alone, s"),
+        Column("setting", "str", "what the rung's trainings change"),
+    ),
+)
+TASKS = Table(
+    "tasks",
+    "a task of the sweep that has a result",
+    (
+        Column("stage", "str", "`scene`, `pog`, `surrogates`, …"),
+        Column("label", "str", "of which placement, detector, … it is"),
+        Column("key", "str", "of its result in the store", needed=False),
+        Column("seconds", "float64", "of work, s"),
+        Column("cached", "bool", "whether the result was there before"),
+        Column("started", "float64", "s after the start of the command", False, math.nan),
+        Column("ended", "float64", "s after the start of the command", False, math.nan),
+        Column("node", "str", "machine", False, ""),
+        Column("peak_memory", "float64", "bytes", False, math.nan),
+        Column("batch_size_reduced", "bool", "because of a GPU's memory", False, False),
+    ),
+)
+
+TABLES: tuple[Table, ...] = (RESULTS, SURROGATES, TRIALS, EXPECTED_IG_BY_Q, CURVES, PR_CURVES)
+TABLES += (DISTANCE, LEFT_OUT, POINTS, INDIVIDUALS, ACCURACY, SAMPLING_ERROR, POG_RESAMPLES)
+TABLES += (PROMOTIONS, TASKS)
+"""All of them."""

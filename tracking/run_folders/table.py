@@ -1,0 +1,135 @@
+"""What a table of a run folder holds: the writer and the reader go by the same columns."""
+
+from __future__ import annotations
+
+import reprlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import pandas as pd
+
+from lidarplace.files.atomic import replacing
+from lidarplace.files.columns import check_columns
+from lidarplace.files.tables import read_parquet
+
+DType = Literal["int64", "float64", "str", "bool"]
+
+_WANTED = {"int64": "numbers", "float64": "numbers", "str": "text", "bool": "true and false"}
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table; values may be missing.
+
+    Attributes:
+        dtype: as a sweep or a search writes it. A reader takes numbers for numbers, since one of
+            whole numbers is of float64 once a value is missing. None: whatever it is made from.
+        doc: what it holds, with its unit.
+        needed: a table without it is refused.
+        unknown: what stands in a column that is not there; of text also where a value is missing.
+            None: nothing.
+    """
+
+    name: str
+    dtype: DType | None
+    doc: str
+    needed: bool = True
+    unknown: float | str | bool | None = None
+
+    def check(self, column: pd.Series, file: Path) -> None:
+        """Raise ValueError that names file, column and a value unless its kind is that of dtype."""
+        known = column.dropna()
+        if not len(known) or self.dtype is None:
+            return
+        good = {
+            "numbers": known.dtype.kind in "iuf",
+            "true and false": known.dtype.kind == "b",
+            "text": pd.api.types.infer_dtype(known) in ("string", "categorical"),
+        }
+        if not good[_WANTED[self.dtype]]:
+            raise ValueError(
+                f"{file}: column {self.name} must hold {_WANTED[self.dtype]}, found "
+                f"{known.dtype}, such as {reprlib.repr(known.iloc[0])}"
+            )
+
+
+@dataclass(frozen=True)
+class Table:
+    """A Parquet file of a run folder; further columns are not looked at.
+
+    Attributes:
+        name: of the file, without `.parquet`.
+        doc: what a row is.
+        columns: in the order in which they are written.
+        needed: a run folder without it is none.
+        axes: which axes of the grid are columns too: those within these keys of the configuration,
+            "" for all of them.
+    """
+
+    name: str
+    doc: str
+    columns: tuple[Column, ...]
+    needed: bool = False
+    axes: tuple[str, ...] = ()
+
+    @property
+    def file(self) -> str:
+        """Name of the file."""
+        return f"{self.name}.parquet"
+
+    def axes_of(self, axes: Iterable[str]) -> list[str]:
+        """Those of the axes of a grid that are columns of this table."""
+        return [a for a in axes if "" in self.axes or a.partition(".")[0] in self.axes]
+
+    def write(self, table: pd.DataFrame, folder: Path) -> None:
+        """Write the table in one step; without rows it needs no columns.
+
+        Raises:
+            ValueError: as for `read`.
+        """
+        self._check(table, folder / self.file)
+        with replacing(folder / self.file) as partial:
+            table.to_parquet(partial, index=False)
+
+    def read(self, folder: Path, axes: Iterable[str] = ()) -> pd.DataFrame:
+        """The table in `folder`.
+
+        Args:
+            axes: of the grid. They and the needed columns are empty where none is there, because
+                no row was written.
+
+        Raises:
+            ValueError: the file is no table, lacks a needed column, or a column holds something
+                else than it must.
+        """
+        table = read_parquet(folder / self.file)
+        self._check(table, folder / self.file)
+        if table.shape == (0, 0):
+            needed = [column.name for column in self.columns if column.needed]
+            table = table.reindex(columns=[*needed, *self.axes_of(axes)])
+        for column in self.columns:
+            if column.unknown is None:
+                continue
+            if column.name not in table:
+                table[column.name] = column.unknown
+            elif isinstance(column.unknown, str):
+                table[column.name] = table[column.name].astype(object).fillna(column.unknown)
+        return table
+
+    def read_if_there(self, folder: Path, axes: Iterable[str] = ()) -> pd.DataFrame | None:
+        """As `read`; None if the file is not there."""
+        return self.read(folder, axes) if (folder / self.file).is_file() else None
+
+    def _check(self, table: pd.DataFrame, file: Path) -> None:
+        if table.shape == (0, 0):
+            return
+        if not table.columns.is_unique:
+            twice = table.columns[table.columns.duplicated()][0]
+            raise ValueError(f"{file}: column {twice} is there twice")
+        needed = [column.name for column in self.columns if column.needed]
+        check_columns(list(table.columns), needed, str(file))
+        for column in self.columns:
+            if column.name in table:
+                column.check(table[column.name], file)
