@@ -52,6 +52,7 @@ docs: setup
 	$(BIN)/python docs/api.py
 	$(BIN)/python docs/commands.py
 	$(BIN)/python -m docs.architecture
+	$(BIN)/python docs/run_folder.py
 	$(BIN)/pdoc --docformat google --output-directory build/docs lidarplace training tracking sweeps
 
 clean:

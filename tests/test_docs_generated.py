@@ -2,11 +2,13 @@
 
 import pytest
 
-from docs import api, architecture, configuration
+from docs import api, architecture, configuration, run_folder
 from sweeps.tasks.stages import FUNCTIONS
 
 
-@pytest.mark.parametrize("page", [configuration, api, architecture], ids=lambda page: page.__name__)
+@pytest.mark.parametrize(
+    "page", [configuration, api, architecture, run_folder], ids=lambda page: page.__name__
+)
 def test_up_to_date(page):
     told = page.PAGE.read_text(encoding="utf-8")
     assert told == page.page(), f"out of date: python -m {page.__name__} makes it anew"
@@ -30,6 +32,12 @@ def test_every_key_has_a_description(model):
     for part in (schema, *schema["$defs"].values()):
         for key, field in part.get("properties", {}).items():
             assert field.get("description"), f"{part['title']}: {key} has no description"
+
+
+@pytest.mark.parametrize("model", [run_folder.SweepResult, run_folder.SearchResult])
+def test_every_key_of_a_run_folder_has_a_description(model):
+    told = {key: field.description for key, field in model.model_fields.items()}
+    assert all(told.values()), told
 
 
 def test_paths_types_limits_and_defaults():
