@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -30,7 +30,7 @@ class CoveredVoxels:
         return self.count()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Surrogates:
     """Surrogates of one placement for one class, or for the sum of classes; entropies in nats.
 
@@ -45,11 +45,11 @@ class Surrogates:
         seconds: wall time of the evaluation.
     """
 
-    placement: Placement = field(repr=False)
-    roi: Roi = field(repr=False)
+    placement: Placement
+    roi: Roi
     method: Method
     values: Mapping[str, float]
-    covered: CoveredVoxels = field(repr=False)
+    covered: CoveredVoxels
     covered_nonzero: int
     seconds: float
 
@@ -58,6 +58,11 @@ class Surrogates:
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
         of_others = SURROGATES[name].of_others
         return self.values.get(name) if of_others is None else of_others(self)
+
+    def __repr__(self) -> str:
+        told = {"method": self.method, **self.values}
+        told |= {"covered_nonzero": self.covered_nonzero, "seconds": self.seconds}
+        return f"Surrogates({', '.join(f'{name}={value!r}' for name, value in told.items())})"
 
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), *SURROGATES]
