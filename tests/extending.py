@@ -43,7 +43,9 @@ def python(tree: Path, *arguments: str, code: int = 0) -> str:
     done = subprocess.run(
         [sys.executable, *arguments],
         cwd=tree,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(tree), str(ROOT)]), "COLUMNS": "300"},
+        env=os.environ
+        | {"PYTHONPATH": os.pathsep.join([str(tree), str(ROOT)]), "COLUMNS": "300"}
+        | {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"},
         capture_output=True,
         text=True,
     )

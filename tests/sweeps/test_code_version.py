@@ -281,12 +281,7 @@ def test_figures_converters_and_the_command_line_leave_all_stages_as_they_are(co
         ),
         ("training/detectors/second.py", "from __future__", "CELL = 1\nfrom __future__", set()),
         ("training/__init__.py", '    "pv_rcnn",\n', '    "pv_rcnn",\n    "pv_rcnn_2",\n', set()),
-        (
-            "lidarplace/scenes/sumo/egos.py",
-            "from __future__",
-            "FAR = 1\nfrom __future__",
-            {"scene"},
-        ),
+        ("lidarplace/scenes/sumo/egos.py", "MEETS_M = 40.0", "MEETS_M = 41.0", {"scene"}),
         ("lidarplace/scenes/kinds.py", '"sumo": (S', '"toy": None, "sumo": (S', set()),
     ],
 )

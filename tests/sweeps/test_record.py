@@ -10,10 +10,10 @@ from lidarplace import PAPER_PLACEMENTS, Lidar
 from lidarplace.box_log import read_box_log
 from lidarplace.lidar.clouds import PointClouds, write_clouds
 from lidarplace.lidar.collect import collect
-from lidarplace.scenes.recorded import LogScene
+from lidarplace.scenes.recorded import LogRecording, LogScene
 from sweeps.record import app
 from sweeps.tasks import stages
-from sweeps.tasks.parameters import CollectParams, LogParams, RecordedParams
+from sweeps.tasks.parameters import CollectParams, RecordedParams, SceneParams
 
 CROP = (0.0, -20.0, -0.5, 40.0, 20.0, 4.0)
 SCENE = {
@@ -77,7 +77,7 @@ def test_recorded_clouds_take_the_place_of_simulated_ones(folder, recorded):
     """The stage gives the same points either way, to the millimetres of their grids."""
     log = read_box_log(folder / "logs" / "scene.density=30")
     scene = LogScene(source="log", folder=folder / "logs" / "scene.density=30")
-    value = stages.scene(LogParams(scene, digest=""))
+    value = stages.scene(SceneParams(LogRecording(scene, digest="")))
     pd.testing.assert_frame_equal(value["boxes"], log.boxes)
     pd.testing.assert_frame_equal(value["buildings"], log.buildings)
 
