@@ -11,7 +11,7 @@ def test_a_report_section_is_two_files(tmp_path):
     build = tree / "tracking/report/build.py"
     (tree / "tracking/report/sections/trainings.py").write_text(section, encoding="utf-8")
     put(build, "from tracking.report.sections.where_time_went import", f"{imported}\n")
-    put(build, "            where_time_went(folder),", call)
+    put(build, "    yield where_time_went(run)", call)
 
     run = write_run(tree / "made_up", seeds=(1, 2, 3), points=10)
     python(tree, "-m", "tracking.report", "made_up")

@@ -91,12 +91,13 @@ def test_ray_surrogates_against_their_definitions(grid):
 
 def test_occlusion_against_a_plain_loop_over_rays(grid):
     q, lost = 0.3, np.ones(ROI.shape)
+    voxel_grid = ROI.minimum, ROI.resolution, ROI.shape
     single = Lidar(LIDAR.elevations[:2], azimuth_steps=24)
     placement = PAPER_PLACEMENTS["pyramid_pitch"].with_lidar(single)
     for mount in placement.mounts:
         for direction in single.directions() @ mount.rotation.T:
-            grid = (ROI.minimum, ROI.resolution, ROI.shape)
-            voxels, _ = voxels_of_rays("dda", mount.position, direction[None], 100.0, grid)
+            at = mount.position
+            voxels, _ = voxels_of_rays("dda", at, direction[None], 100.0, voxel_grid)
             reach = 1.0
             for v in voxels:
                 lost.reshape(-1)[v] *= 1 - q * reach

@@ -29,9 +29,9 @@ def folder(tmp_path_factory):
     grid = {"placement": ["center", "line"], "detector": ["pointpillars_tiny"]}
     config = path / "small.yaml"
     scene = {"source": "log", "folder": str(path / "log")}
-    config.write_text(
-        yaml.safe_dump(SWEEP | {"scene": scene, "grid": grid, "output": str(path / "runs")})
-    )
+    own = {"scene": scene, "grid": grid, "output": str(path / "runs")}
+    own["surrogate"] = {"resolution": SWEEP["surrogate"]["resolution"]}  # all that can be studied
+    config.write_text(yaml.safe_dump(SWEEP | own))
     sweep = read_sweep(config)
     plan, store, outcome = make_plan(sweep), Store(path / "store"), Outcome()
     execute(plan.tasks, store, InProcess(), Loud(), outcome)

@@ -30,7 +30,7 @@ def test_a_complete_folder_is_read_whole(tmp_path):
         assert len(table) > 0
     assert [*run.pog] == [*run.unseen] == ["Car", "Cyclist"]
     assert [*run.unseen["Car"]] == ["found_1", "line"]
-    assert [*run.optuna] == ["Optimization history", "Parallel coordinate", "Slice"]
+    assert [*run.optuna] == ["Parallel coordinate", "Slice"]
     rig = run.rig_of(run.trials.loc[7])
     found = run.search.rigs["found_1"]
     np.testing.assert_allclose(rig.mounts, found.mounts, atol=1e-12)

@@ -57,7 +57,7 @@ def clouds():
 
 def run(monkeypatch, clouds, two_stages, **settings):
     model = OneBoxAPoint(two_stages)
-    monkeypatch.setattr(module, "build_detector", lambda *args, **kwargs: model)
+    monkeypatch.setattr(module, "build", lambda *args, **kwargs: model)
     state = model.state_dict()
     return model, detect("stub", CLASSES, state, clouds, TrainingSettings(**settings))
 

@@ -81,12 +81,12 @@ class Problem:
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
 
     def _code(self) -> list[str]:
-        """Versions of the code that answers trials."""
+        """Versions of the code that answers trials, but for scenes: the POG's key has that."""
         found = [
             code_version("sweeps.search.problem.assess.assess", "sweeps.search.problem.space.Space")
         ]
         if any(objective.measured for objective in self.file.search.objective):
-            stages = ("scene", "ground_truth", "collect", "finetune", "evaluate")
+            stages = ("ground_truth", "collect", "finetune", "evaluate")
             found += [code_of(stage, self.file.detector) for stage in stages]
         return found
 
