@@ -63,13 +63,13 @@ LINES = {
         "sweeps.record",
         ("sweep.yaml", "out"),
         ("sweep.yaml", "log"),
-        "sweeps.execution.execute.execute",
+        "sweeps.execution.run_tasks.run_tasks",
     ),
     "pretrain": Line(
         "sweeps.pretrain",
         ("sweep.yaml", "--out", "base.pt"),
         ("sweep.yaml", "log"),
-        "sweeps.execution.execute.execute",
+        "sweeps.execution.run_tasks.run_tasks",
     ),
     "convert table": Line("lidarplace.convert", ("table", "csv", "out"), ("csv", "classes.yaml")),
     "convert a table": Line(
