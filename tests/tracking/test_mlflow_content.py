@@ -6,8 +6,9 @@ import json
 from pathlib import Path
 
 import pytest
-from mlflow_runs_of import logging, new_store, runs_of, trial
+from mlflow_runs_of import logging, new_store, runs_of, trial, until
 
+from tracking.mlflow import log as mlflow_log
 from tracking.mlflow.content import Dataset, Model
 from tracking.mlflow.page import VIEW_TAG
 from tracking.mlflow.samples import Sample, Samples
@@ -186,6 +187,19 @@ def test_a_model_cut_half_way_is_continued(uri, tmp_path, picture, model, monkey
     (found,) = client(uri).search_logged_models([experiment])
     assert found.status.value == "READY"
     assert len(runs_of(uri)["t1"].outputs.model_outputs) == 1
+
+
+def test_a_model_waits_for_the_run_of_its_trial(uri, tmp_path, picture, model, monkeypatch):
+    """A trial that ended just before nobody is asked any more has its run at the end."""
+    monkeypatch.setattr(mlflow_log, "LOOK_S", 0.02)
+    with logging(uri, tmp_path) as log:
+        log.hold()
+        log.follow(lambda: [drawn(picture, "t1")])
+        log.model(Model("second", "t1", model, {}))
+        log.artifact(tmp_path / "missing.html")
+        until(lambda: log.refused == 1)  # the thread has looked while the log was held
+    assert log.refused == 1
+    assert set(models(uri)) == {"t1"}
 
 
 def test_a_model_without_a_run_is_refused(uri, tmp_path):

@@ -74,7 +74,8 @@ class SweepLog:
         self._patience_s = patience_s
         self._samples = Samples(folder / "system_metrics.jsonl")
         self._trials: Callable[[], Iterable[EndedTrial]] = tuple
-        self._further: dict[tuple[object, ...], Callable[[], None]] = {}
+        self._files: dict[tuple[object, ...], Callable[[], None]] = {}
+        self._models: dict[tuple[object, ...], Callable[[], None]] = {}
         self._refused: set[object] = set()
         self._reading = Lock()
         self._held = False
@@ -97,7 +98,8 @@ class SweepLog:
     def undelivered(self) -> int:
         """Runs, files and models that MLflow neither has nor refuses."""
         trials = sum(map(self._lacks, self._ended()))
-        return trials + len(self._further) + (self._status is not None and not self._delivered)
+        waiting = len(self._files) + len(self._models)
+        return trials + waiting + (self._status is not None and not self._delivered)
 
     def __enter__(self) -> SweepLog:
         if self._database is not None:
@@ -163,14 +165,14 @@ class SweepLog:
 
         Returns at once: the file must stay as it is until the end of the `with` block.
         """
-        self._further[path, folder] = partial(self._runs.write_file, path, folder)
+        self._files[path, folder] = partial(self._runs.write_file, path, folder)
 
     def model(self, model: Model) -> None:
         """Log the best model of a name, with the run that it is from; an earlier one is not now.
 
         Returns at once: the model must stay until the end of the `with` block.
         """
-        self._further[model.name, model.trial] = partial(self._runs.write_model, model)
+        self._models[model.name, model.trial] = partial(self._runs.write_model, model)
 
     def sample(self, values: Mapping[str, float]) -> None:
         """Log metrics of this moment to the parent run. Their step is the second of the run.
@@ -226,15 +228,20 @@ class SweepLog:
                 self._runs.open()
             except ValueError as error:  # a person may mend it, until then everything waits
                 raise Away(str(error)) from error
+        # Read first: each is of a trial that has ended by now, and gets its run below. Not while
+        # nobody tells which trials these are.
+        models = list(self._models.items())
+        models = [] if self._held else models
         for trial in filter(self._lacks, self._ended()):
             if (run := self._told(trial.describe, None)) is not None:
                 self._write(trial.key, run.name, partial(self._runs.write_trial, trial, run))
         if samples := self._samples.waiting():
             self._write("samples", "samples", partial(self._runs.write_samples, samples))
             self._samples.delivered(len(samples))
-        for key, write in list(self._further.items()):
-            self._write(key, str(key[0]), write)
-            del self._further[key]
+        for waiting, items in ((self._files, list(self._files.items())), (self._models, models)):
+            for key, write in items:
+                self._write(key, str(key[0]), write)
+                del waiting[key]
 
     def _write(self, key: object, what: str, write: Callable[[], None]) -> None:
         if self._stopped:
