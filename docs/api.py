@@ -77,7 +77,7 @@ NAMES = {
         "tracking.findings.summary": ("summary_table", "seed_means"),
         "tracking.findings.correlation": ("correlate",),
         "tracking.findings.best_placement": ("best_placement", "BestPlacement"),
-        "tracking.findings.best_surrogate": ("which_predicts",),
+        "tracking.findings.best_surrogate": ("best_surrogates",),
         "tracking.statistics.power": ("placements_needed", "power_table"),
         "tracking.report.build": ("build_report",),
         "tracking.report.comparison.build": ("build_comparison",),

@@ -12,7 +12,7 @@ import typer
 from lidarplace.command_line.terminal import output
 from lidarplace.command_line.verbs import new_app, verb, wrong
 from lidarplace.files.atomic import check_replaceable
-from sweeps.execution.interrupted import going_on
+from sweeps.execution.interrupted import interruptible
 from sweeps.options import ConfigArgument, SetOption
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def pretrain(
         failures = run_tasks(console, sweep.common, store, tasks, logs)
         return failures[task.key] if task.key in failures else store.load(task)
 
-    value = going_on(console, trained)
+    value = interruptible(console, trained)
     if isinstance(value, Failure):
         say(f"failed: {task.label}: {value.reason}")
         say(f"see {logs.folder}")

@@ -10,7 +10,7 @@ import typer
 
 from lidarplace.command_line.terminal import output
 from lidarplace.command_line.verbs import new_app, verb, wrong
-from sweeps.execution.interrupted import going_on
+from sweeps.execution.interrupted import interruptible
 from sweeps.options import ConfigArgument, SetOption
 
 app = new_app()
@@ -57,7 +57,7 @@ def record(
         ]
         return logs, not failures
 
-    logs, complete = going_on(console, recorded)
+    logs, complete = interruptible(console, recorded)
     for label, log in logs:
         folder = out / re.sub(r"[^\w.=-]+", "_", label)
         try:

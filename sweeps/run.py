@@ -12,7 +12,7 @@ from lidarplace.command_line.invocation import called, command
 from lidarplace.command_line.terminal import output
 from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
 from sweeps.configuration.sweep import SweepFile
-from sweeps.execution.interrupted import going_on
+from sweeps.execution.interrupted import interruptible
 from sweeps.options import ConfigUnlessSchema, DryRunOption, SchemaOption, SetOption
 from sweeps.plan.plan import read_plan
 from sweeps.results.dry_run import planned, print_planned
@@ -70,7 +70,7 @@ def run(
         check_writable(sweep, store)
     except OSError as error:
         wrong(error)
-    if not going_on(
+    if not interruptible(
         console, lambda: run_sweep(console, sweep, plan, store, called(), rerun_failed)
     ):
         raise typer.Exit(1)

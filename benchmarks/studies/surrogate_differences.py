@@ -19,7 +19,7 @@ import typer
 from hierarchical_bootstrap import hierarchical_resamples
 from numpy.typing import NDArray
 
-from tracking.findings.best_surrogate import Predictors, which_predicts
+from tracking.findings.best_surrogate import Predictors, best_surrogates
 from tracking.findings.correlation import correlate
 from tracking.findings.leave_one_out import leave_one_out
 from tracking.statistics.coefficients import scores
@@ -151,7 +151,7 @@ def asked(x: Array, y: Array) -> Predictors:
         }
     )
     tables = results, surrogates
-    (found,) = which_predicts(*tables, correlate(*tables), leave_one_out(*tables))
+    (found,) = best_surrogates(*tables, correlate(*tables), leave_one_out(*tables))
     return found
 
 

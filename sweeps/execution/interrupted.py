@@ -17,7 +17,7 @@ T = TypeVar("T")
 _GOES_ON = "What is finished is kept; the same command goes on from there."
 
 
-def going_on(console: Console, work: Callable[[], T]) -> T:
+def interruptible(console: Console, work: Callable[[], T]) -> T:
     """What `work` returns, which begins again after a damaged result (`sweeps.store.damage`).
 
     Leaves with exit code 1 if the machine fails it, such as a disk that is full, with 2 if a

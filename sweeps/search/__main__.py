@@ -11,7 +11,7 @@ import typer
 from lidarplace.command_line.invocation import called, command
 from lidarplace.command_line.terminal import output
 from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
-from sweeps.execution.interrupted import going_on
+from sweeps.execution.interrupted import interruptible
 from sweeps.options import DryRunOption, SchemaOption, SetOption
 
 app = new_app()
@@ -75,7 +75,7 @@ def search(
         check_writable(sweep, store)
     except (ValueError, OSError) as error:
         wrong(error)
-    if not going_on(console, lambda: run_search(console, problem, store, called(), verify)):
+    if not interruptible(console, lambda: run_search(console, problem, store, called(), verify)):
         raise typer.Exit(1)
 
 

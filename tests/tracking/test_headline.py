@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from made_up_run import write_run
 
-from tracking.findings.best_surrogate import which_predicts
+from tracking.findings.best_surrogate import best_surrogates
 from tracking.findings.correlation import correlate
 from tracking.findings.groups import groups
 from tracking.findings.leave_one_out import leave_one_out
@@ -22,7 +22,7 @@ def first_screen(run):
     sample = (run.results, run.surrogates)
     correlations = correlate(*sample, run.axes)
     errors = leave_one_out(*sample, run.axes)
-    predicted = which_predicts(*sample, correlations, errors, run.axes)
+    predicted = best_surrogates(*sample, correlations, errors, run.axes)
     (group,) = groups(run)
     return verdicts(run, group, headline_ranking(run, group), predicted)
 

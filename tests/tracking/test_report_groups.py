@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from made_up_run import NAMES, write_run
 
-from tracking.findings.best_surrogate import which_predicts
+from tracking.findings.best_surrogate import best_surrogates
 from tracking.findings.correlation import correlate
 from tracking.findings.groups import groups
 from tracking.findings.leave_one_out import leave_one_out
@@ -43,7 +43,7 @@ def run(tmp_path_factory) -> RunFolder:
 def predictors(run: RunFolder) -> Section:
     sample = (run.results, run.surrogates)
     correlations, errors = correlate(*sample, run.axes), leave_one_out(*sample, run.axes)
-    found = which_predicts(*sample, correlations, errors, run.axes)
+    found = best_surrogates(*sample, correlations, errors, run.axes)
     section = predictors_section(run, correlations, errors, found)
     assert section is not None
     return section
@@ -69,7 +69,7 @@ def test_many_findings_are_counted_and_a_legend_stays_short(run):
 def test_it_is_counted_in_how_many_cases_nothing_could_be_shown(run):
     sample = (run.results, run.surrogates)
     correlations, errors = correlate(*sample, run.axes), leave_one_out(*sample, run.axes)
-    found = which_predicts(*sample, correlations, errors, run.axes)
+    found = best_surrogates(*sample, correlations, errors, run.axes)
     enough = correlations.assign(n=8, spearman_tests=100)
     assert "perfect order" not in counted(run, found, enough)
     some = enough.assign(n=enough["n"].mask(enough["detector"] == "second", 4))

@@ -41,7 +41,7 @@ class Predictors:
     sentence: str
 
 
-def which_predicts(
+def best_surrogates(
     results: pd.DataFrame,
     surrogates: pd.DataFrame,
     correlations: pd.DataFrame,

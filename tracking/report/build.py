@@ -10,7 +10,7 @@ from pathlib import Path
 import pandas as pd
 
 from tracking.findings.best_placement import BestPlacement
-from tracking.findings.best_surrogate import Predictors, which_predicts
+from tracking.findings.best_surrogate import Predictors, best_surrogates
 from tracking.findings.correlation import correlate
 from tracking.findings.distinct_rigs import copies, without
 from tracking.findings.groups import Group, groups, pictured
@@ -105,7 +105,7 @@ class _Analysis:
     Attributes:
         run: the placements after the longest training; shorter ones show what they cost.
         means: `seed_means`.
-        correlations, errors, predicted: `correlate`, `leave_one_out` and `which_predicts`.
+        correlations, errors, predicted: `correlate`, `leave_one_out` and `best_surrogates`.
         groups: what is compared with each other.
         rankings: every group with its `headline_ranking`.
         order: `best_first`.
@@ -134,7 +134,7 @@ class _Analysis:
             means=means,
             correlations=correlations,
             errors=errors,
-            predicted=which_predicts(results, surrogates, correlations, errors, run.axes),
+            predicted=best_surrogates(results, surrogates, correlations, errors, run.axes),
             groups=found,
             rankings=[(group, headline_ranking(run, group)) for group in found],
             order=best_first(run, means),

@@ -56,7 +56,7 @@ def verdicts(
 
     Args:
         ranked: `headline_ranking` of the group.
-        predicted: `which_predicts` of the run.
+        predicted: `best_surrogates` of the run.
     """
     found = []
     for name, best in ranked.items():

@@ -48,7 +48,7 @@ def predictors_section(
     Args:
         correlations: `tracking.findings.correlation.correlate` of the run.
         errors: `tracking.findings.leave_one_out.leave_one_out` of the run.
-        found: `tracking.findings.best_surrogate.which_predicts` of the run.
+        found: `tracking.findings.best_surrogate.best_surrogates` of the run.
     """
     if not has_detectors(run):
         return None

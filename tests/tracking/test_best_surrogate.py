@@ -6,7 +6,7 @@ import pytest
 from result_tables import tables
 from scipy import stats
 
-from tracking.findings.best_surrogate import which_predicts
+from tracking.findings.best_surrogate import best_surrogates
 from tracking.findings.correlation import correlate
 from tracking.findings.leave_one_out import leave_one_out
 
@@ -14,7 +14,7 @@ from tracking.findings.leave_one_out import leave_one_out
 def found(y, **surrogates):
     parts = [tables(x, y, surrogate=name) for name, x in surrogates.items()]
     both = parts[0][0], pd.concat([part[1] for part in parts])
-    return which_predicts(*both, correlate(*both), leave_one_out(*both))
+    return best_surrogates(*both, correlate(*both), leave_one_out(*both))
 
 
 def test_the_surrogate_that_makes_the_metric_wins():
