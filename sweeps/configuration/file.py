@@ -61,7 +61,20 @@ def public_yaml(config: Mapping[str, Any]) -> str:
     return yaml.safe_dump(hide_secrets_in(dict(config)), sort_keys=False)
 
 
-def name_by_file(raw: dict[str, Any], path: Path) -> None:
+def read_named(path: Path, overrides: Sequence[str], model: type[BaseModel]) -> dict[str, Any]:
+    """The YAML of `path` with the `KEY=VALUE` of every `--set`, and with a name; not checked yet.
+
+    Raises:
+        ConfigError: a file that cannot be read, an override that cannot be put in, no name.
+    """
+    raw = read_yaml(path, model)
+    for pair in overrides:
+        override(raw, pair, path, model)
+    _name_by_file(raw, path)
+    return raw
+
+
+def _name_by_file(raw: dict[str, Any], path: Path) -> None:
     """Name what has no name after its file. Raises ConfigError if that cannot be a name."""
     if "name" not in raw and not re.fullmatch(NAME, path.stem):
         other = re.sub(r"[^\w.-]+", "_", path.stem).lstrip(".-") or "mine"

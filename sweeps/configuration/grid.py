@@ -16,10 +16,8 @@ from lidarplace.sensor import Lidar
 from sweeps.configuration.file import (
     ConfigError,
     check,
-    name_by_file,
-    override,
     put,
-    read_yaml,
+    read_named,
     refuse_overlaps,
     unknown_key,
 )
@@ -71,11 +69,7 @@ def read_sweep(path: Path, overrides: Sequence[str] = ()) -> Sweep:
     Raises:
         ConfigError: anything wrong with the file, a key or a value.
     """
-    raw = read_yaml(path, SweepFile)
-    for pair in overrides:
-        override(raw, pair, path, SweepFile)
-    name_by_file(raw, path)
-    return build_sweep(raw, path)
+    return build_sweep(read_named(path, overrides, SweepFile), path)
 
 
 def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:

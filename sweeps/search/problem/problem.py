@@ -16,10 +16,8 @@ from lidarplace.mounting.near_field import near_field_coverage
 from sweeps.configuration.file import (
     ConfigError,
     check,
-    name_by_file,
-    override,
     put,
-    read_yaml,
+    read_named,
     refuse_overlaps,
 )
 from sweeps.configuration.grid import GridPoint, Sweep, build_sweep
@@ -142,10 +140,7 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
     Raises:
         ConfigError: anything wrong with the file, a key or a value.
     """
-    source = read_yaml(path, SearchFile)
-    for pair in overrides:
-        override(source, pair, path, SearchFile)
-    name_by_file(source, path)
+    source = read_named(path, overrides, SearchFile)
     file = check(SearchFile, source, path)
     _check_keys(file, source, path)
     settings = file.search
