@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,8 +39,8 @@ class FinetuneResult:
         steps: optimisation steps.
         batch_size: frames of a step.
         batch_size_reduced: whether these are fewer than there should be, for want of GPU memory.
-        weights: what it started from: "scratch", or the checkpoint's name and digest, and the
-            entries of it that were not used.
+        weights: what it started from: "scratch", "generalist", or the checkpoint's name and
+            digest, and the entries of it that were not used.
         best_state_dict: weights after the epoch with the lowest training loss; None if that is the
             last one, or if no folder was there to keep them.
         earlier_seconds: of the epochs before a stop, not spent in this call.
@@ -56,6 +56,20 @@ class FinetuneResult:
     earlier_seconds: float
 
 
+@dataclass(frozen=True)
+class StartingWeights:
+    """What a training starts from, where the settings name no checkpoint: at random by default.
+
+    Attributes:
+        digest: SHA-256 that the checkpoint of the settings must have; None: any.
+        generalist: weights of a detector of the same network and classes, which was trained on the
+            clouds of many rigs.
+    """
+
+    digest: str | None = None
+    generalist: Mapping[str, Tensor] | None = None
+
+
 def finetune(
     detector: str,
     classes: Sequence[str],
@@ -66,7 +80,7 @@ def finetune(
     point_range: PointRange | None = None,
     on_epoch: Callable[[dict[str, float]], None] | None = None,
     folder: Path | None = None,
-    checkpoint_digest: str | None = None,
+    start: StartingWeights = StartingWeights(),
     memory: Memory = Memory(),
 ) -> FinetuneResult:
     """Train `detector` on the frames of `clouds`, on a GPU if there is one.
@@ -83,7 +97,7 @@ def finetune(
         on_epoch: called after each epoch with the epoch's number and its values in `curve`.
         folder: keeps the training after each epoch, see `TrainingFolder`; one that was stopped
             goes on from there and gives what it would have given.
-        checkpoint_digest: SHA-256 that the checkpoint of the settings must have.
+        start: weights to start from, if they are not at random.
         memory: how many frames of a step it holds. A training that was stopped goes on with the
             frames that it had, unless these are more than are left now.
 
@@ -98,7 +112,7 @@ def finetune(
     with torch.random.fork_rng(range(torch.cuda.device_count())):
         torch.manual_seed(seed)
         model = build(detector, classes, point_range=point_range)
-        weights = _load_weights(model, settings, checkpoint_digest)
+        weights = _load_weights(model, settings, start)
         model.to(device())
         frames, database = training_data(model, classes, clouds, ground_truth, settings)
         augmentation = Augmentation(settings, model.point_range, database)
@@ -222,13 +236,16 @@ def _train_epoch(
     return values | {"lr": optimisation.lr, "seconds": time.perf_counter() - start}
 
 
-def _load_weights(model: Detector, settings: TrainingSettings, digest: str | None) -> str:
-    """Load the checkpoint that training starts from. Returns what it starts from."""
+def _load_weights(model: Detector, settings: TrainingSettings, start: StartingWeights) -> str:
+    """Load the weights that training starts from. Returns what these are."""
     path = settings.checkpoint
+    if start.generalist is not None:
+        model.load_state_dict(start.generalist)
+        return "generalist"
     if path is None:
         return "scratch"
     report = load_checkpoint(model, path, settings.new_heads)
-    if digest not in (None, report.digest):
+    if start.digest not in (None, report.digest):
         raise ValueError(f"checkpoint {path} has changed since the training was planned")
     origin = f"{path.name} sha256:{report.digest[:12]}"
     if report.reinitialised:

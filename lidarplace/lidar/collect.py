@@ -13,6 +13,7 @@ from lidarplace.lidar.clouds import Crop, PointClouds
 from lidarplace.lidar.raycast import Hits, cast
 from lidarplace.lidar.returns import LARGEST_ERROR, sample_points
 from lidarplace.lidar.surroundings import Surroundings
+from lidarplace.mounting.errors import MountingErrors
 from lidarplace.placement import Placement
 from lidarplace.roi import Interval
 
@@ -40,6 +41,7 @@ def collect(
     crop: Crop,
     seed: int = 0,
     misaligned_heights: bool = False,
+    errors: MountingErrors = MountingErrors(),
 ) -> PointClouds:
     """Simulate the merged clouds of all LiDARs of `placement` in the given frames.
 
@@ -54,6 +56,7 @@ def collect(
         seed: of shapes and materials, drop-off and range noise.
         misaligned_heights: merge the clouds as if every LiDAR were as high as the first: those of
             higher ones sink, those of lower ones rise. They are cut after that.
+        errors: of the mounts, drawn anew for every frame: a fleet, whose vehicles differ.
 
     Raises:
         ValueError: a box is bad, a frame is not in the log, the crop is empty, or there are more
@@ -65,7 +68,7 @@ def collect(
         raise ValueError(f"a cloud holds at most 256 LiDARs, found {len(placement.mounts)}")
     numbers = np.asarray(frames, np.int64)
     surroundings = Surroundings(log, seed)
-    clouds = _clouds(surroundings, numbers, placement, crop, seed, misaligned_heights)
+    clouds = _clouds(surroundings, numbers, placement, crop, seed, misaligned_heights, errors)
     return PointClouds.from_frames(numbers, clouds, crop)
 
 
@@ -76,6 +79,7 @@ def _clouds(
     crop: Crop,
     seed: int,
     misaligned_heights: bool,
+    errors: MountingErrors,
 ) -> Iterator[tuple[NDArray[np.float32], NDArray[np.int32]]]:
     """Points of each frame, and how many come from each LiDAR; memory is used again."""
     lidars, mounts = placement.lidars, placement.mounts
@@ -87,7 +91,7 @@ def _clouds(
     # A building matters if it can stand before a point of the crop: as seen from above, neither
     # farther than the crop's farthest corner nor than the sensor itself.
     corners = np.maximum(np.abs(low), np.abs(high))
-    away = max(math.hypot(mount.x, mount.y) for mount in mounts)
+    away = max(math.hypot(mount.x, mount.y) for mount in mounts) + math.sqrt(2) * errors.offset
     longest = max(lidar.range for lidar in lidars)
     reach = min(max(math.hypot(*corners[:2]), away), longest + slack + away)
 
@@ -95,6 +99,8 @@ def _clouds(
     memory: dict[int, Hits] = {}
     for frame in frames.tolist():
         parts, ground = surroundings.parts(frame, reach), surroundings.ground(frame)
+        if errors:
+            mounts = errors.drawn(placement, seed, frame).mounts
         counts = np.zeros(len(mounts), np.int32)
         for m, (mount, lidar) in enumerate(zip(mounts, lidars, strict=True)):
             hits = cast(mount, lidar, parts, wide[m], into=memory.get(lidar.rays))

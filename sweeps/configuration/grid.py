@@ -162,10 +162,10 @@ def _trained_rungs(
         for key in rung.set:
             if key in grid:
                 raise ConfigError(f"{path}: promote[{number}].set.{key}: is an axis of the grid")
-            if not key.startswith("training."):
+            if key != "judge" and not key.startswith("training."):
                 raise ConfigError(
-                    f"{path}: promote[{number}].set.{key}: allowed are keys of training, such as "
-                    "training.epochs"
+                    f"{path}: promote[{number}].set.{key}: allowed are judge and keys of training, "
+                    "such as training.epochs"
                 )
         refuse_overlaps(rung.set, f"{path}: promote[{number}].set", grid, "an axis of the grid")
         if rung.set:
@@ -181,10 +181,10 @@ def _check_rungs(common: Common, point: Point, path: Path) -> None:
             raise ConfigError(f"{key}.by: {rung.by} needs a detector")
         if rung.by not in RANKING and rung.by not in point.surrogate.names:
             raise ConfigError(f"{key}.by: {rung.by} is not among surrogate.names")
-        shorter = point.training.model_copy(
-            update={key.removeprefix("training."): value for key, value in rung.set.items()}
-        )
-        if rung.set and _effort(shorter) >= _effort(point.training):
+        own = {key.removeprefix("training."): v for key, v in rung.set.items() if key != "judge"}
+        shorter = point.training.model_copy(update=own)
+        cheaper = rung.set.get("judge") == "generalist" != point.judge  # which trains once for all
+        if rung.set and not cheaper and _effort(shorter) >= _effort(point.training):
             raise ConfigError(
                 f"{key}.set: these trainings see as many frames as the full ones; "
                 "lower training.epochs or training.frame_share"

@@ -22,6 +22,7 @@ from lidarplace.configuration.settings import (
     Amount,
     Count,
     CountFromOne,
+    Degrees,
     Distance,
     FilePath,
     Length,
@@ -34,6 +35,7 @@ from lidarplace.configuration.settings import (
 from lidarplace.coverage import Method
 from lidarplace.lidar.profiles import PROFILES
 from lidarplace.metrics import METRICS, RANKING, Direction
+from lidarplace.mounting.errors import MountingErrors
 from lidarplace.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.roi import Roi
 from lidarplace.scenes.kinds import Scene
@@ -136,6 +138,48 @@ class SurrogateSettings(Settings):
     )
 
 
+class MountingErrorSettings(Settings):
+    """How far mounts are off in simulated clouds: each frame is of another vehicle of a fleet."""
+
+    offset: Distance = Field(0.0, description="metres at most, along each axis")
+    angle_deg: Annotated[Degrees, Field(ge=0)] = Field(
+        0.0, description="degrees at most, of roll, pitch and yaw"
+    )
+
+    def errors(self) -> MountingErrors:
+        """In the terms of `lidarplace`."""
+        return MountingErrors(self.offset, math.radians(self.angle_deg))
+
+
+class GeneralistSettings(Settings):
+    """A detector that is trained on the clouds of many rigs, none of which it judges."""
+
+    rigs: CountFromOne | tuple[Name, ...] = Field(
+        32,
+        description="how many are drawn, in and around the space that the placements of the sweep "
+        "take; or names of placements, which are not judged then",
+    )
+    rigs_per_frame: CountFromOne = Field(
+        8, description="under how many of them each training frame is seen"
+    )
+    epochs: CountFromOne = Field(4, description="passes over frames and rigs")
+
+    @field_validator("rigs")
+    @classmethod
+    def _some(cls, rigs: int | tuple[str, ...]) -> int | tuple[str, ...]:
+        if isinstance(rigs, tuple) and (not rigs or len(set(rigs)) < len(rigs)):
+            raise ValueError("allowed is a number, or a list of different placements")
+        return rigs
+
+    @property
+    def number(self) -> int:
+        """Of rigs."""
+        return self.rigs if isinstance(self.rigs, int) else len(self.rigs)
+
+
+Judge = Literal["specialist", "generalist", "finetuned"]
+
+
 class Point(Settings):
     """One point of the grid: what is trained and evaluated once."""
 
@@ -156,6 +200,18 @@ class Point(Settings):
     )
     surrogate: SurrogateSettings = Field(SurrogateSettings(), description="what scores a placement")
     training: TrainingSettings = Field(TrainingSettings(), description="how detectors are trained")
+    judge: Judge = Field(
+        "specialist",
+        description="whose detections tell of a placement: specialist: a detector trained for it; "
+        "generalist: one trained on many other rigs, in seconds a placement; finetuned: a "
+        "specialist that starts from the generalist's weights",
+    )
+    generalist: GeneralistSettings = Field(
+        GeneralistSettings(), description="what the generalist is trained on, and how long"
+    )
+    mounting_errors: MountingErrorSettings = Field(
+        MountingErrorSettings(), description="how far mounts are off in simulated clouds"
+    )
 
     @field_validator("classes")
     @classmethod

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
@@ -17,6 +17,7 @@ from lidarplace.lidar.clouds import Crop
 from lidarplace.lidar.collect import crop_for
 from lidarplace.lidar.profiles import with_tilt_in_degrees
 from lidarplace.lidar.recorded import check_rig, clouds_digest
+from lidarplace.mounting.random_rigs import random_rigs
 from lidarplace.scenes.kinds import scene_parts
 from lidarplace.scenes.parts import ScenePart
 from lidarplace.scenes.recorded import LogScene
@@ -63,7 +64,8 @@ class Trial:
             test frames for the last.
         pog, surrogates: its cheap tasks, by which `promote` may rank.
         accuracy, sampling_error: None if they are not asked for, or of other placements.
-        finetune, evaluate: None without a detector.
+        finetune, evaluate: the training whose weights tell of the placement, which is shared where
+            a generalist does; None without a detector.
     """
 
     grid_point: GridPoint
@@ -150,6 +152,7 @@ class _Builder:
         self._parts_of = cache(scene_parts)
         self._digest_of = cache(clouds_digest)
         self._checkpoint_digest = cache(_checkpoint_digest)
+        self._random_rigs = cache(random_rigs)
 
     def _once(self, task: Task) -> Task:
         return self.tasks.setdefault(task.key, task)
@@ -249,15 +252,26 @@ class _Builder:
         roi, settings = point.roi, point.training
         edges = GroundTruthParams(roi.x, roi.y, roi.z, point.scene.seed)
         crop = crop_for(roi.x, roi.y, roi.z, rig, point.lidar.misaligned_heights)
-        clouds: dict[str, list[Task]] = {"train": [], "test": []}
         truths: dict[str, list[Task]] = {"train": [], "test": []}
         for part, scene in zip(parts, scenes, strict=True):
             truth = self._task("ground_truth", grid_point, edges, (scene,), part.name)
             for split in part.splits:
-                params = self._collection(point, rig, split, crop)
-                names = (part.name, split)
-                clouds[split].append(self._task("collect", grid_point, params, (scene,), *names))
                 truths[split].append(truth)
+
+        def collected(
+            split: str, rig: Placement, *names: str, first: int = 0, every: int = 1
+        ) -> list[Task]:
+            """Clouds of a rig in every part with frames of the split, of some of these frames."""
+            params = self._collection(point, rig, split, crop)
+            if isinstance(params, CollectParams):
+                params = replace(params, first=first, every=every)
+            return [
+                self._task("collect", grid_point, params, (scene,), *names, part.name, split)
+                for part, scene in zip(parts, scenes, strict=True)
+                if split in part.splits
+            ]
+
+        test = collected("test", rig)
         network = NetworkParams(point.detector, point.classes, settings, crop)
         checkpoint = None
         if settings.checkpoint is not None:
@@ -266,15 +280,64 @@ class _Builder:
             )
         training = TrainingParams(**vars(network), seed=point.seed, checkpoint=checkpoint)
         label = _trial_label(point, grid_point.axes)
-        inputs = (*clouds["train"], *truths["train"])
-        finetune = self._once(Task("finetune", label, training, inputs, gpu=True, resumable=True))
-        inputs = (finetune, *clouds["test"], *truths["test"])
+        before: tuple[Task, ...] = ()
+        if point.judge != "specialist":
+            before = (self._generalist(point, training, collected, truths["train"]),)
+        if point.judge == "generalist":
+            (finetune,) = before
+        else:
+            inputs = (*before, *collected("train", rig), *truths["train"])
+            finetune = self._once(
+                Task("finetune", label, training, inputs, gpu=True, resumable=True)
+            )
+        inputs = (finetune, *test, *truths["test"])
         return {
             "ground_truths": tuple(dict.fromkeys(truths["train"] + truths["test"])),
-            "collect_test": tuple(clouds["test"]),
+            "collect_test": tuple(test),
             "finetune": finetune,
             "evaluate": self._once(Task("evaluate", label, network, inputs, gpu=True)),
         }
+
+    def _generalist(
+        self,
+        point: Point,
+        training: TrainingParams,
+        collected: Callable[..., list[Task]],
+        truths: Sequence[Task],
+    ) -> Task:
+        """The training on many rigs: every frame under some of them, every rig in some frames."""
+        if point.lidar.misaligned_heights:
+            raise ConfigError(
+                f"judge: {point.judge}: lidar.misaligned_heights crops the clouds of each rig "
+                "otherwise; allowed is specialist"
+            )
+        settings = point.generalist
+        rigs = self._training_rigs(point)
+        every = -(-len(rigs) // min(settings.rigs_per_frame, len(rigs)))
+        clouds = [
+            task
+            for number, rig in enumerate(rigs)
+            for task in collected("train", rig, rig.name, first=number % every, every=every)
+        ]
+        longer = training.training.model_copy(update={"epochs": settings.epochs})
+        label = f"generalist of {len(rigs)} rigs · {point.detector} · seed {point.seed}"
+        params = replace(training, training=longer)
+        inputs = (*clouds, *truths)
+        return self._once(Task("pretrain", label, params, inputs, gpu=True, resumable=True))
+
+    def _training_rigs(self, point: Point) -> list[Placement]:
+        """The rigs of a generalist: drawn with the seed of the training, or named."""
+        common, lidar, rigs = self._common, point.lidar.lidar(), point.generalist.rigs
+        try:
+            if isinstance(rigs, int):
+                around = [common.placement_named(name, lidar) for name in self._placements]
+                return self._random_rigs(tuple(around), rigs, point.seed)
+            judged = sorted(set(rigs) & set(self._placements))
+            if judged:
+                raise ValueError(f"{judged[0]} is judged, so it cannot be trained on")
+            return [common.placement_named(name, lidar) for name in rigs]
+        except ValueError as error:
+            raise ConfigError(f"generalist.rigs: {error}") from None
 
     def _collection(
         self, point: Point, placement: Placement, split: str, crop: Crop
@@ -287,6 +350,11 @@ class _Builder:
         if isinstance(scene, LogScene) and scene.clouds == "recorded":
             if lidar.tilt_in_degrees or lidar.misaligned_heights:
                 raise ConfigError("lidar: recorded clouds are as they are; leave the quirks out")
+            if point.mounting_errors.errors() or point.judge != "specialist":
+                raise ConfigError(
+                    "scene.clouds: recorded clouds are of one rig as it was; leave out judge and "
+                    "mounting_errors"
+                )
             if lidar.cloud_share != 1:
                 raise ConfigError(
                     f"lidar.cloud_share: recorded clouds are as they are; allowed is 1, found "
@@ -305,8 +373,9 @@ class _Builder:
             placement = placement.with_lidar([own.thinned(share) for own in placement.lidars])
         except ValueError as error:
             raise ConfigError(f"lidar.cloud_share: {share:g}: {error}") from None
+        errors = point.mounting_errors.errors()
         return CollectParams(
-            _nameless(placement), lidar.misaligned_heights, scene.seed, split, crop
+            _nameless(placement), lidar.misaligned_heights, scene.seed, split, crop, errors
         )
 
 

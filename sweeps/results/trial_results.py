@@ -48,8 +48,12 @@ def metric_mean(trials: Sequence[Trial], metric: str, object_class: str, store: 
 
 
 def trial_seconds(trial: Trial, store: AnyStore) -> float:
-    """Seconds of training and evaluation; of the surrogates without a detector."""
-    tasks = [task for task in (trial.finetune, trial.evaluate) if task is not None]
+    """Seconds of training and evaluation; of the surrogates without a detector.
+
+    A generalist's training counts for none of the placements that it judges.
+    """
+    own = trial.finetune if trial.grid_point.point.judge != "generalist" else None
+    tasks = [task for task in (own, trial.evaluate) if task is not None]
     return sum(store.seconds(task) for task in tasks or [trial.surrogates])
 
 

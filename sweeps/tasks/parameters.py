@@ -14,6 +14,7 @@ from typing import Annotated, Any, get_type_hints
 from lidarplace import Placement, Roi
 from lidarplace.coverage import Method
 from lidarplace.lidar.clouds import Crop
+from lidarplace.mounting.errors import MountingErrors
 from lidarplace.roi import Interval
 from lidarplace.scenes.parts import Recording
 from training.settings import TrainingSettings
@@ -101,7 +102,9 @@ class CollectParams:
     Attributes:
         placement: with quirks and fewer azimuth steps, if the collection has them.
         crop: lowest x, y, z and highest x, y, z that points are kept in, metres.
-        seed: of shapes, drop-off and range noise.
+        seed: of shapes, drop-off, range noise and mounting errors.
+        errors: of the mounts.
+        first, every: which frames of the split are collected; all by default.
     """
 
     placement: Annotated[Placement, "placement", "lidar"]
@@ -109,6 +112,9 @@ class CollectParams:
     seed: Annotated[int, "scene"]
     split: str
     crop: Annotated[Crop, "roi", "placement", "lidar"]
+    errors: Annotated[MountingErrors, "mounting_errors"]
+    first: int = 0
+    every: int = 1
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ hashed; a result is a dictionary of tables, arrays and plain data, which can be 
 scene -> ground_truth, pog -> surrogates
 scene -> accuracy, sampling_error
 scene -> collect -> finetune -> evaluate
-scene -> collect -> pretrain
+scene -> collect -> pretrain (-> finetune) -> evaluate
 scene -> collect -> probe: how much memory a training needs
 
 A scene may be recorded in parts; `*logs` are all of them.
@@ -14,10 +14,10 @@ A scene may be recorded in parts; `*logs` are all of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -46,6 +46,9 @@ from sweeps.tasks.parameters import (
     SurrogateParams,
     TrainingParams,
 )
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 Value = dict[str, Any]
 
@@ -172,6 +175,7 @@ def collect(params: CollectParams | RecordedParams, log: Value) -> Value:
     if isinstance(params, RecordedParams):
         clouds = recorded_clouds(params.folder, numbers, params.crop)
     else:
+        numbers = numbers[params.first :: params.every]
         clouds = collect_clouds(
             recorded,
             numbers,
@@ -179,6 +183,7 @@ def collect(params: CollectParams | RecordedParams, log: Value) -> Value:
             crop=params.crop,
             seed=params.seed,
             misaligned_heights=params.misaligned_heights,
+            errors=params.errors,
         )
     return clouds.arrays() | {"points_per_object": count_points_per_object(recorded.boxes, clouds)}
 
@@ -212,11 +217,11 @@ def finetune(
 ) -> Value:
     """Train one detector on the clouds of one placement.
 
-    From scratch it is trained for the classes that occur; a checkpoint's heads stay.
+    From scratch it is trained for the classes that occur; heads that are there already stay.
 
     Args:
         params: the network, how to train it, and the seed.
-        inputs: clouds, and the objects in them.
+        inputs: clouds, and the objects in them; before them a generalist to start from, if any.
         folder: where it goes on after a stop.
         batch_size: frames of a step where the settings leave it open; None: it is found out.
         halvings: how often the batch size is halved, after the GPU's memory was too small.
@@ -224,11 +229,12 @@ def finetune(
     from training.dataset import occurring_classes
 
     clouds, objects = _clouds_and_objects(inputs)
+    generalist = next((value["state_dict"] for value in inputs if "state_dict" in value), None)
     classes = params.classes
-    if params.training.checkpoint is None:
+    if params.training.checkpoint is None and generalist is None:
         share = params.training.frame_share
         classes = occurring_classes(classes, clouds, objects, share)
-    return _train(params, classes, clouds, objects, folder, batch_size, halvings)
+    return _train(params, classes, clouds, objects, folder, batch_size, halvings, generalist)
 
 
 def pretrain(
@@ -306,7 +312,7 @@ def _training_log(logs: Sequence[Value]) -> tuple[pd.DataFrame, pd.DataFrame]:
 def _clouds_and_objects(inputs: Sequence[Value]) -> tuple[JoinedClouds, pd.DataFrame]:
     """Clouds, and the objects that are in their frames: results of `collect` and `ground_truth`."""
     truths = [value["objects"] for value in inputs if "objects" in value]
-    clouds = [PointClouds.from_arrays(value) for value in inputs if "objects" not in value]
+    clouds = [PointClouds.from_arrays(value) for value in inputs if "offsets" in value]
     objects = pd.concat(truths, ignore_index=True)
     joined = JoinedClouds(clouds)
     return joined, objects[objects["frame"].isin(joined.frames)]
@@ -320,8 +326,10 @@ def _train(
     folder: Path,
     batch_size: int | None,
     halvings: int,
+    generalist: Mapping[str, Tensor] | None = None,
 ) -> Value:
     from training.batch_size import Memory
+    from training.finetune import StartingWeights
     from training.finetune import finetune as train
 
     result = train(
@@ -333,7 +341,7 @@ def _train(
         seed=params.seed,
         point_range=params.point_range,
         folder=folder,
-        checkpoint_digest=params.checkpoint,
+        start=StartingWeights(digest=params.checkpoint, generalist=generalist),
         memory=Memory(batch_size, halvings),
     )
     value = {

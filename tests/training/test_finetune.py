@@ -21,7 +21,7 @@ from training import build_detector
 from training.batch_size import batch_size_for, largest_that_fits
 from training.dataset import TrainingFrames, as_tensors, occurring_classes, spread
 from training.detect import detect
-from training.finetune import finetune
+from training.finetune import StartingWeights, finetune
 from training.one_cycle import OneCycle
 from training.optimisation import Optimisation
 from training.settings import TrainingSettings
@@ -110,7 +110,8 @@ def test_frames_without_points_or_boxes_and_a_checkpoint(tmp_path):
     with pytest.raises(ValueError, match=r"weights\.pt has changed since"):
         finetune(
             "pointpillars_tiny", ["Car"], clouds, nothing,
-            settings.model_copy(update={"checkpoint": path}), seed=1, checkpoint_digest="0" * 64,
+            settings.model_copy(update={"checkpoint": path}), seed=1,
+            start=StartingWeights(digest="0" * 64),
         )  # fmt: skip
     none = PointClouds.from_frames([], [], crop)
     with pytest.raises(ValueError, match="at least one frame"):

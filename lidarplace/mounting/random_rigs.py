@@ -1,0 +1,158 @@
+"""Rigs at random around given ones: what a detector learns from that shall judge any of their kind.
+
+Rigs differ in what changes a cloud: heights, tilts, and rings that coincide or lie between each
+other. Four kinds take turns, so that none of it depends on chance alone; of more rigs than are
+wanted those are kept whose rings overlap least, most, and at even steps between.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import astuple, dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarplace.mounting.ring_overlap import rings
+from lidarplace.placement import Mount, Placement
+
+NEAR_M = 0.3
+"""How far a LiDAR of a drawn rig may be beyond those of the given ones, metres."""
+
+TILT = math.radians(20)
+"""Roll and pitch that drawn rigs have at least, radians; more if the given ones have."""
+
+TURN = math.radians(10)
+"""Yaw that is added to or taken from a given one's, radians."""
+
+_CANDIDATES = 4
+"""So many rigs are drawn for each that is wanted."""
+
+_APART_M = 0.15
+"""Least distance between the centres of two LiDARs."""
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Lowest and highest of x, y, z, roll and pitch over all mounts, shapes (5,); m and radians."""
+
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, rigs: Sequence[Placement]) -> Bounds:
+        """Of all mounts of these rigs."""
+        poses = np.array([astuple(mount)[:5] for rig in rigs for mount in rig.mounts])
+        return cls(poses.min(axis=0), poses.max(axis=0))
+
+
+def random_rigs(around: Sequence[Placement], number: int, seed: int) -> list[Placement]:
+    """Rigs with the LiDARs of given ones, in and somewhat around the space that these take.
+
+    A rig has as many LiDARs as one of the given ones, of the models of that.
+
+    Args:
+        around: at least one.
+        number: of rigs.
+        seed: of all that is drawn.
+
+    Returns:
+        Named rig_01, …, in the order of the share of rings that coincide.
+    """
+    random = np.random.default_rng(seed)
+    bounds = Bounds.of(around)
+    drawn = []
+    for i in range(_CANDIDATES * number):
+        given = around[int(random.integers(len(around)))]
+        drawn.append(_apart(given, _KINDS[i % len(_KINDS)], bounds, random))
+    drawn.sort(key=lambda rig: rings(rig).redundancy)
+    kept = np.linspace(0, len(drawn) - 1, number).round().astype(int)
+    width = len(str(number))
+    return [
+        replace(drawn[place], name=f"rig_{i:0{width}}") for i, place in enumerate(kept, start=1)
+    ]
+
+
+def _apart(
+    given: Placement,
+    kind: Callable[[Placement, Bounds, np.random.Generator], list[Mount]],
+    bounds: Bounds,
+    random: np.random.Generator,
+) -> Placement:
+    """A rig of a kind; LiDARs that came to lie in each other are drawn again, up to a point."""
+    for _ in range(100):
+        mounts = kind(given, bounds, random)
+        places = np.array([mount.position for mount in mounts])
+        gaps = np.linalg.norm(places[:, None] - places, axis=-1)
+        if (gaps[np.triu_indices(len(mounts), 1)] >= _APART_M).all():
+            break
+    return replace(given, mounts=mounts)
+
+
+def _one_height(given: Placement, bounds: Bounds, random: np.random.Generator) -> list[Mount]:
+    """Given tilts, all LiDARs as high as each other: rings coincide."""
+    z = _height(bounds, random)
+    return [replace(_moved(mount, random), z=z) for mount in given.mounts]
+
+
+def _many_heights(given: Placement, bounds: Bounds, random: np.random.Generator) -> list[Mount]:
+    """Given tilts, heights anywhere: rings lie between each other."""
+    return [replace(_moved(m, random), z=_height(bounds, random)) for m in given.mounts]
+
+
+def _jittered(given: Placement, bounds: Bounds, random: np.random.Generator) -> list[Mount]:
+    """A given rig whose LiDARs are off by centimetres and a few degrees."""
+    scale = [0.1, 0.1, 0.1, TURN / 2, TURN / 2, TURN / 2]
+    return [
+        Mount(*(np.array(astuple(mount)) + random.uniform(-1, 1, 6) * scale).tolist())
+        for mount in given.mounts
+    ]
+
+
+def _anywhere(given: Placement, bounds: Bounds, random: np.random.Generator) -> list[Mount]:
+    """Positions and tilts anywhere; headings as given, as fields of view depend on them."""
+    low, high = bounds.low.copy(), bounds.high.copy()
+    low[:3] -= NEAR_M / 2
+    high[:3] += NEAR_M / 2
+    low[3:], high[3:] = np.minimum(low[3:], -TILT), np.maximum(high[3:], TILT)
+    return [
+        replace(Mount(*random.uniform(low, high)), yaw=mount.yaw + random.uniform(-TURN, TURN))
+        for mount in given.mounts
+    ]
+
+
+_KINDS = (_one_height, _many_heights, _jittered, _anywhere)
+
+
+def _moved(mount: Mount, random: np.random.Generator) -> Mount:
+    x, y = random.uniform(-NEAR_M, NEAR_M, 2).tolist()
+    return replace(mount, x=mount.x + x, y=mount.y + y)
+
+
+def _height(bounds: Bounds, random: np.random.Generator) -> float:
+    return float(random.uniform(bounds.low[2] - NEAR_M / 2, bounds.high[2] + NEAR_M / 2))
+
+
+def outside(placement: Placement, rigs: Sequence[Placement]) -> str | None:
+    """How far a rig is outside of the space of others, None if it is not.
+
+    Compared are x, y, z, roll and pitch of the mounts, the number of LiDARs and their models.
+    """
+    bounds = Bounds.of(rigs)
+    poses = np.array([astuple(mount)[:5] for mount in placement.mounts])
+    beyond = np.maximum(bounds.low - poses, poses - bounds.high).max(axis=0)
+    told = [
+        f"{name} by {amount:.2f} m"
+        if name in "xyz"
+        else f"{name} by {math.degrees(amount):.1f} deg"
+        for name, amount in zip(("x", "y", "z", "roll", "pitch"), beyond.tolist(), strict=True)
+        if amount > 0
+    ]
+    numbers = [len(rig.mounts) for rig in rigs]
+    if not min(numbers) <= len(placement.mounts) <= max(numbers):
+        told.append(f"{len(placement.mounts)} LiDARs, not {min(numbers)} to {max(numbers)}")
+    known = {lidar for rig in rigs for lidar in rig.lidars}
+    if not set(placement.lidars) <= known:
+        told.append("another LiDAR model")
+    return ", ".join(told) or None

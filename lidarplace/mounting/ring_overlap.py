@@ -1,0 +1,77 @@
+"""Rings that coincide: LiDARs whose beams meet an object at the same heights see little more than
+one of them does."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarplace.placement import Mount, Placement
+from lidarplace.sensor import Lidar
+
+DISTANCES_M = (8.0, 12.0, 18.0, 27.0)
+"""Of the upright strips that are looked at, from the ego frame's z axis."""
+
+AZIMUTHS = tuple(math.radians(degrees) for degrees in range(-60, 61, 20))
+"""Of the strips, radians in the ego frame: ahead, where objects are."""
+
+TOP_M = 1.6
+"""Height of the strips, about that of a car."""
+
+CELL_M = 0.05
+"""Rings nearer than this on a strip are one."""
+
+
+@dataclass(frozen=True)
+class Rings:
+    """Rings on strips as high as a car, ahead of the vehicle.
+
+    Attributes:
+        hit: cells of the strips that one LiDAR or more meets.
+        all: the same, counted for each LiDAR by itself.
+    """
+
+    hit: int
+    all: int
+
+    @property
+    def redundancy(self) -> float:
+        """Share of the rings that another LiDAR has already, 0 where there is none at all."""
+        return 1 - self.hit / self.all if self.all else 0.0
+
+
+def rings(placement: Placement) -> Rings:
+    """The rings of a rig on the strips; objects and the own body are not looked at."""
+    met = np.stack(
+        [_cells(m, lidar) for m, lidar in zip(placement.mounts, placement.lidars, strict=True)]
+    )
+    return Rings(int(met.any(axis=0).sum()), int(met.sum()))
+
+
+def _cells(mount: Mount, lidar: Lidar) -> NDArray[np.bool_]:
+    """Which cells of the strips a beam meets, shape (strips, cells).
+
+    A beam meets a cell if its elevation lies between those of the cell's ends, seen by the sensor.
+    """
+    edges = np.arange(0.0, TOP_M + CELL_M / 2, CELL_M)
+    foot = np.array([(r * math.cos(a), r * math.sin(a)) for r in DISTANCES_M for a in AZIMUTHS])
+    points = np.empty((len(foot), len(edges), 3))
+    points[..., :2] = foot[:, None]
+    points[..., 2] = edges
+    seen = (points - mount.position) @ mount.rotation
+    elevation = np.arctan2(seen[..., 2], np.hypot(seen[..., 0], seen[..., 1]))
+    low = np.minimum(elevation[:, :-1], elevation[:, 1:])
+    high = np.maximum(elevation[:, :-1], elevation[:, 1:])
+    beams = np.sort(np.asarray(lidar.elevations))
+    # A beam at the border of two cells meets the lower one alone.
+    met = np.searchsorted(beams, low, "left") < np.searchsorted(beams, high, "left")
+    middle = seen[:, :-1] + (seen[:, 1:] - seen[:, :-1]) / 2
+    start, end = lidar.azimuth
+    azimuth = np.arctan2(middle[..., 1], middle[..., 0])
+    in_view = (azimuth - start) % (2 * math.pi) <= end - start
+    near = np.linalg.norm(middle, axis=-1) <= lidar.range
+    inside: NDArray[np.bool_] = met & near & (in_view | lidar.full_turn)
+    return inside
