@@ -117,7 +117,10 @@ def _anywhere(given: Placement, bounds: Bounds, random: np.random.Generator) -> 
     high[:3] += NEAR_M / 2
     low[3:], high[3:] = np.minimum(low[3:], -TILT), np.maximum(high[3:], TILT)
     return [
-        replace(Mount(*random.uniform(low, high)), yaw=mount.yaw + random.uniform(-TURN, TURN))
+        replace(
+            Mount(*random.uniform(low, high).tolist()),
+            yaw=mount.yaw + float(random.uniform(-TURN, TURN)),
+        )
         for mount in given.mounts
     ]
 
