@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from lidarplace.box_log import BoxLog, read_box_log, read_frames
 from lidarplace.boxes import SPLITS
@@ -25,6 +25,11 @@ class LogScene(Settings):
         description="holds boxes.parquet, frames.parquet and, if there are any, buildings.parquet; "
         "column split of the frames says which train and which test"
     )
+    test_folder: FilePath | None = Field(
+        None,
+        description="a log whose test frames take the place of the folder's own; trainings do not "
+        "depend on it",
+    )
     clouds: Literal["simulated", "recorded"] = Field(
         "simulated",
         description="simulated: rays are cast at the boxes; recorded: the clouds in "
@@ -34,9 +39,11 @@ class LogScene(Settings):
         default=0, description="of shapes, drop-off and range noise of simulated clouds"
     )
 
-    @field_validator("folder")
+    @field_validator("folder", "test_folder")
     @classmethod
-    def _tells_train_from_test(cls, folder: Path) -> Path:
+    def _tells_train_from_test(cls, folder: Path | None) -> Path | None:
+        if folder is None:
+            return None
         split = read_frames(folder)["split"]
         other = split[~split.isin(SPLITS)]
         if len(other):
@@ -46,6 +53,12 @@ class LogScene(Settings):
             )
         return folder
 
+    @model_validator(mode="after")
+    def _of_one_log(self) -> LogScene:
+        if self.test_folder is not None and self.clouds == "recorded":
+            raise ValueError("test_folder: recorded clouds lie in one folder; allowed is null")
+        return self
+
     @property
     def name(self) -> str:
         """The scene's name in labels."""
@@ -53,8 +66,9 @@ class LogScene(Settings):
 
     def frame_counts(self) -> tuple[int, int]:
         """Number of training and of test frames."""
-        split = read_frames(self.folder)["split"]
-        return int((split == "train").sum()), int((split == "test").sum())
+        own = read_frames(self.folder)["split"]
+        tests = own if self.test_folder is None else read_frames(self.test_folder)["split"]
+        return int((own == "train").sum()), int((tests == "test").sum())
 
     def remedy(self, split: str) -> str:
         """What to change if there is no frame of a split."""
@@ -89,7 +103,15 @@ class LogRecording:
 
 
 def log_parts(scene: LogScene) -> list[ScenePart]:
-    """The log as one part."""
-    train, test = scene.frame_counts()
-    splits = tuple(s for s, count in (("train", train), ("test", test)) if count)
-    return [ScenePart("", LogRecording(scene, scene.digest()), splits)]
+    """The log as one part, and the log of its test frames as another if it is one."""
+    counts = dict(zip(SPLITS, scene.frame_counts(), strict=True))
+    own = scene.model_copy(update={"test_folder": None})
+    if scene.test_folder is None:
+        splits = tuple(split for split, count in counts.items() if count)
+        return [ScenePart("", LogRecording(own, own.digest()), splits)]
+    other = own.model_copy(update={"folder": scene.test_folder})
+    return [
+        ScenePart(name, LogRecording(log, log.digest()), (split,))
+        for name, log, split in (("", own, "train"), ("test log", other, "test"))
+        if counts[split]
+    ]

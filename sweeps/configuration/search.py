@@ -25,11 +25,17 @@ from lidarplace.configuration.settings import (
     Settings,
     Text,
 )
-from lidarplace.metrics import OF_CLASSES, RANKING, Direction
+from lidarplace.metrics import RANKING, Direction, headline_metric
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.mounting.zone import Zone
 from lidarplace.surrogates.table import ASKED_FOR, SURROGATES
-from sweeps.configuration.sweep import ClassName, Common, Point, best_of
+from sweeps.configuration.sweep import (
+    ClassName,
+    Common,
+    MountingErrorSettings,
+    Point,
+    best_of,
+)
 
 Pair = tuple[Length, Length]
 
@@ -119,11 +125,24 @@ class ConstraintSettings(Settings):
     )
 
 
+DEFAULT_METRIC = headline_metric("all")
+"""What `objective: generalist` is short for, by a generalist: it tells rigs apart best."""
+
+GENERALIST = "generalist"
+"""What stands before a metric that one detector for all rigs measures: generalist.recall."""
+
+
 class ObjectiveSettings(Settings):
     """What is searched for; `expected_ig.Car` is short for one class."""
 
     by: Literal[(*ASKED_FOR, *RANKING, "price")] = Field(  # type: ignore[valid-type]
         description="a surrogate, a measured value, or the price"
+    )
+    judge: Literal["specialist", "generalist"] = Field(
+        "specialist",
+        description="of a measured value: specialist: a detector is trained for every trial; "
+        "generalist: one detector, trained on many rigs of the space, judges a trial in seconds; "
+        "generalist.recall is short for it, and generalist for that",
     )
     weights: dict[ClassName, Annotated[Factor, Field(gt=0)]] | None = Field(
         None, description="class -> weight in the sum; by default all classes, each once"
@@ -141,17 +160,22 @@ class ObjectiveSettings(Settings):
 
     @model_validator(mode="after")
     def _has_classes(self) -> ObjectiveSettings:
-        of_classes = self.by in (*SURROGATES, *OF_CLASSES)
+        of_classes = self.by in (*SURROGATES, *RANKING)
         if self.weights is not None and not (of_classes and self.weights):
             raise ValueError(f"{self.by} has no classes")
+        if self.judge == GENERALIST and not self.measured:
+            raise ValueError(
+                f"{self.by} is not measured by a detector; allowed are {', '.join(RANKING)}"
+            )
         return self
 
     @property
     def name(self) -> str:
         """Such as `expected_ig.Car`, or `expected_ig` for a sum over classes."""
+        by = f"{GENERALIST}.{self.by}" if self.judged else str(self.by)
         if self.weights is not None and len(self.weights) == 1:
-            return f"{self.by}.{next(iter(self.weights))}"
-        return str(self.by)
+            return f"{by}.{next(iter(self.weights))}"
+        return by
 
     @property
     def best(self) -> Direction:
@@ -164,15 +188,24 @@ class ObjectiveSettings(Settings):
 
     @property
     def measured(self) -> bool:
-        """Whether detectors have to be trained for it."""
+        """Whether it is what detectors measure."""
         return self.by in RANKING
+
+    @property
+    def judged(self) -> bool:
+        """Whether a generalist measures it."""
+        return self.judge == GENERALIST
 
 
 def _objective(value: Any) -> Any:
     if not isinstance(value, str):
         return value
+    judge = {}
+    if value.partition(".")[0] == GENERALIST:
+        judge = {"judge": GENERALIST}
+        value = value.partition(".")[2] or DEFAULT_METRIC
     by, _, object_class = value.partition(".")
-    return {"by": by} | ({"weights": {object_class: 1.0}} if object_class else {})
+    return {"by": by} | judge | ({"weights": {object_class: 1.0}} if object_class else {})
 
 
 def _several(value: Any) -> Any:
@@ -204,6 +237,25 @@ class GreedySettings(Settings):
     )
     bound_seconds: Seconds = Field(30.0, description="time for the upper bound")
     warm_start: bool = Field(True, description="the first trial is greedy's placement")
+
+
+class TrafficSettings(Settings):
+    """Test traffic for a search by a generalist; verify has that of the scene itself.
+
+    Whatever chooses a rig and whatever judges it see different traffic: the best of hundreds is
+    also the luckiest.
+    """
+
+    search: dict[str, Any] = Field(
+        default={},
+        description="key path -> value: the test traffic of the trials; by default "
+        "{scene.test_seed: seed + 1001} where traffic is simulated",
+    )
+    choice: dict[str, Any] = Field(
+        default={},
+        description="that on which the best of the trials are judged again; by default "
+        "{scene.test_seed: seed + 1002}",
+    )
 
 
 class SearchSettings(Settings):
@@ -260,7 +312,12 @@ class SearchSettings(Settings):
     azimuth_stride: CountFromOne = Field(
         8, description="rays of expected_points and expected_ig: every so many azimuth steps"
     )
-    seeds: tuple[Seed, ...] = Field((0,), min_length=1, description="trainings of a measured value")
+    seeds: tuple[Seed, ...] = Field(
+        (0,), min_length=1, description="trainings of a measured value; generalists, if they judge"
+    )
+    traffic: TrafficSettings = Field(
+        TrafficSettings(), description="on what a generalist judges rigs"
+    )
     rungs: tuple[dict[str, Any], ...] = Field(
         default=(), description="shorter trainings first, such as {training.epochs: 1}"
     )
@@ -290,6 +347,16 @@ class SearchSettings(Settings):
         measured = [objective.measured for objective in self.objective]
         if any(measured) and not all(o.measured or o.by == "price" for o in self.objective):
             raise ValueError("objective: measured values and surrogates cannot be searched at once")
+        judged = [objective.judged for objective in self.objective if objective.measured]
+        if any(judged):
+            if not all(judged):
+                raise ValueError("objective: one judge for all of them, generalist or specialist")
+            if not self.zones or self.space:
+                raise ValueError("objective: a generalist judges rigs in zones, without `space`")
+            if self.rungs:
+                raise ValueError("rungs: are shorter trainings, and a generalist is trained once")
+        elif self.traffic != TrafficSettings():
+            raise ValueError("traffic: is for an objective that a generalist measures")
         if self.space and not any(measured):
             raise ValueError(
                 "space: surrogates know the placement alone; choose a measured objective such as "
@@ -351,6 +418,11 @@ class VerifySettings(Settings):
 class SearchFile(Common, Point):
     """A configuration file of a search as a whole."""
 
+    mounting_errors: MountingErrorSettings = Field(
+        MountingErrorSettings(offset=0.01, angle_deg=0.5),
+        description="how far mounts are off in simulated clouds; no rig is worth what it is worth "
+        "on paper alone",
+    )
     placement: Name = Field("line", description="where no zone is given")
     search: SearchSettings = Field(description="what may be mounted where, and how it is searched")
     robustness: RobustnessSettings | None = Field(

@@ -11,6 +11,7 @@ from sweeps.execution.failures import Failure
 from sweeps.tasks.task import Task
 
 PRIORITY = {
+    "judge": 11,
     "evaluate": 10,
     "finetune": 9,
     "pretrain": 8,

@@ -41,10 +41,15 @@ def metric_mean(trials: Sequence[Trial], metric: str, object_class: str, store: 
         if trial.evaluate is None or not store.has(trial.evaluate):
             return math.nan
         metrics = store.load(trial.evaluate, ("metrics",))["metrics"]
-        match = (metrics["metric"] == metric) & (metrics["class"] == object_class)
-        match &= metrics["iou"] == headline_iou(metrics, object_class)
-        values += metrics.loc[match, "value"].tolist()
+        values.append(headline_value(metrics, metric, object_class))
     return math.fsum(values) / len(values) if values else math.nan
+
+
+def headline_value(metrics: pd.DataFrame, metric: str, object_class: str) -> float:
+    """A metric of a class at KITTI's IoU, percent; NaN if it was not measured."""
+    match = (metrics["metric"] == metric) & (metrics["class"] == object_class)
+    match &= metrics["iou"] == headline_iou(metrics, object_class)
+    return next(iter(metrics.loc[match, "value"].tolist()), math.nan)
 
 
 def trial_seconds(trial: Trial, store: AnyStore) -> float:

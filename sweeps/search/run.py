@@ -22,6 +22,7 @@ from sweeps.execution.backends import Backend, BackendLost
 from sweeps.execution.runner import Say, drive
 from sweeps.mlflow.page import note
 from sweeps.search.greedy.certificate import Certificate, first_params, kept_certificate, why_none
+from sweeps.search.judgement.chosen import choose
 from sweeps.search.judgement.found import Found, baseline_of, best_linear_share
 from sweeps.search.judgement.robustness import in_scene, robustness, with_share
 from sweeps.search.judgement.winners import Judged, best_trials, exact, judge, judge_others
@@ -31,6 +32,7 @@ from sweeps.search.output.run_folder import write_search
 from sweeps.search.output.terminal import print_failures, print_found, print_nothing_found
 from sweeps.search.problem.problem import Problem
 from sweeps.search.trials.by_detectors import TrainingAnswers
+from sweeps.search.trials.by_generalist import GeneralistAnswers
 from sweeps.search.trials.by_surrogates import SurrogateAnswers
 from sweeps.search.trials.pog import NoPog, pog
 from sweeps.search.trials.pool import Pool
@@ -151,6 +153,9 @@ class SearchWork:
         timing = self._trials(study, pool, backend, log)
         trials = best_trials(study, problem.space)
         judged = _judged(problem, trials, certificate, pool)
+        chosen = None
+        if problem.judged and trials:
+            judged, chosen = choose(problem, judged, self.store, backend)
         return Found(
             study=study,
             trials=trials,
@@ -161,6 +166,7 @@ class SearchWork:
             grids=grids,
             timing=timing,
             linear_share=best_linear_share(judged, grids, question),
+            chosen=chosen,
         )
 
     def _certificate(
@@ -192,8 +198,10 @@ class SearchWork:
         """Ask and tell; every trial is logged."""
         problem, timing = self.problem, Timing()
         settings = problem.file.search
-        answers: SurrogateAnswers | TrainingAnswers
-        if any(objective.measured for objective in settings.objective):
+        answers: SurrogateAnswers | TrainingAnswers | GeneralistAnswers
+        if problem.judged:
+            answers = GeneralistAnswers(study, problem, pool, self.store, backend)
+        elif any(objective.measured for objective in settings.objective):
             answers = TrainingAnswers(study, problem, pool, self.store, backend)
         else:
             answers = SurrogateAnswers(study, problem.space, problem.question, pool)

@@ -142,6 +142,13 @@ class NetworkParams:
 
 
 @dataclass(frozen=True)
+class JudgeParams(NetworkParams):
+    """Further how the clouds of the rig are simulated, and which frames."""
+
+    collection: CollectParams
+
+
+@dataclass(frozen=True)
 class TrainingParams(NetworkParams):
     """Further the seed, and the SHA-256 of the checkpoint that is started from, if any."""
 

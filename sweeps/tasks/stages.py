@@ -7,6 +7,7 @@ scene -> ground_truth, pog -> surrogates
 scene -> accuracy, sampling_error
 scene -> collect -> finetune -> evaluate
 scene -> collect -> pretrain (-> finetune) -> evaluate
+scene -> judge, by a trained detector: collect and evaluate without anything kept between them
 scene -> collect -> probe: how much memory a training needs
 
 A scene may be recorded in parts; `*logs` are all of them.
@@ -22,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 from cachetools import LRUCache, cached
+from numpy.typing import NDArray
 
 from lidarplace import (
     OccupancyGrid,
@@ -37,6 +39,7 @@ from sweeps.tasks.parameters import (
     AccuracyParams,
     CollectParams,
     GroundTruthParams,
+    JudgeParams,
     NetworkParams,
     PogParams,
     ProbeParams,
@@ -165,26 +168,15 @@ def sampling_error(params: SamplingErrorParams, *logs: Value) -> Value:
 
 def collect(params: CollectParams | RecordedParams, log: Value) -> Value:
     """Point clouds of one split under one placement, and the points on every object."""
-    from lidarplace.lidar.collect import collect as collect_clouds
     from lidarplace.lidar.points_in_boxes import count_points_per_object
     from lidarplace.lidar.recorded import recorded_clouds
 
     recorded = box_log(log)
-    frames = recorded.frames.loc[recorded.frames["split"] == params.split, "frame"]
-    numbers = frames.to_numpy(np.int64)
     if isinstance(params, RecordedParams):
+        numbers = _frames_of(recorded, params.split)
         clouds = recorded_clouds(params.folder, numbers, params.crop)
     else:
-        numbers = numbers[params.first :: params.every]
-        clouds = collect_clouds(
-            recorded,
-            numbers,
-            params.placement,
-            crop=params.crop,
-            seed=params.seed,
-            misaligned_heights=params.misaligned_heights,
-            errors=params.errors,
-        )
+        clouds = _simulated(params, recorded)
     return clouds.arrays() | {"points_per_object": count_points_per_object(recorded.boxes, clouds)}
 
 
@@ -281,6 +273,29 @@ def evaluate(params: NetworkParams, weights: Value, *inputs: Value) -> Value:
     }
 
 
+def judge(params: JudgeParams, weights: Value, *inputs: Value) -> Value:
+    """Detections of a rig in some test frames: its clouds are simulated, looked at and forgotten.
+
+    Args:
+        params: the network, and the rig and the frames.
+        weights: result of a training.
+        inputs: logs.
+    """
+    from training.detect import detect
+
+    clouds = [_simulated(params.collection, box_log(log)) for log in inputs]
+    found = detect(
+        params.detector,
+        weights["classes"],
+        weights["state_dict"],
+        JoinedClouds(clouds),
+        params.training,
+        point_range=params.point_range,
+    )
+    frames = np.concatenate([cloud.frames for cloud in clouds])
+    return {"detections": found.boxes, "frames": pd.DataFrame({"frame": frames})}
+
+
 FUNCTIONS: dict[str, Callable[..., Value]] = {
     "scene": scene,
     "ground_truth": ground_truth,
@@ -293,6 +308,7 @@ FUNCTIONS: dict[str, Callable[..., Value]] = {
     "pretrain": pretrain,
     "finetune": finetune,
     "evaluate": evaluate,
+    "judge": judge,
 }
 """Stages by name, which is that of the function, in the order in which results flow."""
 
@@ -307,6 +323,26 @@ def _training_log(logs: Sequence[Value]) -> tuple[pd.DataFrame, pd.DataFrame]:
     log = join_logs([box_log(value) for value in logs])
     frames = log.frames[log.frames["split"] == "train"]
     return log.boxes[log.boxes["frame"].isin(frames["frame"])], frames
+
+
+def _frames_of(log: BoxLog, split: str) -> NDArray[np.int64]:
+    """Numbers of the frames of a split."""
+    return log.frames.loc[log.frames["split"] == split, "frame"].to_numpy(np.int64)
+
+
+def _simulated(params: CollectParams, log: BoxLog) -> PointClouds:
+    """Clouds of the frames that the parameters name."""
+    from lidarplace.lidar.collect import collect as collect_clouds
+
+    return collect_clouds(
+        log,
+        _frames_of(log, params.split)[params.first :: params.every],
+        params.placement,
+        crop=params.crop,
+        seed=params.seed,
+        misaligned_heights=params.misaligned_heights,
+        errors=params.errors,
+    )
 
 
 def _clouds_and_objects(inputs: Sequence[Value]) -> tuple[JoinedClouds, pd.DataFrame]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -72,7 +73,10 @@ class BestPlacement:
 
 
 def best_placement(
-    results: pd.DataFrame, seed: int = 0, left_out: pd.DataFrame | None = None
+    results: pd.DataFrame,
+    seed: int = 0,
+    left_out: pd.DataFrame | None = None,
+    generalist: bool = False,
 ) -> BestPlacement | None:
     """Compare all placements with the best.
 
@@ -87,6 +91,9 @@ def best_placement(
         seed: of the draws from the posterior.
         left_out: the same without each unit of the test objects, see
             `tracking.statistics.jackknife.sample_error`.
+        generalist: whether all placements were judged by the same detector. With one of them there
+            is no scatter of trainings between placements, and the error of the test objects is
+            what is left; what another generalist would say is not in it.
 
     Returns:
         None if there is no value. NaN for all that needs the spread over seeds if no placement has
@@ -109,6 +116,9 @@ def best_placement(
     means, of_seeds = seed_mean(values), Noise.of_seeds(values)
     sample = None if left_out is None else sample_error(left_out, paired=True)
     noise = combined(of_seeds, sample)
+    alone = generalist and of_seeds.degrees == 0 and sample is not None and len(y) > 1
+    if alone and sample is not None:
+        noise = Noise(of_seeds.counts, sample.variance, math.floor(sample.degrees))
     low, high = lead_intervals(means, noise).T
     table = {"mean": means, "seeds": of_seeds.counts, "lead": means[0] - means}
     table |= {"low": low, "high": high, "p": _lead_tests(means, noise)}
@@ -116,6 +126,8 @@ def best_placement(
     note = ""
     if len(y) == 1:
         note = "one placement: there is nothing to compare it with"
+    elif alone:
+        note = "one generalist: what another one would say is not in the intervals"
     elif of_seeds.degrees == 0:
         note = "one seed each: how much the training scatters is unknown, so there is no interval"
     return BestPlacement(

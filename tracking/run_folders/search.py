@@ -15,7 +15,7 @@ from lidarplace.files.atomic import read_text
 from lidarplace.roi import Roi
 from tracking.run_folders.search_arrays import UnseenMaps
 from tracking.run_folders.search_json import Rig, SearchResult
-from tracking.run_folders.search_tables import BOUND, GREEDY, ROBUSTNESS, TRIALS, VERIFIED
+from tracking.run_folders.search_tables import BOUND, CHOSEN, GREEDY, ROBUSTNESS, TRIALS, VERIFIED
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,9 @@ class SearchFolder:
         trials: one row a trial, sorted by number; violations <= 0 are kept constraints; it is not
             `possible` where two LiDARs would sit in one place.
         bound: how the upper bound fell with the seconds; greedy: its steps.
-        robustness: values of rigs in other cases; verified: what detectors measured.
+        robustness: values of rigs in other cases.
+        chosen: what a generalist measured on other traffic; verified: what detectors measured that
+            were trained for each rig.
         pog: by class, the entropy of each column of voxels, nats, shape (nx, ny), float32.
         unseen: by class and rig, what of it stays unseen.
         optuna: Optuna's figures by title.
@@ -46,6 +48,7 @@ class SearchFolder:
     bound: pd.DataFrame | None
     greedy: pd.DataFrame | None
     robustness: pd.DataFrame | None
+    chosen: pd.DataFrame | None
     verified: pd.DataFrame | None
     pog: dict[str, NDArray[np.float32]]
     unseen: dict[str, dict[str, NDArray[np.float32]]]
@@ -109,6 +112,7 @@ class SearchFolder:
             bound=BOUND.read_if_there(path),
             greedy=GREEDY.read_if_there(path),
             robustness=ROBUSTNESS.read_if_there(path),
+            chosen=CHOSEN.read_if_there(path),
             verified=VERIFIED.read_if_there(path),
             pog=maps.pog,
             unseen=maps.unseen,

@@ -86,7 +86,14 @@ VERIFIED = Table(
     ),
 )
 
-TABLES = (TRIALS, BOUND, GREEDY, ROBUSTNESS, VERIFIED)
+CHOSEN = replace(
+    VERIFIED,
+    name="chosen",
+    doc="a metric of a rig that the generalist judged on traffic that the search did not see; "
+    "columns as `verified`, and as `surrogate` what the search took it to be worth",
+)
+
+TABLES = (TRIALS, BOUND, GREEDY, ROBUSTNESS, CHOSEN, VERIFIED)
 """All of them."""
 
 

@@ -11,7 +11,7 @@ from lidarplace.scenes.sumo.maps import find_map
 from lidarplace.scenes.sumo.record import record_town
 from lidarplace.scenes.sumo.settings import GENERATED, SumoScene, TownRun
 
-_COUNTS = {"source", "towns", "test_towns", "routes", "test_routes", "egos_per_run"}
+_COUNTS = {"source", "towns", "test_towns", "test_seed", "routes", "test_routes", "egos_per_run"}
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class TownRecording:
     """One simulation of traffic.
 
     Attributes:
-        scene: with the default number of towns, routes and egos: `run` tells its own.
+        scene: with the default of what says which runs there are: `run` tells its own.
         map: SHA-256 of the town's map; None for a generated town.
     """
 
@@ -38,7 +38,7 @@ def town_parts(scene: SumoScene) -> list[ScenePart]:
     Raises:
         ValueError: a map is nowhere to be found.
     """
-    # Left out is what only says how many runs there are: more towns leave these as they are.
+    # Left out is what only says which runs there are: more towns leave these as they are.
     settings = SumoScene.model_validate(scene.model_dump(mode="json", exclude=_COUNTS))
     return [
         ScenePart(

@@ -81,6 +81,11 @@ class SumoScene(RouteSettings):
         min_length=1,
         description="towns of the test routes; those of towns if null, a generated one made anew",
     )
+    test_seed: Seed | None = Field(
+        default=None,
+        description="decides towns and traffic of the test routes alone; as seed does if null. "
+        "Trainings do not depend on it",
+    )
     density: CountFromOne = Field(
         default=80, description="vehicles in each town; the paper's are 40, 80 and 120"
     )
@@ -110,7 +115,10 @@ class SumoScene(RouteSettings):
         for number, (part, town, routes) in enumerate(places):
             stem = Path(town).name.split(".")[0]
             for first in range(0, routes, self.egos_per_run or max(routes, 1)):
-                name = f"sumo-{self.seed}-{part}-{stem}"
+                other = self.test_seed if part == "test" else None
+                seed = self.seed if other is None else other
+                tag = str(self.seed) if other is None else f"{self.seed}.{other}"
+                name = f"sumo-{tag}-{part}-{stem}"
                 names[name] += 1
                 count = min(self.egos_per_run or routes, routes - first)
                 runs.append(
@@ -123,8 +131,13 @@ class SumoScene(RouteSettings):
                         first_frame=route * self.frames_per_route,
                         routes=count,
                         # A map is the same place in training and testing.
-                        town_seed=seed_of(self.seed, 0, number if town == GENERATED else 0),
-                        traffic_seed=seed_of(self.seed, 1, len(runs)),
+                        # With a seed of its own it is another town, and other traffic on a map.
+                        town_seed=seed_of(
+                            seed if town == GENERATED else self.seed,
+                            0,
+                            number if town == GENERATED else 0,
+                        ),
+                        traffic_seed=seed_of(seed, 1, len(runs)),
                     )
                 )
                 route += count

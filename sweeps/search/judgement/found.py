@@ -31,6 +31,7 @@ class Found:
         grids: POG by class; empty if no surrogate was asked for.
         timing: where the driver's time went.
         linear_share: `best_linear_share`.
+        chosen: what the generalist measured on the traffic of the choice; None without one.
     """
 
     study: optuna.Study
@@ -42,6 +43,7 @@ class Found:
     grids: Mapping[str, OccupancyGrid]
     timing: Timing
     linear_share: float | None
+    chosen: pd.DataFrame | None = None
 
     @property
     def best(self) -> list[str]:

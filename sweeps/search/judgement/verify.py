@@ -49,11 +49,11 @@ def verify_found(console: Console, problem: Problem, found: Found, command: str)
     if run.results.empty:
         return False
     objective = problem.file.search.objective[0]
-    known = not objective.measured
+    known = not objective.measured or objective.judged
     surrogate = {
         name: own.value(objective) if known else math.nan for name, own in found.judged.items()
     }
-    table = verified_table(run, found.judged, surrogate, found.baseline)
+    table = verified_table(run.results, run.left_out, found.judged, surrogate, found.baseline)
     VERIFIED.write(table, problem.folder)
     return complete
 
@@ -70,7 +70,12 @@ def read_verification(problem: Problem) -> tuple[Sweep, Plan]:
 
 
 def verified_table(
-    run: RunFolder, judged: Mapping[str, Judged], surrogate: Mapping[str, float], baseline: str
+    results: pd.DataFrame,
+    left_out: pd.DataFrame | None,
+    judged: Mapping[str, Judged],
+    surrogate: Mapping[str, float],
+    baseline: str,
+    generalist: bool = False,
 ) -> pd.DataFrame:
     """Means and differences to the baseline, with the intervals of the sweep's own report.
 
@@ -80,24 +85,25 @@ def verified_table(
     are known.
 
     Args:
-        run: the sweep of the verification.
+        results, left_out: of the sweep that measured them.
         judged: rigs by name.
         surrogate: the objective's value of each.
         baseline: the rig that others are compared with.
+        generalist: whether the same detectors judged all rigs.
 
     Returns:
         rig, role, class, metric, iou, value, low, high, seeds, difference, difference_low,
         difference_high, surrogate; the best first. Intervals are NaN where all have one seed.
     """
-    means = seed_means(run.results, left_out=run.left_out)
+    means = seed_means(results, left_out=left_out)
     rows = []
-    for (object_class, metric), every in run.results.groupby(["class", "metric"], sort=False):
+    for (object_class, metric), every in results.groupby(["class", "metric"], sort=False):
         if metric not in RANKING:
             continue
         of = {"class": object_class, "metric": metric}
         of["iou"] = headline_iou(every, str(object_class))
-        left_out = None if run.left_out is None else _rows(run.left_out, of)
-        best = best_placement(_rows(every, of), left_out=left_out)
+        own_left_out = None if left_out is None else _rows(left_out, of)
+        best = best_placement(_rows(every, of), left_out=own_left_out, generalist=generalist)
         if best is None:
             continue
         mean = _rows(means, of).set_index("placement")

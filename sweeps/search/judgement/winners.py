@@ -32,6 +32,7 @@ class Judged:
         searched: objectives as the search computes them, with its azimuth stride; and what was
             measured of a trial.
         values_beside: by key path of the configuration, of a trial that varied some.
+        chosen: objectives on the traffic of the choice, where a generalist judges.
     """
 
     rig: Choices
@@ -39,11 +40,12 @@ class Judged:
     role: str
     searched: Mapping[str, float]
     values_beside: Mapping[str, Any] = field(default_factory=dict)
+    chosen: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def all_values(self) -> dict[str, float]:
-        """By name of the objective, with all rays where there are rays."""
-        return dict(self.searched) | (self.assessment.values or {})
+        """By name of the objective: of the choice, or with all rays where there are rays."""
+        return dict(self.searched) | (self.assessment.values or {}) | dict(self.chosen)
 
     def value(self, objective: ObjectiveSettings) -> float:
         """Of an objective, NaN if it is not known."""
@@ -118,7 +120,12 @@ def judge_others(
         name: Judged(rig, all_rays, role, fast.values or {})
         for (name, rig), all_rays, fast in zip(rigs.items(), *both, strict=True)
     }
-    rank = _rank(question.objectives[0])
+    return ranked(judged, question.objectives[0])
+
+
+def ranked(judged: Mapping[str, Judged], objective: ObjectiveSettings) -> dict[str, Judged]:
+    """The same, the best first."""
+    rank = _rank(objective)
     return dict(sorted(judged.items(), key=lambda item: rank(item[1])))
 
 

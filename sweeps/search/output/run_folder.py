@@ -43,7 +43,7 @@ from tracking.run_folders.search_json import (
     Zone,
 )
 from tracking.run_folders.search_json import Rig as JudgedRig
-from tracking.run_folders.search_tables import BOUND, GREEDY, ROBUSTNESS, TABLES
+from tracking.run_folders.search_tables import BOUND, CHOSEN, GREEDY, ROBUSTNESS, TABLES
 
 _VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas", "optuna")
 
@@ -64,6 +64,8 @@ def write_search(
         BOUND.write(found.certificate.history, folder)
         chosen, gains = found.certificate.chosen, found.certificate.gains
         GREEDY.write(greedy_table(chosen, gains, 0.0), folder)
+    if found.chosen is not None:
+        CHOSEN.write(found.chosen, folder)
     if found.robustness is not None:
         ROBUSTNESS.write(found.robustness, folder)
     write_text(folder / "config.yaml", public_yaml(problem.source))
@@ -168,7 +170,9 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> Sear
             len(problem.space.distributions(number) | problem.space.further)
             for number in problem.space.numbers
         ),
-        baseline=None if any(o.measured for o in search.objective) else found.baseline,
+        baseline=(
+            None if any(o.measured and not o.judged for o in search.objective) else found.baseline
+        ),
         rigs={name: _rig(own) for name, own in found.judged.items()},
         importance=importances(found.study) or None,
         stride=_stride(problem, found),

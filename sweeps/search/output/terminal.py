@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from lidarplace.surrogates.table import SURROGATES
+from sweeps.configuration.search import ObjectiveSettings
 from sweeps.search.judgement.found import Found
 from sweeps.search.judgement.winners import Judged
 from sweeps.search.output.tables import mount_columns
@@ -135,12 +136,29 @@ def _breaks(found: Found) -> str:
     return "" if rig.assessment.feasible else ", which breaks a constraint"
 
 
+def _print_chosen(console: Console, found: Found, objective: ObjectiveSettings) -> None:
+    """What the choice says of the best rig, with its interval."""
+    assert found.chosen is not None
+    rows = found.chosen[found.chosen["rig"] == "found_1"]
+    for _, row in rows[rows["metric"] == objective.by].iterrows():
+        console.print(
+            f"{objective.by} @ {row['iou']:g}, {row['class']}, on other traffic: "
+            f"{row['value']:.1f}, {row['difference']:+.1f} "
+            f"({row['difference_low']:+.1f} to {row['difference_high']:+.1f}) "
+            f"against {found.baseline}, the best of the paper's eight{_breaks(found)}",
+            highlight=False,
+            soft_wrap=True,
+        )
+
+
 def print_found(console: Console, problem: Problem, found: Found) -> None:
     """The best rigs beside greedy's and the paper's, and how far from the bound they are."""
     names = [*found.best[:3], *(name for name in found.judged if name not in found.best)]
     _print_rigs(console, {name: found.judged[name] for name in names}, problem)
     objective = problem.file.search.objective[0]
-    if not objective.measured and objective.by != "price":
+    if objective.judged:
+        _print_chosen(console, found, objective)
+    elif not objective.measured and objective.by != "price":
         best = found.judged["found_1"].value(objective)
         paper = found.judged[found.baseline].value(objective)
         if paper:

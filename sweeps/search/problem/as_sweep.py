@@ -44,6 +44,8 @@ def sweep_settings(
     config = {k: copy.deepcopy(v) for k, v in source.items() if k not in _OWN}
     own = {key: placement_settings(rig, search) for key, rig in rigs.items()}
     config["placements"] = config.get("placements", {}) | own
+    # A sweep has other defaults.
+    config["mounting_errors"] = search.mounting_errors.model_dump(mode="json")
     return config | {"name": name}
 
 
@@ -100,7 +102,7 @@ def sweep_of(
             for key, value in (dict(values) | dict(rung)).items():
                 put(data, key, value, path)
             names = {key: f"search.space.{key}" for key in values}
-            names |= {key: f"search.rungs: {key}" for key in rung}
+            names |= {key: f"search.rungs or search.traffic: {key}" for key in rung}
             axes = {"placement": name, "seed": seed}
             points.append(GridPoint(check(Point, data, path, names), axes))
     return Sweep(checked, tuple(points), ("placement", "seed"), config)

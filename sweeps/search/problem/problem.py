@@ -13,6 +13,7 @@ from typing import Any
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount
 from lidarplace.mounting.near_field import near_field_coverage
+from lidarplace.scenes.sumo.settings import SumoScene
 from sweeps.configuration.file import (
     ConfigError,
     check,
@@ -21,7 +22,7 @@ from sweeps.configuration.file import (
     refuse_overlaps,
 )
 from sweeps.configuration.grid import GridPoint, Sweep, build_sweep
-from sweeps.configuration.search import RangeSettings, SearchFile
+from sweeps.configuration.search import RangeSettings, SearchFile, TrafficSettings
 from sweeps.configuration.sweep import Common, Point
 from sweeps.plan.plan import Trial, make_plan
 from sweeps.search.problem.as_sweep import sweep_of, sweep_settings, verify_settings
@@ -32,6 +33,12 @@ from sweeps.search.problem.slots import Placed, placed_in
 from sweeps.search.problem.space import Space
 from sweeps.tasks.code_version import code_version
 from sweeps.tasks.task import Task, code_of
+
+_ANSWERING = {
+    *("lidar", "surrogate", "placement", "placements"),
+    *("detector", "training", "generalist", "mounting_errors"),
+}
+"""Keys beside the scene, the ROI and the classes that decide what trials are worth."""
 
 OWN_MODEL = "lidar"
 """Name of the model that the key `lidar` describes."""
@@ -73,7 +80,7 @@ class Problem:
             "search": self.file.search.model_dump(mode="json", exclude={"trials", "storage"}),
             "file": self.file.model_dump(
                 mode="json",
-                include={"lidar", "surrogate", "placement", "placements", "detector", "training"},
+                include=_ANSWERING,
             ),
         }
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
@@ -84,9 +91,27 @@ class Problem:
             code_version("sweeps.search.problem.assess.assess", "sweeps.search.problem.space.Space")
         ]
         if any(objective.measured for objective in self.file.search.objective):
-            stages = ("ground_truth", "collect", "finetune", "evaluate")
+            stages: tuple[str, ...] = ("ground_truth", "collect", "finetune", "evaluate")
+            if self.judged:
+                stages = ("ground_truth", "collect", "pretrain", "judge", "evaluate")
             found += [code_of(stage, self.file.detector) for stage in stages]
         return found
+
+    @property
+    def judged(self) -> bool:
+        """Whether a generalist answers trials."""
+        return any(objective.judged for objective in self.file.search.objective)
+
+    @property
+    def traffic(self) -> TrafficSettings:
+        """On what a generalist judges: as it is said, or other towns of the same kind."""
+        own, scene = self.file.search.traffic, self.file.scene
+        if not isinstance(scene, SumoScene):
+            return own
+        return TrafficSettings(
+            search=own.search or {"scene.test_seed": scene.seed + 1001},
+            choice=own.choice or {"scene.test_seed": scene.seed + 1002},
+        )
 
     @property
     def folder(self) -> Path:
@@ -126,12 +151,17 @@ class Problem:
         }
 
 
-def _point(base: Mapping[str, Any], changes: Mapping[str, Any], path: Path) -> Point:
+def _point(
+    base: Mapping[str, Any],
+    changes: Mapping[str, Any],
+    path: Path,
+    where: str = "robustness.scenes",
+) -> Point:
     data = {k: deepcopy(v) for k, v in base.items() if k in Point.model_fields}
     data.setdefault("placement", "line")
     for key, value in changes.items():
         put(data, key, value, path)
-    return check(Point, data, path, {key: f"robustness.scenes: {key}" for key in changes})
+    return check(Point, data, path, {key: f"{where}: {key}" for key in changes})
 
 
 def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
@@ -190,6 +220,11 @@ def _check_keys(file: SearchFile, source: Mapping[str, Any], path: Path) -> None
     for key in ("seed", "promote"):
         if key in source:
             raise ConfigError(f"{path}: {key}: is for sweeps; a search has search.seed and rungs")
+    if "judge" in source:
+        raise ConfigError(
+            f"{path}: judge: is for sweeps; a search says it in its objective, such as "
+            "generalist.recall"
+        )
     if settings.zones and "placement" in source:
         raise ConfigError(f"{path}: placement: is for searches without search.zones; see start")
     for key in ("models", "start", "fixed"):
@@ -241,7 +276,9 @@ def _check_what_comes_later(problem: Problem) -> None:
     space = {key: _values(wanted) for key, wanted in file.search.space.items()}
     first = {key: values[0] for key, values in space.items()}
     varied = [first | {key: value} for key, values in space.items() for value in values[1:]]
-    if any(objective.measured for objective in file.search.objective):
+    if problem.judged:
+        _check_traffic(problem)
+    elif any(objective.measured for objective in file.search.objective):
         config = sweep_settings(problem.source, file, rigs, file.name)
         for values in (first, *varied):
             for rung in (*file.search.rungs, {}):
@@ -255,6 +292,27 @@ def _check_what_comes_later(problem: Problem) -> None:
         raise ConfigError(f"{error} (with verify.set)") from None
     if sweep.points[0].point.detector is None:
         raise ConfigError(f"{path}: verify: needs a detector")
+
+
+def _check_traffic(problem: Problem) -> None:
+    """What a search by a generalist sees has to be said, and different. Raises ConfigError."""
+    path, traffic = problem.path, problem.traffic
+    for name, changes in (("search", traffic.search), ("choice", traffic.choice)):
+        where = f"{path}: search.traffic.{name}"
+        refuse_overlaps(changes, where)
+        if not changes:
+            raise ConfigError(
+                f"{where}: name a log for it, such as {{scene.test_folder: other_log}}: trials, "
+                "the choice of the best and their verification need different traffic"
+            )
+        for key in changes:
+            if not key.startswith("scene."):
+                raise ConfigError(
+                    f"{where}: {key}: allowed are keys of scene, such as scene.test_seed"
+                )
+        _point(problem.source, changes, path, f"search.traffic.{name}")
+    if traffic.search == traffic.choice:
+        raise ConfigError(f"{path}: search.traffic: search and choice need different traffic")
 
 
 def _values(wanted: Sequence[Any] | RangeSettings) -> Sequence[Any]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import optuna
+import pandas as pd
 
 from lidarplace.metrics import METRICS, RANKING
 from sweeps.configuration.search import ObjectiveSettings
@@ -16,7 +17,7 @@ from sweeps.execution.backends import Backend
 from sweeps.execution.execute import Outcome, execute
 from sweeps.execution.failures import Failure
 from sweeps.plan.plan import Plan, Trial, make_plan
-from sweeps.results.trial_results import metric_mean
+from sweeps.results.trial_results import headline_value, metric_mean
 from sweeps.search.problem.as_sweep import sweep_of, sweep_settings
 from sweeps.search.problem.assess import Assessment
 from sweeps.search.problem.problem import Problem
@@ -160,11 +161,25 @@ def _failure(trial: Trial, outcome: Outcome) -> str | None:
 
 def measured_value(objective: ObjectiveSettings, trials: Sequence[Trial], store: AnyStore) -> float:
     """The weighted mean over classes of a metric's mean over seeds, percent."""
+    weights = _weights(objective, trials[0].grid_point.point.classes)
+    return _mean({c: metric_mean(trials, objective.by, c, store) for c in weights}, weights)
+
+
+def weighted_value(
+    objective: ObjectiveSettings, classes: Sequence[str], metrics: pd.DataFrame
+) -> float:
+    """The weighted mean over classes of a metric, percent; `metrics` as of `evaluate_boxes`."""
+    weights = _weights(objective, classes)
+    return _mean({c: headline_value(metrics, objective.by, c) for c in weights}, weights)
+
+
+def _weights(objective: ObjectiveSettings, classes: Sequence[str]) -> dict[str, float]:
+    """Weight by class; of all objects together where the metric is of them and none is named."""
     assert objective.by in RANKING
-    classes = objective.weights_of(trials[0].grid_point.point.classes)
-    if METRICS[objective.by].of_all:
-        classes = {"all": 1.0}
-    total = math.fsum(
-        weight * metric_mean(trials, objective.by, name, store) for name, weight in classes.items()
-    )
-    return total / math.fsum(classes.values())
+    of_all = METRICS[objective.by].of_all and objective.weights is None
+    return {"all": 1.0} if of_all else objective.weights_of(classes)
+
+
+def _mean(values: Mapping[str, float], weights: Mapping[str, float]) -> float:
+    total = math.fsum(weight * values[name] for name, weight in weights.items())
+    return total / math.fsum(weights.values())

@@ -1,0 +1,74 @@
+"""Rigs of a search's space that its generalist is trained on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from optuna.distributions import (
+    BaseDistribution,
+    CategoricalDistribution,
+    FloatDistribution,
+)
+
+from lidarplace import Lidar
+from lidarplace.mounting.ring_overlap import rings
+from sweeps.search.problem.choice import Choices, is_possible, placement_of
+from sweeps.search.problem.space import Space
+
+_CANDIDATES = 4
+"""So many rigs are drawn for each that is wanted."""
+
+_LEVEL = 2
+"""Every so many of them are level, and half of those of one height: there rings coincide."""
+
+
+def training_rigs(
+    space: Space, models: Mapping[str, Lidar], number: int, seed: int
+) -> dict[str, Choices]:
+    """Rigs by name, spread from those whose rings overlap least to those with the most.
+
+    Every number of LiDARs is there as often. Constraints are not looked at: a detector may learn
+    from rigs that nobody builds.
+
+    Args:
+        models: LiDARs by name.
+        number: of rigs.
+        seed: of all that is drawn.
+    """
+    random = np.random.default_rng(seed)
+    numbers = [count for count in space.numbers if count + len(space.fixed)]
+    found: dict[str, Choices] = {}
+    for place, lidars in enumerate(numbers):
+        wanted = len(range(place, number, len(numbers)))
+        drawn: list[Choices] = []
+        while len(drawn) < _CANDIDATES * wanted:
+            rig = space.rig(lidars, _drawn(space.distributions(lidars), len(drawn), random))
+            if is_possible(rig):
+                drawn.append(rig)
+        drawn.sort(key=lambda rig: rings(placement_of(rig, models)).redundancy)
+        for kept in np.linspace(0, len(drawn) - 1, wanted).round().astype(int).tolist():
+            found[f"generalist_{len(found) + 1}"] = drawn[kept]
+    return found
+
+
+def _drawn(
+    space: Mapping[str, BaseDistribution], count: int, random: np.random.Generator
+) -> dict[str, Any]:
+    """Parameters at random; some level, some of one height."""
+    params: dict[str, Any] = {}
+    height = float(random.uniform())
+    for name, distribution in space.items():
+        axis = name.rpartition(".")[2]
+        if isinstance(distribution, CategoricalDistribution):
+            chosen = int(random.integers(len(distribution.choices)))
+            params[name] = distribution.choices[chosen]
+            continue
+        assert isinstance(distribution, FloatDistribution)
+        params[name] = float(random.uniform(distribution.low, distribution.high))
+        if count % _LEVEL == 0 and axis in ("roll_deg", "pitch_deg"):
+            params[name] = min(max(0.0, distribution.low), distribution.high)
+        if count % (2 * _LEVEL) == 0 and axis == "z":
+            params[name] = height
+    return params

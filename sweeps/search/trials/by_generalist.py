@@ -1,0 +1,227 @@
+"""Candidates judged by a generalist: on some frames all of them, on all frames those that lead.
+
+A rig that goes on is among the best third of all so far on the same frames (asynchronous successive
+halving, Li et al. 2020, decided batch by batch, so that it does not matter which was faster). The
+others are worth what they reached, less by what rigs lose on average from the first frames to all.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import optuna
+import pandas as pd
+
+from sweeps.configuration.search import ObjectiveSettings
+from sweeps.execution.backends import Backend
+from sweeps.execution.execute import execute
+from sweeps.plan.judging import judge_task
+from sweeps.plan.plan import Trial
+from sweeps.search.problem.assess import Assessment
+from sweeps.search.problem.judged_sweep import judged_plan
+from sweeps.search.problem.problem import Problem
+from sweeps.search.trials.by_detectors import Quiet, weighted_value
+from sweeps.search.trials.pool import Pool
+from sweeps.search.trials.study import Candidate, finished_trials, tell
+from sweeps.store.of_sweep import reference
+from sweeps.store.open import AnyStore
+from sweeps.tasks.task import Task
+
+PORTIONS = 4
+"""The first portion of the frames is one of so many."""
+
+KEPT = 3
+"""One of so many rigs goes on to all frames."""
+
+_FIRST, _WHOLE = "value on the first frames", "value on all frames"
+"""User attributes of a trial."""
+
+
+@dataclass
+class GeneralistAnswers:
+    """Answers by a detector that is trained once, on rigs of the space.
+
+    Rigs that violate a constraint are not judged. With several objectives all rigs see all frames.
+    Detections stay in the store, so a stop loses nothing.
+
+    Attributes:
+        pool: tells constraints and prices.
+    """
+
+    study: optuna.Study
+    problem: Problem
+    pool: Pool
+    store: AnyStore
+    backend: Backend
+    _asked: list[tuple[optuna.Trial, Candidate]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._reference = reference(self.problem.sweep(), "judged")
+        self._referred = set(self.store.references().get(self._reference, ()))
+
+    def begin(self, trial: optuna.Trial, candidate: Candidate) -> None:
+        """Take up a candidate."""
+        self._asked.append((trial, candidate))
+
+    def finish(self) -> None:
+        """Judge what was taken up."""
+        asked, self._asked = self._asked, []
+        found = self.pool.in_order([c.rig for _, c in asked], self.problem.question)
+        rigs = {c.number: a.feasible for (_, c), a in zip(asked, found, strict=True)}
+        trials = {c.number: trial for trial, c in asked}
+        feasible = [c for _, c in asked if rigs[c.number]]
+        values, failed = self._judged(feasible, trials)
+        for (trial, candidate), assessment in zip(asked, found, strict=True):
+            own = values.get(candidate.number)
+            whole = None if own is None else self._all_values(assessment, own)
+            tell(self.study, trial, assessment, whole, failed.get(candidate.number))
+
+    def _judged(
+        self, candidates: Sequence[Candidate], trials: dict[int, optuna.Trial]
+    ) -> tuple[dict[int, list[float]], dict[int, str]]:
+        """Values of the measured objectives, and reasons why there are none, by number."""
+        measured = [o for o in self.problem.file.search.objective if o.measured]
+        if not candidates:
+            return {}, {}
+        plan = judged_plan(
+            self.problem,
+            {f"trial_{candidate.number}": candidate.rig for candidate in candidates},
+            self.problem.traffic.search,
+        )
+        by_number: dict[int, list[Trial]] = {
+            c.number: [
+                t for t in plan.trials if t.grid_point.point.placement == f"trial_{c.number}"
+            ]
+            for c in candidates
+        }
+        if len(measured) > 1:
+            return self._values(by_number, measured, range(PORTIONS))
+        first, failed = self._values(by_number, measured, range(1))
+        for number, own in first.items():
+            trials[number].set_user_attr(_FIRST, own[0])
+        going_on = {n: by_number[n] for n in self._leading(first, measured[0])}
+        whole, failed_later = self._values(going_on, measured, range(PORTIONS))
+        for number, own in whole.items():
+            trials[number].set_user_attr(_WHOLE, own[0])
+        shift = self._shift(first, whole)
+        values = {number: [own[0] + shift] for number, own in first.items()} | whole
+        return values, failed | failed_later
+
+    def _leading(self, first: dict[int, list[float]], objective: ObjectiveSettings) -> list[int]:
+        """Numbers of those among the best of all so far on the first frames."""
+        sign = 1 if objective.best == "maximize" else -1
+        seen = [t.user_attrs[_FIRST] for t in finished_trials(self.study) if _FIRST in t.user_attrs]
+        every = sign * np.array([*seen, *(own[0] for own in first.values())])
+        least = np.quantile(every, 1 - 1 / KEPT) if len(every) else math.inf
+        return [number for number, own in first.items() if sign * own[0] >= least]
+
+    def _shift(self, first: dict[int, list[float]], whole: dict[int, list[float]]) -> float:
+        """What a value changes by from the first frames to all, mean over those that have both."""
+        earlier = [
+            trial.user_attrs[_WHOLE] - trial.user_attrs[_FIRST]
+            for trial in finished_trials(self.study)
+            if _WHOLE in trial.user_attrs
+        ]
+        now = [own[0] - first[number][0] for number, own in whole.items()]
+        return float(np.mean([*earlier, *now])) if earlier or now else 0.0
+
+    def _values(
+        self,
+        by_number: dict[int, list[Trial]],
+        objectives: Sequence[ObjectiveSettings],
+        portions: range,
+    ) -> tuple[dict[int, list[float]], dict[int, str]]:
+        """Values on portions of the frames, mean over the generalists; and failures."""
+        tasks = {
+            number: [
+                [judge_task(trial.evaluate, portion, PORTIONS) for portion in portions]
+                for trial in own
+                if trial.evaluate is not None
+            ]
+            for number, own in by_number.items()
+        }
+        every = _with_inputs(task for own in tasks.values() for of in own for task in of)
+        truths = [task for own in by_number.values() for t in own for task in _truths(t)]
+        every = list({task.key: task for task in [*every, *_with_inputs(truths)]}.values())
+        self._referred |= {task.key for task in every}
+        self.store.refer(self._reference, self._referred)
+        outcome = execute(every, self.store, self.backend, Quiet())
+        failed: dict[int, str] = {}
+        jobs = {}
+        classes = self.problem.file.classes
+        for number, own in by_number.items():
+            needed = [task for of in tasks[number] for task in of]
+            reasons = [
+                outcome.failures[t.key].reason
+                for t in _with_inputs(needed)
+                if t.key in outcome.failures
+            ]
+            if reasons:
+                failed[number] = reasons[0]
+                continue
+            jobs[number] = [
+                self.backend.submit(judged_metrics, self.store, of, _truths(trial), classes)
+                for trial, of in zip(own, tasks[number], strict=True)
+            ]
+        values = {}
+        for number, of_seeds in jobs.items():
+            tables = [job.result() for job in of_seeds]
+            found = [
+                math.fsum(weighted_value(o, classes, table) for table in tables) / len(tables)
+                for o in objectives
+            ]
+            if any(map(math.isnan, found)):
+                failed[number] = "no object of the class in the test frames"
+            else:
+                values[number] = found
+        return values, failed
+
+    def _all_values(self, assessment: Assessment, measured: Sequence[float]) -> list[float]:
+        """Values of all objectives, in their order."""
+        assert assessment.values is not None
+        left = iter(measured)
+        return [
+            next(left) if objective.measured else assessment.values[objective.name]
+            for objective in self.problem.file.search.objective
+        ]
+
+
+def judged_metrics(
+    store: AnyStore, portions: Sequence[Task], truths: Sequence[Task], classes: Sequence[str]
+) -> pd.DataFrame:
+    """Metrics of one rig from its detections in portions of the frames, see `evaluate_boxes`."""
+    from training.kitti_ap import evaluate_boxes
+
+    found = [store.load(task, ("detections", "frames")) for task in portions]
+    objects = [store.load(task, ("objects",))["objects"] for task in truths]
+    frames = pd.concat([value["frames"]["frame"] for value in found])
+    return evaluate_boxes(
+        pd.concat(objects, ignore_index=True),
+        pd.concat([value["detections"] for value in found], ignore_index=True),
+        frames.tolist(),
+        classes,
+    )
+
+
+def _truths(trial: Trial) -> list[Task]:
+    """Tasks of the objects in the test frames."""
+    assert trial.evaluate is not None
+    return [task for task in trial.evaluate.inputs if task.stage == "ground_truth"]
+
+
+def _with_inputs(tasks: object) -> list[Task]:
+    """Tasks and all that they need, each once and after its inputs."""
+    found: dict[str, Task] = {}
+
+    def add(task: Task) -> None:
+        if task.key not in found:
+            for needed in task.inputs:
+                add(needed)
+            found[task.key] = task
+
+    for task in tasks:  # type: ignore[attr-defined]
+        add(task)
+    return list(found.values())
