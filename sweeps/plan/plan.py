@@ -330,7 +330,8 @@ class _Builder:
         common, lidar, rigs = self._common, point.lidar.lidar(), point.generalist.rigs
         try:
             if isinstance(rigs, int):
-                around = [common.placement_named(name, lidar) for name in self._placements]
+                judged = sorted(self._placements)
+                around = [common.placement_named(name, lidar) for name in judged]
                 return self._random_rigs(tuple(around), rigs, point.seed)
             judged = sorted(set(rigs) & set(self._placements))
             if judged:

@@ -15,6 +15,7 @@ from lidarplace.lidar.raycast import GROUND, cast
 from lidarplace.lidar.returns import ATTENUATION_PER_M, LARGEST_ERROR, sample_points
 from lidarplace.lidar.shapes import OWN_BODY, SIGN, bricks
 from lidarplace.lidar.surroundings import Surroundings
+from lidarplace.mounting.errors import MountingErrors
 from lidarplace.placement import Mount, Placement
 from lidarplace.pose import rotation
 from lidarplace.sensor import Lidar
@@ -310,3 +311,16 @@ def test_normal_numbers_are_quantiles_of_the_uniform_ones():
     fill(normal, np.empty(len(normal), np.uint32))
     np.testing.assert_allclose(normal, special.ndtri(uniform), rtol=2e-7, atol=1e-12)
     assert np.abs(normal).max() < LARGEST_ERROR
+
+
+def test_mounting_errors_are_of_each_frame_and_those_of_the_rig_as_it_is_drawn():
+    errors = MountingErrors(0.01, math.radians(0.5))
+    rig = Placement("two", TWO, NOISY)
+    found = collect(log(), range(6), rig, CROP, seed=3, errors=errors)
+    for frame in range(6):
+        alone = collect(log(), [frame], errors.drawn(rig, 3, frame), CROP, seed=3)
+        np.testing.assert_array_equal(found[frame], alone[0])
+    exact = collect(log(), range(6), rig, CROP, seed=3)
+    assert not np.array_equal(found[0], exact[0])
+    portion = collect(log(), range(1, 6, 2), rig, CROP, seed=3, errors=errors)
+    np.testing.assert_array_equal(portion[1], found[3])

@@ -17,6 +17,7 @@ from lidarplace.box_log import BoxLog, write_box_log
 from lidarplace.boxes import BOX_COLUMNS, BUILDING_COLUMNS, FRAME_COLUMNS, POSE_COLUMNS, check_boxes
 from lidarplace.lidar.shapes import OWN_BODY
 from lidarplace.scenes.sumo.overlap import overlaps, rectangles_meet
+from lidarplace.scenes.sumo.parts import town_parts
 from lidarplace.scenes.sumo.record import KEEP_M, boxes_around, drive, moved, record
 from lidarplace.scenes.sumo.settings import SumoScene
 from lidarplace.scenes.sumo.traffic import (
@@ -357,3 +358,17 @@ def test_without_sumo_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "libsumo", None)
     with pytest.raises(ImportError, match=r"pip install 'lidarplace\[sumo\]'"):
         record(TINY)
+
+
+def test_another_seed_for_tests_changes_no_training_route():
+    own, other = (SumoScene(seed=3, test_seed=s).town_runs() for s in (None, 7))
+    assert own[0] == other[0]
+    assert own[1].part == other[1].part == "test"
+    assert own[1].name != other[1].name
+    assert own[1].town_seed != other[1].town_seed
+    assert own[1].traffic_seed != other[1].traffic_seed
+    on_map = [SumoScene(seed=3, test_seed=s, towns=("Town03",)).town_runs() for s in (None, 7)]
+    assert {run.town_seed for runs in on_map for run in runs} == {on_map[0][0].town_seed}
+    assert on_map[0][1].traffic_seed != on_map[1][1].traffic_seed
+    parts = [town_parts(SumoScene(seed=3, test_seed=s)) for s in (None, 7)]
+    assert parts[0][0] == parts[1][0]  # so that trainings stay as they are

@@ -230,3 +230,68 @@ def test_a_log_of_ones_own(tmp_path):
             tmp_path,
             scene={"source": "log", "folder": str(tmp_path / "log"), "clouds": "recorded"},
         )
+
+
+EIGHT = ["line", "center", "trapezoid", "square", "line_roll", "pyramid", "pyramid_roll"]
+FEW = {"rigs": 6, "rigs_per_frame": 2, "epochs": 3}
+
+
+def test_a_generalist_is_trained_once_on_rigs_that_it_does_not_judge(tmp_path):
+    grid = {"placement": EIGHT, "judge": ["generalist"], "seed": [1, 2]}
+    plan = plan_of(tmp_path, generalist=FEW, training={"epochs": 9}, grid=grid)
+    assert stages(plan)["pretrain"] == 2
+    assert "finetune" not in stages(plan)
+    judged = {task.params.placement.mounts for trial in plan.trials for task in trial.collect_test}
+    for trial in plan.trials:
+        training = trial.evaluate.inputs[0]
+        assert training.stage == "pretrain"
+        assert training.params.seed == trial.grid_point.point.seed
+        assert training.params.training.epochs == 3
+        collected = [task.params for task in training.inputs if task.stage == "collect"]
+        assert len({params.placement.mounts for params in collected}) == 6
+        assert not {params.placement.mounts for params in collected} & judged
+        assert {params.split for params in collected} == {"train"}
+        frames = Counter(
+            frame for params in collected for frame in range(30)[params.first :: params.every]
+        )
+        assert set(frames.values()) == {2}  # each frame under so many rigs
+
+
+def test_a_generalist_is_shared_by_sweeps_and_by_those_who_start_from_it(tmp_path):
+    grid = {"placement": ["line", "center"], "judge": ["generalist", "specialist", "finetuned"]}
+    plan = plan_of(tmp_path, generalist=FEW, grid=grid)
+    assert stages(plan)["pretrain"] == 1
+    (generalist,) = [task for task in plan.tasks if task.stage == "pretrain"]
+    tuned = [t for t in plan.trials if t.grid_point.point.judge == "finetuned"]
+    assert [trial.finetune.inputs[0] for trial in tuned] == [generalist] * 2
+    own = [t for t in plan.trials if t.grid_point.point.judge == "specialist"]
+    assert all(task.stage != "pretrain" for trial in own for task in trial.finetune.inputs)
+    same = plan_of(
+        tmp_path,
+        generalist=FEW,
+        judge="generalist",
+        training={"epochs": 2},
+        scene={"test_seed": 5},
+        grid={"placement": ["center", "line"]},
+    )
+    assert generalist.key in {task.key for task in same.tasks}
+    assert not {trial.evaluate.key for trial in same.trials} & {task.key for task in plan.tasks}
+
+
+def test_a_generalist_s_rigs_can_be_named_but_not_judged(tmp_path):
+    own = {f"own_{z}": {"mounts": [{"x": 0, "y": 0, "z": z}]} for z in (1, 2)}
+    changes = {"placements": own, "judge": "generalist"}
+    plan = plan_of(tmp_path, generalist={"rigs": list(own)}, **changes)
+    (training,) = [task for task in plan.tasks if task.stage == "pretrain"]
+    found = [task.params for task in training.inputs if task.stage == "collect"]
+    assert {params.placement.mounts[0].z for params in found} == {1, 2}
+    assert {params.every for params in found} == {1}
+    with pytest.raises(ConfigError, match=r"generalist\.rigs: own_1 is judged"):
+        plan_of(tmp_path, generalist={"rigs": list(own)}, **changes | {"placement": "own_1"})
+    with pytest.raises(ConfigError, match=r"generalist\.rigs: no placement 'other'"):
+        plan_of(tmp_path, generalist={"rigs": ["other"]}, **changes)
+
+
+def test_clouds_that_are_merged_awry_have_no_generalist(tmp_path):
+    with pytest.raises(ConfigError, match=r"judge: generalist: lidar\.misaligned_heights"):
+        plan_of(tmp_path, judge="generalist", lidar={"misaligned_heights": True})

@@ -1,0 +1,78 @@
+"""Rings that coincide, against single rays and cases with known answers."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement
+from lidarplace.mounting.ring_overlap import AZIMUTHS, CELL_M, DISTANCES_M, TOP_M, rings
+
+ONE = Lidar((math.radians(-5.0),), azimuth_steps=360)
+
+
+def rig(*mounts, lidar=ONE):
+    return Placement("rig", list(mounts), lidar)
+
+
+def heights(mount, elevation, distance, azimuth):
+    """Where a level LiDAR's beam meets the strip, by trigonometry."""
+    reach = math.hypot(
+        distance * math.cos(azimuth) - mount.x, distance * math.sin(azimuth) - mount.y
+    )
+    return mount.z + reach * math.tan(elevation)
+
+
+@settings(max_examples=50)
+@given(
+    st.floats(-1, 1), st.floats(-1, 1), st.floats(1, 3), st.lists(st.floats(-0.4, 0.1), max_size=8)
+)
+def test_level_lidars_against_trigonometry(x, y, z, elevations):
+    lidar = Lidar((-0.1, *elevations), azimuth_steps=360)
+    mount = Mount(x, y, z)
+    cells = {
+        (distance, azimuth, math.floor(height / CELL_M))
+        for distance in DISTANCES_M
+        for azimuth in AZIMUTHS
+        for elevation in lidar.elevations
+        if 0 <= (height := heights(mount, elevation, distance, azimuth)) < TOP_M
+    }
+    found = rings(rig(mount, lidar=lidar))
+    assert found.hit == found.all
+    # Heights that are on a border but for rounding may be in either cell.
+    near = sum(
+        abs(heights(mount, e, d, a) / CELL_M - round(heights(mount, e, d, a) / CELL_M)) < 1e-6
+        for d in DISTANCES_M
+        for a in AZIMUTHS
+        for e in lidar.elevations
+    )
+    assert abs(found.hit - len(cells)) <= near
+
+
+def test_lidars_beside_each_other_waste_rings_and_stacked_ones_do_not():
+    paper = Lidar.paper()
+    beside = rig(*(Mount(y=y, z=2.2) for y in (-1e-4, 0.0, 1e-4, 2e-4)), lidar=paper)
+    assert rings(beside).redundancy == pytest.approx(0.75, abs=0.01)
+    order = {name: rings(own).redundancy for name, own in PAPER_PLACEMENTS.items()}
+    assert max(order, key=order.__getitem__) == "line"
+    assert min(order, key=order.__getitem__) == "center"
+
+
+def test_a_quarter_of_a_beam_s_spacing_lays_rings_between_each_other():
+    line = PAPER_PLACEMENTS["line"]
+    pitches = np.radians([-0.75, -0.25, 0.25, 0.75])
+    pitched = replace(
+        line, mounts=[replace(m, pitch=p) for m, p in zip(line.mounts, pitches, strict=True)]
+    )
+    assert rings(pitched).redundancy < rings(line).redundancy / 2
+
+
+def test_what_is_out_of_view_or_of_range_has_no_ring():
+    behind = Lidar((-0.1,), 360, azimuth=(math.radians(90), math.radians(270)))
+    assert rings(rig(Mount(z=2), lidar=behind)).all == 0
+    assert rings(rig(Mount(z=2, yaw=math.pi), lidar=behind)).all > 0
+    short = replace(ONE, range=5.0)
+    assert rings(rig(Mount(z=2), lidar=short)).redundancy == 0

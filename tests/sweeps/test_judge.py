@@ -1,0 +1,92 @@
+"""A generalist's judgement: the same as that of clouds that are kept, and of all frames at once."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from small_log import write_small_log
+
+from lidarplace.scenes.recorded import LogScene, log_parts
+from sweeps.configuration.grid import read_sweep
+from sweeps.plan.judging import judge_task
+from sweeps.plan.plan import make_plan
+from sweeps.search.trials.by_generalist import judged_metrics
+from sweeps.store.local import Store
+from sweeps.tasks.stages import FUNCTIONS
+from training import build_detector
+
+SETTINGS = {
+    "placement": "line",
+    "judge": "generalist",
+    "generalist": {"rigs": 3, "rigs_per_frame": 1, "epochs": 1},
+    "classes": ["Car"],
+    "detector": "pointpillars_tiny",
+    "training": {"score_threshold": 0.0},
+    "lidar": {"beams": 8, "azimuth_steps": 180},
+    "mounting_errors": {"offset": 0.01, "angle_deg": 0.5},
+    "surrogate": {"resolution": 0.8},
+}
+
+
+def trial_of(folder, **changes):
+    path = folder / "grid.yaml"
+    path.write_text(yaml.safe_dump(SETTINGS | changes))
+    (trial,) = make_plan(read_sweep(path)).trials
+    return trial
+
+
+def value_of(task, known):
+    """The result of a task and, before it, of all that it needs."""
+    if task.key not in known:
+        inputs = [value_of(needed, known) for needed in task.inputs]
+        known[task.key] = FUNCTIONS[task.stage](task.params, *inputs)
+    return known[task.key]
+
+
+@pytest.fixture
+def judged(tmp_path):
+    """A trial, and a store in which its generalist is some network."""
+    write_small_log(tmp_path / "log")
+    log = pd.read_parquet(tmp_path / "log/frames.parquet")
+    log["split"] = ["train", "test", "test", "test"]
+    log.to_parquet(tmp_path / "log/frames.parquet")
+    trial = trial_of(tmp_path, scene={"source": "log", "folder": str(tmp_path / "log")})
+    model = build_detector(
+        "pointpillars_tiny", ["Car"], point_range=trial.evaluate.params.point_range
+    )
+    weights = {"state_dict": model.state_dict(), "classes": ["Car"]}
+    return trial, {trial.finetune.key: weights}, Store(tmp_path / "store")
+
+
+def test_detections_are_those_of_kept_clouds_up_to_what_packing_rounds(judged):
+    trial, known, _ = judged
+    whole = value_of(trial.evaluate, known)["detections"]
+    parts = [value_of(judge_task(trial.evaluate, i, 2), known) for i in range(2)]
+    assert [part["frames"]["frame"].tolist() for part in parts] == [[1, 3], [2]]
+    found = pd.concat([part["detections"] for part in parts]).sort_values("frame", kind="stable")
+    assert len(found) == len(whole) > 0
+    assert np.allclose(found["score"], whole["score"], atol=1e-2)
+
+
+def test_metrics_of_all_portions_are_those_of_the_whole(judged):
+    trial, known, store = judged
+    every = [judge_task(trial.evaluate, i, n) for n in (1, 3) for i in range(n)]
+    truth = next(task for task in trial.evaluate.inputs if task.stage == "ground_truth")
+    for task in [*every, truth]:
+        store.save(task, value_of(task, known), 0.0)
+    whole, parts = (judged_metrics(store, own, [truth], ["Car"]) for own in (every[:1], every[1:]))
+    pd.testing.assert_frame_equal(whole, parts)
+
+
+def test_a_log_s_tests_can_be_those_of_another_log(tmp_path):
+    for name in ("own", "other"):
+        write_small_log(tmp_path / name)
+    own, other = (LogScene(source="log", folder=tmp_path / name) for name in ("own", "other"))
+    both = LogScene(source="log", folder=tmp_path / "own", test_folder=tmp_path / "other")
+    assert both.frame_counts() == (3, 1)
+    train, test = log_parts(both)
+    assert (train.splits, test.splits) == (("train",), ("test",))
+    assert train.recording == log_parts(own)[0].recording  # trainings stay as they are
+    assert test.recording == log_parts(other)[0].recording
+    with pytest.raises(ValueError, match="test_folder: recorded clouds lie in one folder"):
+        LogScene(source="log", folder=own.folder, test_folder=other.folder, clouds="recorded")
