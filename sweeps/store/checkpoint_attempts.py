@@ -40,14 +40,14 @@ def snapshot(source: Path, target: Path) -> Versions:
     Returns:
         The versions that were copied.
     """
-    while True:
-        before = versions(source)
-        for name in before:
-            shutil.copy2(source / name, target / name)
-        if versions(source) == before:
-            return before
-        for name in before:
+    copied = Versions()
+    while versions(source) != copied:
+        for name in copied:
             (target / name).unlink()
+        copied = versions(source)
+        for name in copied:
+            shutil.copy2(source / name, target / name)
+    return copied
 
 
 def versions(folder: Path) -> Versions:

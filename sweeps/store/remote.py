@@ -132,7 +132,7 @@ class RemoteStore:
         fetch(filesystem, place, attempts)
         with (
             self.local.working_folder(task) as folder,
-            mirrored(folder, filesystem, f"{place}/{folder.name}"),
+            mirrored(folder, filesystem, place),
         ):
             yield folder
 
