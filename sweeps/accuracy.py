@@ -11,15 +11,21 @@ import pandas as pd
 import typer
 
 from lidarplace import PAPER_PLACEMENTS, Placement, Roi
+from lidarplace.box_log import BoxLog, read_box_log
 from lidarplace.boxes import CLASSES
 from lidarplace.command_line.options import classes as classes_of_objects
 from lidarplace.command_line.options import paper_placements
-from lidarplace.command_line.terminal import output, say
-from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, within, wrong
-from lidarplace.command_line.verbs import known as known_name
+from lidarplace.command_line.terminal import output, say, table
+from lidarplace.command_line.verbs import (
+    JsonOption,
+    known,
+    new_app,
+    print_json,
+    verb,
+    within,
+    wrong,
+)
 from lidarplace.ranges import AZIMUTH_STEPS, FRAMES, RESOLUTION, SHARE
-
-_SUFFIXES = ("parquet", "csv", "html")
 
 app = new_app()
 
@@ -83,17 +89,13 @@ def accuracy_command(
 
     resolutions = resolution or [0.1, 0.05, 0.2]
     try:
-        boxes, table = _read(log, frames)
+        found = _read(log, frames)
         roi, placements = _scene(config, resolutions[0], placement or [])
-        classes = class_ or ["Car"]
-        unknown = [name for name in classes if name not in CLASSES]
-        if unknown:
-            raise ValueError(f"--class {unknown[0]}: allowed are {', '.join(CLASSES)}")
         result = accuracy(
-            boxes,
-            table,
+            found.boxes,
+            found.frames,
             roi,
-            classes,
+            [known("class", name, {name: name for name in CLASSES}) for name in class_ or ["Car"]],
             placements,
             resolutions[1:],
             azimuth_steps or (90, 360, 1440, 5760),
@@ -101,10 +103,9 @@ def accuracy_command(
         )
         errors = relative_errors(result)
         summary = summarise(errors)
-        _write(errors, summary, out)
+        paths = _write(errors, summary, out)
     except (OSError, ValueError) as error:
         wrong(error)
-    paths = {suffix: str(out.with_name(f"{out.name}.{suffix}")) for suffix in _SUFFIXES}
     if as_json:
         rows = json.loads(summary.to_json(orient="records", double_precision=15))
         print_json({"files": paths, "summary": rows})
@@ -113,42 +114,23 @@ def accuracy_command(
         say(", ".join(paths.values()))
 
 
-def _read(path: Path, frames: int | None) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Boxes and the frames table."""
-    from lidarplace.box_log import read_box_log
-    from lidarplace.boxes import check_boxes, check_classes, frame_keys
-    from lidarplace.files.columns import frame_numbers
-    from lidarplace.files.tables import read_csv, read_parquet
+def _read(path: Path, frames: int | None) -> BoxLog:
+    from lidarplace.scenes.datasets.tabular import read_tabular
 
     if not path.exists():
         raise ValueError(f"{path}: no such file or folder")
     if path.is_dir():
-        log = read_box_log(path)
-        return log.boxes, log.frames
-    boxes = read_csv(path) if path.suffix == ".csv" else read_parquet(path)
-    check_boxes(boxes, str(path))
-    check_classes(boxes, str(path))
-    boxes["frame"] = frame_numbers(boxes, str(path))
+        return read_box_log(path)
     if frames is None:
         raise ValueError(f"{path}: boxes alone do not tell the number of frames; name --frames T")
-    keys = frame_keys(boxes)
-    table = boxes[keys].drop_duplicates()
-    if len(table) > frames:
-        raise ValueError(f"--frames {frames}: {path} has boxes of {len(table)} frames")
-    # The frames without boxes have numbers that no box has.
-    empty = pd.DataFrame({"frame": boxes["frame"].max() + 1 + pd.RangeIndex(frames - len(table))})
-    if "scene" in keys:
-        empty["scene"] = "no boxes"
-    return boxes, pd.concat([table.sort_values(keys), empty], ignore_index=True)
+    return read_tabular(path, frames=frames)
 
 
 def _scene(
     config: Path | None, resolution: float, names: Sequence[str]
 ) -> tuple[Roi, list[Placement]]:
-    if config is None:
-        roi = Roi((0, 40), (-20, 20), (0, 4), resolution)
-        known = dict(PAPER_PLACEMENTS)
-    else:
+    roi, placements = Roi((0, 40), (-20, 20), (0, 4), resolution), dict(PAPER_PLACEMENTS)
+    if config is not None:
         from sweeps.configuration.grid import read_sweep
 
         sweep = read_sweep(config)
@@ -156,64 +138,44 @@ def _scene(
         roi = Roi(point.roi.x, point.roi.y, point.roi.z, resolution)
         lidar = point.lidar.lidar()
         used = [grid_point.point.placement for grid_point in sweep.points]
-        known = {
+        placements = {
             name: sweep.common.placement_named(name, lidar)
             for name in dict.fromkeys([*used, *sweep.common.placements])
         }
-    return roi, [known_name("placement", name, known) for name in (names or known)]
+    return roi, [known("placement", name, placements) for name in (names or placements)]
 
 
 def _print(summary: pd.DataFrame) -> None:
-    from rich.table import Table
+    """The tables of the report."""
+    from tracking.report.sections.accuracy import accuracy_table
 
-    from tracking.labels import surrogate_name
-
-    console = output()
     # These have the errors of S-MIG and IG, or none that depends on the placement.
     same = summary["surrogate"].isin(["covered_entropy", "residual_entropy", "h_pog"])
-    shown = summary[~same]
-    for object_class, own in shown.groupby("class", sort=False):
-        table = Table(title=f"{object_class}: errors in percent, medians over placements")
-        head = ("surrogate", "method", "m", "steps", "frames", "fine ref.", "same res.")
-        for name in (*head, "τ", "s"):
-            table.add_column(name, justify="left" if name in head[:2] else "right")
-        for row in own.to_dict("records"):
-            table.add_row(
-                surrogate_name(row["surrogate"]),
-                row["method"],
-                f"{row['resolution']:g}",
-                str(row["azimuth_steps"] or "all"),
-                str(row["frames"]),
-                f"{100 * row['median_error']:.3g}",
-                f"{100 * row['median_method_error']:.3g}",
-                f"{row['kendall']:.2f}",
-                f"{row['seconds']:.3g}",
-            )
-        console.print(table)
+    for name, own in summary[~same].groupby("class", sort=False):
+        shown = accuracy_table(own, str(name))
+        words = {shown.head[i] for i in shown.words}
+        output().print(table(shown.caption, shown.head, shown.rows, words))
 
 
-def _write(errors: pd.DataFrame, summary: pd.DataFrame, out: Path) -> None:
+def _write(errors: pd.DataFrame, summary: pd.DataFrame, out: Path) -> dict[str, str]:
+    """The table of all errors, and a page of figures. Returns the paths by suffix."""
     from lidarplace.files.atomic import replacing
     from lidarplace.files.csv import write_csv
-    from sweeps.store.local import write_text
-    from tracking.figures.kit.style import theme
     from tracking.figures.of_sweeps.accuracy import accuracy_figure
+    from tracking.pages.page import SECTIONS_ALONE, write_page
+    from tracking.pages.section import Section
 
+    paths = {suffix: out.with_name(f"{out.name}.{suffix}") for suffix in ("parquet", "csv", "html")}
     out.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(out.with_name(out.name + ".parquet")) as partial:
+    with replacing(paths["parquet"]) as partial:
         errors.to_parquet(partial, index=False)
-    with replacing(out.with_name(out.name + ".csv")) as partial:
+    with replacing(paths["csv"]) as partial:
         write_csv(errors, partial)
-    figures = [
-        accuracy_figure(own, f"Error against run time · {name}")
-        .update_layout(template=theme(False))
-        .to_html(full_html=False, include_plotlyjs=first, config={"displayModeBar": False})
-        for first, (name, own) in zip(
-            [True] + [False] * len(summary), summary.groupby("class", sort=False), strict=False
-        )
-    ]
-    page = "<!DOCTYPE html><meta charset='utf-8'><title>Accuracy</title>" + "".join(figures)
-    write_text(out.with_name(f"{out.name}.html"), page)
+    section = Section("Error against run time", columns=1)
+    for name, own in summary.groupby("class", sort=False):
+        section.figures.append(accuracy_figure(own, f"Error against run time · {name}"))
+    write_page(paths["html"], SECTIONS_ALONE, [section], name=out.name)
+    return {suffix: str(path) for suffix, path in paths.items()}
 
 
 if __name__ == "__main__":

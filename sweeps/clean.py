@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 from rich.filesize import decimal
-from rich.table import Table
 
-from lidarplace.command_line.terminal import output
+from lidarplace.command_line.terminal import output, table
 from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
 from sweeps.store.entries import SWEEPS, Entry, size_of
 
@@ -101,8 +100,23 @@ def _bytes(size: str) -> int:
 
 def print_cleaned(console: Console, cleaned: Cleaned, dry_run: bool, limit: int | None) -> None:
     """Print sizes by stage and by sweep, and what was removed."""
-    _print_stages(console, cleaned)
-    _print_sweeps(console, cleaned)
+    summary, whole = summary_of(cleaned, dry_run), _of_results(_results(cleaned), cleaned)
+    stages = table(
+        None,
+        ("stage", "results", "size", "of no sweep", "size of these"),
+        ((stage, *_counted(*own.values())) for stage, own in summary["stages"].items()),
+    )
+    stages.add_row("all", *_counted(*whole.values()), style="bold")
+    console.print(stages)
+    usable = [e for e in cleaned.contents if e.kind == "working" and e not in cleaned.leftovers]
+    told = {
+        "checkpoints of unfinished trainings": usable,
+        "leftovers of killed processes": cleaned.leftovers,
+    }
+    for what, entries in told.items():
+        console.print(f"{what}: {_told(entries)}", highlight=False)
+    rows = ((n, own["refers_to"], *_counted(own)) for n, own in summary["sweeps"].items())
+    console.print(table(None, ("sweep", "refers to", "of these there", "size"), rows))
     done = "would be removed" if dry_run else "removed"
     console.print(
         f"{done}: {_told(cleaned.removed)}; left: {decimal(cleaned.kept_bytes)}", highlight=False
@@ -117,19 +131,12 @@ def print_cleaned(console: Console, cleaned: Cleaned, dry_run: bool, limit: int 
 
 def summary_of(cleaned: Cleaned, dry_run: bool) -> dict[str, Any]:
     """The same for a script, sizes in bytes."""
-    results = [entry for entry in cleaned.contents if entry.kind == "result"]
-    by_stage = {
-        stage: [entry for entry in results if entry.stage == stage]
-        for stage in dict.fromkeys(entry.stage for entry in results)
-    }
+    results = _results(cleaned)
     return {
         "dry_run": dry_run,
         "stages": {
-            stage: {
-                "all": _sizes(here),
-                "of_no_sweep": _sizes(_not_in(here, cleaned.referred)),
-            }
-            for stage, here in by_stage.items()
+            stage: _of_results([entry for entry in results if entry.stage == stage], cleaned)
+            for stage in dict.fromkeys(entry.stage for entry in results)
         },
         "sweeps": {
             name: {"refers_to": len(keys), **_sizes([e for e in results if e.key in keys])}
@@ -141,45 +148,21 @@ def summary_of(cleaned: Cleaned, dry_run: bool) -> dict[str, Any]:
     }
 
 
+def _results(cleaned: Cleaned) -> list[Entry]:
+    return [entry for entry in cleaned.contents if entry.kind == "result"]
+
+
+def _of_results(results: Collection[Entry], cleaned: Cleaned) -> dict[str, dict[str, int]]:
+    unused = [entry for entry in results if entry.key not in cleaned.referred]
+    return {"all": _sizes(results), "of_no_sweep": _sizes(unused)}
+
+
 def _sizes(entries: Collection[Entry]) -> dict[str, int]:
     return {"count": len(entries), "bytes": size_of(entries)}
 
 
-def _print_stages(console: Console, cleaned: Cleaned) -> None:
-    referred = cleaned.referred
-    results = [entry for entry in cleaned.contents if entry.kind == "result"]
-    table = _table("stage", "results", "size", "of no sweep", "size of these")
-    for stage in dict.fromkeys(entry.stage for entry in results):
-        here = [entry for entry in results if entry.stage == stage]
-        table.add_row(stage, *_counted(here), *_counted(_not_in(here, referred)))
-    table.add_row("all", *_counted(results), *_counted(_not_in(results, referred)), style="bold")
-    console.print(table)
-    usable = [e for e in cleaned.contents if e.kind == "working" and e not in cleaned.leftovers]
-    console.print(f"checkpoints of unfinished trainings: {_told(usable)}", highlight=False)
-    console.print(f"leftovers of killed processes: {_told(cleaned.leftovers)}", highlight=False)
-
-
-def _print_sweeps(console: Console, cleaned: Cleaned) -> None:
-    table = _table("sweep", "refers to", "of these there", "size")
-    for name, keys in cleaned.references.items():
-        there = [e for e in cleaned.contents if e.kind == "result" and e.key in keys]
-        table.add_row(name, str(len(keys)), *_counted(there))
-    console.print(table)
-
-
-def _table(first: str, *columns: str) -> Table:
-    table = Table(first)
-    for column in columns:
-        table.add_column(column, justify="right")
-    return table
-
-
-def _not_in(entries: Collection[Entry], keys: set[str]) -> list[Entry]:
-    return [entry for entry in entries if entry.key not in keys]
-
-
-def _counted(entries: Collection[Entry]) -> tuple[str, str]:
-    return str(len(entries)), decimal(size_of(entries))
+def _counted(*sizes: Mapping[str, int]) -> list[str]:
+    return [cell for own in sizes for cell in (str(own["count"]), decimal(own["bytes"]))]
 
 
 def _told(entries: Collection[Entry]) -> str:

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
 
 from lidarplace.command_line.invocation import command
+from lidarplace.command_line.terminal import table
 from lidarplace.command_line.verbs import wrong
 from sweeps.configuration.grid import Sweep
 from sweeps.execution.backends import Backend
@@ -215,12 +215,9 @@ def _print_summary(console: Console, folder: Path) -> None:
     run = RunFolder.read(folder)
     summary = summary_table(run)
     what = "surrogates in nats" if run.results.empty else "means over seeds, percent"
-    table = Table(title=f"{folder.name}: best placement first, {what}")
-    for column in summary.columns:
-        table.add_column(str(column), justify="left" if column == "placement" else "right")
-    for row in summary.itertuples(index=False):
-        table.add_row(*(_short(value) for value in row))
-    console.print(table)
+    rows = (map(_short, row) for row in summary.itertuples(index=False))
+    title = f"{folder.name}: best placement first, {what}"
+    console.print(table(title, list(summary.columns), rows))
     said = ray_counting_caution(largest_linear_share(run.surrogates))
     if said:
         console.print(f"warning: {said}", style="yellow", soft_wrap=True)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any, TextIO
 
 from rich.console import Console
+from rich.table import Table
 from rich.text import Text
 
 
@@ -44,3 +46,19 @@ class Terminal(Console):
 def output() -> Terminal:
     """Where tables are printed. A log file has no width, for which rich would take 80 columns."""
     return Terminal() if sys.stdout.isatty() else Terminal(width=160)
+
+
+def table(
+    title: str | None,
+    head: Sequence[str],
+    rows: Iterable[Iterable[object]] = (),
+    words: Collection[str] = (),
+) -> Table:
+    """A table with numbers to the right, but for the first column and those named in `words`."""
+    shown = Table(title=title)
+    for name in head:
+        left = name == head[0] or name in words
+        shown.add_column(name, justify="left" if left else "right")
+    for row in rows:
+        shown.add_row(*map(str, row))
+    return shown

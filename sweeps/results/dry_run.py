@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
+from lidarplace.command_line.terminal import table
 from sweeps.configuration.grid import Sweep
 from sweeps.plan.plan import Plan
 from sweeps.results.promotion import at_most
@@ -68,13 +68,11 @@ def print_planned(console: Console, shown: Planned) -> None:
     title = f"{shown.name}: {len(shown.trials)} trials"
     if shown.rungs:
         title += "; of these at most the tasks that promotion leaves"
-    table = Table(title=title)
-    for column in ("stage", "tasks", "cached", "to do"):
-        table.add_column(column, justify="left" if column == "stage" else "right")
-    for stage, own in shown.stages.items():
-        to_do = own["tasks"] - own["cached"]
-        table.add_row(stage, str(own["tasks"]), str(own["cached"]), str(to_do))
-    console.print(table)
+    rows = (
+        (stage, own["tasks"], own["cached"], own["tasks"] - own["cached"])
+        for stage, own in shown.stages.items()
+    )
+    console.print(table(title, ("stage", "tasks", "cached", "to do"), rows))
     for number, rung in enumerate(shown.rungs):
         changed = ", ".join(f"{key}={value}" for key, value in rung["set"].items())
         console.print(

@@ -63,7 +63,7 @@ def test_tables_and_figure_are_written(files, log):
     steps = ("--resolution", 0.4, "--resolution", 0.2, "--azimuth-steps", 90)
     done = run(files, files / path, *options, *steps)
     assert done.exit_code == 0, done.output
-    assert "Car: errors in percent" in done.output
+    assert "Rank agreement with the reference and errors · Car" in done.output
     table = pd.read_parquet(files / "out" / "found.parquet")
     assert set(table["placement"]) == {"line", "center", "square"}
     assert set(table["resolution"]) == {0.4, 0.2}
@@ -85,8 +85,8 @@ def test_tables_and_figure_are_written(files, log):
             ("boxes.csv",),
             "boxes.csv: boxes alone do not tell the number of frames; name --frames T",
         ),
-        (("boxes.csv", "--frames", 3), "--frames 3: .*boxes.csv has boxes of 10 frames"),
-        (("grid.yaml",), "grid.yaml: is no Parquet file: Could not open Parquet"),
+        (("boxes.csv", "--frames", 3), "boxes.csv: has boxes of 10 frames, more than 3"),
+        (("grid.yaml", "--frames", 12), "grid.yaml: must end in .parquet or .csv"),
         (("log", "--class", "Dog"), "--class Dog: allowed are Car, Cyclist, Pedestrian"),
         (("log", "--placement", "nix"), "--placement nix: allowed are line, center, square"),
         (("log", "--resolution", 0.3), "no multiple of the resolution 0.3 m"),

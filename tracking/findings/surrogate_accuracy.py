@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
@@ -21,18 +19,15 @@ def rank_agreement(values: ArrayLike, reference: ArrayLike) -> tuple[float, floa
     return float(stats.spearmanr(a, b).statistic), float(stats.kendalltau(a, b).statistic)
 
 
-def relative_errors(table: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
+def relative_errors(table: pd.DataFrame) -> pd.DataFrame:
     """`table` of `lidarplace.surrogates.error_against_time.accuracy` with the errors of each row.
 
     `reference_value` is the reference of the same placement, class and surrogate, and
     `relative_error` the distance to it. `method_error` is the distance to the value that is as
     accurate but for its resolution, so it shows methods, azimuth steps and frames alone. Relative
     to the absolute reference, >= 0; NaN where that is 0.
-
-    Args:
-        axes: further columns that separate tables stacked on each other.
     """
-    keys = [*axes, "placement", "class", "surrogate"]
+    keys = ["placement", "class", "surrogate"]
     how = ["method", "azimuth_steps", "frames"]
     reference = table.loc[table["reference"], [*keys, *how, "comparable"]]
     exact = table.merge(reference[[*keys, *how]])[[*keys, "resolution", "comparable"]]
@@ -46,7 +41,7 @@ def relative_errors(table: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFra
     return result
 
 
-def summarise(errors: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
+def summarise(errors: pd.DataFrame) -> pd.DataFrame:
     """One row per class, surrogate and VARIANT, over placements.
 
     Columns: placements; reference; median and worst of relative_error and method_error; spearman
@@ -54,7 +49,7 @@ def summarise(errors: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
     medians.
     """
     rows = []
-    keys = [*axes, "class", "surrogate", *VARIANT]
+    keys = ["class", "surrogate", *VARIANT]
     for key, group in errors.groupby(keys, sort=False):
         rho, tau = rank_agreement(group["comparable"], group["reference_value"])
         rows.append(

@@ -18,6 +18,8 @@ from tracking.figures.kit.style import theme
 from tracking.pages.csv_files import FOLDER
 from tracking.pages.section import Section, figure_title
 
+SECTIONS_ALONE = Path(__file__).with_name("page.html")
+"""The template of a page with nothing above its sections."""
 LARGEST_PAGE = 15_000_000
 """Bytes of a page: what a mail may carry."""
 
@@ -31,7 +33,7 @@ def write_page(target: Path, template: Path, sections: Sequence[Section], **valu
 
     Args:
         target: the file.
-        template: of jinja; values that it shows are escaped.
+        template: of jinja, or `SECTIONS_ALONE`; values that it shows are escaped.
         sections: their figures and notes are changed if the page would be too large.
         values: what the template names beside them.
     """

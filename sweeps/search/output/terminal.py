@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 
 from rich.console import Console
-from rich.table import Table
 
+from lidarplace.command_line.terminal import table
 from lidarplace.surrogates.table import SURROGATES
 from sweeps.configuration.search import ObjectiveSettings
 from sweeps.search.judgement.found import Found
@@ -113,21 +113,18 @@ def _print_infeasible(
 def _print_rigs(console: Console, rigs: Mapping[str, Judged], problem: Problem) -> None:
     """Objectives and what constraints look at, a row a rig."""
     objectives = problem.file.search.objective
-    table = Table(title=f"{problem.file.name}")
-    table.add_column("placement")
-    for objective in objectives:
-        table.add_column(objective.name, justify="right")
-    for constraint in problem.question.constraints:
-        table.add_column(constraint.name, justify="right")
+    constraints = problem.question.constraints
+    rows = []
     for name, own in rigs.items():
         found, values = own.assessment, own.all_values
         cells = [f"{values[o.name]:.6g}" if o.name in values else "" for o in objectives]
         cells += [
             f"{found.measures[c.name]:.3g}{' !' if found.violations[c.name] > 0 else ''}"
-            for c in problem.question.constraints
+            for c in constraints
         ]
-        table.add_row(name, *cells)
-    console.print(table)
+        rows.append((name, *cells))
+    head = ("placement", *(o.name for o in objectives), *(c.name for c in constraints))
+    console.print(table(problem.file.name, head, rows))
 
 
 def _breaks(found: Found) -> str:
@@ -182,13 +179,9 @@ def print_found(console: Console, problem: Problem, found: Found) -> None:
         )
     elif found.no_certificate:
         console.print(f"no bound: {found.no_certificate}")
-    table = Table(title="found_1, metres and degrees")
-    rows = [mount_columns(lidar) for lidar in found.judged["found_1"].rig]
-    for column in rows[0]:
-        table.add_column(column, justify="left" if column in ("model", "zone") else "right")
-    for row in rows:
-        table.add_row(*(f"{v:.3f}" if isinstance(v, float) else str(v) for v in row.values()))
-    console.print(table)
+    mounts = [mount_columns(lidar) for lidar in found.judged["found_1"].rig]
+    rows = [[f"{v:.3f}" if isinstance(v, float) else v for v in row.values()] for row in mounts]
+    console.print(table("found_1, metres and degrees", list(mounts[0]), rows, words=("zone",)))
     for key, value in found.judged["found_1"].values_beside.items():
         console.print(f"{key}: {value}")
     said = ray_counting_caution(found.linear_share or 0.0)
