@@ -2,53 +2,26 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
-from typer.core import TyperCommand
 
+from lidarplace.command_line.terminal import output, visible
+from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
+from lidarplace.files.secret_urls import public_url
 from lidarplace.optional import needs
 from sweeps.execution import checks
-from sweeps.execution.checks import Finding
+from sweeps.execution.checks import Found
 from sweeps.options import SetOption
 
-_EPILOG = """
-Examples:
-  {command}
-  {command} examples/grid.yaml --json
-
-Exit codes:
-  0    done
-  1    something that is needed is missing
-  2    the input is wrong: one line on stderr says what
-  130  stopped by Ctrl-C
-"""
-
-
-class _Doctor(TyperCommand):
-    """In the style of `lidarplace.command_line.verbs`, which needs packages that may be missing."""
-
-    def invoke(self, ctx: Any) -> Any:
-        try:
-            return super().invoke(ctx)
-        except KeyboardInterrupt:
-            print("\nStopped.", file=sys.stderr)
-            raise typer.Exit(130) from None
-
-    def format_epilog(self, ctx: Any, formatter: Any) -> None:
-        formatter.write(_EPILOG.replace("{command}", ctx.command_path))
-
-
-app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+app = new_app()
 
 _SIGNS = {
     "good": Text("✓", "green"),
@@ -56,6 +29,22 @@ _SIGNS = {
     "optional": Text("–", "dim"),
     "missing": Text("✗", "red"),
 }
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a check found, see `checks.Found`.
+
+    Attributes:
+        check: what was looked at.
+        needed_for: what does not work without it.
+    """
+
+    check: str
+    found: str
+    needed_for: str
+    state: checks.State = "good"
+    remedy: str = ""
 
 
 @dataclass(frozen=True)
@@ -85,21 +74,19 @@ class Asked:
         return self.store or str(self.folder)
 
 
-@app.command(cls=_Doctor)
+@verb(app, "", "examples/grid.yaml --json", failed="something that is needed is missing")
 def doctor(
     config: Annotated[
         Path | None, typer.Argument(metavar="CONFIG", help="YAML file of a sweep or a search")
     ] = None,
     set_: SetOption = None,
-    as_json: Annotated[bool, typer.Option("--json", help="print JSON for a script")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Look whether everything is there that a sweep needs, and say how to mend what is not.
 
     Servers are asked only if the configuration names them.
     """
     if set_ and config is None:
-        from lidarplace.command_line.verbs import wrong  # needs packages that may be missing
-
         wrong("--set: name the configuration file too")
     try:
         findings = look(asked_of(config, set_ or []) if config else Asked())
@@ -109,17 +96,15 @@ def doctor(
             Finding(str(config), f"cannot be read: {error}", "this sweep", "missing", "make setup"),
         ]
     if as_json:
-        print(json.dumps([asdict(finding) for finding in findings], indent=1))
+        print_json([asdict(finding) for finding in findings])
     else:
-        # As `lidarplace.command_line.terminal.output`, which needs them too.
-        _print(Console() if sys.stdout.isatty() else Console(width=160), findings)
+        _print(output(), findings)
     if any(finding.state == "missing" for finding in findings):
         raise typer.Exit(1)
 
 
 def asked_of(config: Path, overrides: Sequence[str] = ()) -> Asked:
     """What the file and `overrides` ask for. Ends the program with exit code 2 if it is wrong."""
-    from lidarplace.command_line.verbs import wrong
     from lidarplace.scenes.sumo.settings import SumoScene
     from sweeps.configuration.file import ConfigError
     from sweeps.sweep_or_search import read_either
@@ -148,35 +133,43 @@ def look(asked: Asked) -> list[Finding]:
     client = asked.ray.startswith("ray://")
     postgres = asked.tracking_uri.startswith("postgres")
     s3 = (asked.store or "").startswith("s3")
-    wanted: list[tuple[str, Callable[[], Finding]]] = [
-        ("Python", checks.python_version),
-        ("packages", partial(checks.packages, None, "packages", "everything", True)),
-        ("sweeps", partial(checks.packages, "sweeps", "sweeps", "detectors, sweeps", True)),
-        ("GPU", checks.gpu),
-        ("memory", checks.memory),
-        ("shared memory", checks.shared_memory),
-        ("Ray", partial(checks.ray, asked.ray)),
-        ("SUMO", partial(checks.sumo, asked.sumo)),
-        ("disk", partial(checks.disk, asked.output, "output", asked.cleaned)),
+    wanted: list[tuple[str, str, Callable[[], Found]]] = [
+        ("Python", "everything", checks.python_version),
+        ("packages", "everything", partial(checks.packages, None, True)),
+        ("sweeps", "detectors, sweeps", partial(checks.packages, "sweeps", True)),
+        ("GPU", "fast trainings", checks.gpu),
+        ("memory", "a training on every CPU, some 2 GB each", checks.memory),
+        ("shared memory", "Ray's object store, 0.1 GB or more", checks.shared_memory),
+        ("Ray", "parallel tasks", partial(checks.ray, asked.ray)),
+        ("SUMO", "simulated traffic (scene.source: sumo)", partial(checks.sumo, asked.sumo)),
+        _disk("output", asked.output, asked),
     ]
     if asked.store:
-        wanted.append(("store", partial(checks.remote_store, asked.store)))
+        what = f"results in {public_url(asked.store)}"
+        wanted.append(("store", what, partial(checks.remote_store, asked.store)))
     else:
-        wanted.append(("disk", partial(checks.disk, asked.folder, "store", asked.cleaned)))
-    wanted.append(("MLflow", partial(checks.mlflow, asked.tracking_uri)))
+        wanted.append(_disk("store", asked.folder, asked))
+    wanted.append(("MLflow", "logging of trials", partial(checks.mlflow, asked.tracking_uri)))
     if asked.path:
-        wanted.append(("scenes", partial(scenes, asked.path, asked.overrides)))
+        from sweeps.sweep_or_search import is_search
+
+        kind = "this search" if is_search(asked.path) else "this sweep"
+        wanted.append(("scenes", kind, partial(scenes, asked.path, asked.overrides)))
     for extra, name, needed_for, needed in (
         ("cluster", "Ray client", "ray: ray://…", client),
         ("postgres", "PostgreSQL driver", "MLflow in PostgreSQL", postgres),
         ("s3", "S3 client", "store: s3://…", s3),
         ("carla", "CARLA client", "point clouds from a CARLA server", False),
     ):
-        wanted.append((name, partial(checks.packages, extra, name, needed_for, needed)))
-    return [_tried(name, check) for name, check in wanted]
+        wanted.append((name, needed_for, partial(checks.packages, extra, needed)))
+    return [_tried(*one) for one in wanted]
 
 
-def scenes(config: Path, overrides: Sequence[str] = ()) -> Finding:
+def _disk(what: str, folder: Path, asked: Asked) -> tuple[str, str, Callable[[], Found]]:
+    return f"disk: {what}", f"results in {folder}", partial(checks.disk, folder, asked.cleaned)
+
+
+def scenes(config: Path, overrides: Sequence[str] = ()) -> Found:
     """The maps, logs and checkpoints that the file names are there."""
     from sweeps.configuration.file import ConfigError
     from sweeps.plan.plan import read_plan
@@ -186,23 +179,22 @@ def scenes(config: Path, overrides: Sequence[str] = ()) -> Finding:
         if is_search(config):
             from sweeps.search.problem.problem import read_problem
 
-            problem = read_problem(config, overrides)
-            return Finding("scenes", f"{problem.file.search.trials} trials", "this search")
+            return Found(f"{read_problem(config, overrides).file.search.trials} trials")
         _, plan = read_plan(config, overrides)
     except ConfigError as error:
-        text = " ".join(str(error).split())
-        return Finding("scenes", text, "this sweep", "missing", f"mend {config}")
-    return Finding("scenes", f"{len(plan.trials)} trials, {len(plan.tasks)} tasks", "this sweep")
+        return Found(" ".join(str(error).split()), "missing", f"mend {config}")
+    return Found(f"{len(plan.trials)} trials, {len(plan.tasks)} tasks")
 
 
-def _tried(name: str, check: Callable[[], Finding]) -> Finding:
+def _tried(name: str, needed_for: str, check: Callable[[], Found]) -> Finding:
     """What the check found; its failure is a finding too."""
     try:
-        return check()
+        found = check()
     except Exception as error:
         text = " ".join(f"{type(error).__name__}: {error}".split())
         remedy = needs(error) if isinstance(error, ModuleNotFoundError) else None
         return Finding(name, text, "see the message", "missing", remedy or "make setup")
+    return Finding(name, found.found, needed_for, found.state, found.remedy)
 
 
 def _print(console: Console, findings: list[Finding]) -> None:
@@ -210,9 +202,7 @@ def _print(console: Console, findings: list[Finding]) -> None:
     for column in ("", "check", "found", "needed for"):
         table.add_column(column, overflow="fold")
     for finding in findings:
-        table.add_row(
-            _SIGNS[finding.state], *map(_text, (finding.check, finding.found, finding.needed_for))
-        )
+        table.add_row(_SIGNS[finding.state], finding.check, finding.found, finding.needed_for)
     console.print(table)
     # Below the table, where a command is one line that can be copied.
     for state, title in (
@@ -225,21 +215,13 @@ def _print(console: Console, findings: list[Finding]) -> None:
             console.print("\n", _SIGNS[state], " ", Text(title, "bold"), sep="")
         for finding in mends:
             console.print(
-                Text.assemble("  ", _text(finding.check), ": ", _text(finding.remedy, "cyan")),
+                Text.assemble(f"  {finding.check}: ", (visible(finding.remedy), "cyan")),
                 soft_wrap=True,
                 highlight=False,
             )
     missing = [f.check for f in findings if f.state == "missing"]
-    console.print(
-        _text(f"\nMissing: {', '.join(missing)}" if missing else "\nAll that is needed is there."),
-        highlight=False,
-    )
-
-
-def _text(text: str, style: str = "") -> Text:
-    """Plain text; `lidarplace.command_line.terminal` needs packages that may be missing."""
-    shown = (c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
-    return Text("".join(shown), style)
+    last = f"Missing: {', '.join(missing)}" if missing else "All that is needed is there."
+    console.print(f"\n{last}", highlight=False)
 
 
 if __name__ == "__main__":

@@ -47,47 +47,39 @@ except ValueError as error:
 
 
 @dataclass(frozen=True)
-class Finding:
+class Found:
     """What a check found.
 
     Attributes:
-        check: what was looked at.
         found: what is there, in one line.
-        needed_for: what does not work without it.
         state: "good"; "weak": works, but worse than it could; "optional": not there, and not asked
             for; "missing": needed and not there.
         remedy: one command or step that mends it.
     """
 
-    check: str
     found: str
-    needed_for: str
     state: State = "good"
     remedy: str = ""
 
 
-def python_version() -> Finding:
+def python_version() -> Found:
     """Python's version."""
     good = sys.version_info >= (3, 11)
-    return Finding(
-        "Python",
-        f"{platform.python_version()}, {sys.executable}",
-        "everything",
-        "good" if good else "missing",
-        "" if good else "make clean && make setup PYTHON=python3.11",
-    )
+    remedy = "" if good else "make clean && make setup PYTHON=python3.11"
+    found = f"{platform.python_version()}, {sys.executable}"
+    return Found(found, "good" if good else "missing", remedy)
 
 
-def packages(extra: str | None, name: str, needed_for: str, needed: bool) -> Finding:
+def packages(extra: str | None, needed: bool) -> Found:
     """The packages of an extra of this project, or those of every installation."""
     missing: State = "missing" if needed else "optional"
     try:
         wanted = _requirements(extra)
     except PackageNotFoundError:
-        return Finding(name, "this project is not installed", needed_for, missing, "make setup")
+        return Found("this project is not installed", missing, "make setup")
     if not wanted:
         found = "this project was installed before it had a use for it"
-        return Finding(name, found, needed_for, missing, _install(["--editable", f".[{extra}]"]))
+        return Found(found, missing, _install(["--editable", f".[{extra}]"]))
     wrong, versions = {}, []
     for requirement in wanted:
         try:
@@ -99,35 +91,30 @@ def packages(extra: str | None, name: str, needed_for: str, needed: bool) -> Fin
         if not requirement.specifier.contains(there, prereleases=True):
             wrong[_text(requirement)] = f"{versions[-1]}, needed {requirement.specifier}"
     if wrong:
-        return Finding(name, "; ".join(wrong.values()), needed_for, missing, _install(list(wrong)))
-    found = ", ".join(versions) if len(versions) < 4 else f"{len(versions)} packages"
-    return Finding(name, found, needed_for)
+        return Found("; ".join(wrong.values()), missing, _install(list(wrong)))
+    return Found(", ".join(versions) if len(versions) < 4 else f"{len(versions)} packages")
 
 
-def gpu() -> Finding:
+def gpu() -> Found:
     """Whether torch can use the GPU that is there."""
     import torch
 
     build = f"torch {torch.__version__}"
-    name = "GPU"
-    needed_for = "fast trainings"
     if torch.cuda.is_available():
         names = [torch.cuda.get_device_name(i) for i in range(torch.cuda.device_count())]
-        return Finding(name, f"{', '.join(names)}; {build}", needed_for)
+        return Found(f"{', '.join(names)}; {build}")
     if shutil.which("nvidia-smi") is None:
-        return Finding(name, f"none; {build} trains on the CPU", needed_for, "optional")
+        return Found(f"none; {build} trains on the CPU", "optional")
     if torch.version.cuda is None:
-        found = f"there is one, but {build} is built for the CPU"
-        return Finding(name, found, needed_for, "weak", _GPU_SETUP)
+        return Found(f"there is one, but {build} is built for the CPU", "weak", _GPU_SETUP)
     found = f"there is one, but {build} cannot use it"
-    return Finding(name, found, needed_for, "weak", f"nvidia-smi, then {_GPU_SETUP}")
+    return Found(found, "weak", f"nvidia-smi, then {_GPU_SETUP}")
 
 
-def ray(address: str) -> Finding:
+def ray(address: str) -> Found:
     """Ray starts, or the cluster is joined, and runs a task on one thread."""
-    name, needed_for = "Ray", "parallel tasks"
     if address == "debug":
-        return Finding(name, "not used: ray is debug", needed_for)
+        return Found("not used: ray is debug")
     process = subprocess.Popen(
         [sys.executable, "-c", _RAY_TASK, address],
         stdout=subprocess.PIPE,
@@ -140,57 +127,48 @@ def ray(address: str) -> Finding:
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
         process.communicate()
-        return Finding(
-            name,
-            f"no task ended within {_RAY_S:.0f} s",
-            needed_for,
-            "missing",
-            _ray_remedy(address),
-        )
+        return Found(f"no task ended within {_RAY_S:.0f} s", "missing", _ray_remedy(address))
     if process.returncode:
         found = (err.strip().splitlines() or [f"exit code {process.returncode}"])[-1]
-        return Finding(name, found, needed_for, "missing", _ray_remedy(address))
+        return Found(found, "missing", _ray_remedy(address))
     cpus, threads = out.split()[-2:]
     found = f"{version('ray')}, {address}: {cpus} CPUs, a task has {threads} thread"
     if threads != "1":
-        return Finding(name, f"{found}s", needed_for, "weak", "unset NUMBA_NUM_THREADS")
-    return Finding(name, found, needed_for)
+        return Found(f"{found}s", "weak", "unset NUMBA_NUM_THREADS")
+    return Found(found)
 
 
-def sumo(needed: bool) -> Finding:
+def sumo(needed: bool) -> Found:
     """Eclipse SUMO: its library, and the program that generates towns."""
     from lidarplace.scenes.sumo.town import sumo_home
 
-    name, needed_for = "SUMO", "simulated traffic (scene.source: sumo)"
     missing: State = "missing" if needed else "optional"
     remedy = _install([_text(requirement) for requirement in _requirements("sumo")])
     try:
         program = sumo_home() / "bin" / "netgenerate"
     except ImportError as error:
-        return Finding(name, f"{error.__cause__ or error}", needed_for, missing, remedy)
+        return Found(f"{error.__cause__ or error}", missing, remedy)
     try:
         done = subprocess.run(
             [program, "--version"], capture_output=True, text=True, timeout=60, check=True
         )
     except (OSError, subprocess.SubprocessError) as error:
-        return Finding(name, f"{program}: {error}", needed_for, missing, f"{remedy} --force")
-    return Finding(name, done.stdout.splitlines()[0].strip(), needed_for)
+        return Found(f"{program}: {error}", missing, f"{remedy} --force")
+    return Found(done.stdout.splitlines()[0].strip())
 
 
-def disk(folder: Path, what: str, cleaned: str) -> Finding:
+def disk(folder: Path, cleaned: str) -> Found:
     """Space, inodes and the right to write where results lie.
 
     Args:
         cleaned: the argument with which `sweeps.clean` makes room.
     """
-    name, needed_for = f"disk: {what}", f"results in {folder}"
     existing = _existing(folder)
     try:
         with tempfile.TemporaryFile(dir=existing):
             pass
     except OSError as error:
-        found = f"{existing}: {error.strerror}"
-        return Finding(name, found, needed_for, "missing", "name another output in the file")
+        return Found(f"{existing}: {error.strerror}", "missing", "name another output in the file")
     free = shutil.disk_usage(existing).free
     inodes = os.statvfs(existing)
     found = f"{free / _GB:,.0f} GB free"
@@ -202,41 +180,39 @@ def disk(folder: Path, what: str, cleaned: str) -> Finding:
     if free < _GB or (inodes.f_files and inodes.f_favail < 5_000):
         state = "missing"
     if state == "good":
-        return Finding(name, found, needed_for)
+        return Found(found)
     clean = command("sweeps.clean", cleaned)
-    return Finding(name, found, needed_for, state, f"{clean}, or another output in the file")
+    return Found(found, state, f"{clean}, or another output in the file")
 
 
-def memory() -> Finding:
+def memory() -> Found:
     """RAM against the number of CPUs, each of which runs a task."""
     total, available, cpus = *_memory(), os.cpu_count() or 1
     found = f"{total / _GB:.0f} GB, {available / _GB:.0f} GB free, {cpus} CPUs"
-    needed_for = "a training on every CPU, some 2 GB each"
     fitting = int(available / _GB / 2)
     if fitting >= cpus:
-        return Finding("memory", found, needed_for)
+        return Found(found)
     remedy = f"--set ray.num_cpus={max(1, fitting)}"
-    return Finding("memory", found, needed_for, "weak" if fitting else "missing", remedy)
+    return Found(found, "weak" if fitting else "missing", remedy)
 
 
-def shared_memory() -> Finding:
+def shared_memory() -> Found:
     """/dev/shm, where Ray keeps its objects; a sweep's results go through files."""
-    name, needed_for = "shared memory", "Ray's object store, 0.1 GB or more"
     free = shutil.disk_usage("/dev/shm").free
     state: State = "good" if free >= 0.1 * _GB else "weak"
     remedy = "" if state == "good" else "mount -o remount,size=2G /dev/shm (docker: --shm-size=2g)"
-    return Finding(name, f"{free / _GB:.1f} GB free in /dev/shm", needed_for, state, remedy)
+    return Found(f"{free / _GB:.1f} GB free in /dev/shm", state, remedy)
 
 
-def mlflow(uri: str) -> Finding:
+def mlflow(uri: str) -> Found:
     """MLflow's database can be made, or its server answers. Asks only a server that is named."""
     from tracking.mlflow.uri import absolute_uri, is_server, sqlite_file
 
-    name, needed_for, shown = "MLflow", "logging of trials", public_url(uri)
+    shown = public_url(uri)
     try:
         absolute = absolute_uri(uri)
     except ValueError as error:
-        return Finding(name, str(error), needed_for, "missing", "mend tracking.uri in the file")
+        return Found(str(error), "missing", "mend tracking.uri in the file")
     if is_server(uri):
         import requests  # as MLflow does: it sends the user and the password of the address
 
@@ -248,17 +224,15 @@ def mlflow(uri: str) -> Finding:
             found = f"{shown}: {hide_secrets(reason(error), uri)}"
         else:
             if answer.ok:
-                return Finding(name, f"{shown} answers", needed_for)
+                return Found(f"{shown} answers")
             found = f"{shown}: HTTP {answer.status_code}"
-        return Finding(name, found, needed_for, "missing", "start the server, or mend tracking.uri")
+        return Found(found, "missing", "start the server, or mend tracking.uri")
     file = sqlite_file(absolute)
     if file is not None:
         folder = _existing(file.parent)
         if os.access(folder, os.W_OK) and (not file.exists() or os.access(file, os.W_OK)):
-            return Finding(name, f"{shown}{'' if file.exists() else ', made at need'}", needed_for)
-        return Finding(
-            name, f"{file} cannot be written", needed_for, "missing", f"chmod u+w {folder}"
-        )
+            return Found(f"{shown}{'' if file.exists() else ', made at need'}")
+        return Found(f"{file} cannot be written", "missing", f"chmod u+w {folder}")
     import sqlalchemy
 
     try:
@@ -267,28 +241,24 @@ def mlflow(uri: str) -> Finding:
         ).connect().close()
     except ImportError as error:
         package = "psycopg2-binary" if "psycopg2" in str(error) else error.name or "its driver"
-        return Finding(name, f"{shown}: {error}", needed_for, "missing", _install([package]))
+        return Found(f"{shown}: {error}", "missing", _install([package]))
     except sqlalchemy.exc.SQLAlchemyError as error:
         found = f"{shown}: {hide_secrets(str(error).splitlines()[0], uri)}"
-        return Finding(
-            name, found, needed_for, "missing", "start the database, or mend tracking.uri"
-        )
-    return Finding(name, f"{shown} answers", needed_for)
+        return Found(found, "missing", "start the database, or mend tracking.uri")
+    return Found(f"{shown} answers")
 
 
-def remote_store(url: str) -> Finding:
+def remote_store(url: str) -> Found:
     """The store at a URL can be written. Asks the server that the configuration names."""
     import fsspec
 
-    name, needed_for = "store", f"results in {public_url(url)}"
     try:
         filesystem, root = fsspec.core.url_to_fs(url)
     except ImportError as error:
         package = getattr(error.__cause__, "name", None)
-        return Finding(name, str(error), needed_for, "missing", _install([str(package)]))
+        return Found(str(error), "missing", _install([str(package)]))
     except ValueError as error:
-        found = hide_secrets(str(error), url)
-        return Finding(name, found, needed_for, "missing", "mend store.url in the file")
+        return Found(hide_secrets(str(error), url), "missing", "mend store.url in the file")
     probe = f"{root}/.doctor-{platform.node()}-{os.getpid()}"
     try:
         filesystem.makedirs(root, exist_ok=True)
@@ -296,8 +266,8 @@ def remote_store(url: str) -> Finding:
         filesystem.rm_file(probe)
     except Exception as error:  # every kind of store has its own errors
         found = hide_secrets(f"cannot be written: {type(error).__name__}: {error}", url)
-        return Finding(name, found, needed_for, "missing", "mend store.url or its credentials")
-    return Finding(name, "can be written", needed_for)
+        return Found(found, "missing", "mend store.url or its credentials")
+    return Found("can be written")
 
 
 def _requirements(extra: str | None, package: str = "lidarplace") -> list[Requirement]:

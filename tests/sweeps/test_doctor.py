@@ -16,8 +16,9 @@ import pytest
 from typer.testing import CliRunner
 
 from sweeps import doctor
+from sweeps.doctor import Finding
 from sweeps.execution import checks
-from sweeps.execution.checks import Finding
+from sweeps.execution.checks import Found
 
 ROOT = Path(__file__).parents[2]
 Usage = namedtuple("Usage", "total used free")
@@ -69,7 +70,7 @@ def test_a_missing_and_an_old_package(monkeypatch):
         return "1.0" if name == "numpy" else "999"
 
     monkeypatch.setattr(checks, "version", version)
-    found = checks.packages(None, "packages", "everything", needed=True)
+    found = checks.packages(None, needed=True)
     assert found.state == "missing"
     assert "numba is missing" in found.found
     assert "numpy 1.0, needed >=2.0" in found.found
@@ -84,8 +85,8 @@ def test_an_extra_that_nobody_asked_for(monkeypatch):
         raise PackageNotFoundError(name)
 
     monkeypatch.setattr(checks, "version", version)
-    assert checks.packages("carla", "CARLA client", "x", needed=False).state == "optional"
-    assert checks.packages("carla", "CARLA client", "x", needed=True).state == "missing"
+    assert checks.packages("carla", needed=False).state == "optional"
+    assert checks.packages("carla", needed=True).state == "missing"
 
 
 def test_the_extra_of_a_package_counts(monkeypatch):
@@ -95,7 +96,7 @@ def test_the_extra_of_a_package_counts(monkeypatch):
     }
     monkeypatch.setattr(checks, "requires", lines.get)
     monkeypatch.setattr(checks, "version", lambda name: "2.60")
-    found = checks.packages("cluster", "Ray client", "x", needed=True)
+    found = checks.packages("cluster", needed=True)
     assert found.found == "ray 2.60, grpcio 2.60"
 
 
@@ -133,7 +134,7 @@ def test_a_machine_without_sumo(monkeypatch):
 @pytest.mark.parametrize(("free", "state"), [(5e8, "missing"), (5e9, "weak"), (5e11, "good")])
 def test_a_disk(monkeypatch, tmp_path, free, state):
     monkeypatch.setattr("shutil.disk_usage", lambda path: Usage(1e12, 1e12 - free, free))
-    found = checks.disk(tmp_path / "runs", "output", "my grid.yaml")
+    found = checks.disk(tmp_path / "runs", "my grid.yaml")
     assert found.state == state
     clean = "python -m sweeps.clean 'my grid.yaml', or another output in the file"
     assert found.remedy == ("" if state == "good" else clean)
@@ -145,7 +146,7 @@ def test_a_folder_that_cannot_be_written(monkeypatch, tmp_path):
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr("tempfile.TemporaryFile", refuse)
-    found = checks.disk(tmp_path / "runs", "output", "grid.yaml")
+    found = checks.disk(tmp_path / "runs", "grid.yaml")
     assert (found.state, found.found) == ("missing", f"{tmp_path}: Permission denied")
 
 
@@ -237,7 +238,7 @@ def test_one_failing_check_does_not_stop_the_others(monkeypatch):
         raise OSError("no such thing")
 
     monkeypatch.setattr(checks, "memory", broken)
-    monkeypatch.setattr(checks, "ray", lambda address: Finding("Ray", "there", "x"))
+    monkeypatch.setattr(checks, "ray", lambda address: Found("there"))
     found = {finding.check: finding for finding in doctor.look(doctor.Asked())}
     assert found["memory"].state == "missing"
     assert found["memory"].found == "OSError: no such thing"

@@ -8,7 +8,6 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from threading import Condition, Event, Lock, Thread
-from types import TracebackType
 from typing import TypeVar
 
 from lidarplace.files.secret_urls import hide_secrets, public_url
@@ -115,12 +114,7 @@ class SweepLog:
             raise ValueError(hide_secrets(str(self._mistake), self._uri))
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         status, patience_s = "FINISHED", self._patience_s
         if kind is not None or self._broken is not None:
             status = "FAILED"

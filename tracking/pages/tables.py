@@ -44,6 +44,8 @@ def numbers(head: str, key: str, form: str | Callable[[float], str]) -> Column:
     return Column(head, lambda row: show(row[key]))
 
 
+PERCENT = dict.fromkeys(("mean", "sd", "low", "high"), "%")
+"""Units of what means over seeds have."""
 METRIC = Column("metric", lambda row: metric_label(row["metric"], row["iou"]), words=True)
 SURROGATE = words("surrogate", show=surrogate_name)
 
@@ -74,9 +76,19 @@ class Table:
 
     @classmethod
     def of(
-        cls, caption: str, rows: pd.DataFrame, columns: Sequence[Column], **further: Any
+        cls,
+        caption: str,
+        rows: pd.DataFrame,
+        columns: Sequence[Column],
+        units: Mapping[str, str] | None = None,
+        **further: Any,
     ) -> Table:
-        """A row for every one of `rows`; `further` attributes as they are."""
+        """A row for every one of `rows`; `further` attributes as they are.
+
+        The CSV file, if it has a `name`, holds `rows` where there are no `data`, with `units`.
+        """
+        if "name" in further:
+            further["data"] = with_units(further.get("data", rows), units or {})
         return cls(
             caption,
             tuple(column.head for column in columns),
@@ -94,6 +106,11 @@ class Table:
         )
         best = frozenset(cell for cell in self.best if cell[0] < most)
         return replace(self, caption=caption, rows=self.rows[:most], best=best)
+
+
+def with_units(data: pd.DataFrame, units: Mapping[str, str]) -> pd.DataFrame:
+    """`data` with units in brackets behind the names of columns."""
+    return data.rename(columns={name: f"{name} ({unit})" for name, unit in units.items()})
 
 
 def slug(*words: str) -> str:

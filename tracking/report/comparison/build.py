@@ -29,10 +29,12 @@ from tracking.pages.section import Section
 from tracking.pages.tables import (
     METRIC,
     MOST_ROWS,
+    PERCENT,
     SURROGATE,
     Table,
     numbers,
     slug,
+    with_units,
     words,
 )
 from tracking.report.cautions import cautions
@@ -204,13 +206,12 @@ def _results(found: Sequence[Variant], same: list[str]) -> Section:
                 own[["mean", "low", "high", "seeds"]].assign(variant=title).reset_index()
                 for title, own in columns.items()
             )
-            percent = {key: f"{key} (%)" for key in ("mean", "low", "high")}
             table = Table(
                 f"{heading} (%)",
                 ("placement", *columns),
                 rows,
                 name=slug("results", heading),
-                data=data.rename(columns=percent),
+                data=with_units(data, PERCENT),
             )
             section.tables.append(table.first(MOST_ROWS))
     return section
@@ -282,7 +283,6 @@ def _ranks(found: Sequence[Variant], same: list[str]) -> Section:
             columns,
             wide=True,
             name="rank-agreement",
-            data=data,
         )
         section.tables.append(table.first(2 * MOST_ROWS))
     return section

@@ -50,7 +50,7 @@ def pooled_table(runs: Sequence[RunFolder]) -> Table | None:
         numbers("ρ within sweeps", "pooled_spearman", signed),
     ]
     caption = "Pooled over sweeps, the level of each removed"
-    return Table.of(caption, data, shown, name="pooled", data=data)
+    return Table.of(caption, data, shown, name="pooled")
 
 
 def _pairs(run: RunFolder, sweep: int) -> pd.DataFrame:

@@ -65,13 +65,7 @@ def accuracy_table(summary: pd.DataFrame, title: str) -> Table:
         columns,
         wide=True,
         name=slug("surrogate accuracy", title),
-        data=summary.rename(
-            columns={
-                "resolution": "resolution (m)",
-                "seconds": "seconds (s)",
-                "pog_seconds": "pog_seconds (s)",
-            }
-        ),
+        units={"resolution": "m", "seconds": "s", "pog_seconds": "s"},
     )
 
 

@@ -111,7 +111,6 @@ def correlation_table(correlations: pd.DataFrame, axes: Sequence[str]) -> Table:
         columns,
         wide=True,
         name="coefficients",
-        data=correlations,
     )
 
 

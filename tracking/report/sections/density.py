@@ -17,7 +17,7 @@ from tracking.kitti_iou import headline_iou, judged
 from tracking.labels import metric_label
 from tracking.numbers import plus_minus, points
 from tracking.pages.section import Section
-from tracking.pages.tables import MOST_ROWS, Table, slug
+from tracking.pages.tables import MOST_ROWS, PERCENT, Table, slug, with_units
 from tracking.report.headline import class_label
 from tracking.report.sections.published_surrogates import published_density_table
 from tracking.report.sections.surrogates_beside import surrogates_beside
@@ -110,13 +110,12 @@ def _metric_table(means: pd.DataFrame, densities: list[object], caption: str) ->
         rows.append((name, *(plus_minus(c["mean"], c["sd"]) for c in cells), points(change)))
     head = ("placement", *(f"density {density}" for density in densities), "change (points)")
     columns = ["placement", "detector", DENSITY, "mean", "sd", "low", "high", "seeds"]
-    percent = {key: f"{key} (%)" for key in ("mean", "sd", "low", "high")}
     return Table(
         caption,
         head,
         tuple(rows),
         name=slug("density", caption),
-        data=means[columns].rename(columns=percent),
+        data=with_units(means[columns], PERCENT),
     ).first(MOST_ROWS)
 
 

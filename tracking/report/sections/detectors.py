@@ -16,7 +16,7 @@ from tracking.kitti_iou import headline_iou, judged
 from tracking.labels import metric_label, setting_label
 from tracking.numbers import plus_minus
 from tracking.pages.section import Section
-from tracking.pages.tables import METRIC, Column, Table, numbers, slug, words
+from tracking.pages.tables import METRIC, PERCENT, Column, Table, numbers, slug, with_units, words
 from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
 
@@ -75,7 +75,6 @@ def _layout(
         if rows:
             name = class_label(object_class)
             label = metric_label(metric, iou)
-            percent = {key: f"{key} (%)" for key in ("mean", "sd", "low", "high")}
             tables.append(
                 Table(
                     f"{name} · {label} (%)",
@@ -83,7 +82,7 @@ def _layout(
                     tuple(rows),
                     frozenset(best),
                     name=slug("layout", object_class, label),
-                    data=pd.DataFrame(data).rename(columns=percent),
+                    data=with_units(pd.DataFrame(data), PERCENT),
                 )
             )
     return tables
@@ -144,12 +143,11 @@ def _sensitivity_table(spreads: pd.DataFrame, run: RunFolder) -> Table:
             lambda row: "–" if np.isnan(row["relative"]) else f"{100 * row['relative']:.0f} %",
         ),
     ]
-    units = {"mean": "mean (%)", "spread": "spread (points)", "by_chance": "by_chance (points)"}
     return Table.of(
         "Sensitivity to the placement",
         spreads,
         columns,
         wide=True,
         name="sensitivity",
-        data=spreads.rename(columns=units),
+        units={"mean": "%", "spread": "points", "by_chance": "points"},
     )

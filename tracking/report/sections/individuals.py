@@ -49,7 +49,6 @@ def individuals_table(individuals: pd.DataFrame, title: str) -> Table:
         counts,
         columns,
         name=slug("individuals", title),
-        data=counts,
     )
 
 

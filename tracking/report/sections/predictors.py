@@ -200,7 +200,7 @@ def _power_table(correlations: pd.DataFrame) -> Table:
         "Smallest correlation that a test finds with a probability of 80 %, metrics as reliable as "
         f"here ({reliability:.2f})"
     )
-    return Table.of(caption, table, columns, name="power", data=table)
+    return Table.of(caption, table, columns, name="power")
 
 
 def _detectable(key: str, row: Mapping[Any, Any]) -> str:
@@ -237,14 +237,14 @@ def _ranking_table(run: RunFolder, found: Sequence[Predictors], errors: pd.DataF
         numbers("left-out error (points)", "rmse", ".2f"),
         numbers("of the mean (points)", "rmse_of_mean", ".2f"),
     ]
-    points = {key: f"{key} (points)" for key in ("rmse", "rmse_of_mean")}
     return Table.of(
         "Surrogates of each class, the strongest first",
         table[headline & (table["same_as"] == "")],
         columns,
         wide=True,
         name="predictors",
-        data=table.rename(columns=points),
+        data=table,
+        units=dict.fromkeys(("rmse", "rmse_of_mean"), "points"),
     )
 
 

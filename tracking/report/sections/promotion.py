@@ -100,7 +100,8 @@ def _rungs(costs: pd.DataFrame, title: str) -> Table:
         costs.assign(stage=names),
         columns,
         name=slug("promotion stages", title),
-        data=costs.rename(columns={k: f"{k} (s)" for k in ("seconds", "seconds_each")}),
+        data=costs,
+        units=dict.fromkeys(("seconds", "seconds_each"), "s"),
     )
 
 
@@ -139,7 +140,6 @@ def _agreement(pairs: pd.DataFrame, title: str) -> Table:
         pairs,
         columns,
         name=slug("promotion agreement", title),
-        data=pairs,
     )
 
 
@@ -189,8 +189,8 @@ def _savings(saved: pd.DataFrame) -> Table:
         *(numbers(head, key, _seconds) for key, head in seconds.items()),
         Column("saved (%)", lambda row: _seconds(round(100 * row["saved"] / row["without"], 0))),
     ]
-    data = saved.rename(columns={key: f"{key} (s)" for key in seconds})
-    return Table.of("What promotion saved", saved, columns, name="promotion-saved", data=data)
+    units = dict.fromkeys(seconds, "s")
+    return Table.of("What promotion saved", saved, columns, name="promotion-saved", units=units)
 
 
 def _numbered(number: int, name: str) -> str:

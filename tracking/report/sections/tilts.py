@@ -113,16 +113,16 @@ def _table(differences: pd.DataFrame, found: list[Group]) -> Table:
         ),
         *(numbers(f"{surrogate_name(name)} (% change)", name, points) for name in known),
     ]
-    units = {key: f"{key} (%)" for key in ("upright", "tilted")}
-    units |= {key: f"{key} (points)" for key in ("difference", "low", "high")}
-    units |= {name: f"{name} (% change)" for name in known}
+    units = dict.fromkeys(("upright", "tilted"), "%")
+    units |= dict.fromkeys(("difference", "low", "high"), "points")
+    units |= dict.fromkeys(known, "% change")
     return Table.of(
         "Tilted less upright, 95 % intervals in brackets; S-MIG is negative, so a fall is minus",
         differences,
         columns,
         wide=True,
         name="roll-and-pitch",
-        data=differences.rename(columns=units),
+        units=units,
     )
 
 

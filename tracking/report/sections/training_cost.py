@@ -75,6 +75,5 @@ def training_cost_table(summary: pd.DataFrame, axes: Sequence[str], title: str) 
         Column("Kendall τ", tau),
     ]
     caption = f"Means over placements and seeds, rank agreement of the placements · {title}"
-    units = {"seconds": "seconds (s)", "ap": "ap (%)", "error": "error (points)"}
-    data = summary.rename(columns=units)
-    return Table.of(caption, summary, columns, name=slug("training cost", title), data=data)
+    units = {"seconds": "s", "ap": "%", "error": "points"}
+    return Table.of(caption, summary, columns, name=slug("training cost", title), units=units)

@@ -89,13 +89,12 @@ def efficiency_table(efficiency: pd.DataFrame, cores: int) -> Table:
         numbers("overhead a task (ms)", "overhead", _milliseconds),
         numbers("peak memory (MB)", "peak_memory", lambda size: digits(size / 1e6, ",.0f")),
     ]
-    units = {"task_seconds": "s", "wall": "s", "overhead": "s", "peak_memory": "bytes"}
     return Table.of(
         f"Parallel efficiency on {cores} cores",
         efficiency,
         columns,
         name="efficiency",
-        data=efficiency.rename(columns={key: f"{key} ({unit})" for key, unit in units.items()}),
+        units={"task_seconds": "s", "wall": "s", "overhead": "s", "peak_memory": "bytes"},
     )
 
 
