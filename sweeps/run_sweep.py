@@ -219,8 +219,8 @@ def _print_summary(console: Console, folder: Path) -> None:
     title = f"{folder.name}: best placement first, {what}"
     console.print(table(title, list(summary.columns), rows))
     said = ray_counting_caution(largest_linear_share(run.surrogates))
-    if said:
-        console.print(f"warning: {said}", style="yellow", soft_wrap=True)
+    for text in [*([said] if said else []), *run.sweep.cautions]:
+        console.print(f"warning: {text}", style="yellow", soft_wrap=True)
 
 
 def _short(value: object) -> str:

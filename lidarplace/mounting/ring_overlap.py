@@ -4,7 +4,7 @@ one of them does."""
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,10 @@ TOP_M = 1.6
 
 CELL_M = 0.05
 """Rings nearer than this on a strip are one."""
+
+
+LEAST_GAIN = 0.1
+"""Of redundancy: pitches that free less are not worth a word."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,43 @@ def rings(placement: Placement) -> Rings:
         [_cells(m, lidar) for m, lidar in zip(placement.mounts, placement.lidars, strict=True)]
     )
     return Rings(int(met.any(axis=0).sum()), int(met.sum()))
+
+
+@dataclass(frozen=True)
+class Interleaving:
+    """A rig whose LiDARs are pitched until their rings lie between each other.
+
+    Attributes:
+        placement: the rig, pitched.
+        pitches: what was added to the pitch of each mount, radians.
+        before, after: redundancy of the rings.
+    """
+
+    placement: Placement
+    pitches: tuple[float, ...]
+    before: float
+    after: float
+
+
+def interleaving(placement: Placement) -> Interleaving | None:
+    """Pitches that lay rings between each other, None where that frees less than `LEAST_GAIN`.
+
+    N LiDARs are pitched by even parts of the gap between two beams, -(N - 1)/2N to (N - 1)/2N of
+    it, in the order of the mounts.
+    """
+    number = len(placement.mounts)
+    gaps = [np.diff(np.sort(lidar.elevations)) for lidar in placement.lidars]
+    gap = float(np.median(np.concatenate(gaps))) if any(map(len, gaps)) else 0.0
+    pitches = tuple((i - (number - 1) / 2) / number * gap for i in range(number))
+    mounts = [
+        replace(mount, pitch=mount.pitch + pitch)
+        for mount, pitch in zip(placement.mounts, pitches, strict=True)
+    ]
+    pitched = replace(placement, mounts=mounts)
+    before, after = rings(placement).redundancy, rings(pitched).redundancy
+    if before - after < LEAST_GAIN:
+        return None
+    return Interleaving(pitched, pitches, before, after)
 
 
 def _cells(mount: Mount, lidar: Lidar) -> NDArray[np.bool_]:

@@ -18,6 +18,7 @@ from lidarplace.lidar.collect import crop_for
 from lidarplace.lidar.profiles import with_tilt_in_degrees
 from lidarplace.lidar.recorded import check_rig, clouds_digest
 from lidarplace.mounting.random_rigs import random_rigs
+from lidarplace.mounting.ring_overlap import Interleaving, interleaving
 from lidarplace.scenes.kinds import scene_parts
 from lidarplace.scenes.parts import ScenePart
 from lidarplace.scenes.recorded import LogScene
@@ -66,6 +67,8 @@ class Trial:
         accuracy, sampling_error: None if they are not asked for, or of other placements.
         finetune, evaluate: the training whose weights tell of the placement, which is shared where
             a generalist does; None without a detector.
+        interleaving: how its rings would lie between each other, where they coincide.
+        evaluate_interleaved: of that rig, where a generalist judges.
     """
 
     grid_point: GridPoint
@@ -80,6 +83,8 @@ class Trial:
     sampling_error: Task | None
     finetune: Task | None
     evaluate: Task | None
+    interleaving: Interleaving | None
+    evaluate_interleaved: Task | None
 
     @cached_property
     def key(self) -> str:
@@ -91,7 +96,8 @@ class Trial:
     @cached_property
     def results(self) -> tuple[Task, ...]:
         """The tasks whose results the trial reports."""
-        further = (self.accuracy, self.sampling_error, self.finetune, self.evaluate)
+        detected = (self.finetune, self.evaluate, self.evaluate_interleaved)
+        further = (self.accuracy, self.sampling_error, *detected)
         return (self.pog, self.surrogates, *filter(None, further))
 
 
@@ -153,6 +159,7 @@ class _Builder:
         self._digest_of = cache(clouds_digest)
         self._checkpoint_digest = cache(_checkpoint_digest)
         self._random_rigs = cache(random_rigs)
+        self._interleaving = cache(interleaving)
 
     def _once(self, task: Task) -> Task:
         return self.tasks.setdefault(task.key, task)
@@ -176,6 +183,7 @@ class _Builder:
             grid_point=grid_point,
             label=_trial_label(point, grid_point.axes),
             scene_label=_label(grid_point, scenes[0].uses),
+            interleaving=self._interleaving(rig),
             scenes=tuple(scenes),
             **self._surrogates(grid_point, rig, for_pog),
             **self._detection(grid_point, rig, parts, scenes),
@@ -247,7 +255,13 @@ class _Builder:
         """Tasks that a detector needs."""
         point = grid_point.point
         if point.detector is None:
-            return {"ground_truths": (), "collect_test": (), "finetune": None, "evaluate": None}
+            return {
+                "ground_truths": (),
+                "collect_test": (),
+                "finetune": None,
+                "evaluate": None,
+                "evaluate_interleaved": None,
+            }
         # Without the resolution, which has no part in the ground truth.
         roi, settings = point.roi, point.training
         edges = GroundTruthParams(roi.x, roi.y, roi.z, point.scene.seed)
@@ -290,12 +304,19 @@ class _Builder:
             finetune = self._once(
                 Task("finetune", label, training, inputs, gpu=True, resumable=True)
             )
+        pitched = None
+        better = self._interleaving(rig) if point.judge == "generalist" else None
+        if better is not None:
+            inputs = (finetune, *collected("test", better.placement, "pitched"), *truths["test"])
+            name = f"{label} · pitched"
+            pitched = self._once(Task("evaluate", name, network, inputs, gpu=True))
         inputs = (finetune, *test, *truths["test"])
         return {
             "ground_truths": tuple(dict.fromkeys(truths["train"] + truths["test"])),
             "collect_test": tuple(test),
             "finetune": finetune,
             "evaluate": self._once(Task("evaluate", label, network, inputs, gpu=True)),
+            "evaluate_interleaved": pitched,
         }
 
     def _generalist(

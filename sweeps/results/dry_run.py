@@ -12,6 +12,7 @@ from lidarplace.command_line.terminal import table
 from sweeps.configuration.grid import Sweep
 from sweeps.plan.plan import Plan
 from sweeps.results.promotion import at_most
+from sweeps.results.rig_cautions import rig_cautions
 from sweeps.store.open import AnyStore
 
 
@@ -25,6 +26,7 @@ class Planned:
         rungs: by, keep and set of each.
         scenes: scene, and its frames of each split.
         trials: key, label and whether it is cached, in the order of the grid.
+        cautions: what is to be known of the rigs.
     """
 
     name: str
@@ -32,6 +34,7 @@ class Planned:
     rungs: list[dict[str, Any]]
     scenes: list[dict[str, Any]]
     trials: list[dict[str, Any]]
+    cautions: list[str]
 
 
 def planned(sweep: Sweep, plan: Plan, store: AnyStore) -> Planned:
@@ -60,6 +63,7 @@ def planned(sweep: Sweep, plan: Plan, store: AnyStore) -> Planned:
             }
             for trial in plan.trials
         ],
+        cautions=rig_cautions(plan, store),
     )
 
 
@@ -87,3 +91,5 @@ def print_planned(console: Console, shown: Planned) -> None:
     for trial in shown.trials:
         cached = "  (cached)" if trial["cached"] else ""
         console.print(f"trial {trial['key']}  {trial['label']}{cached}")
+    for caution in shown.cautions:
+        console.print(f"warning: {caution}", style="yellow", soft_wrap=True)

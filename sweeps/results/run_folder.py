@@ -20,6 +20,7 @@ from sweeps.execution.execute import Outcome
 from sweeps.plan.plan import Plan, Trial, further_axes
 from sweeps.results.pictures import drawn, maps, one_frame
 from sweeps.results.promotion import Promotion
+from sweeps.results.rig_cautions import rig_cautions
 from sweeps.results.trial_results import (
     axis_values,
     identity,
@@ -120,7 +121,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
         if tested:
             one_frame(shown, store).write(folder)
         pictured = axis_values(shown[0], [a for a in axes if a in surrogates.columns])
-    _about(sweep, Frames(**frames), run, pictured).write(folder)
+    _about(sweep, Frames(**frames), run, pictured, rig_cautions(plan, store)).write(folder)
 
 
 def trials_table(plan: Plan, store: AnyStore, run: Run, axes: Sequence[str]) -> pd.DataFrame:
@@ -217,7 +218,9 @@ def _tasks_table(tasks: Sequence[Task], store: AnyStore, run: Run) -> pd.DataFra
     return pd.DataFrame(rows)
 
 
-def _about(sweep: Sweep, frames: Frames, run: Run, pictured: Mapping[str, Any]) -> SweepResult:
+def _about(
+    sweep: Sweep, frames: Frames, run: Run, pictured: Mapping[str, Any], cautions: list[str]
+) -> SweepResult:
     first = sweep.points[0].point
     placements = {}
     for grid_point in sweep.points:
@@ -233,6 +236,7 @@ def _about(sweep: Sweep, frames: Frames, run: Run, pictured: Mapping[str, Any]) 
         classes=first.classes,
         roi=first.voxel_roi(),
         frames=frames,
+        cautions=cautions,
         promote=[Rung.model_validate(rung) for rung in rungs],
         tracking_uri=public_url(absolute_uri(sweep.common.tracking_uri)),
         cores=run.cores,

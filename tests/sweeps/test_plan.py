@@ -11,6 +11,7 @@ from lidarplace.boxes import BOX_COLUMNS, GEOMETRY
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import make_plan
+from sweeps.results.rig_cautions import rig_cautions
 from training import build_detector
 from training.checkpoints import write_checkpoint
 
@@ -295,3 +296,43 @@ def test_a_generalist_s_rigs_can_be_named_but_not_judged(tmp_path):
 def test_clouds_that_are_merged_awry_have_no_generalist(tmp_path):
     with pytest.raises(ConfigError, match=r"judge: generalist: lidar\.misaligned_heights"):
         plan_of(tmp_path, judge="generalist", lidar={"misaligned_heights": True})
+
+
+def test_a_rig_whose_rings_coincide_is_told_how_they_would_not(tmp_path):
+    grid = {"placement": ["line", "center"], "judge": ["generalist", "specialist"]}
+    plan = plan_of(tmp_path, generalist=FEW, grid=grid)
+    line = [t for t in plan.trials if t.grid_point.point.placement == "line"]
+    center = [t for t in plan.trials if t.grid_point.point.placement == "center"]
+    assert all(trial.interleaving is None for trial in center)
+    found = line[0].interleaving
+    assert [round(math.degrees(pitch), 9) for pitch in found.pitches] == [-0.75, -0.25, 0.25, 0.75]
+    assert found.after < found.before - 0.1
+    (pitched,) = [t.evaluate_interleaved for t in plan.trials if t.evaluate_interleaved]
+    assert pitched.inputs[0] == line[0].evaluate.inputs[0]  # the same generalist judges both
+    own = [task.params.placement for task in pitched.inputs if task.stage == "collect"]
+    assert {rig.mounts for rig in own} == {found.placement.mounts}
+
+
+class Empty:
+    """A store that has nothing."""
+
+    def has(self, task):
+        return False
+
+
+def test_cautions_name_rigs_beyond_what_the_generalist_has_seen(tmp_path):
+    high = {"high": {"mounts": [{"x": 0, "y": y, "z": 2.2} for y in (-0.6, -0.2, 0.2, 0.6)]}}
+    named = {f"p{z}": {"mounts": [{"x": 0, "y": y, "z": z} for y in range(4)]} for z in (1, 2)}
+    plan = plan_of(
+        tmp_path,
+        placements=high | named,
+        placement="high",
+        judge="generalist",
+        generalist={"rigs": list(named)},
+    )
+    coincide, outside = rig_cautions(plan, Empty())
+    assert coincide.startswith("high: ")
+    assert "pitches of −0.75, −0.25, +0.25, +0.75 degrees" in coincide
+    assert outside == (
+        "high is outside of the rigs that the generalist has seen: y by 0.60 m, z by 0.20 m."
+    )

@@ -288,11 +288,11 @@ def test_without_a_detector_nothing_is_trained(log):
         ),
         (
             [{"by": "recall", "keep": 1, "set": {"lidar.beams": 1}}],
-            r"promote\[0\].set.lidar.beams: allowed are keys of training",
+            r"promote\[0\].set.lidar.beams: allowed are judge and keys of training",
         ),
         (
             [{"by": "recall", "keep": 1, "set": {"training": {"epochs": 1}}}],
-            r"promote\[0\].set.training: allowed are keys of training",
+            r"promote\[0\].set.training: allowed are judge and keys of training",
         ),
     ],
 )

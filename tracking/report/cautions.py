@@ -44,7 +44,8 @@ def cautions(run: RunFolder, means: pd.DataFrame) -> list[str]:
         detectors = (run.trials["detector"] != "").any()
         reason = "no detector was evaluated" if detectors else "the sweep has no detector"
         alone = f"There are no results: {reason}. Surrogates alone do not tell AP."
-        return [*failed, alone, *_few_pog_frames(run), *_counted_rays(run)]
+        weak = [*_few_pog_frames(run), *_counted_rays(run)]
+        return [*failed, alone, *weak, *run.sweep.cautions]
     return [
         *failed,
         *_missing(run),
@@ -57,6 +58,7 @@ def cautions(run: RunFolder, means: pd.DataFrame) -> list[str]:
         *_learned_little(run, means),
         *_unconverged(run),
         *_counted_rays(run),
+        *run.sweep.cautions,
     ]
 
 

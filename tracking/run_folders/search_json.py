@@ -228,6 +228,8 @@ class SearchResult(ResultFile):
     """Share of each parameter in reaching good values (PED-ANOVA)."""
     stride: Stride | None
     """How rays were thinned, and the error of that; null where no objective fires rays."""
+    cautions: tuple[str, ...] = ()
+    """What is to be known of the best rig and of those that it began with."""
     linear_share: float | None = None
     """Of `expected_ig` of the best rig, see `lidarplace.surrogates.evaluate.linear_share`; the
     largest of the classes that the search weighs, null if it is no objective."""

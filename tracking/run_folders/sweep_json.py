@@ -52,6 +52,8 @@ class SweepResult(ResultFile):
     """The region of interest."""
     frames: Frames
     """How many there are of each split."""
+    cautions: tuple[str, ...] = ()
+    """What is to be known of its rigs."""
     promote: tuple[Rung, ...] = ()
     """What each rung ranked by, kept and set."""
     tracking_uri: str | None = None

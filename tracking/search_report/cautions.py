@@ -30,6 +30,7 @@ def cautions(run: SearchFolder) -> list[str]:
     if search.linear_share is not None:
         said = ray_counting_caution(search.linear_share)
         found += [said] if said else []
+    found += search.cautions
     failed = int((run.trials["state"] == "FAIL").sum())
     if failed:
         found.append(f"{failed:,} of {len(run.trials):,} trials failed.")

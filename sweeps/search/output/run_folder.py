@@ -23,10 +23,12 @@ from sweeps.search.judgement.found import Found
 from sweeps.search.judgement.winners import Judged, stride_error
 from sweeps.search.output.optuna_figures import importances, write_optuna_figures
 from sweeps.search.output.tables import greedy_table, trials_table
+from sweeps.search.output.terminal import coinciding_rings
 from sweeps.search.output.uncovered import maps
 from sweeps.search.problem.as_sweep import placement_settings, verify_settings
 from sweeps.search.problem.choice import Choices
 from sweeps.search.problem.problem import Problem
+from sweeps.search.problem.slots import rig_of
 from sweeps.search.trials.study import assessment_of, candidate_of, finished_trials, journal_path
 from sweeps.store.local import write_text
 from tracking.mlflow.uri import absolute_uri
@@ -176,6 +178,11 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> Sear
         rigs={name: _rig(own) for name, own in found.judged.items()},
         importance=importances(found.study) or None,
         stride=_stride(problem, found),
+        cautions=coinciding_rings(
+            {name: found.judged[name].rig for name in found.best[:1]}
+            | {name: rig_of(placed, problem.space) for name, placed in problem.start.items()},
+            problem,
+        ),
         linear_share=found.linear_share,
         tracking_uri=public_url(absolute_uri(file.tracking_uri)),
         versions={"python": platform.python_version()} | {n: version(n) for n in _VERSIONS},

@@ -8,14 +8,18 @@ from collections.abc import Mapping, Sequence
 from rich.console import Console
 
 from lidarplace.command_line.terminal import table
+from lidarplace.mounting.ring_overlap import interleaving
 from lidarplace.surrogates.table import SURROGATES
 from sweeps.configuration.search import ObjectiveSettings
+from sweeps.results.rig_cautions import coinciding
 from sweeps.search.judgement.found import Found
 from sweeps.search.judgement.winners import Judged
 from sweeps.search.output.tables import mount_columns
 from sweeps.search.problem.assess import Assessment
+from sweeps.search.problem.choice import Choices, placement_of
 from sweeps.search.problem.constraints import Constraint
 from sweeps.search.problem.problem import Problem
+from sweeps.search.problem.slots import rig_of
 from sweeps.search.trials.study import assessment_of, finished_trials
 from tracking.findings.ray_counting import ray_counting_caution
 
@@ -28,13 +32,22 @@ _TO_THE_LETTER = (
 
 def warnings_of(problem: Problem) -> list[str]:
     """What a user should know about this configuration."""
-    return [
+    contested = [
         _TO_THE_LETTER.format(name=objective.name)
         for objective in problem.file.search.objective
         if objective.by in SURROGATES
         and SURROGATES[objective.by].contested
         and objective.best == "maximize"
     ]
+    begun_with = {name: rig_of(placed, problem.space) for name, placed in problem.start.items()}
+    return contested + coinciding_rings(begun_with, problem)
+
+
+def coinciding_rings(rigs: Mapping[str, Choices], problem: Problem) -> list[str]:
+    """Of which of these rigs rings coincide, and how they would not."""
+    placements = {name: placement_of(rig, problem.models) for name, rig in rigs.items()}
+    found = {name: interleaving(placement) for name, placement in placements.items()}
+    return [coinciding(name, better) for name, better in found.items() if better is not None]
 
 
 def print_problem(console: Console, problem: Problem) -> None:
@@ -184,6 +197,7 @@ def print_found(console: Console, problem: Problem, found: Found) -> None:
     console.print(table("found_1, metres and degrees", list(mounts[0]), rows, words=("zone",)))
     for key, value in found.judged["found_1"].values_beside.items():
         console.print(f"{key}: {value}")
-    said = ray_counting_caution(found.linear_share or 0.0)
-    if said:
-        console.print(f"warning: {said}", style="yellow", soft_wrap=True)
+    caution = ray_counting_caution(found.linear_share or 0.0)
+    best = coinciding_rings({"found_1": found.judged["found_1"].rig}, problem)
+    for text in [*([caution] if caution else []), *best]:
+        console.print(f"warning: {text}", style="yellow", soft_wrap=True)

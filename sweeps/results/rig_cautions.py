@@ -1,0 +1,71 @@
+"""What is to be known of the rigs of a sweep, a plain sentence each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from lidarplace.metrics import headline_metric
+from lidarplace.mounting.random_rigs import outside
+from lidarplace.mounting.ring_overlap import Interleaving
+from sweeps.plan.plan import Plan, Trial
+from sweeps.results.trial_results import headline_value
+from sweeps.store.open import AnyStore
+from sweeps.tasks.parameters import CollectParams
+from tracking.numbers import digits
+
+
+def rig_cautions(plan: Plan, store: AnyStore) -> list[str]:
+    """Rings that coincide, with what a generalist says of others; rigs that it cannot know."""
+    by_rig: dict[str, list[Trial]] = {}
+    for trial in plan.trials:
+        by_rig.setdefault(trial.grid_point.point.placement, []).append(trial)
+    said = []
+    for name, trials in by_rig.items():
+        found = next((t.interleaving for t in trials if t.interleaving is not None), None)
+        if found is not None:
+            said.append(coinciding(name, found) + _gain(trials, store))
+    return [*said, *filter(None, (_outside(name, trials) for name, trials in by_rig.items()))]
+
+
+def coinciding(name: str, found: Interleaving) -> str:
+    """That the rings of a rig coincide, and how they would not."""
+    pitches = ", ".join(digits(math.degrees(pitch), "+.2f") for pitch in found.pitches)
+    return (
+        f"{name}: {100 * found.before:.0f} % of its rings coincide with those of another of its "
+        f"LiDARs; with pitches of {pitches} degrees more, {100 * found.after:.0f} % do."
+    )
+
+
+def _gain(trials: Sequence[Trial], store: AnyStore) -> str:
+    """What the generalist measures of the pitched rig, in comparison; "" if none judges."""
+    values: dict[str, list[float]] = {}
+    for trial in trials:
+        both = [trial.evaluate, trial.evaluate_interleaved]
+        if any(task is None or not store.has(task) for task in both):
+            continue
+        tables = [store.load(t, ("metrics",))["metrics"] for t in both if t is not None]
+        for object_class in (trial.grid_point.point.classes[0], "all"):
+            metric = headline_metric(object_class)
+            own, pitched = (headline_value(table, metric, object_class) for table in tables)
+            values.setdefault(f"{metric} of {object_class}", []).append(pitched - own)
+    told = [
+        f"{digits(math.fsum(gains) / len(gains), '+.1f')} in {what}"
+        for what, gains in values.items()
+        if not any(map(math.isnan, gains))
+    ]
+    return f" The generalist gives that rig {' and '.join(told)}." if told else ""
+
+
+def _outside(name: str, trials: Sequence[Trial]) -> str | None:
+    """By how much a rig is outside of what the generalist has seen."""
+    for trial in trials:
+        training = trial.finetune
+        if training is None or training.stage != "pretrain" or not trial.collect_test:
+            continue
+        seen = [t.params.placement for t in training.inputs if isinstance(t.params, CollectParams)]
+        own = trial.collect_test[0].params
+        beyond = outside(own.placement, seen) if isinstance(own, CollectParams) else None
+        if beyond is not None:
+            return f"{name} is outside of the rigs that the generalist has seen: {beyond}."
+    return None
