@@ -227,26 +227,23 @@ def versions(folder):
     }
 
 
-def changed_by(folder, path, old, new):
-    """Stages whose version changes if a file says `new` in place of `old`."""
-    before = versions(folder)
-    text = (folder / path).read_text()
-    assert text.count(old) == 1
-    (folder / path).write_text(text.replace(old, new))
-    after = versions(folder)
-    return {stage for stage in after if after[stage] != before[stage]}
+@pytest.fixture(scope="module")
+def before():
+    return versions(ROOT)
 
 
-def test_comments_and_docstrings_leave_all_stages_as_they_are(copied):
-    before = versions(copied)
+def test_a_copy_has_the_versions_of_its_original(copied, before):
+    assert versions(copied) == before
+
+
+def test_comments_and_docstrings_leave_all_stages_as_they_are(copied, before):
     for path in copied.rglob("*.py"):
         text = path.read_text()
         path.write_text(f"{text}\n# a comment\n" + '"""A docstring."""\n')
     assert versions(copied) == before
 
 
-def test_figures_converters_and_the_command_line_leave_all_stages_as_they_are(copied):
-    before = versions(copied)
+def test_figures_converters_and_the_command_line_leave_all_stages_as_they_are(copied, before):
     spared = ["viewing/*.py", "**/nuscenes.py", "**/argoverse.py", "**/command_line.py"]
     paths = [p for spare in spared for p in (copied / "lidarplace").glob(spare)]
     assert len(paths) > 5
@@ -285,5 +282,9 @@ def test_figures_converters_and_the_command_line_leave_all_stages_as_they_are(co
         ("lidarplace/scenes/kinds.py", '"sumo": (S', '"toy": None, "sumo": (S', set()),
     ],
 )
-def test_a_constant_counts_where_it_can_run(copied, path, old, new, stages):
-    assert changed_by(copied, path, old, new) == stages
+def test_a_constant_counts_where_it_can_run(copied, before, path, old, new, stages):
+    text = (copied / path).read_text()
+    assert text.count(old) == 1
+    (copied / path).write_text(text.replace(old, new))
+    after = versions(copied)
+    assert {stage for stage in after if after[stage] != before[stage]} == stages
