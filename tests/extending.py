@@ -13,9 +13,9 @@ from tests.docs_blocks import ROOT
 
 
 def copy_tree(folder: Path) -> Path:
-    """The packages, and the test of layers."""
+    """The packages with their compiled kernels, and the test of layers."""
     for package in ("lidarplace", "training", "tracking", "sweeps"):
-        ignored = shutil.ignore_patterns("__pycache__")
+        ignored = shutil.ignore_patterns("*.tmp.*", "*.pyc.*")  # as another process writes them
         shutil.copytree(ROOT / package, folder / package, ignore=ignored)
     (folder / "tests").mkdir()
     shutil.copy(ROOT / "tests/test_layers.py", folder / "tests")
