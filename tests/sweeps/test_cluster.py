@@ -38,6 +38,8 @@ def environment(**more: str) -> dict[str, str]:
         "RAY_AUTH_MODE": "token",
         "RAY_AUTH_TOKEN": secrets.token_hex(16),
         "RAY_USAGE_STATS_ENABLED": "0",
+        # Five refused checks make a dead node; one that is only slow has ten seconds for each.
+        "RAY_health_check_period_ms": "300",
         "OMP_NUM_THREADS": "1",
         "COLUMNS": "200",
         **more,
