@@ -15,6 +15,7 @@ from tests.docs_verbs import app_of
 from tests.lidarplace.argoverse_layout import LEVEL, Log, write_argoverse
 from tests.lidarplace.argoverse_layout import Box as ArgoverseBox
 from tests.lidarplace.nuscenes_layout import Box, Sample, Scene, write_nuscenes
+from tests.mlflow_database import write_database
 from tests.sweeps.small_log import write_small_log
 
 SWEEP = {
@@ -75,6 +76,7 @@ def make_world(folder: Path) -> None:
         (folder / f"{name}.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
     for log in ("small", "logs/mine"):
         write_small_log(folder / log)
+    write_database(folder / "runs/mlflow.db")
     _tables(folder)
     _data_sets(folder / "data")
     for verb, *arguments in (

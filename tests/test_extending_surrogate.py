@@ -6,6 +6,7 @@ import pandas as pd
 import yaml
 
 from tests.extending import blocks_of, copy_tree, put, python
+from tests.mlflow_database import write_database
 from tests.sweeps.small_log import write_small_log
 
 
@@ -19,6 +20,7 @@ def test_a_surrogate_is_two_files(tmp_path):
     put(table, "from lidarplace.surrogates.seen import", f"{imported}\n")
 
     write_small_log(tree / "log")
+    write_database(tree / "runs/mlflow.db")
     config = {
         "detector": None,
         "classes": ["Car"],

@@ -18,6 +18,7 @@ import yaml
 from small_log import write_small_log
 
 from tests.forked import GUARD_S, Forked
+from tests.mlflow_database import write_database
 
 SWEEP = {
     "classes": ["Car"],
@@ -35,6 +36,7 @@ class Sweep:
     Attributes:
         folder: for everything.
         ray: the key of the configuration.
+        database: whether MLflow's is there already; to make it takes a third of a sweep's time.
         kills: what was killed and how long after the start of a run.
         runs: how often the command was given.
         found: finished results after every run, by their folder: when each was written.
@@ -42,6 +44,7 @@ class Sweep:
 
     folder: Path
     ray: object
+    database: bool = False
     kills: list[tuple[str, float]] = field(default_factory=list)
     runs: int = 0
     found: dict[Path, int] = field(default_factory=dict)
@@ -50,6 +53,8 @@ class Sweep:
         self.folder.mkdir(parents=True)
         write_small_log(self.folder / "log")
         scene = {"source": "log", "folder": "log"}
+        if self.database:
+            write_database(self.folder / "runs/mlflow.db")
         own = {"scene": scene, "output": "runs", "ray": self.ray}
         (self.folder / "tiny.yaml").write_text(yaml.safe_dump(SWEEP | own))
 
@@ -57,7 +62,10 @@ class Sweep:
         """Give the command."""
         self.runs += 1
         command = ["sweeps.run", "tiny.yaml", *options]
-        return Forked(command, self.folder, self.folder / f"run{self.runs}.log")
+        # Five refused checks make a dead node; one that is only slow has ten seconds for each.
+        environment = os.environ | {"RAY_health_check_period_ms": "300"}
+        log = self.folder / f"run{self.runs}.log"
+        return Forked(command, self.folder, log, environment=environment)
 
     def output(self) -> str:
         """What the last run printed."""

@@ -30,7 +30,7 @@ def small_disk(tmp_path):
 
 def test_a_full_disk(tmp_path, small_disk):
     disk, grow = small_disk
-    sweep = Sweep(tmp_path / "sweep", "debug")
+    sweep = Sweep(tmp_path / "sweep", "debug", database=True)
     options = ("--set", f"store={disk}/store", "--set", "training.epochs=1")
     options += ("--set", "grid={placement: [line]}")
     assert sweep.start(*options).wait(timeout=GUARD_S) == 1

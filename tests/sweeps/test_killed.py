@@ -51,7 +51,7 @@ def test_a_driver_killed_a_few_times(tmp_path, reference):
 
 def test_processes_of_ray_killed(tmp_path, reference):
     """A worker in the middle of a training, then the node, then the driver."""
-    sweep = Sweep(tmp_path / "sweep", {"num_cpus": 2})
+    sweep = Sweep(tmp_path / "sweep", {"num_cpus": 2}, database=True)
     process = sweep.start()
     first = wait_for_training(sweep, process)
     os.kill(first, signal.SIGKILL)

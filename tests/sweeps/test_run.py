@@ -12,6 +12,7 @@ import pytest
 import yaml
 
 from tests.forked import run_forked
+from tests.mlflow_database import write_database
 
 ROOT = Path(__file__).parents[2]
 TINY = {
@@ -41,7 +42,9 @@ def sweep(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("sweep")
+    folder = tmp_path_factory.mktemp("sweep")
+    write_database(folder / "runs/mlflow.db")
+    return folder
 
 
 @pytest.fixture(scope="module")
@@ -147,6 +150,7 @@ def test_the_same_command_does_nothing_twice(folder, first):
 
 
 def test_debug_gives_the_same_without_ray(folder, first, tmp_path):
+    write_database(tmp_path / "runs/mlflow.db")
     result = sweep(tmp_path, "--set", "ray=debug", "--set", "grid.placement=[line]")
     assert result.returncode == 0, result.stdout + result.stderr
     for name, keys in (("surrogates", ["surrogate", "class"]), ("results", ["metric", "iou"])):

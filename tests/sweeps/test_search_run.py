@@ -21,6 +21,7 @@ from sweeps.search.__main__ import app
 from sweeps.search.problem.problem import read_problem
 from sweeps.search.trials.study import journal_path
 from tests.forked import GUARD_S, Forked
+from tests.mlflow_database import write_database
 from tracking.mlflow.connection import connect
 from tracking.mlflow.page import VIEW_TAG
 from tracking.run_folders.search_json import SearchResult
@@ -34,8 +35,10 @@ _TUNE = {"zones": {}, "objective": "recall"}
 
 @pytest.fixture(scope="module")
 def tracking(tmp_path_factory):
-    """One database for all searches: making one takes seconds."""
-    return f"sqlite:///{tmp_path_factory.mktemp('mlflow') / 'mlflow.db'}"
+    """One database for all searches."""
+    path = tmp_path_factory.mktemp("mlflow") / "mlflow.db"
+    write_database(path)
+    return f"sqlite:///{path}"
 
 
 def search(folder, tracking, *options, **changes):

@@ -6,37 +6,24 @@ import os
 import socket
 import subprocess
 import sys
-import tempfile
 import time
 import urllib.request
 from collections.abc import Callable, Sequence
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
+from tests.mlflow_database import write_database
 from tracking.mlflow.content import EndedTrial, ParentRun, TrialRun
 from tracking.mlflow.log import SweepLog
 
 CURVE = pd.DataFrame({"epoch": [1, 2, 3], "metric": "loss", "value": [3.0, 2.0, 1.5]})
 
 
-@cache
-def _empty_database() -> bytes:
-    """A database with MLflow's tables: making one costs seconds, copying it nothing."""
-    from mlflow import MlflowClient
-
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "mlflow.db"
-        MlflowClient(tracking_uri=f"sqlite:///{path}").search_experiments()
-        return path.read_bytes()
-
-
 def new_store(folder: Path) -> str:
     """The URI of a new database in a new folder."""
-    folder.mkdir()
-    (folder / "mlflow.db").write_bytes(_empty_database())
+    write_database(folder / "mlflow.db")
     return f"sqlite:///{folder}/mlflow.db"
 
 
