@@ -16,6 +16,7 @@ from lidarplace.boxes import GEOMETRY
 from lidarplace.lidar.clouds import Clouds
 from training.detectors.build import build
 from training.detectors.detector import PointRange, Selection
+from training.detectors.folding import fold_batch_norm
 from training.device import device
 from training.settings import TrainingSettings
 
@@ -51,6 +52,7 @@ def detect(
     """
     model = build(detector, classes, point_range=point_range)
     model.load_state_dict(state_dict)
+    fold_batch_norm(model)
     model.to(device())
     selection = _selection(model.selection, settings)
     size = settings.batch_size if isinstance(settings.batch_size, int) else _BATCH

@@ -14,6 +14,7 @@ from torch.nn.modules.batchnorm import _BatchNorm
 
 from training import NETWORKS, build_detector
 from training.detectors.detector import Selection
+from training.detectors.folding import fold_batch_norm
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -189,6 +190,14 @@ def test_double_precision_predicts(network):
     found = tiny(network).double().predict([cloud(3000)], ANY)[0]
     assert found["boxes"].dtype == found["scores"].dtype == torch.float64
     assert_same_boxes({name: value.to(single[name].dtype) for name, value in found.items()}, single)
+
+
+@pytest.mark.parametrize("network", NETWORKS)
+def test_folded_batch_norm_predicts_the_same(network):
+    model = tiny(network)
+    fold_batch_norm(model)
+    assert not any(isinstance(layer, torch.nn.BatchNorm2d) for layer in model.modules())
+    assert_same_boxes(model.predict([cloud(3000)], ANY)[0], awake(network)[1])
 
 
 @pytest.mark.parametrize("network", NETWORKS)

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from training import build_detector
-from training.detectors.backbones.pillars import PillarEncoder, PillarGrid, group
+from training.detectors.backbones.pillars import PillarGrid, group
 from training.detectors.heads.anchors import KITTI_ANCHORS, anchor_grid
 from training.detectors.heads.voxel_rcnn_head import cells_of
 
@@ -72,7 +72,7 @@ def test_offsets_from_the_centres_of_pillars():
     # PillarVFE: an index times the size, plus half a size from the corner.
     corner = torch.from_numpy(np.array([low, low, 0.0], np.float32)).tolist()
     expected = torch.tensor([3.0, 5.0]) * size + (size / 2 + corner[0])
-    assert torch.equal(PillarEncoder(grid, 4, 0.1)._centres(batch)[0, :2], expected)
+    assert torch.equal(grid.centres(batch.cells)[0, :2], expected)
 
 
 def test_voxels_of_places_on_their_faces():

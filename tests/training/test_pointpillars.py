@@ -7,6 +7,7 @@ frame * ny * nx + iy * nx + ix and the number of points.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -14,9 +15,16 @@ from anchor_reference import assert_head_is_openpcdets, assert_training_is_openp
 from openpcdet_reference import points, reference, weights, worst_error
 
 from training import build_detector
-from training.detectors.backbones.pillars import PaddedBatchNorm, PillarGrid, group
+from training.detectors.backbones.pillar_image import pillar_image
+from training.detectors.backbones.pillars import (
+    PaddedBatchNorm,
+    PillarEncoder,
+    PillarGrid,
+    group,
+    scatter,
+)
 from training.detectors.detector import Selection
-from training.detectors.heads.anchor_head import direction_bin
+from training.detectors.heads.anchor_head import HeadOutput, direction_bin
 from training.detectors.heads.anchors import (
     AnchorClass,
     anchor_grid,
@@ -109,6 +117,53 @@ def test_grouping_keeps_the_first_points_and_pillars():
     assert batch.pillar.tolist() == [0, 0, 1, 2, 2, 3]
     one = group([points], grid, training=True, device=device)
     assert one.cells.tolist() == [1]
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("limits", [(None, None), (3, (5, 40)), (1, (1, 1))])
+def test_the_image_in_one_pass_is_that_of_the_modules(limits, dtype):
+    torch.manual_seed(0)
+    grid = PillarGrid((0.0, -2.0, -1.0, 4.0, 2.0, 1.0), (0.5, 0.4), *limits)
+    encoder = PillarEncoder(grid, 7, 0.1)
+    norm = encoder.pfn_layers[0].norm
+    for values, low, high in (
+        (norm.running_mean, -1, 1), (norm.running_var, 0.1, 2), (norm.weight, -2, 2),
+        (norm.bias, -1, 1),
+    ):  # fmt: skip
+        torch.nn.init.uniform_(values, low, high)
+    encoder.to(dtype).eval()
+    low, high = torch.tensor([-0.5, -2.2, -1.1, 0.0]), torch.tensor([4.5, 2.2, 1.1, 1.0])
+    frames = [torch.rand(count, 4) * (high - low) + low for count in (300, 0, 40, 1)]
+    frames[0][:3, 0], frames[0][3, 3] = math.nan, math.inf
+    frames[0][4] = torch.tensor([4.0, 2.0, 1.0, 0.5])  # on the far corner: outside
+    batch = group(frames, grid, training=False, device=torch.device("cpu"))
+    with torch.no_grad():
+        batch = replace(batch, points=batch.points.to(dtype))
+        expected = scatter(encoder(batch), batch, grid)
+        found = pillar_image(frames, encoder)
+    assert expected[0].count_nonzero() > 0
+    assert found.is_contiguous(memory_format=torch.channels_last)
+    torch.testing.assert_close(found, expected, rtol=1e-5, atol=1e-5)
+
+
+def test_few_anchors_decoded_are_those_of_all():
+    torch.manual_seed(0)
+    head = build_detector("pointpillars_tiny", ["Car", "Cyclist"]).dense_head
+    count = len(head.anchors.reshape(-1, 7))
+    output = HeadOutput(
+        torch.randn(3, count, 2), torch.randn(3, count, 7), torch.randn(3, count, 2)
+    )
+    output.logits[1] = -9.0
+    output.logits[2, :5] = math.nan
+    all_logits, all_boxes = head.decode(output)
+    for lowest in (-math.inf, 0.0, 2.5):
+        likely = head.decode_likely(output, lowest)
+        for (logits, boxes), frame_logits, frame_boxes in zip(
+            likely, all_logits, all_boxes, strict=True
+        ):
+            above = (frame_logits >= lowest).any(dim=1)
+            assert torch.equal(logits, frame_logits[above])
+            torch.testing.assert_close(boxes, frame_boxes[above])
 
 
 def test_padded_batch_norm_is_batch_norm_with_the_zeros():

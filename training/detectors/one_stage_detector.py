@@ -10,7 +10,7 @@ from torch import Tensor
 
 from training.detectors.detector import Detector, Selection
 from training.detectors.heads.anchor_head import AnchorHead, HeadOutput
-from training.detectors.heads.selection import select_boxes
+from training.detectors.heads.selection import logit, select_boxes
 
 
 class OneStageDetector(Detector):
@@ -35,8 +35,6 @@ class OneStageDetector(Detector):
     ) -> list[dict[str, Tensor]]:
         """Detections of every frame, see Detector."""
         self.eval()
-        logits, boxes = self.dense_head.decode(self.head_output(points))
-        return [
-            select_boxes(frame, frame_boxes, selection or self.selection)
-            for frame, frame_boxes in zip(logits, boxes, strict=True)
-        ]
+        selection = selection or self.selection
+        likely = self.dense_head.decode_likely(self.head_output(points), logit(selection.score))
+        return [select_boxes(logits, boxes, selection) for logits, boxes in likely]

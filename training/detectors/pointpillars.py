@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from training.detectors.backbones.backbone_2d import Backbone2d, BackboneSettings
+from training.detectors.backbones.pillar_image import pillar_image
 from training.detectors.backbones.pillars import PillarEncoder, PillarGrid, group, scatter
 from training.detectors.detector import PointRange, Selection
 from training.detectors.heads.anchor_head import AnchorHead, HeadOutput
@@ -132,11 +133,16 @@ class PointPillars(OneStageDetector):
 
     def head_output(self, points: Sequence[Tensor]) -> HeadOutput:
         """Raw outputs of the head for frames of points (N, 4)."""
+        return self.dense_head(self.backbone_2d(self._pillars(points)))
+
+    def _pillars(self, points: Sequence[Tensor]) -> Tensor:
+        """The image of the pillars, (B, C, ny, nx)."""
+        if self.device.type == "cpu" and not (self.training or torch.is_grad_enabled()):
+            return pillar_image(points, self.vfe)
         batch = group(points, self.grid, self.training, self.device)
         weight = self.dense_head.conv_cls.weight
         batch = replace(batch, points=batch.points.to(weight.dtype))
-        image = scatter(self.vfe(batch), batch, self.grid)
-        return self.dense_head(self.backbone_2d(image))
+        return scatter(self.vfe(batch), batch, self.grid)
 
 
 def build(classes: Sequence[str], preset: str, point_range: PointRange | None) -> PointPillars:

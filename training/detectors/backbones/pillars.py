@@ -44,6 +44,28 @@ class PillarGrid:
         nx, ny = (round((high[i] - low[i]) / self.size[i]) for i in range(2))
         return nx, ny
 
+    def limits(self, training: bool) -> tuple[int, int]:
+        """Points of a pillar, and pillars of a frame, beyond which they are dropped."""
+        nx, ny = self.shape
+        pillars = nx * ny if self.max_pillars is None else self.max_pillars[0 if training else 1]
+        return self.max_points or np.iinfo(np.int64).max, pillars
+
+    def cells(self, points: NDArray[np.float32]) -> NDArray[np.int32]:
+        """Cell iy * nx + ix of each point (N, 4), -1 of one outside or not finite, shape (N,)."""
+        low = np.array(self.point_range[:3], np.float32)
+        height = self.point_range[5] - self.point_range[2]
+        return _cells_kernel(points, low, np.array([*self.size, height], np.float32), *self.shape)
+
+    def centres(self, cells: Tensor) -> Tensor:
+        """Centres of the pillars of cells (P,), shape (P, 3), float32."""
+        nx, _ = self.shape
+        # In float32, as where the points were grouped.
+        low, high = np.array(self.point_range, np.float32).reshape(2, 3).tolist()
+        x = (cells % nx) * self.size[0] + (self.size[0] / 2 + low[0])
+        y = (cells // nx) * self.size[1] + (self.size[1] / 2 + low[1])
+        z = torch.full_like(x, (low[2] + high[2]) / 2)
+        return torch.stack([x, y, z], dim=1)
+
 
 @dataclass(frozen=True)
 class PillarBatch:
@@ -64,29 +86,39 @@ class PillarBatch:
     frames: int
 
 
-@njit(cache=True)
-def _group_kernel(points, low, size, nx, ny, nz_size, max_points, max_pillars):
-    """Pillar of every point (-1: none), cells in order of appearance, points per pillar."""
-    table = np.full(nx * ny, -1, np.int64)
-    pillar = np.full(len(points), -1, np.int64)
-    cells = np.empty(min(len(points), nx * ny), np.int64)
-    counts = np.zeros(len(cells), np.int64)
-    found = 0
+# Without Python's check for a division by zero the loop becomes vector code.
+@njit(cache=True, error_model="numpy")
+def _cells_kernel(points, low, size, nx, ny):
+    cells = np.empty(len(points), np.int32)
     for i in range(len(points)):
         # float32 throughout, as upstream: a point on an edge must fall on the same side.
         fx = np.floor((points[i, 0] - low[0]) / size[0])
         fy = np.floor((points[i, 1] - low[1]) / size[1])
-        fz = np.floor((points[i, 2] - low[2]) / nz_size)
-        if not (0 <= fx < nx and 0 <= fy < ny and fz == 0 and np.isfinite(points[i, 3])):
+        fz = np.floor((points[i, 2] - low[2]) / size[2])
+        inside = (fx >= 0) & (fx < nx) & (fy >= 0) & (fy < ny) & (fz == 0)
+        inside &= np.abs(points[i, 3]) < np.inf
+        cells[i] = np.int32(fy) * nx + np.int32(fx) if inside else -1
+    return cells
+
+
+@njit(cache=True)
+def _group_kernel(points, cells, all_cells, max_points, max_pillars):
+    """Points pillar after pillar, cells in order of appearance, points per pillar."""
+    table = np.full(all_cells, -1, np.int64)
+    pillar = np.full(len(points), -1, np.int64)
+    kept = np.empty(min(len(points), all_cells), np.int64)
+    counts = np.zeros(len(kept), np.int64)
+    found = 0
+    for i in range(len(points)):
+        if cells[i] < 0:
             continue
-        cell = int(fy) * nx + int(fx)
-        p = table[cell]
+        p = table[cells[i]]
         if p < 0:
             if found == max_pillars:
                 continue
             p = found
-            table[cell] = p
-            cells[p] = cell
+            table[cells[i]] = p
+            kept[p] = cells[i]
             found += 1
         if counts[p] < max_points:
             counts[p] += 1
@@ -95,12 +127,12 @@ def _group_kernel(points, low, size, nx, ny, nz_size, max_points, max_pillars):
     starts = np.zeros(found + 1, np.int64)
     for p in range(found):
         starts[p + 1] = starts[p] + counts[p]
-    order = np.empty(starts[found], np.int64)
+    grouped = np.empty((starts[found], points.shape[1]), points.dtype)
     for i in range(len(points)):
         if pillar[i] >= 0:
-            order[starts[pillar[i]]] = i
+            grouped[starts[pillar[i]]] = points[i]
             starts[pillar[i]] += 1
-    return order, cells[:found], counts[:found]
+    return grouped, kept[:found], counts[:found]
 
 
 def group(
@@ -108,22 +140,15 @@ def group(
 ) -> PillarBatch:
     """Group the points (N, 4) of each frame into pillars; points outside the range are dropped."""
     nx, ny = grid.shape
-    low = np.array(grid.point_range[:3], np.float32)
-    size = np.array(grid.size, np.float32)
-    height = np.float32(grid.point_range[5] - grid.point_range[2])
-    max_points = grid.max_points or np.iinfo(np.int64).max
-    max_pillars = nx * ny
-    if grid.max_pillars is not None:
-        max_pillars = grid.max_pillars[0 if training else 1]
     points: list[NDArray[np.float32]] = []
     cells: list[NDArray[np.int64]] = []
     counts: list[NDArray[np.int64]] = []
     for i, frame in enumerate(frames):
         array = frame.detach().cpu().numpy().astype(np.float32, copy=False)
-        order, cell, count = _group_kernel(
-            array, low, size, nx, ny, height, max_points, max_pillars
+        grouped, cell, count = _group_kernel(
+            array, grid.cells(array), nx * ny, *grid.limits(training)
         )
-        points.append(array[order])
+        points.append(grouped)
         cells.append(cell + i * nx * ny)
         counts.append(count)
     all_counts = torch.from_numpy(np.concatenate(counts)).to(device)
@@ -185,30 +210,20 @@ class PillarEncoder(nn.Module):
         xyz = batch.points[:, :3]
         sums = xyz.new_zeros(len(batch.counts), 3).index_add_(0, batch.pillar, xyz)
         means = sums / batch.counts[:, None]
+        nx, ny = self.grid.shape
+        centres = self.grid.centres(batch.cells % (nx * ny))
         features = torch.cat(
-            [batch.points, xyz - means[batch.pillar], xyz - self._centres(batch)[batch.pillar]],
-            dim=1,
+            [batch.points, xyz - means[batch.pillar], xyz - centres[batch.pillar]], dim=1
         )
         for layer in self.pfn_layers:
             features = layer(features, batch, self.grid.max_points)
         return features
-
-    def _centres(self, batch: PillarBatch) -> Tensor:
-        """Centres of the pillars, shape (P, 3)."""
-        nx, ny = self.grid.shape
-        # In float32, as where the points were grouped.
-        low, high = np.array(self.grid.point_range, np.float32).reshape(2, 3).tolist()
-        cell = batch.cells % (nx * ny)
-        x = (cell % nx) * self.grid.size[0] + (self.grid.size[0] / 2 + low[0])
-        y = (cell // nx) * self.grid.size[1] + (self.grid.size[1] / 2 + low[1])
-        z = torch.full_like(x, (low[2] + high[2]) / 2)
-        return torch.stack([x, y, z], dim=1)
 
 
 def scatter(features: Tensor, batch: PillarBatch, grid: PillarGrid) -> Tensor:
     """Pillar features (P, C) as an image (frames, C, ny, nx), zero where there is no pillar."""
     nx, ny = grid.shape
     image = features.new_zeros(batch.frames * ny * nx, features.shape[1])
-    image = image.index_copy(0, batch.cells, features)
+    image.index_copy_(0, batch.cells, features)
     # Channels last in memory, which convolutions on a CPU like better.
     return image.view(batch.frames, ny, nx, -1).permute(0, 3, 1, 2)

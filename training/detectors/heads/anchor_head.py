@@ -109,11 +109,29 @@ class AnchorHead(nn.Module):
 
     def decode(self, output: HeadOutput) -> tuple[Tensor, Tensor]:
         """Logits (B, A, C) and boxes (B, A, 7); yaw is turned into the half that was predicted."""
-        boxes = decode(output.residuals, self.anchors.reshape(1, -1, 7))
-        period = 2 * math.pi / DIRECTION_BINS
-        turn = limit_period(boxes[..., 6] - DIRECTION_OFFSET, 0.0, period)
-        yaw = turn + DIRECTION_OFFSET + period * output.directions.argmax(dim=-1)
-        return output.logits, torch.cat([boxes[..., :6], yaw[..., None]], dim=-1)
+        anchors = self.anchors.reshape(1, -1, 7)
+        return output.logits, _boxes(output.residuals, output.directions, anchors)
+
+    def decode_likely(self, output: HeadOutput, lowest: float) -> list[tuple[Tensor, Tensor]]:
+        """Per frame `decode` of the anchors with some logit of at least `lowest`, in their order.
+
+        Logits (P, C) and boxes (P, 7): few of the anchors are near an object.
+        """
+        frame, anchor = (output.logits.amax(dim=2) >= lowest).nonzero(as_tuple=True)
+        anchors = self.anchors.reshape(-1, 7)[anchor]
+        boxes = _boxes(output.residuals[frame, anchor], output.directions[frame, anchor], anchors)
+        counts = frame.bincount(minlength=len(output.logits)).tolist()
+        logits = output.logits[frame, anchor]
+        return list(zip(logits.split(counts), boxes.split(counts), strict=True))
+
+
+def _boxes(residuals: Tensor, directions: Tensor, anchors: Tensor) -> Tensor:
+    """Boxes (…, 7) of residuals (…, 7) and direction bins (…, 2) of anchors (…, 7)."""
+    boxes = decode(residuals, anchors)
+    period = 2 * math.pi / DIRECTION_BINS
+    turn = limit_period(boxes[..., 6] - DIRECTION_OFFSET, 0.0, period)
+    yaw = turn + DIRECTION_OFFSET + period * directions.argmax(dim=-1)
+    return torch.cat([boxes[..., :6], yaw[..., None]], dim=-1)
 
 
 def direction_bin(yaw: Tensor) -> Tensor:

@@ -34,7 +34,7 @@ def select_rows(logits: Tensor, boxes: Tensor, selection: Selection) -> Tensor:
     otherwise on another machine, and large ones are all 1.
     """
     # A badly trained network makes boxes without end, which overlap nothing that could be measured.
-    usable = (logits >= _logit(selection.score)) & boxes.isfinite().all(dim=1)
+    usable = (logits >= logit(selection.score)) & boxes.isfinite().all(dim=1)
     above = torch.nonzero(usable).flatten()
     kept = nms(boxes[above], logits[above], selection.nms, selection.pre, selection.post)
     return above[kept]
@@ -45,7 +45,8 @@ def probability(logits: Tensor) -> Tensor:
     return logits.double().sigmoid().to(logits.dtype)
 
 
-def _logit(probability: float) -> float:
+def logit(probability: float) -> float:
+    """The logit of a probability; infinite at 0 and 1."""
     if probability <= 0:
         return -math.inf
     return math.log(probability / (1 - probability)) if probability < 1 else math.inf
