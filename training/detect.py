@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from lidarplace.boxes import GEOMETRY
-from lidarplace.lidar.clouds import Clouds
+from lidarplace.lidar.clouds import Frames
 from training.detectors.build import build
 from training.detectors.detector import PointRange, Selection
 from training.detectors.folding import fold_batch_norm
@@ -42,7 +42,7 @@ def detect(
     detector: str,
     classes: Sequence[str],
     state_dict: Mapping[str, Tensor],
-    clouds: Clouds,
+    clouds: Frames,
     settings: TrainingSettings,
     point_range: PointRange | None = None,
 ) -> Detections:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pyarrow as pa
@@ -81,7 +81,7 @@ class PointClouds:
         """
         numbers = np.asarray(frames, np.int64)
         origin = np.array(crop[:3])
-        step = max(STEP_M, float((np.array(crop[3:]) - origin).max()) / 65535)
+        step = _grid_step(crop)
         codec = pa.Codec("zstd", compression_level=_LEVEL)
         packed, ends = bytearray(), [0]
         counts = []
@@ -176,6 +176,30 @@ class JoinedClouds:
 
 Clouds = PointClouds | JoinedClouds
 """What can be trained on."""
+
+
+class Frames(Protocol):
+    """Clouds frame by frame, kept or not: what detectors look at."""
+
+    @property
+    def frames(self) -> NDArray[np.int64]:
+        """Frame numbers, shape (F,), int64."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, index: int, /) -> NDArray[np.float32]:
+        """Points of the `index`-th frame: x, y, z, intensity, shape (n, 4), the caller's own."""
+
+
+def as_kept(points: NDArray[np.float32], crop: Crop) -> NDArray[np.float32]:
+    """The points (n, 4) in `crop` as `PointClouds` would give them back, to the last bit."""
+    kept = np.empty_like(points)
+    _round(points, np.array(crop[:3]), _grid_step(crop), kept)
+    return kept
+
+
+def _grid_step(crop: Crop) -> float:
+    return max(STEP_M, float((np.array(crop[3:]) - np.array(crop[:3])).max()) / 65535)
 
 
 def write_clouds(folder: Path, clouds: PointClouds) -> None:
@@ -280,3 +304,13 @@ def _unpack(planes, origin, step, points):
     for n in range(count):
         intensity = (intensity + planes[6 * count + n]) & 255
         points[n, 3] = intensity / 255
+
+
+@njit(cache=True, error_model="numpy")
+def _round(points, origin, step, kept):
+    """`_unpack` of `_pack`, for points that lie on the grid."""
+    for n in range(len(points)):
+        for axis in range(3):
+            value = np.floor((points[n, axis] - origin[axis]) / step + 0.5)
+            kept[n, axis] = origin[axis] + step * value
+        kept[n, 3] = np.floor(255 * points[n, 3] + 0.5) / 255

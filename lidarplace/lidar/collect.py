@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lidarplace.box_log import BoxLog
-from lidarplace.lidar.clouds import Crop, PointClouds
+from lidarplace.lidar.clouds import Crop, PointClouds, as_kept
 from lidarplace.lidar.raycast import Hits, cast
 from lidarplace.lidar.returns import LARGEST_ERROR, sample_points
 from lidarplace.lidar.surroundings import Surroundings
@@ -62,49 +61,78 @@ def collect(
         ValueError: a box is bad, a frame is not in the log, the crop is empty, or there are more
             than 256 LiDARs.
     """
-    if not all(low < high for low, high in zip(crop[:3], crop[3:], strict=True)):
-        raise ValueError(f"crop needs x0 < x1, y0 < y1, z0 < z1, found {crop}")
-    if len(placement.mounts) > 256:
-        raise ValueError(f"a cloud holds at most 256 LiDARs, found {len(placement.mounts)}")
-    numbers = np.asarray(frames, np.int64)
-    surroundings = Surroundings(log, seed)
-    clouds = _clouds(surroundings, numbers, placement, crop, seed, misaligned_heights, errors)
-    return PointClouds.from_frames(numbers, clouds, crop)
+    simulated = SimulatedClouds(log, frames, placement, crop, seed, misaligned_heights, errors)
+    clouds = (simulated.returns(index) for index in range(len(simulated)))
+    return PointClouds.from_frames(simulated.frames, clouds, crop)
 
 
-def _clouds(
-    surroundings: Surroundings,
-    frames: NDArray[np.int64],
-    placement: Placement,
-    crop: Crop,
-    seed: int,
-    misaligned_heights: bool,
-    errors: MountingErrors,
-) -> Iterator[tuple[NDArray[np.float32], NDArray[np.int32]]]:
-    """Points of each frame, and how many come from each LiDAR; memory is used again."""
-    lidars, mounts = placement.lidars, placement.mounts
-    lifts = [mounts[0].z - mount.z if misaligned_heights else 0.0 for mount in mounts]
-    # A point may err into the crop from outside, so what is cast is a little larger.
-    slack = LARGEST_ERROR * max(lidar.range_noise for lidar in lidars)
-    low, high = np.array(crop[:3]) - slack, np.array(crop[3:]) + slack
-    wide = [(*(low - [0, 0, lift]), *(high - [0, 0, lift])) for lift in lifts]
-    # A building matters if it can stand before a point of the crop: as seen from above, neither
-    # farther than the crop's farthest corner nor than the sensor itself.
-    corners = np.maximum(np.abs(low), np.abs(high))
-    away = max(math.hypot(mount.x, mount.y) for mount in mounts) + math.sqrt(2) * errors.offset
-    longest = max(lidar.range for lidar in lidars)
-    reach = min(max(math.hypot(*corners[:2]), away), longest + slack + away)
+class SimulatedClouds:
+    """The clouds of `collect`, each simulated when it is asked for and not kept.
 
-    points = np.empty((sum(lidar.rays for lidar in lidars), 4), np.float32)
-    memory: dict[int, Hits] = {}
-    for frame in frames.tolist():
-        parts, ground = surroundings.parts(frame, reach), surroundings.ground(frame)
-        if errors:
-            mounts = errors.drawn(placement, seed, frame).mounts
-        counts = np.zeros(len(mounts), np.int32)
-        for m, (mount, lidar) in enumerate(zip(mounts, lidars, strict=True)):
-            hits = cast(mount, lidar, parts, wide[m], into=memory.get(lidar.rays))
-            memory[lidar.rays] = hits
-            free, key = points[counts.sum() :], (seed, frame, m)
-            counts[m] = sample_points(mount, lidar, hits, ground, crop, key, free, lifts[m])
-        yield points[: counts.sum()], counts
+    For who looks at a frame once: `clouds[i]` has the points of `collect(…)[i]`, to the last bit,
+    without packing them. Arguments and errors as of `collect`; a bad frame is named when it is
+    asked for.
+
+    Attributes:
+        frames: frame numbers, shape (F,), int64.
+    """
+
+    def __init__(
+        self,
+        log: BoxLog,
+        frames: ArrayLike,
+        placement: Placement,
+        crop: Crop,
+        seed: int = 0,
+        misaligned_heights: bool = False,
+        errors: MountingErrors = MountingErrors(),
+    ) -> None:
+        if not all(low < high for low, high in zip(crop[:3], crop[3:], strict=True)):
+            raise ValueError(f"crop needs x0 < x1, y0 < y1, z0 < z1, found {crop}")
+        lidars, mounts = placement.lidars, placement.mounts
+        if len(mounts) > 256:
+            raise ValueError(f"a cloud holds at most 256 LiDARs, found {len(mounts)}")
+        self.frames = np.asarray(frames, np.int64)
+        self._surroundings = Surroundings(log, seed)
+        self._placement, self._errors = placement, errors
+        self._crop, self._seed = crop, seed
+        self._lifts = [mounts[0].z - mount.z if misaligned_heights else 0.0 for mount in mounts]
+        # A point may err into the crop from outside, so what is cast is a little larger.
+        slack = LARGEST_ERROR * max(lidar.range_noise for lidar in lidars)
+        self._low, self._high = np.array(crop[:3]) - slack, np.array(crop[3:]) + slack
+        # A building matters if it can stand before a point of the crop: as seen from above, neither
+        # farther than the crop's farthest corner nor than the sensor itself.
+        corners = np.maximum(np.abs(self._low), np.abs(self._high))
+        away = max(math.hypot(mount.x, mount.y) for mount in mounts) + math.sqrt(2) * errors.offset
+        longest = max(lidar.range for lidar in lidars)
+        self._reach = min(max(math.hypot(*corners[:2]), away), longest + slack + away)
+        self._points = np.empty((sum(lidar.rays for lidar in lidars), 4), np.float32)
+        self._hits: dict[int, Hits] = {}
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __getitem__(self, index: int) -> NDArray[np.float32]:
+        """Points of the `index`-th frame, shape (n, 4), float32, the caller's own."""
+        return as_kept(self.returns(index)[0], self._crop)
+
+    def returns(self, index: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+        """Points of a frame before rounding, and how many come from each LiDAR.
+
+        The points' memory is used again by the next call.
+        """
+        frame = int(self.frames[index])
+        parts = self._surroundings.parts(frame, self._reach)
+        ground = self._surroundings.ground(frame)
+        rig = self._placement
+        if self._errors:
+            rig = self._errors.drawn(rig, self._seed, frame)
+        counts = np.zeros(len(rig.mounts), np.int32)
+        views = zip(rig.mounts, rig.lidars, self._lifts, strict=True)
+        for m, (mount, lidar, lift) in enumerate(views):
+            wide = (*(self._low - [0, 0, lift]), *(self._high - [0, 0, lift]))
+            hits = cast(mount, lidar, parts, wide, into=self._hits.get(lidar.rays))
+            self._hits[lidar.rays] = hits
+            free, key = self._points[counts.sum() :], (self._seed, frame, m)
+            counts[m] = sample_points(mount, lidar, hits, ground, self._crop, key, free, lift)
+        return self._points[: counts.sum()], counts

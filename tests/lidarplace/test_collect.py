@@ -9,7 +9,7 @@ import pytest
 
 from lidarplace.box_log import BoxLog
 from lidarplace.boxes import GEOMETRY
-from lidarplace.lidar.collect import collect
+from lidarplace.lidar.collect import SimulatedClouds, collect, crop_for
 from lidarplace.lidar.ground import CELL_M, CELLS, Ground
 from lidarplace.lidar.raycast import GROUND, cast
 from lidarplace.lidar.returns import ATTENUATION_PER_M, LARGEST_ERROR, sample_points
@@ -62,6 +62,20 @@ def test_portions_and_order_of_frames_change_nothing():
         part = collect(log(), frames, placement, CROP, seed=7)
         for i, frame in enumerate(frames):
             np.testing.assert_array_equal(part[i], whole[frame])
+
+
+@pytest.mark.parametrize("misaligned", [False, True])
+def test_simulated_clouds_are_the_kept_ones_to_the_last_bit(misaligned):
+    placement = Placement("two", TWO, lidar=NOISY)
+    crop = crop_for((0.0, 80.0), (-20.3, 20.0), (0.0, 4.0), placement, misaligned)  # a coarse grid
+    arguments = (log(), [4, 1, 3], placement, crop, 7, misaligned)
+    kept, simulated = collect(*arguments), SimulatedClouds(*arguments)
+    assert simulated.frames.tolist() == kept.frames.tolist()
+    first = simulated[0]
+    assert len(first) > 100
+    for index in (2, 0, 1):
+        np.testing.assert_array_equal(simulated[index], kept[index])
+    np.testing.assert_array_equal(first, kept[0])  # not written over by later frames
 
 
 def test_index_of_the_lidar_is_kept():
