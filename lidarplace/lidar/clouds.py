@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -146,11 +146,27 @@ class PointClouds:
         return cls(**{item.name: arrays[item.name] for item in fields(cls)})
 
 
-@dataclass(frozen=True)
-class JoinedClouds:
-    """Several `PointClouds` one after the other, without a copy."""
+class Frames(Protocol):
+    """Clouds frame by frame, kept or not: what detectors look at."""
 
-    parts: Sequence[PointClouds]
+    @property
+    def frames(self) -> NDArray[np.int64]:
+        """Frame numbers, shape (F,), int64."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, index: int, /) -> NDArray[np.float32]:
+        """Points of the `index`-th frame: x, y, z, intensity, shape (n, 4), the caller's own."""
+
+
+Part = TypeVar("Part", bound=Frames)
+
+
+@dataclass(frozen=True)
+class JoinedClouds(Generic[Part]):
+    """Several clouds, kept or not, one after the other, without a copy."""
+
+    parts: Sequence[Part]
 
     @property
     def frames(self) -> NDArray[np.int64]:
@@ -171,24 +187,11 @@ class JoinedClouds:
         raise IndexError(f"frame index beyond the last of {len(self)} frames")
 
     def __iter__(self) -> Iterator[NDArray[np.float32]]:
-        return (points for part in self.parts for points in part)
+        return (self[i] for i in range(len(self)))
 
 
-Clouds = PointClouds | JoinedClouds
+Clouds = PointClouds | JoinedClouds[PointClouds]
 """What can be trained on."""
-
-
-class Frames(Protocol):
-    """Clouds frame by frame, kept or not: what detectors look at."""
-
-    @property
-    def frames(self) -> NDArray[np.int64]:
-        """Frame numbers, shape (F,), int64."""
-
-    def __len__(self) -> int: ...
-
-    def __getitem__(self, index: int, /) -> NDArray[np.float32]:
-        """Points of the `index`-th frame: x, y, z, intensity, shape (n, 4), the caller's own."""
 
 
 def as_kept(points: NDArray[np.float32], crop: Crop) -> NDArray[np.float32]:

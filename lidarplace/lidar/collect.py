@@ -62,8 +62,7 @@ def collect(
             than 256 LiDARs.
     """
     simulated = SimulatedClouds(log, frames, placement, crop, seed, misaligned_heights, errors)
-    clouds = (simulated.returns(index) for index in range(len(simulated)))
-    return PointClouds.from_frames(simulated.frames, clouds, crop)
+    return simulated.kept()
 
 
 class SimulatedClouds:
@@ -115,6 +114,11 @@ class SimulatedClouds:
     def __getitem__(self, index: int) -> NDArray[np.float32]:
         """Points of the `index`-th frame, shape (n, 4), float32, the caller's own."""
         return as_kept(self.returns(index)[0], self._crop)
+
+    def kept(self) -> PointClouds:
+        """All of them, packed."""
+        clouds = (self.returns(index) for index in range(len(self)))
+        return PointClouds.from_frames(self.frames, clouds, self._crop)
 
     def returns(self, index: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
         """Points of a frame before rounding, and how many come from each LiDAR.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,7 +17,7 @@ from mlflow.models import set_model
 from mlflow.pyfunc import PythonModel, PythonModelContext
 from numpy.typing import NDArray
 
-from lidarplace.lidar.clouds import Clouds, valid_points
+from lidarplace.lidar.clouds import valid_points
 from training.detect import detect
 from training.settings import TrainingSettings
 
@@ -76,7 +76,7 @@ class DetectorModel(PythonModel):
             about["detector"],
             about["classes"],
             self._weights,
-            cast(Clouds, _Clouds(model_input)),
+            _Clouds(model_input),
             TrainingSettings.model_validate(about["settings"]),
             point_range=tuple(about["point_range"]),
         ).boxes

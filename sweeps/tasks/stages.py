@@ -32,7 +32,7 @@ from lidarplace import (
     expected_ig_by_q,
 )
 from lidarplace.box_log import BoxLog, join_logs
-from lidarplace.lidar.clouds import JoinedClouds, PointClouds
+from lidarplace.lidar.clouds import Clouds, JoinedClouds, PointClouds
 from lidarplace.surrogates.evaluate import FAINT_Q, linear_share
 from lidarplace.surrogates.table import RAY_SURROGATES, SURROGATES
 from sweeps.tasks.parameters import (
@@ -52,6 +52,8 @@ from sweeps.tasks.parameters import (
 
 if TYPE_CHECKING:
     from torch import Tensor
+
+    from lidarplace.lidar.collect import SimulatedClouds
 
 Value = dict[str, Any]
 
@@ -176,7 +178,7 @@ def collect(params: CollectParams | RecordedParams, log: Value) -> Value:
         numbers = _frames_of(recorded, params.split)
         clouds = recorded_clouds(params.folder, numbers, params.crop)
     else:
-        clouds = _simulated(params, recorded)
+        clouds = _simulated(params, recorded).kept()
     return clouds.arrays() | {"points_per_object": count_points_per_object(recorded.boxes, clouds)}
 
 
@@ -330,11 +332,11 @@ def _frames_of(log: BoxLog, split: str) -> NDArray[np.int64]:
     return log.frames.loc[log.frames["split"] == split, "frame"].to_numpy(np.int64)
 
 
-def _simulated(params: CollectParams, log: BoxLog) -> PointClouds:
-    """Clouds of the frames that the parameters name."""
-    from lidarplace.lidar.collect import collect as collect_clouds
+def _simulated(params: CollectParams, log: BoxLog) -> SimulatedClouds:
+    """Clouds of the frames that the parameters name, as they are asked for."""
+    from lidarplace.lidar.collect import SimulatedClouds
 
-    return collect_clouds(
+    return SimulatedClouds(
         log,
         _frames_of(log, params.split)[params.first :: params.every],
         params.placement,
@@ -345,7 +347,7 @@ def _simulated(params: CollectParams, log: BoxLog) -> PointClouds:
     )
 
 
-def _clouds_and_objects(inputs: Sequence[Value]) -> tuple[JoinedClouds, pd.DataFrame]:
+def _clouds_and_objects(inputs: Sequence[Value]) -> tuple[Clouds, pd.DataFrame]:
     """Clouds, and the objects that are in their frames: results of `collect` and `ground_truth`."""
     truths = [value["objects"] for value in inputs if "objects" in value]
     clouds = [PointClouds.from_arrays(value) for value in inputs if "offsets" in value]
@@ -357,7 +359,7 @@ def _clouds_and_objects(inputs: Sequence[Value]) -> tuple[JoinedClouds, pd.DataF
 def _train(
     params: TrainingParams,
     classes: Sequence[str],
-    clouds: JoinedClouds,
+    clouds: Clouds,
     objects: pd.DataFrame,
     folder: Path,
     batch_size: int | None,

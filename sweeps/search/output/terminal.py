@@ -198,6 +198,6 @@ def print_found(console: Console, problem: Problem, found: Found) -> None:
     for key, value in found.judged["found_1"].values_beside.items():
         console.print(f"{key}: {value}")
     caution = ray_counting_caution(found.linear_share or 0.0)
-    best = coinciding_rings({"found_1": found.judged["found_1"].rig}, problem)
-    for text in [*([caution] if caution else []), *best]:
+    coincide = coinciding_rings({"found_1": found.judged["found_1"].rig}, problem)
+    for text in [*([caution] if caution else []), *coincide]:
         console.print(f"warning: {text}", style="yellow", soft_wrap=True)
