@@ -8,7 +8,7 @@ functions).
 from __future__ import annotations
 
 import heapq
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -63,13 +63,34 @@ def greedy(exposure: Exposure, limits: Limits) -> Greedy:
         raise ValueError(
             f"limits are for {limits.candidates} candidates, exposure has {exposure.candidates}"
         )
-    singles = gains(exposure, ())
-    by_gain = _greedy(exposure, limits, singles, np.ones(exposure.candidates), "gain")
-    if exposure.candidates == 0 or np.ptp(limits.share) == 0:
+
+    def added_to(chosen: Sequence[int]) -> Added:
+        set_so_far = Majorant.of_set(exposure, chosen)
+        return lambda candidate: float(set_so_far.added(candidate)[0])
+
+    return lazy_greedy(gains(exposure, ()), added_to, limits)
+
+
+Added = Callable[[int], float]
+"""What a candidate adds to a set."""
+
+
+def lazy_greedy(
+    singles: NDArray[np.float64], added_to: Callable[[Sequence[int]], Added], limits: Limits
+) -> Greedy:
+    """`greedy` for any value of sets that is monotone and submodular.
+
+    Args:
+        singles: value of every candidate by itself, shape (candidates,).
+        added_to: of a set, what each further candidate adds to it.
+        limits: of as many candidates.
+    """
+    by_gain = _greedy(singles, added_to, limits, np.ones(len(singles)), "gain")
+    if len(singles) == 0 or np.ptp(limits.share) == 0:
         return by_gain
     # A candidate that takes nothing costs next to nothing.
     cost = np.maximum(limits.share, 1e-12)
-    per_cost = _greedy(exposure, limits, singles, cost, "gain per cost")
+    per_cost = _greedy(singles, added_to, limits, cost, "gain per cost")
     best = per_cost if per_cost.value > by_gain.value else by_gain
     evaluations = by_gain.evaluations + per_cost.evaluations - len(singles)
     return Greedy(best.chosen, best.gains, best.values, evaluations, best.rule)
@@ -82,15 +103,15 @@ def gains(exposure: Exposure, chosen: Sequence[int]) -> NDArray[np.float64]:
 
 
 def _greedy(
-    exposure: Exposure,
-    limits: Limits,
     singles: NDArray[np.float64],
+    added_to: Callable[[Sequence[int]], Added],
+    limits: Limits,
     cost: NDArray[np.float64],
     rule: Literal["gain", "gain per cost"],
 ) -> Greedy:
     chosen: list[int] = []
     added: list[float] = []
-    set_so_far = Majorant.of_set(exposure, chosen)
+    added_now = added_to(chosen)
     evaluations = len(singles)
     # Largest known gain first, then the lower number; and the size of the set it was computed for.
     heap = [(-gain / cost[e], e, 0, gain) for e, gain in enumerate(singles.tolist()) if gain > 0]
@@ -100,12 +121,12 @@ def _greedy(
         if not limits.allows(chosen, candidate):
             continue  # nor will it ever be: sets only grow
         if size < len(chosen):
-            gain = float(set_so_far.added(candidate)[0])
+            gain = added_now(candidate)
             evaluations += 1
             if gain > 0:
                 heapq.heappush(heap, (-gain / cost[candidate], candidate, len(chosen), gain))
             continue
         chosen.append(candidate)
-        set_so_far = Majorant.of_set(exposure, chosen)
+        added_now = added_to(chosen)
         added.append(gain)
     return Greedy(tuple(chosen), np.array(added), np.cumsum(added), evaluations, rule)

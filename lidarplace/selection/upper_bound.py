@@ -7,9 +7,6 @@ own, since the sum of their least cuts is lower than the least of their sums.
 
 The first cuts are those of greedy's prefixes. One of them alone, over the same polytope, is the
 bound by marginal gains (Leskovec et al. 2007, Cost-effective outbreak detection in networks).
-
-Every bound holds whatever the solver's tolerances are: not its optimum is taken, but its dual
-multipliers, made feasible. By weak duality any multipliers give a bound.
 """
 
 from __future__ import annotations
@@ -22,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.optimize import linprog
 
+from lidarplace.selection.cuts import Cut, highest
 from lidarplace.selection.exposure import Exposure
 from lidarplace.selection.limits import Limits
 from lidarplace.selection.majorant import Majorant
@@ -46,14 +43,6 @@ class UpperBound:
     value: float
     by_gains: float
     history: pd.DataFrame
-
-
-@dataclass(frozen=True, eq=False)
-class _Cut:
-    """`constant[b] + slopes[b] @ x` is at least the value of block b at any set x."""
-
-    constant: NDArray[np.float64]
-    slopes: NDArray[np.float64]
 
 
 def upper_bound(
@@ -92,12 +81,12 @@ def upper_bound(
     for size in range(len(chosen) + 1):
         cuts.append(_of_majorant(Majorant.of_set(exposure, chosen[:size]), edges))
         cuts[-1].slopes[:, list(chosen[:size])] = 0.0  # these add nothing more
-        whole = _Cut(cuts[-1].constant.sum(keepdims=True), cuts[-1].slopes.sum(0, keepdims=True))
-        by_gains = note(_highest([whole], limits)[0], "gains")
+        whole = Cut(cuts[-1].constant.sum(keepdims=True), cuts[-1].slopes.sum(0, keepdims=True))
+        by_gains = note(highest([whole], limits)[0], "gains")
     best = by_gains
     middle, reached = np.zeros(exposure.candidates), 0.0
     while time.perf_counter() - start < seconds:
-        bound, share = _highest(cuts, limits)
+        bound, share = highest(cuts, limits)
         best = note(bound, "cuts")
         if best - reached <= relative_gap * best:
             break
@@ -110,39 +99,6 @@ def upper_bound(
     return UpperBound(best, by_gains, pd.DataFrame(history, columns=["seconds", "bound", "kind"]))
 
 
-def _of_majorant(majorant: Majorant, edges: NDArray[np.int64]) -> _Cut:
+def _of_majorant(majorant: Majorant, edges: NDArray[np.int64]) -> Cut:
     constant = [majorant.constant[a:b].sum() for a, b in itertools.pairwise(edges)]
-    return _Cut(np.array(constant), majorant.added_by_all(edges))
-
-
-def _highest(cuts: Sequence[_Cut], limits: Limits) -> tuple[float, NDArray[np.float64]]:
-    """Bound of the sum over the blocks of the least cut of each; and where the solver found it.
-
-    Variables are the shares and the value of every block, in units of the largest cut.
-    """
-    rows, capacity = limits.polytope
-    blocks, candidates = cuts[0].slopes.shape
-    constant = np.concatenate([cut.constant for cut in cuts])
-    slopes = np.concatenate([cut.slopes for cut in cuts])
-    unit = max(constant.max(), slopes.max(initial=0.0)) or 1.0
-    value_of_block = np.tile(np.eye(blocks), (len(cuts), 1))
-    solution = linprog(
-        np.concatenate([np.zeros(candidates), -np.ones(blocks)]),
-        A_ub=np.block([[-slopes / unit, value_of_block], [rows, np.zeros((len(rows), blocks))]]),
-        b_ub=np.concatenate([constant / unit, capacity]),
-        bounds=[(0, 1)] * candidates + [(None, None)] * blocks,
-        method="highs",
-    )
-    if solution.status != 0:
-        raise RuntimeError(f"HiGHS found no bound: {solution.message}")
-    duals = np.maximum(-solution.ineqlin.marginals, 0.0)
-    of_cut, of_row = (
-        duals[: len(constant)].reshape(len(cuts), blocks),
-        duals[len(constant) :] * unit,
-    )
-    # Multipliers of a block's cuts add up to 1: then the cuts hold for their mean.
-    of_cut[0, of_cut.sum(axis=0) == 0] = 1.0
-    of_cut = (of_cut / of_cut.sum(axis=0)).reshape(-1)
-    left = of_cut @ slopes - of_row @ rows
-    bound = of_cut @ constant + of_row @ capacity + np.maximum(left, 0.0).sum()
-    return float(bound), np.clip(solution.x[:candidates], 0.0, 1.0)
+    return Cut(np.array(constant), majorant.added_by_all(edges))
