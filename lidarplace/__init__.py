@@ -2,6 +2,7 @@
 
 from lidarplace.occupancy.grid import OccupancyGrid
 from lidarplace.placement import PAPER_PLACEMENTS, Mount, Placement
+from lidarplace.recall.expected_recall import ExpectedRecall
 from lidarplace.roi import Roi
 from lidarplace.sensor import Lidar
 from lidarplace.surrogates.evaluate import (
@@ -14,6 +15,7 @@ from lidarplace.surrogates.result import Surrogates, sum_over_classes
 
 __all__ = [
     "PAPER_PLACEMENTS",
+    "ExpectedRecall",
     "Lidar",
     "Mount",
     "OccupancyGrid",

@@ -50,6 +50,7 @@ VERBS = {
     "view": Verb("lidarplace.view", "Make a page of one frame of a box log."),
     "export": Verb("lidarplace.export", "Write a box log in KITTI's object layout."),
     "pretrain": Verb("sweeps.pretrain", "Train a detector on all placements together.", "sweeps"),
+    "calibrate": Verb("sweeps.calibrate", "Fit detection curves to the detections of a sweep."),
     "accuracy": Verb("sweeps.accuracy", "Compare ways to compute the surrogates."),
 }
 """By name, in the order of help."""

@@ -128,6 +128,7 @@ CONFIGURED = {
     "doctor": ("doctor", "FILE"),
     "record": ("record", "FILE", "out"),
     "pretrain": ("pretrain", "FILE", "--out", "base.pt"),
+    "calibrate": ("calibrate", "FILE"),
     "accuracy": ("accuracy", "LOG", "--config", "FILE"),
     "carla": ("carla", "FILE", "out"),
 }

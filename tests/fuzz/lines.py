@@ -71,6 +71,12 @@ LINES = {
         ("sweep.yaml", "log"),
         "sweeps.execution.run_tasks.run_tasks",
     ),
+    "calibrate": Line(
+        "sweeps.calibrate",
+        ("sweep.yaml", "--out", "curves.json"),
+        ("sweep.yaml", "log"),
+        "sweeps.calibration.observations.rigs_of",
+    ),
     "convert table": Line("lidarplace.convert", ("table", "csv", "out"), ("csv", "classes.yaml")),
     "convert a table": Line(
         "lidarplace.convert", ("table", "csv/boxes.csv", "out", "--frames", "9"), ("csv",)

@@ -1,0 +1,143 @@
+"""How probably a detector finds an object, by how many cells of its surface are hit.
+
+`p = most * (1 - exp(-rate * cells))`: every cell gives the detector a chance of its own, as every
+ray does in `expected_ig`, and a share `1 - most` of the objects is lost whatever is seen of them.
+It rises and is concave, so a mean of it over objects is monotone and submodular in the set of
+LiDARs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from lidarplace.files.atomic import read_text, replacing
+
+CELL_M = 0.2
+"""Edge of a cell where a curve is fitted, metres."""
+
+_FARTHEST = 12.0
+"""Logit and logarithm between which `fit` looks: shares and rates from 6e-6 on."""
+
+
+class DetectionCurve(BaseModel):
+    """The curve of one class at one overlap."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    object_class: str = Field(alias="class", description="class of the objects")
+    iou: float = Field(gt=0, lt=1, description="3D IoU that a detection must exceed")
+    most: float = Field(gt=0, le=1, description="probability for an object that is seen completely")
+    rate: float = Field(gt=0, description="chance that a further cell adds, in nats")
+
+    def probability(self, cells: ArrayLike) -> NDArray[np.float64]:
+        """Probability of detection by distinct cells hit, any shape."""
+        return self.most * -np.expm1(-self.rate * np.asarray(cells, np.float64))
+
+
+class DetectionCurves(BaseModel):
+    """The curves of a file."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    command: str = Field(description="what made the file")
+    cell: float = Field(gt=0, description="edge of a cell, metres")
+    curves: tuple[DetectionCurve, ...] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _each_once(self) -> Self:
+        known = [(curve.object_class, curve.iou) for curve in self.curves]
+        twice = {key for key in known if known.count(key) > 1}
+        if twice:
+            raise ValueError(f"there are two curves of {sorted(twice)[0]}")
+        return self
+
+    def of(self, object_class: str, iou: float) -> DetectionCurve:
+        """The curve of a class at an overlap. Raises ValueError if there is none."""
+        for curve in self.curves:
+            if curve.object_class == object_class and curve.iou == iou:
+                return curve
+        known = ", ".join(f"{curve.object_class} at {curve.iou:g}" for curve in self.curves)
+        raise ValueError(
+            f"no detection curve of {object_class} at IoU {iou:g}; there are {known}; "
+            "python -m sweeps.calibrate makes others"
+        )
+
+
+def fit(object_class: str, iou: float, cells: ArrayLike, found: ArrayLike) -> DetectionCurve:
+    """The curve under which what became of objects is most probable.
+
+    Args:
+        object_class, iou: what it is of.
+        cells: distinct cells hit of each object under each rig, shape (n,).
+        found: whether it was found, or the share of several detectors that did, in [0, 1], shape
+            (n,). Shares count as so many yes and no.
+
+    Where nothing was found, or all, `most` is near 0 or 1: within 1e-5.
+
+    Raises:
+        ValueError: there is no observation.
+    """
+    from scipy.optimize import minimize
+
+    seen, share = np.asarray(cells, np.float64), np.asarray(found, np.float64)
+    if not len(seen):
+        raise ValueError(f"no {object_class} was observed, so it has no detection curve")
+
+    def cost(logs: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        """Negative mean log likelihood by logit of `most` and logarithm of `rate`; its gradient."""
+        most, rate = 1 / (1 + np.exp(-logs[0])), np.exp(logs[1])
+        missed = np.exp(-rate * seen)
+        p = np.clip(most * (1 - missed), 1e-9, 1 - 1e-9)
+        slope = (1 - share) / (1 - p) - share / p
+        by_most = (slope * (1 - missed)).mean() * most * (1 - most)
+        by_rate = (slope * most * missed * seen).mean() * rate
+        value = -(share * np.log(p) + (1 - share) * np.log1p(-p)).mean()
+        return float(value), np.array([by_most, by_rate])
+
+    bounds = [(-_FARTHEST, _FARTHEST)] * 2
+    starts = [np.array([0.0, start]) for start in (-5.0, -3.0, -1.0)]
+    tries = [minimize(cost, x0, jac=True, method="L-BFGS-B", bounds=bounds) for x0 in starts]
+    logit, log_rate = min(tries, key=lambda one: one.fun).x
+    return DetectionCurve.model_validate(
+        {
+            "class": object_class,
+            "iou": iou,
+            "most": float(f"{1 / (1 + np.exp(-logit)):.4g}"),
+            "rate": float(f"{np.exp(log_rate):.4g}"),
+        }
+    )
+
+
+def read_curves(path: Path) -> DetectionCurves:
+    """Read a file of curves.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: it is no such file; names the file, the key and what is wrong.
+    """
+    try:
+        return DetectionCurves.model_validate_json(read_text(path))
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        raise ValueError(f"{path}: {key + ': ' if key else ''}{first['msg']}") from None
+
+
+def write_curves(path: Path, command: str, curves: Sequence[DetectionCurve]) -> None:
+    """Write a file of curves with cells of `CELL_M`; renamed into place."""
+    text = DetectionCurves(command=command, cell=CELL_M, curves=tuple(curves))
+    with replacing(path) as partial:
+        partial.write_text(text.model_dump_json(by_alias=True, indent=2) + "\n", encoding="utf-8")
+
+
+def default_curves() -> DetectionCurves:
+    """The curves that come with the package; their `command` says where from."""
+    text = files("lidarplace.recall").joinpath("default_curves.json").read_text(encoding="utf-8")
+    return DetectionCurves.model_validate_json(text)

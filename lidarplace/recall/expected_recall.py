@@ -1,0 +1,123 @@
+"""`expected_recall`: the mean probability that an object is found, from boxes alone.
+
+`1/n sum over objects b of p(cells of b that the rig hits)`, p a detection curve.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from lidarplace.box_log import BoxLog
+from lidarplace.placement import Placement
+from lidarplace.recall.counted_objects import CountedObjects
+from lidarplace.recall.detection_curve import DetectionCurves, default_curves
+from lidarplace.recall.surface_cells import SurfaceCells
+from lidarplace.roi import Roi
+
+COLUMNS = ("expected_recall", "standard_error", "objects", "individuals")
+
+
+@dataclass(frozen=True, eq=False)
+class ExpectedRecall:
+    """The surrogate over the objects of a log that count; `from_log` makes it.
+
+    Attributes:
+        objects: the objects.
+        classes: classes that are asked for, also those of which there is no object.
+        most, rate: of the detection curve of every object, float64, shape (objects,).
+    """
+
+    objects: CountedObjects
+    classes: tuple[str, ...]
+    most: NDArray[np.float64]
+    rate: NDArray[np.float64]
+
+    @classmethod
+    def from_log(
+        cls,
+        log: BoxLog,
+        roi: Roi,
+        classes: Sequence[str],
+        curves: DetectionCurves | None = None,
+        *,
+        iou: float = 0.5,
+        frames: int | None = None,
+        azimuth_share: float = 1.0,
+        seed: int = 0,
+    ) -> ExpectedRecall:
+        """Find the objects that count and their curves; casts no ray yet.
+
+        Args:
+            log, roi, classes, frames, azimuth_share, seed: as of `CountedObjects.from_log`. An
+                object in neighbouring frames tells little new, so some of the frames will do: see
+                `recall`.
+            curves: detection curves; those of the package by default.
+            iou: overlap that a detection must exceed; there is a curve for it.
+
+        Raises:
+            ValueError: as there, or there is no curve for a class.
+        """
+        curves = default_curves() if curves is None else curves
+        of_class = {name: curves.of(name, iou) for name in classes}
+        objects = CountedObjects.from_log(
+            log,
+            roi,
+            classes,
+            curves.cell,
+            frames=frames,
+            azimuth_share=azimuth_share,
+            seed=seed,
+        )
+        own = [of_class[name] for name in objects.table["class"]]
+        return cls(
+            objects,
+            tuple(classes),
+            np.array([curve.most for curve in own], np.float64),
+            np.array([curve.rate for curve in own], np.float64),
+        )
+
+    def of(self, placement: Placement) -> pd.DataFrame:
+        """`recall` of one placement, from its rays."""
+        return self.recall(self.objects.seen_by([placement])[0])
+
+    def probabilities(self, seen: SurfaceCells) -> NDArray[np.float64]:
+        """Probability that each object is found, shape (objects,)."""
+        return self.found(seen.counts())
+
+    def found(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Probability that each object is found, by its distinct cells; both shape (objects,)."""
+        return self.most * -np.expm1(-self.rate * cells)
+
+    def recall(self, seen: SurfaceCells) -> pd.DataFrame:
+        """The surrogate of what is seen, a row a class: columns `COLUMNS`, index `class`.
+
+        `standard_error` is that of the objects that happened to be there: objects of one individual
+        (scene and `object_id`) err together, so it falls with the number of individuals. It is
+        alike for all rigs; their differences err less. NaN: of a class without objects, and the
+        error of a single individual.
+        """
+        table = self.objects.table[["scene", "object_id", "class"]].assign(
+            p=self.probabilities(seen)
+        )
+        rows = {name: _estimate(table[table["class"] == name]) for name in self.classes}
+        found = pd.DataFrame.from_dict(rows, orient="index", columns=list(COLUMNS))
+        return found.rename_axis("class")
+
+
+def _estimate(table: pd.DataFrame) -> tuple[float, float, int, int]:
+    """The mean of `p`, its standard error with individuals as clusters, and what it is of."""
+    number = len(table)
+    if not number:
+        return np.nan, np.nan, 0, 0
+    mean = table["p"].mean()
+    off = (table["p"] - mean).groupby([table["scene"], table["object_id"]]).sum()
+    clusters = len(off)
+    spread = np.nan
+    if clusters > 1:
+        spread = float(np.sqrt(clusters / (clusters - 1) * (off**2).sum()) / number)
+    return float(mean), spread, number, clusters

@@ -1,0 +1,105 @@
+"""What the detectors of a sweep found of every object, and what the rigs hit of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from lidarplace.box_log import BoxLog, join_logs
+from lidarplace.recall.baselines import per_object
+from lidarplace.recall.counted_objects import CountedObjects
+from lidarplace.recall.detection_curve import CELL_M
+from lidarplace.recall.surface_cells import SurfaceCells
+from sweeps.configuration.file import ConfigError
+from sweeps.configuration.sweep import Point
+from sweeps.plan.plan import Trial
+from sweeps.store.open import AnyStore
+from sweeps.tasks.parameters import CollectParams
+from sweeps.tasks.stages import box_log
+from tracking.kitti_iou import kitti_iou
+from training.found_objects import found_objects
+
+COLUMNS = ("rig", "class", "iou", "scene", "object_id", "points", "cells", "found")
+
+
+@dataclass(frozen=True)
+class Rig:
+    """Trials that differ in detector and seed alone.
+
+    Attributes:
+        label: placement and further axes.
+        point: of the grid, of the first of them.
+        trials: those that are evaluated.
+    """
+
+    label: str
+    point: Point
+    trials: tuple[Trial, ...]
+
+
+def rigs_of(trials: Sequence[Trial], store: AnyStore) -> list[Rig]:
+    """The rigs of which the store has detections. Raises ConfigError for recorded clouds."""
+    own: dict[str, list[Trial]] = {}
+    for trial in trials:
+        if trial.evaluate is None or not store.has(trial.evaluate):
+            continue
+        if not all(isinstance(task.params, CollectParams) for task in trial.collect_test):
+            raise ConfigError("scene.clouds: which rays made recorded clouds is not known")
+        axes = {k: v for k, v in trial.grid_point.axes.items() if k not in ("detector", "seed")}
+        label = " · ".join(
+            [axes.pop("placement", trial.grid_point.point.placement)]
+            + [f"{name}={value}" for name, value in axes.items()]
+        )
+        own.setdefault(label, []).append(trial)
+    return [Rig(label, ones[0].grid_point.point, tuple(ones)) for label, ones in own.items()]
+
+
+def observations(rigs: Sequence[Rig], store: AnyStore) -> pd.DataFrame:
+    """A row for every object, rig and overlap, columns `COLUMNS`.
+
+    The objects are those of the test frames that count, the overlaps KITTI's of the class.
+    `found` is the share of the rig's detectors that found the object, points and cells are what the
+    rig hits of it, with the azimuth steps of its clouds.
+    """
+    counted: dict[tuple[str, ...], CountedObjects] = {}
+    tables = []
+    for rig in rigs:
+        first = rig.trials[0]
+        key = (*(task.key for task in first.scenes), repr(rig.point.roi), repr(rig.point.classes))
+        if key not in counted:
+            counted[key] = _test_objects(first, store)
+        tables += _of_rig(rig, counted[key], store)
+    return pd.concat(tables, ignore_index=True)[list(COLUMNS)]
+
+
+def _test_objects(trial: Trial, store: AnyStore) -> CountedObjects:
+    log = join_logs([box_log(store.load(task)) for task in trial.scenes])
+    frames = log.frames[log.frames["split"] == "test"]
+    boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])]
+    point = trial.grid_point.point
+    return CountedObjects.from_log(
+        BoxLog(boxes, frames, log.buildings),
+        point.voxel_roi(),
+        point.classes,
+        CELL_M,
+        seed=point.scene.seed,
+    )
+
+
+def _of_rig(rig: Rig, objects: CountedObjects, store: AnyStore) -> list[pd.DataFrame]:
+    # The clouds of all parts of a scene are of one rig; it has their azimuth steps.
+    (placement,) = {task.params.placement for task in rig.trials[0].collect_test}
+    seen: SurfaceCells = objects.seen_by([placement])[0]
+    table = per_object(objects, seen).assign(rig=rig.label, scene=objects.table["scene"])
+    boxes = [store.load(trial.evaluate)["detections"] for trial in rig.trials if trial.evaluate]
+    tables = []
+    for name in rig.point.classes:
+        of_class = (table["class"] == name).to_numpy()
+        own = objects.table[of_class]
+        for iou in kitti_iou(name):
+            found = [found_objects(own, box[box["class"] == name], iou) for box in boxes]
+            tables.append(table[of_class].assign(iou=iou, found=np.mean(found, axis=0)))
+    return tables

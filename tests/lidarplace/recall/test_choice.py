@@ -1,0 +1,78 @@
+"""Greedy choice by expected recall, its bound, and the properties that they rest on."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from small_scenes import CURVES, LIDAR, ROI, ROWS, log_of, rows_of_cells, table_of
+
+from lidarplace import ExpectedRecall, Mount, Placement
+from lidarplace.recall.choice import RecallChoice
+from lidarplace.selection import Limits
+from tests.lidarplace.selection.small_exposures import feasible_sets, limits_of
+
+WEIGHTS = {"Tram": 1.0, "Bus": 0.4}
+MODEL = ExpectedRecall.from_log(log_of(*ROWS), ROI, ["Tram", "Bus"], CURVES)
+choices = st.lists(rows_of_cells, max_size=5).map(
+    lambda tables: RecallChoice(MODEL, [table_of(rows) for rows in tables], WEIGHTS)
+)
+
+
+def test_the_value_is_the_weighted_recall_of_the_rig():
+    mounts = [Mount(0.1 * n, 0.2 * n - 0.4, 2.2 + 0.2 * n, roll=0.05 * n) for n in range(4)]
+    ones = [Placement(str(n), [mount], lidar=LIDAR) for n, mount in enumerate(mounts)]
+    choice = RecallChoice(MODEL, MODEL.objects.seen_by(ones), WEIGHTS)
+    found = MODEL.of(Placement("rig", [mounts[1], mounts[3]], lidar=LIDAR))["expected_recall"]
+    assert choice.value([3, 1]) == pytest.approx(found["Tram"] + 0.4 * found["Bus"], rel=1e-12)
+    gains = choice.gains([1])
+    assert gains[3] == pytest.approx(choice.value([1, 3]) - choice.value([1]), rel=1e-9)
+    assert gains[1] == 0
+
+
+@given(choices)
+def test_it_is_monotone_and_submodular(choice):
+    numbers = range(len(choice.seen))
+    for size in range(len(numbers) + 1):
+        for large in itertools.combinations(numbers, size):
+            of_large = choice.gains(large)
+            assert (of_large >= 0).all()
+            for left_out in large:
+                small = [one for one in large if one != left_out]
+                assert (choice.gains(small) >= of_large - 1e-12).all()
+
+
+@settings(deadline=None)
+@given(st.data(), choices)
+def test_greedy_is_the_plain_one_and_no_set_exceeds_the_bound(data, choice):
+    limits = data.draw(limits_of(len(choice.seen)))
+    greedy = choice.greedy(limits)
+    best = max(choice.value(chosen) for chosen in feasible_sets(limits))
+    bound = choice.upper_bound(limits, greedy.chosen)
+    assert greedy.value == pytest.approx(choice.value(greedy.chosen), rel=1e-9, abs=1e-12)
+    assert greedy.value <= best + 1e-12
+    assert bound >= best - 1e-12
+    assert bound <= choice.upper_bound(limits) + 1e-9
+    number = Limits.at_most(2, len(choice.seen))
+    chosen: list[int] = []
+    for _ in range(min(2, len(choice.seen))):
+        gains = choice.gains(chosen)
+        if gains.max() > 0:
+            chosen.append(int(gains.argmax()))
+    found = choice.greedy(number)
+    assert found.value == pytest.approx(choice.value(chosen), rel=1e-9, abs=1e-12)
+    pairs = max(choice.value(chosen) for chosen in feasible_sets(number))
+    assert found.value >= (1 - 1 / np.e) * pairs - 1e-12
+
+
+def test_wrong_weights_and_limits_are_refused():
+    with pytest.raises(ValueError, match="weights has 'Car', but the classes are Tram, Bus"):
+        RecallChoice(MODEL, [], {"Car": 1.0})
+    with pytest.raises(ValueError, match="the weight of Bus must be finite and >= 0, found -1"):
+        RecallChoice(MODEL, [], {"Bus": -1.0})
+    choice = RecallChoice(MODEL, [], WEIGHTS)
+    for call in (choice.greedy, choice.upper_bound):
+        with pytest.raises(ValueError, match="limits are for 3 candidates, there are 0"):
+            call(Limits.at_most(1, 3))
+    assert choice.greedy(Limits.at_most(1, 0)).value == 0

@@ -1,0 +1,115 @@
+"""Cells and points on objects, compared with rays and sets of plain Python."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from small_scenes import (
+    CURVES,
+    LIDAR,
+    MOUNTS,
+    ROI,
+    ROWS,
+    cells_hit,
+    decoded,
+    log_of,
+    rows_of_cells,
+    table_of,
+)
+
+from lidarplace import Mount, Placement
+from lidarplace.boxes import BUILDING_COLUMNS
+from lidarplace.recall.expected_recall import ExpectedRecall
+from lidarplace.recall.surface_cells import SurfaceCells, slices_of
+
+
+@pytest.mark.parametrize("mounts", [MOUNTS[:1], MOUNTS[1:], MOUNTS])
+def test_cells_and_points_are_those_of_plain_rays(mounts):
+    log = log_of(*ROWS)
+    model = ExpectedRecall.from_log(log, ROI, ["Tram", "Bus"], CURVES)
+    seen = model.objects.seen_by([Placement("rig", mounts, lidar=LIDAR)])[0]
+    geometry = model.objects.geometry
+    expected, points = [], []
+    for frame in (0, 3):
+        of_frame = model.objects.table["frame"].to_numpy() == frame
+        cells, counts = cells_hit(
+            geometry[of_frame].tolist(), mounts, LIDAR, model.objects.cell, ROI
+        )
+        expected, points = expected + cells, points + counts
+    assert decoded(seen, slices_of(geometry, model.objects.cell)) == expected
+    assert seen.points.tolist() == points
+    assert min(len(cells) for cells in expected) > 3
+    assert seen.counts().tolist() == [len(cells) for cells in expected]
+
+
+def test_objects_that_do_not_count_hide_others():
+    log = log_of(*ROWS)
+    alone = ExpectedRecall.from_log(log, ROI, ["Bus"], CURVES)
+    both = ExpectedRecall.from_log(log, ROI, ["Bus", "Tram"], CURVES)
+    rig = Placement("rig", MOUNTS, lidar=LIDAR)
+    counts = both.objects.seen_by([rig])[0].counts()[
+        (both.objects.table["class"] == "Bus").to_numpy()
+    ]
+    assert alone.objects.seen_by([rig])[0].counts().tolist() == counts.tolist()
+
+
+def test_buildings_the_own_body_and_range_hide():
+    tram = (0, "Tram", 15.0, 0.0, 3.0, 1.0, 1.2, 0.0)
+    wall = pd.DataFrame([("a", 8.0, 0.0, 0.8, 0.5, 6.0, 1.6, 0.0)], columns=BUILDING_COLUMNS)
+    free = ExpectedRecall.from_log(log_of(tram), ROI, ["Tram"], CURVES)
+    walled = ExpectedRecall.from_log(log_of(tram, buildings=wall), ROI, ["Tram"], CURVES)
+    high, low = Mount(z=3.5), Mount(x=2.5, z=1.0)
+
+    def cells(model, mount, lidar=LIDAR):
+        return model.objects.seen_by([Placement("one", [mount], lidar=lidar)])[0].counts()[0]
+
+    assert cells(free, high) > 0
+    assert cells(free, low) > 0
+    assert cells(walled, high) > 0
+    assert cells(walled, low) == 0
+    assert cells(free, Mount(x=-4.0, z=0.7)) == 0  # through the vehicle
+    near = LIDAR.__class__(LIDAR.elevations, LIDAR.azimuth_steps, range=10.0)
+    assert cells(free, high, near) == 0
+
+
+def test_an_object_around_the_sensor_is_seen_from_outside_alone():
+    around = (0, "Bus", 0.5, 0.0, 8.0, 8.0, 3.8, 0.0)
+    model = ExpectedRecall.from_log(log_of(around, ROWS[0]), ROI, ["Bus", "Tram"], CURVES)
+    assert model.objects.table["class"].tolist() == ["Tram"]  # no ideal sensor sees it from inside
+    lone = ExpectedRecall.from_log(log_of(ROWS[0]), ROI, ["Tram"], CURVES)
+    rig = Placement("rig", MOUNTS, lidar=LIDAR)
+    assert (
+        model.objects.seen_by([rig])[0].cells.tolist()
+        == lone.objects.seen_by([rig])[0].cells.tolist()
+    )
+    inside = Placement("inside", [Mount(12.0, 1.0, 0.8)], lidar=LIDAR)
+    assert lone.objects.seen_by([inside])[0].counts().tolist() == [0]
+
+
+def test_a_box_without_a_size_has_one_cell_and_a_huge_one_is_refused():
+    assert slices_of(np.zeros((1, 7)), 0.2).tolist() == [[1, 1, 1]]
+    flat = np.array([[0, 0, 0, 0.6, 0.2, 0.0, 0]])
+    assert slices_of(flat, 0.2).tolist() == [[3, 1, 1]]
+    with pytest.raises(ValueError, match=r"1e\+12 cells of 0.1 m"):
+        slices_of(np.array([[0, 0, 0, 1000.0, 1000.0, 1000.0, 0]]), 0.1)
+
+
+@given(rows_of_cells, rows_of_cells)
+def test_unions_are_those_of_sets(left, right):
+    union = [a | b for a, b in zip(left, right, strict=True)]
+    one, other = table_of(left), table_of(right)
+    both = one.and_(other)
+    assert both.cells.tolist() == table_of(union).cells.tolist()
+    assert both.offsets.tolist() == table_of(union).offsets.tolist()
+    assert one.counts_with(other).tolist() == [len(row) for row in union]
+    assert both.points.tolist() == (one.points + other.points).tolist()
+
+
+@given(st.lists(rows_of_cells, max_size=3))
+def test_frames_are_joined_in_their_order(frames):
+    joined = SurfaceCells.joined([table_of(rows) for rows in frames])
+    whole = table_of([row for rows in frames for row in rows])
+    assert joined.offsets.tolist() == whole.offsets.tolist()
+    assert joined.cells.tolist() == whole.cells.tolist()
+    assert joined.points.tolist() == whole.points.tolist()

@@ -1,0 +1,134 @@
+"""Curves from the detections in a store: those that made the detections are found again."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from lidarplace import PAPER_PLACEMENTS, Lidar, Roi
+from lidarplace.box_log import BoxLog, write_box_log
+from lidarplace.boxes import BOX_COLUMNS, GEOMETRY
+from lidarplace.recall.counted_objects import CountedObjects
+from lidarplace.recall.detection_curve import read_curves
+from sweeps.calibrate import app
+from sweeps.calibration.left_out import check
+from sweeps.calibration.observations import observations, rigs_of
+from sweeps.plan.plan import read_plan
+from sweeps.store.of_sweep import store_of
+
+MOST, RATE = 0.9, 0.03
+ROI = Roi((0, 40), (-20, 20), (0, 4), resolution=0.1)
+SWEEP = {
+    "classes": ["Car", "Pedestrian"],
+    "lidar": {"azimuth_steps": 1800, "cloud_share": 0.2},
+    "detector": "pointpillars_tiny",
+    "grid": {"placement": ["line", "center", "line_roll"], "seed": [1, 2]},
+    "ray": "debug",
+}
+
+
+def write_log(folder):
+    """Four cars in each of 100 test frames, and one frame to train."""
+    rng = np.random.default_rng(0)
+    rows = [
+        ("a", frame, frame / 10, f"{frame}-{k}", "Car", x, y, 0.8, 4.4, 1.8, 1.6, yaw)
+        for frame in range(101)
+        for k, (x, y, yaw) in enumerate(
+            zip(
+                8 + 8 * np.arange(4) + rng.uniform(-3, 3, 4),
+                rng.uniform(-15, 15, 4),
+                rng.uniform(-3, 3, 4),
+                strict=True,
+            )
+        )
+    ]
+    frames = pd.DataFrame({"scene": "a", "frame": range(101), "route": [0] + 100 * [1]})
+    frames = frames.assign(timestamp_s=frames["frame"] / 10, split=["train"] + 100 * ["test"])
+    write_box_log(folder, BoxLog(pd.DataFrame(rows, columns=list(BOX_COLUMNS)), frames))
+
+
+@pytest.fixture
+def config(tmp_path):
+    write_log(tmp_path / "log")
+    scene = {"source": "log", "folder": str(tmp_path / "log")}
+    path = tmp_path / "sweep.yaml"
+    path.write_text(yaml.safe_dump(SWEEP | {"scene": scene, "output": str(tmp_path / "runs")}))
+    return path
+
+
+def detect(config, trials):
+    """Keep scenes, and detections of some trials that follow the curve."""
+    sweep, plan = read_plan(config)
+    store = store_of(sweep)
+    for task in plan.tasks:
+        if task.stage == "scene":
+            log = task.params.recording.record()
+            value = {"boxes": log.boxes, "frames": log.frames, "buildings": log.buildings}
+            store.save(task, value, 0.0)
+    rng = np.random.default_rng(1)
+    test = log.boxes[log.boxes["frame"] > 0]
+    objects = CountedObjects.from_log(
+        BoxLog(test, log.frames, log.buildings), ROI, ["Car"], 0.2, azimuth_share=0.2
+    )
+    detections = {}
+    for trial in trials(plan.trials):
+        name = trial.grid_point.point.placement
+        lidar = replace(Lidar.paper(), azimuth_steps=1800)
+        seen = objects.seen_by([PAPER_PLACEMENTS[name].with_lidar(lidar)])[0]
+        p = MOST * (1 - np.exp(-RATE * seen.counts()))
+        boxes = objects.table[rng.random(len(p)) < p]
+        detections[trial.label] = boxes
+        own = boxes[["frame", "class", *GEOMETRY]].assign(score=rng.random(len(boxes)))
+        store.save(trial.evaluate, {"detections": own}, 0.0)
+    return plan, store, detections
+
+
+def test_the_curve_behind_the_detections_is_found(config, tmp_path):
+    plan, store, detections = detect(config, list)
+    out = tmp_path / "curves.json"
+    result = CliRunner().invoke(app, [str(config), "--out", str(out)], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    assert "6 of 6 trials are evaluated" in result.output
+    curves = read_curves(out)
+    assert {(curve.object_class, curve.iou) for curve in curves.curves} == {
+        ("Car", 0.5),
+        ("Car", 0.7),
+    }
+    assert curves.of("Car", 0.7).most == pytest.approx(MOST, abs=0.04)
+    assert curves.of("Car", 0.7).rate == pytest.approx(RATE, rel=0.15)
+
+    rigs = rigs_of(plan.trials, store)
+    assert [rig.label for rig in rigs] == ["line", "center", "line_roll"]
+    assert [len(rig.trials) for rig in rigs] == [2, 2, 2]
+    seen = observations(rigs, store)
+    center = seen[(seen["rig"] == "center") & (seen["iou"] == 0.5)].set_index("object_id")
+    found = [set(boxes["object_id"]) for name, boxes in detections.items() if "center" in name]
+    for object_id, row in center.iterrows():
+        assert row["found"] == np.mean([object_id in own for own in found])
+
+    own = seen[seen["iou"] == 0.7]
+    checked = check(own)
+    assert checked.rigs == 3
+    assert checked.objects == checked.individuals == len(center)
+    assert checked.brier < checked.brier_of_mean
+    assert checked.error < 0.05
+    means = own.groupby("rig")[["found", "cells"]].mean()
+    assert checked.spread == pytest.approx(means["found"].std())
+
+
+def test_trials_without_detections_are_left_out(config):
+    detect(config, lambda trials: trials[:3])
+    result = CliRunner().invoke(app, [str(config)], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    assert "3 of 6 trials are evaluated" in result.output
+
+
+def test_one_rig_is_too_few(config):
+    detect(config, lambda trials: trials[:2])
+    result = CliRunner().invoke(app, [str(config)], catch_exceptions=False)
+    assert result.exit_code == 2
+    said = " ".join(result.output.split())
+    assert "the store has detections of 1 rig(s), at least 2 are needed" in said
