@@ -64,11 +64,12 @@ def observations(rigs: Sequence[Rig], store: AnyStore) -> pd.DataFrame:
     `found` is the share of the rig's detectors that found the object, points and cells are what the
     rig hits of it, with the azimuth steps of its clouds.
     """
-    counted: dict[tuple[str, ...], CountedObjects] = {}
+    counted: dict[tuple[object, ...], CountedObjects] = {}
     tables = []
     for rig in rigs:
-        first = rig.trials[0]
-        key = (*(task.key for task in first.scenes), repr(rig.point.roi), repr(rig.point.classes))
+        first, point = rig.trials[0], rig.point
+        scenes = tuple(task.key for task in first.scenes)
+        key = (scenes, point.scene.seed, point.voxel_roi(), point.classes)
         if key not in counted:
             counted[key] = _test_objects(first, store)
         tables += _of_rig(rig, counted[key], store)
