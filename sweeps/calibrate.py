@@ -80,7 +80,15 @@ def print_checks(console: Console, checks: Sequence[Check]) -> None:
 
     curves = Table("class", "IoU", "rigs", "objects", "individuals", "most", "rate a cell")
     left_out = Table(
-        "class", "IoU", "Brier", "of the mean", "error", "spread", "ρ", title="Rigs left out"
+        "class",
+        "IoU",
+        "Brier",
+        "of the mean",
+        "error",
+        "spread",
+        "ρ",
+        "ρ, fitted",
+        title="Rigs left out",
     )
     plain = Table("class", "IoU", "ln points", "5 points", "ln cells", title="ρ without a curve")
     for own in checks:
@@ -92,7 +100,7 @@ def print_checks(console: Console, checks: Sequence[Check]) -> None:
             f"{own.brier:.4f}",
             f"{own.brier_of_mean:.4f}",
             *(f"{100 * share:.1f} %" for share in (own.error, own.spread)),
-            f"{own.rho:+.2f}",
+            *(f"{rho:+.2f}" for rho in (own.rho, own.rho_fitted)),
         )
         rhos = (own.rho_log_points, own.rho_enough_points, own.rho_log_cells)
         plain.add_row(*name, *(f"{rho:+.2f}" for rho in rhos))
@@ -100,7 +108,8 @@ def print_checks(console: Console, checks: Sequence[Check]) -> None:
         console.print(table)
     console.print(
         "error: mean distance of a rig's recall from the predicted one; spread: standard deviation "
-        "of recall over the rigs; ρ: Spearman's with recall over the rigs",
+        "of recall over the rigs; ρ: Spearman's with recall over the rigs, fitted: of the curve "
+        "of all rigs",
         highlight=False,
     )
 

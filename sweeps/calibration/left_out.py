@@ -22,7 +22,9 @@ class Check:
         brier_of_mean: the same of the share found under the other rigs, for every object alike.
         error: mean distance of a rig's predicted recall from the measured one.
         spread: standard deviation of the measured recall over the rigs.
-        rho: Spearman's between the two.
+        rho: Spearman's between the two. A rig that is left out pulls the curve away from itself,
+            so where the curve is flat this is negative, whatever is true.
+        rho_fitted: the same with the curve that is fitted to all rigs.
         rho_log_points, rho_enough_points, rho_log_cells: of measures that are not fitted.
     """
 
@@ -35,6 +37,7 @@ class Check:
     error: float
     spread: float
     rho: float
+    rho_fitted: float
     rho_log_points: float
     rho_enough_points: float
     rho_log_cells: float
@@ -54,19 +57,21 @@ def check(seen: pd.DataFrame) -> Check:
         curve = fit(name, iou, others["cells"], others["found"])
         seen.loc[left_out, "expected"] = curve.probability(seen.loc[left_out, "cells"])
         seen.loc[left_out, "mean"] = others["found"].mean()
+    whole = fit(name, iou, seen["cells"], seen["found"])
     of_rig = (
         seen.assign(
+            fitted=whole.probability(seen["cells"]),
             log_points=np.log1p(seen["points"]),
             enough_points=seen["points"] >= ENOUGH_POINTS,
             log_cells=np.log1p(seen["cells"]),
         )
-        .groupby("rig")[["found", "expected", "log_points", "enough_points", "log_cells"]]
+        .groupby("rig")[["found", "expected", "fitted", "log_points", "enough_points", "log_cells"]]
         .mean()
     )
     rho = of_rig.corr(method="spearman")["found"]
     one = seen[seen["rig"] == seen["rig"].iloc[0]]
     return Check(
-        curve=fit(name, iou, seen["cells"], seen["found"]),
+        curve=whole,
         rigs=len(of_rig),
         objects=len(one),
         individuals=len(one[["scene", "object_id"]].drop_duplicates()),
@@ -75,6 +80,7 @@ def check(seen: pd.DataFrame) -> Check:
         error=float((of_rig["expected"] - of_rig["found"]).abs().mean()),
         spread=float(of_rig["found"].std()),
         rho=float(rho["expected"]),
+        rho_fitted=float(rho["fitted"]),
         rho_log_points=float(rho["log_points"]),
         rho_enough_points=float(rho["enough_points"]),
         rho_log_cells=float(rho["log_cells"]),

@@ -116,6 +116,9 @@ def test_the_curve_behind_the_detections_is_found(config, tmp_path):
     assert checked.brier < checked.brier_of_mean
     assert checked.error < 0.05
     means = own.groupby("rig")[["found", "cells"]].mean()
+    p = own["cells"].map(lambda cells: float(checked.curve.probability(cells)))
+    fitted = p.groupby(own["rig"]).mean()
+    assert checked.rho_fitted == pytest.approx(fitted.corr(means["found"], method="spearman"))
     assert checked.spread == pytest.approx(means["found"].std())
 
 
