@@ -86,3 +86,43 @@ def test_differences_to_any_placement_are_tukeys_too():
         assert (row["low"], row["high"]) == pytest.approx(expected, abs=1e-3)
     with pytest.raises(KeyError):
         best_placement(results(y)).differences("d")
+
+
+def test_judges_of_all_placements_are_paired():
+    y = {"a": [70.0, 62, 66.5], "b": [72.5, 64.5, 68]}
+    found = best_placement(results(y), generalist=True)
+    test = stats.ttest_rel(y["b"], y["a"])
+    bounds = test.confidence_interval(0.95)
+    row = found.others.loc["a"]
+    assert (row["low"], row["high"]) == pytest.approx((bounds.low, bounds.high), abs=1e-3)
+    assert row["p"] == pytest.approx(test.pvalue, abs=1e-6)
+    shifted = {
+        name: [v + g for v, g in zip(own, (0, 9, -4), strict=True)] for name, own in y.items()
+    }
+    again = best_placement(results(shifted), generalist=True)
+    pd.testing.assert_frame_equal(
+        again.others.drop(columns="mean"), found.others.drop(columns="mean")
+    )
+    assert best_placement(results(shifted)).others.loc["a", "p"] > 0.5  # as if unpaired
+
+
+def test_one_judge_leaves_the_error_of_the_test_objects():
+    y = {"a": [70.0], "b": [72.0], "c": [60.0]}
+    rows = [
+        (name, 0, "route", f"r{unit}", 10, value + (1 if name == "b" else -1) * (unit - 2) / 10)
+        for name, (value,) in y.items()
+        for unit in range(5)
+    ]
+    columns = ["placement", "seed", "unit", "left_out", "ground_truths", "value"]
+    left_out = pd.DataFrame(rows, columns=columns)
+    found = best_placement(results(y), left_out=left_out, generalist=True)
+    assert found.note.startswith("one generalist")
+    row = found.others.loc["a"]
+    assert row["low"] < row["lead"] < row["high"]
+    # By hand: the jackknife variance of each placement against the mean of all, twice for two.
+    deviations = np.array([[-1.0, 1, -1]]) * (np.arange(5)[:, None] - 2) / 10
+    deviations -= deviations.mean(axis=1, keepdims=True)
+    variance = 4 / 5 * (deviations**2).sum() / 2
+    half = stats.studentized_range.ppf(0.95, 3, found.noise.degrees) * np.sqrt(variance)
+    assert row["high"] - row["lead"] == pytest.approx(half, rel=1e-6)
+    assert best_placement(results(y), left_out=left_out).others["low"].isna().all()

@@ -91,9 +91,9 @@ def best_placement(
         seed: of the draws from the posterior.
         left_out: the same without each unit of the test objects, see
             `tracking.statistics.jackknife.sample_error`.
-        generalist: whether all placements were judged by the same detector. With one of them there
-            is no scatter of trainings between placements, and the error of the test objects is
-            what is left; what another generalist would say is not in it.
+        generalist: whether a seed is a detector that has judged all placements. What it gives to
+            all of them alike is no scatter between them. With one of them the error of the test
+            objects is what is left; what another generalist would say is not in it.
 
     Returns:
         None if there is no value. NaN for all that needs the spread over seeds if no placement has
@@ -113,7 +113,9 @@ def best_placement(
     y = y.reindex(known["placement"].unique())
     y = y.iloc[np.argsort(-seed_mean(y.to_numpy(np.float64)), kind="stable")]
     values = y.to_numpy(np.float64)
-    means, of_seeds = seed_mean(values), Noise.of_seeds(values)
+    paired = generalist and bool(np.isfinite(values).all())
+    means = seed_mean(values)
+    of_seeds = Noise.of_judges(values) if paired else Noise.of_seeds(values)
     sample = None if left_out is None else sample_error(left_out, paired=True)
     noise = combined(of_seeds, sample)
     alone = generalist and of_seeds.degrees == 0 and sample is not None and len(y) > 1

@@ -29,6 +29,22 @@ class Noise:
         counts = np.isfinite(y).sum(axis=1).astype(np.float64)
         return cls(counts, float(pooled), float(degrees))
 
+    @classmethod
+    def of_judges(cls, y: NDArray[np.float64]) -> Noise:
+        """Of values of shape (n, judges), where each judge has judged all placements.
+
+        What a judge gives to all placements alike makes none of them better: it is taken out, as in
+        a two-way analysis of variance without repetition (Fisher 1925). A missing value raises
+        ValueError.
+        """
+        if not np.isfinite(y).all():
+            raise ValueError("every judge must have judged every placement, found a missing value")
+        placements, judges = y.shape
+        rest = y - y.mean(axis=0) - y.mean(axis=1, keepdims=True) + y.mean()
+        degrees = (placements - 1) * (judges - 1)
+        variance = float((rest**2).sum() / degrees) if degrees else float("nan")
+        return cls(np.full(placements, float(judges)), variance, float(degrees))
+
 
 def pooled_variance(y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     """Variance over seeds within placements, pooled over placements.
