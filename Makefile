@@ -28,7 +28,7 @@ $(STAMP): pyproject.toml constraints.txt
 	touch $(STAMP)
 
 demo: setup
-	$(BIN)/python -m sweeps.run examples/grid.yaml
+	$(BIN)/python -m sweeps.search examples/demo.yaml
 
 # MLflow on this machine alone; RUN: a sweep's folder, a database, or a tracking URI.
 RUN ?= runs/mlflow.db

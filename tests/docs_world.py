@@ -57,6 +57,12 @@ SEARCH = {
 }
 
 
+GENERALIST = SWEEP | {
+    "generalist": {"rigs": 2, "rigs_per_frame": 1, "epochs": 1},
+    "grid": {"placement": ["line", "center"], "judge": ["generalist", "specialist"]},
+}
+
+
 @cache
 def run(verb: str, *arguments: str) -> Result:
     """Run `python -m VERB …` in this process; what several pages say, once."""
@@ -71,10 +77,11 @@ def make_world(folder: Path) -> None:
         ("grid", SWEEP),
         ("examples/grid", TRAFFIC),
         ("examples/search", SEARCH),
+        ("examples/generalist", GENERALIST),
         ("mine", yaml.safe_load(_block("quickstart.md", "# mine.yaml"))),
     ):
         (folder / f"{name}.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
-    for log in ("small", "logs/mine"):
+    for log in ("small", "logs/mine", "logs/b", "logs/c"):
         write_small_log(folder / log)
     write_database(folder / "runs/mlflow.db")
     _tables(folder)

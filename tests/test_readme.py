@@ -34,7 +34,9 @@ def test_the_lines_of_python(tmp_path, monkeypatch, capsys):
     assert "s_mig=-" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(("name", "trials"), [("grid", 4), ("quirks", 8), ("study", 24)])
+@pytest.mark.parametrize(
+    ("name", "trials"), [("grid", 4), ("quirks", 8), ("study", 24), ("generalist", 32)]
+)
 def test_examples(name, trials):
     _, plan = read_plan(ROOT / f"examples/{name}.yaml")
     assert len(plan.trials) == trials

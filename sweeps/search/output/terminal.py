@@ -20,6 +20,7 @@ from sweeps.search.problem.choice import Choices, placement_of
 from sweeps.search.problem.constraints import Constraint
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.slots import rig_of
+from sweeps.search.trials.by_detectors import class_weights
 from sweeps.search.trials.study import assessment_of, finished_trials
 from tracking.findings.ray_counting import ray_counting_caution
 
@@ -150,7 +151,8 @@ def _print_chosen(console: Console, found: Found, objective: ObjectiveSettings) 
     """What the choice says of the best rig, with its interval."""
     assert found.chosen is not None
     rows = found.chosen[found.chosen["rig"] == "found_1"]
-    for _, row in rows[rows["metric"] == objective.by].iterrows():
+    rows = rows[rows["metric"] == objective.by]
+    for _, row in rows[rows["class"].isin(class_weights(objective, rows["class"]))].iterrows():
         console.print(
             f"{objective.by} @ {row['iou']:g}, {row['class']}, on other traffic: "
             f"{row['value']:.1f}, {row['difference']:+.1f} "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -161,7 +161,7 @@ def _failure(trial: Trial, outcome: Outcome) -> str | None:
 
 def measured_value(objective: ObjectiveSettings, trials: Sequence[Trial], store: AnyStore) -> float:
     """The weighted mean over classes of a metric's mean over seeds, percent."""
-    weights = _weights(objective, trials[0].grid_point.point.classes)
+    weights = class_weights(objective, trials[0].grid_point.point.classes)
     return _mean({c: metric_mean(trials, objective.by, c, store) for c in weights}, weights)
 
 
@@ -169,11 +169,11 @@ def weighted_value(
     objective: ObjectiveSettings, classes: Sequence[str], metrics: pd.DataFrame
 ) -> float:
     """The weighted mean over classes of a metric, percent; `metrics` as of `evaluate_boxes`."""
-    weights = _weights(objective, classes)
+    weights = class_weights(objective, classes)
     return _mean({c: headline_value(metrics, objective.by, c) for c in weights}, weights)
 
 
-def _weights(objective: ObjectiveSettings, classes: Sequence[str]) -> dict[str, float]:
+def class_weights(objective: ObjectiveSettings, classes: Iterable[str]) -> dict[str, float]:
     """Weight by class; of all objects together where the metric is of them and none is named."""
     assert objective.by in RANKING
     of_all = METRICS[objective.by].of_all and objective.weights is None
