@@ -21,7 +21,7 @@ class Objective(Part):
 
     Attributes:
         by: the surrogate or metric, in words of the configuration.
-        weights: of each class, None where classes do not count.
+        weights: of each class, of "all" objects together, None where classes do not count.
     """
 
     name: str

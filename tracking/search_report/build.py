@@ -24,7 +24,7 @@ from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_json import Rig
 from tracking.search_report.cautions import cautions
 from tracking.search_report.feasibility import constraint_table, infeasible_sentences, nearest_trial
-from tracking.search_report.headline import cards, of_front, summary, with_unit
+from tracking.search_report.headline import cards, of_front, of_objective, summary, with_unit
 from tracking.search_report.strided import strided
 from tracking.search_report.tables import (
     greedy_table,
@@ -56,13 +56,13 @@ def build_search_report(folder: Path) -> Path:
     search = run.search
     sections = [
         _mounts(run),
+        _chosen(run),
         _picture(run),
         _unseen(run),
         _history(run),
         _pareto(run),
         _constraints(run),
         _robustness(run),
-        _chosen(run),
         _verified(run),
         _optuna(run),
         Section("Trials", tables=[trial_table(run)]),
@@ -264,7 +264,11 @@ def _chosen(run: SearchFolder) -> Section | None:
         f"{search.baseline} have 95 % intervals that hold for all pairs of rigs at once, over the "
         "routes and individuals of these frames and, where there are several, over generalists."
     )
-    section.tables.append(verified_table(rows, search.baseline, search.first))
+    own = of_objective(rows, search.first)
+    others = rows.drop(own.index)
+    for part in (own, others):
+        if len(part):
+            section.tables.append(verified_table(part, search.baseline, search.first))
     return section
 
 

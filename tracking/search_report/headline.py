@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 
-from tracking.numbers import digits, number
+from tracking.numbers import digits, number, span
 from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_json import Objective, Rig, SearchResult
 from tracking.search_report.feasibility import infeasible_sentences
@@ -25,8 +26,9 @@ class Card:
 def summary(search: SearchResult) -> str:
     """What was searched, in one line."""
     goals = ", ".join(f"{o.direction} {o.name}" for o in search.objectives)
+    frames = f"{search.frames:,} frames · " if search.frames else ""
     return (
-        f"{goals[0].upper()}{goals[1:]} · {', '.join(search.classes)} · {search.frames:,} frames · "
+        f"{goals[0].upper()}{goals[1:]} · {', '.join(search.classes)} · {frames}"
         f"{search.sampler}, seed {search.seed}, {search.evaluations:,} evaluations; the last "
         f"command took {search.seconds:,.0f} s"
     )
@@ -35,12 +37,14 @@ def summary(search: SearchResult) -> str:
 def cards(run: SearchFolder) -> list[Card]:
     """What was found, and what the search did."""
     search = run.search
-    first = _found(search) if search.best else _nothing_found(run)
+    first = _found(run) if search.best else _nothing_found(run)
     return [first, _effort(search)]
 
 
 def change(objective: Objective, value: float, base: float) -> str:
-    """How a value differs from `base`: in percent if that is positive, else in its unit."""
+    """How a value differs from `base`: in points of percent, in percent, or else in its unit."""
+    if objective.unit == "%":
+        return f"{digits(value - base, '+.1f')} points"
     if base > 0:
         return f"{digits(100 * (value / base - 1), '+.1f')} %"
     return f"{digits(value - base, '+.4g')} {objective.unit}".rstrip()
@@ -51,11 +55,13 @@ def with_unit(objective: Objective, value: float) -> str:
     return f"{number(value)} {objective.unit}".rstrip()
 
 
-def _found(search: SearchResult) -> Card:
+def _found(run: SearchFolder) -> Card:
+    search = run.search
     name = search.best[0]
     rig = search.rigs[name]
     lines = [_against_baseline(search, objective, rig) for objective in search.objectives]
-    lines = [line for line in lines if line] + _models_of_peers(search) + _against_bound(search)
+    lines = [line for line in lines if line] + _how_sure(run) + _models_of_peers(search)
+    lines += _against_bound(search)
     if search.constraints:
         lines.append(f"Feasible: it keeps all {len(search.constraints)} constraints.")
     else:
@@ -106,6 +112,28 @@ def _against_baseline(search: SearchResult, objective: Objective, rig: Rig) -> s
     return f"{own}, {compared}" if own else compared
 
 
+def _how_sure(run: SearchFolder) -> list[str]:
+    """The interval of the lead on other traffic, where a generalist judged; else nothing."""
+    search = run.search
+    if run.chosen is None or search.baseline is None:
+        return []
+    rows = of_objective(run.chosen, search.first)
+    rows = rows[rows["rig"] == search.best[0]]
+    return [
+        f"Of {row['class']}, on traffic that the search did not see: "
+        f"{digits(row['difference'], '+.1f')} points, 95 % interval "
+        f"{span(row['difference_low'], row['difference_high'], '+.1f')}."
+        for row in rows.to_dict("records")
+        if not np.isnan(row["difference"])
+    ]
+
+
+def of_objective(measured: pd.DataFrame, objective: Objective) -> pd.DataFrame:
+    """Rows of `chosen` or `verified` that hold what an objective is made of."""
+    weighed = measured["class"].isin(objective.weights or {})
+    return measured[(measured["metric"] == objective.by) & weighed]
+
+
 def _nothing_found(run: SearchFolder) -> Card:
     kept = run.trials["feasible"].astype(bool).any()
     value = "No rig with a value" if kept else "No feasible rig"
@@ -114,7 +142,7 @@ def _nothing_found(run: SearchFolder) -> Card:
 
 def _against_bound(search: SearchResult) -> list[str]:
     bound = search.bound
-    if bound is None:
+    if bound is None or search.first.unit == "%":  # there is none of what detectors measure
         return []
     if bound.value is None:
         return [f"No upper bound: {bound.reason}"] if bound.reason else []

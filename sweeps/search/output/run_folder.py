@@ -29,6 +29,7 @@ from sweeps.search.problem.as_sweep import placement_settings, verify_settings
 from sweeps.search.problem.choice import Choices
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.slots import rig_of
+from sweeps.search.trials.by_detectors import class_weights
 from sweeps.search.trials.study import assessment_of, candidate_of, finished_trials, journal_path
 from sweeps.store.local import write_text
 from tracking.mlflow.uri import absolute_uri
@@ -202,12 +203,17 @@ def _stride(problem: Problem, found: Found) -> Stride | None:
 def _objective(objective: ObjectiveSettings, problem: Problem) -> Objective:
     units = {name: surrogate.unit for name, surrogate in SURROGATES.items()}
     units |= {name: metric.unit for name, metric in METRICS.items()}
+    weights = None
+    if objective.measured:
+        weights = class_weights(objective, problem.file.classes)
+    elif objective.by != "price":
+        weights = objective.weights_of(problem.file.classes)
     return Objective(
         name=objective.name,
         by=objective.by,
         unit=units.get(objective.by, ""),
         direction=objective.best,
-        weights=None if objective.by == "price" else objective.weights_of(problem.file.classes),
+        weights=weights,
     )
 
 
