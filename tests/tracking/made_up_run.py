@@ -25,20 +25,23 @@ def write_run(
     detectors: Sequence[str] = ("pointpillars_tiny",),
     densities: Sequence[int] = (),
     trainings: Sequence[tuple[int, float]] = (),
+    judges: Sequence[str] = (),
     roi: dict[str, object] = ROI,
     points: int = 300,
     seed: int = 0,
 ) -> Path:
     """Write a run folder with `names` as placements.
 
-    `densities` adds an axis "scene.density", `trainings` those of epochs and share of the frames.
+    `densities` adds an axis "scene.density", `trainings` those of epochs and share of the frames,
+    `judges` who judges the placements: a generalist 20 points above specialists, half as far apart.
     Without `detectors` it is a sweep of surrogates alone: no results, no frame, maps of some.
     """
     rng = np.random.default_rng(seed)
     path.mkdir(parents=True)
     scenes = [{"scene.density": density} for density in densities] or [{}]
     lengths = [dict(zip(COST_AXES, training, strict=True)) for training in trainings] or [{}]
-    settings = [scene | length for scene in scenes for length in lengths]
+    asked = [{"judge": judge} for judge in judges] or [{}]
+    settings = [scene | length | one for scene in scenes for length in lengths for one in asked]
     quality = dict(zip(names, rng.permutation(len(names)) / len(names), strict=True))
 
     trials, results, curves = [], [], []
@@ -53,7 +56,8 @@ def write_run(
                             **common,
                             "seed": number,
                             **setting,
-                            "seconds": 60 + 20 * rng.random(),
+                            "seconds": (60 + 20 * rng.random())
+                            / (20 if setting.get("judge") == "generalist" else 1),
                             "status": "finished",
                             "error": "",
                         }
@@ -118,11 +122,15 @@ def _results(
     rows = []
     for object_class, ious in IOUS.items():
         for metric in (
-            ("recall",) if object_class == "all" else ("AP_R40_3D", "AP_R40_BEV", "recall")
+            ("recall",)
+            if object_class == "all"
+            else ("AP_R40_3D", "AP_R40_BEV", "class_recall_3D" if "judge" in setting else "recall")
         ):
             for iou in ious:
                 value = 90 - 60 * iou + 15 * quality + rng.normal()
                 value -= 10 / setting.get("training.epochs", np.inf)
+                if setting.get("judge") == "generalist":
+                    value = 20 + 90 - 60 * iou + 15 * (0.5 + quality) / 2 + 0.1 * rng.normal()
                 rows.append(
                     {
                         **common,
@@ -334,6 +342,9 @@ def _tasks(trials: list[dict[str, object]]) -> list[dict[str, object]]:
         {"stage": "scene", "label": "town01", "key": "a", "seconds": 31.0, "cached": True},
         {"stage": "pog", "label": "Car", "key": "b", "seconds": 4.0, "cached": False},
     ]
+    if any(trial.get("judge") == "generalist" for trial in trials):
+        rows.append({"stage": "pretrain", "label": "generalist", "key": "c", "seconds": 250.0})
+        rows[-1]["cached"] = False
     for trial in trials:
         common = {"label": trial["placement"], "key": trial["trial"], "cached": False}
         rows.append({"stage": "simulate", **common, "seconds": 9.0})

@@ -11,6 +11,7 @@ import pytest
 from made_up_run import NAMES, write_run
 
 from tracking.findings.best_surrogate import best_surrogates
+from tracking.findings.ceiling import beside, ceilings
 from tracking.findings.correlation import correlate
 from tracking.findings.groups import groups
 from tracking.findings.leave_one_out import leave_one_out
@@ -43,6 +44,7 @@ def run(tmp_path_factory) -> RunFolder:
 def predictors(run: RunFolder) -> Section:
     sample = (run.results, run.surrogates)
     correlations, errors = correlate(*sample, run.axes), leave_one_out(*sample, run.axes)
+    correlations = beside(correlations, ceilings(run.results, run.left_out, run.axes), run.axes)
     found = best_surrogates(*sample, correlations, errors, run.axes)
     section = predictors_section(run, correlations, errors, found)
     assert section is not None

@@ -52,14 +52,18 @@ class BestPlacement:
         Raises:
             KeyError: `reference` has no value.
         """
-        names = self.sure.index
-        means = np.concatenate([[self.mean], self.others["mean"].to_numpy(np.float64)])
+        names, means = self.sure.index, self.means
         at = names.get_loc(reference)
         order = np.array([at, *np.delete(np.arange(len(names)), at)])
         noise = replace(self.noise, counts=self.noise.counts[order])
         intervals = lead_intervals(means[order], noise)
         table = {"difference": means[order] - means[at], "low": -intervals[:, 1]}
         return pd.DataFrame(table | {"high": -intervals[:, 0]}, names[order]).loc[names]
+
+    @property
+    def means(self) -> NDArray[np.float64]:
+        """Of all placements, the best first, shape (n,)."""
+        return np.concatenate([[self.mean], self.others["mean"].to_numpy(np.float64)])
 
     @property
     def equal(self) -> list[str]:

@@ -11,6 +11,10 @@ import pandas as pd
 from tracking.labels import setting_label
 from tracking.run_folders.sweep import RunFolder
 
+JUDGE = "judge"
+"""The axis over who judges placements."""
+GENERALIST = "generalist"
+"""The judge that is one detector for all placements."""
 MOST_NAMES = 24
 """Of placements in one sentence."""
 
@@ -22,11 +26,14 @@ class Group:
     Attributes:
         detector: its name, "" for surrogates alone.
         setting: value of every further axis, by key path.
+        judge: whose detections tell of its placements: those of "specialist", "generalist" or
+            "finetuned" detectors.
         varies: whether the sweep has other groups, so that a title must name this one.
     """
 
     detector: str
     setting: dict[str, Any]
+    judge: str
     varies: bool
 
     @property
@@ -34,6 +41,11 @@ class Group:
         """Detector and setting, for example "second, density = 40"."""
         axes = setting_label(self.setting, self.setting.values())
         return ", ".join(part for part in (self.detector, axes) if part)
+
+    @property
+    def place(self) -> dict[str, Any]:
+        """The detector and the setting, by column."""
+        return {"detector": self.detector, **self.setting}
 
     def of(self, table: pd.DataFrame) -> pd.DataFrame:
         """The rows of `table` that belong to this group."""
@@ -46,6 +58,11 @@ class Group:
 def has_detectors(run: RunFolder) -> bool:
     """Whether the sweep trains detectors: there are sweeps of surrogates alone."""
     return bool((run.trials["detector"] != "").any())
+
+
+def judges(table: pd.DataFrame, judge: str) -> pd.Series:
+    """Who judged each row: `judge` where it is no axis."""
+    return table[JUDGE] if JUDGE in table else pd.Series(judge, table.index)
 
 
 def pictured(run: RunFolder) -> str:
@@ -91,4 +108,6 @@ def groups(run: RunFolder) -> Iterator[Group]:
     found = table.drop_duplicates().to_dict("records")
     for row in found:
         detector = str(row.pop("detector"))
-        yield Group(detector, {str(axis): value for axis, value in row.items()}, len(found) > 1)
+        setting = {str(axis): value for axis, value in row.items()}
+        judge = str(setting.get(JUDGE, run.sweep.judge))
+        yield Group(detector, setting, judge, len(found) > 1)

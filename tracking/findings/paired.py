@@ -50,8 +50,8 @@ def paired(
 
     Args:
         results: one row per (placement, class, detector, seed, axes, metric, iou, difficulty).
-        surrogates: one row per (placement, class, surrogate) and those of the axes that it depends
-            on; a missing value in such a column stands for any value.
+        surrogates: one row per (placement, class, surrogate) and those of detector and axes that it
+            depends on; a missing value in such a column stands for any value.
         axes: further axes of the grid, columns of `results`.
 
     Raises:
@@ -60,7 +60,7 @@ def paired(
     keys = group_columns(axes)
     _need(results, ["placement", "seed", "value", *keys], "results")
     _need(surrogates, ["placement", "class", "surrogate", "value"], "surrogates")
-    depends = [axis for axis in axes if axis in surrogates.columns]
+    depends = _depends(surrogates, axes)
     predictors = with_sums(surrogates, axes)
     for key, rows in results.groupby(keys, dropna=False, sort=True, observed=True):
         group = dict(zip(keys, key, strict=True))
@@ -73,9 +73,9 @@ def with_sums(surrogates: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFram
     """`surrogates` with rows of class "all" added: those that are additive summed over classes.
 
     A sum is NaN if the surrogate is NaN for a class. Keeps placement, class, surrogate, value and
-    those of `axes` that are columns.
+    those of detector and `axes` that are columns.
     """
-    depends = [axis for axis in axes if axis in surrogates.columns]
+    depends = _depends(surrogates, axes)
     single = surrogates[["placement", "class", *depends, "surrogate", "value"]]
     additive = [name for name, own in SURROGATES.items() if own.additive]
     total = (
@@ -84,6 +84,11 @@ def with_sums(surrogates: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFram
         .agg(lambda values: values.sum(skipna=False))
     )
     return pd.concat([single, total.reset_index().assign(**{"class": "all"})], ignore_index=True)
+
+
+def _depends(surrogates: pd.DataFrame, axes: Sequence[str]) -> list[str]:
+    """What a surrogate may depend on besides placement and class."""
+    return [key for key in ("detector", *axes) if key in surrogates.columns]
 
 
 def _matching(

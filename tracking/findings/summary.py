@@ -10,6 +10,7 @@ from scipy import stats
 
 from lidarplace.metrics import HEADLINE_METRIC, METRICS, RANKING, headline_metric
 from lidarplace.surrogates.table import DECIDING
+from tracking.findings.groups import GENERALIST, judges
 from tracking.findings.paired import group_columns
 from tracking.kitti_iou import headline_iou
 from tracking.labels import in_order, surrogate_short
@@ -21,7 +22,10 @@ TERMINAL_ROWS = 20
 
 
 def seed_means(
-    results: pd.DataFrame, axes: Sequence[str] = (), left_out: pd.DataFrame | None = None
+    results: pd.DataFrame,
+    axes: Sequence[str] = (),
+    left_out: pd.DataFrame | None = None,
+    judge: str = "specialist",
 ) -> pd.DataFrame:
     """Mean over seeds.
 
@@ -32,6 +36,8 @@ def seed_means(
 
     Args:
         left_out: `RunFolder.left_out`; None: intervals are over seeds alone.
+        judge: of all results, where it is no axis. A single generalist judged all placements, so
+            that the test objects are all that its intervals hold.
 
     Returns:
         One row per (placement, class, detector, axes, metric, iou, difficulty): `mean`, `sd`
@@ -39,7 +45,8 @@ def seed_means(
         `sample_sd`, the error by the choice of the test objects, NaN where it is unknown; `low`
         and `high`; and `half`, half the interval of the mean against other placements that were
         tested on the same frames, two of which add in squares. All three are NaN where no placement
-        has two seeds. Rows whose value is NaN for every seed have 0 seeds.
+        has two seeds, unless a generalist judged them. Rows whose value is NaN for every seed have
+        0 seeds.
     """
     groups = group_columns(axes)
     means = (
@@ -59,8 +66,9 @@ def seed_means(
     degrees = summed["extra"].where(summed["extra"] > 0)
     variance = summed["squares"] / degrees / means["seeds"].where(means["seeds"] > 0)
     errors = _sample_errors(means, left_out, groups)
+    alone = degrees.isna() & (judges(means, judge) == GENERALIST)
     half = {
-        name: _half(variance, degrees, errors[f"{name}_variance"], errors[f"{name}_degrees"])
+        name: _half(variance, degrees, errors[f"{name}_variance"], errors[f"{name}_degrees"], alone)
         for name in ("single", "paired")
     }
     return means.assign(
@@ -72,9 +80,18 @@ def seed_means(
 
 
 def _half(
-    variance: pd.Series, degrees: pd.Series, other: pd.Series, other_degrees: pd.Series
+    variance: pd.Series,
+    degrees: pd.Series,
+    other: pd.Series,
+    other_degrees: pd.Series,
+    alone: pd.Series,
 ) -> pd.Series:
-    """Half of Student's 95 % interval for a sum of two variances, by Satterthwaite."""
+    """Half of Student's 95 % interval for a sum of two variances, by Satterthwaite.
+
+    Where `alone` says so, it is of the other one.
+    """
+    known = alone & other.notna()
+    variance, degrees = variance.mask(known, 0.0), degrees.mask(known, np.inf)
     whole = variance + other.fillna(0)
     parts = variance**2 / degrees + (other**2 / other_degrees).fillna(0)
     freedom = (whole**2 / parts.where(parts > 0)).fillna(degrees)

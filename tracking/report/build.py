@@ -11,8 +11,10 @@ import pandas as pd
 
 from tracking.findings.best_placement import BestPlacement
 from tracking.findings.best_surrogate import Predictors, best_surrogates
+from tracking.findings.ceiling import beside, ceilings
 from tracking.findings.correlation import correlate
 from tracking.findings.distinct_rigs import copies, without
+from tracking.findings.generalist import with_judgements
 from tracking.findings.groups import Group, groups, pictured
 from tracking.findings.individuals import count_individuals
 from tracking.findings.leave_one_out import leave_one_out
@@ -30,17 +32,20 @@ from tracking.report.sections.accuracy import accuracy_section
 from tracking.report.sections.agreement import agreement_section
 from tracking.report.sections.best import best_section
 from tracking.report.sections.by_distance import by_distance_section
+from tracking.report.sections.ceiling import ceiling_section
 from tracking.report.sections.clouds import clouds_section
 from tracking.report.sections.correlation import correlation_section
 from tracking.report.sections.coverage import coverage_section, rigs_section
 from tracking.report.sections.curves import curves_section
 from tracking.report.sections.density import density_section
 from tracking.report.sections.detectors import detectors_section
+from tracking.report.sections.generalist import generalist_section
 from tracking.report.sections.individuals import individuals_section
 from tracking.report.sections.placements import placements_section
 from tracking.report.sections.predictors import counted, predictors_section
 from tracking.report.sections.promotion import promotion_section
 from tracking.report.sections.published import published_section
+from tracking.report.sections.regret import regret_section
 from tracking.report.sections.sampling_error import sampling_error_section
 from tracking.report.sections.tilts import tilts_section
 from tracking.report.sections.training_cost import training_cost_section
@@ -104,15 +109,20 @@ class _Analysis:
 
     Attributes:
         run: the placements after the longest training; shorter ones show what they cost.
+        surrogates: those of the run, and what its generalist says (`with_judgements`).
         means: `seed_means`.
-        correlations, errors, predicted: `correlate`, `leave_one_out` and `best_surrogates`.
+        ceilings: `ceilings`.
+        correlations, errors, predicted: `correlate` beside `ceilings`, `leave_one_out` and
+            `best_surrogates`.
         groups: what is compared with each other.
         rankings: every group with its `headline_ranking`.
         order: `best_first`.
     """
 
     run: RunFolder
+    surrogates: pd.DataFrame
     means: pd.DataFrame
+    ceilings: pd.DataFrame
     correlations: pd.DataFrame
     errors: pd.DataFrame
     predicted: list[Predictors]
@@ -124,14 +134,17 @@ class _Analysis:
     def of(cls, whole: RunFolder) -> _Analysis:
         full = is_full(whole.results, whole.axes, whole.sweep.promote)
         run = replace(whole, results=whole.results[full])
-        results, surrogates = run.results, run.surrogates
-        means = seed_means(results, run.axes, run.left_out)
-        correlations = correlate(results, surrogates, run.axes)
+        results, surrogates = run.results, with_judgements(run)
+        means = seed_means(results, run.axes, run.left_out, run.sweep.judge)
+        most = ceilings(results, run.left_out, run.axes)
+        correlations = beside(correlate(results, surrogates, run.axes), most, run.axes)
         errors = leave_one_out(results, surrogates, run.axes)
         found = list(groups(run))
         return cls(
             run=run,
+            surrogates=surrogates,
             means=means,
+            ceilings=most,
             correlations=correlations,
             errors=errors,
             predicted=best_surrogates(results, surrogates, correlations, errors, run.axes),
@@ -150,7 +163,12 @@ def _sections(whole: RunFolder, found: _Analysis) -> Iterator[Section | None]:
     if run.promotions is not None and not run.promotions.empty:
         yield promotion_section(whole, run.promotions)
     yield predictors_section(run, found.correlations, found.errors, found.predicted)
-    yield correlation_section(run, found.groups, means, found.correlations, found.errors)
+    yield ceiling_section(run, found.ceilings)
+    yield regret_section(run, found.rankings, found.surrogates)
+    yield generalist_section(run, found.rankings, means, found.correlations, found.surrogates)
+    yield correlation_section(
+        run, found.groups, means, found.correlations, found.errors, found.surrogates
+    )
     yield published_section(run, means)
     yield detectors_section(run, found.groups, means)
     yield tilts_section(run, found.groups, means)

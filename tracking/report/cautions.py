@@ -5,7 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from lidarplace.metrics import HEADLINE_METRIC
-from tracking.findings.groups import by_setting
+from tracking.findings.groups import GENERALIST, by_setting, judges
 from tracking.findings.individuals import MOST_FREQUENT, count_individuals
 from tracking.findings.ray_counting import largest_linear_share, ray_counting_caution
 from tracking.kitti_iou import headline_iou, judged
@@ -50,7 +50,8 @@ def cautions(run: RunFolder, means: pd.DataFrame) -> list[str]:
         *failed,
         *_missing(run),
         *_few_placements(run),
-        *_few_seeds(means),
+        *_few_seeds(_of_judge(run, means, generalist=False)),
+        *_few_generalists(_of_judge(run, means, generalist=True)),
         *_few_frames(run),
         *_few_objects(run, means),
         *_few_individuals(run),
@@ -95,6 +96,18 @@ def _few(n: int) -> list[str]:
     if smallest_p(n) > LEAST_P:
         return [f"Only {n} placements: no two-sided p-value can be below {smallest_p(n):.2g}."]
     return [f"Only {n} placements: weak correlations go unseen."]
+
+
+def _of_judge(run: RunFolder, means: pd.DataFrame, generalist: bool) -> pd.DataFrame:
+    """Rows of placements that one detector judged, or of those with detectors of their own."""
+    return means[(judges(means, run.sweep.judge) == GENERALIST) == generalist]
+
+
+def _few_generalists(means: pd.DataFrame) -> list[str]:
+    """A generalist's own chance is the same for all placements, but not without effect."""
+    if not (means["seeds"] == 1).any():
+        return []
+    return ["One generalist: another one may rank the placements otherwise; no interval has that."]
 
 
 def _few_seeds(means: pd.DataFrame) -> list[str]:

@@ -12,7 +12,7 @@ from lidarplace.metrics import headline_metric
 from lidarplace.surrogates.table import HEADLINE_SURROGATES
 from tracking.findings.best_placement import BestPlacement, best_placement
 from tracking.findings.best_surrogate import Predictors
-from tracking.findings.groups import Group
+from tracking.findings.groups import GENERALIST, Group
 from tracking.findings.paired import with_sums
 from tracking.findings.sampling_error import separated
 from tracking.findings.summary import deciding_surrogate, surrogates_of
@@ -90,7 +90,7 @@ def headline_ranking(run: RunFolder, group: Group) -> dict[str, BestPlacement]:
         own, left_out = judged(group.of(run.results), run.results, name), None
         if run.left_out is not None:
             left_out = judged(group.of(run.left_out), run.results, name)
-        best = best_placement(own, left_out=left_out)
+        best = best_placement(own, left_out=left_out, generalist=group.judge == GENERALIST)
         if best is not None:
             found[name] = best
     return found

@@ -56,6 +56,8 @@ class SweepResult(ResultFile):
     """What is to be known of its rigs."""
     promote: tuple[Rung, ...] = ()
     """What each rung ranked by, kept and set."""
+    judge: str = "specialist"
+    """Whose detections tell of a placement, where `judge` is no axis."""
     tracking_uri: str | None = None
     """Where MLflow has the runs, without passwords."""
     cores: CountFromOne | None = None

@@ -78,7 +78,7 @@ def corrected(
     seeds = stats.hmean(np.maximum(np.isfinite(y).sum(axis=-1), 1), axis=-1)
     reliable = np.nan_to_num(reliability_of_mean(icc(y), seeds), nan=1.0)
     lowered = np.sqrt(np.maximum(reliable, LEAST_RELIABLE))[..., None]
-    return _from_normal(np.clip(_to_normal(r, coefficient) / lowered, -1, 1), coefficient)
+    return from_normal(np.clip(to_normal(r, coefficient) / lowered, -1, 1), coefficient)
 
 
 def _standard_error(
@@ -92,7 +92,7 @@ def _standard_error(
     if coefficient == "spearman":
         return np.sqrt((1 + r**2 / 2) / (n - 3))
     if coefficient == "kendall":
-        normal = _to_normal(r, coefficient)
+        normal = to_normal(r, coefficient)
         one, two = np.arcsin(normal) / np.pi, np.arcsin(normal / 2) / np.pi
         variance = 1 - 4 * one**2 + 2 * (n - 2) * (1 / 9 - 4 * two**2)
         return np.sqrt(2 / (n * (n - 1)) * variance) / (1 - r**2)
@@ -101,15 +101,15 @@ def _standard_error(
     return np.maximum(1 / np.sqrt(n - 3), sandwich)
 
 
-def _to_normal(r: NDArray[np.float64], coefficient: str) -> NDArray[np.float64]:
+def to_normal(r: NDArray[np.float64], coefficient: str) -> NDArray[np.float64]:
     """Pearson's correlation of the normal population whose coefficient is `r`."""
     if coefficient == "spearman":
         return 2 * np.sin(np.pi * r / 6)
     return np.sin(np.pi * r / 2) if coefficient == "kendall" else r
 
 
-def _from_normal(r: NDArray[np.float64], coefficient: str) -> NDArray[np.float64]:
-    """Inverse of `_to_normal`."""
+def from_normal(r: NDArray[np.float64], coefficient: str) -> NDArray[np.float64]:
+    """Inverse of `to_normal`."""
     if coefficient == "spearman":
         return 6 / np.pi * np.arcsin(r / 2)
     return 2 / np.pi * np.arcsin(r) if coefficient == "kendall" else r

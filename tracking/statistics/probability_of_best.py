@@ -5,63 +5,26 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tracking.statistics.posterior import DRAWS, posterior
 from tracking.statistics.reliability import Noise
-
-_DRAWS = 20_000
-_BLOCK = 1_000
-_LOG_RATIOS = np.linspace(-24.0, 40.0, 1281)
-"""Of the variance between placements over that of a mean over seeds."""
 
 
 def probability_of_best(
-    means: NDArray[np.float64], noise: Noise, seed: int = 0, draws: int = _DRAWS
+    means: NDArray[np.float64], noise: Noise, seed: int = 0, draws: int = DRAWS
 ) -> NDArray[np.float64]:
     """Posterior probability of each placement to have the highest expected metric.
 
-    Seeds scatter normally and alike. Expected metrics are normal around a common mean, so that a
-    lead counts for less where the placements differ no more than their seeds do. The sd between
-    placements, over that of a mean over seeds, has a half-Cauchy prior of scale 1 (Gelman 2006),
-    which is proper with two placements too; common mean and logarithm of the noise have flat ones.
-    Given that ratio the posterior has a closed form, so the draws are independent.
-
     Args:
-        means: over seeds, shape (n,).
-        noise: of seeds, or of the test objects as well, see `tracking.statistics.jackknife`.
-        seed: of the draws.
+        means, noise, seed, draws: see `tracking.statistics.posterior.posterior`.
 
     Returns:
-        Shape (n,), sums to 1. NaN without degrees of freedom.
+        Shape (n,), sums to 1; equal placements share it where nothing is noise. NaN without
+        degrees of freedom.
     """
-    n, counts, variance, degrees = len(means), noise.counts, noise.variance, noise.degrees
-    if degrees == 0:
-        return np.full(n, np.nan)
-    if variance == 0:
-        highest = means == means.max()
-        return highest / highest.sum()
-    rng = np.random.default_rng(seed)
-    ratio = np.exp(_LOG_RATIOS)[:, None] * np.mean(1 / counts)  # between / within, shape (grid, 1)
-    weight = 1 / (ratio + 1 / counts)
-    centre = (weight * means).sum(axis=1) / weight.sum(axis=1)
-    square = degrees * variance + (weight * (means - centre[:, None]) ** 2).sum(axis=1)
-    freedom = degrees + n - 1
-    log_density = (
-        # The half-Cauchy density, of the logarithm of the ratio of variances.
-        -0.5 * np.logaddexp(0, _LOG_RATIOS)
-        - 0.5 * np.logaddexp(0, -_LOG_RATIOS)
-        + 0.5 * np.log(weight).sum(axis=1)
-        - 0.5 * np.log(weight.sum(axis=1))
-        - 0.5 * freedom * np.log(square)
-    )
-    density = np.exp(log_density - log_density.max())
-    wins, done = np.zeros(n), 0
-    while done < draws:
-        size = min(_BLOCK, draws - done)
-        at = rng.choice(len(ratio), size, p=density / density.sum())
-        within = square[at] / rng.chisquare(freedom, size)
-        common = centre[at] + np.sqrt(within / weight[at].sum(axis=1)) * rng.standard_normal(size)
-        precision = counts + 1 / ratio[at]
-        middle = (counts * means + common[:, None] / ratio[at]) / precision
-        drawn = middle + np.sqrt(within[:, None] / precision) * rng.standard_normal((size, n))
-        wins += np.bincount(drawn.argmax(axis=1), minlength=n)
-        done += size
-    return wins / draws
+    if noise.degrees == 0:
+        return np.full(len(means), np.nan)
+    wins = np.zeros(len(means))
+    for drawn in posterior(means, noise, seed, draws):
+        highest = drawn == drawn.max(axis=1, keepdims=True)
+        wins += (highest / highest.sum(axis=1, keepdims=True)).sum(axis=0)
+    return wins / wins.sum()

@@ -36,8 +36,9 @@ def scatter(
     Args:
         metric: rows of `seed_means` for one class, detector, metric, IoU and setting.
         surrogates: placements as rows, surrogates as columns (`surrogates_of`).
-        correlations: rows of `correlate` with those of `leave_one_out` for the same; its surrogates
-            make the menu. The first of the largest |rho| is shown at the start.
+        correlations: rows of `correlate` beside their ceilings, with those of `leave_one_out` for
+            the same; its surrogates make the menu. The first of the largest |rho| is shown at the
+            start.
         title: plotly text above the coefficient.
         placements: all of the sweep, in order, so that a placement keeps its colour.
     """
@@ -103,6 +104,8 @@ def _coefficient(row: Mapping[Hashable, Any]) -> str:
         f"{interval(row['spearman_low'], row['spearman_high'])}, "
         f"p = {row['spearman_p']:.2g}, n = {row['n']}"
     )
+    if np.isfinite(row["ceiling"]):
+        rho += f", ceiling {row['ceiling']:.2f}"
     others = f"r = {signed(row['pearson'])}, τ = {signed(row['kendall'])}"
     if np.isnan(row["spearman_min"]):
         return f"{rho}<br>{others}"

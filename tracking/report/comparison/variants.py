@@ -59,7 +59,7 @@ def variants(runs: Sequence[RunFolder], names: Sequence[str]) -> list[Variant]:
     found = []
     detectors = {detector for run in runs for detector in run.trials["detector"]}
     for run, name in zip(runs, names, strict=True):
-        means = seed_means(run.results, run.axes, run.left_out)
+        means = seed_means(run.results, run.axes, run.left_out, run.sweep.judge)
         own = list(groups(run))
         for group in own:
             named = len(own) > 1 or len(detectors) > 1

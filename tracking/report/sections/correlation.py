@@ -19,6 +19,7 @@ from tracking.numbers import interval, signed
 from tracking.pages.section import Section
 from tracking.pages.tables import METRIC, SURROGATE, Column, Table, numbers, words
 from tracking.report.headline import class_label
+from tracking.report.sections.ceiling import CEILING, CEILING_IN_A_LINE
 from tracking.report.sections.fitted_q import fitted_q_table
 from tracking.run_folders.sweep import RunFolder
 
@@ -32,13 +33,15 @@ def correlation_section(
     means: pd.DataFrame,
     correlations: pd.DataFrame,
     errors: pd.DataFrame,
+    surrogates: pd.DataFrame,
 ) -> Section | None:
     """A point a placement, for every group and class; None for a sweep without detectors.
 
     Args:
         means: `tracking.findings.summary.seed_means` of the run.
-        correlations: `tracking.findings.correlation.correlate` of the run.
+        correlations: `tracking.findings.ceiling.beside` of the run.
         errors: `tracking.findings.leave_one_out.leave_one_out` of the run.
+        surrogates: `tracking.findings.generalist.with_judgements` of the run.
     """
     if not has_detectors(run):
         return None
@@ -55,6 +58,7 @@ def correlation_section(
             "would have p < 0.05 by chance alone if none were related. Within a class, IG and "
             "residual entropy order placements as S-MIG does, and covered entropy the other way "
             "round: they are one test, not four.",
+            CEILING_IN_A_LINE,
         ],
     )
     if run.promotions is not None and len(run.promotions):
@@ -65,7 +69,7 @@ def correlation_section(
     keys = [*group_columns(run.axes), "surrogate"]
     left_out = errors[[*keys, "spearman_min", "spearman_max"]]
     tested_and_left_out = correlations.merge(left_out, on=keys, how="left")
-    surrogates = with_sums(run.surrogates, run.axes)
+    summed = with_sums(surrogates, run.axes)
     order = list(run.placements)
     for group in found:
         for name in (*run.classes, "all"):
@@ -76,7 +80,7 @@ def correlation_section(
             title += f" · {text(group.title)}" if group.varies else ""
             if not (tests["n"] > 0).any():
                 continue
-            predictors = surrogates_of(surrogates, group.setting, name)
+            predictors = surrogates_of(summed, group.place, name)
             section.figures.append(scatter(own, predictors, tests, title, order))
     if run.expected_ig_by_q is not None:
         fitted = fitted_q_table(run, run.expected_ig_by_q, found, means)
@@ -99,6 +103,7 @@ def correlation_table(correlations: pd.DataFrame, axes: Sequence[str]) -> Table:
         Column("Pearson r", partial(_with_interval, "pearson")),
         numbers("p", "pearson_p", ".2g"),
         Column("Spearman ρ", partial(_with_interval, "spearman")),
+        *([CEILING] if "ceiling" in correlations.columns else []),
         numbers("p", "spearman_p", ".2g"),
         numbers("p, Holm", "spearman_holm", ".2g"),
         Column("Kendall τ", partial(_with_interval, "kendall")),

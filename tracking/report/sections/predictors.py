@@ -16,6 +16,7 @@ from tracking.figures.kit.style import text
 from tracking.figures.of_sweeps.heat_map import heat_map
 from tracking.figures.of_sweeps.left_out import left_out
 from tracking.findings.best_surrogate import SIGNIFICANT, Predictors
+from tracking.findings.generalist import JUDGEMENTS
 from tracking.findings.groups import has_detectors
 from tracking.kitti_iou import headline_iou
 from tracking.labels import metric_label, setting_label, surrogate_name
@@ -23,6 +24,7 @@ from tracking.numbers import interval, signed, span
 from tracking.pages.section import Section
 from tracking.pages.tables import METRIC, SURROGATE, Column, Table, numbers, words
 from tracking.report.headline import class_label
+from tracking.report.sections.ceiling import CEILING, CEILING_IN_A_LINE
 from tracking.run_folders.sweep import RunFolder
 from tracking.statistics.permutation import smallest_p
 from tracking.statistics.power import power_table, smallest_detectable
@@ -46,7 +48,7 @@ def predictors_section(
     """Figures and findings for every class; None for a sweep without detectors.
 
     Args:
-        correlations: `tracking.findings.correlation.correlate` of the run.
+        correlations: `tracking.findings.ceiling.beside` of the run.
         errors: `tracking.findings.leave_one_out.leave_one_out` of the run.
         found: `tracking.findings.best_surrogate.best_surrogates` of the run.
     """
@@ -59,14 +61,14 @@ def predictors_section(
     own = [one for one in found if _is_headline(run, one)]
     many = len(own) > MOST_SENTENCES
     section.notes += [counted(run, found, correlations)] if many else _findings(run, own)
-    section.notes += [*_power_sentences(correlations), _HOW_TO_READ]
+    section.notes += [*_power_sentences(correlations), CEILING_IN_A_LINE, _HOW_TO_READ]
     for name in (*run.classes, "all"):
         title = text(class_label(name))
         tests, misses = (
             table[
                 (table["class"] == name)
                 & (table["iou"] == headline_iou(run.results, name))
-                & table["surrogate"].isin(HEADLINE_SURROGATES)
+                & table["surrogate"].isin((*HEADLINE_SURROGATES, *JUDGEMENTS))
             ]
             for table in (correlations, errors)
         )
@@ -77,7 +79,7 @@ def predictors_section(
             left_out(misses.assign(label=_labels(run, misses)), f"Left-out error · {title}"),
         ]
         section.figures += [plot for plot in shown if plot is not None]
-    section.tables.append(_ranking_table(run, found, errors))
+    section.tables.append(_ranking_table(run, found, errors, correlations))
     section.tables.append(_power_table(correlations))
     return section
 
@@ -207,9 +209,14 @@ def _detectable(key: str, row: Mapping[Any, Any]) -> str:
     return "none" if np.isnan(row[key]) else f"{row[key]:.2f}"
 
 
-def _ranking_table(run: RunFolder, found: Sequence[Predictors], errors: pd.DataFrame) -> Table:
-    ranges = errors[[*found[0].group, "surrogate", "spearman_min", "spearman_max"]]
-    table = pd.concat([_with_group(one) for one in found]).merge(ranges, how="left")
+def _ranking_table(
+    run: RunFolder, found: Sequence[Predictors], errors: pd.DataFrame, correlations: pd.DataFrame
+) -> Table:
+    keys = [*found[0].group, "surrogate"]
+    ranges = errors[[*keys, "spearman_min", "spearman_max"]]
+    most = correlations[[*keys, "ceiling", "ceiling_low", "ceiling_high"]]
+    table = pd.concat([_with_group(one) for one in found])
+    table = table.merge(ranges, how="left", on=keys).merge(most, how="left", on=keys)
     headline = np.repeat([_is_headline(run, one) for one in found], [len(o.ranking) for o in found])
 
     def detector(row: Mapping[Any, Any]) -> str:
@@ -230,6 +237,7 @@ def _ranking_table(run: RunFolder, found: Sequence[Predictors], errors: pd.DataF
         METRIC,
         SURROGATE,
         numbers("ρ", "spearman", signed),
+        CEILING,
         numbers("p", "p", ".2g"),
         numbers("p, Holm", "holm", ".2g"),
         Column("ρ, one left out", left_out),

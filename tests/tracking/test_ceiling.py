@@ -1,0 +1,145 @@
+"""What a perfect predictor reaches: brute force, worlds with a known truth, Spearman's formula."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from result_tables import tables
+from scipy import stats
+
+from tracking.findings.ceiling import beside, ceilings
+from tracking.findings.correlation import correlate
+from tracking.statistics.ceiling import ceiling, reliability
+from tracking.statistics.reliability import Noise, icc, reliability_of_mean, seed_mean
+
+
+def world(rng, n, seeds, noise, predictor=1.0):
+    """What is true of n placements, a predictor of correlation `predictor`, and noisy metrics."""
+    truth = rng.standard_normal(n)
+    said = predictor * truth + np.sqrt(1 - predictor**2) * rng.standard_normal(n)
+    return truth, said, truth[:, None] + noise * rng.standard_normal((n, seeds))
+
+
+def test_by_seeds_it_is_spearman_and_brown_s_of_the_icc():
+    rng = np.random.default_rng(0)
+    _, _, y = world(rng, 9, 3, 0.7)
+    found = reliability(seed_mean(y), Noise.of_seeds(y))
+    assert found[0] == pytest.approx(float(reliability_of_mean(icc(y), 3)), rel=1e-12)
+
+
+@pytest.mark.parametrize("coefficient", ["pearson", "spearman"])
+@pytest.mark.parametrize("predictor", [1.0, 0.8])
+def test_noise_lowers_a_correlation_to_its_share_of_the_ceiling(coefficient, predictor):
+    """One sample so large that it is the population: reliability 1 / (1 + noise² / seeds)."""
+    rng = np.random.default_rng(1)
+    _, said, y = world(rng, 200_000, 2, 1.0, predictor)
+    found = getattr(stats, {"pearson": "pearsonr", "spearman": "spearmanr"}[coefficient])
+    most = float(ceiling(reliability(seed_mean(y), Noise.of_seeds(y))[0], coefficient))
+    if predictor == 1:
+        assert found(said, y.mean(axis=1)).statistic == pytest.approx(most, abs=0.005)
+    else:
+        assert found(said, y.mean(axis=1)).statistic < most - 0.1
+    if coefficient == "pearson":
+        assert most == pytest.approx(np.sqrt(1 / 1.5), abs=0.005)
+        assert found(said, y.mean(axis=1)).statistic == pytest.approx(predictor * most, abs=0.005)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("placements", [8, 24])
+@pytest.mark.parametrize("noise", [0.3, 1.0])
+def test_intervals_of_the_reliability_hold_it_as_often_as_they_say(placements, noise):
+    rng, held, times = np.random.default_rng(2), 0, 4000
+    truth = 1 / (1 + noise**2 / 3)
+    for _ in range(times):
+        _, _, y = world(rng, placements, 3, noise)
+        _, low, high = reliability(seed_mean(y), Noise.of_seeds(y))
+        held += low <= truth <= high
+    assert held / times == pytest.approx(0.95, abs=3.5 * np.sqrt(0.95 * 0.05 / times))
+
+
+def test_a_few_worlds_hold_the_reliability():
+    rng, held = np.random.default_rng(3), 0
+    for _ in range(300):
+        _, _, y = world(rng, 8, 3, 1.0)
+        _, low, high = reliability(seed_mean(y), Noise.of_seeds(y))
+        held += low <= 0.75 <= high
+    assert held / 300 == pytest.approx(0.95, abs=3.5 * np.sqrt(0.95 * 0.05 / 300))
+
+
+def test_stiff_cases():
+    one = Noise(np.ones(3), np.nan, 0)
+    assert np.isnan(reliability(np.array([1.0, 2.0, 4.0]), one)).all()
+    some = Noise(np.ones(3), 1.0, 4)
+    assert np.isnan(reliability(np.array([2.0, 2.0, 2.0]), some)).all()
+    assert np.isnan(reliability(np.array([2.0]), Noise(np.ones(1), 1.0, 4))).all()
+    exact = Noise(np.ones(3), 0.0, 4)
+    assert reliability(np.array([1.0, 2.0, 4.0]), exact).tolist() == [1, 1, 1]
+    assert reliability(np.array([1.0, 1.1, 1.2]), some)[0] == 0
+    assert ceiling(np.array([0.0, 1.0])).tolist() == pytest.approx([0, 1])
+
+
+def drawn_objects(rng, skill, objects):
+    """Which of the objects each placement finds: each object has its own difficulty."""
+    difficulty = rng.normal(size=objects)
+    chance = 1 / (1 + np.exp(difficulty - skill[:, None]))
+    return rng.random((len(skill), objects)) < chance
+
+
+def left_out_of(found):
+    """Recall of every placement without each object in turn, as `left_out.parquet` has it."""
+    n, objects = found.shape
+    without = 100 * (found.sum(axis=1, keepdims=True) - found) / (objects - 1)
+    rows = [(f"p{i}", str(j), without[i, j]) for i in range(n) for j in range(objects)]
+    table = pd.DataFrame(rows, columns=["placement", "left_out", "value"])
+    own = {"class": "Car", "detector": "d", "metric": "AP_R40_3D", "iou": 0.7}
+    return table.assign(**own, seed=0, unit="individual", ground_truths=1)
+
+
+@pytest.mark.parametrize("objects", [60, pytest.param(400, marks=pytest.mark.long)])
+def test_halves_of_the_test_objects_agree_as_said(objects):
+    """Brute force: two other halves of the test objects, of the same placements."""
+    rng, said, brute = np.random.default_rng(4), [], []
+    for _ in range(60):
+        skill = rng.normal(scale=0.7, size=12)
+        found = drawn_objects(rng, skill, objects)
+        results, _ = tables(range(12), 100 * found.mean(axis=1, keepdims=True))
+        (row,) = ceilings(results, left_out_of(found)).to_dict("records")
+        said.append(row["agreement_of_halves"])
+        halves = [drawn_objects(rng, skill, objects // 2).mean(axis=1) for _ in range(2)]
+        brute.append(np.corrcoef(halves)[0, 1])
+    error = np.std(np.subtract(said, brute)) / np.sqrt(60)
+    assert np.mean(said) == pytest.approx(np.mean(brute), abs=4 * error)
+    assert error < 0.05
+
+
+def test_the_whole_ceiling_has_seeds_and_objects():
+    rng = np.random.default_rng(5)
+    found = drawn_objects(rng, rng.normal(size=10), 80)
+    y = 100 * found.mean(axis=1, keepdims=True) + 3 * rng.standard_normal((10, 3))
+    results, surrogates = tables(range(10), y)
+    left_out = left_out_of(found)
+    (alone,), (both,) = (ceilings(results, t).to_dict("records") for t in (None, left_out))
+    assert alone["ceiling"] == alone["ceiling_by_seeds"] > both["ceiling"]
+    assert both["ceiling"] < both["ceiling_by_objects"]
+    assert both["ceiling_low"] < both["ceiling"] < both["ceiling_high"]
+    assert (alone["unit"], both["unit"]) == ("", "individual")
+    (one,) = ceilings(results[results["seed"] == 0], left_out).to_dict("records")
+    assert np.isnan(one["ceiling_by_seeds"])
+    assert one["ceiling"] == one["ceiling_by_objects"]
+    table = beside(correlate(results, surrogates), ceilings(results, left_out))
+    assert table["ceiling"].tolist() == [both["ceiling"]]
+
+
+def test_detectors_that_agree_in_a_part():
+    """Each is that part and as much of its own: they correlate by a half, with the part by √½."""
+    rng = np.random.default_rng(6)
+    part = rng.standard_normal(5000)
+    own = [part + rng.standard_normal(5000) for _ in range(3)]
+    results = pd.concat(
+        tables(part, values[:, None])[0].assign(detector=f"d{i}") for i, values in enumerate(own)
+    )
+    found = ceilings(results)
+    rho = stats.spearmanr(part, own[0]).statistic
+    assert found["ceiling_by_detectors"].tolist() == pytest.approx([rho] * 3, abs=0.02)
+    assert found["agreement_of_detectors"].iloc[0] == pytest.approx(
+        6 / np.pi * np.arcsin(1 / 4), abs=0.02
+    )

@@ -1,0 +1,148 @@
+"""One detector for all rigs beside their own: as a candidate, in its section, with one seed."""
+
+import json
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+from made_up_run import write_run
+from scipy import stats
+
+from tracking.findings.ceiling import beside, ceilings
+from tracking.findings.correlation import correlate
+from tracking.findings.generalist import (
+    calibration,
+    compare,
+    judgements,
+    seconds_a_placement,
+    with_judgements,
+)
+from tracking.findings.groups import groups
+from tracking.findings.summary import seed_means
+from tracking.report.build import build_report
+from tracking.report.headline import headline_ranking
+from tracking.run_folders.sweep import RunFolder
+
+NAMES = tuple(f"p{i}" for i in range(6))
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> RunFolder:
+    folder = tmp_path_factory.mktemp("generalist") / "run"
+    judges = ("generalist", "specialist", "finetuned")
+    detectors = ("second", "pointpillars")
+    return RunFolder.read(write_run(folder, NAMES, detectors=detectors, judges=judges))
+
+
+def test_candidates_are_the_generalist_s_means_of_the_same_detector(run):
+    table = judgements(run)
+    one = table[(table["class"] == "Car") & (table["surrogate"] == "generalist's 3D AP")]
+    results = run.results.query(
+        "`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7 and judge == 'generalist'"
+    )
+    expected = results.groupby(["detector", "placement"])["value"].mean()
+    for judge in ("specialist", "finetuned"):
+        own = one[one["judge"] == judge].set_index(["detector", "placement"])["value"]
+        pd.testing.assert_series_equal(own.sort_index(), expected.sort_index())
+    assert set(one["judge"]) == {"specialist", "finetuned"}
+
+
+def test_no_candidates_without_others(run, made_up_run):
+    alone = run.results["judge"] == "generalist"
+    for part in (alone, ~alone):
+        less = RunFolder(**vars(run) | {"results": run.results[part]})
+        assert judgements(less).empty
+    plain = RunFolder.read(made_up_run)
+    assert with_judgements(plain) is plain.surrogates
+
+
+def test_comparison_by_hand(run):
+    surrogates = with_judgements(run)
+    means = seed_means(run.results, run.axes, run.left_out)
+    found = ceilings(run.results, run.left_out, run.axes)
+    table = beside(correlate(run.results, surrogates, run.axes), found, run.axes)
+    rows, _ = compare(run, means, table)
+    # 2 detectors, 2 other judges; 3D AP and recall of two classes with objects, recall of all.
+    assert len(rows) == 2 * 2 * 5
+    row = rows.query(
+        "`class` == 'Car' and metric == 'AP_R40_3D' and detector == 'second' "
+        "and judge == 'specialist'"
+    ).iloc[0]
+    values = (
+        run.results.query("`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7")
+        .query("detector == 'second'")
+        .groupby(["judge", "placement"])["value"]
+        .mean()
+    )
+    said, own = values["generalist"], values["specialist"][values["generalist"].index]
+    assert row["spearman"] == pytest.approx(stats.spearmanr(said, own).statistic)
+    test = stats.ttest_1samp(said - own, 0).confidence_interval()
+    expected = [(said - own).mean(), test.low, test.high]
+    assert row[["bias", "bias_low", "bias_high"]].tolist() == pytest.approx(expected)
+    assert row["slope"] == pytest.approx(np.polyfit(said, own, 1)[0])
+    by_seeds = found.query(
+        "`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7 and detector == 'second' "
+        "and judge == 'specialist'"
+    )["ceiling_by_seeds"]
+    assert row["ceiling"] == by_seeds.item()
+
+
+def test_slopes_and_biases_hold_the_truth():
+    rng, held = np.random.default_rng(0), []
+    for _ in range(400):
+        said = rng.normal(70, 5, 8)
+        own = 20 + 0.7 * said + rng.normal(0, 2, 8)
+        found = calibration(said, own)
+        held.append(found.slope_low <= 0.7 <= found.slope_high)
+    assert np.mean(held) == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / 400))
+    assert calibration(np.array([1.0, 1, 1]), np.array([1.0, 2, 3])) is None
+    assert calibration(np.array([1.0, 2]), np.array([1.0, 2])) is None
+
+
+def test_seconds(run):
+    table = seconds_a_placement(run.trials).set_index(["detector", "judge"])
+    assert table["trials"].tolist() == [12] * 6
+    quick = table["seconds"].xs("generalist", level="judge")
+    assert (quick < 5).all()
+    assert (table["seconds"].xs("specialist", level="judge") > 60).all()
+
+
+@pytest.mark.parametrize("axis", [True, False])
+def test_one_generalist_has_intervals_of_the_test_objects(tmp_path, axis):
+    """Whether the judge is an axis, or `sweep.json` says it."""
+    folder = write_run(tmp_path / "run", NAMES, seeds=(1,), judges=("generalist",))
+    about = json.loads((folder / "sweep.json").read_text())
+    if not axis:
+        about["axes"].remove("judge")
+        about["judge"] = "generalist"
+        for path in folder.glob("*.parquet"):
+            table = pd.read_parquet(path)
+            table.drop(columns="judge", errors="ignore").to_parquet(path, index=False)
+    (folder / "sweep.json").write_text(json.dumps(about))
+    run = RunFolder.read(folder)
+    (group,) = groups(run)
+    assert group.judge == "generalist"
+    best = headline_ranking(run, group)["Car"]
+    assert best.note.startswith("one generalist")
+    assert (best.others["low"] < best.others["lead"]).all()
+    means = seed_means(run.results, run.axes, run.left_out, run.sweep.judge)
+    own = means.query("`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7")
+    routes = best.sample
+    assert own["half"].tolist() == pytest.approx(
+        [stats.t.ppf(0.975, routes.degrees) * np.sqrt(routes.variance)] * len(NAMES)
+    )
+    page = build_report(folder).with_suffix(".md").read_text()
+    assert "another one may rank the placements otherwise" in page
+    assert "One seed: differences" not in page
+
+
+def test_the_page_says_it(tmp_path):
+    folder = write_run(tmp_path / "run", NAMES, judges=("generalist", "specialist"))
+    text = build_report(folder).with_suffix(".md").read_text()
+    assert "## Does one detector for all rigs rank them as their own do?" in text
+    assert "one training, 250 s together" in text
+    assert re.search(r"\| generalist's 3D AP \|", text)
+    table = pd.read_csv(folder / "tables/generalist.csv")
+    assert {"spearman", "ceiling", "bias (points)", "slope", "regret (points)"} <= set(table)
+    assert table["bias (points)"].tolist() == pytest.approx([20] * len(table), abs=4)

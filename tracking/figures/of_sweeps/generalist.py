@@ -1,0 +1,67 @@
+"""What one detector for all placements says, against the placements' own detectors."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+
+from tracking.figures.kit.label_places import label_places
+from tracking.figures.kit.style import OUTLINE, colour, error_bars, figure, symbol, text
+from tracking.labels import metric_label
+from tracking.numbers import interval, signed
+
+
+def against_generalist(
+    pairs: pd.DataFrame, row: Mapping[Hashable, Any], title: str, placements: Sequence[str]
+) -> go.Figure:
+    """A point a placement with 95 % intervals for a comparison; equal values lie on the line.
+
+    Args:
+        pairs: `tracking.findings.generalist.side_by_side`.
+        row: of `tracking.findings.generalist.compare`.
+        title: plotly text.
+        placements: all of the sweep, in order, so that a placement keeps its colour.
+    """
+    rho = f"ρ = {signed(row['spearman'])} {interval(row['spearman_low'], row['spearman_high'])}"
+    ceiling = f", ceiling {row['ceiling']:.2f}" if np.isfinite(row["ceiling"]) else ""
+    shown = f'<br><span style="font-size:12px">{rho}, n = {row["n"]}{ceiling}</span>'
+    plot = figure(title + shown, height=400, margin={"t": 84})
+    table = pairs.loc[[name for name in placements if name in pairs.index]]
+    names = [str(name) for name in table.index]
+    rank = [placements.index(name) for name in names]
+    x, y, up = (table[key].to_numpy(np.float64) for key in ("said", "own", "own_half"))
+    ends = [float(min(x.min(), y.min())), float(max(x.max(), y.max()))]
+    plot.add_scatter(
+        x=ends,
+        y=ends,
+        mode="lines",
+        line={"color": OUTLINE, "width": 1, "dash": "dot"},
+        hoverinfo="skip",
+        showlegend=False,
+    )
+    plot.add_scatter(
+        x=x,
+        y=y,
+        error_x=error_bars(table["said_half"].fillna(0), thickness=1, color=OUTLINE),
+        error_y=error_bars(table["own_half"].fillna(0), thickness=1.5, color=OUTLINE),
+        mode="markers+text",
+        text=[text(name) for name in names],
+        textposition=label_places(x, y, names, up),
+        textfont={"size": 11},
+        cliponaxis=False,
+        marker={
+            "size": 10,
+            "color": [colour(i) for i in rank],
+            "symbol": [symbol(i) for i in rank],
+        },
+        hovertemplate="%{text}<br>generalist %{x:.2f} %<br>own detectors %{y:.2f} %<extra></extra>",
+        showlegend=False,
+    )
+    label = metric_label(row["metric"], row["iou"])
+    plot.update_xaxes(title=f"{label} by the generalist (%)")
+    plot.update_yaxes(title=f"{label} by own detectors (%)")
+    return plot

@@ -1,0 +1,166 @@
+"""How strongly could a perfect surrogate correlate with a metric that is known with noise?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+import pandas as pd
+
+from tracking.findings.generalist import JUDGEMENTS
+from tracking.findings.paired import group_columns
+from tracking.findings.surrogate_accuracy import rank_agreement
+from tracking.statistics.ceiling import ceiling, reliability
+from tracking.statistics.confidence_interval import to_normal
+from tracking.statistics.jackknife import SampleError, combined, sample_error
+from tracking.statistics.reliability import Noise, icc, reliability_of_mean, seed_mean
+
+_OF_NOISE = (
+    "n",
+    "seeds",
+    "agreement_of_seeds",
+    "ceiling_by_seeds",
+    "unit",
+    "agreement_of_halves",
+    "ceiling_by_objects",
+    "ceiling",
+    "ceiling_low",
+    "ceiling_high",
+)
+_OF_DETECTORS = ("agreement_of_detectors", "ceiling_by_detectors")
+
+
+def ceilings(
+    results: pd.DataFrame, left_out: pd.DataFrame | None = None, axes: Sequence[str] = ()
+) -> pd.DataFrame:
+    """Spearman's rho that a surrogate without error or noise is expected to reach.
+
+    By what the metric's means are unsure of (`tracking.statistics.ceiling`):
+
+    - seeds: the variance over seeds. Two seeds agree by ICC(1), their mean is more reliable by
+      Spearman and Brown's formula;
+    - test objects: the jackknife's variance of a placement against the others, over routes or
+      individuals (`tracking.statistics.jackknife`). Two halves of the test frames agree by Spearman
+      and Brown's formula for half the length, of the same trainings;
+    - both: the sum of the variances. What seeds do to single objects is in both, so this ceiling is
+      a little too low rather than too high;
+    - detectors: if what they agree in is all that a surrogate can know, which has no detector, it
+      correlates with them by the root of the mean rho between two of them. They met the same test
+      objects, and may agree in what these did.
+
+    Args:
+        results: `results.parquet`, as for `tracking.findings.correlation.correlate`.
+        left_out: `left_out.parquet`; None: the chance of the test objects is unknown.
+        axes: further axes of the grid.
+
+    Returns:
+        One row per `group_columns` with two placements or more: `n` placements; `seeds`, their
+        mean number; `agreement_of_seeds` and `ceiling_by_seeds`; `unit`, what was left out;
+        `agreement_of_halves` and `ceiling_by_objects`; `ceiling`, by both as far as they are known,
+        with its 95 % interval `ceiling_low` and `ceiling_high`; `agreement_of_detectors` and
+        `ceiling_by_detectors`. NaN and "" where it cannot be known.
+    """
+    keys = group_columns(axes)
+    errors = _sample_errors(left_out, keys)
+    rows, means = [], {}
+    for key, own in results[results["value"].notna()].groupby(keys, dropna=False, observed=True):
+        y = own.pivot(index="placement", columns="seed", values="value")
+        if len(y) < 2:
+            continue
+        group = dict(zip(keys, key, strict=True))
+        error = errors.get(_without_difficulty(group))
+        values = y.to_numpy(np.float64)
+        means[key] = pd.Series(seed_mean(values), y.index)
+        rows.append(group | dict(zip(_OF_NOISE, _by_noise(values, error), strict=True)))
+    table = pd.DataFrame(rows, columns=[*keys, *_OF_NOISE])
+    agreements = _between_detectors(means, keys.index("detector"))
+    table[_OF_DETECTORS[0]] = [agreements[key] for key in means]
+    normal = to_normal(table[_OF_DETECTORS[0]].to_numpy(np.float64).clip(0), "spearman")
+    table[_OF_DETECTORS[1]] = ceiling(normal)
+    return table
+
+
+def beside(
+    correlations: pd.DataFrame, ceilings: pd.DataFrame, axes: Sequence[str] = ()
+) -> pd.DataFrame:
+    """`correlations` with `ceiling`, `ceiling_low` and `ceiling_high` of every row.
+
+    A generalist met the same test objects as the detectors that it predicts, so what these did to
+    both lowers nothing: its ceiling is that by seeds, without an interval.
+
+    Args:
+        correlations: `tracking.findings.correlation.correlate` of the same.
+        ceilings: see there.
+    """
+    keys, columns = group_columns(axes), ["ceiling", "ceiling_low", "ceiling_high"]
+    table = correlations.merge(ceilings[[*keys, "ceiling_by_seeds", *columns]], on=keys, how="left")
+    by_seeds, judged = table.pop("ceiling_by_seeds"), table["surrogate"].isin(JUDGEMENTS)
+    table[columns] = table[columns].mask(judged)
+    return table.assign(ceiling=table["ceiling"].mask(judged, by_seeds))
+
+
+def _by_noise(values: np.ndarray, error: SampleError | None) -> tuple[object, ...]:
+    """What `_OF_NOISE` names, of values of shape (placements, seeds)."""
+    means, seeds = seed_mean(values), Noise.of_seeds(values)
+    objects = Noise(np.ones(len(means)), np.nan, 0)
+    if error is not None:
+        objects = Noise(np.ones(len(means)), error.variance, error.degrees)
+    both = combined(seeds, error) if seeds.degrees else objects
+    by_objects = reliability(means, objects)[0]
+    return (
+        len(means),
+        seeds.counts.mean(),
+        float(icc(values)),
+        float(ceiling(reliability(means, seeds)[0])),
+        error.unit if error else "",
+        float(reliability_of_mean(by_objects, 0.5)),
+        float(ceiling(by_objects)),
+        *ceiling(reliability(means, both)).tolist(),
+    )
+
+
+def _without_difficulty(group: dict[str, object]) -> tuple[object, ...]:
+    """A group as `left_out` knows it; a missing value is equal to itself."""
+    return tuple(
+        None if pd.isna(value) else value  # type: ignore[call-overload]
+        for key, value in group.items()
+        if key != "difficulty"
+    )
+
+
+def _sample_errors(
+    left_out: pd.DataFrame | None, keys: Sequence[str]
+) -> dict[tuple[object, ...], SampleError | None]:
+    """Of a placement against the others, by group."""
+    if left_out is None or left_out.empty:
+        return {}
+    own = [key for key in keys if key != "difficulty"]
+    return {
+        _without_difficulty(dict(zip(own, key, strict=True))): sample_error(rows, paired=True)
+        for key, rows in left_out.groupby(own, dropna=False, sort=False, observed=True)
+    }
+
+
+def _between_detectors(
+    means: dict[tuple[object, ...], pd.Series], detector: int
+) -> dict[tuple[object, ...], float]:
+    """Mean rho between two detectors over their common placements, for each group.
+
+    Args:
+        means: over seeds, by group.
+        detector: its place in the group.
+    """
+    alike: dict[str, list[tuple[object, ...]]] = {}
+    for key in means:
+        rest = repr((*key[:detector], *key[detector + 1 :]))  # NaN differs from itself
+        alike.setdefault(rest, []).append(key)
+    found: dict[tuple[object, ...], float] = {}
+    for group in alike.values():
+        pairs = [
+            pd.concat([means[one], means[other]], axis=1, join="inner")
+            for one, other in combinations(group, 2)
+        ]
+        rhos = [rank_agreement(pair.iloc[:, 0], pair.iloc[:, 1])[0] for pair in pairs]
+        found |= dict.fromkeys(group, float(np.mean(rhos)) if rhos else np.nan)
+    return found

@@ -1,0 +1,167 @@
+"""Does one detector for all rigs rank them as detectors do that were trained for each?"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import stats
+
+from lidarplace.metrics import HEADLINE_METRIC, headline_metric
+from tracking.findings.groups import GENERALIST, JUDGE
+from tracking.findings.paired import group_columns
+from tracking.kitti_iou import headline_iou, judged
+from tracking.labels import metric_name
+from tracking.run_folders.sweep import RunFolder
+
+_OF_A_CLASS = (HEADLINE_METRIC, "class_recall_3D")
+
+
+def judgement_name(metric: str) -> str:
+    """What the generalist's value of a metric is called among the surrogates."""
+    return f"generalist's {metric_name(metric)}"
+
+
+JUDGEMENTS = tuple(judgement_name(name) for name in (*_OF_A_CLASS, headline_metric("all")))
+"""What the generalist says of a placement, by name."""
+
+
+def judgements(run: RunFolder) -> pd.DataFrame:
+    """The generalist's AP and recall as candidates beside the surrogates.
+
+    Means over its seeds at the headline's IoU, for placements that have a detector of their own,
+    too: trained from scratch or from the generalist's weights. They predict that of the same name.
+
+    Returns:
+        Columns placement, class, detector, the further axes of the run (`judge` that of the
+        placement's own detectors), surrogate (`JUDGEMENTS`) and value, percent. Empty without a
+        generalist or with nothing else.
+    """
+    keys = ["placement", "detector", *run.axes]
+    columns = [*keys, "class", "surrogate", "value"]
+    if JUDGE not in run.axes:
+        return pd.DataFrame(columns=columns)
+    one = run.results[JUDGE] == GENERALIST
+    own = run.results.loc[~one, [JUDGE]].drop_duplicates()
+    parts = []
+    for name in (*run.classes, "all"):
+        for metric in (headline_metric("all"),) if name == "all" else _OF_A_CLASS:
+            rows = judged(run.results[one], run.results, name, metric)
+            means = rows.groupby(keys, dropna=False, sort=False)["value"].mean().dropna()
+            part = means.reset_index().drop(columns=JUDGE).merge(own, how="cross")
+            parts.append(part.assign(**{"class": name, "surrogate": judgement_name(metric)}))
+    return pd.concat(parts, ignore_index=True)[columns]
+
+
+def with_judgements(run: RunFolder) -> pd.DataFrame:
+    """The surrogates of a run and, where it has a generalist beside others, its `judgements`."""
+    added = judgements(run)
+    return run.surrogates if added.empty else pd.concat([run.surrogates, added], ignore_index=True)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The generalist's values against those of the placements' own detectors.
+
+    Attributes:
+        bias, bias_low, bias_high: mean difference, the generalist's less their own, with Student's
+            95 % interval over placements.
+        slope, slope_low, slope_high: of the least-squares line of their own over the generalist's:
+            1 if a point of the one is a point of the other. The generalist's noise lowers it.
+    """
+
+    bias: float
+    bias_low: float
+    bias_high: float
+    slope: float
+    slope_low: float
+    slope_high: float
+
+
+def calibration(said: NDArray[np.float64], own: NDArray[np.float64]) -> Calibration | None:
+    """Of means over seeds, each of shape (n,); None for fewer than 3 or without any spread."""
+    n = len(said)
+    if n < 3 or np.ptp(said) == 0:
+        return None
+    difference = said - own
+    half = stats.t.ppf(0.975, n - 1) * difference.std(ddof=1) / np.sqrt(n)
+    bias, line = difference.mean(), stats.linregress(said, own)
+    wide = stats.t.ppf(0.975, n - 2) * line.stderr
+    return Calibration(
+        float(bias),
+        float(bias - half),
+        float(bias + half),
+        float(line.slope),
+        float(line.slope - wide),
+        float(line.slope + wide),
+    )
+
+
+def side_by_side(means: pd.DataFrame, group: Mapping[Hashable, Any]) -> pd.DataFrame:
+    """Placements that both judged, in the order of their own detectors' values.
+
+    Args:
+        means: `tracking.findings.summary.seed_means` of the run.
+        group: value of each of `tracking.findings.paired.group_columns`, `judge` that of the
+            placements' own detectors.
+
+    Returns:
+        Index placement: said and own, percent; said_half and own_half of their 95 % intervals.
+    """
+    known = means[means["seeds"] > 0]
+    for key, value in group.items():
+        if key != JUDGE:
+            known = known[known[key].isna() if pd.isna(value) else known[key] == value]
+    parts = {
+        name: known[known[JUDGE] == judge].set_index("placement")[["mean", "half"]]
+        for name, judge in (("said", GENERALIST), ("own", group[JUDGE]))
+    }
+    heads = {name: {"mean": name, "half": f"{name}_half"} for name in parts}
+    wide = [part.rename(columns=heads[name]) for name, part in parts.items()]
+    return wide[0].join(wide[1], how="inner").sort_values("own", ascending=False)
+
+
+def compare(
+    run: RunFolder, means: pd.DataFrame, correlations: pd.DataFrame
+) -> tuple[pd.DataFrame, list[pd.DataFrame]]:
+    """How well the generalist tells AP and recall of placements with a detector of their own.
+
+    Args:
+        means: `tracking.findings.summary.seed_means` of the run.
+        correlations: `tracking.findings.ceiling.beside` of the run and its `judgements`.
+
+    Returns:
+        The rows of `correlations` of the same metric at the headline's IoU, with the fields of
+        `Calibration`, NaN for fewer than 3 placements; and for each of them `side_by_side`.
+    """
+    same = correlations["surrogate"] == correlations["metric"].map(judgement_name)
+    iou = {name: headline_iou(run.results, name) for name in (*run.classes, "all")}
+    rows = correlations[same & (correlations["iou"] == correlations["class"].map(iou))]
+    rows = rows[rows["n"] > 0].reset_index(drop=True)
+    keys = group_columns(run.axes)
+    pairs = [side_by_side(means, row) for row in rows[keys].to_dict("records")]
+    found = [calibration(pair["said"].to_numpy(), pair["own"].to_numpy()) for pair in pairs]
+    names = [field.name for field in fields(Calibration)]
+    table = pd.DataFrame([asdict(one) if one else {} for one in found], columns=names)
+    return rows.join(table.astype("float64")), pairs
+
+
+def seconds_a_placement(trials: pd.DataFrame) -> pd.DataFrame:
+    """What a judgement costs: detector, judge, trials that finished, and their median seconds.
+
+    Of a generalist that is its evaluation, of others training and evaluation; clouds are not in it.
+    """
+    finished = trials[trials["status"] == "finished"]
+    own = finished.groupby(["detector", JUDGE], sort=False)["seconds"]
+    return own.agg(trials="size", seconds="median").reset_index()
+
+
+def training_seconds(tasks: pd.DataFrame | None) -> pd.Series:
+    """Of every generalist, which is trained once for all placements."""
+    if tasks is None or tasks.empty:
+        return pd.Series(dtype="float64")
+    return tasks.loc[tasks["stage"] == "pretrain", "seconds"]

@@ -1,0 +1,162 @@
+"""The section that compares one detector for all rigs with detectors trained for each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from lidarplace.metrics import headline_metric
+from tracking.figures.kit.style import text
+from tracking.figures.of_sweeps.generalist import against_generalist
+from tracking.findings.best_placement import BestPlacement
+from tracking.findings.generalist import (
+    JUDGEMENTS,
+    compare,
+    judgement_name,
+    seconds_a_placement,
+    training_seconds,
+)
+from tracking.findings.groups import JUDGE, Group
+from tracking.findings.regret import AT_RANDOM
+from tracking.labels import setting_label
+from tracking.numbers import digits, interval, signed, span
+from tracking.pages.section import Section
+from tracking.pages.tables import METRIC, Column, Table, numbers, words
+from tracking.report.headline import class_label
+from tracking.report.sections.ceiling import CEILING
+from tracking.report.sections.regret import regret_table
+from tracking.run_folders.sweep import RunFolder
+
+_NOTE = (
+    "The generalist is one detector, trained on other rigs, that judges each placement without "
+    "being trained for it. A point is a placement: AP or recall by the generalist, and by "
+    "detectors that were trained for the placement; on the dotted line both are equal. Only the "
+    "order decides which placement is best. Both met the same test objects, so the ceiling is by "
+    "the seeds of the own detectors alone. Bias: the generalist's less their own, mean over "
+    "placements. Slope: by how many points their own differ where the generalist's differ by one. "
+    "95 % in brackets."
+)
+MOST_FIGURES = 12
+
+
+def generalist_section(
+    run: RunFolder,
+    rankings: Sequence[tuple[Group, Mapping[str, BestPlacement]]],
+    means: pd.DataFrame,
+    correlations: pd.DataFrame,
+    surrogates: pd.DataFrame,
+) -> Section | None:
+    """None unless the same placements were judged by a generalist and by detectors of their own.
+
+    Args:
+        rankings: every group with its `headline_ranking`.
+        means: `seed_means` of the run.
+        correlations: `tracking.findings.ceiling.beside` of the run.
+        surrogates: `tracking.findings.generalist.with_judgements` of the run.
+    """
+    if not surrogates["surrogate"].isin(JUDGEMENTS).any():
+        return None
+    rows, pairs = compare(run, means, correlations)
+    if rows.empty:
+        return None
+    rows = _with_regret(rows, regret_table(run, rankings, surrogates), run.axes)
+    section = Section("Does one detector for all rigs rank them as their own do?", [_NOTE])
+    order = list(run.placements)
+    for row, pair in zip(rows.to_dict("records"), pairs, strict=True):
+        headline = row["metric"] == headline_metric(row["class"])
+        if headline and len(section.figures) < MOST_FIGURES:
+            title = " · ".join(filter(None, (class_label(row["class"]), _own(run, rows, row))))
+            section.figures.append(against_generalist(pair, row, text(title), order))
+    section.tables = [_table(run, rows), _seconds(run)]
+    section.notes += _once(training_seconds(run.tasks))
+    return section
+
+
+def _own(run: RunFolder, rows: pd.DataFrame, row: Mapping[Any, Any]) -> str:
+    """Detector, its judge and setting, as far as there are several."""
+    keys = ["detector", *run.axes]
+    varying = [key for key in keys if rows[key].nunique(dropna=False) > 1]
+    axes = [key for key in varying if key not in ("detector", JUDGE)]
+    named = [str(row[key]) for key in ("detector", JUDGE) if key in varying]
+    return ", ".join(filter(None, (*named, setting_label(axes, [row[key] for key in axes]))))
+
+
+def _with_regret(rows: pd.DataFrame, regret: pd.DataFrame, axes: Sequence[str]) -> pd.DataFrame:
+    """`rows` with what the generalist's choice and one at random lose; NaN where it is unknown."""
+    keys = ["class", "detector", *axes, "metric", "iou"]
+    own = regret[regret["surrogate"] == regret["metric"].map(judgement_name)]
+    own = own[[*keys, "regret", "low", "high"]]
+    own = own.rename(columns={"low": "regret_low", "high": "regret_high"})
+    random = regret.loc[regret["surrogate"] == AT_RANDOM, [*keys, "regret"]]
+    random = random.rename(columns={"regret": "regret_at_random"})
+    return rows.merge(own, on=keys, how="left").merge(random, on=keys, how="left")
+
+
+def _table(run: RunFolder, rows: pd.DataFrame) -> Table:
+    def with_interval(key: str) -> Column:
+        head = {"spearman": "ρ", "slope": "slope"}[key]
+        return Column(
+            head, lambda r: f"{signed(r[key])} {interval(r[f'{key}_low'], r[f'{key}_high'])}"
+        )
+
+    def bias(row: Mapping[Any, Any]) -> str:
+        low, high = row["bias_low"], row["bias_high"]
+        return f"{digits(row['bias'], '+z.1f')} ({span(low, high, '+z.1f')})"
+
+    def regret(row: Mapping[Any, Any]) -> str:
+        if np.isnan(row["regret"]):
+            return "–"
+        low, high = row["regret_low"], row["regret_high"]
+        return f"{digits(row['regret'], 'z.1f')} ({span(low, high, 'z.1f')})"
+
+    several = any(_own(run, rows, row) for row in rows.to_dict("records"))
+    columns = [
+        words("class"),
+        *([Column("own detectors", lambda r: _own(run, rows, r), words=True)] if several else []),
+        METRIC,
+        numbers("placements", "n", ",.0f"),
+        with_interval("spearman"),
+        numbers("p", "spearman_p", ".2g"),
+        CEILING,
+        Column("bias (points)", bias),
+        with_interval("slope"),
+        Column("regret of its choice (points)", regret),
+        numbers("at random (points)", "regret_at_random", "z.1f"),
+    ]
+    gone = ["surrogate", "pairs_tested", "exact"]
+    regrets = ("regret", "regret_low", "regret_high", "regret_at_random")
+    return Table.of(
+        "The generalist against the placements' own detectors",
+        rows,
+        columns,
+        name="generalist",
+        data=rows.drop(columns=gone),
+        units=dict.fromkeys(("bias", "bias_low", "bias_high", *regrets), "points"),
+    )
+
+
+def _seconds(run: RunFolder) -> Table:
+    table = seconds_a_placement(run.trials)
+    columns = [
+        words("judge", JUDGE),
+        words("detector"),
+        numbers("trials", "trials", ",.0f"),
+        numbers("seconds of a placement and seed", "seconds", ",.3g"),
+    ]
+    return Table.of(
+        "What a judgement costs: a generalist's evaluation; training and evaluation of others",
+        table,
+        columns,
+        name="generalist-seconds",
+        units={"seconds": "s"},
+    )
+
+
+def _once(seconds: pd.Series) -> list[str]:
+    if seconds.empty:
+        return []
+    many = f"{len(seconds)} trainings of a generalist" if len(seconds) > 1 else "one training"
+    return [f"Before its first judgement: {many}, {seconds.sum():,.0f} s together, without clouds."]
