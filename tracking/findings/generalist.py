@@ -18,15 +18,17 @@ from tracking.kitti_iou import headline_iou, judged
 from tracking.labels import metric_name
 from tracking.run_folders.sweep import RunFolder
 
-_OF_A_CLASS = (HEADLINE_METRIC, "class_recall_3D")
+_RECALL = ("class_recall_3D", headline_metric("all"))
+"""Of a class, and of all objects."""
+_OF_A_CLASS = (HEADLINE_METRIC, _RECALL[0])
 
 
 def judgement_name(metric: str) -> str:
     """What the generalist's value of a metric is called among the surrogates."""
-    return f"generalist's {metric_name(metric)}"
+    return f"generalist's {'recall' if metric in _RECALL else metric_name(metric)}"
 
 
-JUDGEMENTS = tuple(judgement_name(name) for name in (*_OF_A_CLASS, headline_metric("all")))
+JUDGEMENTS = tuple(judgement_name(name) for name in _OF_A_CLASS)
 """What the generalist says of a placement, by name."""
 
 
@@ -49,7 +51,7 @@ def judgements(run: RunFolder) -> pd.DataFrame:
     own = run.results.loc[~one, [JUDGE]].drop_duplicates()
     parts = []
     for name in (*run.classes, "all"):
-        for metric in (headline_metric("all"),) if name == "all" else _OF_A_CLASS:
+        for metric in _RECALL[1:] if name == "all" else _OF_A_CLASS:
             rows = judged(run.results[one], run.results, name, metric)
             means = rows.groupby(keys, dropna=False, sort=False)["value"].mean().dropna()
             part = means.reset_index().drop(columns=JUDGE).merge(own, how="cross")

@@ -18,7 +18,9 @@ from tracking.numbers import interval, signed
 def against_generalist(
     pairs: pd.DataFrame, row: Mapping[Hashable, Any], title: str, placements: Sequence[str]
 ) -> go.Figure:
-    """A point a placement with 95 % intervals for a comparison; equal values lie on the line.
+    """A point a placement with 95 % intervals for a comparison.
+
+    On the line the generalist is off by its bias alone. Equal values may be far from all points.
 
     Args:
         pairs: `tracking.findings.generalist.side_by_side`.
@@ -29,15 +31,15 @@ def against_generalist(
     rho = f"ρ = {signed(row['spearman'])} {interval(row['spearman_low'], row['spearman_high'])}"
     ceiling = f", ceiling {row['ceiling']:.2f}" if np.isfinite(row["ceiling"]) else ""
     shown = f'<br><span style="font-size:12px">{rho}, n = {row["n"]}{ceiling}</span>'
-    plot = figure(title + shown, height=400, margin={"t": 84})
+    plot = figure(title + shown, height=400, margin={"t": 64})
     table = pairs.loc[[name for name in placements if name in pairs.index]]
     names = [str(name) for name in table.index]
     rank = [placements.index(name) for name in names]
     x, y, up = (table[key].to_numpy(np.float64) for key in ("said", "own", "own_half"))
-    ends = [float(min(x.min(), y.min())), float(max(x.max(), y.max()))]
+    ends = np.array([x.min(), x.max()])
     plot.add_scatter(
         x=ends,
-        y=ends,
+        y=ends - row["bias"],
         mode="lines",
         line={"color": OUTLINE, "width": 1, "dash": "dot"},
         hoverinfo="skip",

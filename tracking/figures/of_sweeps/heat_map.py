@@ -17,6 +17,9 @@ from tracking.numbers import signed
 SIGNIFICANT = 0.05
 
 
+_TILTED = 5  # pixels that a letter of a column's name reaches down
+
+
 def heat_map(correlations: pd.DataFrame, labels: Sequence[str], title: str) -> go.Figure | None:
     """Surrogates as columns, `labels` as rows; blue falls, orange rises.
 
@@ -42,11 +45,14 @@ def heat_map(correlations: pd.DataFrame, labels: Sequence[str], title: str) -> g
     )
     # Plotly sizes the numbers by their letters and would count those of tags too.
     shown = np.where(holm < SIGNIFICANT, rho.map(signed) + "★", rho.map(signed))
-    plot = figure(title, height=140 + 34 * len(rho), margin={"l": 120, "r": 8, "t": 48, "b": 84})
+    names = [surrogate_name(str(name)) for name in rho.columns]
+    below = max(84, 16 + _TILTED * max(map(len, names)))
+    margin = {"l": 120, "r": 8, "t": 48, "b": below}
+    plot = figure(title, height=56 + below + 34 * len(rho), margin=margin)
     add_coefficients(
         plot,
         rho,
-        [surrogate_name(str(name)) for name in rho.columns],
+        names,
         [two_lines(text(name)) for name in rho.index],
         shown,
         hover=", p = %{customdata[0]:.2g}, adjusted %{customdata[1]:.2g}",

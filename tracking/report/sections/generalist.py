@@ -33,11 +33,11 @@ from tracking.run_folders.sweep import RunFolder
 _NOTE = (
     "The generalist is one detector, trained on other rigs, that judges each placement without "
     "being trained for it. A point is a placement: AP or recall by the generalist, and by "
-    "detectors that were trained for the placement; on the dotted line both are equal. Only the "
-    "order decides which placement is best. Both met the same test objects, so the ceiling is by "
-    "the seeds of the own detectors alone. Bias: the generalist's less their own, mean over "
-    "placements. Slope: by how many points their own differ where the generalist's differ by one. "
-    "95 % in brackets."
+    "detectors that were trained for the placement. Only the order decides which placement is "
+    "best. On the dotted line differences between placements are equal for both. They met the "
+    "same test objects, so the ceiling is by the seeds of the own detectors alone. Bias: the "
+    "generalist's less their own, mean over placements. Slope: by how many points their own "
+    "differ where the generalist's differ by one. 95 % in brackets."
 )
 MOST_FIGURES = 12
 
@@ -117,14 +117,13 @@ def _table(run: RunFolder, rows: pd.DataFrame) -> Table:
         words("class"),
         *([Column("own detectors", lambda r: _own(run, rows, r), words=True)] if several else []),
         METRIC,
-        numbers("placements", "n", ",.0f"),
         with_interval("spearman"),
         numbers("p", "spearman_p", ".2g"),
         CEILING,
         Column("bias (points)", bias),
         with_interval("slope"),
-        Column("regret of its choice (points)", regret),
-        numbers("at random (points)", "regret_at_random", "z.1f"),
+        Column("regret (points)", regret),
+        numbers("at random", "regret_at_random", "z.1f"),
     ]
     gone = ["surrogate", "pairs_tested", "exact"]
     regrets = ("regret", "regret_low", "regret_high", "regret_at_random")
