@@ -146,3 +146,14 @@ def test_the_page_says_it(tmp_path):
     table = pd.read_csv(folder / "tables/generalist.csv")
     assert {"spearman", "ceiling", "bias (points)", "slope", "regret (points)"} <= set(table)
     assert table["bias (points)"].tolist() == pytest.approx([20] * len(table), abs=4)
+
+
+def test_where_all_placements_are_equal_nothing_is_told(tmp_path):
+    folder = write_run(tmp_path / "run", NAMES, judges=("generalist", "specialist"))
+    for name in ("results", "left_out"):
+        table = pd.read_parquet(folder / f"{name}.parquet")
+        table.assign(value=table["value"] * 0).to_parquet(folder / f"{name}.parquet", index=False)
+    text = build_report(folder).with_suffix(".md").read_text()
+    assert "No ceiling is known: placements do not differ" in text
+    assert "What does it cost to follow a surrogate?" not in text
+    assert "| Car | 3D AP @ 0.7 | – | – | – | – | – | – | – |" in text

@@ -28,9 +28,13 @@ def against_generalist(
         title: plotly text.
         placements: all of the sweep, in order, so that a placement keeps its colour.
     """
-    rho = f"ρ = {signed(row['spearman'])} {interval(row['spearman_low'], row['spearman_high'])}"
-    ceiling = f", ceiling {row['ceiling']:.2f}" if np.isfinite(row["ceiling"]) else ""
-    shown = f'<br><span style="font-size:12px">{rho}, n = {row["n"]}{ceiling}</span>'
+    said = str(row["note"])
+    if np.isfinite(row["spearman"]):
+        span = interval(row["spearman_low"], row["spearman_high"])
+        said = f"ρ = {signed(row['spearman'])} {span}, n = {row['n']}"
+    if np.isfinite(row["ceiling"]):
+        said += f", ceiling {row['ceiling']:.2f}"
+    shown = f'<br><span style="font-size:12px">{text(said)}</span>'
     plot = figure(title + shown, height=400, margin={"t": 64})
     table = pairs.loc[[name for name in placements if name in pairs.index]]
     names = [str(name) for name in table.index]

@@ -32,6 +32,10 @@ _NOTES = (
     "By detectors: if a surrogate knows only what the detectors agree in, it correlates with each "
     "by the root of their mean ρ.",
 )
+_UNKNOWN = (
+    "No ceiling is known: placements do not differ, or neither seeds nor test objects tell the "
+    "noise."
+)
 
 
 def _ceiling(row: Mapping[Any, Any]) -> str:
@@ -68,7 +72,8 @@ def ceiling_section(run: RunFolder, ceilings: pd.DataFrame) -> Section | None:
 
     def halves(row: Mapping[Any, Any]) -> str:
         shown = digits(row["agreement_of_halves"], ".2f")
-        return f"{shown} ({row['unit']}s left out)" if row["unit"] else shown
+        known = np.isfinite(row["agreement_of_halves"])
+        return f"{shown} ({row['unit']}s left out)" if known else shown
 
     columns = [
         words("class"),
@@ -106,5 +111,5 @@ def _span(shown: pd.DataFrame) -> list[str]:
     """The range over the headline metrics."""
     known = shown["ceiling"].dropna()
     if known.empty:
-        return ["With one seed, and without the chance of the test objects, no ceiling is known."]
+        return [_UNKNOWN]
     return [f"Here it is {span(known.min(), known.max(), '.2f')} over what headlines tell."]

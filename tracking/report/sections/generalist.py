@@ -40,6 +40,7 @@ _NOTE = (
     "differ where the generalist's differ by one. 95 % in brackets."
 )
 MOST_FIGURES = 12
+_REGRETS = ("regret", "regret_low", "regret_high", "regret_at_random")
 
 
 def generalist_section(
@@ -86,6 +87,8 @@ def _own(run: RunFolder, rows: pd.DataFrame, row: Mapping[Any, Any]) -> str:
 
 def _with_regret(rows: pd.DataFrame, regret: pd.DataFrame, axes: Sequence[str]) -> pd.DataFrame:
     """`rows` with what the generalist's choice and one at random lose; NaN where it is unknown."""
+    if regret.empty:
+        return rows.assign(**dict.fromkeys(_REGRETS, np.nan))
     keys = ["class", "detector", *axes, "metric", "iou"]
     own = regret[regret["surrogate"] == regret["metric"].map(judgement_name)]
     own = own[[*keys, "regret", "low", "high"]]
@@ -96,14 +99,17 @@ def _with_regret(rows: pd.DataFrame, regret: pd.DataFrame, axes: Sequence[str]) 
 
 
 def _table(run: RunFolder, rows: pd.DataFrame) -> Table:
-    def with_interval(key: str) -> Column:
-        head = {"spearman": "ρ", "slope": "slope"}[key]
-        return Column(
-            head, lambda r: f"{signed(r[key])} {interval(r[f'{key}_low'], r[f'{key}_high'])}"
-        )
+    def with_interval(head: str, key: str) -> Column:
+        def cell(row: Mapping[Any, Any]) -> str:
+            value, low, high = row[key], row[f"{key}_low"], row[f"{key}_high"]
+            return "–" if np.isnan(value) else f"{signed(value)} {interval(low, high)}"
+
+        return Column(head, cell)
 
     def bias(row: Mapping[Any, Any]) -> str:
         low, high = row["bias_low"], row["bias_high"]
+        if np.isnan(low):
+            return "–"
         return f"{digits(row['bias'], '+z.1f')} ({span(low, high, '+z.1f')})"
 
     def regret(row: Mapping[Any, Any]) -> str:
@@ -117,23 +123,22 @@ def _table(run: RunFolder, rows: pd.DataFrame) -> Table:
         words("class"),
         *([Column("own detectors", lambda r: _own(run, rows, r), words=True)] if several else []),
         METRIC,
-        with_interval("spearman"),
+        with_interval("ρ", "spearman"),
         numbers("p", "spearman_p", ".2g"),
         CEILING,
         Column("bias (points)", bias),
-        with_interval("slope"),
+        with_interval("slope", "slope"),
         Column("regret (points)", regret),
         numbers("at random", "regret_at_random", "z.1f"),
     ]
     gone = ["surrogate", "pairs_tested", "exact"]
-    regrets = ("regret", "regret_low", "regret_high", "regret_at_random")
     return Table.of(
         "The generalist against the placements' own detectors",
         rows,
         columns,
         name="generalist",
         data=rows.drop(columns=gone),
-        units=dict.fromkeys(("bias", "bias_low", "bias_high", *regrets), "points"),
+        units=dict.fromkeys(("bias", "bias_low", "bias_high", *_REGRETS), "points"),
     )
 
 

@@ -81,16 +81,19 @@ def regret_table(
     rankings: Sequence[tuple[Group, Mapping[str, BestPlacement]]],
     surrogates: pd.DataFrame,
 ) -> pd.DataFrame:
-    """`regrets` of every group and class in rows, with class, group, its place, metric and IoU."""
-    summed, parts = with_sums(surrogates, run.axes), [pd.DataFrame(columns=["group"])]
+    """`regrets` of every group and class in rows, with class, group, its place, metric and IoU.
+
+    Where no placement is better than another nothing can be lost.
+    """
+    summed, parts = with_sums(surrogates, run.axes), []
     for group, ranked in rankings:
         for name, best in ranked.items():
             own = surrogates_of(summed, group.place, name)
             named = [s for s in _CHOOSE if s in own.columns]
-            if best.others.empty or not named:
+            if not named or len(best.equal) == len(best.sure):
                 continue
             place = {"class": name, "group": group.title, **group.place}
             place |= {"metric": headline_metric(name), "iou": headline_iou(run.results, name)}
             found = regrets(best, own[named])
             parts.append(pd.DataFrame([place] * len(found)).join(found))
-    return pd.concat(parts, ignore_index=True)
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
