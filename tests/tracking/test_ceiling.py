@@ -143,3 +143,21 @@ def test_detectors_that_agree_in_a_part():
     assert found["agreement_of_detectors"].iloc[0] == pytest.approx(
         6 / np.pi * np.arcsin(1 / 4), abs=0.02
     )
+
+
+def test_two_seeds_agree_by_the_icc_and_generalists_whatever_their_level():
+    rng = np.random.default_rng(8)
+    _, _, y = world(rng, 7, 3, 0.5)
+    own = ceilings(tables(range(7), y)[0])
+    assert own["agreement_of_seeds"].item() == pytest.approx(float(icc(y)))
+    stricter = y - np.array([0, 5, 9])
+    one, other = (
+        ceilings(tables(range(7), table)[0], judge="generalist")["agreement_of_seeds"].item()
+        for table in (y, stricter)
+    )
+    assert one == pytest.approx(other)
+    # ICC(3, 1) by the two-way analysis of variance (Shrout and Fleiss 1979).
+    rest = y - y.mean(axis=0) - y.mean(axis=1, keepdims=True) + y.mean()
+    between, error = 3 * y.mean(axis=1).var(ddof=1), (rest**2).sum() / (6 * 2)
+    assert one == pytest.approx((between - error) / (between + 2 * error))
+    assert ceilings(tables(range(7), stricter)[0])["agreement_of_seeds"].item() < one

@@ -7,14 +7,16 @@ from itertools import combinations
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from tracking.findings.generalist import JUDGEMENTS
+from tracking.findings.groups import GENERALIST, JUDGE
 from tracking.findings.paired import group_columns
 from tracking.findings.surrogate_accuracy import rank_agreement
 from tracking.statistics.ceiling import ceiling, reliability
 from tracking.statistics.confidence_interval import to_normal
 from tracking.statistics.jackknife import SampleError, combined, sample_error
-from tracking.statistics.reliability import Noise, icc, reliability_of_mean, seed_mean
+from tracking.statistics.reliability import Noise, reliability_of_mean, seed_mean
 
 _OF_NOISE = (
     "n",
@@ -32,14 +34,18 @@ _OF_DETECTORS = ("agreement_of_detectors", "ceiling_by_detectors")
 
 
 def ceilings(
-    results: pd.DataFrame, left_out: pd.DataFrame | None = None, axes: Sequence[str] = ()
+    results: pd.DataFrame,
+    left_out: pd.DataFrame | None = None,
+    axes: Sequence[str] = (),
+    judge: str = "specialist",
 ) -> pd.DataFrame:
     """Spearman's rho that a surrogate without error or noise is expected to reach.
 
     By what the metric's means are unsure of (`tracking.statistics.ceiling`):
 
     - seeds: the variance over seeds. Two seeds agree by ICC(1), their mean is more reliable by
-      Spearman and Brown's formula;
+      Spearman and Brown's formula. Of generalists, which judged all placements, what one gives to
+      all alike is no noise: they agree by ICC(3);
     - test objects: the jackknife's variance of a placement against the others, over routes or
       individuals (`tracking.statistics.jackknife`). Two halves of the test frames agree by Spearman
       and Brown's formula for half the length, of the same trainings;
@@ -53,6 +59,7 @@ def ceilings(
         results: `results.parquet`, as for `tracking.findings.correlation.correlate`.
         left_out: `left_out.parquet`; None: the chance of the test objects is unknown.
         axes: further axes of the grid.
+        judge: of all results, where it is no axis.
 
     Returns:
         One row per `group_columns` with two placements or more: `n` placements; `seeds`, their
@@ -72,7 +79,10 @@ def ceilings(
         error = errors.get(_without_difficulty(group))
         values = y.to_numpy(np.float64)
         means[key] = pd.Series(seed_mean(values), y.index)
-        rows.append(group | dict(zip(_OF_NOISE, _by_noise(values, error), strict=True)))
+        one = group.get(JUDGE, judge) == GENERALIST and bool(np.isfinite(values).all())
+        seeds = Noise.of_judges(values) if one else Noise.of_seeds(values)
+        found = _by_noise(seed_mean(values), seeds, error)
+        rows.append(group | dict(zip(_OF_NOISE, found, strict=True)))
     table = pd.DataFrame(rows, columns=[*keys, *_OF_NOISE])
     agreements = _between_detectors(means, keys.index("detector"))
     table[_OF_DETECTORS[0]] = [agreements[key] for key in means]
@@ -100,19 +110,21 @@ def beside(
     return table.assign(ceiling=table["ceiling"].mask(judged, by_seeds))
 
 
-def _by_noise(values: np.ndarray, error: SampleError | None) -> tuple[object, ...]:
-    """What `_OF_NOISE` names, of values of shape (placements, seeds)."""
-    means, seeds = seed_mean(values), Noise.of_seeds(values)
+def _by_noise(
+    means: NDArray[np.float64], seeds: Noise, error: SampleError | None
+) -> tuple[object, ...]:
+    """What `_OF_NOISE` names, of means over seeds, shape (placements,)."""
+    number = float(seeds.counts.mean())
     objects = Noise(np.ones(len(means)), np.nan, 0)
     if error is not None:
         objects = Noise(np.ones(len(means)), error.variance, error.degrees)
     both = combined(seeds, error) if seeds.degrees else objects
-    by_objects = reliability(means, objects)[0]
+    by_seeds, by_objects = reliability(means, seeds)[0], reliability(means, objects)[0]
     return (
         len(means),
-        seeds.counts.mean(),
-        float(icc(values)),
-        float(ceiling(reliability(means, seeds)[0])),
+        number,
+        float(reliability_of_mean(by_seeds, 1 / number)),
+        float(ceiling(by_seeds)),
         error.unit if error else "",
         float(reliability_of_mean(by_objects, 0.5)),
         float(ceiling(by_objects)),

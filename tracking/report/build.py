@@ -136,7 +136,7 @@ class _Analysis:
         run = replace(whole, results=whole.results[full])
         results, surrogates = run.results, with_judgements(run)
         means = seed_means(results, run.axes, run.left_out, run.sweep.judge)
-        most = ceilings(results, run.left_out, run.axes)
+        most = ceilings(results, run.left_out, run.axes, run.sweep.judge)
         correlations = beside(correlate(results, surrogates, run.axes), most, run.axes)
         errors = leave_one_out(results, surrogates, run.axes)
         found = list(groups(run))
