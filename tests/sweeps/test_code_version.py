@@ -9,7 +9,7 @@ from sweeps.tasks.code_version import PACKAGES, Code
 from sweeps.tasks.stages import FUNCTIONS
 
 ROOT = Path(__file__).parents[2]
-TRAINED = ("probe", "pretrain", "finetune", "evaluate")
+TRAINED = ("probe", "pretrain", "finetune", "evaluate", "judge")
 OWN = {"scene": "lidarplace.scenes.sumo.parts.TownRecording"} | dict.fromkeys(
     TRAINED, "training.detectors.pointpillars"
 )
@@ -266,7 +266,7 @@ def test_figures_converters_and_the_command_line_leave_all_stages_as_they_are(co
             "lidarplace/lidar/returns.py",
             "ATTENUATION_PER_M = 0.004",
             "ATTENUATION_PER_M = 0.005",
-            {"collect"},
+            {"collect", "judge"},
         ),
         ("training/ops/box_overlap.py", "_CLIPPED = 1 << 19", "_CLIPPED = 1 << 18", set(TRAINED)),
         ("training/average_precision.py", "OTHER = 0, 1, -1", "OTHER = 0, 2, -1", {"evaluate"}),

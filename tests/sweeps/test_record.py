@@ -10,6 +10,7 @@ from lidarplace import PAPER_PLACEMENTS, Lidar
 from lidarplace.box_log import read_box_log
 from lidarplace.lidar.clouds import PointClouds, write_clouds
 from lidarplace.lidar.collect import collect
+from lidarplace.mounting.errors import MountingErrors
 from lidarplace.scenes.recorded import LogRecording, LogScene
 from sweeps.record import app
 from sweeps.tasks import stages
@@ -83,7 +84,14 @@ def test_recorded_clouds_take_the_place_of_simulated_ones(folder, recorded):
 
     lidar = Lidar(tuple(np.radians([-9.0, -5.0, -2.0])), azimuth_steps=720)
     placement = PAPER_PLACEMENTS["line"].with_lidar(lidar)
-    own = CollectParams(placement, misaligned_heights=False, seed=1, split="train", crop=CROP)
+    own = CollectParams(
+        placement,
+        misaligned_heights=False,
+        seed=1,
+        split="train",
+        crop=CROP,
+        errors=MountingErrors(),
+    )
     simulated = stages.collect(own, value)
     wide = (-1.0, -30.0, -1.0, 50.0, 30.0, 9.0)
     store = folder / "clouds" / "line"
