@@ -26,6 +26,7 @@ class Metric:
         ranks: whether placements are compared by it: in reports, by a rung of `promote`, by the
             objective of a search.
         headline: whether it is what headlines tell of a class; with `of_all`, of all objects.
+        of_one_iou: whether it is measured at single IoUs. If not, tables have `EVERY_IOU` with it.
     """
 
     label: str
@@ -35,13 +36,20 @@ class Metric:
     of_all: bool = False
     ranks: bool = False
     headline: bool = False
+    of_one_iou: bool = True
 
 
 METRICS: dict[str, Metric] = {
     "AP_R40_3D": Metric(label="3D AP", short="3D", ranks=True, headline=True),
     "AP_R40_BEV": Metric(label="BEV AP", short="BEV", ranks=True),
+    "AP_R40_3D_mean": Metric(
+        label="3D AP @ 0.3–0.8", short="3D@0.3–0.8", ranks=True, of_one_iou=False
+    ),
     "class_recall_3D": Metric(label="recall of the class", short="class recall"),
     "recall": Metric(label="recall", short="recall", of_all=True, ranks=True, headline=True),
+    "mean_overlap": Metric(
+        label="mean overlap", short="overlap", of_all=True, ranks=True, of_one_iou=False
+    ),
 }
 """Metrics by name, in the order of display."""
 
@@ -60,6 +68,13 @@ def headline_metric(object_class: str) -> str:
 
 HEADLINE_METRIC = headline_metric("")
 """What a single class is judged by."""
+
+
+EVERY_IOU = 0.0
+"""What tables have as IoU of a metric that is of no single one."""
+
+MEAN_AP_IOU = tuple(step / 100 for step in range(30, 81, 5))
+"""What "AP_R40_3D_mean" is a mean over: 0.3, 0.35, …, 0.8."""
 
 
 class Overlaps(NamedTuple):

@@ -24,7 +24,7 @@ FORBIDDEN = {
 }
 FLOORS = {
     "lidarplace": (
-        "metrics optional pose ranges rings roi",
+        "metrics optional pose ranges rings roi sectors",
         "sensor",
         "placement",
         "configuration coverage",
@@ -40,7 +40,7 @@ FLOORS = {
     ),
     "lidarplace.scenes": ("datasets parts routes", "*", "kinds"),
     "training": (
-        "average_precision dataset device ops randomness settings vector_math",
+        "average_precision by_sector dataset device ops randomness settings vector_math",
         "detectors found_objects ground_truth_sampling kitti_labels matches one_cycle",
         "__init__ augment leave_out optimisation",
         "checkpoints",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from lidarplace.metrics import METRICS
+from lidarplace.metrics import EVERY_IOU, METRICS
 from lidarplace.surrogates.table import SURROGATES
 
 
@@ -47,8 +47,8 @@ def metric_name(metric: str) -> str:
 
 
 def metric_label(metric: str, iou: float) -> str:
-    """For example "BEV AP @ 0.7"."""
-    return f"{metric_name(metric)} @ {iou:g}"
+    """For example "BEV AP @ 0.7"; of a metric that is of no single IoU its name alone."""
+    return metric_name(metric) if iou == EVERY_IOU else f"{metric_name(metric)} @ {iou:g}"
 
 
 def setting_label(names: Iterable[str], values: Iterable[object]) -> str:

@@ -170,6 +170,72 @@ def sampled_scores(hits, truths, points):
     return chosen[:count]
 
 
+class Rising(NamedTuple):
+    """Scores, each of some unit, as compiled code takes them.
+
+    Attributes:
+        values: all, rising.
+        unit: of each.
+        by_unit: the same scores unit by unit, rising within each.
+        offsets: those of unit u are `by_unit[offsets[u]:offsets[u + 1]]`.
+    """
+
+    values: NDArray[np.float64]
+    unit: NDArray[np.int64]
+    by_unit: NDArray[np.float64]
+    offsets: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, values: NDArray[np.float64], unit: NDArray[np.int64], units: int) -> Rising:
+        """Of scores, some of them NaN, which are left out; -1 is no unit."""
+        order = np.argsort(values)  # NaN comes last
+        order = order[: np.count_nonzero(~np.isnan(values))]
+        values, unit = values[order], unit[order]
+        return cls(values, unit, *_by_unit(values, unit, units))
+
+
+@njit(cache=True)
+def _by_unit(values, unit, units):
+    """Values unit by unit, those of a unit in their order, and where each unit begins."""
+    offsets = np.zeros(units + 1, np.int64)
+    for u in unit:
+        if u >= 0:
+            offsets[u + 1] += 1
+    offsets = np.cumsum(offsets)
+    next_of, sorted_values = offsets[:-1].copy(), np.empty(offsets[-1])
+    for i in range(len(values)):
+        if unit[i] >= 0:
+            sorted_values[next_of[unit[i]]] = values[i]
+            next_of[unit[i]] += 1
+    return sorted_values, offsets
+
+
+@njit(cache=True)
+def _others_from(scores, unit, lowest):
+    """How many scores of other units are at least `lowest`."""
+    own = scores.by_unit[scores.offsets[unit] : scores.offsets[unit + 1]]
+    above = len(scores.values) - np.searchsorted(scores.values, lowest)
+    return above - (len(own) - np.searchsorted(own, lowest))
+
+
+@njit(cache=True)
+def precision_without_each(hits, matched, found, truths, points):
+    """Precision at the sampled scores of the others, of every unit, 0 beyond; (units, points).
+
+    Args:
+        hits, matched, found: `Rising` scores, see `training.matches.Matches`.
+        truths: ground truths of the other units, shape (units,).
+    """
+    precision = np.zeros((len(truths), points))
+    falling, unit_of = hits.values[::-1].copy(), hits.unit[::-1].copy()
+    for unit in range(len(truths)):
+        lowest = sampled_scores(falling[unit_of != unit], truths[unit], points)
+        for i in range(len(lowest)):
+            positives = _others_from(matched, unit, lowest[i])
+            precision[unit, i] = positives / max(_others_from(found, unit, lowest[i]), 1)
+    return precision
+
+
 def precision_curve(
     pairs: FramePairs,
     overlaps: NDArray[np.float64],
@@ -237,15 +303,18 @@ def hit_scores(
 
 
 def monotone(sampled: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The values, none below one to its right, and 0 up to the last recall point; shape (41,)."""
-    curve = np.zeros(RECALL_POINTS)
-    curve[: len(sampled)] = np.maximum.accumulate(sampled[::-1])[::-1]
+    """The values, none below one to its right, and 0 up to the last recall point.
+
+    From shape (…, n) with n <= 41 to (…, 41).
+    """
+    curve = np.zeros((*sampled.shape[:-1], RECALL_POINTS))
+    curve[..., : sampled.shape[-1]] = np.maximum.accumulate(sampled[..., ::-1], axis=-1)[..., ::-1]
     return curve
 
 
-def ap_r40(curve: NDArray[np.float64]) -> float:
-    """Mean precision at the 40 recall points above 0, percent."""
-    return float(100 * curve[1:].mean())
+def ap_r40(curve: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean precision at the 40 recall points above 0, percent; from shape (…, 41) to (…)."""
+    return np.asarray(100 * curve[..., 1:].mean(axis=-1))
 
 
 def ap_r11(curve: NDArray[np.float64]) -> float:

@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.boxes import GEOMETRY, check_boxes
-from lidarplace.metrics import kitti_iou
+from lidarplace.metrics import EVERY_IOU, MEAN_AP_IOU, kitti_iou
 from training.average_precision import COUNTS, FramePairs, ap_r11, ap_r40, precision_curve
 from training.kitti_labels import (
     DIFFICULTIES,
@@ -24,7 +24,14 @@ from training.kitti_labels import (
     orientation_similarity,
 )
 from training.leave_out import COLUMNS as LEFT_OUT_COLUMNS
-from training.leave_out import ap_without_each, overlapped_most, recall_without_each, units_of
+from training.leave_out import (
+    ap_without_each,
+    mean_without_each,
+    overlapped_most,
+    recall_without_each,
+    units_of,
+)
+from training.matches import Matches
 from training.ops.rotated_iou import paired_iou
 
 RECALL_IOU = (0.5, 0.7)
@@ -41,6 +48,9 @@ class Evaluation:
         curves: what the APs are means of: class, metric ("AP_R40_3D", "AP_R40_BEV"), iou, and at
             the 41 recall points 0, 2.5, …, 100 the precision, both in percent. Classes without
             ground truth have no curve.
+        objects: the ground truths, with `overlap`, the largest 3D IoU with a box of their frame
+            ("recall" counts those above its IoU), and `found`, whether "class_recall_3D" counts
+            them at the strict IoU of their class.
         left_out: the same metrics without each route and each individual of the frames in turn:
             `training.leave_out.COLUMNS`, values in percent, NaN where no ground truth is left.
             None unless routes were given.
@@ -48,6 +58,7 @@ class Evaluation:
 
     metrics: pd.DataFrame
     curves: pd.DataFrame
+    objects: pd.DataFrame
     left_out: pd.DataFrame | None = None
 
 
@@ -64,17 +75,21 @@ def evaluate_boxes(
     also `class`, and detections `score`. Per class:
 
     - "AP_R40_3D" and "AP_R40_BEV" at KITTI's strict and loose IoU;
+    - "AP_R40_3D_mean": the mean of the former over the IoUs 0.3, 0.35, …, 0.8;
     - "class_recall_3D" at the same: the share of the ground truths that AP's curve reaches, so by
       detections of their class, each used once;
     - "recall" at 0.5 and 0.7: the share of the ground truths that some box of their frame, whatever
       its class, overlaps in 3D by more (OpenPCDet's recall_rcnn, which the paper prints). The boxes
       are `refined`, those of a second stage before any is dropped, or else the detections. Class
-      "all" has it over all classes.
+      "all" has it over all classes;
+    - "mean_overlap": the mean over the ground truths of the largest 3D IoU with a detection of
+      their frame and class, 0 where there is none; for class "all" with one of any class.
 
     KITTI samples recall at 41 of the hits: with n < 41 ground truths even a perfect detector has
     AP_R40 (n - 1) / 40 only. Compare AP where there are more, and recall where there are fewer.
 
-    Returns columns class, metric, iou, difficulty ("all"), value (percent) and ground_truths. The
+    Returns columns class, metric, iou (`lidarplace.metrics.EVERY_IOU` for metrics of no single
+    one), difficulty ("all"), value (percent) and ground_truths. The
     value of a class without ground truth is NaN: it was not measured. (KITTI's rule gives 0, which
     would be averaged as a result.)
 
@@ -112,42 +127,62 @@ def evaluation(
     def add(name: str, metric: str, iou: float, value: float, count: int) -> None:
         rows.append((name, metric, iou, "all", value if count else np.nan, count))
 
-    best = _best_overlap(truths, found if refined is None else _rows_of(refined, wanted), wanted)
-    truth_class = truths["class"].to_numpy()
+    every = _pairs(truths, found, wanted)
+    every_overlap = _overlaps(truths, found, every, three_d=True)
+    of_any = _largest(every_overlap, every, len(truths))
+    best = of_any if refined is None else _best_overlap(truths, _rows_of(refined, wanted), wanted)
+    reached = np.zeros(len(truths), np.bool_)
+    truth_class, found_class = truths["class"].to_numpy(), found["class"].to_numpy()
     for name in classes:
-        own = truths[truth_class == name]
-        own_found = found[found["class"].to_numpy() == name]
+        here = truth_class == name
+        own = truths[here]
+        own_found = found[found_class == name]
         pairs = _pairs(own, own_found, wanted)
         scores = own_found["score"].to_numpy(np.float64)
-        overlaps = {view: _overlaps(own, own_found, pairs, view == "3D") for view in ("3D", "BEV")}
+        alike = here[every.ground_truth] & (found_class == name)[every.detection]
+        overlaps = {
+            "3D": every_overlap[alike],
+            "BEV": _overlaps(own, own_found, pairs, three_d=False),
+        }
+        of_class = _largest(overlaps["3D"], pairs, len(own))
+        ious = kitti_iou(name)
+        matches = {
+            (view, iou): Matches.of(pairs, values, scores, iou)
+            for view, values in overlaps.items()
+            for iou in dict.fromkeys((*ious, *MEAN_AP_IOU) if view == "3D" else ious)
+        }
+        reached[here] = matches["3D", ious.strict].found
         if routes is not None and len(own):
             nearest = overlapped_most(pairs, overlaps["BEV"], len(own_found))
             units = units_of(own, own_found["frame"].to_numpy(np.int64), nearest, routes)
-            for iou in kitti_iou(name):
-                left_out += ap_without_each(name, iou, pairs, overlaps, scores, units)
-            left_out += recall_without_each(name, RECALL_IOU, best[truth_class == name], units)
-        for iou in kitti_iou(name):
-            curves = {
-                view: precision_curve(pairs, values, scores, iou)
-                for view, values in overlaps.items()
-            }
-            for view, curve in curves.items():
-                metric = f"AP_R40_{view}"
-                add(name, metric, iou, ap_r40(curve.precision), len(own))
+            left_out += ap_without_each(name, matches, units)
+            left_out += recall_without_each(name, RECALL_IOU, best[here], units)
+            left_out += mean_without_each(name, "mean_overlap", EVERY_IOU, of_class, units)
+        curves = {key: match.precision() for key, match in matches.items()}
+        for iou in ious:
+            for view in overlaps:
+                metric, curve = f"AP_R40_{view}", curves[view, iou]
+                add(name, metric, iou, float(ap_r40(curve)), len(own))
                 if len(own):
-                    drawn.append(_curve_table(name, metric, iou, curve.precision))
-            add(name, "class_recall_3D", iou, 100 * curves["3D"].recall, len(own))
+                    drawn.append(_curve_table(name, metric, iou, curve))
+            add(name, "class_recall_3D", iou, _percent(matches["3D", iou].found), len(own))
+        mean_curve = np.mean([curves["3D", iou] for iou in MEAN_AP_IOU], axis=0)
+        add(name, "AP_R40_3D_mean", EVERY_IOU, float(ap_r40(mean_curve)), len(own))
+        add(name, "mean_overlap", EVERY_IOU, _percent(of_class), len(own))
         for iou in RECALL_IOU:
-            add(name, "recall", iou, _share_above(best[truth_class == name], iou), len(own))
+            add(name, "recall", iou, _percent(best[here] > iou), len(own))
     for iou in RECALL_IOU:
-        add("all", "recall", iou, _share_above(best, iou), len(truths))
+        add("all", "recall", iou, _percent(best > iou), len(truths))
+    add("all", "mean_overlap", EVERY_IOU, _percent(of_any), len(truths))
     if routes is not None and len(truths):
         none = np.zeros(0, np.int64)
         units = units_of(truths, none, none, routes)
         left_out += recall_without_each("all", RECALL_IOU, best, units)
+        left_out += mean_without_each("all", "mean_overlap", EVERY_IOU, of_any, units)
     return Evaluation(
         pd.DataFrame(rows, columns=list(COLUMNS)),
         _stack(drawn, CURVE_COLUMNS),
+        truths.assign(overlap=best, found=reached),
         None if routes is None else _stack(left_out, LEFT_OUT_COLUMNS),
     )
 
@@ -204,13 +239,19 @@ def _best_overlap(
 ) -> NDArray[np.float64]:
     """Largest 3D IoU that each ground truth has with a detection of its frame, shape (G,)."""
     pairs = _pairs(truths, found, frames)
-    best = np.zeros(len(truths))
-    np.maximum.at(best, pairs.ground_truth, _overlaps(truths, found, pairs, three_d=True))
-    return best
+    return _largest(_overlaps(truths, found, pairs, three_d=True), pairs, len(truths))
 
 
-def _share_above(overlaps: NDArray[np.float64], iou: float) -> float:
-    return float(100 * (overlaps > iou).mean()) if len(overlaps) else float("nan")
+def _largest(overlaps: NDArray[np.float64], pairs: FramePairs, truths: int) -> NDArray[np.float64]:
+    """Largest overlap that each ground truth has in a pair, 0 if it is in none, shape (G,)."""
+    largest = np.zeros(truths)
+    np.maximum.at(largest, pairs.ground_truth, overlaps)
+    return largest
+
+
+def _percent(values: NDArray[np.float64] | NDArray[np.bool_]) -> float:
+    """The mean, percent; NaN of nothing."""
+    return float(100 * values.mean()) if len(values) else float("nan")
 
 
 def evaluate_detections(
@@ -259,8 +300,7 @@ def evaluate_detections(
     }
     truth_class = truths["class"].str.lower().to_numpy(str)
     found_class = found["class"].str.lower().to_numpy(str)
-    best = np.zeros(len(truths))
-    np.maximum.at(best, pairs.ground_truth, overlaps["3D"])
+    best = _largest(overlaps["3D"], pairs, len(truths))
     covered = covered_by_dont_care(truths, found, pairs, truth_class == "dontcare")
     alike = orientation_similarity(truths, found, pairs)
     oriented = bool((found["alpha"].to_numpy(np.float64) != UNKNOWN_ALPHA).all())
@@ -276,16 +316,16 @@ def evaluate_detections(
                 curve = precision_curve(
                     pairs, values, scores, minimum, truth_role, found_role, harmless, alike
                 )
-                value[f"AP_R40_{view}"] = ap_r40(curve.precision)
+                value[f"AP_R40_{view}"] = float(ap_r40(curve.precision))
                 value[f"AP_R11_{view}"] = ap_r11(curve.precision)
                 value[f"class_recall_{view}"] = 100 * curve.recall
                 if view == "image" and oriented:
-                    value["AOS_R40"] = ap_r40(curve.similarity)
+                    value["AOS_R40"] = float(ap_r40(curve.similarity))
                     value["AOS_R11"] = ap_r11(curve.similarity)
             rows += [
                 (name, key, minimum, difficulty, number, count) for key, number in value.items()
             ]
         own = best[truth_class == name.lower()]
-        recall = _share_above(own, minimum) if len(own) else 0.0
+        recall = _percent(own > minimum) if len(own) else 0.0
         rows.append((name, "recall", minimum, "all", recall, len(own)))
     return pd.DataFrame(rows, columns=list(COLUMNS))

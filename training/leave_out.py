@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.metrics import EVERY_IOU, MEAN_AP_IOU, kitti_iou
 from training.average_precision import FramePairs
 from training.matches import Matches
 
@@ -88,28 +90,25 @@ def overlapped_most(
 
 
 def ap_without_each(
-    object_class: str,
-    iou: float,
-    pairs: FramePairs,
-    overlaps: Mapping[str, NDArray[np.float64]],
-    scores: NDArray[np.float64],
-    either: Sequence[Units],
+    object_class: str, matches: Mapping[tuple[str, float], Matches], either: Sequence[Units]
 ) -> list[pd.DataFrame]:
-    """AP in both views and recall of a class without each unit.
+    """AP and recall of a class without each unit.
 
     Args:
-        overlaps: of every pair, in "3D" and "BEV".
+        matches: by view, "3D" or "BEV", and IoU: of KITTI's, and in 3D of `MEAN_AP_IOU`.
         either: `units_of` the boxes.
     """
     tables = []
-    for view, values in overlaps.items():
-        matches = Matches.of(pairs, values, scores, iou)
-        for units in either:
-            ap = matches.without_each(units.truth, units.detection, len(units.names))
-            tables.append(units.table(object_class, f"AP_R40_{view}", iou, ap))
-            if view == "3D":
-                recall = _share_without_each(~np.isnan(matches.hit), units)
-                tables.append(units.table(object_class, "class_recall_3D", iou, recall))
+    for units in either:
+        of_each = (units.truth, units.detection, len(units.names))
+        ap = {key: match.without_each(*of_each) for key, match in matches.items()}
+        for view, iou in product(("3D", "BEV"), kitti_iou(object_class)):
+            tables.append(units.table(object_class, f"AP_R40_{view}", iou, ap[view, iou]))
+        mean = np.mean([ap["3D", iou] for iou in MEAN_AP_IOU], axis=0)
+        tables.append(units.table(object_class, "AP_R40_3D_mean", EVERY_IOU, mean))
+    for iou in kitti_iou(object_class):
+        found = matches["3D", iou].found
+        tables += mean_without_each(object_class, "class_recall_3D", iou, found, either)
     return tables
 
 
@@ -118,18 +117,32 @@ def recall_without_each(
 ) -> list[pd.DataFrame]:
     """Recall by boxes of any class without each unit, from each ground truth's best overlap."""
     return [
-        units.table(object_class, "recall", iou, _share_without_each(best > iou, units))
+        table
         for iou in ious
-        for units in either
+        for table in mean_without_each(object_class, "recall", iou, best > iou, either)
     ]
 
 
-def _share_without_each(hit: NDArray[np.bool_], units: Units) -> NDArray[np.float64]:
-    """Share of the ground truths that are hit, percent, without each unit; NaN without any."""
-    size = len(units.names)
-    left = len(hit) - np.bincount(units.truth, minlength=size)
-    hits = np.count_nonzero(hit) - np.bincount(units.truth[hit], minlength=size)
-    return np.where(left > 0, 100 * hits / np.maximum(left, 1), np.nan)
+def mean_without_each(
+    object_class: str,
+    metric: str,
+    iou: float,
+    of_truth: NDArray[np.float64] | NDArray[np.bool_],
+    either: Sequence[Units],
+) -> list[pd.DataFrame]:
+    """A metric that is a mean over ground truths, in percent, without each unit; NaN: none is left.
+
+    Args:
+        of_truth: what it is a mean of, shape (G,).
+    """
+    tables = []
+    for units in either:
+        size = len(units.names)
+        left = len(of_truth) - np.bincount(units.truth, minlength=size)
+        total = of_truth.sum() - np.bincount(units.truth, weights=of_truth, minlength=size)
+        mean = np.where(left > 0, 100 * total / np.maximum(left, 1), np.nan)
+        tables.append(units.table(object_class, metric, iou, mean))
+    return tables
 
 
 def _numbered(table: pd.DataFrame, keys: list[str]) -> tuple[NDArray[np.int64], tuple[str, ...]]:

@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 from training.average_precision import (
     RECALL_POINTS,
     FramePairs,
+    Rising,
     ap_r40,
     hit_scores,
     monotone,
-    sampled_scores,
+    precision_without_each,
 )
 
 
@@ -55,6 +56,16 @@ class Matches:
             scores,
         )
 
+    @property
+    def found(self) -> NDArray[np.bool_]:
+        """Which ground truths are hit at any score, shape (G,)."""
+        return ~np.isnan(self.hit)
+
+    def precision(self) -> NDArray[np.float64]:
+        """Precision over recall, that of `average_precision.precision_curve`, shape (41,)."""
+        of_none = (np.full(len(self.hit), -1), np.full(len(self.scores), -1))
+        return self._precision(*of_none, np.array([len(self.hit)]))[0]
+
     def without_each(
         self, truth_unit: NDArray[np.int64], detection_unit: NDArray[np.int64], units: int
     ) -> NDArray[np.float64]:
@@ -66,46 +77,26 @@ class Matches:
         Args:
             truth_unit, detection_unit: unit of every ground truth and detection, shapes (G,), (D,).
         """
+        left = len(truth_unit) - np.bincount(truth_unit, minlength=units)
+        ap = ap_r40(self._precision(truth_unit, detection_unit, left))
+        return np.where(left > 0, ap, np.nan)
+
+    def _precision(
+        self,
+        truth_unit: NDArray[np.int64],
+        detection_unit: NDArray[np.int64],
+        left: NDArray[np.int64],
+    ) -> NDArray[np.float64]:
+        """Precision over recall without each unit, of which `left` ground truths remain."""
         hits, matched, scores = (
-            _rising(values, of_unit)
+            Rising.of(values, of_unit, len(left))
             for values, of_unit in (
                 (self.hit, truth_unit),
                 (self.matched, truth_unit),
                 (self.scores, detection_unit),
             )
         )
-        left = len(truth_unit) - np.bincount(truth_unit, minlength=units)
-        ap = np.empty(units)
-        for unit in range(units):
-            hit, match, score = (values[of != unit] for values, of in (hits, matched, scores))
-            ap[unit] = _ap(hit, match, score, int(left[unit]))
-        return ap
-
-
-def _rising(
-    values: NDArray[np.float64], unit: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Values that are known, rising, and the unit of each."""
-    order = np.argsort(values, kind="stable")  # NaN comes last
-    order = order[: np.count_nonzero(~np.isnan(values))]
-    return values[order], unit[order]
-
-
-def _ap(
-    hits: NDArray[np.float64],
-    matched: NDArray[np.float64],
-    scores: NDArray[np.float64],
-    truths: int,
-) -> float:
-    """AP_R40 in percent from rising scores of `truths` ground truths and their detections."""
-    if truths == 0:
-        return float("nan")
-    if len(hits) == 0:
-        return 0.0
-    lowest = sampled_scores(hits[::-1].copy(), truths, RECALL_POINTS)
-    positives = len(matched) - np.searchsorted(matched, lowest)
-    found = len(scores) - np.searchsorted(scores, lowest)
-    return ap_r40(monotone(positives / np.maximum(found, 1)))
+        return monotone(precision_without_each(hits, matched, scores, left, RECALL_POINTS))
 
 
 @njit(cache=True)

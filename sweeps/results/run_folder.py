@@ -100,6 +100,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
         (contract.PR_CURVES, of_trials("pr_curves")),
         (contract.LEFT_OUT, of_trials("left_out")),
         (contract.DISTANCE, of_trials("by_distance")),
+        (contract.SECTOR, of_trials("by_sector")),
         (contract.POINTS, _points(tested, store, axes)),
         (contract.INDIVIDUALS, _individuals(good, store, axes)),
         (contract.ACCURACY, gathered("accuracy", "table", known)),

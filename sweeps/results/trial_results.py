@@ -48,7 +48,7 @@ def metric_mean(trials: Sequence[Trial], metric: str, object_class: str, store: 
 def headline_value(metrics: pd.DataFrame, metric: str, object_class: str) -> float:
     """A metric of a class at KITTI's IoU, percent; NaN if it was not measured."""
     match = (metrics["metric"] == metric) & (metrics["class"] == object_class)
-    match &= metrics["iou"] == headline_iou(metrics, object_class)
+    match &= metrics["iou"] == headline_iou(metrics, object_class, metric)
     return next(iter(metrics.loc[match, "value"].tolist()), math.nan)
 
 

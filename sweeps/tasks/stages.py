@@ -249,6 +249,7 @@ def pretrain(
 def evaluate(params: NetworkParams, weights: Value, *inputs: Value) -> Value:
     """Detect on the test clouds and compare with the ground truth. `inputs` as for `finetune`."""
     from training.by_distance import evaluate_by_distance
+    from training.by_sector import recall_by_sector
     from training.detect import detect
     from training.kitti_ap import evaluation
 
@@ -271,6 +272,7 @@ def evaluate(params: NetworkParams, weights: Value, *inputs: Value) -> Value:
         "pr_curves": whole.curves,
         "left_out": whole.left_out,
         "by_distance": evaluate_by_distance(objects, found.boxes, frames, classes),
+        "by_sector": recall_by_sector(whole.objects),
         "detections": found.boxes,
     }
 

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 import yaml
 
+from lidarplace.metrics import METRICS
 from tests.forked import run_forked
 from tests.mlflow_database import write_database
 
@@ -63,7 +64,7 @@ def test_the_run_folder_holds_the_results(folder, first):
     run = folder / "runs/tiny"
     results = pd.read_parquet(run / "results.parquet")
     assert set(results["placement"]) == {"line", "center"}
-    assert set(results["metric"]) == {"AP_R40_3D", "AP_R40_BEV", "class_recall_3D", "recall"}
+    assert set(results["metric"]) == set(METRICS)
     assert results["value"].dropna().between(0, 100).all()
     surrogates = pd.read_parquet(run / "surrogates.parquet")
     assert set(surrogates["surrogate"]) >= {"s_mig", "expected_ig", "m_sog"}

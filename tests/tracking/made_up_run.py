@@ -78,6 +78,7 @@ def write_run(
         "pr_curves": _pr_curves(results),
         "left_out": _left_out(rng, results),
         "distance": _distance(results),
+        "sector": _sector(results),
         "points": _points(rng, quality, scenes) if detectors else [],
         "individuals": _individuals(scenes) if detectors else [],
         "surrogates": _surrogates(rng, quality, scenes),
@@ -188,6 +189,18 @@ def _distance(results: list[dict[str, object]]) -> list[dict[str, object]]:
         for row in results
         if str(row["metric"]).startswith("AP_") and row["ground_truths"]
         for low in (0.0, 10.0)
+    ]
+
+
+def _sector(results: list[dict[str, object]]) -> list[dict[str, object]]:
+    """Recall that is best ahead."""
+    return [
+        {k: v for k, v in row.items() if k != "difficulty"}
+        | {"sector": sector, "from_deg": middle - 22.5, "to_deg": middle + 22.5}
+        | {"value": row["value"] - abs(middle) / 9, "ground_truths": 140}
+        for row in results
+        if row["metric"] == "recall" and row["ground_truths"]
+        for sector, middle in (("front right", -45.0), ("front", 0.0), ("front left", 45.0))
     ]
 
 

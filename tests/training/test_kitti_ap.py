@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from plain_curve import plain_curve
 
 from lidarplace.boxes import GEOMETRY
 from training.average_precision import COUNTS, IGNORED, OTHER, FramePairs, ap_r40, precision_curve
@@ -160,51 +161,6 @@ def test_dont_care_excuses_image_boxes_only():
     image = plain.index.get_level_values("metric").str.contains("image|AOS")
     pd.testing.assert_series_equal(excused[image], plain[image])
     pd.testing.assert_series_equal(excused[~image], worse[~image])
-
-
-def plain_curve(frames, minimum):
-    """The definition in plain Python: per frame (overlaps [gt][dt], scores, gt roles, dt roles)."""
-
-    def match(overlaps, scores, truth_role, found_role, lowest, by_score):
-        taken, hits = set(), []
-        for g, role in enumerate(truth_role):
-            fits = [
-                d
-                for d in range(len(scores))
-                if d not in taken and found_role[d] != OTHER and scores[d] >= lowest
-                and overlaps[g][d] > minimum
-            ]  # fmt: skip
-            if role == OTHER or not fits:
-                continue
-            if by_score:
-                best = max(fits, key=lambda d: (scores[d], -d))
-            else:
-                counting = [d for d in fits if found_role[d] == COUNTS]
-                best = max(counting, key=lambda d: (overlaps[g][d], -d)) if counting else fits[0]
-            taken.add(best)
-            if role == COUNTS and found_role[best] == COUNTS:
-                hits.append(scores[best])
-        alarms = [
-            d for d in range(len(scores))
-            if d not in taken and found_role[d] == COUNTS and scores[d] >= lowest
-        ]  # fmt: skip
-        return hits, len(alarms)
-
-    scores = sorted((s for f in frames for s in match(*f, -np.inf, True)[0]), reverse=True)
-    total = sum(role == COUNTS for f in frames for role in f[2])
-    sampled, recall = [], 0.0
-    for i, score in enumerate(scores):
-        last = i == len(scores) - 1
-        if not last and (i + 2) / total - recall < recall - (i + 1) / total:
-            continue
-        sampled.append(score)
-        recall += 1 / 40
-    curve = np.zeros(41)
-    for t, score in enumerate(sampled):
-        matched = [match(*f, score, False) for f in frames]
-        hits, alarms = sum(len(h) for h, _ in matched), sum(a for _, a in matched)
-        curve[t] = hits / (hits + alarms) if hits + alarms else 0.0
-    return np.maximum.accumulate(curve[::-1])[::-1], len(scores) / total
 
 
 @pytest.mark.parametrize("seed", range(8))

@@ -88,7 +88,7 @@ def test_the_last_objects_leave_nothing():
     truths["object_id"] = "only"
     left_out = evaluation(truths, found, range(12), ["Car"], None, routes).left_out
     only = left_out[left_out["left_out"] == "s only"]
-    assert len(only) == 10
+    assert len(only) == 13
     assert only["value"].isna().all()
     none = evaluation(truths[:0], found, range(12), ["Car"], None, routes).left_out
     assert none.empty

@@ -118,7 +118,7 @@ def _stage_names(rungs: pd.DataFrame, results: pd.DataFrame) -> Iterator[str]:
     for row in rungs.drop_duplicates("rung").to_dict("records"):
         by, object_class = str(row["by"]), str(row["class"])
         measured = by in results["metric"].to_numpy()
-        name = metric_label(by, headline_iou(results, object_class)) if measured else by
+        name = metric_label(by, headline_iou(results, object_class, by)) if measured else by
         setting = str(row["setting"]).replace("training.", "").replace("=", " = ")
         yield f"{surrogate_name(name)} ({object_class})" + (f", {setting}" if setting else "")
 

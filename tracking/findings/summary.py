@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from lidarplace.metrics import HEADLINE_METRIC, METRICS, RANKING, headline_metric
+from lidarplace.metrics import EVERY_IOU, HEADLINE_METRIC, METRICS, RANKING, headline_metric
 from lidarplace.surrogates.table import DECIDING
 from tracking.findings.groups import GENERALIST, judges
 from tracking.findings.paired import group_columns
@@ -160,8 +160,9 @@ def summary_table(run: RunFolder) -> pd.DataFrame:
 
     One row per placement, or per (placement, detector, axes) where these vary. Columns: `seeds`;
     S-MIG and expected IG of the first class; `covered entropy`, summed over classes; of the first
-    class 3D AP at its KITTI IoU (which orders the rows), its `sd` over seeds, and BEV AP at every
-    IoU; BEV AP of the other classes at theirs; `recall` of all objects. Percent, means over seeds.
+    class 3D AP at its KITTI IoU (which orders the rows), its `sd` over seeds, BEV AP at every IoU,
+    3D AP over IoUs and mean overlap; BEV AP of the other classes at their IoU; `recall` of all
+    objects. Percent, means over seeds.
     A column that the sweep has no number for is left out.
     """
     if run.results.empty:
@@ -174,9 +175,11 @@ def summary_table(run: RunFolder) -> pd.DataFrame:
     columns: list[tuple[str, str, str, float]] = []
     main_iou = headline_iou(run.results, first)
     columns.append(_column(first, HEADLINE_METRIC, main_iou))
-    beside = [name for name in RANKING if not METRICS[name].headline]
+    further = [name for name in RANKING if not METRICS[name].headline]
+    beside = [name for name in further if METRICS[name].of_one_iou]
     for iou in sorted(run.results.loc[run.results["class"] == first, "iou"].unique()):
         columns += [_column(first, metric, iou) for metric in beside]
+    columns += [_column(first, name, EVERY_IOU) for name in further if name not in beside]
     for name in others:
         columns += [_column(name, metric, headline_iou(run.results, name)) for metric in beside]
     columns.append(_column("all", headline_metric("all"), headline_iou(run.results, "all")))
@@ -211,7 +214,8 @@ def summary_table(run: RunFolder) -> pd.DataFrame:
 def _column(object_class: str, metric: str, iou: float) -> tuple[str, str, str, float]:
     """Title, class, metric and IoU of a column."""
     of = "" if object_class == "all" else f"{object_class} "
-    return f"{of}{METRICS[metric].short}@{iou:g}", object_class, metric, iou
+    at = "" if iou == EVERY_IOU else f"@{iou:g}"
+    return f"{of}{METRICS[metric].short}{at}", object_class, metric, iou
 
 
 def _surrogate_summary(run: RunFolder) -> pd.DataFrame:

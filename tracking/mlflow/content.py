@@ -11,6 +11,8 @@ from typing import Literal
 
 import pandas as pd
 
+from lidarplace.metrics import EVERY_IOU
+
 
 @dataclass(frozen=True)
 class ParentRun:
@@ -130,12 +132,12 @@ def trial_metrics(results: pd.DataFrame, surrogates: pd.DataFrame) -> dict[str, 
     """Metrics of one trial by their names in MLflow.
 
     Args:
-        results: rows of this trial: `AP_R40_3D.Car.0.70`; may be empty.
+        results: rows of this trial: `AP_R40_3D.Car.0.70`, `mean_overlap.Car`; may be empty.
         surrogates: rows of its placement at its setting of the further axes:
             `surrogate.s_mig.Car`.
     """
     named = {
-        f"{row['metric']}.{row['class']}.{row['iou']:.2f}": float(row["value"])
+        f"{row['metric']}.{row['class']}" + _at(row["iou"]): float(row["value"])
         for row in results.to_dict("records")
     }
     columns = (surrogates[name].tolist() for name in ("surrogate", "class", "value"))
@@ -143,3 +145,7 @@ def trial_metrics(results: pd.DataFrame, surrogates: pd.DataFrame) -> dict[str, 
         f"surrogate.{name}.{object_class}": float(value)
         for name, object_class, value in zip(*columns, strict=True)
     }
+
+
+def _at(iou: float) -> str:
+    return "" if iou == EVERY_IOU else f".{iou:.2f}"

@@ -32,6 +32,7 @@ from tracking.report.sections.accuracy import accuracy_section
 from tracking.report.sections.agreement import agreement_section
 from tracking.report.sections.best import best_section
 from tracking.report.sections.by_distance import by_distance_section
+from tracking.report.sections.by_sector import by_sector_section
 from tracking.report.sections.ceiling import ceiling_section
 from tracking.report.sections.clouds import clouds_section
 from tracking.report.sections.correlation import correlation_section
@@ -178,6 +179,7 @@ def _sections(whole: RunFolder, found: _Analysis) -> Iterator[Section | None]:
     yield clouds_section(run, order)
     yield individuals_section(run)
     yield by_distance_section(run, found.groups)
+    yield by_sector_section(run, found.groups)
     yield accuracy_section(run)
     yield sampling_error_section(run, order)
     yield training_cost_section(whole)

@@ -74,7 +74,9 @@ VERIFIED = Table(
         Column("role", "str", "`found`, `greedy` or `paper`"),
         Column("class", "str", "object class; `all` for all objects"),
         Column("metric", "str", "as in a sweep's results"),
-        Column("iou", "float64", "the least overlap of a detection that counts"),
+        Column(
+            "iou", "float64", "the least overlap of a detection that counts; 0: of no single one"
+        ),
         Column("value", "float64", "mean over seeds, percent"),
         Column("low", "float64", "of its 95 % interval"),
         Column("high", "float64", "of its 95 % interval"),

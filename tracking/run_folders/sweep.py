@@ -47,6 +47,7 @@ class RunFolder:
     curves: pd.DataFrame | None
     pr_curves: pd.DataFrame | None
     distance: pd.DataFrame | None
+    sector: pd.DataFrame | None
     left_out: pd.DataFrame | None
     points: pd.DataFrame | None
     individuals: pd.DataFrame | None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from lidarplace.metrics import METRICS
 from tracking.run_folders.table import Column, Table
 
 _EVERY_AXIS = ("",)
@@ -20,14 +21,16 @@ _METHOD = Column("method", "str", "of coverage or of the rays: `cone`, `dda`, `b
 _FROM = Column("from_m", "float64", "inner bound of the ring around the vehicle, m")
 _TO = Column("to_m", "float64", "outer bound, m")
 
+_METRICS = [f"`{name}`" for name in METRICS]
+
 _OF_TRIAL = (
     _TRIAL,
     _PLACEMENT,
     Column("detector", "str", "its name"),
     _SEED,
     Column("class", "str", "object class; `all` for the recall of all objects"),
-    Column("metric", "str", "`AP_R40_3D`, `AP_R40_BEV`, `class_recall_3D` or `recall`"),
-    Column("iou", "float64", "the least overlap of a detection that counts"),
+    Column("metric", "str", " or ".join(_METRICS).replace(" or ", ", ", len(_METRICS) - 2)),
+    Column("iou", "float64", "the least overlap of a detection that counts; 0: of no single one"),
 )
 
 RESULTS = Table(
@@ -117,6 +120,19 @@ DISTANCE = Table(
         _TO,
         Column("value", "float64", "percent"),
         Column("ground_truths", "int64", "boxes of the ground truth in the ring"),
+    ),
+    axes=_EVERY_AXIS,
+)
+SECTOR = Table(
+    "sector",
+    "the recall of the objects in one sector around the vehicle",
+    (
+        *_OF_TRIAL,
+        Column("sector", "str", "`front`, `front left`, …, each of 45 degrees"),
+        Column("from_deg", "float64", "its bound on the right, degrees from x to the left"),
+        Column("to_deg", "float64", "its bound on the left"),
+        Column("value", "float64", "percent"),
+        Column("ground_truths", "int64", "boxes of the ground truth in the sector"),
     ),
     axes=_EVERY_AXIS,
 )
@@ -243,6 +259,6 @@ TASKS = Table(
 )
 
 TABLES: tuple[Table, ...] = (RESULTS, SURROGATES, TRIALS, EXPECTED_IG_BY_Q, CURVES, PR_CURVES)
-TABLES += (DISTANCE, LEFT_OUT, POINTS, INDIVIDUALS, ACCURACY, SAMPLING_ERROR, POG_RESAMPLES)
+TABLES += (DISTANCE, SECTOR, LEFT_OUT, POINTS, INDIVIDUALS, ACCURACY, SAMPLING_ERROR, POG_RESAMPLES)
 TABLES += (PROMOTIONS, TASKS)
 """All of them."""

@@ -101,7 +101,7 @@ def verified_table(
         if metric not in RANKING:
             continue
         of = {"class": object_class, "metric": metric}
-        of["iou"] = headline_iou(every, str(object_class))
+        of["iou"] = headline_iou(every, str(object_class), str(metric))
         own_left_out = None if left_out is None else _rows(left_out, of)
         best = best_placement(_rows(every, of), left_out=own_left_out, generalist=generalist)
         if best is None:

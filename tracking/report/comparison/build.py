@@ -187,8 +187,8 @@ def _results(found: Sequence[Variant], same: list[str]) -> Section:
             }
             if _sweeps(found, columns) < 2:
                 continue
-            ious = dict.fromkeys(f"{own['iou'].dropna().iloc[0]:g}" for own in columns.values())
-            label = f"{metric_label(metric, 0).rsplit(' @', 1)[0]} @ {' / '.join(ious)}"
+            first, *others = dict.fromkeys(own["iou"].dropna().iloc[0] for own in columns.values())
+            label = " / ".join([metric_label(metric, first), *(f"{iou:g}" for iou in others)])
             heading = f"{class_label(name)} · {label}"
             if METRICS[metric].headline:
                 plot = side_by_side(columns, same, text(heading), f"{label} (%)")

@@ -13,7 +13,7 @@ from tracking.findings.groups import groups
 from tracking.findings.paired import with_sums
 from tracking.findings.summary import seed_means, surrogates_of
 from tracking.kitti_iou import judged
-from tracking.labels import metric_label
+from tracking.labels import metric_name
 from tracking.numbers import signed
 from tracking.pages.tables import SURROGATE, Column, Table, numbers, words
 from tracking.run_folders.sweep import RunFolder
@@ -42,7 +42,7 @@ def pooled_table(runs: Sequence[RunFolder]) -> Table | None:
     data = pd.DataFrame(rows, columns=columns)
     shown = [
         words("class"),
-        Column("metric", lambda row: metric_label(row["metric"], 0).rsplit(" @", 1)[0], words=True),
+        Column("metric", lambda row: metric_name(row["metric"]), words=True),
         SURROGATE,
         numbers("sweeps", "sweeps", ""),
         numbers("groups", "groups", ""),

@@ -12,7 +12,7 @@ from lidarplace.metrics import RANKING, headline_metric
 from tracking.figures.of_sweeps.sensitivity import sensitivity_figure
 from tracking.findings.groups import Group
 from tracking.findings.sensitivity import sensitivity
-from tracking.kitti_iou import headline_iou, judged
+from tracking.kitti_iou import headline_iou, judged, judged_by_all
 from tracking.labels import metric_label, setting_label
 from tracking.numbers import plus_minus
 from tracking.pages.section import Section
@@ -37,8 +37,7 @@ def detectors_section(run: RunFolder, found: list[Group], means: pd.DataFrame) -
     )
     spreads = sensitivity(means, run.axes)
     for name in (*run.classes, "all"):
-        own = spreads[spreads["class"] == name]
-        own = own[own["iou"] == headline_iou(run.results, name)]
+        own = judged_by_all(spreads, run.results, name)
         section.notes += _most_sensitive(name, own, run.axes)
         plot = sensitivity_figure(own, run.axes, class_label(name))
         section.figures += [] if plot is None else [plot]
@@ -55,7 +54,7 @@ def _layout(
     placements = [name for name in run.placements if name in set(run.results["placement"])]
     tables = []
     for metric in RANKING:
-        iou = headline_iou(run.results, object_class)
+        iou = headline_iou(run.results, object_class, metric)
         cells = judged(means, run.results, object_class, metric)
         rows: list[tuple[str, ...]] = []
         data: list[dict[str, object]] = []

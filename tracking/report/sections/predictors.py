@@ -18,7 +18,7 @@ from tracking.figures.of_sweeps.left_out import left_out
 from tracking.findings.best_surrogate import SIGNIFICANT, Predictors
 from tracking.findings.generalist import JUDGEMENTS
 from tracking.findings.groups import has_detectors
-from tracking.kitti_iou import headline_iou
+from tracking.kitti_iou import headline_iou, judged_by_all
 from tracking.labels import metric_label, setting_label, surrogate_name
 from tracking.numbers import interval, signed, span
 from tracking.pages.section import Section
@@ -62,23 +62,20 @@ def predictors_section(
     many = len(own) > MOST_SENTENCES
     section.notes += [counted(run, found, correlations)] if many else _findings(run, own)
     section.notes += [*_power_sentences(correlations), CEILING_IN_A_LINE, _HOW_TO_READ]
+    shown = (*HEADLINE_SURROGATES, *JUDGEMENTS)
     for name in (*run.classes, "all"):
         title = text(class_label(name))
         tests, misses = (
-            table[
-                (table["class"] == name)
-                & (table["iou"] == headline_iou(run.results, name))
-                & table["surrogate"].isin((*HEADLINE_SURROGATES, *JUDGEMENTS))
-            ]
+            judged_by_all(table[table["surrogate"].isin(shown)], run.results, name)
             for table in (correlations, errors)
         )
         if _varying(run):
             misses = misses[misses["metric"] == headline_metric(name)]
-        shown = [
+        plots = [
             heat_map(tests, _labels(run, tests), f"ρ · {title}"),
             left_out(misses.assign(label=_labels(run, misses)), f"Left-out error · {title}"),
         ]
-        section.figures += [plot for plot in shown if plot is not None]
+        section.figures += [plot for plot in plots if plot is not None]
     section.tables.append(_ranking_table(run, found, errors, correlations))
     section.tables.append(_power_table(correlations))
     return section

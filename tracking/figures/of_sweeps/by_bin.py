@@ -1,8 +1,9 @@
-"""Lines of placements over the distance of the objects."""
+"""Lines of placements over what objects are told apart by: distance, direction."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -10,39 +11,52 @@ import plotly.graph_objects as go
 
 from tracking.figures.kit.style import colour, error_bars, figure, symbol, text
 
-_SPREAD = 0.35  # of a ring's width, over which the markers of placements are set apart
+_SPREAD = 0.35  # of a bin's width, over which the markers of placements are set apart
 
 
-def ring_label(low: float, high: float) -> str:
-    """For example "10–20", "50+"."""
-    return f"{low:g}–{high:g}" if np.isfinite(high) else f"{low:g}+"
+@dataclass(frozen=True)
+class Bins:
+    """What objects are told apart by.
+
+    Attributes:
+        of: what it is, with its unit.
+        names: of the bins, in order.
+        unit: what stands behind a name.
+    """
+
+    of: str
+    names: tuple[str, ...]
+    unit: str = ""
 
 
-def by_distance(
-    table: pd.DataFrame, title: str, axis: str, placements: Sequence[str], log: bool = False
+def by_bin(
+    table: pd.DataFrame,
+    bins: Bins,
+    title: str,
+    axis: str,
+    placements: Sequence[str],
+    log: bool = False,
 ) -> go.Figure:
     """A line a placement, its colour that of the whole page; bars are intervals.
 
     Args:
-        table: placement, from_m, to_m, value, number of `objects`, and `low` and `high`, missing
-            where there is no interval.
+        table: placement, bin, value, number of `objects`, and `low` and `high`, missing where there
+            is no interval.
         title: plotly text.
         axis: what `value` is, with its unit.
         placements: all of the sweep, in order, so that a placement keeps its colour.
         log: a logarithmic axis; zeros are not drawn.
     """
     plot = figure(title, height=400)
-    rings = sorted(set(zip(table["from_m"], table["to_m"], strict=True)))
-    number = {ring: i for i, ring in enumerate(rings)}
+    number = {name: i for i, name in enumerate(bins.names)}
     shown = [name for name in placements if name in set(table["placement"])]
     for place, name in enumerate(shown):
-        own = table[table["placement"] == name].sort_values("from_m")
+        own = table[table["placement"] == name].sort_values("bin", key=lambda of: of.map(number))
         offset = _SPREAD * ((place + 0.5) / len(shown) - 0.5)
         rank = placements.index(name)
-        x = [number[ring] + offset for ring in zip(own["from_m"], own["to_m"], strict=True)]
         value = own["value"].to_numpy(np.float64)
         plot.add_scatter(
-            x=x,
+            x=own["bin"].map(number) + offset,
             y=value,
             error_y=error_bars(own["high"] - value, value - own["low"], thickness=1, width=2)
             if own["low"].notna().any()
@@ -51,16 +65,16 @@ def by_distance(
             line={"color": colour(rank), "width": 1.5},
             marker={"size": 6, "symbol": symbol(rank)},
             name=text(name),
-            customdata=[ring_label(*ring) for ring in zip(own["from_m"], own["to_m"], strict=True)],
+            customdata=own["bin"] + bins.unit,
             text=[f"{count:,}" for count in own["objects"]],
-            hovertemplate=f"{text(name)}<br>%{{customdata}} m, %{{text}} objects<br>"
+            hovertemplate=f"{text(name)}<br>%{{customdata}}, %{{text}} objects<br>"
             "%{y:.4g}<extra></extra>",
         )
     plot.update_xaxes(
-        title="distance of the object (m)",
-        tickvals=list(range(len(rings))),
-        ticktext=[ring_label(*ring) for ring in rings],
-        range=[-0.5, len(rings) - 0.5],
+        title=bins.of,
+        tickvals=list(range(len(bins.names))),
+        ticktext=bins.names,
+        range=[-0.5, len(bins.names) - 0.5],
     )
     plot.update_yaxes(title=axis)
     if log:

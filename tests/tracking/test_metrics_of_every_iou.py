@@ -1,0 +1,118 @@
+"""Metrics of no single IoU wherever metrics are read: report, summary, search, MLflow."""
+
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from lidarplace.metrics import EVERY_IOU, RANKING
+from sweeps.configuration.search import ObjectiveSettings
+from sweeps.configuration.sweep import Rung
+from sweeps.results.trial_results import headline_value
+from sweeps.search.trials.by_detectors import weighted_value
+from tracking.findings.summary import seed_means, summary_table
+from tracking.kitti_iou import headline_iou, judged, judged_by_all
+from tracking.mlflow.content import trial_metrics
+from tracking.report.build import build_report
+from tracking.report.comparison.build import build_comparison
+from tracking.run_folders.sweep import RunFolder
+
+LIKE = {"AP_R40_3D_mean": "AP_R40_3D", "mean_overlap": "recall"}
+
+
+def with_them(table):
+    """The table with rows of the new metrics, each like an older one at IoU 0.5."""
+    new = [
+        table[(table["metric"] == old) & (table["iou"] == 0.5)].assign(metric=name, iou=EVERY_IOU)
+        for name, old in LIKE.items()
+    ]
+    return pd.concat([table, *new], ignore_index=True)
+
+
+@pytest.fixture(scope="module")
+def folder(made_up_run, tmp_path_factory):
+    folder = shutil.copytree(made_up_run, tmp_path_factory.mktemp("every") / "run")
+    for name in ("results", "left_out"):
+        table = pd.read_parquet(folder / f"{name}.parquet")
+        with_them(table).to_parquet(folder / f"{name}.parquet", index=False)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def run(folder):
+    return RunFolder.read(folder)
+
+
+def test_they_have_an_iou_of_their_own_and_change_no_other(run, made_up_run):
+    old = RunFolder.read(made_up_run).results
+    for name in (*run.classes, "all"):
+        assert headline_iou(run.results, name) == headline_iou(old, name)
+        assert headline_iou(run.results, name, "mean_overlap") == EVERY_IOU
+        own = judged(run.results, run.results, name, "mean_overlap")
+        assert len(own) == 2 * len(run.placements)
+    shown = judged_by_all(run.results, run.results, "Car")
+    assert set(zip(shown["metric"], shown["iou"], strict=True)) == {
+        *((name, 0.7) for name in ("AP_R40_3D", "AP_R40_BEV", "recall")),
+        *((name, EVERY_IOU) for name in LIKE),
+    }
+
+
+def test_their_intervals_allow_for_the_test_objects(run):
+    means = seed_means(run.results, run.axes, run.left_out)
+    for name, old in LIKE.items():
+        new = judged(means, run.results, "Car", name)
+        same = means[(means["class"] == "Car") & (means["metric"] == old) & (means["iou"] == 0.5)]
+        for column in ("mean", "sample_sd", "low", "high", "half"):
+            assert np.isfinite(new[column]).all()
+            assert new[column].tolist() == pytest.approx(same[column].tolist())
+
+
+def test_the_summary_has_them_of_the_first_class(run):
+    columns = list(summary_table(run).columns)
+    assert [name for name in columns if "overlap" in name or "0.3" in name] == [
+        "Car 3D@0.3–0.8",
+        "Car overlap",
+    ]
+    assert not [name for name in columns if name.endswith("@0")]
+
+
+def test_report_and_comparison_name_them_without_an_iou(folder, made_up_run, tmp_path):
+    other = shutil.copytree(folder, tmp_path / "other")
+    pages = [build_report(folder), build_comparison([folder, other], tmp_path / "both")]
+    for page in pages:
+        text = page.read_text(encoding="utf-8")
+        assert "Car · 3D AP @ 0.3–0.8 (%)" in text
+        assert "All objects · mean overlap (%)" in text or "all objects · mean overlap" in text
+        assert "@ 0 " not in text
+        assert "@ 0<" not in text
+
+
+def test_rungs_and_objectives_may_ask_for_them():
+    assert set(LIKE) <= set(RANKING)
+    Rung.model_validate({"by": "mean_overlap", "keep": 1, "set": {"training.epochs": 1}})
+    metrics = pd.DataFrame(
+        [
+            ("Car", "AP_R40_3D", 0.7, 20.0),
+            ("Car", "AP_R40_3D_mean", EVERY_IOU, 50.0),
+            ("Cyclist", "AP_R40_3D_mean", EVERY_IOU, 30.0),
+            ("Car", "mean_overlap", EVERY_IOU, 61.0),
+            ("all", "mean_overlap", EVERY_IOU, 60.0),
+        ],
+        columns=["class", "metric", "iou", "value"],
+    )
+    assert headline_value(metrics, "AP_R40_3D_mean", "Car") == 50
+    for by, value in (("AP_R40_3D_mean", 40), ("mean_overlap", 60)):
+        asked = ObjectiveSettings.model_validate({"by": by, "judge": "generalist"})
+        assert asked.measured
+        assert asked.best == "maximize"
+        assert weighted_value(asked, ["Car", "Cyclist"], metrics) == value
+    of_car = ObjectiveSettings.model_validate({"by": "mean_overlap", "weights": {"Car": 1.0}})
+    assert weighted_value(of_car, ["Car", "Cyclist"], metrics) == 61
+
+
+def test_mlflow_has_them_by_metric_and_class():
+    rows = [("AP_R40_3D", "Car", 0.7, 20.0), ("mean_overlap", "all", EVERY_IOU, 60.0)]
+    results = pd.DataFrame(rows, columns=["metric", "class", "iou", "value"])
+    none = pd.DataFrame(columns=["surrogate", "class", "value"])
+    assert trial_metrics(results, none) == {"AP_R40_3D.Car.0.70": 20.0, "mean_overlap.all": 60.0}

@@ -1,0 +1,151 @@
+"""Metrics of no single IoU, and recall by direction: against plain Python."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plain_curve import plain_curve
+
+from lidarplace.boxes import GEOMETRY
+from lidarplace.metrics import EVERY_IOU, MEAN_AP_IOU
+from lidarplace.sectors import SECTORS, bounds_of, sector_of
+from training.average_precision import COUNTS, FramePairs, precision_curve
+from training.by_sector import recall_by_sector
+from training.kitti_ap import evaluate_boxes, evaluation
+from training.matches import Matches
+
+SIZE = (4.0, 2.0, 1.5)
+FRAMES = 6
+CLASSES = ["Car", "Pedestrian"]
+
+
+def overlap(a, b):
+    """3D IoU of boxes of one size whose sides are along the axes; of centres."""
+    common = math.prod(max(0.0, s - abs(p - q)) for p, q, s in zip(a, b, SIZE, strict=True))
+    return common / (2 * math.prod(SIZE) - common)
+
+
+# Crowds of few places, so that boxes overlap each other and overlaps and scores are equal.
+place = st.tuples(st.integers(-8, 8), st.integers(-6, 6), st.sampled_from([0.75, 1.0]))
+name, frame = st.sampled_from(CLASSES), st.integers(0, FRAMES - 1)
+truths_of = st.lists(st.tuples(frame, name, place), min_size=1, max_size=40)
+found_of = st.lists(st.tuples(frame, name, place, st.integers(1, 9)), max_size=60)
+
+
+def tables(truths, found):
+    """Boxes a quarter of a metre apart or more."""
+    rows = [(f, n, 0.5 * x, 0.25 * y, z, *SIZE, 0.0) for f, n, (x, y, z) in truths]
+    truth = pd.DataFrame(rows, columns=["frame", "class", *GEOMETRY])
+    rows = [(f, n, 0.5 * x, 0.25 * y, z, *SIZE, 0.0, s / 10) for f, n, (x, y, z), s in found]
+    detections = pd.DataFrame(rows, columns=["frame", "class", *GEOMETRY, "score"])
+    return truth, detections.astype({"frame": np.int64})
+
+
+def overlaps_of(truth, detections):
+    """Of every frame its ground truths' centres, and overlaps [truth][detection]."""
+    for number in range(FRAMES):
+        own, other = (t[t["frame"] == number] for t in (truth, detections))
+        boxes = [own[["x", "y", "z"]].to_numpy(), other[["x", "y", "z"]].to_numpy()]
+        table = np.array([[overlap(a, b) for b in boxes[1]] for a in boxes[0]])
+        yield own, other, table.reshape(len(own), len(other))
+
+
+@settings(deadline=None, max_examples=30)
+@given(truths_of, found_of)
+def test_they_are_what_plain_python_gives(truths, found):
+    truth, detections = tables(truths, found)
+    whole = evaluate_boxes(truth, detections, range(FRAMES), CLASSES)
+    values = whole.set_index(["class", "metric", "iou"])["value"]
+    best = [max(row, default=0.0) for *_, t in overlaps_of(truth, detections) for row in t]
+    found_mean = values["all", "mean_overlap", EVERY_IOU]
+    assert found_mean == pytest.approx(100 * np.mean(best), rel=1e-12)
+    for name in truth["class"].unique():
+        own, other = (t[t["class"] == name] for t in (truth, detections))
+        frames = list(overlaps_of(own, other))
+        best = [max(row, default=0.0) for *_, t in frames for row in t]
+        found_mean = values[name, "mean_overlap", EVERY_IOU]
+        assert found_mean == pytest.approx(100 * np.mean(best), rel=1e-12)
+        roles = [
+            (t, o["score"].to_numpy(), [COUNTS] * len(g), [COUNTS] * len(o)) for g, o, t in frames
+        ]
+        expected = [
+            100 * plain_curve(roles, iou)[0][1:].mean() for iou in np.arange(30, 81, 5) / 100
+        ]
+        assert values[name, "AP_R40_3D_mean", EVERY_IOU] == pytest.approx(np.mean(expected))
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.integers(0, 2**32), st.sampled_from(MEAN_AP_IOU))
+def test_scores_of_ground_truths_give_kittis_curve(seed, iou):
+    """What is left of the overlaps is enough, in any crowd and with any ties."""
+    random = np.random.default_rng(seed)
+    truths, found = (np.sort(random.integers(0, 10, n)) for n in random.integers(1, 80, 2))
+    pairs = FramePairs.of(truths, found, 10)
+    overlaps = np.round(random.random(len(pairs.detection)), random.integers(1, 4))
+    scores = np.round(random.random(len(found)), random.integers(1, 4))
+    matches = Matches.of(pairs, overlaps, scores, iou)
+    curve = precision_curve(pairs, overlaps, scores, iou)
+    assert matches.precision().tolist() == curve.precision.tolist()
+    assert matches.found.mean() == curve.recall
+
+
+def test_the_overlap_of_all_is_with_detections_and_not_with_refined_boxes():
+    truth, found = tables([(0, "Car", (0, 0, 0.75))], [(0, "Car", (2, 0, 0.75), 5)])
+    exact = truth.drop(columns="class")
+    values = evaluate_boxes(truth, found, [0], ["Car"], exact).set_index(["class", "metric"])[
+        "value"
+    ]
+    assert (values["all", "recall"] == 100).all()
+    assert values["all", "mean_overlap"] == values["Car", "mean_overlap"] == pytest.approx(60)
+
+
+@settings(deadline=None, max_examples=60)
+@given(truths_of, found_of)
+def test_recall_by_sector_is_that_of_its_objects(truths, found):
+    truth, detections = tables(truths, found)
+    whole = evaluation(truth, detections, range(FRAMES), CLASSES)
+    by_sector = recall_by_sector(whole.objects)
+    # One by one: the largest overlap with any box, by the angle to the middle of the sector.
+    hits = {}
+    for own, _, table in overlaps_of(truth, detections):
+        for (_, box), row in zip(own.iterrows(), table, strict=True):
+            for name in (box["class"], "all"):
+                strict = 0.7 if name == "Car" else 0.5
+                angle = math.degrees(math.atan2(box["y"], box["x"]))
+                middles = [(45 * k, SECTORS[k]) for k in range(8)]
+                near = [s for m, s in middles if -22.5 <= (angle - m + 180) % 360 - 180 < 22.5]
+                hits.setdefault((name, near[0]), []).append(max(row, default=0.0) > strict)
+    recall = by_sector[by_sector["metric"] == "recall"].set_index(["class", "sector"])
+    assert recall["value"].to_dict() == pytest.approx(
+        {k: 100 * np.mean(v) for k, v in hits.items()}
+    )
+    assert recall["ground_truths"].to_dict() == {k: len(v) for k, v in hits.items()}
+    total = whole.metrics.set_index(["class", "metric", "iou"])["value"]
+    for (name, metric, iou), own in by_sector.groupby(["class", "metric", "iou"]):
+        mean = np.average(own["value"], weights=own["ground_truths"])
+        assert mean == pytest.approx(total[name, metric, iou])
+
+
+def test_sectors_go_round_and_hold_their_first_bound():
+    angles = np.radians([0, 22.4, 22.6, -22.4, 90, 157.6, 180, -157.6, -45, -22.6])
+    at = pd.DataFrame({"x": 7 * np.cos(angles), "y": 7 * np.sin(angles)})
+    names = [SECTORS[i] for i in sector_of(at)]
+    assert names[:5] == ["front", "front", "front left", "front", "left"]
+    assert names[5:] == ["rear", "rear", "rear", "front right", "front right"]
+    assert sector_of(pd.DataFrame({"x": [0.0], "y": [0.0]})).tolist() == [0]
+    bounds = dict(zip(SECTORS, map(bounds_of, range(8)), strict=True))
+    assert bounds["front"] == (-22.5, 22.5)
+    assert bounds["right"] == (-112.5, -67.5)
+    assert bounds["rear left"] == (112.5, 157.5)
+
+
+def test_nothing_to_find_has_no_sector():
+    truth, found = tables([(0, "Car", (0, 0, 0.75))], [])
+    whole = evaluation(truth[:0], found, [0], CLASSES)
+    assert recall_by_sector(whole.objects).empty
+    values = evaluate_boxes(truth, found, [0], CLASSES).set_index(["class", "metric"])["value"]
+    assert values["Car", "mean_overlap"].item() == values["Car", "AP_R40_3D_mean"].item() == 0
+    assert math.isnan(values["Pedestrian", "mean_overlap"].item())

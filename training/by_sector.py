@@ -1,0 +1,40 @@
+"""Recall by the direction of the objects."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from lidarplace.metrics import kitti_iou
+from lidarplace.sectors import SECTORS, bounds_of, sector_of
+
+COLUMNS = ("class", "metric", "iou", "sector", "from_deg", "to_deg", "value", "ground_truths")
+
+
+def recall_by_sector(objects: pd.DataFrame) -> pd.DataFrame:
+    """Recall in every sector around the vehicle, at the strict IoU of the class.
+
+    Objects are matched as for the recall of all directions, which is the mean of these, weighted by
+    their ground truths.
+
+    Args:
+        objects: of an `training.kitti_ap.Evaluation`.
+
+    Returns:
+        Columns class, metric ("recall", and "class_recall_3D" of single classes), iou, sector, its
+        bounds from_deg and to_deg (`lidarplace.sectors.bounds_of`), value (percent) and
+        ground_truths. Sectors without objects of the class have no row.
+    """
+    placed = objects[["class", "overlap", "found"]].assign(sector=sector_of(objects))
+    rows = []
+    for name, own in [*placed.groupby("class", sort=False), ("all", placed)]:
+        iou = kitti_iou(str(name)).strict
+        recalled = own.assign(recalled=own["overlap"] > iou).groupby("sector")
+        for sector, group in recalled:
+            place = (iou, SECTORS[int(str(sector))], *bounds_of(int(str(sector))))
+            of_metric = {"recall": group["recalled"], "class_recall_3D": group["found"]}
+            rows += [
+                (name, metric, *place, 100 * hit.mean(), len(group))
+                for metric, hit in of_metric.items()
+                if name != "all" or metric == "recall"
+            ]
+    return pd.DataFrame(rows, columns=list(COLUMNS))
