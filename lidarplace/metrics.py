@@ -61,7 +61,7 @@ OF_CLASSES = tuple(name for name, own in METRICS.items() if not own.of_all)
 
 
 def headline_metric(object_class: str) -> str:
-    """What a class is judged by: 3D AP; of all classes together there is recall only."""
+    """What a class is judged by: 3D AP; all classes together, of which there is none, by recall."""
     own = (n for n, m in METRICS.items() if m.headline and m.of_all == (object_class == "all"))
     return next(own)
 

@@ -166,11 +166,11 @@ def evaluation(
                 if len(own):
                     drawn.append(_curve_table(name, metric, iou, curve))
             add(name, "class_recall_3D", iou, _percent(matches["3D", iou].found), len(own))
+        for iou in RECALL_IOU:
+            add(name, "recall", iou, _percent(best[here] > iou), len(own))
         mean_curve = np.mean([curves["3D", iou] for iou in MEAN_AP_IOU], axis=0)
         add(name, "AP_R40_3D_mean", EVERY_IOU, float(ap_r40(mean_curve)), len(own))
         add(name, "mean_overlap", EVERY_IOU, _percent(of_class), len(own))
-        for iou in RECALL_IOU:
-            add(name, "recall", iou, _percent(best[here] > iou), len(own))
     for iou in RECALL_IOU:
         add("all", "recall", iou, _percent(best > iou), len(truths))
     add("all", "mean_overlap", EVERY_IOU, _percent(of_any), len(truths))

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
+from lidarplace.metrics import EVERY_IOU
 from sweeps.search.judgement.verify import verified_table
 
 Y = {
@@ -38,6 +39,20 @@ def table_of(run, baseline="center"):
     surrogate = dict.fromkeys(JUDGED, 1.5)
     table = verified_table(run.results, run.left_out, JUDGED, surrogate, baseline)
     return table.set_index("rig")
+
+
+def test_a_metric_of_no_single_iou_is_told_like_others():
+    one = run(Y)
+    strict = one.results[one.results["iou"] == 0.7]
+    overlap = strict.assign(metric="mean_overlap", iou=EVERY_IOU)
+    both = SimpleNamespace(results=pd.concat([one.results, overlap]), left_out=None)
+    table = table_of(both).reset_index()
+    columns = ["rig", "value", "difference", "difference_low", "seeds"]
+    ap, other = (table[table["metric"] == m] for m in ("AP_R40_3D", "mean_overlap"))
+    assert set(other["iou"]) == {EVERY_IOU}
+    pd.testing.assert_frame_equal(
+        ap[columns].reset_index(drop=True), other[columns].reset_index(drop=True)
+    )
 
 
 def test_differences_hold_for_all_pairs_at_once():

@@ -1,4 +1,4 @@
-"""The report's sections of rigs, coverage and distance, from a run folder."""
+"""The report's sections of rigs, coverage, distance and direction, from a run folder."""
 
 from dataclasses import replace
 
@@ -7,6 +7,7 @@ import pytest
 
 from tracking.findings.groups import groups
 from tracking.report.sections.by_distance import by_distance_section
+from tracking.report.sections.by_sector import by_sector_section
 from tracking.report.sections.coverage import coverage_section, rigs_section
 from tracking.run_folders.sweep import RunFolder
 
@@ -42,6 +43,23 @@ def test_its_tables_hold_the_raw_numbers(run):
     (row,) = [r for r in table.rows if r[0] == "line"]
     first = table.data.query("placement == 'line' and from_m == 0")["mean_percent"].item()
     assert row[1].startswith(f"{first:.1f} ± ")
+
+
+def test_recall_by_direction_goes_from_left_to_right(run):
+    section = by_sector_section(run, list(groups(run)))
+    car = next(p for p in section.figures if p.layout.title.text == "Recall by direction · Car")
+    assert car.layout.xaxis.ticktext == ("front left", "front", "front right")
+    assert len(car.data) == len(run.placements)
+    own = run.sector.query("`class` == 'Car' and placement == 'line' and iou == 0.7")
+    means = own.groupby("sector")["value"].mean()
+    assert car.data[0].y.tolist() == pytest.approx(means[[*car.layout.xaxis.ticktext]].tolist())
+    assert np.argmax(car.data[0].y) == 1
+    table = next(t for t in section.tables if t.name == "recall-by-direction-car")
+    assert table.head == ("placement", "front left", "front", "front right")
+    row = next(r for r in table.rows if r[0] == "line")
+    assert row[2].startswith(f"{means['front']:.1f} ± ")
+    for missing in (None, run.sector.iloc[:0]):
+        assert by_sector_section(replace(run, sector=missing), list(groups(run))) is None
 
 
 def test_maps_of_all_placements_share_their_scales(run):

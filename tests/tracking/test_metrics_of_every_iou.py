@@ -6,16 +6,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lidarplace.metrics import EVERY_IOU, RANKING
+from lidarplace.metrics import EVERY_IOU, METRICS, RANKING
 from sweeps.configuration.search import ObjectiveSettings
 from sweeps.configuration.sweep import Rung
 from sweeps.results.trial_results import headline_value
 from sweeps.search.trials.by_detectors import weighted_value
+from tracking.findings.ceiling import ceilings
 from tracking.findings.summary import seed_means, summary_table
 from tracking.kitti_iou import headline_iou, judged, judged_by_all
 from tracking.mlflow.content import trial_metrics
 from tracking.report.build import build_report
 from tracking.report.comparison.build import build_comparison
+from tracking.report.sections.reliability import reliability_section
 from tracking.run_folders.sweep import RunFolder
 
 LIKE = {"AP_R40_3D_mean": "AP_R40_3D", "mean_overlap": "recall"}
@@ -116,3 +118,37 @@ def test_mlflow_has_them_by_metric_and_class():
     results = pd.DataFrame(rows, columns=["metric", "class", "iou", "value"])
     none = pd.DataFrame(columns=["surrogate", "class", "value"])
     assert trial_metrics(results, none) == {"AP_R40_3D.Car.0.70": 20.0, "mean_overlap.all": 60.0}
+
+
+def test_the_report_tells_how_reliable_each_metric_is(run):
+    """By hand: the jackknife's variance of paired differences by that of the means."""
+    rng = np.random.default_rng(0)
+    noise = 0.3 * rng.standard_normal(len(run.left_out))
+    left_out = run.left_out.assign(value=run.left_out["value"] + noise)
+    section = reliability_section(run, ceilings(run.results, left_out, run.axes))
+    (table,) = section.tables
+    rows = {(row[0], row[2]): row for row in table.rows}
+    of_car = {"3D AP @ 0.7": 0.7, "BEV AP @ 0.7": 0.7, "recall @ 0.7": 0.7}
+    of_car |= {"3D AP @ 0.3–0.8": EVERY_IOU, "mean overlap": EVERY_IOU}
+    order = ["3D AP @ 0.7", "BEV AP @ 0.7", "3D AP @ 0.3–0.8", "recall @ 0.7", "mean overlap"]
+    assert [metric for name, metric in rows if name == "Car"] == order
+    reliable = {}
+    for label, iou in of_car.items():
+        metric = next(name for name in METRICS if METRICS[name].label in label.split(" @ 0.7"))
+        one = (run.results["class"] == "Car") & (run.results["metric"] == metric)
+        means = run.results[one & (run.results["iou"] == iou)].groupby("placement")["value"].mean()
+        own = left_out[(left_out["class"] == "Car") & (left_out["metric"] == metric)]
+        own = own[own["iou"] == iou]
+        variances = []
+        for _, unit in own.groupby("unit"):
+            wide = unit.pivot_table("value", "left_out", "placement").to_numpy()
+            paired = wide - wide.mean(axis=1, keepdims=True)
+            squares = ((paired - paired.mean(axis=0)) ** 2).sum()
+            variances.append((len(wide) - 1) / len(wide) * squares / (wide.shape[1] - 1))
+        reliable[label] = 1 - max(variances) / means.var()
+        assert rows["Car", label][6] == f"{reliable[label]:.2f}"
+    assert len({f"{value:.2f}" for value in reliable.values()}) > 2, "not all 1"
+    best = max(reliable, key=reliable.get)
+    (told,) = (note for note in section.notes if note.startswith("Car: "))
+    assert told.startswith(f"Car: {best} is most reliable, {reliable[best]:.2f}")
+    assert reliability_section(run, ceilings(run.results, None, run.axes)) is None

@@ -14,7 +14,7 @@ from scipy import stats
 from lidarplace.metrics import HEADLINE_METRIC, headline_metric
 from tracking.findings.groups import GENERALIST, JUDGE
 from tracking.findings.paired import group_columns
-from tracking.kitti_iou import headline_iou, judged
+from tracking.kitti_iou import judged, judged_by_all
 from tracking.labels import metric_name
 from tracking.run_folders.sweep import RunFolder
 
@@ -141,9 +141,9 @@ def compare(
         `Calibration`, NaN for fewer than 3 placements; and for each of them `side_by_side`.
     """
     same = correlations["surrogate"] == correlations["metric"].map(judgement_name)
-    iou = {name: headline_iou(run.results, name) for name in (*run.classes, "all")}
-    rows = correlations[same & (correlations["iou"] == correlations["class"].map(iou))]
-    rows = rows[rows["n"] > 0].reset_index(drop=True)
+    known = correlations[same & (correlations["n"] > 0)]
+    at = [judged_by_all(known, run.results, name) for name in (*run.classes, "all")]
+    rows = pd.concat(at).sort_index().reset_index(drop=True)
     keys = group_columns(run.axes)
     pairs = [side_by_side(means, row) for row in rows[keys].to_dict("records")]
     found = [calibration(pair["said"].to_numpy(), pair["own"].to_numpy()) for pair in pairs]

@@ -47,6 +47,7 @@ from tracking.report.sections.predictors import counted, predictors_section
 from tracking.report.sections.promotion import promotion_section
 from tracking.report.sections.published import published_section
 from tracking.report.sections.regret import regret_section
+from tracking.report.sections.reliability import reliability_section
 from tracking.report.sections.sampling_error import sampling_error_section
 from tracking.report.sections.tilts import tilts_section
 from tracking.report.sections.training_cost import training_cost_section
@@ -165,6 +166,7 @@ def _sections(whole: RunFolder, found: _Analysis) -> Iterator[Section | None]:
         yield promotion_section(whole, run.promotions)
     yield predictors_section(run, found.correlations, found.errors, found.predicted)
     yield ceiling_section(run, found.ceilings)
+    yield reliability_section(run, found.ceilings)
     yield regret_section(run, found.rankings, found.surrogates)
     yield generalist_section(run, found.rankings, means, found.correlations, found.surrogates)
     yield correlation_section(

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from lidarplace.metrics import HEADLINE_METRIC
+from lidarplace.metrics import headline_metric
 from tracking.findings.groups import Group
 from tracking.findings.summary import by_surrogate, deciding_surrogate, surrogates_of
 from tracking.kitti_iou import headline_iou
@@ -47,7 +47,7 @@ def placement_table(
     """Surrogates, AP and recall of every placement for one class, best headline AP first.
 
     Placements without AP follow in the order of `by_surrogate`; where none has any result, ranks
-    stand behind the surrogates. Class "all" has recall only. None if there is neither a result nor
+    stand behind the surrogates. Class "all" has no AP. None if there is neither a result nor
     a surrogate.
     """
     own = group.of(means)
@@ -62,6 +62,7 @@ def placement_table(
     columns: list[tuple[str, list[str], np.ndarray]] = []
     data: dict[str, object] = {"placement": names}
     order = None
+    headline = (headline_metric(object_class), headline_iou(run.results, object_class))
     for metric, iou in metrics.itertuples(index=False):
         match = (own["metric"] == metric) & (own["iou"] == iou)
         cells = own[match].set_index("placement").reindex(names)
@@ -70,8 +71,8 @@ def placement_table(
         columns.append((label, texts, cells["mean"].to_numpy()))
         data |= {f"{label} {key}": cells[key].to_numpy() for key in ("mean", "sd", "low", "high")}
         data[f"{label} seeds"] = cells["seeds"].to_numpy()
-        if order is None or iou == headline_iou(run.results, object_class):
-            order = cells["mean"] if order is None or metric == HEADLINE_METRIC else order
+        if order is None or (metric, iou) == headline:
+            order = cells["mean"]
     caption = class_label(object_class)
     caption += f" · {group.title}" if group.varies else ""
     if "h_pog" in surrogates.columns and surrogates["h_pog"].nunique() == 1:
