@@ -26,6 +26,7 @@ from training.kitti_labels import (
 from training.leave_out import COLUMNS as LEFT_OUT_COLUMNS
 from training.leave_out import (
     ap_without_each,
+    halves_of,
     mean_without_each,
     overlapped_most,
     recall_without_each,
@@ -51,7 +52,7 @@ class Evaluation:
         objects: the ground truths, with `overlap`, the largest 3D IoU with a box of their frame
             ("recall" counts those above its IoU), and `found`, whether "class_recall_3D" counts
             them at the strict IoU of their class.
-        left_out: the same metrics without each route and each individual of the frames in turn:
+        left_out: the same metrics without each route, each individual and halves of the routes:
             `training.leave_out.COLUMNS`, values in percent, NaN where no ground truth is left.
             None unless routes were given.
     """
@@ -154,7 +155,11 @@ def evaluation(
         reached[here] = matches["3D", ious.strict].found
         if routes is not None and len(own):
             nearest = overlapped_most(pairs, overlaps["BEV"], len(own_found))
-            units = units_of(own, own_found["frame"].to_numpy(np.int64), nearest, routes)
+            frame = own_found["frame"].to_numpy(np.int64)
+            units = (
+                *units_of(own, frame, nearest, routes),
+                *halves_of(own, frame, routes),
+            )
             left_out += ap_without_each(name, matches, units)
             left_out += recall_without_each(name, RECALL_IOU, best[here], units)
             left_out += mean_without_each(name, "mean_overlap", EVERY_IOU, of_class, units)
@@ -176,7 +181,7 @@ def evaluation(
     add("all", "mean_overlap", EVERY_IOU, _percent(of_any), len(truths))
     if routes is not None and len(truths):
         none = np.zeros(0, np.int64)
-        units = units_of(truths, none, none, routes)
+        units = (*units_of(truths, none, none, routes), *halves_of(truths, none, routes))
         left_out += recall_without_each("all", RECALL_IOU, best, units)
         left_out += mean_without_each("all", "mean_overlap", EVERY_IOU, of_any, units)
     return Evaluation(

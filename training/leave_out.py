@@ -21,6 +21,8 @@ from training.matches import Matches
 
 MOST_UNITS = 100
 """More are thrown together at random: the delete-a-group jackknife (Kott 2001)."""
+SPLITS = 5
+"""Most ways of halving the routes."""
 COLUMNS = ("class", "metric", "iou", "unit", "left_out", "ground_truths", "value")
 
 
@@ -29,7 +31,7 @@ class Units:
     """What is left out.
 
     Attributes:
-        kind: "route" or "individual".
+        kind: "route", "individual" or "half".
         names: of the units, the same for all detectors.
         truth: unit of every ground truth, shape (G,).
         detection: unit of every detection, shape (D,). Of individuals it is the one that the
@@ -75,6 +77,33 @@ def units_of(
     return (
         _grouped(Units("route", names, truth, detection)),
         _grouped(Units("individual", (*individuals, *alarms), individual, owner)),
+    )
+
+
+def halves_of(
+    truths: pd.DataFrame, detection_frame: NDArray[np.int64], routes: pd.DataFrame
+) -> tuple[Units, ...]:
+    """Halves of the routes, of several splits that are drawn at random: "0a" and "0b", "1a", ….
+
+    Without one half a metric is that of the other. Arguments as of `units_of`. None of one route.
+    """
+    number, names = _numbered(routes, ["scene", "route"])
+    random, every = np.random.default_rng(0), frozenset(range(len(names)))
+    splits: list[frozenset[int]] = []
+    for _ in range(4 * SPLITS if len(names) > 1 else 0):
+        half = frozenset(random.permutation(len(names))[: len(names) // 2].tolist())
+        if half not in splits and every - half not in splits and len(splits) < SPLITS:
+            splits.append(half)
+    of_frame = pd.Series(number, routes["frame"].to_numpy(np.int64))
+    route, found_on = (of_frame.reindex(f).to_numpy() for f in (truths["frame"], detection_frame))
+    return tuple(
+        Units(
+            "half",
+            (f"{i}a", f"{i}b"),
+            np.isin(route, [*half]).astype(np.int64),
+            np.isin(found_on, [*half]).astype(np.int64),
+        )
+        for i, half in enumerate(splits)
     )
 
 

@@ -47,7 +47,7 @@ def test_without_a_route_it_is_the_evaluation_of_the_others(spread):
     truths, found, routes = scene(random, 40, 4, spread)
     frames = routes["frame"].tolist()
     left_out = evaluation(truths, found, frames, CLASSES, None, routes).left_out
-    assert set(left_out["unit"]) == {"route", "individual"}
+    assert set(left_out["unit"]) == {"route", "individual", "half"}
     for route in range(4):
         others = routes.loc[routes["route"] != route, "frame"].tolist()
         expected = evaluate_boxes(truths, found, others, CLASSES).set_index(KEYS)["value"]
@@ -57,6 +57,37 @@ def test_without_a_route_it_is_the_evaluation_of_the_others(spread):
         per_class = counts["class"].value_counts().to_dict() | {"all": len(counts)}
         for key, number in own["ground_truths"].items():
             assert number == per_class[key[0]]
+
+
+def test_a_half_left_out_is_the_evaluation_of_the_other():
+    random = np.random.default_rng(5)
+    truths, found, routes = scene(random, 40, 4, 3.0)
+    left_out = evaluation(truths, found, range(40), CLASSES, None, routes).left_out
+    halves = left_out[left_out["unit"] == "half"]
+    sides = {
+        name: own.set_index(KEYS)["value"].to_dict() for name, own in halves.groupby("left_out")
+    }
+    assert sorted(sides) == ["0a", "0b", "1a", "1b", "2a", "2b"], "four routes have three splits"
+    splits = [({0, i}, {1, 2, 3} - {i}) for i in (1, 2, 3)]
+    expected = []
+    for split in splits:
+        values = []
+        for half in split:
+            frames = routes.loc[routes["route"].isin(half), "frame"].tolist()
+            table = evaluate_boxes(truths, found, frames, CLASSES)
+            values.append(table.set_index(KEYS)["value"].to_dict())
+        expected.append(values)
+    for i in range(3):
+        pair = [sides[f"{i}a"], sides[f"{i}b"]]
+        same = [p for p in expected if _alike(pair, p) or _alike(pair, p[::-1])]
+        assert len(same) == 1
+        expected.remove(same[0])
+    alone = evaluation(truths, found, range(10), CLASSES, None, routes[:10]).left_out
+    assert "half" not in set(alone["unit"]), "one route has no halves"
+
+
+def _alike(one, other):
+    return all(a == pytest.approx(b, rel=1e-12) for a, b in zip(one, other, strict=True))
 
 
 def test_without_an_individual_what_was_found_of_it_is_gone_too():

@@ -166,7 +166,7 @@ def _sections(whole: RunFolder, found: _Analysis) -> Iterator[Section | None]:
         yield promotion_section(whole, run.promotions)
     yield predictors_section(run, found.correlations, found.errors, found.predicted)
     yield ceiling_section(run, found.ceilings)
-    yield reliability_section(run, found.ceilings)
+    yield reliability_section(run)
     yield regret_section(run, found.rankings, found.surrogates)
     yield generalist_section(run, found.rankings, means, found.correlations, found.surrogates)
     yield correlation_section(

@@ -138,11 +138,11 @@ SECTOR = Table(
 )
 LEFT_OUT = Table(
     "left_out",
-    "a result without one route or one individual of the test frames",
+    "a result without one route, one individual or half of the routes of the test frames",
     (
         *_OF_TRIAL,
-        Column("unit", "str", "`route` or `individual`"),
-        Column("left_out", "str", "which one"),
+        Column("unit", "str", "`route`, `individual` or `half`"),
+        Column("left_out", "str", "which one; `0a` and `0b` are the halves of one split"),
         Column("ground_truths", "int64", "boxes of the ground truth that are left out with it"),
         Column("value", "float64", "percent, of the others"),
     ),

@@ -54,7 +54,8 @@ def sample_error(left_out: pd.DataFrame, paired: bool) -> SampleError | None:
         None where it cannot be known: no table, fewer than two units, or one that has all ground
         truths; or, if paired, a single placement.
     """
-    found = [_by_unit(own, str(unit), paired) for unit, own in left_out.groupby("unit")]
+    each = left_out[left_out["unit"].isin(["route", "individual"])]
+    found = [_by_unit(own, str(unit), paired) for unit, own in each.groupby("unit")]
     return max(
         (error for error in found if error is not None), key=lambda e: e.variance, default=None
     )

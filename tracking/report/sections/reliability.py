@@ -5,39 +5,34 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from lidarplace.metrics import METRICS, headline_metric
 from tracking.findings.groups import has_detectors
+from tracking.findings.halves import agreement_of_halves
 from tracking.kitti_iou import judged_by_all
 from tracking.labels import metric_label, setting_label
-from tracking.numbers import digits
+from tracking.numbers import digits, signed
 from tracking.pages.section import Section
 from tracking.pages.tables import METRIC, Column, Table, numbers, words
 from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
-from tracking.statistics.reliability import reliability_of_mean
 
 _NOTE = (
-    "Reliability is the share of a metric's variance between placements that is not noise: 1 where "
-    "other test frames would show the same differences. How well two halves of the test objects "
-    "agree follows from leaving out each route, or each individual, and from it, by Spearman and "
-    "Brown's formula, the reliability by all of them. A reliable metric needs fewer frames to tell "
-    "placements apart; whether what it measures matters it does not say."
+    "Halves of the test routes are evaluated apart, in up to five splits: Spearman's ρ of the "
+    "placements between two halves, the mean over splits, and what it would be between all these "
+    "test frames and as many others, by Spearman and Brown's formula. A reliable metric needs "
+    "fewer frames to tell placements apart; whether what it measures matters it does not say."
 )
 
 
-def reliability_section(run: RunFolder, ceilings: pd.DataFrame) -> Section | None:
-    """A row for every metric of a class; None where nothing was left out of the test frames.
-
-    Args:
-        ceilings: `tracking.findings.ceiling.ceilings` of the run.
-    """
-    if not has_detectors(run) or not ceilings["agreement_of_halves"].notna().any():
+def reliability_section(run: RunFolder) -> Section | None:
+    """A row for every metric of a class; None where no halves of the routes can be compared."""
+    if run.left_out is None or run.left_out.empty or not has_detectors(run):
         return None
-    halves = ceilings["agreement_of_halves"].to_numpy(np.float64)
-    rated = ceilings.assign(reliability=reliability_of_mean(halves, 2))
+    rated = agreement_of_halves(run.left_out, run.axes)
+    if rated.empty:
+        return None
     rows = [judged_by_all(rated, run.results, name) for name in (*run.classes, "all")]
     shown = pd.concat([_in_order(own, run.axes) for own in rows])
 
@@ -50,9 +45,9 @@ def reliability_section(run: RunFolder, ceilings: pd.DataFrame) -> Section | Non
         Column("detector", detector, words=True),
         METRIC,
         numbers("placements", "n", ",.0f"),
-        numbers("two seeds agree", "agreement_of_seeds", ".2f"),
-        numbers("two halves of the test objects agree", "agreement_of_halves", ".2f"),
-        numbers("reliability by all test objects", "reliability", ".2f"),
+        numbers("splits", "splits", ""),
+        numbers("ρ of two halves", "agreement", signed),
+        numbers("reliability of all test frames", "reliability", ".2f"),
     ]
     table = Table.of(
         "How reliably metrics tell placements apart", shown, columns, name="reliability", data=rated
