@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from lidarplace.surrogates.result import Surrogates
-from lidarplace.surrogates.table import SURROGATES
+from lidarplace.surrogates.table import POG_SURROGATES
 
 PAGE = Path(__file__).with_suffix(".md")
 
@@ -118,7 +118,7 @@ def _entry(name: str, value: Any) -> str:
         lines = [_code(name + ("(**keys)" if model else _signature(value))), _first(value), ""]
         members = [_member(value, *item) for item in _public(value)]
         if value is Surrogates:
-            members += [f"- `.{name}`: {own.meaning}." for name, own in SURROGATES.items()]
+            members += [f"- `.{name}`: {own.meaning}." for name, own in POG_SURROGATES.items()]
         return "\n".join([*lines, *members, ""] if members else lines)
     if inspect.isfunction(value):
         return "\n".join([_code(name + _signature(value)), _first(value), ""])

@@ -22,6 +22,9 @@ from lidarplace.files.atomic import read_text, replacing
 CELL_M = 0.2
 """Edge of a cell where a curve is fitted, metres."""
 
+IOU = 0.5
+"""Overlap of which `expected_recall` is, unless it is told another."""
+
 _FARTHEST = 12.0
 """Logit and logarithm between which `fit` looks: shares and rates from 6e-6 on."""
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lidarplace.box_log import BoxLog
 from lidarplace.placement import Placement
 from lidarplace.recall.counted_objects import CountedObjects
-from lidarplace.recall.detection_curve import DetectionCurves, default_curves
+from lidarplace.recall.detection_curve import IOU, DetectionCurves, default_curves
 from lidarplace.recall.surface_cells import SurfaceCells
 from lidarplace.roi import Roi
 
@@ -45,7 +45,7 @@ class ExpectedRecall:
         classes: Sequence[str],
         curves: DetectionCurves | None = None,
         *,
-        iou: float = 0.5,
+        iou: float = IOU,
         frames: int | None = None,
         azimuth_share: float = 1.0,
         seed: int = 0,

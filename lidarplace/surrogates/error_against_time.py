@@ -24,7 +24,7 @@ from lidarplace.placement import Mount, Placement
 from lidarplace.roi import Roi
 from lidarplace.sensor import Lidar
 from lidarplace.surrogates.evaluate import evaluate
-from lidarplace.surrogates.table import ASKED_FOR, RAY_SURROGATES, SURROGATES
+from lidarplace.surrogates.table import ASKED_OF_POG, RAY_SURROGATES, SURROGATES
 
 COLUMNS = (
     *("placement", "class", "surrogate", "method", "resolution", "azimuth_steps", "frames"),
@@ -166,7 +166,7 @@ def _timed(
     else:
         result = evaluate(grid, placement, variant.method, variant.azimuth_steps or None)
     rows = []
-    for name in ASKED_FOR:
+    for name in ASKED_OF_POG:
         if SURROGATES[name].needs_rays == variant.rays:
             start = time.perf_counter()
             value = getattr(result, name)  # for some the covered voxels are counted now

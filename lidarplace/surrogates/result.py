@@ -11,7 +11,7 @@ from typing import Any
 from lidarplace.coverage import Method
 from lidarplace.placement import Placement
 from lidarplace.roi import Roi
-from lidarplace.surrogates.table import SURROGATES
+from lidarplace.surrogates.table import POG_SURROGATES
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class CoveredVoxels:
 class Surrogates:
     """Surrogates of one placement for one class, or for the sum of classes; entropies in nats.
 
-    Every name of `lidarplace.surrogates.table.SURROGATES` is an attribute, such as `s_mig`: a
+    Every name of `lidarplace.surrogates.table.POG_SURROGATES` is an attribute, such as `s_mig`: a
     float; None for one that needs rays and was not asked for, or that has no sum over classes.
 
     Attributes:
@@ -54,9 +54,9 @@ class Surrogates:
     seconds: float
 
     def __getattr__(self, name: str) -> Any:
-        if name not in SURROGATES:
+        if name not in POG_SURROGATES:
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
-        of_others = SURROGATES[name].of_others
+        of_others = POG_SURROGATES[name].of_others
         return self.values.get(name) if of_others is None else of_others(self)
 
     def __repr__(self) -> str:
@@ -65,7 +65,7 @@ class Surrogates:
         return f"Surrogates({', '.join(f'{name}={value!r}' for name, value in told.items())})"
 
     def __dir__(self) -> list[str]:
-        return [*super().__dir__(), *SURROGATES]
+        return [*super().__dir__(), *POG_SURROGATES]
 
 
 def sum_over_classes(results: Mapping[str, Surrogates]) -> Surrogates:
@@ -88,7 +88,7 @@ def sum_over_classes(results: Mapping[str, Surrogates]) -> Surrogates:
         values={
             name: math.fsum(part.values[name] for part in parts)
             for name in parts[0].values
-            if SURROGATES[name].additive and all(name in part.values for part in parts)
+            if POG_SURROGATES[name].additive and all(name in part.values for part in parts)
         },
         covered=parts[0].covered,  # the same for all classes
         covered_nonzero=sum(part.covered_nonzero for part in parts),

@@ -33,7 +33,7 @@ from lidarplace.roi import Roi
 from lidarplace.surrogates.formulas import Crossings, information, log_miss_of_ray
 from lidarplace.surrogates.result import CoveredVoxels, Surrogates
 from lidarplace.surrogates.seen import Seen
-from lidarplace.surrogates.table import ASKED_FOR, SURROGATES
+from lidarplace.surrogates.table import ASKED_OF_POG, SURROGATES
 
 NORMAL_95 = 1.959963984540054
 """97.5 % quantile of the normal distribution."""
@@ -128,7 +128,7 @@ def pog_sampling_error(
         voxels = _by_history(histories, np.ones(len(here), np.int64))
         covered_voxels = _by_history(histories, covered[here])
         met_rays = _by_history(histories, rays[here])
-        values: dict[str, list[float]] = {name: [] for name in ASKED_FOR}
+        values: dict[str, list[float]] = {name: [] for name in ASKED_OF_POG}
         for draw, total in zip(draws, totals.tolist(), strict=True):
             counts = histories.counts(draw)
             levels = np.arange(1, int(counts.max()) + 1)
@@ -154,7 +154,7 @@ def pog_sampling_error(
                 covered_nonzero=int(seen.covered.sum()),
                 seconds=0.0,
             )
-            for name in ASKED_FOR:
+            for name in ASKED_OF_POG:
                 values[name].append(getattr(result, name))
         for name, estimates in values.items():
             tables.append(

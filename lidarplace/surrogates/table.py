@@ -1,7 +1,8 @@
 """The table of the surrogates: all that there is to know of each, in the order of display.
 
 Configuration, evaluation, error tables, search, statistics and report read it. A new surrogate has
-its formula in a file of its own and a row here (docs/extending.md).
+its formula in a file of its own and a row here (docs/extending.md). Most start from the POG of a
+class; those of `OBJECT_SURROGATES` from the objects of the log, see `lidarplace.recall`.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ class Surrogate:
         meaning: its definition in a line.
         of_seen: computes it from what a placement sees; None if it follows from others.
         of_others: computes it from the others of a `Surrogates`, when it is read.
+        of_objects: whether it is a mean over the objects of the log, by what rays hit of them, and
+            not of the POG.
         sense: 1 if more sensing raises it, -1 if more sensing lowers it, 0 if neither.
         contested: whether the paper maximises it, though more sensing lowers it: then nothing is
             taken for granted, a user says what is best.
@@ -48,6 +51,7 @@ class Surrogate:
     meaning: str
     of_seen: Callable[[Seen], float] | None = None
     of_others: Callable[[Any], float] | None = None
+    of_objects: bool = False
     sense: Literal[-1, 0, 1]
     contested: bool = False
     fixed: bool = False
@@ -157,6 +161,40 @@ SURROGATES: dict[str, Surrogate] = {
         beside="m_sog",
         headline=5,
     ),
+    "expected_recall": Surrogate(
+        label="expected recall",
+        short="E-recall",
+        unit="of the objects",
+        meaning="mean probability that an object is found, by a curve of the distinct cells hit",
+        of_objects=True,
+        sense=1,
+        headline=6,
+        decides=4,
+    ),
+    "log_cells": Surrogate(
+        label="mean ln(1 + cells)",
+        short="ln cells",
+        unit="nats",
+        meaning="mean of ln(1 + distinct cells of an object's surface that are hit)",
+        of_objects=True,
+        sense=1,
+    ),
+    "log_points": Surrogate(
+        label="mean ln(1 + points)",
+        short="ln points",
+        unit="nats",
+        meaning="mean of ln(1 + points on an object)",
+        of_objects=True,
+        sense=1,
+    ),
+    "enough_points": Surrogate(
+        label="objects with 5 points",
+        short="5 points",
+        unit="of the objects",
+        meaning="share of objects with 5 points or more",
+        of_objects=True,
+        sense=1,
+    ),
 }
 """Surrogates by name, in the order of display."""
 
@@ -169,6 +207,15 @@ def _by(place: Callable[[Surrogate], int | None]) -> tuple[str, ...]:
 
 ASKED_FOR = tuple(name for name, own in SURROGATES.items() if own.beside is None)
 """What a user can ask for."""
+
+OBJECT_SURROGATES = tuple(name for name, own in SURROGATES.items() if own.of_objects)
+"""Means over the objects of the log."""
+
+POG_SURROGATES = {name: own for name, own in SURROGATES.items() if not own.of_objects}
+"""Those of a POG, in the order of display."""
+
+ASKED_OF_POG = tuple(name for name in ASKED_FOR if name in POG_SURROGATES)
+"""What a user can ask for of a POG."""
 
 RAY_SURROGATES = tuple(name for name, own in SURROGATES.items() if own.needs_rays)
 """Those that need the number of rays through every voxel; computed when asked for."""

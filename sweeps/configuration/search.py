@@ -28,7 +28,7 @@ from lidarplace.configuration.settings import (
 from lidarplace.metrics import RANKING, Direction, headline_metric
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.mounting.zone import Zone
-from lidarplace.surrogates.table import ASKED_FOR, SURROGATES
+from lidarplace.surrogates.table import ASKED_OF_POG, SURROGATES
 from sweeps.configuration.sweep import (
     ClassName,
     Common,
@@ -135,8 +135,8 @@ GENERALIST = "generalist"
 class ObjectiveSettings(Settings):
     """What is searched for; `expected_ig.Car` is short for one class."""
 
-    by: Literal[(*ASKED_FOR, *RANKING, "price")] = Field(  # type: ignore[valid-type]
-        description="a surrogate, a measured value, or the price"
+    by: Literal[(*ASKED_OF_POG, *RANKING, "price")] = Field(  # type: ignore[valid-type]
+        description="a surrogate of the POG, a measured value, or the price"
     )
     judge: Literal["specialist", "generalist"] = Field(
         "specialist",

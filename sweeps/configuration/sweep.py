@@ -125,6 +125,11 @@ class SurrogateSettings(Settings):
         0.1, gt=0, description="q of expected_ig: chance that a ray detects what it crosses"
     )
     occlusion: bool = Field(False, description="expected_ig with rays weakened on their way")
+    curves: FilePath | None = Field(
+        None,
+        description="detection curves of expected_recall, a file of python -m sweeps.calibrate; "
+        "those of the package if null",
+    )
     accuracy: bool = Field(
         True, description="work out error against run time: methods, resolutions, azimuth steps"
     )

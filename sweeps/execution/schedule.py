@@ -11,14 +11,15 @@ from sweeps.execution.failures import Failure
 from sweeps.tasks.task import Task
 
 PRIORITY = {
-    "judge": 11,
-    "evaluate": 10,
-    "finetune": 9,
-    "pretrain": 8,
-    "probe": 7,
-    "collect": 6,
-    "sampling_error": 5,
-    "accuracy": 4,
+    "judge": 12,
+    "evaluate": 11,
+    "finetune": 10,
+    "pretrain": 9,
+    "probe": 8,
+    "collect": 7,
+    "sampling_error": 6,
+    "accuracy": 5,
+    "recall": 4,
     "surrogates": 3,
     "pog": 2,
     "ground_truth": 1,

@@ -14,7 +14,12 @@ from sweeps.execution.progress import StageProgress
 from sweeps.mlflow.page import datasets, tags
 from sweeps.mlflow.trial_pictures import trial_pictures
 from sweeps.plan.plan import Trial
-from sweeps.results.trial_results import trial_failure, trial_results, trial_seconds
+from sweeps.results.trial_results import (
+    surrogate_table,
+    trial_failure,
+    trial_results,
+    trial_seconds,
+)
 from sweeps.store.open import AnyStore
 from sweeps.tasks.task import Task
 from tracking.mlflow.content import EndedTrial, TrialRun, trial_metrics
@@ -116,8 +121,7 @@ class TrialLog:
         )
 
     def _metrics(self, trial: Trial, results: pd.DataFrame) -> dict[str, float]:
-        surrogates = self._store.load(trial.surrogates, ("table",))["table"]
-        return trial_metrics(results, surrogates)
+        return trial_metrics(results, surrogate_table(trial, self._store))
 
     def _params(self, trial: Trial) -> dict[str, object]:
         point = trial.grid_point.point

@@ -19,9 +19,11 @@ from lidarplace.lidar.profiles import with_tilt_in_degrees
 from lidarplace.lidar.recorded import check_rig, clouds_digest
 from lidarplace.mounting.random_rigs import random_rigs
 from lidarplace.mounting.ring_overlap import Interleaving, interleaving
+from lidarplace.recall.detection_curve import IOU, DetectionCurves, default_curves, read_curves
 from lidarplace.scenes.kinds import scene_parts
 from lidarplace.scenes.parts import ScenePart
 from lidarplace.scenes.recorded import LogScene
+from lidarplace.surrogates.table import OBJECT_SURROGATES, POG_SURROGATES
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import GridPoint, Sweep, read_sweep
 from sweeps.configuration.sweep import Point
@@ -31,6 +33,7 @@ from sweeps.tasks.parameters import (
     GroundTruthParams,
     NetworkParams,
     PogParams,
+    RecallParams,
     RecordedParams,
     SamplingErrorParams,
     SceneParams,
@@ -45,6 +48,9 @@ ACCURACY_STEPS = (90, 360, 1440, 5760)
 
 FITTED_Q = tuple(float(f"{q:.2g}") for q in np.geomspace(1e-4, 1.0, 25))
 """Detection probabilities among which the one that fits measured AP best is looked for."""
+
+RECALL_FRAMES = 280
+"""Frames from which surrogates of objects are; neighbours show the same objects once more."""
 
 ACCURACY_SHARES = (0.5, 0.25)
 """Shares of the frames from which a POG is compared with that of all frames."""
@@ -63,7 +69,8 @@ class Trial:
         scene_label: what its scene is called.
         scenes, ground_truths, collect_test: its tasks for every part of the scene, of those with
             test frames for the last.
-        pog, surrogates: its cheap tasks, by which `promote` may rank.
+        pog, surrogates, recall: its cheap tasks, by which `promote` may rank; recall is None if no
+            surrogate of objects is asked for.
         accuracy, sampling_error: None if they are not asked for, or of other placements.
         finetune, evaluate: the training whose weights tell of the placement, which is shared where
             a generalist does; None without a detector.
@@ -79,6 +86,7 @@ class Trial:
     collect_test: tuple[Task, ...]
     pog: Task
     surrogates: Task
+    recall: Task | None
     accuracy: Task | None
     sampling_error: Task | None
     finetune: Task | None
@@ -90,15 +98,24 @@ class Trial:
     def key(self) -> str:
         """Names the trial: the same for the same work under the same name of the placement."""
         last = (self.evaluate or self.pog).key
-        parts = (self.grid_point.point.placement, last, self.surrogates.key)
+        parts = (self.grid_point.point.placement, last, *(task.key for task in self.scores))
         return hashlib.sha256("/".join(parts).encode()).hexdigest()[:12]
+
+    @property
+    def scores(self) -> tuple[Task, ...]:
+        """The tasks whose results have tables of surrogates."""
+        return (self.surrogates,) if self.recall is None else (self.surrogates, self.recall)
+
+    def score_by(self, surrogate: str) -> Task:
+        """The one of `scores` that has a surrogate."""
+        return self.scores[-1] if surrogate in OBJECT_SURROGATES else self.surrogates
 
     @cached_property
     def results(self) -> tuple[Task, ...]:
         """The tasks whose results the trial reports."""
         detected = (self.finetune, self.evaluate, self.evaluate_interleaved)
         further = (self.accuracy, self.sampling_error, *detected)
-        return (self.pog, self.surrogates, *filter(None, further))
+        return (self.pog, *self.scores, *filter(None, further))
 
 
 @dataclass(frozen=True)
@@ -158,6 +175,7 @@ class _Builder:
         self._parts_of = cache(scene_parts)
         self._digest_of = cache(clouds_digest)
         self._checkpoint_digest = cache(_checkpoint_digest)
+        self._curves = cache(_curves)
         self._random_rigs = cache(random_rigs)
         self._interleaving = cache(interleaving)
 
@@ -205,7 +223,7 @@ class _Builder:
         pog = self._task("pog", grid_point, PogParams(roi, point.classes), logs)
         params = SurrogateParams(
             placement=placement,
-            names=settings.names,
+            names=tuple(name for name in settings.names if name in POG_SURROGATES),
             method=settings.method,
             detection_probability=settings.detection_probability,
             occlusion=settings.occlusion,
@@ -214,9 +232,22 @@ class _Builder:
         found: dict[str, Any] = {
             "pog": pog,
             "surrogates": self._task("surrogates", grid_point, params, (pog,)),
+            "recall": None,
             "accuracy": None,
             "sampling_error": None,
         }
+        of_objects = tuple(name for name in settings.names if name in OBJECT_SURROGATES)
+        if of_objects:
+            seen = RecallParams(
+                placement=_nameless(self._as_collected(point, rig)),
+                names=of_objects,
+                roi=roi,
+                classes=point.classes,
+                curves=self._curves(settings.curves, point.classes),
+                seed=point.scene.seed,
+                frames=RECALL_FRAMES,
+            )
+            found["recall"] = self._task("recall", grid_point, seen, logs)
         chosen = spread(self._placements, settings.studied_placements)
         # A sweep with rungs works them out for what goes on alone.
         if point.placement not in chosen and not self._common.promote:
@@ -388,17 +419,19 @@ class _Builder:
                 return RecordedParams(folder, self._digest_of(folder), split, crop)
             except (OSError, ValueError) as error:
                 raise ConfigError(f"placement: {error}") from None
-        if lidar.tilt_in_degrees:
+        placement = _nameless(self._as_collected(point, placement))
+        errors = point.mounting_errors.errors()
+        return CollectParams(placement, lidar.misaligned_heights, scene.seed, split, crop, errors)
+
+    def _as_collected(self, point: Point, placement: Placement) -> Placement:
+        """A rig as clouds are simulated: with the quirk of its angles and fewer azimuth steps."""
+        if point.lidar.tilt_in_degrees:
             placement = with_tilt_in_degrees(placement)
-        share = lidar.cloud_share
+        share = point.lidar.cloud_share
         try:
-            placement = placement.with_lidar([own.thinned(share) for own in placement.lidars])
+            return placement.with_lidar([own.thinned(share) for own in placement.lidars])
         except ValueError as error:
             raise ConfigError(f"lidar.cloud_share: {share:g}: {error}") from None
-        errors = point.mounting_errors.errors()
-        return CollectParams(
-            _nameless(placement), lidar.misaligned_heights, scene.seed, split, crop, errors
-        )
 
 
 def _nameless(placement: Placement) -> Placement:
@@ -458,6 +491,19 @@ def _trial_label(point: Point, axes: Mapping[str, Any]) -> str:
     ]
     detected = [point.detector, f"seed {point.seed}"] if point.detector else []
     return " · ".join([point.placement, *detected, *further])
+
+
+def _curves(path: Path | None, classes: Sequence[str]) -> DetectionCurves:
+    """Detection curves, with one for each class."""
+    try:
+        curves = default_curves() if path is None else read_curves(path)
+        for name in classes:
+            curves.of(name, IOU)
+    except OSError as error:
+        raise ConfigError(f"surrogate.curves: {path}: {error.strerror}") from None
+    except ValueError as error:
+        raise ConfigError(f"surrogate.curves: {error}") from None
+    return curves
 
 
 def _checkpoint_digest(

@@ -166,7 +166,7 @@ def _looked_at(contests: Iterable[Mapping[str, list[Trial]]], rung: Rung) -> Ite
     """Tasks whose results the rung needs."""
     for contest in contests:
         for trial in itertools.chain.from_iterable(contest.values()):
-            yield from trial.results if rung.by in RANKING else (trial.pog, trial.surrogates)
+            yield from trial.results if rung.by in RANKING else (trial.pog, *trial.scores)
 
 
 def _axes(trial: Trial) -> dict[str, Any]:
@@ -216,7 +216,7 @@ def _reason(row: Mapping[str, Any], of: int, kept: int) -> str | None:
 def _value(trials: Sequence[Trial], rung: Rung, object_class: str, store: AnyStore) -> float:
     """What a placement is ranked by: a mean over seeds for a metric; NaN if nothing is there."""
     if rung.by not in RANKING:
-        task = trials[0].surrogates
+        task = trials[0].score_by(rung.by)
         if not store.has(task):
             return math.nan
         table = store.load(task, ("table",))["table"]
@@ -230,7 +230,7 @@ def _value(trials: Sequence[Trial], rung: Rung, object_class: str, store: AnySto
 def _seconds(trials: Sequence[Trial], rung: Rung, store: AnyStore) -> float:
     """What the rung took for a placement, over all its seeds."""
     if rung.by not in RANKING:
-        task = trials[0].surrogates
+        task = trials[0].score_by(rung.by)
         return store.seconds(task) if store.has(task) else math.nan
     whole = [trial for trial in trials if trial.evaluate is not None and store.has(trial.evaluate)]
     return math.fsum(trial_seconds(trial, store) for trial in whole)

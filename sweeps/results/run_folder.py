@@ -88,7 +88,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
         """One table of the evaluations."""
         return _stack([trial_results(trial, store, axes, name) for trial in tested])
 
-    surrogates = gathered("surrogates", "table", known)
+    surrogates = _stack([gathered(stage, "table", known) for stage in ("surrogates", "recall")])
     with_rays = [t for t in known if "expected_ig" in t.grid_point.point.surrogate.names]
     write_text(folder / "config.yaml", public_yaml(sweep.source))
     for table, frame in (

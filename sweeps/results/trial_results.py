@@ -59,7 +59,13 @@ def trial_seconds(trial: Trial, store: AnyStore) -> float:
     """
     own = trial.finetune if trial.grid_point.point.judge != "generalist" else None
     tasks = [task for task in (own, trial.evaluate) if task is not None]
-    return sum(store.seconds(task) for task in tasks or [trial.surrogates])
+    return sum(store.seconds(task) for task in tasks or trial.scores)
+
+
+def surrogate_table(trial: Trial, store: AnyStore) -> pd.DataFrame:
+    """Its surrogates, as far as they have a result: class, surrogate, value, method, seconds."""
+    there = [task for task in trial.scores if store.has(task)]
+    return pd.concat([store.load(task, ("table",))["table"] for task in there], ignore_index=True)
 
 
 def of_placement(

@@ -15,6 +15,7 @@ from lidarplace import Placement, Roi
 from lidarplace.coverage import Method
 from lidarplace.lidar.clouds import Crop
 from lidarplace.mounting.errors import MountingErrors
+from lidarplace.recall.detection_curve import DetectionCurves
 from lidarplace.roi import Interval
 from lidarplace.scenes.parts import Recording
 from training.settings import TrainingSettings
@@ -59,7 +60,7 @@ class PogParams:
 
 @dataclass(frozen=True)
 class SurrogateParams:
-    """The rig, and which surrogates are computed how; `fitted_q`: of `expected_ig_by_q`."""
+    """The rig, and how which surrogates of a POG are found; `fitted_q`: of `expected_ig_by_q`."""
 
     placement: Annotated[Placement, "placement", "lidar"]
     names: Annotated[tuple[str, ...], "surrogate.names"]
@@ -67,6 +68,28 @@ class SurrogateParams:
     detection_probability: Annotated[float, "surrogate.detection_probability"]
     occlusion: Annotated[bool, "surrogate.occlusion"]
     fitted_q: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class RecallParams:
+    """How surrogates of objects are computed.
+
+    Attributes:
+        placement: the rig of the clouds, with their quirks and azimuth steps.
+        names: which surrogates.
+        roi: its resolution does not matter.
+        curves: of `expected_recall`.
+        seed: of the shapes of the objects.
+        frames: at most so many, spread over those of the training split.
+    """
+
+    placement: Annotated[Placement, "placement", "lidar"]
+    names: Annotated[tuple[str, ...], "surrogate.names"]
+    roi: Annotated[Roi, "roi", "surrogate.resolution"]
+    classes: Annotated[tuple[str, ...], "classes"]
+    curves: Annotated[DetectionCurves, "surrogate.curves"]
+    seed: Annotated[int, "scene"]
+    frames: int
 
 
 @dataclass(frozen=True)

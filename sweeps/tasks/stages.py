@@ -4,7 +4,7 @@ They know nothing of Ray, of the store or of the grid. Parameters are frozen cla
 hashed; a result is a dictionary of tables, arrays and plain data, which can be stored.
 
 scene -> ground_truth, pog -> surrogates
-scene -> accuracy, sampling_error
+scene -> recall, accuracy, sampling_error
 scene -> collect -> finetune -> evaluate
 scene -> collect -> pretrain (-> finetune) -> evaluate
 scene -> judge, by a trained detector: collect and evaluate without anything kept between them
@@ -15,6 +15,7 @@ A scene may be recorded in parts; `*logs` are all of them.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -43,6 +44,7 @@ from sweeps.tasks.parameters import (
     NetworkParams,
     PogParams,
     ProbeParams,
+    RecallParams,
     RecordedParams,
     SamplingErrorParams,
     SceneParams,
@@ -78,10 +80,10 @@ def pog(params: PogParams, *logs: Value) -> Value:
 
     Test frames stay out: a surrogate predicts how a placement will do on what was not seen.
     """
-    roi = params.roi
-    boxes, frames = _training_log(logs)
-    grids = OccupancyGrid.by_class(boxes, roi, params.classes, frames=len(frames))
-    value: Value = {"classes": list(grids), "frames": len(frames), "roi": asdict(params.roi)}
+    roi, log = params.roi, _training_log(logs)
+    frames = len(log.frames)
+    grids = OccupancyGrid.by_class(log.boxes, roi, params.classes, frames=frames)
+    value: Value = {"classes": list(grids), "frames": frames, "roi": asdict(params.roi)}
     for object_class, grid in grids.items():
         value[f"counts_{object_class}"] = grid.counts
         # Not `grid.entropy`, which would stay in memory for every class.
@@ -91,7 +93,7 @@ def pog(params: PogParams, *logs: Value) -> Value:
 
 
 def surrogates(params: SurrogateParams, pog: Value) -> Value:
-    """All surrogates asked for, for every class.
+    """All surrogates of the POG that are asked for, for every class.
 
     `by_q` is `expected_ig` without occlusion for many q, from which one is fitted to measured AP;
     it is there if `expected_ig` is asked for, and so is `linear_share` in that surrogate's rows.
@@ -99,13 +101,17 @@ def surrogates(params: SurrogateParams, pog: Value) -> Value:
     placement = params.placement
     grids = grids_of(pog)
     names = params.names
-    results = evaluate_classes(
-        grids,
-        placement,
-        method=params.method,
-        surrogates=[name for name in names if name in RAY_SURROGATES],
-        detection_probability=params.detection_probability,
-        occlusion=params.occlusion,
+    results = (
+        evaluate_classes(
+            grids,
+            placement,
+            method=params.method,
+            surrogates=[name for name in names if name in RAY_SURROGATES],
+            detection_probability=params.detection_probability,
+            occlusion=params.occlusion,
+        )
+        if names
+        else {}
     )
     rows = [
         (object_class, name, float(getattr(result, name)), params.method, result.seconds)
@@ -113,7 +119,7 @@ def surrogates(params: SurrogateParams, pog: Value) -> Value:
         for name in (*names, *(n for n, own in SURROGATES.items() if own.beside in names))
     ]
     columns = ["class", "surrogate", "value", "method", "seconds"]
-    table = pd.DataFrame(rows, columns=columns)
+    table = pd.DataFrame(rows, columns=columns).astype({"value": float, "seconds": float})
     value: Value = {"table": table}
     if "expected_ig" in names:
         q = params.detection_probability
@@ -125,14 +131,34 @@ def surrogates(params: SurrogateParams, pog: Value) -> Value:
     return value
 
 
+def recall(params: RecallParams, *logs: Value) -> Value:
+    """All surrogates of objects that are asked for, for every class of which an object counts."""
+    from lidarplace.recall.baselines import baselines
+    from lidarplace.recall.expected_recall import ExpectedRecall
+
+    start = time.perf_counter()
+    model = ExpectedRecall.from_log(
+        _training_log(logs),
+        params.roi,
+        params.classes,
+        params.curves,
+        frames=params.frames,
+        seed=params.seed,
+    )
+    (seen,) = model.objects.seen_by([params.placement])
+    found = model.recall(seen).join(baselines(model.objects, seen), how="inner")
+    table = found[list(params.names)].reset_index().melt("class", var_name="surrogate")
+    return {"table": table.assign(method="raycast", seconds=time.perf_counter() - start)}
+
+
 def accuracy(params: AccuracyParams, *logs: Value) -> Value:
     """Surrogates of one class against seconds: methods, resolutions, azimuth steps, frames."""
     from lidarplace.surrogates.error_against_time import accuracy as compare
 
-    boxes, frames = _training_log(logs)
+    log = _training_log(logs)
     table = compare(
-        boxes,
-        frames,
+        log.boxes,
+        log.frames,
         params.roi,
         [params.object_class],
         [params.placement],
@@ -152,12 +178,12 @@ def sampling_error(params: SamplingErrorParams, *logs: Value) -> Value:
     """
     from lidarplace.surrogates.sampling_error import pog_sampling_error
 
-    boxes, frames = _training_log(logs)
-    if len(frames) < 2:
+    log = _training_log(logs)
+    if len(log.frames) < 2:
         return {"estimates": pd.DataFrame(), "resamples": pd.DataFrame()}
     found = pog_sampling_error(
-        boxes,
-        frames,
+        log.boxes,
+        log.frames,
         params.roi,
         params.classes,
         params.placement,
@@ -305,6 +331,7 @@ FUNCTIONS: dict[str, Callable[..., Value]] = {
     "ground_truth": ground_truth,
     "pog": pog,
     "surrogates": surrogates,
+    "recall": recall,
     "accuracy": accuracy,
     "sampling_error": sampling_error,
     "collect": collect,
@@ -322,11 +349,12 @@ def box_log(value: Value) -> BoxLog:
     return BoxLog(value["boxes"], value["frames"], value["buildings"])
 
 
-def _training_log(logs: Sequence[Value]) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Boxes and frames of the training split, those of the POG."""
+def _training_log(logs: Sequence[Value]) -> BoxLog:
+    """The training split, from which surrogates are."""
     log = join_logs([box_log(value) for value in logs])
     frames = log.frames[log.frames["split"] == "train"]
-    return log.boxes[log.boxes["frame"].isin(frames["frame"])], frames
+    boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])]
+    return BoxLog(boxes, frames, log.buildings)
 
 
 def _frames_of(log: BoxLog, split: str) -> NDArray[np.int64]:

@@ -7,7 +7,7 @@ import pytest
 from lidarplace import Lidar, Mount, OccupancyGrid, Placement, Roi, evaluate
 from lidarplace.occupancy.block_counts import BlockCounts
 from lidarplace.surrogates.sampling_error import frame_blocks, pog_sampling_error
-from lidarplace.surrogates.table import ASKED_FOR
+from lidarplace.surrogates.table import ASKED_OF_POG
 
 ROI = Roi((0, 20), (-5, 5), (0, 2), 0.5)
 LIDAR = Lidar(tuple(np.radians(np.linspace(-25, 5, 8))), azimuth_steps=180)
@@ -63,7 +63,7 @@ def test_equals_a_log_that_is_put_together_again(q, occlusion, method):
             names, expected = RAYS[:1], evaluate(grid, PLACEMENT, method, surrogates=RAYS[:1])
         else:
             names, expected = (
-                ASKED_FOR,
+                ASKED_OF_POG,
                 evaluate(grid, PLACEMENT, method, surrogates=RAYS, **options),
             )
         own = found.resamples[found.resamples["resample"] == number].set_index("surrogate")["value"]

@@ -36,6 +36,7 @@ def test_a_stage_runs_once_for_points_that_agree_in_what_it_depends_on(tmp_path)
         "ground_truth": 2,
         "pog": 1,
         "surrogates": 2,
+        "recall": 2,
         "accuracy": 2,
         "sampling_error": 2,
         "collect": 4,  # train and test

@@ -53,8 +53,13 @@ SURROGATES = Table(
         _CLASS,
         _SURROGATE,
         Column("value", "float64", "in the surrogate's unit"),
-        Column("method", "str", _METHOD.doc, needed=False),
-        Column("seconds", "float64", "of all surrogates of the placement, s", needed=False),
+        Column("method", "str", f"{_METHOD.doc}; `raycast` at objects", needed=False),
+        Column(
+            "seconds",
+            "float64",
+            "of all surrogates of the placement that start from the POG, or from objects, s",
+            needed=False,
+        ),
         Column(
             "linear_share",
             "float64",
