@@ -170,6 +170,11 @@ def sampled_scores(hits, truths, points):
     return chosen[:count]
 
 
+def rising(values: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Rows of the values that are numbers, the lowest first."""
+    return np.argsort(values)[: np.count_nonzero(~np.isnan(values))]  # NaN comes last
+
+
 class Rising(NamedTuple):
     """Scores, each of some unit, as compiled code takes them.
 
@@ -186,10 +191,14 @@ class Rising(NamedTuple):
     offsets: NDArray[np.int64]
 
     @classmethod
-    def of(cls, values: NDArray[np.float64], unit: NDArray[np.int64], units: int) -> Rising:
-        """Of scores, some of them NaN, which are left out; -1 is no unit."""
-        order = np.argsort(values)  # NaN comes last
-        order = order[: np.count_nonzero(~np.isnan(values))]
+    def of(
+        cls,
+        values: NDArray[np.float64],
+        order: NDArray[np.int64],
+        unit: NDArray[np.int64],
+        units: int,
+    ) -> Rising:
+        """Of scores and their `rising` order; -1 is no unit."""
         values, unit = values[order], unit[order]
         return cls(values, unit, *_by_unit(values, unit, units))
 

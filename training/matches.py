@@ -10,6 +10,7 @@ takes no new matching.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import njit
@@ -23,6 +24,7 @@ from training.average_precision import (
     hit_scores,
     monotone,
     precision_without_each,
+    rising,
 )
 
 
@@ -55,6 +57,11 @@ class Matches:
             _matched_from(pairs.layout, overlaps, scores, minimum_overlap),
             scores,
         )
+
+    @cached_property
+    def _orders(self) -> tuple[tuple[NDArray[np.float64], NDArray[np.int64]], ...]:
+        """Scores of hits, matches and detections, each with its order."""
+        return tuple((v, rising(v)) for v in (self.hit, self.matched, self.scores))
 
     @property
     def found(self) -> NDArray[np.bool_]:
@@ -89,11 +96,9 @@ class Matches:
     ) -> NDArray[np.float64]:
         """Precision over recall without each unit, of which `left` ground truths remain."""
         hits, matched, scores = (
-            Rising.of(values, of_unit, len(left))
-            for values, of_unit in (
-                (self.hit, truth_unit),
-                (self.matched, truth_unit),
-                (self.scores, detection_unit),
+            Rising.of(values, order, of_unit, len(left))
+            for (values, order), of_unit in zip(
+                self._orders, (truth_unit, truth_unit, detection_unit), strict=True
             )
         )
         return monotone(precision_without_each(hits, matched, scores, left, RECALL_POINTS))
