@@ -169,11 +169,14 @@ class GeneralistSettings(Settings):
     )
     epochs: CountFromOne = Field(4, description="passes over frames and rigs")
 
-    @field_validator("rigs")
+    @field_validator("rigs", mode="before")
     @classmethod
-    def _some(cls, rigs: int | tuple[str, ...]) -> int | tuple[str, ...]:
-        if isinstance(rigs, tuple) and (not rigs or len(set(rigs)) < len(rigs)):
-            raise ValueError("allowed is a number, or a list of different placements")
+    def _some(cls, rigs: Any) -> Any:
+        # Not by the types of the field, whose error would name both of them.
+        named = isinstance(rigs, (list, tuple)) and all(isinstance(name, str) for name in rigs)
+        good = 0 < len(set(rigs)) == len(rigs) if named else type(rigs) is int and rigs >= 1
+        if not good:
+            raise ValueError("allowed is a number from 1, or a list of different placements")
         return rigs
 
     @property

@@ -36,7 +36,7 @@ def written(folder, **changes):
     }
     settings = {"objective": "generalist", "traffic": traffic, "sampler": "random"}
     search = settings | {"trials": 6, "batch_size": 3} | changes.pop("search", {})
-    return write_search(folder, **TINY, search=search, **changes)
+    return write_search(folder, **TINY | changes, search=search)
 
 
 def run(path):
@@ -143,6 +143,19 @@ def test_training_rigs_are_of_the_space_and_of_every_number(tmp_path):
 def test_what_a_generalist_cannot_answer_is_refused(tmp_path, search, message):
     with pytest.raises(ConfigError, match=message):
         read_problem(written(tmp_path, search=search))
+
+
+@pytest.mark.parametrize("rigs", [0, [], ["line", "line"], "line", [1], True])
+def test_rigs_are_a_number_or_names(tmp_path, rigs):
+    with pytest.raises(
+        ConfigError, match=r"generalist\.rigs: found .*; allowed is a number from 1"
+    ):
+        read_problem(written(tmp_path, generalist={"rigs": rigs}))
+
+
+def test_rigs_that_nobody_knows_are_told_before_the_search(tmp_path):
+    with pytest.raises(ConfigError, match=r"generalist\.rigs: no placement 'nobody'"):
+        read_problem(written(tmp_path, generalist={"rigs": ["nobody"]}))
 
 
 def test_the_judge_of_a_search_is_named_in_its_objective(tmp_path):

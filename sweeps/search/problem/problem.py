@@ -311,6 +311,12 @@ def _check_traffic(problem: Problem) -> None:
                     f"{where}: {key}: allowed are keys of scene, such as scene.test_seed"
                 )
         _point(problem.source, changes, path, f"search.traffic.{name}")
+    named = problem.file.generalist.rigs
+    for name in named if isinstance(named, tuple) else ():
+        try:
+            problem.file.placement_named(name, problem.file.lidar.lidar())
+        except ValueError as error:
+            raise ConfigError(f"{path}: generalist.rigs: {error}") from None
     if traffic.search == traffic.choice:
         raise ConfigError(f"{path}: search.traffic: search and choice need different traffic")
 
