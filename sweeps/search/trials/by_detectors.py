@@ -63,6 +63,7 @@ class TrainingAnswers:
             if assessment.feasible
         ]
         failures: dict[int, str] = {}
+        objectives = self.problem.file.search.objective
         for step, rung in enumerate(self.problem.file.search.rungs, start=1):
             values, failed = self._train([candidate for _, candidate in alive], rung)
             failures |= failed
@@ -74,17 +75,8 @@ class TrainingAnswers:
         failures |= failed
         for (trial, candidate), assessment in zip(asked, found, strict=True):
             number = candidate.number
-            own = self._all_values(assessment, values[number]) if number in values else None
+            own = all_values(objectives, assessment, values[number]) if number in values else None
             tell(self.study, trial, assessment, own, failures.get(number))
-
-    def _all_values(self, assessment: Assessment, measured: Sequence[float]) -> list[float]:
-        """Values of all objectives, in their order."""
-        assert assessment.values is not None
-        left = iter(measured)
-        return [
-            next(left) if objective.measured else assessment.values[objective.name]
-            for objective in self.problem.file.search.objective
-        ]
 
     def _train(
         self, candidates: Sequence[Candidate], rung: Mapping[str, Any]
@@ -171,6 +163,15 @@ def weighted_value(
     """The weighted mean over classes of a metric, percent; `metrics` as of `evaluate_boxes`."""
     weights = class_weights(objective, classes)
     return _mean({c: headline_value(metrics, objective.by, c) for c in weights}, weights)
+
+
+def all_values(
+    objectives: Sequence[ObjectiveSettings], assessment: Assessment, measured: Sequence[float]
+) -> list[float]:
+    """Values of all objectives, in their order; `measured` those that detectors measured."""
+    assert assessment.values is not None
+    left = iter(measured)
+    return [next(left) if o.measured else assessment.values[o.name] for o in objectives]
 
 
 def class_weights(objective: ObjectiveSettings, classes: Iterable[str]) -> dict[str, float]:

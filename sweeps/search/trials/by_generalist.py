@@ -20,10 +20,9 @@ from sweeps.execution.backends import Backend
 from sweeps.execution.execute import execute
 from sweeps.plan.judging import judge_task
 from sweeps.plan.plan import Trial
-from sweeps.search.problem.assess import Assessment
 from sweeps.search.problem.judged_sweep import judged_plan
 from sweeps.search.problem.problem import Problem
-from sweeps.search.trials.by_detectors import Quiet, weighted_value
+from sweeps.search.trials.by_detectors import Quiet, all_values, weighted_value
 from sweeps.search.trials.pool import Pool
 from sweeps.search.trials.study import Candidate, finished_trials, tell
 from sweeps.store.of_sweep import reference
@@ -74,9 +73,10 @@ class GeneralistAnswers:
         trials = {c.number: trial for trial, c in asked}
         feasible = [c for _, c in asked if rigs[c.number]]
         values, failed = self._judged(feasible, trials)
+        objectives = self.problem.file.search.objective
         for (trial, candidate), assessment in zip(asked, found, strict=True):
             own = values.get(candidate.number)
-            whole = None if own is None else self._all_values(assessment, own)
+            whole = None if own is None else all_values(objectives, assessment, own)
             tell(self.study, trial, assessment, whole, failed.get(candidate.number))
 
     def _judged(
@@ -178,15 +178,6 @@ class GeneralistAnswers:
             else:
                 values[number] = found
         return values, failed
-
-    def _all_values(self, assessment: Assessment, measured: Sequence[float]) -> list[float]:
-        """Values of all objectives, in their order."""
-        assert assessment.values is not None
-        left = iter(measured)
-        return [
-            next(left) if objective.measured else assessment.values[objective.name]
-            for objective in self.problem.file.search.objective
-        ]
 
 
 def judged_metrics(
