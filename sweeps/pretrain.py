@@ -46,8 +46,9 @@ def pretrain(
     from sweeps.execution.failures import Failure, FailureFolder
     from sweeps.execution.run_tasks import run_tasks
     from sweeps.plan.plan import read_plan
-    from sweeps.plan.pretrain_task import pretrain_task, with_inputs
+    from sweeps.plan.pretrain_task import pretrain_task
     from sweeps.store.of_sweep import reference, store_of
+    from sweeps.tasks.task import with_inputs
     from training.checkpoints import write_checkpoint
 
     if out.is_dir():  # before hours of training, not after
@@ -70,7 +71,7 @@ def pretrain(
         store = store_of(sweep)
     except ValueError as error:
         wrong(f"{config}: {error}")
-    tasks = with_inputs(task)
+    tasks = with_inputs([task])
     try:
         store.refer(reference(sweep, "pretrain"), [needed.key for needed in tasks])
     except OSError as error:

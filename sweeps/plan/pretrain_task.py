@@ -45,14 +45,6 @@ def pretrain_task(sweep: Sweep, plan: Plan) -> Task:
     )
 
 
-def with_inputs(task: Task) -> list[Task]:
-    """All tasks that `task` needs, each once and after its inputs, and `task` itself."""
-    found: dict[str, Task] = {}
-    for needed in task.inputs:
-        found |= {item.key: item for item in with_inputs(needed) if item.key not in found}
-    return [*found.values(), task]
-
-
 def _around(ranges: Sequence[Sequence[float]]) -> tuple[float, ...]:
     """The smallest range that holds all."""
     low, high = zip(*((item[:3], item[3:]) for item in ranges), strict=True)

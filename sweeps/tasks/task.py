@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
@@ -58,6 +59,21 @@ class Task:
         }
         text = json.dumps(content, sort_keys=True, allow_nan=False, default=plain)
         return hashlib.sha256(text.encode()).hexdigest()[:24]
+
+
+def with_inputs(tasks: Iterable[Task]) -> list[Task]:
+    """Tasks and all that they need, each once and after its inputs."""
+    found: dict[str, Task] = {}
+
+    def add(task: Task) -> None:
+        if task.key not in found:
+            for needed in task.inputs:
+                add(needed)
+            found[task.key] = task
+
+    for task in tasks:
+        add(task)
+    return list(found.values())
 
 
 def plain(value: Any) -> Any:

@@ -16,9 +16,10 @@ from sweeps.configuration.grid import read_sweep
 from sweeps.execution.backends import InProcess
 from sweeps.execution.execute import execute
 from sweeps.plan.plan import make_plan
-from sweeps.plan.pretrain_task import pretrain_task, with_inputs
+from sweeps.plan.pretrain_task import pretrain_task
 from sweeps.pretrain import app
 from sweeps.store.local import Store
+from sweeps.tasks.task import with_inputs
 from training import build_detector
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -76,12 +77,12 @@ def test_the_clouds_of_all_placements_train_together(folder):
     assert task.params.seed == 1
     known = {item.key for item in plan.tasks}
     seen = set()
-    for needed in with_inputs(task):
+    for needed in with_inputs([task]):
         assert all(item.key in seen for item in needed.inputs)
         assert needed.key not in seen
         assert needed.key in known or needed is task
         seen.add(needed.key)
-    assert {item.stage for item in with_inputs(task)} == {
+    assert {item.stage for item in with_inputs([task])} == {
         "scene", "ground_truth", "collect", "pretrain",
     }  # fmt: skip
 
@@ -136,7 +137,7 @@ def test_the_command_writes_weights_to_start_from(folder):
         (f"training.checkpoint={out}", f"base.pt sha256:{digest(out)}", content["classes"]),
     ):
         trial = make_plan(read_sweep(config, [override])).trials[0]
-        failures = execute(with_inputs(trial.evaluate), store, InProcess(), Quiet()).failures
+        failures = execute(with_inputs([trial.evaluate]), store, InProcess(), Quiet()).failures
         assert not failures
         training = store.load(trial.finetune)
         assert (training["weights"], training["classes"]) == (weights, classes)

@@ -27,7 +27,7 @@ from sweeps.search.trials.pool import Pool
 from sweeps.search.trials.study import Candidate, finished_trials, tell
 from sweeps.store.of_sweep import reference
 from sweeps.store.open import AnyStore
-from sweeps.tasks.task import Task
+from sweeps.tasks.task import Task, with_inputs
 
 PORTIONS = 4
 """The first portion of the frames is one of so many."""
@@ -143,9 +143,9 @@ class GeneralistAnswers:
             ]
             for number, own in by_number.items()
         }
-        every = _with_inputs(task for own in tasks.values() for of in own for task in of)
+        judged = [task for own in tasks.values() for of in own for task in of]
         truths = [task for own in by_number.values() for t in own for task in _truths(t)]
-        every = list({task.key: task for task in [*every, *_with_inputs(truths)]}.values())
+        every = with_inputs([*judged, *truths])
         self._referred |= {task.key for task in every}
         self.store.refer(self._reference, self._referred)
         outcome = execute(every, self.store, self.backend, Quiet())
@@ -156,7 +156,7 @@ class GeneralistAnswers:
             needed = [task for of in tasks[number] for task in of]
             reasons = [
                 outcome.failures[t.key].reason
-                for t in _with_inputs(needed)
+                for t in with_inputs(needed)
                 if t.key in outcome.failures
             ]
             if reasons:
@@ -201,18 +201,3 @@ def _truths(trial: Trial) -> list[Task]:
     """Tasks of the objects in the test frames."""
     assert trial.evaluate is not None
     return [task for task in trial.evaluate.inputs if task.stage == "ground_truth"]
-
-
-def _with_inputs(tasks: object) -> list[Task]:
-    """Tasks and all that they need, each once and after its inputs."""
-    found: dict[str, Task] = {}
-
-    def add(task: Task) -> None:
-        if task.key not in found:
-            for needed in task.inputs:
-                add(needed)
-            found[task.key] = task
-
-    for task in tasks:  # type: ignore[attr-defined]
-        add(task)
-    return list(found.values())
