@@ -14,7 +14,8 @@ from dataclasses import astuple, dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.mounting.ring_overlap import rings
+from lidarplace.mounting.ring_overlap import spread_by_overlap
+from lidarplace.mounting.spacing import least_distance
 from lidarplace.placement import Mount, Placement
 
 NEAR_M = 0.3
@@ -26,7 +27,7 @@ TILT = math.radians(20)
 TURN = math.radians(10)
 """Yaw that is added to or taken from a given one's, radians."""
 
-_CANDIDATES = 4
+CANDIDATES = 4
 """So many rigs are drawn for each that is wanted."""
 
 _APART_M = 0.15
@@ -63,15 +64,12 @@ def random_rigs(around: Sequence[Placement], number: int, seed: int) -> list[Pla
     random = np.random.default_rng(seed)
     bounds = Bounds.of(around)
     drawn = []
-    for i in range(_CANDIDATES * number):
+    for i in range(CANDIDATES * number):
         given = around[int(random.integers(len(around)))]
         drawn.append(_apart(given, _KINDS[i % len(_KINDS)], bounds, random))
-    drawn.sort(key=lambda rig: rings(rig).redundancy)
-    kept = np.linspace(0, len(drawn) - 1, number).round().astype(int)
     width = len(str(number))
-    return [
-        replace(drawn[place], name=f"rig_{i:0{width}}") for i, place in enumerate(kept, start=1)
-    ]
+    kept = spread_by_overlap(drawn, drawn, number)
+    return [replace(rig, name=f"rig_{i:0{width}}") for i, rig in enumerate(kept, start=1)]
 
 
 def _apart(
@@ -82,12 +80,10 @@ def _apart(
 ) -> Placement:
     """A rig of a kind; LiDARs that came to lie in each other are drawn again, up to a point."""
     for _ in range(100):
-        mounts = kind(given, bounds, random)
-        places = np.array([mount.position for mount in mounts])
-        gaps = np.linalg.norm(places[:, None] - places, axis=-1)
-        if (gaps[np.triu_indices(len(mounts), 1)] >= _APART_M).all():
+        rig = replace(given, mounts=kind(given, bounds, random))
+        if least_distance(rig) >= _APART_M:
             break
-    return replace(given, mounts=mounts)
+    return rig
 
 
 def _one_height(given: Placement, bounds: Bounds, random: np.random.Generator) -> list[Mount]:

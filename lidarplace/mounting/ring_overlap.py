@@ -4,7 +4,9 @@ one of them does."""
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +26,8 @@ TOP_M = 1.6
 CELL_M = 0.05
 """Rings nearer than this on a strip are one."""
 
+
+Item = TypeVar("Item")
 
 LEAST_GAIN = 0.1
 """Of redundancy: pitches that free less are not worth a word."""
@@ -53,6 +57,21 @@ def rings(placement: Placement) -> Rings:
         [_cells(m, lidar) for m, lidar in zip(placement.mounts, placement.lidars, strict=True)]
     )
     return Rings(int(met.any(axis=0).sum()), int(met.sum()))
+
+
+def spread_by_overlap(
+    items: Sequence[Item], placements: Sequence[Placement], number: int
+) -> list[Item]:
+    """Those whose rings overlap least and most, and others at even steps between, in this order.
+
+    Args:
+        placements: the rig of each item.
+        number: how many are kept.
+    """
+    shares = [rings(placement).redundancy for placement in placements]
+    order = np.argsort(shares, kind="stable")
+    kept = np.linspace(0, len(items) - 1, number).round().astype(int)
+    return [items[place] for place in order[kept].tolist()]
 
 
 @dataclass(frozen=True)

@@ -179,11 +179,6 @@ class GeneralistSettings(Settings):
             raise ValueError("allowed is a number from 1, or a list of different placements")
         return rigs
 
-    @property
-    def number(self) -> int:
-        """Of rigs."""
-        return self.rigs if isinstance(self.rigs, int) else len(self.rigs)
-
 
 Judge = Literal["specialist", "generalist", "finetuned"]
 

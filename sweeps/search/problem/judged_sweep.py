@@ -9,7 +9,6 @@ from sweeps.plan.plan import Plan, make_plan
 from sweeps.search.problem.as_sweep import placement_settings, sweep_of, sweep_settings
 from sweeps.search.problem.choice import Choices
 from sweeps.search.problem.problem import Problem
-from sweeps.search.problem.training_rigs import training_rigs
 
 
 def judged_plan(problem: Problem, rigs: Mapping[str, Choices], traffic: Mapping[str, Any]) -> Plan:
@@ -23,8 +22,7 @@ def judged_plan(problem: Problem, rigs: Mapping[str, Choices], traffic: Mapping[
     config = sweep_settings(problem.source, file, rigs, file.name)
     settings = file.generalist
     if isinstance(settings.rigs, int):
-        drawn = training_rigs(problem.space, problem.models, settings.rigs, file.search.seed)
-        own = {name: placement_settings(rig, file) for name, rig in drawn.items()}
+        own = {name: placement_settings(rig, file) for name, rig in problem.training_rigs.items()}
         config["placements"] = own | config["placements"]
         settings = settings.model_copy(update={"rigs": tuple(own)})
     config["generalist"] = settings.model_dump(mode="json")

@@ -31,6 +31,7 @@ from sweeps.search.problem.choice import Choice, Choices, ordered
 from sweeps.search.problem.constraints import Carrier, constraints_of
 from sweeps.search.problem.slots import Placed, placed_in
 from sweeps.search.problem.space import Space
+from sweeps.search.problem.training_rigs import training_rigs
 from sweeps.tasks.code_version import code_version
 from sweeps.tasks.task import Task, code_of
 
@@ -101,6 +102,14 @@ class Problem:
     def judged(self) -> bool:
         """Whether a generalist answers trials."""
         return any(objective.judged for objective in self.file.search.objective)
+
+    @cached_property
+    def training_rigs(self) -> dict[str, Choices]:
+        """By name, what a generalist is trained on; none where the configuration names them."""
+        number = self.file.generalist.rigs
+        if not isinstance(number, int):
+            return {}
+        return training_rigs(self.space, self.models, number, self.file.search.seed)
 
     @property
     def traffic(self) -> TrafficSettings:

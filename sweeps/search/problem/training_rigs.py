@@ -13,12 +13,10 @@ from optuna.distributions import (
 )
 
 from lidarplace import Lidar
-from lidarplace.mounting.ring_overlap import rings
+from lidarplace.mounting.random_rigs import CANDIDATES
+from lidarplace.mounting.ring_overlap import spread_by_overlap
 from sweeps.search.problem.choice import Choices, is_possible, placement_of
 from sweeps.search.problem.space import Space
-
-_CANDIDATES = 4
-"""So many rigs are drawn for each that is wanted."""
 
 _LEVEL = 2
 """Every so many of them are level, and half of those of one height: there rings coincide."""
@@ -43,13 +41,13 @@ def training_rigs(
     for place, lidars in enumerate(numbers):
         wanted = len(range(place, number, len(numbers)))
         drawn: list[Choices] = []
-        while len(drawn) < _CANDIDATES * wanted:
+        while len(drawn) < CANDIDATES * wanted:
             rig = space.rig(lidars, _drawn(space.distributions(lidars), len(drawn), random))
             if is_possible(rig):
                 drawn.append(rig)
-        drawn.sort(key=lambda rig: rings(placement_of(rig, models)).redundancy)
-        for kept in np.linspace(0, len(drawn) - 1, wanted).round().astype(int).tolist():
-            found[f"generalist_{len(found) + 1}"] = drawn[kept]
+        placements = [placement_of(rig, models) for rig in drawn]
+        for rig in spread_by_overlap(drawn, placements, wanted):
+            found[f"generalist_{len(found) + 1}"] = rig
     return found
 
 
