@@ -248,13 +248,13 @@ class TrafficSettings(Settings):
 
     search: dict[str, Any] = Field(
         default={},
-        description="key path -> value: the test traffic of the trials; by default "
-        "{scene.test_seed: seed + 1001} where traffic is simulated",
+        description="key path -> value: the test traffic of the trials; simulated traffic has "
+        "scene.test_seed: seed + 1001 beside what is said here",
     )
     choice: dict[str, Any] = Field(
         default={},
-        description="that on which the best of the trials are judged again; by default "
-        "{scene.test_seed: seed + 1002}",
+        description="that on which the best of the trials are judged again; with "
+        "scene.test_seed: seed + 1002",
     )
 
 

@@ -145,6 +145,22 @@ def test_what_a_generalist_cannot_answer_is_refused(tmp_path, search, message):
         read_problem(written(tmp_path, search=search))
 
 
+def test_simulated_traffic_is_of_other_towns_also_where_its_amount_is_told(tmp_path):
+    settings = TINY | {
+        "scene": {"seed": 3},
+        "search": {
+            "zones": {"roof": {"x": 0, "y": [-0.5, 0.5], "z": [2, 3]}},
+            "objective": "generalist",
+            "traffic": {"search": {"scene.test_routes": 4}},
+        },
+    }
+    path = tmp_path / "search.yaml"
+    path.write_text(yaml.safe_dump(settings))
+    found = read_problem(path).traffic
+    assert found.search == {"scene.test_routes": 4, "scene.test_seed": 1004}
+    assert found.choice == {"scene.test_seed": 1005}
+
+
 @pytest.mark.parametrize("rigs", [0, [], ["line", "line"], "line", [1], True])
 def test_rigs_are_a_number_or_names(tmp_path, rigs):
     with pytest.raises(

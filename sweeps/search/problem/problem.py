@@ -118,8 +118,8 @@ class Problem:
         if not isinstance(scene, SumoScene):
             return own
         return TrafficSettings(
-            search=own.search or {"scene.test_seed": scene.seed + 1001},
-            choice=own.choice or {"scene.test_seed": scene.seed + 1002},
+            search={"scene.test_seed": scene.seed + 1001} | own.search,
+            choice={"scene.test_seed": scene.seed + 1002} | own.choice,
         )
 
     @property
