@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, model_validator
 
 from lidarplace.configuration.sensor import SensorSettings
-from lidarplace.configuration.settings import Angle, Length, Settings, fault
+from lidarplace.configuration.settings import Angle, Degrees, Length, Settings, fault
 from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.placement import PAPER_PLACEMENTS, Mount, Placement
 from lidarplace.pose import from_carla
@@ -18,7 +19,7 @@ MOST_MOUNTS = 100
 
 
 class MountSettings(Settings):
-    """Pose of one LiDAR, metres and radians, in the convention of its placement."""
+    """Pose of one LiDAR, metres and radians or degrees, in the convention of its placement."""
 
     x: Length = Field(0.0, description="forward, metres")
     y: Length = Field(0.0, description="to the left, metres")
@@ -26,9 +27,30 @@ class MountSettings(Settings):
     roll: Angle = Field(0.0, description="radians; > 0 lifts the left side")
     pitch: Angle = Field(0.0, description="radians; > 0 tips the nose down")
     yaw: Angle = Field(0.0, description="radians; > 0 turns to the left")
+    roll_deg: Degrees | None = Field(None, description="degrees, in place of roll")
+    pitch_deg: Degrees | None = Field(None, description="degrees, in place of pitch")
+    yaw_deg: Degrees | None = Field(None, description="degrees, in place of yaw")
     lidar: SensorSettings | None = Field(
         None, description="this mount's own LiDAR model; by default that of the whole placement"
     )
+
+    @model_validator(mode="after")
+    def _one_unit(self) -> MountSettings:
+        for name in ("roll", "pitch", "yaw"):
+            if getattr(self, name) != 0 and getattr(self, f"{name}_deg") is not None:
+                raise ValueError(f"{name} and {name}_deg: say one of the two")
+        return self
+
+    @property
+    def pose(self) -> tuple[float, float, float, float, float, float]:
+        """x, y, z in metres; roll, pitch, yaw in radians."""
+        radians = (self.roll, self.pitch, self.yaw)
+        degrees = (self.roll_deg, self.pitch_deg, self.yaw_deg)
+        roll, pitch, yaw = (
+            angle if other is None else math.radians(other)
+            for angle, other in zip(radians, degrees, strict=True)
+        )
+        return self.x, self.y, self.z, roll, pitch, yaw
 
 
 class PlacementSettings(Settings):
@@ -48,7 +70,7 @@ class PlacementSettings(Settings):
 
         Raises ValueError as `Placement` does.
         """
-        poses = [(m.x, m.y, m.z, m.roll, m.pitch, m.yaw) for m in self.mounts]
+        poses = [m.pose for m in self.mounts]
         if self.convention == "carla":
             poses = [from_carla(*pose) for pose in poses]
         lidars = [lidar if m.lidar is None else m.lidar.lidar() for m in self.mounts]

@@ -63,6 +63,10 @@ Turn = Annotated[
 """The same of an angle."""
 
 
+_OF_COUNTED_ZONES = {"models", "mirrored", "facing_deg", "roll_deg", "pitch_deg", "yaw_deg"}
+"""Keys that differ between zones, whose LiDARs then have parameters of their own."""
+
+
 class ZoneSettings(Settings):
     """Where a LiDAR may sit: a box, or a polygon with heights; metres, ego frame."""
 
@@ -70,13 +74,41 @@ class ZoneSettings(Settings):
     y: Span | None = Field(None, description="a number or [min, max], metres")
     polygon: tuple[Pair, ...] | None = Field(None, description="corners [x, y], instead of x and y")
     z: Span = Field(description="a number or [min, max], metres")
+    lidars: Annotated[tuple[Count, Count], BeforeValidator(_number_as_interval)] | None = Field(
+        None, description="number of LiDARs in it, or [min, max]; all zones say theirs, or none"
+    )
+    models: Annotated[tuple[Name, ...], Field(min_length=1)] | None = Field(
+        None, description="which of `search.models` it carries, all by default; with `lidars`"
+    )
+    mirrored: bool = Field(
+        False,
+        description="each of its LiDARs has a mirror image right of y = 0, and the two count as "
+        "one; with `lidars`",
+    )
+    facing_deg: Degrees = Field(
+        0.0, description="heading to which yaw_deg is relative: 45 looks to the front left"
+    )
+    roll_deg: Turn | None = Field(None, description="in place of search.roll_deg; with `lidars`")
+    pitch_deg: Turn | None = Field(None, description="in place of search.pitch_deg; with `lidars`")
+    yaw_deg: Turn | None = Field(
+        None, description="in place of search.yaw_deg, from facing_deg; with `lidars`"
+    )
+    price: Amount = Field(0.0, description="of a mount there, beside that of its LiDAR")
 
     @model_validator(mode="after")
     def _possible(self) -> ZoneSettings:
         sides = [self.x is not None, self.y is not None]
         if not (all(sides) if self.polygon is None else not any(sides)):
             raise ValueError("a zone needs x, y and z, or polygon and z")
-        self.zone("any")
+        zone = self.zone("any")
+        if self.lidars is None:
+            own = self.model_fields_set & _OF_COUNTED_ZONES
+            if own:
+                raise ValueError(f"{min(own)}: is for zones that say how many `lidars` they have")
+        elif self.lidars[0] > self.lidars[1]:
+            raise ValueError("lidars: allowed is a number, or [min, max] with min <= max")
+        if self.mirrored and any(y < 0 for _, y in zone.polygon):
+            raise ValueError("mirrored: give the zone left of y = 0 alone")
         return self
 
     def zone(self, name: str) -> Zone:
@@ -110,6 +142,26 @@ class NearFieldSettings(Settings):
     z: Pair = Field((0.0, 1.0), description="metres")
     resolution: Distance = Field(0.2, gt=0, description="edge of a voxel, metres")
     coverage: Probability = Field(description="least share of its voxels")
+
+
+class KeepOutSettings(Settings):
+    """A box in which no LiDAR may sit and through which none sees, such as a window or a mirror."""
+
+    x: Pair = Field(description="[min, max], metres")
+    y: Pair = Field(description="[min, max], metres")
+    z: Pair = Field(description="[min, max], metres")
+
+    @model_validator(mode="after")
+    def _has_volume(self) -> KeepOutSettings:
+        if not all(low < high for low, high in (self.x, self.y, self.z)):
+            raise ValueError("allowed is [min, max] with min < max along x, y and z")
+        return self
+
+    @property
+    def box(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Its lower and its upper corner."""
+        low, high = zip(self.x, self.y, self.z, strict=True)
+        return low, high
 
 
 class ConstraintSettings(Settings):
@@ -287,6 +339,9 @@ class SearchSettings(Settings):
             description="boxes [[x0, y0, z0], [x1, y1, z1]]; a car if null",
         )
     )
+    keep_out: dict[Name, KeepOutSettings] = Field(
+        default={}, description="by name: where no LiDAR may sit, and what hides what is behind it"
+    )
     constraints: ConstraintSettings = Field(
         ConstraintSettings(), description="what a placement has to keep"
     )
@@ -357,6 +412,7 @@ class SearchSettings(Settings):
                 raise ValueError("rungs: are shorter trainings, and a generalist is trained once")
         elif self.traffic != TrafficSettings():
             raise ValueError("traffic: is for an objective that a generalist measures")
+        self._check_zones()
         if self.space and not any(measured):
             raise ValueError(
                 "space: surrogates know the placement alone; choose a measured objective such as "
@@ -375,6 +431,31 @@ class SearchSettings(Settings):
                 )
         self._check_sampler()
         return self
+
+    @property
+    def counted(self) -> bool:
+        """Whether zones say how many LiDARs they have."""
+        return any(zone.lidars is not None for zone in self.zones.values())
+
+    def _check_zones(self) -> None:
+        """Zones that count their LiDARs: all or none, and then nothing else counts them."""
+        without = [name for name, zone in self.zones.items() if zone.lidars is None]
+        if self.counted:
+            if without:
+                raise ValueError(f"zones.{without[0]}.lidars: other zones say theirs; say it, too")
+            if "lidars" in self.model_fields_set:
+                raise ValueError("lidars: the zones say how many there are; say it there alone")
+            if self.symmetric:
+                raise ValueError("symmetric: zones that say `lidars` say `mirrored`, too")
+            if not any(zone.lidars and zone.lidars[1] for zone in self.zones.values()):
+                raise ValueError("zones: none may have a LiDAR")
+        for name, zone in self.zones.items():
+            unknown = [model for model in zone.models or () if model not in self.models]
+            if unknown:
+                known = ", ".join(self.models) or "none: give search.models"
+                raise ValueError(f"zones.{name}.models: no model {unknown[0]!r}; there are {known}")
+        if self.keep_out and not self.zones:
+            raise ValueError("keep_out: there are no zones to place LiDARs in")
 
     def _check_sampler(self) -> None:
         if self.sampler not in ("cmaes",):

@@ -250,3 +250,13 @@ def test_a_mount_of_a_file_keeps_its_own_lidar(tmp_path):
     path.write_text("mounts: [{z: 1, lidar: {beems: 4}}]")
     with pytest.raises(ValueError, match=r"mixed.yaml: mounts\[0\].lidar.beems: unknown key"):
         read_placement(path, paper)
+
+
+def test_mounts_may_be_in_degrees(tmp_path):
+    path = tmp_path / "rig.yaml"
+    path.write_text("mounts: [{z: 2, roll_deg: 10, yaw: 0.5, yaw_deg: null}]")
+    (mount,) = read_placement(path, PROFILES["paper"].lidar).mounts
+    assert (mount.roll, mount.pitch, mount.yaw) == (pytest.approx(np.radians(10)), 0.0, 0.5)
+    path.write_text("mounts: [{z: 2, roll: 0.1, roll_deg: 10}]")
+    with pytest.raises(ValueError, match="roll and roll_deg: say one of the two"):
+        read_placement(path, PROFILES["paper"].lidar)

@@ -30,6 +30,8 @@ def write_search(folder: Path, **changes) -> Path:
         write_small_log(folder / "log")
     config = copy.deepcopy(SEARCH)
     config["search"] |= changes.pop("search", {})
+    if any("lidars" in zone for zone in config["search"]["zones"].values()):
+        del config["search"]["lidars"]
     config |= {"scene": {"source": "log", "folder": str(folder / "log")}}
     config |= {"output": str(folder / "runs")} | changes
     path = folder / "small.yaml"

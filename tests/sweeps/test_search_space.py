@@ -11,6 +11,7 @@ from lidarplace import Mount
 from lidarplace.mounting.zone import distance
 from sweeps.configuration.search import SearchSettings
 from sweeps.search.problem.choice import Choice, is_possible, mirrored, ordered
+from sweeps.search.problem.slots import params_of, placed_in, rig_of
 from sweeps.search.problem.space import Space
 
 ROOF = {"polygon": [[-1, -0.6], [0.5, -0.6], [0.8, 0], [0.5, 0.6], [-1, 0.6]], "z": [1.8, 2.2]}
@@ -48,7 +49,7 @@ def test_all_values_of_parameters_are_rigs_in_the_zones(seed, number, symmetric)
         assert rig == ordered(
             Choice(lidar.model, lidar.zone, mirrored(lidar.mount)) for lidar in rig
         )
-    assert space.rig(number, params) == rig
+    assert space.rig(params) == rig
 
 
 @settings(max_examples=30, deadline=None)
@@ -63,9 +64,9 @@ def test_parameters_of_a_rig_give_it_back(seed, symmetric, number):
     centre = [m for m in rig if symmetric and m.mount.y == 0]
     if symmetric and (len(left) != number // 2 or len(centre) != number % 2):
         return  # a pair on the centre line
-    slots = space.slots(number)
+    slots = space.slots((number,))
     placed = list(zip(slots, [*left, *centre], strict=True))
-    again = space.rig(number, space.params(placed))
+    again = space.rig(space.params(placed))
     for one, other in zip(again, rig, strict=True):
         assert (one.model, one.zone) == (other.model, other.zone)
         for axis in ("x", "y", "z", "roll", "yaw"):
@@ -76,7 +77,7 @@ def test_parameters_of_a_rig_give_it_back(seed, symmetric, number):
 def test_what_cannot_vary_is_no_parameter():
     fixed_point = {"point": {"x": 0, "y": 0.1, "z": 2}}
     space = space_of(zones=fixed_point, roll_deg=5, yaw_deg=0, lidars=1)
-    assert space.distributions(1) == {}
+    assert space.distributions((1,)) == {}
     rig, params = random_rig(space, 0)
     assert params == {}
     assert rig == (Choice("lidar", "point", Mount(0, 0.1, 2, roll=round(5 * math.pi / 180, 4))),)
@@ -94,7 +95,7 @@ def test_the_number_of_lidars_is_a_parameter_if_it_may_vary():
     space = space_of(lidars=[2, 3])
     numbers = {len(random_rig(space, seed)[0]) for seed in range(20)}
     assert numbers == {2, 3}
-    assert "lidar_3.x" not in space.distributions(2)
+    assert "lidar_3.x" not in space.distributions((2,))
 
 
 def test_fixed_lidars_are_in_every_rig():
@@ -138,3 +139,90 @@ def test_further_parameters():
     assert values["training.epochs"] in (1, 2, 3, 4)
     assert isinstance(values["training.epochs"], int)
     assert values["detector"] in ("pointpillars_tiny", "second")
+
+
+CORNERS = {
+    "roof": {**ROOF, "lidars": [1, 2], "models": ["spinning"], "pitch_deg": [0, 5]},
+    "corner": {
+        "x": [2.2, 2.3],
+        "y": [0.8, 0.9],
+        "z": [0.5, 0.8],
+        "lidars": 1,
+        "models": ["flash", "small"],
+        "mirrored": True,
+        "facing_deg": 135,
+        "yaw_deg": [-60, 60],
+    },
+    "tail": {"x": -2.4, "y": 0, "z": 0.7, "lidars": [0, 1], "facing_deg": 180, "yaw_deg": 0},
+}
+
+
+def cornered(**changes) -> Space:
+    models = {"spinning": {}, "flash": {"beams": 32}, "small": {"price": 2}}
+    values = {"zones": CORNERS, "models": models, "roll_deg": [-20, 20]} | changes
+    return Space(SearchSettings.model_validate(values), tuple(models), ())
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**31))
+def test_zones_have_their_own_numbers_models_and_angles(seed):
+    space = cornered()
+    rig, params = random_rig(space, seed)
+    by_zone = {name: [own for own in rig if own.zone == name] for name in CORNERS}
+    assert 1 <= len(by_zone["roof"]) <= 2
+    assert {own.model for own in by_zone["roof"]} == {"spinning"}
+    assert all(0 <= own.mount.pitch <= math.radians(5) + 1e-4 for own in by_zone["roof"])
+    right, left = sorted(by_zone["corner"], key=lambda own: own.mount.y)
+    assert left.model == right.model != "spinning"
+    assert mirrored(left.mount) == right.mount
+    off = math.remainder(left.mount.yaw - math.radians(135), math.tau)
+    assert abs(off) <= math.radians(60) + 1e-4
+    assert all(abs(own.mount.yaw) == pytest.approx(math.pi, abs=1e-4) for own in by_zone["tail"])
+    assert space.numbers == (3, 5)
+    assert space.rig(params) == rig
+    placed = placed_in(space, [Choice(own.model, "", own.mount) for own in rig])
+    assert rig_of(placed, space) == rig
+    again = space.rig(params_of(placed, space))
+    for one, other in zip(again, rig, strict=True):
+        assert (one.model, one.zone) == (other.model, other.zone)
+        assert one.mount.position == pytest.approx(other.mount.position, abs=2e-3)
+
+
+def test_a_heading_is_the_same_after_a_full_turn():
+    space = cornered()
+    roof = Mount(0, 0.1, 2, pitch=0.05)
+    corner = Mount(2.2, 0.8, 0.6, yaw=math.radians(190 - 360))
+    lidars = [Choice("", "", mount) for mount in (roof, corner, mirrored(corner))]
+    placed = placed_in(space, lidars)
+    assert [place.lidar.model for place in placed] == ["spinning", "flash"]
+    mounts = {own.mount for own in space.rig(params_of(placed, space)) if own.zone == "corner"}
+    assert {round(math.degrees(mount.yaw)) for mount in mounts} == {-170, 170}
+
+
+def test_a_rig_that_the_zones_have_no_room_for_is_refused():
+    space = cornered()
+    level = [Mount(x, 0.1, 2) for x in (-0.3, 0.0, 0.3)]
+    with pytest.raises(ValueError, match="has a LiDAR at"):
+        placed_in(space, [Choice("", "", mount) for mount in level])
+    with pytest.raises(ValueError, match="more or fewer"):
+        placed_in(space, [Choice("", "", level[0])])
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"lidars": 4}, "the zones say how many there are"),
+        ({"symmetric": True}, "say `mirrored`, too"),
+        ({"zones": CORNERS | {"nose": NOSE}}, r"zones\.nose\.lidars: other zones say theirs"),
+        ({"zones": {"nose": NOSE | {"yaw_deg": 3}}}, "yaw_deg: is for zones that say how many"),
+        ({"zones": {"nose": NOSE | {"lidars": [2, 1]}}}, "min <= max"),
+        ({"zones": {"nose": NOSE | {"lidars": 0}}}, "none may have a LiDAR"),
+        ({"zones": {"nose": NOSE | {"lidars": 1, "mirrored": True}}}, "left of y = 0 alone"),
+        ({"zones": {"nose": NOSE | {"lidars": 1, "models": ["round"]}}}, "no model 'round'"),
+        ({"zones": {f"z{i}": NOSE | {"lidars": [0, 9]} for i in range(5)}}, "ways to divide"),
+        ({"keep_out": {"window": {"x": [0, 0], "y": [0, 1], "z": [0, 1]}}}, "min < max along"),
+    ],
+)
+def test_zones_that_contradict_are_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
+        cornered(**changes)

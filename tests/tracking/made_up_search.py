@@ -13,15 +13,18 @@ from lidarplace import PAPER_PLACEMENTS, OccupancyGrid, Roi
 from lidarplace.placement import Mount
 
 ROI = {"x": [0.0, 20.0], "y": [-10.0, 10.0], "z": [0.0, 4.0], "resolution": 0.5}
+ANGLES = {"roll_deg": [-20, 20], "pitch_deg": [-20, 20], "yaw_deg": [-20, 20]}
 ROOF = {
     "name": "roof",
     "polygon": [[-0.8, -0.6], [0.6, -0.5], [0.6, 0.5], [-0.8, 0.6]],
     "z": [1.7, 2.2],
+    **ANGLES,
 }
 NOSE = {
     "name": "nose",
     "polygon": [[2.2, -0.7], [2.3, -0.7], [2.3, 0.7], [2.2, 0.7]],
     "z": [0.6, 0.6],
+    **ANGLES,
 }
 CLASSES = ("Car", "Cyclist")
 BASE = 1000.0
@@ -99,7 +102,6 @@ def write_search(
         "roi": ROI,
         "frames": 200,
         "zones": [ROOF | {"name": zone}, NOSE],
-        "spans": {"roll_deg": [-20, 20], "pitch_deg": [-20, 20], "yaw_deg": [-20, 20]},
         "vehicle": [[[-2.3, -0.95, 0.2], [2.3, 0.95, 0.9]], [[-1.6, -0.8, 0.9], [1.0, 0.8, 1.5]]],
         "models": {model: {"price": 1000.0, "beams": 16, "azimuth_steps": 5625}},
         "bound": {

@@ -15,12 +15,13 @@ from tracking.figures.of_searches.robustness import robustness_figure
 from tracking.figures.of_searches.search_history import search_history
 from tracking.figures.of_searches.uncovered import unseen
 from tracking.figures.of_searches.verified import verified_figure
-from tracking.run_folders.search_json import Objective, Rig, Spans, Zone
+from tracking.run_folders.search_json import Objective, Rig, Zone
 from tracking.search_report.edges import at_the_edge
 
 GAIN = Objective(name="gain", by="expected_ig", unit="nats", direction="maximize")
 PRICE = Objective(name="price", by="price", unit="€", direction="minimize")
-ROOF = Zone(name="roof", polygon=((0, 0), (1, 0), (0, 1)), z=(1.5, 2.0))
+ANGLES = {"roll_deg": (-20, 20), "pitch_deg": (3, 3), "yaw_deg": (-180, 180)}
+ROOF = Zone(name="roof", polygon=((0, 0), (1, 0), (0, 1)), z=(1.5, 2.0), **ANGLES)
 
 
 def rig(*mounts: tuple[float, ...], role: str = "found", **values: float) -> Rig:
@@ -177,16 +178,21 @@ def test_long_lists_of_optuna_are_packed_and_their_texts_left_out():
 
 
 def test_edges_of_zones_and_of_the_angles_that_were_allowed():
-    spans = Spans(roll_deg=(-20, 20), pitch_deg=(3, 3), yaw_deg=(-180, 180))
     inside = rig((0.2, 0.2, 1.7, 0.1, np.radians(3), np.pi))
-    assert at_the_edge(inside, (ROOF,), spans) == []
+    assert at_the_edge(inside, (ROOF,)) == []
     # On the slanted side of the polygon, at its top, and with the largest roll.
     out = rig((0.5, 0.499, 2.0, np.radians(20), np.radians(3), 0.0))
-    assert at_the_edge(out, (ROOF,), spans) == ["LiDAR 1: x, y, z, roll"]
-    point = Zone(name="roof", polygon=((0.2, 0.2),), z=(1.7, 1.7))
-    assert at_the_edge(inside, (point,), spans) == []
+    assert at_the_edge(out, (ROOF,)) == ["LiDAR 1: x, y, z, roll"]
+    point = Zone(name="roof", polygon=((0.2, 0.2),), z=(1.7, 1.7), **ANGLES)
+    assert at_the_edge(inside, (point,)) == []
+    backwards = ROOF.model_copy(update={"yaw_deg": (170, 190)})
+    assert at_the_edge(inside, (backwards,)) == []
+    assert at_the_edge(rig((0.2, 0.2, 1.7, 0, 0, np.radians(-170.0))), (backwards,)) == [
+        "LiDAR 1: yaw"
+    ]
 
 
 def test_a_lidar_that_was_not_searched_is_at_no_edge():
-    spans = Spans(roll_deg=(0, 20), pitch_deg=(0, 20), yaw_deg=(0, 20))
-    assert at_the_edge(rig((0.5, 0.499, 2.0, 0.0, 0.0, 0.0)), (), spans) == []
+    assert at_the_edge(rig((0.5, 0.499, 2.0, 0.0, 0.0, 0.0)), ()) == []
+    mirror_image = rig((0.2, -0.2, 2.0, 0.0, 0.0, 0.0))
+    assert at_the_edge(mirror_image, (ROOF,)) == []

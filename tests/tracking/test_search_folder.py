@@ -63,7 +63,7 @@ def test_absent_parts_are_none_or_empty(folder):
         ({"best": ["nobody"]}, "has no 'nobody'"),
         ({"seed": "first"}, "seed"),
         ({"rigs": {}}, "rigs: has no"),
-        ({"spans": {"roll_deg": [0, 1], "pitch_deg": [0, 1]}}, "spans.yaw_deg: is missing"),
+        ({"bound": {"value": "high"}}, "bound.value"),
     ],
 )
 def test_a_bad_key_is_named_with_the_file(folder, keys, words):

@@ -56,11 +56,17 @@ class Constraint(Part):
 
 
 class Zone(Part):
-    """Where LiDARs may sit: a polygon from above, corners in metres, between two heights."""
+    """Where LiDARs may sit: a polygon from above, corners in metres, between two heights.
+
+    Angles are the lowest and the highest of a mount there, degrees.
+    """
 
     name: str
     polygon: tuple[tuple[float, float], ...]
     z: tuple[float, float]
+    roll_deg: tuple[float, float]
+    pitch_deg: tuple[float, float]
+    yaw_deg: tuple[float, float]
 
 
 class Model(Part):
@@ -148,14 +154,6 @@ class Stride(Part):
     relative_error: float | None = None
 
 
-class Spans(Part):
-    """Lowest and highest angles of mounts that the search may choose, degrees."""
-
-    roll_deg: tuple[float, float]
-    pitch_deg: tuple[float, float]
-    yaw_deg: tuple[float, float]
-
-
 class Command(Part):
     """A line for the shell and what it does."""
 
@@ -216,8 +214,6 @@ class SearchResult(ResultFile):
     """Names of `rigs`, best first; several are of a Pareto front; empty if none is feasible."""
     front: int | None
     """Number of rigs of the whole Pareto front; null for one objective."""
-    spans: Spans
-    """Lowest and highest angles of mounts, degrees."""
     parameters: int
     """The largest number of parameters of a trial."""
     baseline: str | None

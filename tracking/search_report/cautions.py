@@ -16,7 +16,7 @@ def cautions(run: SearchFolder) -> list[str]:
     search = run.search
     found = [*_bound(run), *_against_baseline(run), *_other_cases(run)]
     if search.best:
-        edges = at_the_edge(search.rigs[search.best[0]], search.zones, search.spans)
+        edges = at_the_edge(search.rigs[search.best[0]], search.zones)
         if edges:
             found.append(
                 f"{search.best[0]} is at the edge of what was allowed ("

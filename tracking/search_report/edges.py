@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tracking.run_folders.search_json import Rig, Spans, Zone
+from tracking.run_folders.search_json import Rig, Zone
 
 _NEAR = 0.005
 """Metres: nearer to the face of a zone than any bracket is mounted."""
@@ -12,22 +12,23 @@ _SHARE = 0.01
 """Of the span of an angle."""
 
 
-def at_the_edge(rig: Rig, zones: tuple[Zone, ...], spans: Spans) -> list[str]:
+def at_the_edge(rig: Rig, zones: tuple[Zone, ...]) -> list[str]:
     """What of the rig lies at the edge, for example "LiDAR 2: z, roll".
 
-    LiDARs outside of `zones` were not searched. A range without width has no edge, and neither has
-    a full turn.
+    LiDARs outside of `zones` were not searched, or are mirror images of one within. A range without
+    width has no edge, and neither has a full turn.
     """
     by_name = {zone.name: zone for zone in zones}
     found = []
     for i, (mount, name) in enumerate(zip(rig.placed, rig.zones, strict=True), start=1):
-        if name not in by_name:
+        zone = by_name.get(name or "")
+        if zone is None or mount.y < min(y for _, y in zone.polygon) - _NEAR:
             continue
-        edges = _of_zone(mount.x, mount.y, mount.z, by_name[name])
+        edges = _of_zone(mount.x, mount.y, mount.z, zone)
         edges += [
             angle
             for angle in ("roll", "pitch", "yaw")
-            if _extreme(np.degrees(getattr(mount, angle)), getattr(spans, f"{angle}_deg"))
+            if _extreme(np.degrees(getattr(mount, angle)), getattr(zone, f"{angle}_deg"))
         ]
         if edges:
             found.append(f"LiDAR {i}: {', '.join(edges)}")
@@ -59,4 +60,5 @@ def _extreme(degrees: float, span: tuple[float, float]) -> bool:
     low, high = span
     if not low < high < low + 360:
         return False
-    return min(abs(degrees - low), abs(degrees - high)) < _SHARE * (high - low)
+    off = abs((degrees - (low + high) / 2 + 180) % 360 - 180)  # from the middle, either way round
+    return off > (0.5 - _SHARE) * (high - low)

@@ -22,10 +22,9 @@ from sweeps.search.problem.choice import (
     mirrored,
     ordered,
     placement_of,
-    price_of,
     rounded,
 )
-from sweeps.search.problem.constraints import ROUNDING
+from sweeps.search.problem.constraints import ROUNDING, depth_in
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.space import Slot, Space
 
@@ -56,8 +55,10 @@ def number_of_candidates(problem: Problem) -> int:
     """
     settings = problem.file.search.greedy
     assert settings is not None
-    about = len(problem.space.models) * sum(
-        _about(zone, settings) * math.prod(_count(span, settings) for span in slot.spans.values())
+    about = sum(
+        len(slot.models)
+        * _about(zone, settings)
+        * math.prod(_count(span, settings) for span in slot.spans.values())
         for slot in _kinds(problem.space)
         for zone in slot.zones
     )
@@ -81,7 +82,7 @@ def grid_points(problem: Problem) -> Iterator[tuple[Slot, str, Zone, Mount]]:
     assert settings is not None
     for slot in _kinds(space):
         turns = _turns(slot, settings)
-        for model, zone in itertools.product(space.models, slot.zones):
+        for model, zone in itertools.product(slot.models, slot.zones):
             for place, turn in itertools.product(
                 grid(zone, settings.position_step).tolist(), turns
             ):
@@ -89,11 +90,11 @@ def grid_points(problem: Problem) -> Iterator[tuple[Slot, str, Zone, Mount]]:
 
 
 def _kinds(space: Space) -> list[Slot]:
-    """A slot of each kind: a single LiDAR, a mirrored pair."""
-    slots: dict[bool, Slot] = {}
-    for number in space.numbers:
-        for slot in space.slots(number):
-            slots.setdefault(slot.pair, slot)
+    """A slot of each kind: a single LiDAR and a mirrored pair, of all zones or of each."""
+    slots: dict[tuple[bool, tuple[Zone, ...]], Slot] = {}
+    for makeup in space.makeups:
+        for slot in space.slots(makeup):
+            slots.setdefault((slot.pair, slot.zones), slot)
     return list(slots.values())
 
 
@@ -118,6 +119,8 @@ def _may_be(rig: Choices, fixed: Choices, problem: Problem) -> bool:
     if least_distance(placement_of(both, problem.models)) < limits.distance - ROUNDING:
         return False
     carrier = problem.question.carrier
+    if depth_in(carrier.keep_out, rig) > 0:
+        return False
     return limits.body_share is None or all(
         body_share(lidar.mount, problem.models[lidar.model], carrier.vehicle) <= limits.body_share
         for lidar in rig
@@ -143,7 +146,7 @@ def exposure_of(
 
 
 def limits_of(candidates: Sequence[Choices], problem: Problem) -> Limits:
-    """Number of LiDARs, of single ones beside pairs, price, and distances.
+    """Number of LiDARs, in all and in each zone, of single ones beside pairs, price, distances.
 
     The near field is no limit here: the bound holds for rigs that neglect it as well.
     """
@@ -155,12 +158,16 @@ def limits_of(candidates: Sequence[Choices], problem: Problem) -> Limits:
         odd = any(number % 2 for number in space.numbers)
         used.append((sizes == 1).astype(float))
         budgets.append(float(odd))
+    for name, zone in search.zones.items():
+        if zone.lidars is not None:
+            used.append(np.array([float(any(c.zone == name for c in rig)) for rig in candidates]))
+            budgets.append(float(zone.lidars[1]))
     if search.constraints.price is not None:
-        prices = problem.question.carrier.prices
+        carrier = problem.question.carrier
         # What every rig has is paid for first.
-        own = [0.0 if rig == fixed else price_of(rig, prices) for rig in candidates]
+        own = [0.0 if rig == fixed else carrier.price_of(rig) for rig in candidates]
         used.append(np.array(own))
-        budgets.append(max(0.0, search.constraints.price - price_of(fixed, prices)))
+        budgets.append(max(0.0, search.constraints.price - carrier.price_of(fixed)))
     return Limits(np.array(used), np.array(budgets), _compatible(candidates, search))
 
 

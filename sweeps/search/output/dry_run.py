@@ -14,9 +14,9 @@ def planned(problem: Problem) -> dict[str, Any]:
     settings, space = problem.file.search, problem.space
     return {
         "name": problem.file.name,
-        "lidars": [space.numbers[0], space.numbers[-1]],
+        "lidars": list(space.numbers),
         "zones": list(settings.zones),
-        "parameters": list(space.distributions(space.numbers[-1]) | space.further),
+        "parameters": list(space.distributions(space.makeups[-1]) | space.further),
         "objectives": [{"name": o.name, "best": o.best} for o in settings.objective],
         "constraints": [asdict(constraint) for constraint in problem.question.constraints],
         "trials": settings.trials,

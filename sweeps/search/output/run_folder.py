@@ -41,7 +41,6 @@ from tracking.run_folders.search_json import (
     Model,
     Objective,
     SearchResult,
-    Spans,
     Stride,
     Zone,
 )
@@ -154,7 +153,13 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> Sear
         roi=Roi(file.roi.x, file.roi.y, file.roi.z, file.surrogate.resolution),
         frames=next((grid.frames for grid in found.grids.values()), 0),
         zones=[
-            Zone(name=zone.name, polygon=zone.polygon, z=zone.z) for zone in problem.space.zones
+            Zone(
+                name=zone.name,
+                polygon=zone.polygon,
+                z=zone.z,
+                **{f"{angle}_deg": span for angle, span in problem.space.spans(zone.name).items()},
+            )
+            for zone in problem.space.zones
         ],
         vehicle=question.carrier.vehicle.boxes.tolist(),
         models={
@@ -168,10 +173,9 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> Sear
         bound=_bound(found, problem),
         best=found.best if several else found.best[:1],
         front=len(found.trials) if several else None,
-        spans=Spans(roll_deg=search.roll_deg, pitch_deg=search.pitch_deg, yaw_deg=search.yaw_deg),
         parameters=max(
-            len(problem.space.distributions(number) | problem.space.further)
-            for number in problem.space.numbers
+            len(problem.space.distributions(makeup) | problem.space.further)
+            for makeup in problem.space.makeups
         ),
         baseline=(
             None if any(o.measured and not o.judged for o in search.objective) else found.baseline

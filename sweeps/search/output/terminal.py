@@ -54,9 +54,9 @@ def coinciding_rings(rigs: Mapping[str, Choices], problem: Problem) -> list[str]
 def print_problem(console: Console, problem: Problem) -> None:
     """The space, the objectives, the constraints and the sampler."""
     settings, space = problem.file.search, problem.space
-    low, high = space.numbers[0], space.numbers[-1]
+    low, high = space.numbers
     wanted = ", ".join(f"{o.best} {o.name}" for o in settings.objective)
-    sizes = {len(space.distributions(n) | space.further) for n in space.numbers}
+    sizes = {len(space.distributions(makeup) | space.further) for makeup in space.makeups}
     parameters = " to ".join(str(size) for size in sorted({min(sizes), max(sizes)}))
     if space.zones:
         number = f"{low} to {high}" if low < high else str(low)

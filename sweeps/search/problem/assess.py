@@ -11,7 +11,7 @@ from lidarplace import OccupancyGrid, evaluate_classes, expected_ig_by_q
 from lidarplace.coverage import Method
 from lidarplace.surrogates.table import RAY_SURROGATES
 from sweeps.configuration.search import ObjectiveSettings
-from sweeps.search.problem.choice import Choices, is_possible, placement_of, price_of
+from sweeps.search.problem.choice import Choices, is_possible, placement_of
 from sweeps.search.problem.constraints import Carrier, Constraint, measures_of
 
 
@@ -81,7 +81,7 @@ def _values(
     by_class = _by_class(rig, question, grids) if question.needs_pog else {}
     for objective in question.objectives:
         if objective.by == "price":
-            found[objective.name] = price_of(rig, question.carrier.prices)
+            found[objective.name] = question.carrier.price_of(rig)
         elif not objective.measured:
             found[objective.name] = math.fsum(
                 weight * by_class[name][objective.by]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import astuple, dataclass, replace
 
@@ -41,11 +40,6 @@ def is_possible(choices: Choices) -> bool:
 def placement_of(choices: Choices, models: Mapping[str, Lidar], name: str = "rig") -> Placement:
     """The placement. Raises ValueError if two LiDARs sit in one place."""
     return Placement(name, [c.mount for c in choices], lidar=[models[c.model] for c in choices])
-
-
-def price_of(choices: Choices, prices: Mapping[str, float]) -> float:
-    """Of all LiDARs."""
-    return math.fsum(prices[choice.model] for choice in choices)
 
 
 def rounded(mount: Mount) -> Mount:

@@ -7,14 +7,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lidarplace import Lidar, Roi
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.near_field import near_field_coverage
 from lidarplace.mounting.spacing import least_distance
 from lidarplace.mounting.vehicle import Vehicle
-from sweeps.configuration.search import ConstraintSettings, SearchSettings
-from sweeps.search.problem.choice import Choices, is_possible, placement_of, price_of
+from sweeps.configuration.search import SearchSettings
+from sweeps.search.problem.choice import Choices, is_possible, placement_of
 
 ROUNDING = 1e-9
 """0.6 - 0.4 is not quite 0.2."""
@@ -42,9 +43,11 @@ class Constraint:
         return 0.0 if abs(violation) < ROUNDING else violation
 
 
-def constraints_of(settings: ConstraintSettings) -> tuple[Constraint, ...]:
+def constraints_of(search: SearchSettings) -> tuple[Constraint, ...]:
     """The constraints that are asked for."""
-    found = []
+    settings, found = search.constraints, []
+    if search.keep_out:
+        found.append(Constraint("keep_out", "m", 0.0, at_least=False))
     if settings.distance > 0:
         found.append(Constraint("distance", "m", settings.distance, at_least=True))
     if settings.body_share is not None:
@@ -62,26 +65,44 @@ class Carrier:
 
     Attributes:
         models, prices: by name of the model; NaN if the price is not known.
-        vehicle: its body.
+        mount_prices: by name of the zone.
+        vehicle: its body, and what hides what is behind it.
+        keep_out: boxes without a LiDAR, lower and upper corners, metres, shape (n, 2, 3).
         near_field: the zone around it that has to be seen; None if none has.
     """
 
     models: Mapping[str, Lidar]
     prices: Mapping[str, float]
+    mount_prices: Mapping[str, float]
     vehicle: Vehicle
+    keep_out: NDArray[np.float64]
     near_field: Roi | None
 
     @classmethod
     def of(cls, settings: SearchSettings, models: Mapping[str, Lidar]) -> Carrier:
         """As the configuration has it; `models` by name."""
         near = settings.constraints.near_field
+        boxes = [box.box for box in settings.keep_out.values()]
         priced = {name: model.price for name, model in settings.models.items()}
         return cls(
             models,
             {name: priced.get(name, math.nan if priced else 0.0) for name in models},
-            Vehicle("vehicle", np.array(settings.vehicle)),
+            {name: zone.price for name, zone in settings.zones.items()},
+            Vehicle("vehicle", np.array([*settings.vehicle, *boxes])),
+            np.array(boxes, np.float64).reshape(-1, 2, 3),
             None if near is None else Roi(near.x, near.y, near.z, near.resolution),
         )
+
+    def price_of(self, rig: Choices) -> float:
+        """Of all LiDARs and their mounts; a fixed LiDAR is in no zone."""
+        return math.fsum(self.prices[c.model] + self.mount_prices.get(c.zone, 0.0) for c in rig)
+
+
+def depth_in(boxes: NDArray[np.float64], rig: Choices) -> float:
+    """How far the deepest LiDAR is inside of one of the boxes (n, 2, 3), metres; 0 for none."""
+    places = np.array([lidar.mount.position for lidar in rig]).reshape(-1, 1, 3)
+    inside = np.minimum(places - boxes[:, 0], boxes[:, 1] - places).min(axis=2)
+    return float(inside.max(initial=0.0))
 
 
 def measures_of(
@@ -92,7 +113,9 @@ def measures_of(
     found = {}
     for constraint in constraints:
         if constraint.name == "price":
-            found["price"] = price_of(rig, carrier.prices)
+            found["price"] = carrier.price_of(rig)
+        elif constraint.name == "keep_out":
+            found["keep_out"] = depth_in(carrier.keep_out, rig)
         elif constraint.name == "distance":
             found["distance"] = least_distance(placement) if placement else 0.0
         elif constraint.name == "body_share":

@@ -211,7 +211,7 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
             )
     question = Question(
         objectives=settings.objective,
-        constraints=constraints_of(settings.constraints) if settings.zones else (),
+        constraints=constraints_of(settings) if settings.zones else (),
         carrier=carrier,
         method=file.surrogate.method,
         detection_probability=file.surrogate.detection_probability,
@@ -336,11 +336,11 @@ def _values(wanted: Sequence[Any] | RangeSettings) -> Sequence[Any]:
 
 
 def _start(file: SearchFile, name: str, space: Space) -> list[Placed]:
-    """A placement in the slots of the search; its LiDARs are of the first model."""
+    """A placement in the slots of the search; its LiDARs are of the first model of their zones."""
     _check_own_lidars(file, name, "search.start")
     try:
         placement = file.placement_named(name, file.lidar.lidar())
-        lidars = [Choice(space.models[0], "", mount) for mount in placement.mounts]
+        lidars = [Choice("", "", mount) for mount in placement.mounts]
         return placed_in(space, lidars)
     except ValueError as error:
         raise ValueError(f"search.start: {name}: {error}") from None
@@ -355,10 +355,7 @@ def _check_own_lidars(file: SearchFile, name: str, key: str) -> None:
 def _fixed(file: SearchFile, first: str) -> list[Choice]:
     """LiDARs that all rigs have: `fixed`, or a whole placement where there are no zones."""
     if file.search.zones:
-        return [
-            Choice(f.model or first, "", Mount(f.x, f.y, f.z, f.roll, f.pitch, f.yaw))
-            for f in file.search.fixed
-        ]
+        return [Choice(f.model or first, "", Mount(*f.pose)) for f in file.search.fixed]
     _check_own_lidars(file, file.placement, "placement")
     placement = file.placement_named(file.placement, file.lidar.lidar())
     return [Choice(OWN_MODEL, "", mount) for mount in placement.mounts]

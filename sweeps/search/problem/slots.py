@@ -39,27 +39,40 @@ class Placed:
 def placed_in(space: Space, lidars: Sequence[Choice]) -> list[Placed]:
     """Give each of the LiDARs, without the fixed ones, to a slot of its kind.
 
-    LiDARs without a zone get the first one that holds them.
+    LiDARs without a zone get the first one that holds them, and those without a model its first.
 
     Raises:
         ValueError: their number is none of the space's, or one has no slot.
     """
-    if len(lidars) not in space.numbers:
+    least, most = space.numbers
+    if not least <= len(lidars) <= most:
         raise ValueError(f"has {len(lidars)} LiDARs, more or fewer than search.lidars")
-    left = list(lidars)
-    found: list[Placed] = []
-    for slot in space.slots(len(lidars)):
+    left: list[Choice] = list(lidars)
+    for makeup in space.makeups:
+        slots = space.slots(makeup)
+        if sum(slot.size for slot in slots) != len(lidars):
+            continue
+        found, left = _in_slots(slots, lidars)
+        if not left:
+            return found
+    mount = left[0].mount
+    raise ValueError(
+        f"no zone, or no mirrored pair of the search, has a LiDAR at "
+        f"({mount.x:g}, {mount.y:g}, {mount.z:g}) with its angles"
+    )
+
+
+def _in_slots(slots: Sequence[Slot], lidars: Sequence[Choice]) -> tuple[list[Placed], list[Choice]]:
+    """Each of the LiDARs in a slot, and those that are left when one slot gets none."""
+    left, found = list(lidars), []
+    for slot in slots:
         place = next((p for lidar in left if (p := _in_slot(slot, lidar, left))), None)
         if place is None:
-            mount = left[0].mount
-            raise ValueError(
-                f"no zone, or no mirrored pair of the search, has a LiDAR at "
-                f"({mount.x:g}, {mount.y:g}, {mount.z:g}) with its angles"
-            )
+            break
         found.append(place)
         for mount in (own.mount for own in place.rig):
             left.remove(next(lidar for lidar in left if _same(lidar.mount, mount)))
-    return found
+    return found, left
 
 
 def rig_of(placed: Sequence[Placed], space: Space) -> Choices:
@@ -74,21 +87,24 @@ def params_of(placed: Sequence[Placed], space: Space) -> dict[str, object]:
 
 def _in_slot(slot: Slot, lidar: Choice, left: Sequence[Choice]) -> Placed | None:
     """The LiDAR in that slot; a pair needs its mirrored one among those `left`."""
-    mount = lidar.mount
+    mount, model = lidar.mount, lidar.model or slot.models[0]
+    if model not in slot.models:
+        return None
     if slot.pair:
         other = mirrored(mount)
         if mount.y <= 0 or not any(_same(own.mount, other) for own in left):
             return None
     for zone in slot.zones:
         if lidar.zone in ("", zone.name) and _fits(slot, zone, mount):
-            return Placed(slot, Choice(lidar.model, zone.name, mount))
+            return Placed(slot, Choice(model, zone.name, mount))
     return None
 
 
 def _fits(slot: Slot, zone: Zone, mount: Mount) -> bool:
     turn = (mount.roll, mount.pitch, mount.yaw)
     return distance(zone, mount.x, mount.y, mount.z) <= TOLERANCE and all(
-        math.radians(low) - _ANGLE <= angle <= math.radians(high) + _ANGLE
+        abs(math.remainder(angle - math.radians(low + high) / 2, math.tau))
+        <= math.radians(high - low) / 2 + _ANGLE
         for angle, (low, high) in zip(turn, slot.spans.values(), strict=True)
     )
 

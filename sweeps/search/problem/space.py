@@ -7,6 +7,7 @@ Angles are in degrees. What cannot vary is no parameter.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -27,7 +28,14 @@ from sweeps.configuration.search import Pair, RangeSettings, SearchSettings
 from sweeps.search.problem.choice import Choice, Choices, mirrored, ordered, rounded
 
 NUMBER = "lidars"
-"""The parameter for the number of LiDARs."""
+"""The parameter for the number of LiDARs: of all zones together, or after the name of a zone."""
+
+MOST_MAKEUPS = 10_000
+"""Ways to divide LiDARs among zones."""
+
+Makeup = tuple[int, ...]
+"""How many LiDARs there are to place: in all zones together, or in each zone that says how many; a
+mirrored pair of a zone counts once."""
 
 _ANGLES = ("roll", "pitch", "yaw")
 
@@ -39,14 +47,21 @@ class Slot:
     Attributes:
         name: prefix of its parameters, such as `lidar_1`.
         zones: where it may sit; of a pair the left one's.
-        spans: roll, pitch, yaw of each of them, (min, max) in degrees.
+        models: names of the LiDAR models that it may be.
+        spans: roll, pitch, yaw of each of them, (min, max) in degrees, ego frame.
         pair: whether a mirrored one goes with it.
     """
 
     name: str
     zones: tuple[Zone, ...]
+    models: tuple[str, ...]
     spans: Mapping[str, Pair]
     pair: bool
+
+    @property
+    def size(self) -> int:
+        """LiDARs in it."""
+        return 2 if self.pair else 1
 
 
 class Space:
@@ -57,7 +72,8 @@ class Space:
         fixed: LiDARs that every rig has.
 
     Raises:
-        ValueError: symmetry is asked for, and no zone has room for it.
+        ValueError: symmetry is asked for, and no zone has room for it; or there are too many ways
+            to divide LiDARs among zones.
     """
 
     def __init__(
@@ -67,31 +83,80 @@ class Space:
         self.zones = tuple(zone.zone(name) for name, zone in settings.zones.items())
         if settings.symmetric:
             _check_symmetry(self.zones)
-        for number in self.numbers:
-            self.slots(number)
+        for makeup in self.makeups:
+            self.slots(makeup)
 
-    @property
-    def numbers(self) -> range:
-        """How many LiDARs there may be, without the fixed ones."""
+    @cached_property
+    def counts(self) -> dict[str, Pair]:
+        """How many LiDARs there may be at least and at most, by the parameter's name."""
         if not self.zones:
-            return range(1)
-        low, high = self.settings.lidars
-        return range(low, high + 1)
+            return {NUMBER: (0, 0)}
+        if not self.settings.counted:
+            return {NUMBER: self.settings.lidars}
+        zones = self.settings.zones.items()
+        return {f"{name}.{NUMBER}": zone.lidars for name, zone in zones if zone.lidars}
 
-    def slots(self, number: int) -> list[Slot]:
-        """What has to be placed to have that many LiDARs."""
+    @cached_property
+    def makeups(self) -> tuple[Makeup, ...]:
+        """All that there may be, without the fixed LiDARs; those with fewest LiDARs first."""
+        ways = math.prod(int(high - low) + 1 for low, high in self.counts.values())
+        if ways > MOST_MAKEUPS:
+            raise ValueError(
+                f"search.zones: {ways:,} ways to divide LiDARs among them, more than "
+                f"{MOST_MAKEUPS:,}; give ranges of `lidars` to fewer zones"
+            )
+        ranges = (range(int(low), int(high) + 1) for low, high in self.counts.values())
+        found = itertools.product(*ranges)
+        return tuple(sorted(found, key=lambda makeup: (self._size(makeup), makeup)))
+
+    def _size(self, makeup: Makeup) -> int:
+        return sum(slot.size for slot in self.slots(makeup))
+
+    @cached_property
+    def numbers(self) -> tuple[int, int]:
+        """The least and the greatest number of LiDARs, without the fixed ones."""
+        sizes = [self._size(makeup) for makeup in (self.makeups[0], self.makeups[-1])]
+        return sizes[0], sizes[1]
+
+    def slots(self, makeup: Makeup) -> list[Slot]:
+        """What has to be placed to have so many LiDARs."""
+        if self.settings.counted:
+            counted = zip(self.zones, makeup, strict=True)
+            return [slot for zone, count in counted for slot in self._in_zone(zone, count)]
+        (number,) = makeup
         spans = {name: getattr(self.settings, f"{name}_deg") for name in _ANGLES}
         if not self.settings.symmetric:
-            return [Slot(f"lidar_{i + 1}", self.zones, spans, False) for i in range(number)]
+            return [
+                Slot(f"lidar_{i + 1}", self.zones, self.models, spans, False) for i in range(number)
+            ]
         pairs = [
-            Slot(f"pair_{i + 1}", self._halves, spans, True) for i in range(number // 2)
-        ]  # fmt: skip
+            Slot(f"pair_{i + 1}", self._halves, self.models, spans, True)
+            for i in range(number // 2)
+        ]
         if number % 2 == 0:
             return pairs
         if not self._middles:
             raise ValueError("search.symmetric: an odd number needs a zone that meets y = 0")
         upright = spans | {"roll": (0.0, 0.0), "yaw": (0.0, 0.0)}
-        return [*pairs, Slot("centre", self._middles, upright, False)]
+        return [*pairs, Slot("centre", self._middles, self.models, upright, False)]
+
+    def _in_zone(self, zone: Zone, count: int) -> list[Slot]:
+        """The slots of a zone that says how many LiDARs it has."""
+        said, spans = self.settings.zones[zone.name], self.spans(zone.name)
+        models = said.models or self.models
+        return [
+            Slot(f"{zone.name}_{i + 1}", (zone,), models, spans, said.mirrored)
+            for i in range(count)
+        ]
+
+    def spans(self, zone: str) -> dict[str, Pair]:
+        """Lowest and highest roll, pitch and yaw of a mount in that zone, degrees, ego frame."""
+        said = self.settings.zones[zone]
+        found = {
+            a: getattr(said, f"{a}_deg") or getattr(self.settings, f"{a}_deg") for a in _ANGLES
+        }
+        low, high = found["yaw"]
+        return found | {"yaw": (said.facing_deg + low, said.facing_deg + high)}
 
     @cached_property
     def _halves(self) -> tuple[Zone, ...]:
@@ -101,17 +166,17 @@ class Space:
     def _middles(self) -> tuple[Zone, ...]:
         return tuple(middle for middle in map(on_centre_line, self.zones) if middle is not None)
 
-    def distributions(self, number: int) -> dict[str, BaseDistribution]:
-        """The parameters of a rig with that many LiDARs."""
+    def distributions(self, makeup: Makeup) -> dict[str, BaseDistribution]:
+        """The parameters of a rig with so many LiDARs."""
         found: dict[str, BaseDistribution] = {}
-        for slot in self.slots(number):
+        for slot in self.slots(makeup):
             found |= self._of_slot(slot)
         return found
 
     def _of_slot(self, slot: Slot) -> dict[str, BaseDistribution]:
         found: dict[str, BaseDistribution] = {}
-        if len(self.models) > 1:
-            found["model"] = CategoricalDistribution(self.models)
+        if len(slot.models) > 1:
+            found["model"] = CategoricalDistribution(slot.models)
         if len(slot.zones) > 1:
             found["zone"] = CategoricalDistribution([zone.name for zone in slot.zones])
         for axis, name in enumerate("xyz"):
@@ -132,36 +197,47 @@ class Space:
 
         The parameters of a rig depend on the number of its LiDARs.
         """
-        numbers = self.numbers
-        number = numbers[0]
-        if len(numbers) > 1:
-            number = trial.suggest_int(NUMBER, numbers[0], numbers[-1])
-        for name, distribution in (self.distributions(number) | self.further).items():
+        for name, (low, high) in self.counts.items():
+            if low < high:
+                trial.suggest_int(name, int(low), int(high))
+        makeup = self.makeup(trial.params)
+        for name, distribution in (self.distributions(makeup) | self.further).items():
             _suggest(trial, name, distribution)
         values = {key: trial.params[key] for key in self.further}
-        return self.rig(number, trial.params), values
+        return self.rig(trial.params), values
 
-    def rig(self, number: int, params: Mapping[str, Any]) -> Choices:
+    def makeup(self, params: Mapping[str, Any]) -> Makeup:
+        """How many LiDARs these parameters ask for."""
+        return tuple(int(params.get(name, low)) for name, (low, _) in self.counts.items())
+
+    def rig(self, params: Mapping[str, Any]) -> Choices:
         """The rig of these parameters."""
         lidars = list(self.fixed)
-        for slot in self.slots(number):
-            model = params.get(f"{slot.name}.model", self.models[0])
+        for slot in self.slots(self.makeup(params)):
+            model = params.get(f"{slot.name}.model", slot.models[0])
             name = params.get(f"{slot.name}.zone", slot.zones[0].name)
             zone = next(zone for zone in slot.zones if zone.name == name)
             place = position(zone, *(params.get(f"{slot.name}.{axis}", 0.5) for axis in "xyz"))
-            turn = (
+            roll, pitch, yaw = (
                 math.radians(params.get(f"{slot.name}.{angle}_deg", slot.spans[angle][0]))
                 for angle in _ANGLES
             )
-            mount = rounded(Mount(*place, *turn))
+            mount = rounded(Mount(*place, roll, pitch, math.remainder(yaw, math.tau)))
             lidars.append(Choice(model, name, mount))
             if slot.pair:
                 lidars.append(Choice(model, name, mirrored(mount)))
         return ordered(lidars)
 
     def params(self, placed: Sequence[tuple[Slot, Choice]]) -> dict[str, Any]:
-        """The parameters that give these LiDARs to their slots; the inverse of `rig`."""
+        """The parameters that give these LiDARs to all slots of a makeup; the inverse of `rig`."""
         found: dict[str, Any] = {}
+        for name, (low, high) in self.counts.items():
+            if self.settings.counted:
+                number = sum(name == f"{slot.zones[0].name}.{NUMBER}" for slot, _ in placed)
+            else:
+                number = sum(slot.size for slot, _ in placed)
+            if low < high:
+                found[name] = number
         for slot, lidar in placed:
             zone = next(zone for zone in slot.zones if zone.name == lidar.zone)
             mount = lidar.mount
@@ -169,13 +245,17 @@ class Space:
             place = shares(zone, mount.x, mount.y, mount.z)
             values |= dict(zip("xyz", place, strict=True))
             for angle, (low, high) in slot.spans.items():
-                degrees = math.degrees(getattr(mount, angle))
+                degrees = _near(math.degrees(getattr(mount, angle)), (low + high) / 2)
                 values[f"{angle}_deg"] = min(max(degrees, low), high)
             known = self._of_slot(slot)
             named = {f"{slot.name}.{name}": value for name, value in values.items()}
             found |= {name: value for name, value in named.items() if name in known}
-        number = sum(2 if slot.pair else 1 for slot, _ in placed)
-        return found | ({NUMBER: number} if len(self.numbers) > 1 else {})
+        return found
+
+
+def _near(degrees: float, middle: float) -> float:
+    """The same direction, less than half a turn from the middle of its span."""
+    return degrees - 360 * round((degrees - middle) / 360)
 
 
 def _check_symmetry(zones: Sequence[Zone]) -> None:

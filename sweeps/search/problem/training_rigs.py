@@ -27,8 +27,8 @@ def training_rigs(
 ) -> dict[str, Choices]:
     """Rigs by name, spread from those whose rings overlap least to those with the most.
 
-    Every number of LiDARs is there as often. Constraints are not looked at: a detector may learn
-    from rigs that nobody builds.
+    Every number of LiDARs in a zone is there as often. Constraints are not looked at: a detector
+    may learn from rigs that nobody builds.
 
     Args:
         models: LiDARs by name.
@@ -36,13 +36,17 @@ def training_rigs(
         seed: of all that is drawn.
     """
     random = np.random.default_rng(seed)
-    numbers = [count for count in space.numbers if count + len(space.fixed)]
+    makeups = [makeup for makeup in space.makeups if any(makeup) or space.fixed]
+    if len(makeups) > number:  # from the fewest LiDARs to the most
+        makeups = [makeups[i] for i in np.linspace(0, len(makeups) - 1, number).round().astype(int)]
     found: dict[str, Choices] = {}
-    for place, lidars in enumerate(numbers):
-        wanted = len(range(place, number, len(numbers)))
+    for place, makeup in enumerate(makeups):
+        wanted = len(range(place, number, len(makeups)))
+        counts = dict(zip(space.counts, makeup, strict=True))
         drawn: list[Choices] = []
         while len(drawn) < CANDIDATES * wanted:
-            rig = space.rig(lidars, _drawn(space.distributions(lidars), len(drawn), random))
+            turns = _drawn(space.distributions(makeup), len(drawn), random)
+            rig = space.rig(counts | turns)
             if is_possible(rig):
                 drawn.append(rig)
         placements = [placement_of(rig, models) for rig in drawn]

@@ -24,7 +24,7 @@ from lidarplace.files.secret_urls import check_whole, hide_secrets
 from sweeps.configuration.search import SearchSettings
 from sweeps.search.problem.assess import Assessment
 from sweeps.search.problem.choice import Choices
-from sweeps.search.problem.space import NUMBER, Space
+from sweeps.search.problem.space import Space
 from sweeps.search.trials.samplers import Repeatable, pruner_for
 
 ASSESSMENT = "assessment"
@@ -229,7 +229,7 @@ def assessment_of(trial: FrozenTrial) -> Assessment:
 
 def candidate_of(trial: FrozenTrial, space: Space) -> Candidate:
     """What a finished trial asked about."""
-    rig = space.rig(trial.params.get(NUMBER, space.numbers[0]), trial.params)
+    rig = space.rig(trial.params)
     values = {key: trial.params[key] for key in space.further}
     return Candidate(trial.number, rig, values)
 
