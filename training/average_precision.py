@@ -220,8 +220,15 @@ def _by_unit(values, unit, units):
 
 
 @njit(cache=True)
+def _precision_of_others(matched, found, unit, lowest):
+    """Precision from each score of `lowest` on, without the unit's own; `Rising` scores."""
+    positives, all_found = _others_from(matched, unit, lowest), _others_from(found, unit, lowest)
+    return positives / np.maximum(all_found, 1)
+
+
+@njit(cache=True)
 def _others_from(scores, unit, lowest):
-    """How many scores of other units are at least `lowest`."""
+    """How many scores of other units are at least each of `lowest`."""
     own = scores.by_unit[scores.offsets[unit] : scores.offsets[unit + 1]]
     above = len(scores.values) - np.searchsorted(scores.values, lowest)
     return above - (len(own) - np.searchsorted(own, lowest))
@@ -239,10 +246,25 @@ def precision_without_each(hits, matched, found, truths, points):
     falling, unit_of = hits.values[::-1].copy(), hits.unit[::-1].copy()
     for unit in range(len(truths)):
         lowest = sampled_scores(falling[unit_of != unit], truths[unit], points)
-        for i in range(len(lowest)):
-            positives = _others_from(matched, unit, lowest[i])
-            precision[unit, i] = positives / max(_others_from(found, unit, lowest[i]), 1)
+        precision[unit, : len(lowest)] = _precision_of_others(matched, found, unit, lowest)
     return precision
+
+
+@njit(cache=True)
+def area_without_each(hits, matched, found, truths):
+    """Area under the precision over recall of the others, of every unit, shape (units,).
+
+    Precision, made monotone from the right, counts at every hit, each a recall of one ground truth.
+    Arguments as of `precision_without_each`; 0 where none is left.
+    """
+    area = np.zeros(len(truths))
+    for unit in range(len(truths)):
+        lowest = hits.values[hits.unit != unit]
+        highest = 0.0
+        for precision in _precision_of_others(matched, found, unit, lowest):
+            highest = max(highest, precision)
+            area[unit] += highest / truths[unit]
+    return area
 
 
 def precision_curve(

@@ -53,8 +53,8 @@ class Evaluation:
             ("recall" counts those above its IoU), and `found`, whether "class_recall_3D" counts
             them at the strict IoU of their class.
         left_out: the same metrics without each route, each individual and halves of the routes:
-            `training.leave_out.COLUMNS`, values in percent, NaN where no ground truth is left.
-            None unless routes were given.
+            `training.leave_out.COLUMNS`, values in percent, NaN where no ground truth is left; AP
+            without routes and individuals is an area, see there. None unless routes were given.
     """
 
     metrics: pd.DataFrame

@@ -3,6 +3,11 @@
 Objects of one route share its streets, its traffic and its vehicle, and boxes of one individual are
 nearly the same object. The spread of what remains is the jackknife's estimate of how much another
 test set would change the number (`tracking.statistics.jackknife`).
+
+AP_R40 itself has no such spread: it moves in steps of 2.5 points of recall, and the jackknife of
+what is not smooth is inconsistent (of the median: Efron 1979; in general: Shao and Wu 1989). So AP
+without a route or an individual is the area under precision over recall at every hit, which AP_R40
+samples. Halves of the test frames are no jackknife, and have AP_R40.
 """
 
 from __future__ import annotations
@@ -121,16 +126,19 @@ def overlapped_most(
 def ap_without_each(
     object_class: str, matches: Mapping[tuple[str, float], Matches], either: Sequence[Units]
 ) -> list[pd.DataFrame]:
-    """AP and recall of a class without each unit.
+    """AP and recall of a class without each unit: without routes and individuals AP as an area.
 
     Args:
         matches: by view, "3D" or "BEV", and IoU: of KITTI's, and in 3D of `MEAN_AP_IOU`.
-        either: `units_of` the boxes.
+        either: `units_of` and `halves_of` the boxes.
     """
     tables = []
     for units in either:
         of_each = (units.truth, units.detection, len(units.names))
-        ap = {key: match.without_each(*of_each) for key, match in matches.items()}
+        if units.kind == "half":
+            ap = {key: match.ap_without_each(*of_each) for key, match in matches.items()}
+        else:
+            ap = {key: match.area_without_each(*of_each) for key, match in matches.items()}
         for view, iou in product(("3D", "BEV"), kitti_iou(object_class)):
             tables.append(units.table(object_class, f"AP_R40_{view}", iou, ap[view, iou]))
         mean = np.mean([ap["3D", iou] for iou in MEAN_AP_IOU], axis=0)

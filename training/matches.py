@@ -21,6 +21,7 @@ from training.average_precision import (
     FramePairs,
     Rising,
     ap_r40,
+    area_without_each,
     hit_scores,
     monotone,
     precision_without_each,
@@ -71,9 +72,11 @@ class Matches:
     def precision(self) -> NDArray[np.float64]:
         """Precision over recall, that of `average_precision.precision_curve`, shape (41,)."""
         of_none = (np.full(len(self.hit), -1), np.full(len(self.scores), -1))
-        return self._precision(*of_none, np.array([len(self.hit)]))[0]
+        every = np.array([len(self.hit)])
+        sampled = precision_without_each(*self._by_unit(*of_none, 1), every, RECALL_POINTS)
+        return monotone(sampled)[0]
 
-    def without_each(
+    def ap_without_each(
         self, truth_unit: NDArray[np.int64], detection_unit: NDArray[np.int64], units: int
     ) -> NDArray[np.float64]:
         """AP_R40 in percent without each unit, shape (units,); NaN where no ground truth is left.
@@ -85,23 +88,31 @@ class Matches:
             truth_unit, detection_unit: unit of every ground truth and detection, shapes (G,), (D,).
         """
         left = len(truth_unit) - np.bincount(truth_unit, minlength=units)
-        ap = ap_r40(self._precision(truth_unit, detection_unit, left))
-        return np.where(left > 0, ap, np.nan)
+        scores = self._by_unit(truth_unit, detection_unit, units)
+        sampled = precision_without_each(*scores, left, RECALL_POINTS)
+        return np.where(left > 0, ap_r40(monotone(sampled)), np.nan)
 
-    def _precision(
-        self,
-        truth_unit: NDArray[np.int64],
-        detection_unit: NDArray[np.int64],
-        left: NDArray[np.int64],
+    def area_without_each(
+        self, truth_unit: NDArray[np.int64], detection_unit: NDArray[np.int64], units: int
     ) -> NDArray[np.float64]:
-        """Precision over recall without each unit, of which `left` ground truths remain."""
-        hits, matched, scores = (
-            Rising.of(values, order, of_unit, len(left))
-            for (values, order), of_unit in zip(
-                self._orders, (truth_unit, truth_unit, detection_unit), strict=True
-            )
+        """`ap_without_each` as the area under the precision at every hit, not at 41 recall points.
+
+        It moves with every hit, where AP_R40 moves by whole points of recall.
+        """
+        left = len(truth_unit) - np.bincount(truth_unit, minlength=units)
+        area = area_without_each(*self._by_unit(truth_unit, detection_unit, units), left)
+        return np.where(left > 0, 100 * area, np.nan)
+
+    def _by_unit(
+        self, truth_unit: NDArray[np.int64], detection_unit: NDArray[np.int64], units: int
+    ) -> tuple[Rising, Rising, Rising]:
+        """Hits, matches and detections with their units."""
+        hit, matched, found = self._orders
+        return (
+            Rising.of(*hit, truth_unit, units),
+            Rising.of(*matched, truth_unit, units),
+            Rising.of(*found, detection_unit, units),
         )
-        return monotone(precision_without_each(hits, matched, scores, left, RECALL_POINTS))
 
 
 @njit(cache=True)

@@ -115,7 +115,7 @@ def trainings(seeds: int, rng: np.random.Generator) -> Array:
 def whole_ap(matches: Matches) -> float:
     """AP of all of it: without a unit that nothing belongs to."""
     truths, found = (np.zeros(len(side), np.intp) for side in (matches.hit, matches.scores))
-    return float(matches.without_each(truths, found, 2)[1])
+    return float(matches.ap_without_each(truths, found, 2)[1])
 
 
 def tables(test: TestSet) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -129,7 +129,7 @@ def tables(test: TestSet) -> tuple[pd.DataFrame, pd.DataFrame]:
         for s, matches in enumerate(row):
             results.append((p, s, whole_ap(matches)))
             for kind, units, truth, detection in kinds:
-                values = matches.without_each(truth, detection[p][s], units)
+                values = matches.area_without_each(truth, detection[p][s], units)
                 own = {"unit": kind, "left_out": np.arange(units), "value": values}
                 own["ground_truths"] = np.bincount(truth, minlength=units)
                 left_out.append(pd.DataFrame({"placement": p, "seed": s} | own))

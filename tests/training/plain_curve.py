@@ -5,8 +5,11 @@ import numpy as np
 from training.average_precision import COUNTS, OTHER
 
 
-def plain_curve(frames, minimum):
-    """The definition in plain Python: per frame (overlaps [gt][dt], scores, gt roles, dt roles)."""
+def plain_curve(frames, minimum, points=41):
+    """The definition in plain Python: per frame (overlaps [gt][dt], scores, gt roles, dt roles).
+
+    With a point more than there are ground truths every hit is one.
+    """
 
     def match(overlaps, scores, truth_role, found_role, lowest, by_score):
         taken, hits = set(), []
@@ -41,10 +44,12 @@ def plain_curve(frames, minimum):
         if not last and (i + 2) / total - recall < recall - (i + 1) / total:
             continue
         sampled.append(score)
-        recall += 1 / 40
-    curve = np.zeros(41)
-    for t, score in enumerate(sampled):
+        recall += 1 / (points - 1)
+    precision = {}
+    for score in set(sampled):
         matched = [match(*f, score, False) for f in frames]
         hits, alarms = sum(len(h) for h, _ in matched), sum(a for _, a in matched)
-        curve[t] = hits / (hits + alarms) if hits + alarms else 0.0
+        precision[score] = hits / (hits + alarms) if hits + alarms else 0.0
+    curve = np.zeros(points)
+    curve[: len(sampled)] = [precision[score] for score in sampled]
     return np.maximum.accumulate(curve[::-1])[::-1], len(scores) / total

@@ -149,7 +149,12 @@ LEFT_OUT = Table(
         Column("unit", "str", "`route`, `individual` or `half`"),
         Column("left_out", "str", "which one; `0a` and `0b` are the halves of one split"),
         Column("ground_truths", "int64", "boxes of the ground truth that are left out with it"),
-        Column("value", "float64", "percent, of the others"),
+        Column(
+            "value",
+            "float64",
+            "percent, of the others; AP without a `route` or an `individual` is the area under "
+            "precision over recall at every hit",
+        ),
     ),
     axes=_EVERY_AXIS,
 )

@@ -5,6 +5,9 @@ error is estimated by leaving each route out in turn, and each individual (the d
 with Student's distribution as for few clusters: MacKinnon, Nielsen and Webb 2023). Routes hold what
 their objects share, but are few; individuals are more, but are taken as independent. The larger of
 the two errors counts.
+
+The jackknife needs numbers that move smoothly with the units. AP of single IoUs is left out as the
+area that it samples, see `training.leave_out`.
 """
 
 from __future__ import annotations
