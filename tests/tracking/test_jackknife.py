@@ -143,3 +143,29 @@ def test_without_a_table_and_with_one_seed_intervals_are_as_they_were():
     assert means[["low", "high", "half"]].isna().all(axis=None)
     assert means["sample_sd"].notna().all()
     assert best_placement(one, left_out=left_out).others["low"].isna().all()
+
+
+def test_what_a_generalist_gives_to_all_placements_is_in_no_comparison():
+    results, left_out = study(np.random.default_rng(4))
+    kind = results["seed"].map({0: 30.0, 1: 0.0, 2: -30.0})
+    harsh = results.assign(value=results["value"] + kind)
+    plain, own = (
+        seed_means(table, left_out=left_out, judge="generalist") for table in (results, harsh)
+    )
+    assert own["half"].tolist() == pytest.approx(plain["half"].tolist())
+    assert ((own["high"] - own["low"]) > 3 * (plain["high"] - plain["low"])).all()
+    # By hand: rows and columns of a table of placements and seeds taken out.
+    y = harsh.pivot(index="placement", columns="seed", values="value")
+    rest = y.sub(y.mean(axis=1), axis=0) - y.mean(axis=0) + y.to_numpy().mean()
+    seeds, error = (rest**2).to_numpy().sum() / 6 / 3, sample_error(left_out, paired=True)
+    whole = seeds + error.variance
+    freedom = whole**2 / (seeds**2 / 6 + error.variance**2 / error.degrees)
+    by_hand = stats.t.ppf(0.975, freedom) * np.sqrt(whole)
+    assert own["half"].tolist() == pytest.approx([by_hand] * 4)
+    # A judgement that is missing: generalists are taken for seeds.
+    some = harsh[1:]
+    missing = seed_means(some, judge="generalist")
+    pd.testing.assert_frame_equal(missing, seed_means(some))
+    # So is one placement: there is nothing that it has in common with others.
+    alone = harsh[harsh["placement"] == "p0"]
+    pd.testing.assert_frame_equal(seed_means(alone, judge="generalist"), seed_means(alone))

@@ -117,9 +117,8 @@ def best_placement(
     y = y.reindex(known["placement"].unique())
     y = y.iloc[np.argsort(-seed_mean(y.to_numpy(np.float64)), kind="stable")]
     values = y.to_numpy(np.float64)
-    paired = generalist and bool(np.isfinite(values).all())
     means = seed_mean(values)
-    of_seeds = Noise.of_judges(values) if paired else Noise.of_seeds(values)
+    of_seeds = Noise.of(values, shared=generalist)
     sample = None if left_out is None else sample_error(left_out, paired=True)
     noise = combined(of_seeds, sample)
     alone = generalist and of_seeds.degrees == 0 and sample is not None and len(y) > 1

@@ -16,6 +16,7 @@ from tracking.kitti_iou import headline_iou
 from tracking.labels import in_order, surrogate_short
 from tracking.run_folders.sweep import RunFolder
 from tracking.statistics.jackknife import sample_error
+from tracking.statistics.reliability import Noise
 
 TERMINAL_ROWS = 20
 """Rows of the summary of a sweep without results: a terminal shows the best."""
@@ -36,17 +37,18 @@ def seed_means(
 
     Args:
         left_out: `RunFolder.left_out`; None: intervals are over seeds alone.
-        judge: of all results, where it is no axis. A single generalist judged all placements, so
-            that the test objects are all that its intervals hold.
+        judge: of all results, where it is no axis. A generalist judged all placements: what it
+            gives to all of them alike is in no comparison (`Noise.of_judges`), and the test objects
+            are all that the intervals of a single one hold.
 
     Returns:
         One row per (placement, class, detector, axes, metric, iou, difficulty): `mean`, `sd`
         (n - 1; NaN for one seed), `seeds`, the smallest number of `ground_truths`;
         `sample_sd`, the error by the choice of the test objects, NaN where it is unknown; `low`
         and `high`; and `half`, half the interval of the mean against other placements that were
-        tested on the same frames, two of which add in squares. All three are NaN where no placement
-        has two seeds, unless a generalist judged them. Rows whose value is NaN for every seed have
-        0 seeds.
+        tested on the same frames, and judged by the same generalists, two of which add in squares.
+        All three are NaN where no placement has two seeds, unless a generalist judged them. Rows
+        whose value is NaN for every seed have 0 seeds.
     """
     groups = group_columns(axes)
     means = (
@@ -67,9 +69,17 @@ def seed_means(
     variance = summed["squares"] / degrees / means["seeds"].where(means["seeds"] > 0)
     errors = _sample_errors(means, left_out, groups)
     alone = degrees.isna() & (judges(means, judge) == GENERALIST)
+    shared = _shared_noise(means, results[judges(results, judge) == GENERALIST], groups)
+    seeds = {
+        "single": (variance, degrees),
+        "paired": (
+            (shared["variance"] / means["seeds"]).fillna(variance),
+            shared["degrees"].fillna(degrees),
+        ),
+    }
     half = {
-        name: _half(variance, degrees, errors[f"{name}_variance"], errors[f"{name}_degrees"], alone)
-        for name in ("single", "paired")
+        name: _half(*noise, errors[f"{name}_variance"], errors[f"{name}_degrees"], alone)
+        for name, noise in seeds.items()
     }
     return means.assign(
         sample_sd=np.sqrt(errors["single_variance"]),
@@ -96,6 +106,20 @@ def _half(
     parts = variance**2 / degrees + (other**2 / other_degrees).fillna(0)
     freedom = (whole**2 / parts.where(parts > 0)).fillna(degrees)
     return stats.t.ppf(0.975, freedom) * np.sqrt(whole)
+
+
+def _shared_noise(means: pd.DataFrame, judged: pd.DataFrame, groups: list[str]) -> pd.DataFrame:
+    """`Noise.of` what generalists judged, at every row of `means`; NaN where it is unknown."""
+    names = ["variance", "degrees"]
+    rows = []
+    known = judged[judged["value"].notna()]
+    for values, own in known.groupby(groups, dropna=False, sort=False, observed=True):
+        y = own.pivot(index="placement", columns="seed", values="value").to_numpy(np.float64)
+        noise = Noise.of(y, shared=True)
+        found = (noise.variance, noise.degrees or np.nan)
+        rows.append(dict(zip(groups, values, strict=True)) | dict(zip(names, found, strict=True)))
+    table = pd.DataFrame(rows).reindex(columns=[*groups, *names])
+    return means[groups].merge(table, on=groups, how="left").set_index(means.index)[names]
 
 
 def _sample_errors(

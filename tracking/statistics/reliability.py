@@ -30,6 +30,11 @@ class Noise:
         return cls(counts, float(pooled), float(degrees))
 
     @classmethod
+    def of(cls, y: NDArray[np.float64], shared: bool) -> Noise:
+        """`of_judges` if seeds are `shared` and none is missing, else `of_seeds`."""
+        return cls.of_judges(y) if shared and np.isfinite(y).all() else cls.of_seeds(y)
+
+    @classmethod
     def of_judges(cls, y: NDArray[np.float64]) -> Noise:
         """Of values of shape (n, judges), where each judge has judged all placements.
 
