@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import pandas as pd
 import plotly.graph_objects as go
 
-from tracking.figures.kit.style import OUTLINE, colour, error_bars, figure, symbol, text
+from tracking.figures.kit.placement_points import placement_markers
+from tracking.figures.kit.style import OUTLINE, error_bars, figure, text
 
 _ROW = 26  # pixels
 
@@ -23,7 +24,6 @@ def forest(table: pd.DataFrame, title: str, axis: str, placements: Sequence[str]
         placements: all of the sweep, in order, so that a placement keeps its colour.
     """
     names = [str(name) for name in table.index]
-    rank = [placements.index(name) for name in names]
     plot = figure(title, height=130 + _ROW * len(names))
     rows = list(range(len(names)))
     whole = ((table["high"] - table["low"]) / 2).fillna(0)
@@ -42,11 +42,7 @@ def forest(table: pd.DataFrame, title: str, axis: str, placements: Sequence[str]
         y=rows,
         error_x=error_bars(table["half"].fillna(0), thickness=3, width=4, color=OUTLINE),
         mode="markers",
-        marker={
-            "size": 10,
-            "color": [colour(i) for i in rank],
-            "symbol": [symbol(i) for i in rank],
-        },
+        marker=placement_markers(names, placements),
         text=[text(name) for name in names],
         hovertemplate="%{text}<br>%{x:.2f} %<extra></extra>",
         showlegend=False,

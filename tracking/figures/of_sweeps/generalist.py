@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
-from tracking.figures.kit.label_places import label_places
-from tracking.figures.kit.style import OUTLINE, colour, error_bars, figure, symbol, text
+from tracking.figures.kit.placement_points import add_placements
+from tracking.figures.kit.style import OUTLINE, error_bars, figure, text
 from tracking.labels import metric_label
 from tracking.numbers import interval, signed
 
@@ -38,8 +38,7 @@ def against_generalist(
     plot = figure(title + shown, height=400, margin={"t": 64})
     table = pairs.loc[[name for name in placements if name in pairs.index]]
     names = [str(name) for name in table.index]
-    rank = [placements.index(name) for name in names]
-    x, y, up = (table[key].to_numpy(np.float64) for key in ("said", "own", "own_half"))
+    x, y = (table[key].to_numpy(np.float64) for key in ("said", "own"))
     ends = np.array([x.min(), x.max()])
     plot.add_scatter(
         x=ends,
@@ -49,23 +48,15 @@ def against_generalist(
         hoverinfo="skip",
         showlegend=False,
     )
-    plot.add_scatter(
-        x=x,
-        y=y,
+    add_placements(
+        plot,
+        x,
+        y,
+        table["own_half"],
+        names,
+        placements,
         error_x=error_bars(table["said_half"].fillna(0), thickness=1, color=OUTLINE),
-        error_y=error_bars(table["own_half"].fillna(0), thickness=1.5, color=OUTLINE),
-        mode="markers+text",
-        text=[text(name) for name in names],
-        textposition=label_places(x, y, names, up),
-        textfont={"size": 11},
-        cliponaxis=False,
-        marker={
-            "size": 10,
-            "color": [colour(i) for i in rank],
-            "symbol": [symbol(i) for i in rank],
-        },
         hovertemplate="%{text}<br>generalist %{x:.2f} %<br>own detectors %{y:.2f} %<extra></extra>",
-        showlegend=False,
     )
     label = metric_label(row["metric"], row["iou"])
     plot.update_xaxes(title=f"{label} by the generalist (%)")

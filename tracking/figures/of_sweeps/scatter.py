@@ -10,16 +10,8 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from tracking.figures.kit.label_places import label_places
-from tracking.figures.kit.style import (
-    OUTLINE,
-    add_menu,
-    broken,
-    colour,
-    error_bars,
-    figure,
-    symbol,
-    text,
-)
+from tracking.figures.kit.placement_points import add_placements
+from tracking.figures.kit.style import add_menu, broken, figure, text
 from tracking.labels import in_order, metric_label, surrogate_label, surrogate_name
 from tracking.numbers import interval, signed
 
@@ -49,7 +41,6 @@ def scatter(
     table = metric[metric["seeds"] > 0].set_index("placement").join(surrogates, how="inner")
     table = table.loc[[name for name in placements if name in table.index]]
     names = [str(name) for name in table.index]
-    rank = [placements.index(name) for name in names]
     label = metric_label(*metric.iloc[0][["metric", "iou"]])
 
     heads = [
@@ -62,22 +53,14 @@ def scatter(
         return label_places(x, y, names, table["half"].to_numpy(np.float64))
 
     plot = figure(heads[first], height=400, margin={"t": 120})
-    plot.add_scatter(
-        x=table[menu[first]].to_numpy(),
-        y=table["mean"].to_numpy(),
-        error_y=error_bars(table["half"].fillna(0), thickness=1.5, color=OUTLINE),
-        mode="markers+text",
-        text=[text(name) for name in names],
-        textposition=places(menu[first]),
-        textfont={"size": 11},
-        cliponaxis=False,
-        marker={
-            "size": 10,
-            "color": [colour(i) for i in rank],
-            "symbol": [symbol(i) for i in rank],
-        },
+    add_placements(
+        plot,
+        table[menu[first]],
+        table["mean"],
+        table["half"],
+        names,
+        placements,
         hovertemplate="%{text}<br>%{x:.6g}<br>%{y:.2f} %<extra></extra>",
-        showlegend=False,
     )
     plot.update_xaxes(title=surrogate_label(menu[first]))
     plot.update_yaxes(title=f"{label} (%)")
