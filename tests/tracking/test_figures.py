@@ -137,6 +137,10 @@ def test_a_label_keeps_off_the_bar_of_its_neighbour():
     # Its bar reaches down beside the first point.
     bars = np.array([np.nan, 3.0, 0.0])
     assert label_places(x, y, ["one", "", ""], bars)[0] != "middle right"
+    # A bar across lies where its own point's label would be.
+    across = np.array([1.0, 0.0, np.nan])
+    place = label_places(x, y, ["one", "", ""], bars_across=across)[0]
+    assert place not in ("middle right", "middle left")
 
 
 def test_labels_on_top_are_apart_and_lead_to_their_points():

@@ -21,6 +21,7 @@ def label_places(
     y: NDArray[np.float64],
     labels: Sequence[str],
     bars: NDArray[np.float64] | None = None,
+    bars_across: NDArray[np.float64] | None = None,
 ) -> list[str]:
     """Plotly's `textposition` for every point, chosen one point after the other.
 
@@ -29,15 +30,18 @@ def label_places(
 
     Args:
         x, y, labels: of the points; a point with the label "" is an obstacle alone.
-        bars: lengths of the error bars along y to each side, NaN or 0 for none.
+        bars, bars_across: lengths of the error bars along y and x to each side, NaN or 0 for none.
     """
-    half = np.zeros(len(y)) if bars is None else np.nan_to_num(bars)
-    across = _pixels(x, _PLOT[0])
-    # Both ends of the bars are in view too.
-    low, middle, high = np.split(_pixels(np.concatenate([y - half, y, y + half]), _PLOT[1]), 3)
+    (left_end, across, right_end), (low, middle, high) = (
+        _ends(values, half, length)
+        for values, half, length in zip((x, y), (bars_across, bars), _PLOT, strict=True)
+    )
     at = np.stack([across, middle], axis=1)
     taken = [(*(point - 5), *(point + 5)) for point in at]
     taken += [(px - 3, y0, px + 3, y1) for px, y0, y1 in zip(across, low, high, strict=True)]
+    if bars_across is not None:
+        ends = zip(left_end, middle, right_end, strict=True)
+        taken += [(x0, py - 3, x1, py + 3) for x0, py, x1 in ends]
     places = []
     for point, label in zip(at, labels, strict=True):
         width, height = _LETTER[0] * len(label), _LETTER[1]
@@ -113,6 +117,14 @@ def _pixels(values: NDArray[np.float64], length: float) -> NDArray[np.float64]:
     low, high = np.nanmin(values), np.nanmax(values)
     spread = high - low if high > low else 1.0
     return length * (0.06 + 0.88 * (values - low) / spread)
+
+
+def _ends(
+    values: NDArray[np.float64], bars: NDArray[np.float64] | None, length: float
+) -> list[NDArray[np.float64]]:
+    """`_pixels` of the bars' lower ends, the values and the upper ends: all are in view."""
+    half = np.zeros(len(values)) if bars is None else np.nan_to_num(bars)
+    return np.split(_pixels(np.concatenate([values - half, values, values + half]), length), 3)
 
 
 def _overlap(a: tuple[float, ...], b: tuple[float, ...]) -> float:

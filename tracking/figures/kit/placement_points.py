@@ -35,6 +35,7 @@ def add_placements(
     half: ArrayLike,
     names: Sequence[str],
     placements: Sequence[str],
+    half_across: ArrayLike | None = None,
     **trace: Any,
 ) -> None:
     """Draw a named point for each placement, its label where it hides no other.
@@ -43,16 +44,20 @@ def add_placements(
         x, y: of every point, shape (n,).
         half: of the bar up and down, shape (n,), NaN for none.
         names, placements: as of `placement_markers`.
+        half_across: of a thinner bar to the left and right.
         trace: what else the trace has.
     """
     across, up, bar = (np.asarray(values, np.float64) for values in (x, y, half))
+    bar_across = None if half_across is None else np.asarray(half_across, np.float64)
+    if bar_across is not None:
+        trace["error_x"] = error_bars(np.nan_to_num(bar_across), thickness=1, color=OUTLINE)
     plot.add_scatter(
         x=across,
         y=up,
         error_y=error_bars(np.nan_to_num(bar), thickness=1.5, color=OUTLINE),
         mode="markers+text",
         text=[text(name) for name in names],
-        textposition=label_places(across, up, names, bar),
+        textposition=label_places(across, up, names, bar, bar_across),
         textfont={"size": 11},
         cliponaxis=False,
         marker=placement_markers(names, placements),

@@ -10,7 +10,7 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from tracking.figures.kit.placement_points import add_placements
-from tracking.figures.kit.style import OUTLINE, error_bars, figure, text
+from tracking.figures.kit.style import OUTLINE, figure, text
 from tracking.labels import metric_label
 from tracking.numbers import interval, signed
 
@@ -55,7 +55,7 @@ def against_generalist(
         table["own_half"],
         names,
         placements,
-        error_x=error_bars(table["said_half"].fillna(0), thickness=1, color=OUTLINE),
+        table["said_half"],
         hovertemplate="%{text}<br>generalist %{x:.2f} %<br>own detectors %{y:.2f} %<extra></extra>",
     )
     label = metric_label(row["metric"], row["iou"])

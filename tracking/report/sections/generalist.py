@@ -70,6 +70,7 @@ def generalist_section(
         headline = row["metric"] == headline_metric(row["class"])
         if headline and len(section.figures) < MOST_FIGURES:
             title = " · ".join(filter(None, (class_label(row["class"]), _own(run, rows, row))))
+            title = title[0].upper() + title[1:]
             section.figures.append(against_generalist(pair, row, text(title), order))
     section.tables = [_table(run, rows), _seconds(run)]
     section.notes += _once(training_seconds(run.tasks))
