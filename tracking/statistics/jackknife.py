@@ -6,8 +6,8 @@ with Student's distribution as for few clusters: MacKinnon, Nielsen and Webb 202
 their objects share, but are few; individuals are more, but are taken as independent. The larger of
 the two errors counts.
 
-The jackknife needs numbers that move smoothly with the units. AP of single IoUs is left out as the
-area that it samples, see `training.leave_out`.
+The jackknife needs numbers that move smoothly with the units: units are left out of the area that
+AP_R40 samples, see `training.leave_out`.
 """
 
 from __future__ import annotations
