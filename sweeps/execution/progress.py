@@ -1,4 +1,5 @@
-"""What a sweep does now: a bar for every stage in a terminal, a line a stage elsewhere."""
+"""What a sweep does now: a bar for every stage in a terminal; elsewhere a line for every stage that
+is done, and one now and then on what runs and what is left."""
 
 from __future__ import annotations
 
@@ -11,6 +12,9 @@ from rich.table import Column
 
 from lidarplace.command_line.terminal import visible
 from sweeps.execution.failures import Failure, FailureFolder
+from sweeps.execution.progress_lines import ProgressLines
+from sweeps.execution.running import Running, about
+from sweeps.execution.time_left import TimeLeft
 from sweeps.tasks.task import Task
 
 
@@ -35,7 +39,9 @@ class StageProgress:
         self._total = Counter(task.stage for task in tasks)
         self._done = Counter(task.stage for task in tasks if task.key in cached)
         self._failed: Counter[str] = Counter()
-        self._running: dict[str, list[str]] = {stage: [] for stage in self._total}
+        self._running = Running()
+        self._left = TimeLeft(task for task in tasks if task.key not in cached)
+        self._lines = ProgressLines(console, self._now)
         self._progress = Progress(
             TextColumn(
                 "{task.description}", markup=False, table_column=Column(min_width=17, no_wrap=True)
@@ -63,14 +69,16 @@ class StageProgress:
 
     def __enter__(self) -> StageProgress:
         self._progress.start()
+        self._lines.__enter__()
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._lines.__exit__()
         self._progress.stop()
 
     def started(self, task: Task) -> None:
+        self._running.started(task)
         if task.stage in self._total:
-            self._running[task.stage].append(task.label)
             self._show(task.stage)
 
     def finished(self, task: Task) -> None:
@@ -85,12 +93,11 @@ class StageProgress:
         self._ended(task)
 
     def _ended(self, task: Task) -> None:
-        stage = task.stage
+        stage, seconds = task.stage, self._running.ended(task)
         if stage not in self._total:
             return
         self._done[stage] += 1
-        if task.label in self._running[stage]:  # not if it fell with a task that it needs
-            self._running[stage].remove(task.label)
+        self._left.ended(stage, seconds)
         self._show(stage)
         if self._progress.disable and self._done[stage] == self._total[stage]:
             failed = self._failed[stage]
@@ -101,5 +108,14 @@ class StageProgress:
         self._progress.update(
             self._bars[stage],
             completed=self._done[stage],
-            now=visible(", ".join(self._running[stage])),
+            now=visible(", ".join(self._running.labels(stage))),
         )
+
+    def _now(self) -> str:
+        """How far the stages are that are not done, what runs, and when it may end."""
+        open_ = [s for s, total in self._total.items() if self._done[s] < total]
+        left = [f"{stage} {self._done[stage]} of {self._total[stage]}" for stage in open_]
+        seconds = self._left.seconds(self._running, self._lines.elapsed)
+        ends = [] if seconds is None else [f"about {about(seconds)} left"]
+        now = str(self._running)
+        return "; ".join([", ".join(left), *([f"now {now}"] if now else []), *ends])

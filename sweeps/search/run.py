@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -12,7 +11,6 @@ from pathlib import Path
 import optuna
 import pandas as pd
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from lidarplace import OccupancyGrid
 from lidarplace.command_line.verbs import wrong
@@ -36,6 +34,7 @@ from sweeps.search.trials.by_generalist import GeneralistAnswers
 from sweeps.search.trials.by_surrogates import SurrogateAnswers
 from sweeps.search.trials.pog import NoPog, pog
 from sweeps.search.trials.pool import Pool
+from sweeps.search.trials.progress import TrialProgress
 from sweeps.search.trials.study import (
     Timing,
     is_emptied,
@@ -155,7 +154,7 @@ class SearchWork:
         judged = _judged(problem, trials, certificate, pool)
         chosen = None
         if problem.judged and trials:
-            judged, chosen = choose(problem, judged, self.store, backend)
+            judged, chosen = choose(self.console, problem, judged, self.store, backend)
         return Found(
             study=study,
             trials=trials,
@@ -199,15 +198,16 @@ class SearchWork:
         problem, timing = self.problem, Timing()
         settings = problem.file.search
         answers: SurrogateAnswers | TrainingAnswers | GeneralistAnswers
+        progress = TrialProgress(self.console, settings.trials)
         if problem.judged:
-            answers = GeneralistAnswers(study, problem, pool, self.store, backend)
+            answers = GeneralistAnswers(study, problem, pool, self.store, backend, progress)
         elif any(objective.measured for objective in settings.objective):
-            answers = TrainingAnswers(study, problem, pool, self.store, backend)
+            answers = TrainingAnswers(study, problem, pool, self.store, backend, progress)
         else:
             answers = SurrogateAnswers(study, problem.space, problem.question, pool)
         log.follow(partial(ended_trials, study, problem))
-        with _bar(self.console, settings.trials) as told:
-            run_study(study, problem.space, settings, answers, told, timing)
+        with progress:
+            run_study(study, problem.space, settings, answers, progress.told, timing)
         return timing
 
     def _robustness(
@@ -249,21 +249,3 @@ def _judged(
         | judge_others(others, "greedy", question, pool)
         | judge_others(problem.paper_rigs(), "paper", question, pool)
     )
-
-
-@contextmanager
-def _bar(console: Console, trials: int) -> Iterator[Callable[[int], None]]:
-    """A bar of trials in a terminal; elsewhere a line now and then."""
-    columns = (TextColumn("trials"), BarColumn(16), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
-        bar = progress.add_task("trials", total=trials)
-        last = 0
-
-        def told(number: int) -> None:
-            nonlocal last
-            progress.update(bar, completed=number)
-            if not console.is_terminal and number * 10 // trials > last:
-                last = number * 10 // trials
-                console.print(f"trials {number}/{trials}", highlight=False)
-
-        yield told

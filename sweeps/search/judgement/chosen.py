@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import pandas as pd
+from rich.console import Console
 
 from sweeps.execution.backends import Backend, BackendLost
 from sweeps.execution.execute import execute
+from sweeps.execution.progress import StageProgress
 from sweeps.plan.plan import Trial
 from sweeps.results.trial_results import trial_results
 from sweeps.search.judgement.found import baseline_of
@@ -16,7 +18,7 @@ from sweeps.search.judgement.verify import verified_table
 from sweeps.search.judgement.winners import Judged, ranked
 from sweeps.search.problem.judged_sweep import judged_plan
 from sweeps.search.problem.problem import Problem
-from sweeps.search.trials.by_detectors import Quiet, measured_value
+from sweeps.search.trials.by_detectors import measured_value
 from sweeps.store.of_sweep import reference
 from sweeps.store.open import AnyStore
 
@@ -25,7 +27,11 @@ MOST_CHOSEN = 8
 
 
 def choose(
-    problem: Problem, judged: Mapping[str, Judged], store: AnyStore, backend: Backend
+    console: Console,
+    problem: Problem,
+    judged: Mapping[str, Judged],
+    store: AnyStore,
+    backend: Backend,
 ) -> tuple[dict[str, Judged], pd.DataFrame]:
     """The best rigs of the search and the paper's on the traffic of the choice.
 
@@ -48,7 +54,8 @@ def choose(
     )
     tasks = plan.needed_for(t.evaluate for t in plan.trials if t.evaluate is not None)
     store.refer(reference(problem.sweep(), "choice"), [task.key for task in tasks])
-    outcome = execute(tasks, store, backend, Quiet())
+    with StageProgress(console, tasks, store.finished(tasks)) as progress:
+        outcome = execute(tasks, store, backend, progress)
     for failure in outcome.failures.values():
         raise BackendLost(f"the best rigs could not be judged: {failure.reason}")
     by_name: dict[str, list[Trial]] = {}

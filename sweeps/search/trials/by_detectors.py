@@ -14,8 +14,7 @@ import pandas as pd
 from lidarplace.metrics import METRICS, RANKING
 from sweeps.configuration.search import ObjectiveSettings
 from sweeps.execution.backends import Backend
-from sweeps.execution.execute import Outcome, execute
-from sweeps.execution.failures import Failure
+from sweeps.execution.execute import Listener, Outcome, execute
 from sweeps.plan.plan import Plan, Trial, make_plan
 from sweeps.results.trial_results import headline_value, metric_mean
 from sweeps.search.problem.as_sweep import sweep_of, sweep_settings
@@ -25,7 +24,6 @@ from sweeps.search.trials.pool import Pool
 from sweeps.search.trials.study import Candidate, tell
 from sweeps.store.of_sweep import reference
 from sweeps.store.open import AnyStore
-from sweeps.tasks.task import Task
 
 
 @dataclass
@@ -38,6 +36,7 @@ class TrainingAnswers:
 
     Attributes:
         pool: tells constraints and prices.
+        listener: is told of the tasks.
     """
 
     study: optuna.Study
@@ -45,6 +44,7 @@ class TrainingAnswers:
     pool: Pool
     store: AnyStore
     backend: Backend
+    listener: Listener
 
     def __post_init__(self) -> None:
         self._asked: list[tuple[optuna.Trial, Candidate]] = []
@@ -88,7 +88,7 @@ class TrainingAnswers:
         tasks = plan.needed_for(t.evaluate for t in plan.trials if t.evaluate is not None)
         self._referred |= {task.key for task in tasks}
         self.store.refer(self._reference, self._referred)
-        outcome = execute(tasks, self.store, self.backend, Quiet())
+        outcome = execute(tasks, self.store, self.backend, self.listener)
         values, failed = {}, {}
         for candidate in candidates:
             own = [t for t in plan.trials if t.grid_point.point.placement == _name(candidate)]
@@ -126,19 +126,6 @@ def _is_pruned(trial: optuna.Trial, rung: int) -> bool:
     if name not in trial.user_attrs:
         trial.set_user_attr(name, trial.should_prune())
     return bool(trial.user_attrs[name])
-
-
-class Quiet:
-    """Listens to the executor and shows nothing: the trials have a bar of their own."""
-
-    def started(self, task: Task) -> None:
-        """Nothing to show."""
-
-    def finished(self, task: Task) -> None:
-        """Nothing to show."""
-
-    def failed(self, task: Task, failure: Failure) -> None:
-        """The trial tells it."""
 
 
 def _name(candidate: Candidate) -> str:

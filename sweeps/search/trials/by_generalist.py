@@ -17,12 +17,12 @@ import pandas as pd
 
 from sweeps.configuration.search import ObjectiveSettings
 from sweeps.execution.backends import Backend
-from sweeps.execution.execute import execute
+from sweeps.execution.execute import Listener, execute
 from sweeps.plan.judging import judge_task
 from sweeps.plan.plan import Trial
 from sweeps.search.problem.judged_sweep import judged_plan
 from sweeps.search.problem.problem import Problem
-from sweeps.search.trials.by_detectors import Quiet, all_values, weighted_value
+from sweeps.search.trials.by_detectors import all_values, weighted_value
 from sweeps.search.trials.pool import Pool
 from sweeps.search.trials.study import Candidate, finished_trials, tell
 from sweeps.store.of_sweep import reference
@@ -48,6 +48,7 @@ class GeneralistAnswers:
 
     Attributes:
         pool: tells constraints and prices.
+        listener: is told of the tasks.
     """
 
     study: optuna.Study
@@ -55,6 +56,7 @@ class GeneralistAnswers:
     pool: Pool
     store: AnyStore
     backend: Backend
+    listener: Listener
     _asked: list[tuple[optuna.Trial, Candidate]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -148,7 +150,7 @@ class GeneralistAnswers:
         every = with_inputs([*judged, *truths])
         self._referred |= {task.key for task in every}
         self.store.refer(self._reference, self._referred)
-        outcome = execute(every, self.store, self.backend, Quiet())
+        outcome = execute(every, self.store, self.backend, self.listener)
         failed: dict[int, str] = {}
         jobs = {}
         classes = self.problem.file.classes
