@@ -28,8 +28,8 @@ the base, such as `run --dry-run`, are there.
 - **1**: something failed or is not complete; the help of the command says what.
 - **2**: the input is wrong. One line on stderr names the file and the key, what is allowed and what
   was found. A mistake in the options themselves is told in the last line, after the usage.
-- **130**: stopped by Ctrl-C. A sweep, a search, a recording or a training goes on with the same
-  command.
+- **130**: stopped by Ctrl-C, **143**: by SIGTERM, which Slurm and Kubernetes send. A sweep, a
+  search, a recording or a training goes on with the same command.
 
 ## Completion
 

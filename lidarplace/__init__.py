@@ -1,5 +1,6 @@
 """Where do the LiDARs go on a vehicle? Box logs, occupancy, coverage and surrogates."""
 
+import lidarplace.start  # noqa: F401 - before all that takes a second to import
 from lidarplace.occupancy.grid import OccupancyGrid
 from lidarplace.placement import PAPER_PLACEMENTS, Mount, Placement
 from lidarplace.recall.expected_recall import ExpectedRecall
@@ -28,3 +29,8 @@ __all__ = [
     "expected_ig_by_q",
     "sum_over_classes",
 ]
+
+
+def __dir__() -> list[str]:
+    """The public names: modules are for those who know theirs."""
+    return sorted(__all__)

@@ -6,7 +6,6 @@ A verb's module is imported when the verb is called. Without lidarplace's packag
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import version
@@ -70,13 +69,6 @@ class _Verbs(TyperGroup):
         if name in VERBS:
             command = typer.main.get_command(import_module(VERBS[name].module).app)
         return name, command, rest
-
-    def invoke(self, ctx: Any) -> Any:
-        try:
-            return super().invoke(ctx)
-        except KeyboardInterrupt:  # while a verb is loaded
-            print("\nStopped.", file=sys.stderr)
-            raise typer.Exit(130) from None
 
 
 app = typer.Typer(

@@ -24,7 +24,7 @@ FORBIDDEN = {
 }
 FLOORS = {
     "lidarplace": (
-        "metrics optional pose ranges rings roi sectors",
+        "metrics optional pose ranges rings roi sectors start",
         "sensor",
         "placement",
         "configuration coverage",

@@ -26,7 +26,8 @@ from tracking.run_folders.json_file import Part, read_result_file
 
 app = new_app()
 
-_STARTS_WITHIN_S = 120
+_TOLD_EVERY_S = 10.0
+"""Seconds between two lines on what it waits for."""
 
 
 @verb(app, "", "runs/grid", "runs/mlflow.db --port 8000", failed="MLflow does not start")
@@ -56,7 +57,6 @@ def dashboard(
     if port is None:
         print(public_url(uri).rstrip("/") + page)
         return
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # else the server would go on alone
     with server(uri, port) as (process, address):
         print(f"{address}{page}\nCtrl-C ends it.", flush=True)
         if code := process.wait():
@@ -95,16 +95,24 @@ def server(uri: str, port: int) -> Iterator[tuple[subprocess.Popen[bytes], str]]
 
 
 def _wait(process: subprocess.Popen[bytes], address: str) -> None:
+    """Wait for as long as the server lives: to bring an old database up to date takes minutes."""
     import requests
 
-    end = time.monotonic() + _STARTS_WITHIN_S
-    while process.poll() is None and time.monotonic() < end:
+    told = time.monotonic()
+    while process.poll() is None:
         try:
             if requests.get(f"{address}/health", timeout=5).ok:
                 return
-        except requests.ConnectionError:
+        except requests.RequestException:
             time.sleep(0.2)
-    print(f"MLflow does not start at {address}", file=sys.stderr)
+        if time.monotonic() - told > _TOLD_EVERY_S:
+            told = time.monotonic()
+            print(
+                f"MLflow is starting at {address}: it imports its parts and looks at its database, "
+                "which takes longer the first time and on a busy machine",
+                file=sys.stderr,
+            )
+    print(f"MLflow ended with exit code {process.returncode} before it answered", file=sys.stderr)
     raise typer.Exit(1)
 
 

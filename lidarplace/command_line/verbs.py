@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeVar
 import typer
 from typer.core import TyperCommand
 
+from lidarplace.command_line.signals import exit_code_of, stopped_by_signals
 from lidarplace.command_line.terminal import say, visible
 from lidarplace.files.secret_urls import hide_secrets
 from lidarplace.optional import needs
@@ -26,7 +27,7 @@ _UsageError: Any = typer.BadParameter.__mro__[1]
 
 
 class Verb(TyperCommand):
-    """A command that ends without a traceback: by Ctrl-C, a closed pipe, a package not
+    """A command that ends without a traceback: by Ctrl-C, SIGTERM, a closed pipe, a package not
     installed."""
 
     def __init__(self, *arguments: Any, **settings: Any) -> None:
@@ -44,13 +45,14 @@ class Verb(TyperCommand):
             raise
 
     def invoke(self, ctx: Any) -> Any:
-        """Run it. Ctrl-C is one line and exit code 130."""
+        """Run it. Ctrl-C is one line and exit code 130, SIGTERM the same and 143."""
         try:
-            result = super().invoke(ctx)
+            with stopped_by_signals():
+                result = super().invoke(ctx)
             sys.stdout.flush()  # here, where typer takes care of a reader that has gone
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as stop:
             print("\nStopped.", file=sys.stderr)
-            raise typer.Exit(130) from None
+            raise typer.Exit(exit_code_of(stop)) from None
         except ModuleNotFoundError as error:
             if (told := needs(error)) is None:
                 raise
@@ -82,7 +84,10 @@ def verb(
     lines += [f"  {{command}} {example}".rstrip() for example in examples]
     lines += ["", "Exit codes:", "  0    done"]
     lines += [f"  1    {failed}"] if failed else []
-    lines += ["  2    the input is wrong: one line on stderr says what", "  130  stopped by Ctrl-C"]
+    lines += [
+        "  2    the input is wrong: one line on stderr says what",
+        "  130  stopped by Ctrl-C; 143 by SIGTERM",
+    ]
     return app.command(cls=Verb, epilog="\n".join(lines) + "\n")
 
 

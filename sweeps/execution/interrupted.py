@@ -9,6 +9,7 @@ from typing import TypeVar
 import typer
 from rich.console import Console
 
+from lidarplace.command_line.signals import exit_code_of
 from lidarplace.command_line.verbs import wrong
 from lidarplace.files.secret_urls import hide_secrets
 
@@ -21,7 +22,7 @@ def interruptible(console: Console, work: Callable[[], T]) -> T:
     """What `work` returns, which begins again after a damaged result (`sweeps.store.damage`).
 
     Leaves with exit code 1 if the machine fails it, such as a disk that is full, with 2 if a
-    cluster cannot be joined, and with 130 at Ctrl-C.
+    cluster cannot be joined, with 130 at Ctrl-C and 143 at SIGTERM.
     """
     from sweeps.execution.backends import BackendLost
     from sweeps.execution.ray_cluster import ClusterError
@@ -35,6 +36,6 @@ def interruptible(console: Console, work: Callable[[], T]) -> T:
     except (BackendLost, DamagedResult, OSError) as error:
         console.print(f"\n{hide_secrets(str(error))}. {_GOES_ON}", soft_wrap=True)
         raise typer.Exit(1) from None
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
         console.print(f"\nStopped. {_GOES_ON}")
-        raise typer.Exit(130) from None
+        raise typer.Exit(exit_code_of(stop)) from None

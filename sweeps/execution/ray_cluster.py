@@ -11,6 +11,7 @@ import secrets
 import socket
 import subprocess
 import sys
+import threading
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -20,6 +21,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from lidarplace.command_line.signals import Terminated, take_sigterm
 from sweeps.configuration.sweep import RaySettings
 
 THREADS = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -53,12 +55,17 @@ def ray_session(settings: RaySettings) -> Iterator[ModuleType]:
     with _environment(_alone() if local else {}):
         import ray
 
-        if local:
-            _start(ray, settings)
-            _check_alone(ray)
-        else:
-            _check_token_file()
-            _join(ray, settings.address)
+        try:
+            if local:
+                _start(ray, settings)
+                _check_alone(ray)
+            else:
+                _check_token_file()
+                _join(ray, settings.address)
+        except SystemExit:  # of the handler that Ray has for SIGTERM while it starts
+            raise Terminated from None
+        if threading.current_thread() is threading.main_thread():
+            take_sigterm()  # from Ray's core, which would print its stack
         try:
             yield ray
         finally:

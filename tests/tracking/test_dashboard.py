@@ -8,7 +8,7 @@ import subprocess
 import sys
 from contextlib import contextmanager
 from pathlib import Path
-from unittest.mock import patch
+from types import SimpleNamespace
 
 import pytest
 import requests
@@ -16,7 +16,7 @@ from mlflow_runs_of import free_port, logging, new_store, trial
 from typer.testing import CliRunner
 
 from tests.forked import GUARD_S
-from tracking.dashboard import app, server
+from tracking.dashboard import _wait, app, server
 
 COLUMNS = ["metrics.AP_R40_3D.Car.0.70", "metrics.seconds"]
 
@@ -44,10 +44,7 @@ def runs(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def address(runs):
-    with (
-        patch("tracking.dashboard._STARTS_WITHIN_S", GUARD_S),  # this machine may be busy
-        server(f"sqlite:///{runs}/store/mlflow.db", free_port()) as (_, address),
-    ):
+    with server(f"sqlite:///{runs}/store/mlflow.db", free_port()) as (_, address):
         yield address
 
 
@@ -164,3 +161,17 @@ def test_a_server_that_dies_is_a_failure(runs, monkeypatch):
     done = dashboard(runs / "demo")
     assert done.exit_code == 1
     assert "MLflow ended with exit code 3" in done.stderr
+
+
+def test_it_says_why_it_waits_and_keeps_waiting(monkeypatch, capsys):
+    answers = iter([requests.ConnectionError, requests.ReadTimeout, requests.ConnectionError, None])
+
+    def get(url, timeout):
+        if (error := next(answers)) is not None:
+            raise error
+        return SimpleNamespace(ok=True)
+
+    monkeypatch.setattr("requests.get", get)
+    monkeypatch.setattr("tracking.dashboard._TOLD_EVERY_S", 0.0)
+    _wait(SimpleNamespace(poll=lambda: None), "http://127.0.0.1:5000")
+    assert capsys.readouterr().err.count("MLflow is starting at http://127.0.0.1:5000") == 3

@@ -1,0 +1,94 @@
+"""Ctrl-C and SIGTERM at any moment end a command quietly, with the exit code of the signal."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from lidarplace.command_line.signals import Terminated, stopped_by_signals, take_sigterm
+from lidarplace.describe import app as describe
+
+ROOT = Path(__file__).parents[1]
+AT_START = """
+import os, signal, sys
+sys.argv[0] = {name!r}
+import {package}
+os.kill(os.getpid(), signal.SIGINT)
+print("still there")
+"""
+ON_RAY = """
+import sys
+from lidarplace.command_line.signals import Terminated, stopped_by_signals
+from sweeps.configuration.sweep import RaySettings
+from sweeps.execution.ray_cluster import ray_session
+try:
+    with stopped_by_signals(), ray_session(RaySettings(num_cpus=1)) as ray:
+        print(ray.get(ray.remote(lambda: "works").remote()), flush=True)
+        sys.stdin.readline()
+except Terminated:
+    print("tidied up")
+"""
+
+
+def python(code: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", code],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@pytest.mark.parametrize(
+    ("package", "name"),
+    [("lidarplace", "-m"), ("tracking", "-m"), ("sweeps", "-m"), ("sweeps", "bin/lidarplace")],
+)
+def test_ctrl_c_while_a_program_imports_is_quiet(package, name):
+    with python(AT_START.format(package=package, name=name)) as process:
+        assert process.communicate() == ("", "")
+    assert process.returncode == -signal.SIGINT  # of which a shell makes 130
+
+
+def test_who_imports_a_package_keeps_ctrl_c():
+    with python(AT_START.format(package="sweeps", name="mine.py")) as process:
+        assert "KeyboardInterrupt" in process.communicate()[1]
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_command_says_that_it_was_stopped(monkeypatch, number, code):
+    monkeypatch.setattr("lidarplace.describe.read_box_log", lambda _: os.kill(os.getpid(), number))
+    before = signal.getsignal(signal.SIGTERM)
+    done = CliRunner().invoke(describe, ["log"])
+    assert (done.exit_code, done.stdout, done.stderr) == (code, "", "\nStopped.\n")
+    assert signal.getsignal(signal.SIGTERM) == before
+
+
+def stopped_twice():
+    with stopped_by_signals():
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)  # as a library does
+        take_sigterm()
+        try:
+            os.kill(os.getpid(), signal.SIGTERM)
+        finally:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+
+def test_a_second_sigterm_does_not_break_off_what_tidies_up():
+    with pytest.raises(Terminated):
+        stopped_twice()
+
+
+def test_sigterm_ends_a_driver_of_ray_as_ctrl_c_does():
+    with python(ON_RAY) as process:
+        assert process.stdout.readline() == "works\n"
+        process.terminate()
+        assert process.communicate() == ("tidied up\n", "")
+    assert process.returncode == 0
