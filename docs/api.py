@@ -53,6 +53,7 @@ NAMES = {
             "evaluate",
             "evaluate_classes",
             "evaluate_many",
+            "compare",
             "expected_ig_by_q",
             "sum_over_classes",
             "Surrogates",

@@ -6,6 +6,7 @@ from lidarplace.placement import PAPER_PLACEMENTS, Mount, Placement
 from lidarplace.recall.expected_recall import ExpectedRecall
 from lidarplace.roi import Roi
 from lidarplace.sensor import Lidar
+from lidarplace.surrogates.compare import compare
 from lidarplace.surrogates.evaluate import (
     evaluate,
     evaluate_classes,
@@ -23,6 +24,7 @@ __all__ = [
     "Placement",
     "Roi",
     "Surrogates",
+    "compare",
     "evaluate",
     "evaluate_classes",
     "evaluate_many",

@@ -55,6 +55,16 @@ class BoxLog:
     frames: pd.DataFrame
     buildings: pd.DataFrame = field(default_factory=_no_buildings)
 
+    def __repr__(self) -> str:
+        splits = self.frames["split"].value_counts()
+        counts = self.boxes["class"].value_counts()
+        of = ", ".join(f"{count:,} {split}" for split, count in splits.items())
+        boxes = ", ".join(f"{name} {count:,}" for name, count in counts.items())
+        text = f"{len(self.frames):,} frames ({of}), {len(self.boxes):,} boxes ({boxes})"
+        if len(self.buildings):
+            text += f", {len(self.buildings):,} buildings"
+        return f"BoxLog({text.replace(' ()', '')})"
+
 
 def join_logs(logs: Sequence[BoxLog]) -> BoxLog:
     """One log of several, in their order; their frame numbers must differ.

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import html
 import math
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.pose import from_carla, rotation
 from lidarplace.sensor import Lidar
+from lidarplace.shown import Shown, span
 
 
 @dataclass(frozen=True)
@@ -26,7 +29,26 @@ class Mount:
 
     def __post_init__(self) -> None:
         if not all(math.isfinite(value) for value in astuple(self)):
-            raise ValueError(f"a mount needs finite coordinates and angles, found {self}")
+            raise ValueError(f"a mount needs finite coordinates and angles, found {astuple(self)}")
+
+    @classmethod
+    def degrees(
+        cls,
+        x: float = 0.0,
+        y: float = 0.0,
+        z: float = 0.0,
+        roll: float = 0.0,
+        pitch: float = 0.0,
+        yaw: float = 0.0,
+    ) -> Mount:
+        """A mount whose angles are given in degrees."""
+        return cls(x, y, z, math.radians(roll), math.radians(pitch), math.radians(yaw))
+
+    def __repr__(self) -> str:
+        angles = {"roll": self.roll, "pitch": self.pitch, "yaw": self.yaw}
+        turned = [f"{n}={math.degrees(angle):.6g}" for n, angle in angles.items() if angle]
+        at = [f"{name}={getattr(self, name):.6g}" for name in "xyz"]
+        return f"Mount.degrees({', '.join([*at, *turned])})"
 
     @property
     def position(self) -> NDArray[np.float64]:
@@ -40,7 +62,7 @@ class Mount:
 
 
 @dataclass(frozen=True)
-class Placement:
+class Placement(Shown):
     """A named rig: LiDARs on one or more mounts.
 
     Attributes:
@@ -56,6 +78,10 @@ class Placement:
     lidar: Lidar | Sequence[Lidar]
 
     def __post_init__(self) -> None:
+        if isinstance(self.mounts, str | Mount):
+            raise ValueError(
+                f"placement {self.name!r}: mounts is a list of mounts, found {self.mounts!r}"
+            )
         object.__setattr__(self, "mounts", tuple(self.mounts))
         if not self.mounts:
             raise ValueError(f"placement {self.name!r} has no LiDAR")
@@ -76,6 +102,21 @@ class Placement:
                         f"({a.x}, {a.y}, {a.z}); two LiDARs cannot sit in one place"
                     )
 
+    def __repr__(self) -> str:
+        at = ", ".join(
+            f"{axis} {span([getattr(mount, axis) for mount in self.mounts])}" for axis in "xyz"
+        )
+        beams = span([lidar.beams for lidar in self.lidars])
+        number = f"{len(self.mounts)} LiDAR{'s' if len(self.mounts) > 1 else ''}"
+        return f"Placement({self.name!r}: {number} of {beams} beams; {at} m)"
+
+    def _repr_html_(self) -> str:
+        table = pd.DataFrame([astuple(mount) for mount in self.mounts], columns=_POSE)
+        table[list(_POSE[3:])] = np.degrees(table[list(_POSE[3:])]) + 0.0
+        table["beams"] = [lidar.beams for lidar in self.lidars]
+        head = f"<p>{html.escape(self.name)}: metres and degrees</p>"
+        return head + table.to_html(float_format="{:.3g}".format)
+
     @property
     def lidars(self) -> tuple[Lidar, ...]:
         """The model of every mount."""
@@ -87,6 +128,8 @@ class Placement:
         """The same mounts with another LiDAR model, or with one for each."""
         return replace(self, lidar=lidar)
 
+
+_POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 
 # The paper's table of coordinates, in CARLA's convention: (x, y, z, roll, pitch).
 _PAPER_TABLE: dict[str, tuple[tuple[float, float, float, float, float], ...]] = {

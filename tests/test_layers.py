@@ -24,12 +24,12 @@ FORBIDDEN = {
 }
 FLOORS = {
     "lidarplace": (
-        "metrics optional pose ranges rings roi sectors start",
+        "metrics optional pose ranges rings roi sectors shown start",
         "sensor",
         "placement",
         "configuration coverage",
         "files mounting",
-        "boxes",
+        "boxes plausible",
         "box_log occupancy",
         "lidar surrogates",
         "selection",

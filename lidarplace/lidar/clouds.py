@@ -61,6 +61,13 @@ class PointClouds:
     crop: NDArray[np.float64]
     step: NDArray[np.float64]
 
+    def __repr__(self) -> str:
+        frames, lidars = self.counts.shape
+        return (
+            f"PointClouds({frames:,} frames, {lidars} LiDARs, {self.counts.sum():,} points, "
+            f"{self.data.nbytes / 1e6:.3g} MB)"
+        )
+
     @classmethod
     def from_frames(
         cls,

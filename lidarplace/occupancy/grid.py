@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import math
+import warnings
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,15 +13,17 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.boxes import GEOMETRY, check_boxes, frame_ids
+from lidarplace.boxes import CLASSES, GEOMETRY, check_boxes, frame_ids
 from lidarplace.occupancy.box_counts import count_boxes
 from lidarplace.occupancy.entropy import entropy_of_counts
 from lidarplace.occupancy.levels import Levels
+from lidarplace.plausible import implausible
 from lidarplace.roi import Roi
+from lidarplace.shown import Shown
 
 
 @dataclass(frozen=True)
-class OccupancyGrid:
+class OccupancyGrid(Shown):
     """Occupancy of the voxels of an ROI by one class of objects.
 
     The counts are integers, so `p = counts / frames` is exact and grids of the same counts are
@@ -37,6 +41,25 @@ class OccupancyGrid:
     counts: NDArray[np.int32]
     frames: int
 
+    def __repr__(self) -> str:
+        voxels = " × ".join(map(str, self.roi.shape))
+        return (
+            f"OccupancyGrid({self.object_class!r}: {voxels} voxels of {self.roi.resolution:g} m, "
+            f"{np.count_nonzero(self.counts):,} of them occupied in some of {self.frames:,} frames)"
+        )
+
+    def _repr_html_(self) -> str:
+        rows = {
+            "class": self.object_class,
+            "voxels": " × ".join(map(str, self.roi.shape)),
+            "edge, m": f"{self.roi.resolution:g}",
+            "frames": f"{self.frames:,}",
+            "occupied voxels": f"{np.count_nonzero(self.counts):,}",
+            "highest p": f"{self.counts.max() / self.frames:.3g}",
+            "entropy, nats": f"{self.h_pog:,.6g}",
+        }
+        return pd.Series(rows, dtype=str).to_frame().to_html(header=False)
+
     @classmethod
     def from_boxes(
         cls, boxes: pd.DataFrame, roi: Roi, object_class: str, frames: int
@@ -52,8 +75,11 @@ class OccupancyGrid:
             frames: T, the number of frames that the log covers.
 
         Raises:
-            ValueError: a column is missing, a value is not finite, or the boxes come from more
-                than `frames` frames.
+            ValueError: a column is missing, a value is not finite, the boxes come from more than
+                `frames` frames, or nothing knows the class.
+
+        Warns:
+            UserWarning: boxes look as if they were in degrees or millimetres.
         """
         return cls.by_class(boxes, roi, (object_class,), frames)[object_class]
 
@@ -68,7 +94,13 @@ class OccupancyGrid:
                 than `frames` frames.
         """
         _check_frames(frames)
+        if isinstance(classes, str):
+            raise ValueError(f"classes is a list of names, found {classes!r}; write [{classes!r}]")
         check_boxes(boxes)
+        for name in classes:
+            _check_class(name, boxes)
+        for told in implausible(boxes):
+            warnings.warn(told, stacklevel=3)
         of_class = {name: np.flatnonzero(boxes["class"].isin([name])) for name in classes}
         rows = np.concatenate([np.empty(0, np.int64), *of_class.values()])
         frame = frame_ids(boxes)
@@ -151,6 +183,19 @@ class OccupancyGrid:
         The integers are exact and few terms remain, so the sum has no error to speak of.
         """
         return math.fsum(number * self.entropy_of_level)
+
+
+def _check_class(name: str, boxes: pd.DataFrame) -> None:
+    """A class that never occurs is empty; one that is neither known nor there is mistyped."""
+    if not isinstance(name, str):
+        raise ValueError(f"object_class is the name of a class, found {name!r}")
+    there = [str(other) for other in boxes["class"].unique()]
+    if name in CLASSES or name in there:
+        return
+    known = sorted({*there, *CLASSES})
+    close = difflib.get_close_matches(name.lower(), [other.lower() for other in known], n=1)
+    hint = next((f" (did you mean {o}?)" for o in known if close == [o.lower()]), "")
+    raise ValueError(f"no box is of class {name!r}{hint}; classes are {', '.join(known)}")
 
 
 def _check_frames(frames: int) -> None:

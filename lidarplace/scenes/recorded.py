@@ -98,7 +98,12 @@ class LogRecording:
     digest: str
 
     def record(self) -> BoxLog:
-        """Read it. Raises as `LogScene.read` does."""
+        """Read it. Raises as `LogScene.read` does, and if the log is not what it was."""
+        if self.scene.digest() != self.digest:
+            raise ValueError(
+                f"{self.scene.folder}: the log has changed since the command was given; give the "
+                "command again"
+            )
         return self.scene.read()
 
 

@@ -102,6 +102,10 @@ def evaluate_classes(
     entropy, the columns that have any) is computed with the first placement and kept; `seconds`
     leaves it out.
     """
+    if isinstance(surrogates, str):
+        raise ValueError(
+            f"surrogates is a list of names, found {surrogates!r}; write [{surrogates!r}]"
+        )
     unknown = sorted(set(surrogates) - set(RAY_SURROGATES))
     if unknown:
         raise ValueError(

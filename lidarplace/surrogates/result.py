@@ -8,9 +8,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import pandas as pd
+
 from lidarplace.coverage import Method
 from lidarplace.placement import Placement
 from lidarplace.roi import Roi
+from lidarplace.shown import Shown
 from lidarplace.surrogates.table import POG_SURROGATES
 
 
@@ -31,7 +34,7 @@ class CoveredVoxels:
 
 
 @dataclass(frozen=True, repr=False)
-class Surrogates:
+class Surrogates(Shown):
     """Surrogates of one placement for one class, or for the sum of classes; entropies in nats.
 
     Every name of `lidarplace.surrogates.table.POG_SURROGATES` is an attribute, such as `s_mig`: a
@@ -60,9 +63,17 @@ class Surrogates:
         return self.values.get(name) if of_others is None else of_others(self)
 
     def __repr__(self) -> str:
-        told = {"method": self.method, **self.values}
-        told |= {"covered_nonzero": self.covered_nonzero, "seconds": self.seconds}
-        return f"Surrogates({', '.join(f'{name}={value!r}' for name, value in told.items())})"
+        told = ", ".join(f"{name}={value:.6g}" for name, value in self.values.items())
+        return f"Surrogates({self.placement.name!r} by {self.method}: {told})"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (own.label, f"{value:,.6g}", own.unit)
+            for name, own in POG_SURROGATES.items()
+            if (value := getattr(self, name)) is not None
+        ]
+        table = pd.DataFrame(rows, columns=["surrogate", self.placement.name, "unit"])
+        return table.to_html(index=False)
 
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), *POG_SURROGATES]

@@ -17,6 +17,7 @@ from lidarplace.placement import Placement
 from lidarplace.viewing import style
 from lidarplace.viewing.axes import equal_axes
 from lidarplace.viewing.frame import Cloud, Frame, read_cloud, read_frame
+from lidarplace.viewing.lidars import add_lidars
 from lidarplace.viewing.solids import corners, edges, headings, triangles
 
 POINTS = 160_000
@@ -89,7 +90,7 @@ def _summary(cloud: Cloud) -> str:
 
 
 def _add_cloud(figure: go.Figure, cloud: Cloud, placement: Placement) -> None:
-    for i, mount in enumerate(placement.mounts):
+    for i in range(len(placement.mounts)):
         shade = style.COLOURS[i % len(style.COLOURS)]
         name = f"LiDAR {i}"
         figure.add_scatter3d(
@@ -100,18 +101,7 @@ def _add_cloud(figure: go.Figure, cloud: Cloud, placement: Placement) -> None:
             name=name,
             legendgroup=name,
         )
-        angles = np.degrees([mount.roll, mount.pitch, mount.yaw])
-        figure.add_scatter3d(
-            **_xyz(mount.position[None]),
-            mode="markers",
-            marker={"size": 4, "color": shade, "symbol": "diamond"},
-            hovertext=f"{name}: x {mount.x:g}, y {mount.y:g}, z {mount.z:g} m<br>"
-            + "roll {:.1f}°, pitch {:.1f}°, yaw {:.1f}°".format(*(angles + 0.0)),
-            hoverinfo="text",
-            name=name,
-            legendgroup=name,
-            showlegend=False,
-        )
+    add_lidars(figure, placement)
 
 
 def _add_objects(figure: go.Figure, frame: Frame, cloud: Cloud) -> None:

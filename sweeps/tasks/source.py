@@ -1,7 +1,8 @@
 """A source file, taken apart into what its names say to Python and what they refer to.
 
-That is their syntax trees without comments, docstrings, descriptions of pydantic's fields, and
-annotations. Annotations in the body of a class stay: dataclasses and pydantic read them.
+That is their syntax trees without comments, docstrings, descriptions of pydantic's fields,
+annotations, and without the methods that only show an object to a person. Annotations in the body
+of a class stay: dataclasses and pydantic read them.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ def read_source(path: Path, module: str) -> Source:
     imports: dict[str, str] = {}
     runs: set[str] = set()
     others: list[ast.stmt] = []
-    for statement in ast.parse(path.read_bytes(), filename=str(path)).body:
+    for statement in map(_without_shows, ast.parse(path.read_bytes(), filename=str(path)).body):
         if isinstance(statement, ast.Import | ast.ImportFrom):
             imports |= _imported(statement)
             runs |= _modules_run(statement)
@@ -79,6 +80,16 @@ def read_source(path: Path, module: str) -> Source:
         )
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
+
+
+_SHOWS = {"__repr__", "_repr_html_", "plot"}
+
+
+def _without_shows(statement: ast.stmt) -> ast.stmt:
+    """A class without the methods whose text or figure no result depends on."""
+    if isinstance(statement, ast.ClassDef):
+        statement.body = [s for s in statement.body if getattr(s, "name", None) not in _SHOWS]
+    return statement
 
 
 def _never_runs(statement: ast.stmt) -> bool:

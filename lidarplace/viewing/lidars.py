@@ -1,0 +1,36 @@
+"""The LiDARs of a rig as marks in a 3-D figure."""
+
+from __future__ import annotations
+
+import numpy as np
+import plotly.graph_objects as go
+
+from lidarplace.placement import Placement
+from lidarplace.viewing import style
+
+
+def add_lidars(figure: go.Figure, placement: Placement, pointer: float = 0.0) -> None:
+    """Add a mark a mount that tells its pose, in the colour of its number.
+
+    Args:
+        pointer: length of a line along the sensor's x axis, metres.
+    """
+    for i, mount in enumerate(placement.mounts):
+        name, shade = f"LiDAR {i}", style.COLOURS[i % len(style.COLOURS)]
+        roll, pitch, yaw = np.degrees([mount.roll, mount.pitch, mount.yaw]) + 0.0
+        ends = np.stack([mount.position, mount.position + pointer * mount.rotation[:, 0]])
+        x, y, z = (ends if pointer else ends[:1]).T
+        figure.add_scatter3d(
+            x=x,
+            y=y,
+            z=z,
+            mode="lines+markers" if pointer else "markers",
+            marker={"size": [4, 0] if pointer else 4, "color": shade, "symbol": "diamond"},
+            line={"color": shade, "width": 4},
+            hovertext=f"{name}: x {mount.x:g}, y {mount.y:g}, z {mount.z:g} m<br>"
+            f"roll {roll:.1f}°, pitch {pitch:.1f}°, yaw {yaw:.1f}°",
+            hoverinfo="text",
+            name=name,
+            legendgroup=name,
+            showlegend=bool(pointer),
+        )
