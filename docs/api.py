@@ -29,7 +29,9 @@ a box log has, [configuration](configuration.md) the keys of a model such as `Su
 `evaluate` takes `method="cone"` (exact, the default), `"dda"` or `"bresenham"`. A sensor's
 `azimuth=(min, max)` and `range` limit what it covers. `OccupancyGrid.by_class` counts all classes
 at once, `evaluate_classes` shares the coverage between them, `sum_over_classes` adds them up as the
-paper does, and `evaluate_many` scores a list of placements on all cores.
+paper does, and `evaluate_many` scores a list of placements on all cores. `compare` puts placements
+side by side in a table. `Mount.degrees` takes angles in degrees. Placements, grids and results have
+`.plot()`, a plotly figure, and are tables in a notebook.
 """
 
 NAMES = {

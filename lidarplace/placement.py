@@ -78,11 +78,12 @@ class Placement(Shown):
     lidar: Lidar | Sequence[Lidar]
 
     def __post_init__(self) -> None:
-        if isinstance(self.mounts, str | Mount):
+        mounts = (None,) if isinstance(self.mounts, Mount) else tuple(self.mounts)
+        if not all(isinstance(mount, Mount) for mount in mounts):
             raise ValueError(
-                f"placement {self.name!r}: mounts is a list of mounts, found {self.mounts!r}"
+                f"placement {self.name!r}: mounts is a list of Mount(…), found {self.mounts!r}"
             )
-        object.__setattr__(self, "mounts", tuple(self.mounts))
+        object.__setattr__(self, "mounts", mounts)
         if not self.mounts:
             raise ValueError(f"placement {self.name!r} has no LiDAR")
         if not isinstance(self.lidar, Lidar):

@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from lidarplace.command_line.verbs import wrong
+
 
 def _key_paths(incomplete: str) -> Iterator[str]:
     """Keys of the files of sweeps and searches for a shell to complete, one level at a time."""
@@ -31,10 +33,27 @@ _CONFIG = typer.Argument(help="YAML file of a sweep")
 ConfigArgument = Annotated[Path, _CONFIG]
 ConfigUnlessSchema = Annotated[Path | None, _CONFIG]
 
+
+def _check_pairs(value: list[str] | None) -> list[str] | None:
+    """Refuse `--set key value` before the value is taken for an argument too many."""
+    from sweeps.configuration.file import ConfigError, split_override
+
+    for pair in value or ():
+        try:
+            split_override(pair)
+        except ConfigError as error:
+            wrong(error)
+    return value
+
+
 SetOption = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", metavar="KEY=VALUE", help="override a key path", autocompletion=_key_paths
+        "--set",
+        metavar="KEY=VALUE",
+        help="override a key path",
+        autocompletion=_key_paths,
+        callback=_check_pairs,
     ),
 ]
 

@@ -186,7 +186,7 @@ def test_a_folder_in_place_of_a_file(in_folder, verb, log):
 @pytest.mark.parametrize(
     ("pair", "told"),
     [
-        ("training.epochs", "expected KEY=VALUE"),
+        ("training.epochs", "expected KEY=VALUE, with = between them, such as"),
         ("trainin.epochs=2", "did you mean training?"),
         ("training.epochs=many", "found 'many'"),
         ("training.epochs=[", "is not YAML"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import reprlib
 import time
 from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -102,6 +103,11 @@ def evaluate_classes(
     entropy, the columns that have any) is computed with the first placement and kept; `seconds`
     leaves it out.
     """
+    if not isinstance(placement, Placement):
+        raise ValueError(
+            "placement is a Placement, such as PAPER_PLACEMENTS['line'], "
+            f"found {reprlib.repr(placement)}"
+        )
     if isinstance(surrogates, str):
         raise ValueError(
             f"surrogates is a list of names, found {surrogates!r}; write [{surrogates!r}]"

@@ -86,12 +86,18 @@ def _name_by_file(raw: dict[str, Any], path: Path) -> None:
     raw.setdefault("name", path.stem)
 
 
+def split_override(pair: str) -> tuple[str, str]:
+    """Key path and value of a `--set`. Raises ConfigError."""
+    key, equals, text = pair.partition("=")
+    if not equals or not key.strip():
+        such = f", such as --set {key.strip()}=3" if key.strip() else ""
+        raise ConfigError(f"--set {pair}: expected KEY=VALUE, with = between them{such}")
+    return key.strip(), text
+
+
 def override(raw: dict[str, Any], pair: str, path: Path, model: type[BaseModel]) -> None:
     """Put the `KEY=VALUE` of a `--set` into `raw`; values are YAML. Raises ConfigError."""
-    key, equals, text = pair.partition("=")
-    key = key.strip()
-    if not equals or not key:
-        raise ConfigError(f"--set {pair}: expected KEY=VALUE")
+    key, text = split_override(pair)
     try:
         value = parse_yaml(text)
     except YamlError as error:

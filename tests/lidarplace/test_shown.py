@@ -12,7 +12,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import lidarplace
-from lidarplace import PAPER_PLACEMENTS, Mount, OccupancyGrid, Placement, Roi, compare, evaluate
+from lidarplace import (
+    PAPER_PLACEMENTS,
+    Mount,
+    OccupancyGrid,
+    Placement,
+    Roi,
+    compare,
+    evaluate,
+    evaluate_classes,
+)
 from lidarplace.box_log import BoxLog, write_box_log
 from lidarplace.lidar.collect import collect, crop_for
 from lidarplace.viewing.figures import figure
@@ -121,8 +130,10 @@ def test_the_public_names_and_no_others():
         (lambda: OccupancyGrid.from_boxes(boxes(), ROI, "Tram", 8), "'Tram'; classes are Car"),
         (lambda: OccupancyGrid.from_boxes(boxes(), ROI, ["Car"], 8), r"found \['Car'\]"),
         (lambda: OccupancyGrid.by_class(boxes(), ROI, "Car", 8), r"write \['Car'\]"),
-        (lambda: Placement("a", Mount(z=2), LINE.lidar), "mounts is a list of mounts"),
-        (lambda: Placement("a", "line", LINE.lidar), "mounts is a list of mounts"),
+        (lambda: Placement("a", Mount(z=2), LINE.lidar), r"is a list of Mount\(…\)"),
+        (lambda: Placement("a", "line", LINE.lidar), "found 'line'"),
+        (lambda: Placement("a", [(0, 0, 2)], LINE.lidar), r"found \[\(0, 0, 2\)\]"),
+        (lambda: evaluate_classes({}, "line"), "is a Placement, .* found 'line'"),
     ],
 )
 def test_mistakes_say_so(mistake, told):

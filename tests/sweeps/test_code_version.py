@@ -108,6 +108,13 @@ def version(folder, changes=(), root="app.stages.train"):
         ("app/figures.py", "return params", "return 2 * params"),
         ("app/optimiser.py", 'LOG.append("")', 'LOG.append("x")'),
         ("app/stages.py", "return draw(params)", "return draw(3)"),
+        (
+            "app/models.py",
+            "    def area",
+            "    def plot(self):\n        from app.figures import draw\n"
+            "        return draw(self)\n\n"
+            "    def __repr__(self):\n        return FAR\n\n    def area",
+        ),
     ],
 )
 def test_what_cannot_change_the_result_does_not_count(tmp_path, file, old, new):

@@ -7,11 +7,13 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from small_log import write_small_log
+from typer.testing import CliRunner
 
 from lidarplace import Lidar
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import read_plan
+from sweeps.run import app
 
 EXAMPLE = Path(__file__).parents[2] / "examples/grid.yaml"
 BASE = {"placement": "line", "grid": {"placement": ["line", "center"], "seed": [1, 2]}}
@@ -327,3 +329,10 @@ def test_an_axis_inside_of_a_key_of_the_command_line_keeps_its_values(config):
     assert [(p.point.scene.density, p.point.scene.routes) for p in sweep.points] == [(4, 3), (7, 3)]
     with pytest.raises(ConfigError, match="scene is an axis of the grid"):
         read_sweep(config(grid={"scene": [{"density": 3}]}), ["scene.routes=3"])
+
+
+def test_a_value_without_its_equals_sign_is_no_argument_too_many():
+    done = CliRunner().invoke(app, ["grid.yaml", "--set", "training.epochs", "2"])
+    assert done.exit_code == 2
+    told = "expected KEY=VALUE, with = between them, such as --set training.epochs=3"
+    assert done.stderr == f"--set training.epochs: {told}\n"
