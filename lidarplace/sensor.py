@@ -25,8 +25,9 @@ class Lidar:
         range: farthest return, metres.
         range_noise: standard deviation of the measured range, metres.
         drop_off: probability that a return is lost, in [0, 1).
-        azimuth: horizontal field of view, (min, max) in radians, ends included, at most one turn;
-            0 is the sensor's x axis, growing towards y. May cross pi: (2.0, 4.0) looks back.
+        azimuth: horizontal field of view, [min, max) in radians, at most one turn; 0 is the
+            sensor's x axis, growing towards y. May cross pi: (2.0, 4.0) looks back. A part of a
+            turn that is a whole number of steps wide has just as many, wherever it begins.
 
     Raises:
         ValueError: a value is out of its bounds, or no azimuth step is in the field of view.
@@ -65,7 +66,7 @@ class Lidar:
         if self.fired_steps < 1:
             raise ValueError(
                 f"none of the {self.azimuth_steps} azimuth steps of a turn lies within "
-                f"the field of view [{low}, {high}] radians"
+                f"the field of view [{low}, {high}) radians"
             )
 
     @classmethod
@@ -95,9 +96,8 @@ class Lidar:
         """Number of azimuth steps that are fired."""
         if self.full_turn:
             return self.azimuth_steps
-        low, high = self.azimuth[0] - HAIR, self.azimuth[1] + HAIR
-        steps = math.floor(high / self._step) - math.ceil(low / self._step) + 1
-        return min(steps, self.azimuth_steps)
+        low, high = (math.ceil((end - HAIR) / self._step) for end in self.azimuth)
+        return high - low
 
     @property
     def rays(self) -> int:

@@ -40,8 +40,8 @@ class SensorSettings(Settings):
     drop_off: Probability = Field(0.0, lt=1, description="probability that a return is lost")
     azimuth_deg: tuple[Degrees, Degrees] = Field(
         (-180.0, 180.0),
-        description="horizontal field of view [min, max] in the sensor's frame, degrees; 0 is its "
-        "x axis, growing to the left, and the interval may cross 180",
+        description="horizontal field of view in the sensor's frame, degrees, from min up to, not "
+        "with, max; 0 is its x axis, growing to the left, and the interval may cross 180",
     )
 
     @field_validator("azimuth_deg")

@@ -96,10 +96,14 @@ def thinned(placement: Placement, azimuth_stride: int) -> Placement:
 def ray_weight(placement: Placement, azimuth_stride: int) -> float:
     """Rays of `placement` that one of `thinned(placement, azimuth_stride)` stands for.
 
-    The mean over the LiDARs, whose models may differ a little in what rounding makes of the stride.
+    By the steps of whole turns, so the stride itself where it divides them, whatever the field of
+    view. The mean over the LiDARs, whose models may differ in what rounding makes of the stride.
     """
     thin = thinned(placement, azimuth_stride)
-    return sum(lidar.rays for lidar in placement.lidars) / sum(lidar.rays for lidar in thin.lidars)
+    in_turns = [
+        sum(lidar.beams * lidar.azimuth_steps for lidar in rig.lidars) for rig in (placement, thin)
+    ]
+    return in_turns[0] / in_turns[1]
 
 
 def _in_layers(roi: Roi, dtype: type[np.generic]) -> NDArray:

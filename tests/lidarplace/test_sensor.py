@@ -35,13 +35,15 @@ def test_a_thinned_lidar_has_fewer_azimuth_steps_and_nothing_else():
 @pytest.mark.parametrize(
     ("degrees", "steps"),
     [
-        ((-60, 60), [10, 11, 0, 1, 2]),  # both ends are fired
-        ((120, 240), [4, 5, 6, 7, 8]),  # crosses 180 degrees
-        ((-240, -120), [4, 5, 6, 7, 8]),
+        ((-60, 60), [10, 11, 0, 1]),  # the first end is fired, the last is not
+        ((120, 240), [4, 5, 6, 7]),  # crosses 180 degrees
+        ((-240, -120), [4, 5, 6, 7]),
         ((-59, 59), [11, 0, 1]),
         ((30, 31), [1]),
-        ((0, 330), [*range(12)]),  # no full turn, though every step is fired
-        ((720, 750), [0, 1]),
+        ((0, 330), [*range(11)]),
+        ((1, 359), [*range(1, 12)]),
+        ((0.1, 360), [*range(1, 12)]),
+        ((720, 750), [0]),
     ],
 )
 def test_steps_within_the_field_of_view(degrees, steps):
@@ -60,13 +62,47 @@ def test_each_fired_azimuth_is_in_the_field_of_view(steps, low, width):
     distance = np.minimum(np.abs(inside - width), np.minimum(inside, 2 * math.pi - inside))
     if (distance < 1e-9).any():  # an end on a step: either side is right up to rounding
         return
-    expected = full[inside <= width]
+    expected = full[inside < width]
     if not len(expected):
         with pytest.raises(ValueError, match=f"none of the {steps} azimuth steps"):
             Lidar(BEAMS, steps, azimuth=(low, low + width))
         return
     found = Lidar(BEAMS, steps, azimuth=(low, low + width)).azimuths()
     np.testing.assert_array_equal(np.sort(found), expected)
+
+
+@given(
+    st.integers(2, 700).flatmap(lambda n: st.tuples(st.just(n), st.integers(1, n - 1))),
+    st.floats(-2 * math.pi, 2 * math.pi),
+    st.integers(-2000, 2000),
+)
+def test_a_width_in_steps_is_the_number_of_steps_wherever_it_begins(steps, low, first):
+    (turn, width), step = steps, 2 * math.pi / steps[0]
+    for begin in (low, first * step):
+        lidar = Lidar(BEAMS, turn, azimuth=(begin, begin + width * step))
+        assert lidar.fired_steps == width
+
+
+@given(
+    st.floats(-2 * math.pi, 2 * math.pi), st.integers(1, 500), st.floats(0, 1), st.floats(0.01, 1)
+)
+def test_neighbouring_fields_of_view_share_no_step_and_lose_none(low, turn, cut, width):
+    width *= 2 * math.pi * (1 - 1e-9)
+    middle, high = low + cut * width, low + width
+
+    def fired(start, end):
+        try:
+            return Lidar(BEAMS, turn, azimuth=(start, end)).azimuths().tolist()
+        except ValueError:  # no step in it, or no width
+            return []
+
+    assert fired(low, middle) + fired(middle, high) == fired(low, high)
+
+
+def test_600_steps_over_120_degrees_are_200_rays():
+    lidar = Lidar(BEAMS, 600, azimuth=(math.radians(-60), math.radians(60)))
+    assert lidar.fired_steps == 200
+    assert [lidar.thinned(1 / stride).fired_steps for stride in (2, 4, 5, 8)] == [100, 50, 40, 25]
 
 
 @pytest.mark.parametrize(

@@ -114,10 +114,17 @@ def best_of_all(problem, grids):
         {"lidars": 2, "roll_deg": 0, "keep_out": {"hatch": HATCH}},
         {"zones": COUNTED, "roll_deg": 0, "models": MODELS},
         {"zones": COUNTED, "roll_deg": 0, "models": MODELS, "constraints": {"price": 9}},
+        {
+            "models": {
+                "turn": {"beams": 2, "azimuth_steps": 90},
+                "front": {"beams": 6, "azimuth_steps": 120, "azimuth_deg": [-60, 60]},
+            },
+            "azimuth_stride": 6,
+        },
     ],
     ids=[
         *("two", "range", "distance", "fixed", "symmetric", "step", "fixed price", "price"),
-        *("keep out", "zones", "zones and price"),
+        *("keep out", "zones", "zones and price", "views"),
     ],
 )
 def test_no_rig_of_the_grid_exceeds_the_bound(tmp_path, changes):
@@ -220,6 +227,14 @@ def test_only_rigs_that_keep_the_constraints_are_refined(tmp_path):
 
 
 def test_models_that_a_stride_thins_unlike_have_no_bound(tmp_path):
-    models = {"a": {"azimuth_steps": 90}, "b": {"azimuth_steps": 60}}
+    models = {
+        "a": {"azimuth_steps": 90},
+        "b": {"azimuth_steps": 60},
+        "c": {"azimuth_steps": 600, "azimuth_deg": [-60, 60]},
+    }
     assert "azimuth_stride 8" in why_none(problem_of(tmp_path, models=models, azimuth_stride=8))
     assert why_none(problem_of(tmp_path, models=models, azimuth_stride=30)) is None
+    del models["a"], models["b"]
+    for view in ([-60, 60], [-61.3, 17]):
+        models["c"]["azimuth_deg"] = view
+        assert why_none(problem_of(tmp_path, models=models, azimuth_stride=8)) is None

@@ -42,7 +42,7 @@ def ego_points(
         returns,
         mount.rotation @ mirror.T,
         mount.position,
-        (-math.inf if lidar.full_turn else low - HAIR, high - low + 2 * HAIR),
+        (-math.inf if lidar.full_turn else low - HAIR, high - low),
         np.array(crop),
         np.array(body),
         BODY_MARGIN_M,
@@ -58,7 +58,7 @@ def _ego_points(returns, turn, place, view, crop, body, margin, points):
     for n in range(len(returns)):
         x, y, z = float(returns[n, 0]), float(returns[n, 1]), float(returns[n, 2])
         # CARLA's y is to the right.
-        if view[0] > -math.inf and (math.atan2(-y, x) - view[0]) % (2 * math.pi) > view[1]:
+        if view[0] > -math.inf and (math.atan2(-y, x) - view[0]) % (2 * math.pi) >= view[1]:
             continue
         px = turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z + place[0]
         py = turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z + place[1]
