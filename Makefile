@@ -53,6 +53,7 @@ docs: setup
 	$(BIN)/python docs/commands.py
 	$(BIN)/python -m docs.architecture
 	$(BIN)/python docs/run_folder.py
+	$(BIN)/python docs/sensors.py
 	$(BIN)/pdoc --docformat google --output-directory build/docs lidarplace training tracking sweeps
 
 clean:

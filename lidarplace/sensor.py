@@ -6,8 +6,9 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from lidarplace.catalogue.datasheet import datasheet
 from lidarplace.ranges import AZIMUTH_STEPS
 
 # Ends of a field of view, and a whole turn, are meant up to the rounding of degrees to radians.
@@ -28,6 +29,10 @@ class Lidar:
         azimuth: horizontal field of view, [min, max) in radians, at most one turn; 0 is the
             sensor's x axis, growing towards y. May cross pi: (2.0, 4.0) looks back. A part of a
             turn that is a whole number of steps wide has just as many, wherever it begins.
+        min_range: nearest return, metres; what is nearer stops the ray and returns nothing.
+        range_10, range_80: farthest return, metres, of a surface that reflects 10 % and 80 % of
+            the light and faces the ray; None for the first: all surfaces return from up to `range`;
+            for the second alone: light thins out by the square of the distance. See `sight`.
 
     Raises:
         ValueError: a value is out of its bounds, or no azimuth step is in the field of view.
@@ -39,6 +44,9 @@ class Lidar:
     range_noise: float = 0.0
     drop_off: float = 0.0
     azimuth: tuple[float, float] = (-math.pi, math.pi)
+    min_range: float = 0.0
+    range_10: float | None = None
+    range_80: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "elevations", tuple(float(e) for e in self.elevations))
@@ -55,6 +63,15 @@ class Lidar:
             raise ValueError(
                 "range_noise must be >= 0 and drop_off within [0, 1), "
                 f"found {self.range_noise} and {self.drop_off}"
+            )
+        if not 0 <= self.min_range < self.range:
+            raise ValueError(f"min_range must be within [0, range), found {self.min_range}")
+        if self.range_10 is None and self.range_80 is not None:
+            raise ValueError("range_80 needs range_10")
+        if self.range_10 is not None and not 0 < self.range_10 <= (self.range_80 or math.inf):
+            raise ValueError(
+                "range_10 must be positive and not beyond range_80, "
+                f"found {self.range_10} and {self.range_80}"
             )
         low, high = (float(angle) for angle in self.azimuth)
         object.__setattr__(self, "azimuth", (low, high))
@@ -73,6 +90,25 @@ class Lidar:
     def paper(cls) -> Lidar:
         """The paper's sensor: 16 beams from -25 to 5 degrees, 90,000 points a frame at 20 Hz."""
         return cls(tuple(np.radians(np.linspace(-25.0, 5.0, 16))), azimuth_steps=5625)
+
+    @classmethod
+    def named(cls, name: str) -> Lidar:
+        """A LiDAR of the catalogue, "vlp16" or "VLP-16": `lidarplace sensors` lists them.
+
+        Its range noise is 0 where no source gives a standard deviation. Raises ValueError if there
+        is none of that name.
+        """
+        sheet = datasheet(name)
+        return cls(
+            tuple(math.radians(e) for e in sheet.elevations_deg),
+            sheet.azimuth_steps,
+            sheet.range,
+            sheet.range_noise or 0.0,
+            azimuth=(math.radians(sheet.azimuth_deg[0]), math.radians(sheet.azimuth_deg[1])),
+            min_range=sheet.min_range or 0.0,
+            range_10=sheet.range_10,
+            range_80=sheet.range_80,
+        )
 
     @property
     def beams(self) -> int:
@@ -103,6 +139,26 @@ class Lidar:
     def rays(self) -> int:
         """Number of rays, `beams * fired_steps`."""
         return self.beams * self.fired_steps
+
+    @property
+    def falloff(self) -> float:
+        """k of `sight`: 1/2 is the inverse square law; less where the air takes light, too."""
+        if self.range_10 is None or self.range_80 is None:
+            return 0.5
+        return math.log(self.range_80 / self.range_10) / math.log(8.0)
+
+    def sight(self, reflected: ArrayLike) -> NDArray[np.float64]:
+        """How far surfaces still return, metres: `min(range, range_10 (reflected / 0.1)^k)`.
+
+        With k such that it is `range_80` for 0.8, see `falloff`.
+
+        Args:
+            reflected: reflectivity times the cosine of incidence (Lambert's law), any shape.
+        """
+        light = np.asarray(reflected, np.float64)
+        if self.range_10 is None:
+            return np.full(light.shape, self.range)
+        return np.minimum(self.range, self.range_10 * (10.0 * light) ** self.falloff)
 
     @property
     def _step(self) -> float:

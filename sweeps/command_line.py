@@ -45,6 +45,7 @@ VERBS = {
     "carla": Verb(
         "lidarplace.scenes.carla.__main__", "Collect box logs and clouds from CARLA.", "carla"
     ),
+    "sensors": Verb("lidarplace.sensors", "List the LiDARs that are known by name."),
     "describe": Verb("lidarplace.describe", "Print frames and objects per frame of box logs."),
     "view": Verb("lidarplace.view", "Make a page of one frame of a box log."),
     "export": Verb("lidarplace.export", "Write a box log in KITTI's object layout."),

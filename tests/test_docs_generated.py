@@ -2,12 +2,12 @@
 
 import pytest
 
-from docs import api, architecture, configuration, run_folder
+from docs import api, architecture, configuration, run_folder, sensors
 from sweeps.tasks.stages import FUNCTIONS
 
 
 @pytest.mark.parametrize(
-    "page", [configuration, api, architecture, run_folder], ids=lambda page: page.__name__
+    "page", [configuration, api, architecture, run_folder, sensors], ids=lambda page: page.__name__
 )
 def test_up_to_date(page):
     told = page.PAGE.read_text(encoding="utf-8")

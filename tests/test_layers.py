@@ -24,7 +24,7 @@ FORBIDDEN = {
 }
 FLOORS = {
     "lidarplace": (
-        "metrics optional pose ranges rings roi sectors shown start",
+        "catalogue metrics optional pose ranges rings roi sectors shown start",
         "sensor",
         "placement",
         "configuration coverage",
@@ -36,7 +36,7 @@ FLOORS = {
         "recall",
         "__init__ command_line viewing",
         "scenes",
-        "convert describe export view",
+        "convert describe export sensors view",
     ),
     "lidarplace.scenes": ("datasets parts routes", "*", "kinds"),
     "training": (

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
 from lidarplace.configuration.sensor import SensorSettings
-from lidarplace.configuration.settings import Angle, Degrees, Length, Settings, fault
+from lidarplace.configuration.settings import (
+    Angle,
+    Degrees,
+    Length,
+    Settings,
+    fault,
+    short_for,
+)
 from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.placement import PAPER_PLACEMENTS, Mount, Placement
 from lidarplace.pose import from_carla
@@ -30,7 +37,7 @@ class MountSettings(Settings):
     roll_deg: Degrees | None = Field(None, description="degrees, in place of roll")
     pitch_deg: Degrees | None = Field(None, description="degrees, in place of pitch")
     yaw_deg: Degrees | None = Field(None, description="degrees, in place of yaw")
-    lidar: SensorSettings | None = Field(
+    lidar: Annotated[SensorSettings, short_for("name")] | None = Field(
         None, description="this mount's own LiDAR model; by default that of the whole placement"
     )
 

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import Field, field_validator, model_validator
 
+from lidarplace.catalogue.datasheet import datasheet
 from lidarplace.configuration.settings import (
     CountFromOne,
     Degrees,
     Distance,
     Elevation,
+    Name,
     Probability,
     Settings,
 )
@@ -23,8 +25,12 @@ MOST_RAYS = 20_000_000
 
 
 class SensorSettings(Settings):
-    """A LiDAR model; the defaults are the paper's, without noise."""
+    """A LiDAR model: one of the catalogue by its name, alone or in a mapping whose other keys win,
+    or one's own, of which the defaults are the paper's, without noise."""
 
+    name: Name | None = Field(
+        None, description="of the catalogue (`lidarplace sensors`), such as vlp16"
+    )
     beams: Annotated[CountFromOne, Field(le=MOST_BEAMS)] = Field(
         16, description="beams, evenly spread over elevation_deg"
     )
@@ -36,6 +42,15 @@ class SensorSettings(Settings):
     )
     azimuth_steps: CountFromOne = Field(5625, description="firings of a beam in one turn")
     range: Distance = Field(100.0, gt=0, description="farthest return, metres")
+    range_10: Distance | None = Field(
+        None, gt=0, description="farthest return of a surface that reflects 10 %, metres; null: any"
+    )
+    range_80: Distance | None = Field(
+        None,
+        gt=0,
+        description="the same for 80 %; null: by range_10 and the inverse square of the distance",
+    )
+    min_range: Distance = Field(0.0, description="nearest return, metres")
     range_noise: Distance = Field(0.0, description="standard deviation, m")
     drop_off: Probability = Field(0.0, lt=1, description="probability that a return is lost")
     azimuth_deg: tuple[Degrees, Degrees] = Field(
@@ -43,6 +58,28 @@ class SensorSettings(Settings):
         description="horizontal field of view in the sensor's frame, degrees, from min up to, not "
         "with, max; 0 is its x axis, growing to the left, and the interval may cross 180",
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_from_catalogue(cls, data: Any) -> Any:
+        name = data.get("name") if isinstance(data, dict) else None
+        if not isinstance(name, str):
+            return data
+        sheet = datasheet(name)
+        for key in ("beams", "elevation_deg"):
+            if key in data:
+                raise ValueError(f"{key}: {name} has its own beams; elevations_deg replaces them")
+        known = {
+            "elevations_deg": sheet.elevations_deg,
+            "azimuth_deg": sheet.azimuth_deg,
+            "azimuth_steps": sheet.azimuth_steps,
+            "range": sheet.range,
+            "range_10": sheet.range_10,
+            "range_80": sheet.range_80,
+            "min_range": sheet.min_range or 0.0,
+            "range_noise": sheet.range_noise or 0.0,
+        }
+        return known | data
 
     @field_validator("azimuth_deg")
     @classmethod
@@ -78,4 +115,7 @@ class SensorSettings(Settings):
             self.range_noise,
             self.drop_off,
             (math.radians(self.azimuth_deg[0]), math.radians(self.azimuth_deg[1])),
+            self.min_range,
+            self.range_10,
+            self.range_80,
         )

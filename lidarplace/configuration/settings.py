@@ -7,7 +7,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    Strict,
+    ValidationError,
+)
 
 from lidarplace.ranges import SEED, SHARE
 
@@ -63,6 +71,12 @@ def _possible(path: Path) -> Path:
 
 FilePath = Annotated[Path, AfterValidator(_possible)]
 """Where a file or a folder is, within what file systems take."""
+
+
+def short_for(key: str) -> BeforeValidator:
+    """A string in place of a mapping is the value of `key`: `ray: debug`, `lidar: vlp16`."""
+    return BeforeValidator(lambda value: {key: value} if isinstance(value, str) else value)
+
 
 _short = reprlib.Repr()
 _short.maxstring = _short.maxother = 100

@@ -15,7 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from lidarplace.lidar.ground import CELL_M, Ground
-from lidarplace.lidar.raycast import GROUND, Hits, beams_of
+from lidarplace.lidar.raycast import GROUND, Hits, beams_of, returns_light
 from lidarplace.lidar.shapes import SIGN
 from lidarplace.placement import Mount
 from lidarplace.sensor import Lidar
@@ -42,7 +42,8 @@ def sample_points(
     A return is lost with probability `lidar.drop_off`; its range errs by a normal of standard
     deviation `lidar.range_noise`, along the ray. Intensity is the light reflected, in terms of
     a white diffuser that faces the ray, times `exp(-ATTENUATION_PER_M * range)`; at 1, where
-    retroreflectors are, it saturates. Own body returns nothing.
+    retroreflectors are, it saturates. Own body returns nothing, nor does what is nearer than
+    `lidar.min_range` or, by the light reflected, beyond `lidar.sight`.
 
     Args:
         mount, lidar: as cast.
@@ -244,7 +245,8 @@ def _sample(
             points[count, 3] = bright
             errors[count - start] = length
             count += (
-                (px >= left)
+                returns_light(distance[n], bright, beams)
+                & (px >= left)
                 & (px <= right)
                 & (py >= near)
                 & (py <= far)

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from lidarplace.lidar.raycast import Hits, beams_of
+from lidarplace.lidar.raycast import Hits, beams_of, returns_light
 from lidarplace.placement import Mount
 from lidarplace.sensor import Lidar
 
@@ -112,7 +112,7 @@ def surface_cells(
     crop: Sequence[float],
     cell: float,
 ) -> SurfaceCells:
-    """Cells of the objects of a frame that the rays of one LiDAR hit within `crop`.
+    """Cells of the objects of a frame from which one LiDAR gets light within `crop`.
 
     Args:
         mount, lidar: as cast.
@@ -149,9 +149,9 @@ def _slice(position, size, cell, number):  # pragma: no cover - compiled
 def _cells_of_hits(
     origin, rotation, beams, hits, surface, crop, cell
 ):  # pragma: no cover - compiled
-    """Object and cell of every hit of an object within `crop`."""
+    """Object and cell of every return from an object within `crop`."""
     elevations, azimuths = beams.elevations, beams.azimuths
-    ranges, targets, _ = hits
+    ranges, targets, reflected = hits
     geometry, slices, owner = surface
     steps = azimuths.shape[1]
     count = 0
@@ -162,6 +162,8 @@ def _cells_of_hits(
     count = 0
     for ray in range(len(targets)):
         if targets[ray] < 0 or owner[targets[ray]] < 0:
+            continue
+        if not returns_light(ranges[ray], reflected[ray], beams):
             continue
         b = owner[targets[ray]]
         beam, step = ray // steps, ray % steps

@@ -24,6 +24,7 @@ from lidarplace.configuration.settings import (
     Seed,
     Settings,
     Text,
+    short_for,
 )
 from lidarplace.metrics import RANKING, Direction, headline_metric
 from lidarplace.mounting.vehicle import Vehicle
@@ -319,7 +320,7 @@ class SearchSettings(Settings):
     zones: dict[Name, ZoneSettings] = Field(
         default={}, description="by name; without zones LiDARs are where `placement` has them"
     )
-    models: dict[Name, ModelSettings] = Field(
+    models: dict[Name, Annotated[ModelSettings, short_for("name")]] = Field(
         default={}, description="LiDAR models by name; by default the one of the key `lidar`"
     )
     roll_deg: Turn = Field((0.0, 0.0), description="a number or [min, max], degrees")

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import (
-    BeforeValidator,
     Field,
     ValidationInfo,
     field_validator,
@@ -31,6 +30,7 @@ from lidarplace.configuration.settings import (
     Seed,
     Settings,
     Text,
+    short_for,
 )
 from lidarplace.coverage import Method
 from lidarplace.lidar.profiles import PROFILES
@@ -198,7 +198,7 @@ class Point(Settings):
         min_length=1,
         description="what surrogates are computed for and detectors look for",
     )
-    lidar: LidarSettings = Field(
+    lidar: Annotated[LidarSettings, short_for("name")] = Field(
         LidarSettings(), description="the LiDARs, unless a mount has its own"
     )
     surrogate: SurrogateSettings = Field(SurrogateSettings(), description="what scores a placement")
@@ -253,11 +253,6 @@ class Point(Settings):
     def voxel_roi(self) -> Roi:
         """The ROI with its voxels."""
         return Roi(self.roi.x, self.roi.y, self.roi.z, self.surrogate.resolution)
-
-
-def _short_for(key: str) -> BeforeValidator:
-    """A string in place of a mapping is the value of `key`: `ray: debug`."""
-    return BeforeValidator(lambda value: {key: value} if isinstance(value, str) else value)
 
 
 class RaySettings(Settings):
@@ -360,12 +355,12 @@ class Common(Settings):
     placements: dict[Name, PlacementSettings] = Field(
         default={}, description="own placements by name, beside the paper's eight"
     )
-    ray: Annotated[RaySettings, _short_for("address")] = Field(
+    ray: Annotated[RaySettings, short_for("address")] = Field(
         RaySettings(), description="where the tasks run; a string is short for address"
     )
     tracking: TrackingSettings = Field(TrackingSettings(), description="MLflow")
     output: FilePath = Field(Path("runs"), description="folder of the run folders")
-    store: Annotated[StoreSettings, _short_for("url")] = Field(
+    store: Annotated[StoreSettings, short_for("url")] = Field(
         StoreSettings(), description="where results are kept; a string is short for url"
     )
     promote: tuple[Rung, ...] = Field(

@@ -90,6 +90,7 @@ LINES = {
         ("carla.yaml",),
         "lidarplace.scenes.carla.__main__.collect",
     ),
+    "sensors": Line("lidarplace.sensors", ("vlp16",), ()),
     "describe": Line("lidarplace.describe", ("log",), ("log",)),
     "view": Line("lidarplace.view", ("log", "--placement", "line"), ("log", "rig.yaml")),
     "export": Line("lidarplace.export", ("log", "out", "--placement", "line"), ("log", "rig.yaml")),

@@ -112,6 +112,44 @@ def test_points_are_the_hits_within_the_crop():
     np.testing.assert_allclose(cloud[:, 3], intensity[inside], atol=0.5 / 255 + 1e-6)
 
 
+@pytest.mark.parametrize(
+    "limits",
+    [
+        {"min_range": 12.0},
+        {"range_10": 9.0},
+        {"range_10": 12.0, "range_80": 20.0, "min_range": 7.0, "range_noise": 0.05},
+    ],
+)
+def test_what_is_too_near_or_too_dark_returns_nothing(limits):
+    mount, wide = TWO[0], (-100.0, -100.0, -5.0, 100.0, 100.0, 50.0)
+    lidar = replace(LIDAR, range_noise=limits.get("range_noise", 0.0))
+    surroundings = Surroundings(log())
+    hits = cast(mount, lidar, surroundings.parts(2, reach=100.0))
+    kept = np.flatnonzero(hits.target >= SIGN)
+    ground = surroundings.ground(2)
+    points = np.empty((lidar.rays, 4), np.float32)
+
+    def returned(sensor):
+        count = sample_points(mount, sensor, hits, ground, wide, (0, 2, 0), points)
+        return points[:count].copy()
+
+    everything = returned(lidar)
+    assert len(everything) == len(kept)
+    light, on_ground = hits.reflected[kept].copy(), hits.target[kept] == GROUND
+    light[on_ground] *= brightness(ground, everything[on_ground].astype(float))
+    limited = replace(lidar, **limits)
+    far = limited.sight(light)
+    distance = hits.range[kept]
+    clear = (abs(distance - far) > 1e-3) & (abs(distance - limited.min_range) > 1e-3)
+    seen = (distance >= limited.min_range) & (distance <= far)
+    assert 20 < seen.sum() < len(kept) - 20
+    found = {tuple(point) for point in returned(limited)}
+    # A point whose patch of ground is rounded to the neighbour may be of either.
+    right = [(tuple(p) in found) == s for p, s in zip(everything[clear], seen[clear], strict=True)]
+    assert np.mean(right) > 0.999
+    assert len(found) <= len(everything)
+
+
 def test_points_of_a_field_of_view_are_those_of_the_whole_turn_within_it():
     ahead = replace(LIDAR, azimuth=(-0.5, 0.7))
     mount, behind = Mount(z=2.2), Mount(z=2.2, yaw=math.pi)

@@ -120,3 +120,32 @@ def test_numbers_of_any_kind_make_equal_sensors():
     b = Lidar(BEAMS, 12, azimuth=(np.float64(0.0), 1.0))
     assert a == b
     assert hash(a) == hash(b)
+
+
+def test_how_far_surfaces_are_seen():
+    light = np.array([0.0, 0.05, 0.1, 0.4, 0.8, 1.0, 100.0])
+    np.testing.assert_array_equal(Lidar(BEAMS, 12, range=70).sight(light), 70)
+    inverse_square = Lidar(BEAMS, 12, range=200, range_10=50)
+    expected = [0, 50 / math.sqrt(2), 50, 100, 50 * math.sqrt(8), 50 * math.sqrt(10), 200]
+    np.testing.assert_allclose(inverse_square.sight(light), expected, rtol=1e-12)
+    hazy = replace(inverse_square, range_80=100.0)  # twice as far by eight times the light
+    np.testing.assert_allclose(hazy.sight([0.1 / 8, 0.1, 0.8, 6.4]), [25, 50, 100, 200])
+    same = replace(inverse_square, range_80=50.0)
+    np.testing.assert_array_equal(same.sight(light), 50)
+
+
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        ({"min_range": -1.0}, "min_range must be within"),
+        ({"min_range": 100.0}, "min_range must be within"),
+        ({"min_range": math.nan}, "min_range must be within"),
+        ({"range_80": 10.0}, "range_80 needs range_10"),
+        ({"range_10": 0.0}, "range_10 must be positive"),
+        ({"range_10": 60.0, "range_80": 50.0}, "not beyond range_80"),
+        ({"range_10": math.nan}, "range_10 must be positive"),
+    ],
+)
+def test_impossible_ranges(limits, message):
+    with pytest.raises(ValueError, match=message):
+        Lidar(BEAMS, 12, **limits)

@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -107,6 +108,26 @@ def test_field_of_view(config):
     assert lidars[3].range == 30
 
 
+def test_lidars_by_name(config):
+    def lidars(**changes):
+        return [p.point.lidar.lidar() for p in read_sweep(config(**changes)).points]
+
+    line = {"placement": ["line"]}
+    vlp16, at128 = Lidar.named("vlp16"), Lidar.named("at128")
+    assert lidars(lidar="VLP-16", grid=line) == [vlp16]
+    assert lidars(grid=line | {"lidar": ["vlp16", "at128"]}) == [vlp16, at128]
+    assert lidars(grid=line | {"lidar.name": ["vlp16", "at128"]}) == [vlp16, at128]
+    given = {"name": "at128", "cloud_share": 0.2, "range": 50, "azimuth_deg": [-30, 30]}
+    (point,) = read_sweep(config(lidar=given, grid=line)).points
+    assert point.point.lidar.cloud_share == 0.2
+    front = replace(at128, range=50, azimuth=(math.radians(-30), math.radians(30)))
+    assert point.point.lidar.lidar() == front
+    own = {key: value for key, value in given.items() if key != "cloud_share"}
+    mounts = [{"z": 2}, {"x": 1, "z": 2, "lidar": "vlp16"}, {"x": 2, "z": 2, "lidar": own}]
+    sweep = read_sweep(config(placements={"a": {"mounts": mounts}}, grid={"placement": ["a"]}))
+    assert sweep.common.placement_named("a", at128).lidars == (at128, vlp16, front)
+
+
 def test_a_profile_fills_what_is_not_given(config):
     given = {"profile": "released-code", "misaligned_heights": False, "range": 50}
     sweep = read_sweep(config(lidar=given, grid={"placement": ["line"]}))
@@ -150,6 +171,12 @@ def test_own_placements_in_both_conventions(config):
         ({"scene": {"towns": ["Town.03"]}}, "scene.towns.*'Town.03' is no town; allowed are"),
         ({"lidar": {"profile": ["paper", "paper"]}}, "lidar.profile: found .*; should be 'paper'"),
         ({"roi": {"x": [0, 100]}}, "roi: simulated traffic is logged up to 60 m .* 102.0 m away"),
+        ({"lidar": "vlp-61"}, r"lidar: no LiDAR is called 'vlp-61'; did you mean vlp16\?"),
+        ({"lidar": {"name": "vlp61"}}, r"lidar: no LiDAR is called 'vlp61'; did you mean vlp16\?"),
+        ({"grid": {"lidar": ["vlp16", "x"]}}, r"grid.lidar\[1\]: no LiDAR is called 'x'; allowed"),
+        ({"lidar": {"name": "vlp16", "beams": 32}}, "lidar: beams: vlp16 has its own beams; elev"),
+        ({"lidar": {"range_80": 90}}, "lidar: range_80 needs range_10"),
+        ({"lidar": 16}, "lidar: found 16; should be a valid dictionary"),
         ({"lidar": {"profile": "papr"}}, "lidar.profile: found 'papr'; should be 'paper' or 'rel"),
         (
             {"placements": {"twins": {"mounts": [{"z": 2}, {"z": 2}]}}},

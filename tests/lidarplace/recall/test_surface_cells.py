@@ -1,5 +1,7 @@
 """Cells and points on objects, compared with rays and sets of plain Python."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -20,6 +22,8 @@ from small_scenes import (
 
 from lidarplace import Mount, Placement
 from lidarplace.boxes import BUILDING_COLUMNS
+from lidarplace.lidar.raycast import cast
+from lidarplace.lidar.surroundings import Surroundings
 from lidarplace.recall.expected_recall import ExpectedRecall
 from lidarplace.recall.surface_cells import SurfaceCells, slices_of
 
@@ -71,6 +75,29 @@ def test_buildings_the_own_body_and_range_hide():
     assert cells(free, Mount(x=-4.0, z=0.7)) == 0  # through the vehicle
     near = LIDAR.__class__(LIDAR.elevations, LIDAR.azimuth_steps, range=10.0)
     assert cells(free, high, near) == 0
+
+
+@pytest.mark.parametrize("limits", [{"min_range": 9.0}, {"range_10": 8.0}])
+def test_what_returns_no_light_is_not_hit(limits):
+    log, limited = log_of(*ROWS), replace(LIDAR, **limits)
+    model = ExpectedRecall.from_log(log, ROI, ["Tram", "Bus"], CURVES)
+    mount, surroundings = MOUNTS[0], Surroundings(log, 0)
+    expected, all_hits = [], 0
+    for frame in (0, 3):
+        hits = cast(mount, LIDAR, surroundings.parts(frame, 100.0))
+        points = mount.position + hits.range[:, None] * (LIDAR.directions() @ mount.rotation.T)
+        with np.errstate(invalid="ignore"):
+            inside = np.all([ROI.x[0], ROI.y[0], ROI.z[0]] <= points, axis=1)
+            inside &= np.all(points <= [ROI.x[1], ROI.y[1], ROI.z[1]], axis=1)
+        on_object = inside & (hits.target >= 0)
+        near_enough = hits.range <= limited.sight(hits.reflected)
+        seen = on_object & near_enough & (hits.range >= limited.min_range)
+        rows = len(surroundings.rows(frame))
+        expected += np.bincount(hits.target[seen], minlength=rows).tolist()
+        all_hits += on_object.sum()
+    rig = Placement("one", [mount], lidar=limited)
+    assert model.objects.seen_by([rig])[0].points.tolist() == expected
+    assert 5 < sum(expected) < all_hits - 5
 
 
 def test_an_object_around_the_sensor_is_seen_from_outside_alone():

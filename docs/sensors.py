@@ -1,0 +1,98 @@
+"""Writes docs/sensors.md from the catalogue of LiDARs: `python docs/sensors.py`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from lidarplace.catalogue.datasheet import catalogue
+from lidarplace.sensors import HEAD as COLUMNS
+from lidarplace.sensors import more, row
+
+PAGE = Path(__file__).with_suffix(".md")
+
+HEAD = """# LiDARs by name
+
+A page that is made from the catalogue (`python docs/sensors.py`). The same in a terminal:
+
+```sh
+python -m lidarplace.sensors              # all of them
+python -m lidarplace.sensors vlp16 at128  # these, with what else is known and where it was read
+```
+
+In a configuration a name stands wherever a LiDAR does: for all mounts, as an axis of a grid, among
+the models of a search, and for one mount of a placement. Other keys beside it win. Case, hyphens and
+blanks do not matter: `VLP-16` is `vlp16`.
+
+```yaml
+lidar: {name: vlp16, cloud_share: 0.2}     # or, alone, lidar: vlp16
+placements:
+  mixed: {mounts: [{z: 2.0}, {x: 2.3, z: 0.6, lidar: at128}]}
+grid:
+  placement: [line, mixed]
+  lidar.name: [vlp16, os1_128]             # or lidar: [vlp16, os1_128]
+```
+
+```yaml
+search:
+  models: {roof: {name: ot128, price: 7}, corner: bpearl}
+```
+
+In Python:
+
+```python
+from dataclasses import replace
+from lidarplace import Lidar
+
+lidar = replace(Lidar.named("vlp16"), range=60.0)
+```
+
+## What the numbers mean
+
+- Beams are those of a table that the maker or a driver has published, or spread evenly: then
+  `approximate` says so. All beams of a LiDAR fire at the same azimuths, 10 frames a second; horizontal
+  offsets between beams are left out.
+- What no public source told is left out, and a dash below: no noise is simulated then, and no least
+  range. Many sources are drivers, manuals at other places than the maker's, or models of simulators;
+  a number counts as what it is, and the data sheet of the unit that you buy wins.
+- `range_10` and `range_80` are the farthest returns of surfaces that face the LiDAR and reflect 10 %
+  and 80 %. Between and beyond, the range goes with a power of the light that comes back (reflectivity
+  times the cosine of incidence), up to `range`; by the inverse square law where only `range_10` is
+  known. Without it all surfaces return from up to `range`.
+- This, and the least range, is in simulated clouds, and so in all that detectors learn from, and in
+  `expected_recall`, `log_cells`, `log_points` and `enough_points`. Surrogates of the POG
+  (`expected_points`, `expected_ig` and those of coverage) know `range` alone, since a voxel has no
+  material, and CARLA's own LiDARs know `range` alone, too.
+- Patterns that do not repeat (Livox) do not fit a table of beams and azimuths and are not here, nor
+  is a LiDAR of 1,550 nm: no beam table and no data sheet of one was found in public.
+
+## All of them
+
+Angles in degrees, ranges in metres, at 10 frames a second.
+"""
+
+
+def page() -> str:
+    """The page as it should be."""
+    sheets = catalogue().values()
+    return "\n".join([HEAD, *_table(map(row, sheets)), "", "## Sources", *_sources(), ""])
+
+
+def _table(rows: Iterable[tuple[str, ...]]) -> Iterator[str]:
+    yield f"| {' | '.join(COLUMNS)} |"
+    yield f"|{'---|' * len(COLUMNS)}"
+    for name, *cells in rows:
+        yield f"| `{name}` | {' | '.join(cells)} |"
+
+
+def _sources() -> Iterator[str]:
+    for sheet in catalogue().values():
+        yield f"\n**{sheet.maker} {sheet.model}** (`{sheet.name}`)\n"
+        for line in more(sheet):
+            title, _, url = line.strip().partition(": https://")
+            yield f"- [{title}](https://{url})" if url else f"- {title}"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
+    print(PAGE)
