@@ -20,9 +20,9 @@ python -m lidarplace.sensors              # all of them
 python -m lidarplace.sensors vlp16 at128  # these, with what else is known and where it was read
 ```
 
-In a configuration a name stands wherever a LiDAR does: for all mounts, as an axis of a grid, among
-the models of a search, and for one mount of a placement. Other keys beside it win. Case, hyphens and
-blanks do not matter: `VLP-16` is `vlp16`.
+In a configuration a name stands wherever a LiDAR does: for all mounts, as an axis of a grid,
+among the models of a search, for one mount of a placement, for a CARLA collection. Other keys
+beside it win. Case, hyphens and blanks do not matter: `VLP-16` is `vlp16`.
 
 ```yaml
 lidar: {name: vlp16, cloud_share: 0.2}     # or, alone, lidar: vlp16
@@ -50,21 +50,21 @@ lidar = replace(Lidar.named("vlp16"), range=60.0)
 ## What the numbers mean
 
 - Beams are those of a table that the maker or a driver has published, or spread evenly: then
-  `approximate` says so. All beams of a LiDAR fire at the same azimuths, 10 frames a second; horizontal
-  offsets between beams are left out.
-- What no public source told is left out, and a dash below: no noise is simulated then, and no least
-  range. Many sources are drivers, manuals at other places than the maker's, or models of simulators;
-  a number counts as what it is, and the data sheet of the unit that you buy wins.
-- `range_10` and `range_80` are the farthest returns of surfaces that face the LiDAR and reflect 10 %
-  and 80 %. Between and beyond, the range goes with a power of the light that comes back (reflectivity
-  times the cosine of incidence), up to `range`; by the inverse square law where only `range_10` is
-  known. Without it all surfaces return from up to `range`.
+  `approximate` says so. All beams of a LiDAR fire at the same azimuths, 10 frames a second;
+  horizontal offsets between beams are left out.
+- What no source told is left out, and a dash below: no noise is simulated then, and no least
+  range. Not all sources are data sheets: there are drivers, copies of manuals, pages of shops and
+  models of simulators among them. The data sheet of the unit that you buy wins.
+- `range_10` and `range_80` are the farthest returns of surfaces that face the LiDAR and reflect
+  10 % and 80 %. Between and beyond, the range goes with a power of the light that comes back
+  (reflectivity times the cosine of incidence), up to `range`; by the inverse square law where only
+  `range_10` is known. Without it all surfaces return from up to `range`.
 - This, and the least range, is in simulated clouds, and so in all that detectors learn from, and in
   `expected_recall`, `log_cells`, `log_points` and `enough_points`. Surrogates of the POG
   (`expected_points`, `expected_ig` and those of coverage) know `range` alone, since a voxel has no
-  material, and CARLA's own LiDARs know `range` alone, too.
-- Patterns that do not repeat (Livox) do not fit a table of beams and azimuths and are not here, nor
-  is a LiDAR of 1,550 nm: no beam table and no data sheet of one was found in public.
+  material; so do CARLA's own LiDARs.
+- Patterns that do not repeat (Livox) do not fit a table of beams and azimuths and are not here. Nor
+  is a LiDAR of 1,550 nm: of none the beams were found.
 
 ## All of them
 

@@ -103,7 +103,7 @@ def test_names_as_people_write_them(written):
 def test_unknown_names():
     with pytest.raises(ValueError, match=r"no LiDAR is called 'vlp-61'; did you mean vlp16\?"):
         Lidar.named("vlp-61")
-    with pytest.raises(ValueError, match="'zzz'; allowed are vlp16, puck_hires, .*, e1r"):
+    with pytest.raises(ValueError, match=r"'zzz'; allowed are vlp16, puck_hires, .*, e1r"):
         Lidar.named("zzz")
 
 

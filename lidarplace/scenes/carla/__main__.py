@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from pydantic import Field, ValidationError
+from pydantic import BeforeValidator, Field, ValidationError
 
 from lidarplace.command_line.terminal import say
 from lidarplace.command_line.verbs import new_app, verb, within, wrong
@@ -22,18 +22,23 @@ from lidarplace.sensor import Lidar
 app = new_app()
 
 
+def _named(lidar: object) -> object:
+    return Lidar.named(lidar) if isinstance(lidar, str) else lidar
+
+
 class Collection(Settings):
     """A settings file.
 
     Attributes:
         scene: see `lidarplace.scenes.carla.settings.CarlaScene`.
-        lidar: of every placement, lengths in metres and angles in radians; null is the paper's.
+        lidar: of every placement, by its name in the catalogue, or lengths in metres and angles in
+            radians; null is the paper's.
         placements: `PlacementSettings` by name, as in a sweep; the name alone, without mounts, is
             one of the paper's eight.
     """
 
     scene: CarlaScene = Field(default_factory=CarlaScene)
-    lidar: Lidar | None = None
+    lidar: Annotated[Lidar, BeforeValidator(_named)] | None = None
     placements: dict[Name, PlacementSettings | None] = Field(
         default_factory=lambda: dict.fromkeys(PAPER_PLACEMENTS)
     )
