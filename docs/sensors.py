@@ -45,6 +45,7 @@ from dataclasses import replace
 from lidarplace import Lidar
 
 lidar = replace(Lidar.named("vlp16"), range=60.0)
+own = Lidar.even(beams=16, elevation_deg=(-25, 5), azimuth_steps=1800, azimuth_deg=(-60, 60))
 ```
 
 ## What the numbers mean

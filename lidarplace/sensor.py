@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -89,7 +90,31 @@ class Lidar:
     @classmethod
     def paper(cls) -> Lidar:
         """The paper's sensor: 16 beams from -25 to 5 degrees, 90,000 points a frame at 20 Hz."""
-        return cls(tuple(np.radians(np.linspace(-25.0, 5.0, 16))), azimuth_steps=5625)
+        return cls.even()
+
+    @classmethod
+    def even(
+        cls,
+        beams: int = 16,
+        elevation_deg: tuple[float, float] = (-25.0, 5.0),
+        azimuth_steps: int = 5625,
+        azimuth_deg: tuple[float, float] = (-180.0, 180.0),
+        **limits: Any,
+    ) -> Lidar:
+        """Beams evenly spread from the lowest to the highest elevation, degrees, as in settings.
+
+        Args:
+            limits: the other attributes by name, `range` and so on.
+        """
+        if beams < 1:
+            raise ValueError(f"beams must be at least 1, found {beams}")
+        low, high = azimuth_deg
+        return cls(
+            tuple(np.radians(np.linspace(*elevation_deg, beams))),
+            azimuth_steps,
+            azimuth=(math.radians(low), math.radians(high)),
+            **limits,
+        )
 
     @classmethod
     def named(cls, name: str) -> Lidar:

@@ -17,6 +17,7 @@ from lidarplace.scenes.carla.classes import object_class
 from lidarplace.scenes.carla.drive import starts
 from lidarplace.scenes.carla.server import check_versions, connect
 from lidarplace.scenes.carla.settings import CarlaScene
+from lidarplace.sensor import Lidar
 
 
 def closed_port():
@@ -143,5 +144,9 @@ def test_placements_of_a_settings_file():
     ).rigs()
     assert [rig.lidar.beams for rig in rigs.values()] == [2, 2]
     assert rigs["mine"].mounts[0].pitch == 0.1
+    named = Collection.model_validate({"lidar": "VLP-16", "placements": {"line": None}}).rigs()
+    assert named["line"].lidar == Lidar.named("vlp16")
+    with pytest.raises(ValueError, match=r"did you mean vlp16\?"):
+        Collection.model_validate({"lidar": "vlp61"})
     with pytest.raises(ValueError, match="mine has no mounts"):
         Collection.model_validate({"placements": {"mine": None}}).rigs()

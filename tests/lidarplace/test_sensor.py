@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidarplace import Lidar
+from lidarplace.configuration.sensor import SensorSettings
 
 BEAMS = (-0.2, 0.1)
 
@@ -120,6 +121,16 @@ def test_numbers_of_any_kind_make_equal_sensors():
     b = Lidar(BEAMS, 12, azimuth=(np.float64(0.0), 1.0))
     assert a == b
     assert hash(a) == hash(b)
+
+
+def test_even_beams_in_degrees():
+    lidar = Lidar.even(beams=3, elevation_deg=(-20, 10), azimuth_deg=(-60, 60), range=30)
+    np.testing.assert_allclose(np.degrees(lidar.elevations), [-20, -5, 10])
+    assert lidar == replace(lidar, azimuth_steps=5625, azimuth=np.radians([-60, 60]), range=30.0)
+    assert Lidar.even() == Lidar.paper() == SensorSettings().lidar()
+    assert Lidar.even(1, (-3, 5), 90) == Lidar((math.radians(-3),), 90)
+    with pytest.raises(ValueError, match="beams must be at least 1, found 0"):
+        Lidar.even(beams=0)
 
 
 def test_how_far_surfaces_are_seen():

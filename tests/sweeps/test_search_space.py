@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidarplace import Mount
+from lidarplace import Lidar, Mount
 from lidarplace.mounting.zone import distance
 from sweeps.configuration.search import SearchSettings
 from sweeps.search.problem.choice import Choice, is_possible, mirrored, ordered
@@ -28,6 +28,14 @@ def random_rig(space: Space, seed: int):
     trial = study.ask()
     rig, _ = space.suggest(trial)
     return rig, trial.params
+
+
+def test_models_by_name():
+    models = {"roof": {"name": "ot128", "price": 7}, "corner": "bpearl"}
+    found = SearchSettings.model_validate({"zones": {"roof": ROOF}, "models": models}).models
+    assert found["roof"].price == 7
+    assert found["roof"].lidar() == Lidar.named("ot128")
+    assert found["corner"].lidar() == Lidar.named("bpearl")
 
 
 @settings(max_examples=30, deadline=None)
