@@ -89,7 +89,7 @@ class ExpectedRecall:
         """Probability that each object is found, shape (objects,)."""
         return self.found(seen.counts())
 
-    def found(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
+    def found(self, cells: NDArray[np.int64] | NDArray[np.float64]) -> NDArray[np.float64]:
         """Probability that each object is found, by its distinct cells; both shape (objects,)."""
         return self.most * -np.expm1(-self.rate * cells)
 

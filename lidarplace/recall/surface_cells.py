@@ -48,10 +48,6 @@ class SurfaceCells:
         offsets, cells = _union(self.offsets, self.cells, other.offsets, other.cells)
         return SurfaceCells(offsets, cells, self.points + other.points)
 
-    def counts_with(self, other: SurfaceCells) -> NDArray[np.int64]:
-        """`self.and_(other).counts()`, without making the union."""
-        return _union_counts(self.offsets, self.cells, other.offsets, other.cells)
-
     @classmethod
     def none(cls, objects: int) -> SurfaceCells:
         """Nothing is hit of any of so many objects."""
@@ -208,20 +204,3 @@ def _union(offsets, cells, other_offsets, other_cells):  # pragma: no cover - co
             size += 1
         both[row + 1] = size
     return both, merged[:size].copy()
-
-
-@njit(cache=True, nogil=True)
-def _union_counts(offsets, cells, other_offsets, other_cells):  # pragma: no cover - compiled
-    """Number in every row of `_union`."""
-    counts = np.empty(len(offsets) - 1, np.int64)
-    for row in range(len(counts)):
-        a, a_end = offsets[row], offsets[row + 1]
-        b, b_end = other_offsets[row], other_offsets[row + 1]
-        size = a_end - a + b_end - b
-        while a < a_end and b < b_end:
-            left, right = cells[a], other_cells[b]
-            size -= left == right
-            a += left <= right
-            b += right <= left
-        counts[row] = size
-    return counts

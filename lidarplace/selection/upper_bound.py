@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,27 +64,52 @@ def upper_bound(
     Raises:
         ValueError: `limits` are of another number of candidates.
     """
-    start = time.perf_counter()
     if limits.candidates != exposure.candidates:
         raise ValueError(
             f"limits are for {limits.candidates} candidates, exposure has {exposure.candidates}"
         )
     edges = np.linspace(0, len(exposure.gain.profile), blocks + 1).astype(np.int64)
+
+    def of_prefix(size: int) -> Cut:
+        cut = _of_majorant(Majorant.of_set(exposure, chosen[:size]), edges)
+        cut.slopes[:, list(chosen[:size])] = 0.0  # these add nothing more
+        return cut
+
+    def at(share: NDArray[np.float64]) -> Cut:
+        return _of_majorant(Majorant.at(exposure, share), edges)
+
+    return bound_by_cuts(map(of_prefix, range(len(chosen) + 1)), at, limits, seconds, relative_gap)
+
+
+def bound_by_cuts(
+    first: Iterable[Cut],
+    at: Callable[[NDArray[np.float64]], Cut],
+    limits: Limits,
+    seconds: float,
+    relative_gap: float,
+) -> UpperBound:
+    """`upper_bound` for any value of sets that has cuts.
+
+    Args:
+        first: cuts to begin with, at least one: those of greedy's prefixes.
+        at: a cut that is low where shares of the candidates are chosen, shape (candidates,).
+        limits, seconds, relative_gap: as there.
+    """
+    start = time.perf_counter()
     history: list[tuple[float, float, str]] = []
-    cuts = []
+    cuts: list[Cut] = []
 
     def note(bound: float, kind: str) -> float:
         best = min([bound * (1 + _ROUNDING), *(known for _, known, _ in history)])
         history.append((time.perf_counter() - start, best, kind))
         return best
 
-    for size in range(len(chosen) + 1):
-        cuts.append(_of_majorant(Majorant.of_set(exposure, chosen[:size]), edges))
-        cuts[-1].slopes[:, list(chosen[:size])] = 0.0  # these add nothing more
-        whole = Cut(cuts[-1].constant.sum(keepdims=True), cuts[-1].slopes.sum(0, keepdims=True))
+    for cut in first:
+        cuts.append(cut)
+        whole = Cut(cut.constant.sum(keepdims=True), cut.slopes.sum(0, keepdims=True))
         by_gains = note(highest([whole], limits)[0], "gains")
     best = by_gains
-    middle, reached = np.zeros(exposure.candidates), 0.0
+    middle, reached = np.zeros(limits.candidates), 0.0
     while time.perf_counter() - start < seconds:
         bound, share = highest(cuts, limits)
         best = note(bound, "cuts")
@@ -92,7 +117,7 @@ def upper_bound(
             break
         # Halfway to the best point known the cuts settle sooner than at the corner.
         share = (share + middle) / 2
-        cuts.append(_of_majorant(Majorant.at(exposure, share), edges))
+        cuts.append(at(share))
         value = float((cuts[-1].constant + cuts[-1].slopes @ share).sum())
         if value > reached:
             middle, reached = share, value

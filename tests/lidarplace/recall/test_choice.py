@@ -49,11 +49,12 @@ def test_greedy_is_the_plain_one_and_no_set_exceeds_the_bound(data, choice):
     limits = data.draw(limits_of(len(choice.seen)))
     greedy = choice.greedy(limits)
     best = max(choice.value(chosen) for chosen in feasible_sets(limits))
-    bound = choice.upper_bound(limits, greedy.chosen)
+    found = choice.upper_bound(limits, greedy.chosen, seconds=0.2)
+    bound = found.value
     assert greedy.value == pytest.approx(choice.value(greedy.chosen), rel=1e-9, abs=1e-12)
     assert greedy.value <= best + 1e-12
     assert bound >= best - 1e-12
-    assert bound <= choice.upper_bound(limits) + 1e-9
+    assert bound <= found.by_gains <= choice.upper_bound(limits, seconds=0).value + 1e-9
     number = Limits.at_most(2, len(choice.seen))
     chosen: list[int] = []
     for _ in range(min(2, len(choice.seen))):
