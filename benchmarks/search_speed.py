@@ -22,7 +22,7 @@ from lidarplace.command_line.terminal import output
 from sweeps.execution.backends import InProcess
 from sweeps.search.problem.assess import assess
 from sweeps.search.problem.problem import Problem, read_problem
-from sweeps.search.trials.pog import pog
+from sweeps.search.trials.training_traffic import training_traffic
 from sweeps.store.of_sweep import store_of
 
 CONFIG = Path("examples/search.yaml")
@@ -41,32 +41,32 @@ def problem_at(resolution: float, objective: str) -> tuple[Problem, dict]:
         ],
     )
     store = store_of(problem.sweep())
-    return problem, pog(output(), problem, store, InProcess())
+    return problem, training_traffic(output(), problem, store, InProcess())
 
 
 def rate(job: tuple[float, str, int, int]) -> float:
     """Rigs a second of one process."""
     resolution, objective, stride, seed = job
     optuna.logging.set_verbosity(optuna.logging.ERROR)
-    problem, grids = problem_at(resolution, objective)
+    problem, traffic = problem_at(resolution, objective)
     question = replace(problem.question, azimuth_stride=stride)
     study = optuna.create_study(sampler=optuna.samplers.RandomSampler(seed))
     rigs = [problem.space.suggest(study.ask())[0] for _ in range(RIGS + 3)]
     for rig in rigs[:3]:  # load the compiled code
-        assess(rig, question, grids)
+        assess(rig, question, traffic)
     start = time.perf_counter()
     for rig in rigs[3:]:
-        assess(rig, question, grids)
+        assess(rig, question, traffic)
     return RIGS / (time.perf_counter() - start)
 
 
 def errors(resolution: float, objective: str, stride: int) -> np.ndarray:
     """Relative errors of the paper's eight."""
-    problem, grids = problem_at(resolution, objective)
+    problem, traffic = problem_at(resolution, objective)
     values = []
     for steps in (stride, 1):
         question = replace(problem.question, azimuth_stride=steps)
-        found = [assess(rig, question, grids).values for rig in problem.paper_rigs().values()]
+        found = [assess(rig, question, traffic).values for rig in problem.paper_rigs().values()]
         values.append(np.array([own[objective] for own in found if own]))
     return values[0] / values[1] - 1
 

@@ -29,8 +29,9 @@ from sweeps.execution.backends import InProcess
 from sweeps.search.greedy.certificate import Certificate, certify, first_params
 from sweeps.search.problem.assess import assess
 from sweeps.search.problem.problem import Problem, read_problem
-from sweeps.search.trials.pog import pog
+from sweeps.search.problem.traffic import Traffic
 from sweeps.search.trials.samplers import Repeatable
+from sweeps.search.trials.training_traffic import training_traffic
 from sweeps.store.of_sweep import store_of
 
 SAMPLERS = ("random", "qmc", "tpe", "gp", "cmaes", "nsga2", "nsga3")
@@ -46,21 +47,21 @@ def read(arguments: argparse.Namespace) -> Problem:
 def objective(problem: Problem) -> Callable[[dict], float]:
     """The value of parameters; NaN if two LiDARs are in one place."""
     store = store_of(problem.sweep())
-    grids = pog(output(), problem, store, InProcess())
-    warm_up(problem, grids)
+    traffic = training_traffic(output(), problem, store, InProcess())
+    warm_up(problem, traffic)
 
     def value(params: dict) -> float:
         rig = problem.space.rig(problem.space.numbers[0], params)
-        found = assess(rig, problem.question, grids)
+        found = assess(rig, problem.question, traffic)
         return float("nan") if found.values is None else next(iter(found.values.values()))
 
     return value
 
 
-def warm_up(problem: Problem, grids: dict) -> None:
+def warm_up(problem: Problem, traffic: Traffic) -> None:
     """Load the compiled code before the clock starts."""
     for rig in problem.paper_rigs().values():
-        assess(rig, problem.question, grids)
+        assess(rig, problem.question, traffic)
 
 
 def by_sampler(problem: Problem, name: str, seed: int, trials: int, first: dict | None) -> list:
@@ -131,15 +132,15 @@ def main() -> None:
     arguments = parser.parse_args()
     problem = read(arguments)
     store = store_of(problem.sweep())
-    grids = pog(output(), problem, store, InProcess())
-    warm_up(problem, grids)
+    traffic = training_traffic(output(), problem, store, InProcess())
+    warm_up(problem, traffic)
     start = time.perf_counter()
     paper = {
-        name: next(iter((assess(rig, problem.question, grids).values or {}).values()))
+        name: next(iter((assess(rig, problem.question, traffic).values or {}).values()))
         for name, rig in problem.paper_rigs().items()
     }
     paper_seconds = time.perf_counter() - start
-    certificate = certify(problem, grids)
+    certificate = certify(problem, traffic)
     first = first_params(problem, certificate)[0]
     jobs = [
         (arguments, name, seed, first if name == "refined + tpe" else None)

@@ -188,8 +188,8 @@ GENERALIST = "generalist"
 class ObjectiveSettings(Settings):
     """What is searched for; `expected_ig.Car` is short for one class."""
 
-    by: Literal[(*ASKED_OF_POG, *RANKING, "price")] = Field(  # type: ignore[valid-type]
-        description="a surrogate of the POG, a measured value, or the price"
+    by: Literal[(*ASKED_OF_POG, "expected_recall", *RANKING, "price")] = Field(  # type: ignore[valid-type]
+        description="a surrogate of the POG or of objects, a measured value, or the price"
     )
     judge: Literal["specialist", "generalist"] = Field(
         "specialist",

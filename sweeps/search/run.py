@@ -12,7 +12,6 @@ import optuna
 import pandas as pd
 from rich.console import Console
 
-from lidarplace import OccupancyGrid
 from lidarplace.command_line.verbs import wrong
 from lidarplace.files.secret_urls import hide_secrets
 from sweeps.configuration.file import ConfigError
@@ -29,10 +28,10 @@ from sweeps.search.output.mlflow_trials import ended_trials
 from sweeps.search.output.run_folder import write_search
 from sweeps.search.output.terminal import print_failures, print_found, print_nothing_found
 from sweeps.search.problem.problem import Problem
+from sweeps.search.problem.traffic import Traffic
 from sweeps.search.trials.by_detectors import TrainingAnswers
 from sweeps.search.trials.by_generalist import GeneralistAnswers
 from sweeps.search.trials.by_surrogates import SurrogateAnswers
-from sweeps.search.trials.pog import NoPog, pog
 from sweeps.search.trials.pool import Pool
 from sweeps.search.trials.progress import TrialProgress
 from sweeps.search.trials.study import (
@@ -44,6 +43,7 @@ from sweeps.search.trials.study import (
     run_study,
     storage_for,
 )
+from sweeps.search.trials.training_traffic import NoTraffic, training_traffic
 from sweeps.store.of_sweep import reference
 from sweeps.store.open import AnyStore
 from tracking.mlflow.content import ParentRun
@@ -119,8 +119,8 @@ class SearchWork:
         with quiet():
             try:
                 return self._search(backend, log)
-            except NoPog as error:
-                raise BackendLost(f"no POG: {error}") from None
+            except NoTraffic as error:
+                raise BackendLost(f"no traffic: {error}") from None
             except ConfigError as error:
                 wrong(error)
 
@@ -140,15 +140,15 @@ class SearchWork:
     def _search(self, backend: Backend, log: SweepLog) -> Found:
         problem = self.problem
         question, settings = problem.question, problem.file.search
-        grids = pog(self.console, problem, self.store, backend) if question.needs_pog else {}
-        certificate, none = self._certificate(grids)
+        traffic = training_traffic(self.console, problem, self.store, backend)
+        certificate, none = self._certificate(traffic)
         study = open_study(
             self._storage,
             f"{reference(problem.sweep(), 'search')}-{problem.key}",
             settings,
             first_params(problem, certificate),
         )
-        pool = Pool.of(backend, grids)
+        pool = Pool.of(backend, traffic)
         timing = self._trials(study, pool, backend, log)
         trials = best_trials(study, problem.space)
         judged = _judged(problem, trials, certificate, pool)
@@ -161,16 +161,16 @@ class SearchWork:
             certificate=certificate,
             no_certificate=none,
             judged=judged,
-            robustness=self._robustness(judged, pool, backend) if trials and grids else None,
-            grids=grids,
+            robustness=self._robustness(judged, pool, backend)
+            if trials and traffic.grids
+            else None,
+            grids=traffic.grids,
             timing=timing,
-            linear_share=best_linear_share(judged, grids, question),
+            linear_share=best_linear_share(judged, traffic.grids, question),
             chosen=chosen,
         )
 
-    def _certificate(
-        self, grids: Mapping[str, OccupancyGrid]
-    ) -> tuple[Certificate | None, str | None]:
+    def _certificate(self, traffic: Traffic) -> tuple[Certificate | None, str | None]:
         """Greedy choice and its bound; or None and why there is none."""
         problem, say = self.problem, partial(self.console.print, highlight=False)
         if (none := why_none(problem)) is not None:
@@ -178,7 +178,7 @@ class SearchWork:
         greedy = problem.file.search.greedy
         assert greedy is not None
         say(f"greedy choice, then its upper bound, up to {greedy.bound_seconds:g} s more …")
-        found = kept_certificate(problem, grids, problem.folder / "certificate.json")
+        found = kept_certificate(problem, traffic, problem.folder / "certificate.json")
         if found is None:
             return None, "no candidate mount keeps the constraints"
         say(
@@ -222,11 +222,11 @@ class SearchWork:
         tables = [robustness(rigs, question, pool, settings, problem.file.search.seed)]
         for name, changes in settings.scenes.items():
             try:
-                there = Pool.of(backend, pog(self.console, problem, self.store, backend, changes))
-            except NoPog as error:  # what was found is worth more than one more scene
+                other = training_traffic(self.console, problem, self.store, backend, changes)
+            except NoTraffic as error:  # what was found is worth more than one more scene
                 self.console.print(f"robustness: {name} is left out: {error}", soft_wrap=True)
                 continue
-            tables.append(in_scene(rigs, question, there, name))
+            tables.append(in_scene(rigs, question, Pool.of(backend, other), name))
         return with_share(pd.concat(tables, ignore_index=True))
 
 

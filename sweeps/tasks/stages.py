@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from lidarplace.lidar.collect import SimulatedClouds
+    from lidarplace.recall.expected_recall import ExpectedRecall
 
 Value = dict[str, Any]
 
@@ -134,17 +135,9 @@ def surrogates(params: SurrogateParams, pog: Value) -> Value:
 def recall(params: RecallParams, *logs: Value) -> Value:
     """All surrogates of objects that are asked for, for every class of which an object counts."""
     from lidarplace.recall.baselines import baselines
-    from lidarplace.recall.expected_recall import ExpectedRecall
 
     start = time.perf_counter()
-    model = ExpectedRecall.from_log(
-        _training_log(logs),
-        params.roi,
-        params.classes,
-        params.curves,
-        frames=params.frames,
-        seed=params.seed,
-    )
+    model = objects_of(params, logs)
     (seen,) = model.objects.seen_by([params.placement])
     found = model.recall(seen).join(baselines(model.objects, seen), how="inner")
     table = found[list(params.names)].reset_index().melt("class", var_name="surrogate")
@@ -424,6 +417,23 @@ def _train(
     if result.best_state_dict is not None:
         value["best_state_dict"] = result.best_state_dict
     return value
+
+
+def objects_of(
+    params: RecallParams, logs: Sequence[Value], azimuth_share: float = 1.0
+) -> ExpectedRecall:
+    """The objects of which `recall` is; `azimuth_share` of the azimuth steps of rigs are cast."""
+    from lidarplace.recall.expected_recall import ExpectedRecall
+
+    return ExpectedRecall.from_log(
+        _training_log(logs),
+        params.roi,
+        params.classes,
+        params.curves,
+        frames=params.frames,
+        azimuth_share=azimuth_share,
+        seed=params.seed,
+    )
 
 
 @cached(

@@ -5,8 +5,8 @@ import itertools
 import pytest
 from search_files import write_search
 
-from lidarplace import OccupancyGrid
-from lidarplace.box_log import read_box_log
+from lidarplace import ExpectedRecall, OccupancyGrid
+from lidarplace.box_log import BoxLog, read_box_log
 from sweeps.configuration.file import ConfigError
 from sweeps.search.greedy.candidates import grid_points
 from sweeps.search.greedy.certificate import (
@@ -20,6 +20,7 @@ from sweeps.search.problem.assess import assess
 from sweeps.search.problem.choice import Choice, ordered
 from sweeps.search.problem.problem import read_problem
 from sweeps.search.problem.slots import Placed, rig_of
+from sweeps.search.problem.traffic import Traffic
 
 COARSE = {"position_step": 0.6, "angle_step_deg": 10.0, "bound_seconds": 2.0, "refine": 0}
 
@@ -49,12 +50,16 @@ def problem_of(folder, **changes):
     return read_problem(write_search(folder, search={"greedy": COARSE} | changes))
 
 
-def grids_of(problem):
+def traffic_of(problem):
     log = read_box_log(problem.file.scene.folder)
     train = log.frames[log.frames["split"] == "train"]
     boxes = log.boxes[log.boxes["frame"].isin(train["frame"])]
     point = problem.sweep().points[0].point
-    return OccupancyGrid.by_class(boxes, point.voxel_roi(), point.classes, frames=len(train))
+    grids = OccupancyGrid.by_class(boxes, point.voxel_roi(), point.classes, frames=len(train))
+    if not problem.question.needs_objects:
+        return Traffic(grids)
+    train_log = BoxLog(boxes, train, log.buildings)
+    return Traffic(grids, ExpectedRecall.from_log(train_log, point.voxel_roi(), point.classes))
 
 
 def all_candidates(problem):
@@ -65,7 +70,7 @@ def all_candidates(problem):
     return list(found)
 
 
-def best_of_all(problem, grids):
+def best_of_all(problem, traffic):
     """The best feasible rig of the grid, by the search's own evaluation."""
     fixed = ordered(problem.space.fixed)
     free = all_candidates(problem)
@@ -75,7 +80,7 @@ def best_of_all(problem, grids):
             lidars = [lidar for part in parts for lidar in part]
             if slots_of(ordered(lidars), problem) is None:
                 continue
-            found = assess(ordered([*fixed, *lidars]), problem.question, grids)
+            found = assess(ordered([*fixed, *lidars]), problem.question, traffic)
             if found.feasible:
                 best = max(best, found.values[problem.question.objectives[0].name])
     return best
@@ -87,6 +92,8 @@ def best_of_all(problem, grids):
         {"lidars": 2},
         {"lidars": [1, 3], "roll_deg": 0, "objective": "covered_entropy"},
         {"lidars": 2, "constraints": {"distance": 0.7}},
+        {"lidars": 2, "objective": "expected_recall"},
+        {"lidars": [1, 3], "symmetric": True, "roll_deg": 0, "objective": "expected_recall.Car"},
         {"lidars": 2, "fixed": [{"x": 2.3, "z": 0.6}], "roll_deg": 0},
         {"lidars": [2, 3], "symmetric": True},
         {
@@ -123,19 +130,19 @@ def best_of_all(problem, grids):
         },
     ],
     ids=[
-        *("two", "range", "distance", "fixed", "symmetric", "step", "fixed price", "price"),
-        *("keep out", "zones", "zones and price", "views"),
+        *("two", "range", "distance", "recall", "recall of pairs", "fixed", "symmetric"),
+        *("step", "fixed price", "price", "keep out", "zones", "zones and price", "views"),
     ],
 )
 def test_no_rig_of_the_grid_exceeds_the_bound(tmp_path, changes):
     problem = problem_of(tmp_path, **changes)
-    grids = grids_of(problem)
-    certificate = certify(problem, grids)
-    best = best_of_all(problem, grids)
+    traffic = traffic_of(problem)
+    certificate = certify(problem, traffic)
+    best = best_of_all(problem, traffic)
     assert best > 0
     assert certificate.bound >= best * (1 - 1e-12)
     assert certificate.by_gains >= certificate.bound
-    found = assess(certificate.rig, problem.question, grids)
+    found = assess(certificate.rig, problem.question, traffic)
     if slots_of(certificate.rig, problem) is not None:
         assert found.feasible
         assert certificate.value <= best * (1 + 1e-12)
@@ -148,11 +155,11 @@ def test_no_rig_of_the_grid_exceeds_the_bound(tmp_path, changes):
 @pytest.mark.parametrize("symmetric", [False, True])
 def test_refining_moves_lidars_to_better_places(tmp_path, symmetric):
     problem = problem_of(tmp_path, symmetric=symmetric, greedy=COARSE | {"refine": 2})
-    grids = grids_of(problem)
-    certificate = certify(problem, grids)
+    traffic = traffic_of(problem)
+    certificate = certify(problem, traffic)
     assert certificate.refined_value > certificate.value
     assert certificate.refined_from == "greedy"
-    found = assess(certificate.refined, problem.question, grids)
+    found = assess(certificate.refined, problem.question, traffic)
     assert found.feasible
     assert found.values["expected_ig"] == pytest.approx(certificate.refined_value, rel=1e-9)
     (params,) = first_params(problem, certificate)
@@ -161,28 +168,28 @@ def test_refining_moves_lidars_to_better_places(tmp_path, symmetric):
 
 def test_slots_of_a_rig_give_it_back(tmp_path):
     problem = problem_of(tmp_path, lidars=[2, 3], symmetric=True)
-    certificate = certify(problem, grids_of(problem))
+    certificate = certify(problem, traffic_of(problem))
     placed = slots_of(certificate.rig, problem)
     assert rig_of(placed, problem.space) == certificate.rig
 
 
 def test_a_certificate_is_kept_until_the_problem_changes(tmp_path):
     problem = problem_of(tmp_path)
-    grids = grids_of(problem)
+    traffic = traffic_of(problem)
     path = tmp_path / "certificate.json"
-    first = kept_certificate(problem, grids, path)
-    again = kept_certificate(problem, {}, path)  # nothing is computed
+    first = kept_certificate(problem, traffic, path)
+    again = kept_certificate(problem, Traffic({}), path)  # nothing is computed
     assert again.history.equals(first.history)
     assert {k: v for k, v in vars(again).items() if k != "history"} == {
         k: v for k, v in vars(first).items() if k != "history"
     }
     other = problem_of(tmp_path, lidars=1)
-    assert kept_certificate(other, grids, path).value < first.value
+    assert kept_certificate(other, traffic, path).value < first.value
     key = f'"key": "{problem.key}"'
     for damage in ("", "[]", "{", "{}", f'{{{key}, "chosen": 1}}', f"{{{key}}}", "\x00"):
         path.write_text(damage, encoding="utf-8")
         with pytest.raises(ConfigError, match=r"certificate\.json is no certificate .*remove it"):
-            kept_certificate(problem, grids, path)
+            kept_certificate(problem, traffic, path)
 
 
 @pytest.mark.parametrize(
@@ -205,7 +212,7 @@ def test_no_candidate_keeps_the_constraints(tmp_path):
         zones={"low": {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [1.6, 1.7]}},
         constraints={"body_share": 0.0},
     )
-    assert certify(problem, grids_of(problem)) is None
+    assert certify(problem, traffic_of(problem)) is None
 
 
 def test_only_rigs_that_keep_the_constraints_are_refined(tmp_path):
@@ -220,10 +227,10 @@ def test_only_rigs_that_keep_the_constraints_are_refined(tmp_path):
         placements={"mine": {"mounts": mounts}},
     )
     problem = read_problem(path)
-    grids = grids_of(problem)
-    certificate = certify(problem, grids)
+    traffic = traffic_of(problem)
+    certificate = certify(problem, traffic)
     assert certificate.refined_from == "greedy"
-    assert assess(certificate.refined, problem.question, grids).feasible
+    assert assess(certificate.refined, problem.question, traffic).feasible
 
 
 def test_models_that_a_stride_thins_unlike_have_no_bound(tmp_path):

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from lidarplace import Mount, OccupancyGrid
+from lidarplace import Mount
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.spacing import least_distance
 from lidarplace.mounting.zone import Zone, grid
-from lidarplace.selection import Exposure, Limits
+from lidarplace.selection import Limits
 from sweeps.configuration.search import GreedySettings, Pair, SearchSettings
 from sweeps.search.problem.choice import (
     Choice,
@@ -124,24 +124,6 @@ def _may_be(rig: Choices, fixed: Choices, problem: Problem) -> bool:
     return limits.body_share is None or all(
         body_share(lidar.mount, problem.models[lidar.model], carrier.vehicle) <= limits.body_share
         for lidar in rig
-    )
-
-
-def exposure_of(
-    rigs: Sequence[Choices], problem: Problem, grids: Mapping[str, OccupancyGrid]
-) -> Exposure:
-    """What each of `rigs`, parts of a whole, adds to the objective as the search computes it."""
-    question = problem.question
-    objective = question.objectives[0]
-    return Exposure.of_candidates(
-        grids,
-        objective.weights_of(grids),
-        [placement_of(rig, problem.models) for rig in rigs],
-        objective.by,
-        question.method,
-        question.detection_probability,
-        question.occlusion,
-        question.azimuth_stride,
     )
 
 

@@ -4,31 +4,30 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from lidarplace import Mount, OccupancyGrid, Placement
+from lidarplace import Mount, Placement
 from lidarplace.coverage.rays import ray_weight
 from lidarplace.files.atomic import replacing
 from lidarplace.files.json import read_json
-from lidarplace.selection import greedy, upper_bound
-from lidarplace.selection.tracing import OBJECTIVES
 from lidarplace.surrogates.table import RAY_SURROGATES
 from sweeps.configuration.file import ConfigError
 from sweeps.search.greedy.candidates import (
     candidates_of,
-    exposure_of,
     limits_of,
     number_of_candidates,
 )
 from sweeps.search.greedy.refine import keeps, refine
+from sweeps.search.greedy.worth import SUBMODULAR, worth_of
 from sweeps.search.problem.choice import Choice, Choices, ordered
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.slots import Placed, params_of, placed_in, rig_of
+from sweeps.search.problem.traffic import Traffic
 
 
 @dataclass(frozen=True)
@@ -84,7 +83,7 @@ def why_none(problem: Problem) -> str | None:
     objective = search.objective[0]
     if objective.by == "residual_entropy":
         return "search.objective covered_entropy asks for the same, and has a bound"
-    if objective.by not in OBJECTIVES or objective.best != "maximize":
+    if objective.by not in SUBMODULAR or objective.best != "maximize":
         return f"{objective.best} {objective.by} is not monotone and submodular in the LiDARs"
     if objective.by in RAY_SURROGATES and len(_weights(problem)) > 1:
         return (
@@ -121,7 +120,7 @@ def check_candidates(problem: Problem) -> None:
         )
 
 
-def certify(problem: Problem, grids: Mapping[str, OccupancyGrid]) -> Certificate | None:
+def certify(problem: Problem, traffic: Traffic) -> Certificate | None:
     """Greedy choice and upper bound for the objective as the search computes it.
 
     None if no candidate keeps the constraints.
@@ -132,14 +131,14 @@ def certify(problem: Problem, grids: Mapping[str, OccupancyGrid]) -> Certificate
     candidates = candidates_of(problem)
     if not candidates:
         return None
-    exposure = exposure_of(candidates, problem, grids)
+    worth = worth_of(candidates, problem, traffic)
     limits = limits_of(candidates, problem)
-    choice = greedy(exposure, limits)
+    choice = worth.greedy(limits)
     chosen_after = time.perf_counter()
-    bound = upper_bound(exposure, limits, choice.chosen, seconds=settings.bound_seconds)
+    bound = worth.upper_bound(limits, choice.chosen, settings.bound_seconds)
     bounded = time.perf_counter()
     chosen = tuple(candidates[i] for i in choice.chosen)
-    del exposure  # a grid of candidates takes much memory
+    del worth  # a grid of candidates takes much memory
     starts = dict(problem.start) if settings.refine else {}
     if chosen:
         chosen = _with_fixed(chosen, problem)
@@ -150,7 +149,7 @@ def certify(problem: Problem, grids: Mapping[str, OccupancyGrid]) -> Certificate
     starts = {n: own for n, own in starts.items() if keeps(problem, rig_of(own, problem.space))}
     refined, value, origin = None, None, None
     for name, placed in starts.items():
-        moved, own = refine(problem, grids, placed)
+        moved, own = refine(problem, traffic, placed)
         if value is None or own > value:
             refined, value, origin = rig_of(moved, problem.space), own, name
     return Certificate(
@@ -171,9 +170,7 @@ def certify(problem: Problem, grids: Mapping[str, OccupancyGrid]) -> Certificate
     )
 
 
-def kept_certificate(
-    problem: Problem, grids: Mapping[str, OccupancyGrid], path: Path
-) -> Certificate | None:
+def kept_certificate(problem: Problem, traffic: Traffic, path: Path) -> Certificate | None:
     """The certificate in `path`, if it is of this problem; else a new one, kept there.
 
     Raises:
@@ -188,7 +185,7 @@ def kept_certificate(
             raise ConfigError(
                 f"{path} is no certificate of a search ({error}); remove it, and it is made again"
             ) from None
-    certificate = certify(problem, grids)
+    certificate = certify(problem, traffic)
     if certificate is None:
         return None
     with replacing(path) as partial:

@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import astuple, replace
 
 import numpy as np
 
-from lidarplace import Mount, OccupancyGrid
-from lidarplace.selection import gains
-from sweeps.search.greedy.candidates import exposure_of
+from lidarplace import Mount
+from sweeps.search.greedy.worth import worth_of
 from sweeps.search.problem.choice import Choices, is_possible, ordered, rounded
 from sweeps.search.problem.constraints import measures_of
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.slots import Placed, rig_of
+from sweeps.search.problem.traffic import Traffic
 
 _MOST_ROUNDS = 4
 """Rounds over all LiDARs at one step; few improve anything."""
 
 
 def refine(
-    problem: Problem, grids: Mapping[str, OccupancyGrid], placed: Sequence[Placed]
+    problem: Problem, traffic: Traffic, placed: Sequence[Placed]
 ) -> tuple[list[Placed], float]:
     """Move LiDARs one by one, each to the best of its neighbours by half a step, while that helps;
     then by a quarter, and so on.
@@ -42,7 +42,7 @@ def refine(
         for _ in range(_MOST_ROUNDS):
             before = value
             for i in range(len(placed)):
-                placed[i], value = _moved(problem, grids, placed, i, length, angle)
+                placed[i], value = _moved(problem, traffic, placed, i, length, angle)
             if value <= before:
                 break
     return placed, value
@@ -50,7 +50,7 @@ def refine(
 
 def _moved(
     problem: Problem,
-    grids: Mapping[str, OccupancyGrid],
+    traffic: Traffic,
     placed: Sequence[Placed],
     i: int,
     length: float,
@@ -65,10 +65,10 @@ def _moved(
         if keeps(problem, ordered([*others, *place.rig]))
     ]
     rigs = [place.rig for place in near] + ([others] if others else [])
-    exposure = exposure_of(rigs, problem, grids)
+    worth = worth_of(rigs, problem, traffic)
     rest = (len(near),) if others else ()
-    best = int(np.argmax(gains(exposure, rest)[: len(near)]))
-    return near[best], exposure.value([best, *rest])
+    best = int(np.argmax(worth.gains(rest)[: len(near)]))
+    return near[best], worth.value([best, *rest])
 
 
 def keeps(problem: Problem, rig: Choices) -> bool:

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from lidarplace.command_line.terminal import table
 from lidarplace.mounting.ring_overlap import interleaving
-from lidarplace.surrogates.table import SURROGATES
+from lidarplace.surrogates.table import RAY_SURROGATES, SURROGATES
 from sweeps.configuration.search import ObjectiveSettings
 from sweeps.results.rig_cautions import coinciding
 from sweeps.search.judgement.found import Found
@@ -184,9 +184,10 @@ def print_found(console: Console, problem: Problem, found: Found) -> None:
         value = found.judged["found_1"].searched[objective.name]
         gap = 100 * (1 - value / found.certificate.bound)
         stride = problem.question.azimuth_stride
+        rays = f", with 1 of {stride} azimuth steps" if objective.by in RAY_SURROGATES else ""
         console.print(
             f"at most {gap:.1f} % below the best of {found.certificate.candidates:,} candidate "
-            f"mounts, with 1 of {stride} azimuth steps"
+            f"mounts{rays}"
             if gap >= 0
             else f"{-gap:.1f} % above what any choice of {found.certificate.candidates:,} "
             "candidate mounts can reach: positions between them are better",

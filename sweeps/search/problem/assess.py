@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass
 
-from lidarplace import OccupancyGrid, evaluate_classes, expected_ig_by_q
+from lidarplace import evaluate_classes, expected_ig_by_q
 from lidarplace.coverage import Method
-from lidarplace.surrogates.table import RAY_SURROGATES
+from lidarplace.surrogates.table import OBJECT_SURROGATES, RAY_SURROGATES
 from sweeps.configuration.search import ObjectiveSettings
 from sweeps.search.problem.choice import Choices, is_possible, placement_of
 from sweeps.search.problem.constraints import Carrier, Constraint, measures_of
+from sweeps.search.problem.traffic import Traffic
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,11 @@ class Question:
         """Whether a surrogate is asked for."""
         return any(not o.measured and o.by != "price" for o in self.objectives)
 
+    @property
+    def needs_objects(self) -> bool:
+        """Whether a surrogate of single objects is asked for."""
+        return any(o.by in OBJECT_SURROGATES for o in self.objectives)
+
 
 @dataclass(frozen=True)
 class Assessment:
@@ -61,53 +66,55 @@ class Assessment:
         return self.values is not None and all(v <= 0 for v in self.violations.values())
 
 
-def assess(rig: Choices, question: Question, grids: Mapping[str, OccupancyGrid]) -> Assessment:
-    """Answer the question for one rig.
-
-    Args:
-        grids: POG by class; may be empty if no surrogate is asked for.
-    """
+def assess(rig: Choices, question: Question, traffic: Traffic) -> Assessment:
+    """Answer the question for one rig."""
     start = time.perf_counter()
     measures = measures_of(rig, question.constraints, question.carrier)
     violations = {c.name: c.violation(measures[c.name]) for c in question.constraints}
-    values = _values(rig, question, grids) if is_possible(rig) else None
+    values = _values(rig, question, traffic) if is_possible(rig) else None
     return Assessment(values, measures, violations, time.perf_counter() - start)
 
 
-def _values(
-    rig: Choices, question: Question, grids: Mapping[str, OccupancyGrid]
-) -> dict[str, float]:
+def _values(rig: Choices, question: Question, traffic: Traffic) -> dict[str, float]:
     found = {}
-    by_class = _by_class(rig, question, grids) if question.needs_pog else {}
+    by_class = _by_class(rig, question, traffic) if question.needs_pog else {}
     for objective in question.objectives:
         if objective.by == "price":
             found[objective.name] = question.carrier.price_of(rig)
         elif not objective.measured:
             found[objective.name] = math.fsum(
                 weight * by_class[name][objective.by]
-                for name, weight in objective.weights_of(grids).items()
+                for name, weight in objective.weights_of(traffic.grids).items()
             )
     return found
 
 
-def _by_class(
-    rig: Choices, question: Question, grids: Mapping[str, OccupancyGrid]
-) -> dict[str, dict[str, float]]:
+def _by_class(rig: Choices, question: Question, traffic: Traffic) -> dict[str, dict[str, float]]:
     """The surrogates that are asked for, by class."""
     wanted = {o.by for o in question.objectives if not o.measured and o.by != "price"}
     placement = placement_of(rig, question.carrier.models)
-    if wanted == {"expected_ig"} and not question.occlusion and question.method != "bresenham":
+    found: dict[str, dict[str, float]] = {name: {} for name in traffic.grids}
+    if traffic.objects is not None:
+        recall = traffic.objects.of(placement)["expected_recall"]
+        for name in recall.index:
+            found[name]["expected_recall"] = float(recall[name])
+    of_pog = wanted - set(OBJECT_SURROGATES)
+    if of_pog == {"expected_ig"} and not question.occlusion and question.method != "bresenham":
         # The default, for which no cone has to be covered.
         q = question.detection_probability
-        gains = expected_ig_by_q(grids, placement, [q], question.azimuth_stride)
-        return {str(name): {"expected_ig": float(gain)} for name, gain in gains[q].items()}
-    results = evaluate_classes(
-        grids,
-        placement,
-        question.method,
-        surrogates=[name for name in RAY_SURROGATES if name in wanted],
-        detection_probability=question.detection_probability,
-        occlusion=question.occlusion,
-        azimuth_stride=question.azimuth_stride,
-    )
-    return {name: {by: getattr(own, by) for by in wanted} for name, own in results.items()}
+        gains = expected_ig_by_q(traffic.grids, placement, [q], question.azimuth_stride)
+        for name, gain in gains[q].items():
+            found[str(name)]["expected_ig"] = float(gain)
+    elif of_pog:
+        results = evaluate_classes(
+            traffic.grids,
+            placement,
+            question.method,
+            surrogates=[name for name in RAY_SURROGATES if name in of_pog],
+            detection_probability=question.detection_probability,
+            occlusion=question.occlusion,
+            azimuth_stride=question.azimuth_stride,
+        )
+        for name, own in results.items():
+            found[name] |= {by: getattr(own, by) for by in of_pog}
+    return found

@@ -14,6 +14,7 @@ from typing import Any
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount
 from lidarplace.mounting.near_field import near_field_coverage
 from lidarplace.scenes.sumo.settings import SumoScene
+from lidarplace.surrogates.table import OBJECT_SURROGATES
 from sweeps.configuration.file import (
     ConfigError,
     check,
@@ -78,6 +79,7 @@ class Problem:
         content = {
             "pog": trial.pog.key,
             "code": self._code(),
+            "recall": trial.recall.key if self.question.needs_objects and trial.recall else None,
             "search": self.file.search.model_dump(mode="json", exclude={"trials", "storage"}),
             "file": self.file.model_dump(
                 mode="json",
@@ -136,15 +138,23 @@ class Problem:
         Raises:
             ConfigError: a value is not allowed at its key path.
         """
-        data = {"placement": "line", "detector": None}
+        names = self.file.surrogate.names
+        if self.question.needs_objects:
+            names = tuple(dict.fromkeys([*names, "expected_recall"]))
         base = {k: v for k, v in self.source.items() if k in type(self.file).model_fields}
         point = _point(base, scene or {}, self.path)
         common = Common.model_validate({k: getattr(self.file, k) for k in Common.model_fields})
-        point = point.model_copy(update=data)
+        surrogate = point.surrogate.model_copy(update={"names": names})
+        point = point.model_copy(
+            update={"placement": "line", "detector": None, "surrogate": surrogate}
+        )
         return Sweep(common, (GridPoint(point, {}),), (), self.source)
 
     def pog_tasks(self, sweep: Sweep) -> tuple[list[Task], Trial]:
-        """The tasks that lead to its POG, and the trial that has it. Raises ConfigError."""
+        """The tasks that lead to its POG and its log, and the trial that has them.
+
+        Raises ConfigError.
+        """
         try:
             plan = make_plan(sweep)
         except ConfigError as error:
@@ -267,6 +277,11 @@ def _check_keys(file: SearchFile, source: Mapping[str, Any], path: Path) -> None
             )
         if objective.measured and file.detector is None:
             raise ConfigError(f"{path}: search.objective: {objective.name} needs a detector")
+        if objective.by in OBJECT_SURROGATES and file.lidar.tilt_in_degrees:
+            raise ConfigError(
+                f"{path}: search.objective: {objective.name} is of mounts as they are; leave out "
+                "lidar.tilt_in_degrees"
+            )
 
 
 def _check_what_comes_later(problem: Problem) -> None:
