@@ -69,8 +69,8 @@ def cast(
     """
     rays = lidar.rays
     hits = into or Hits(np.empty(rays), np.empty(rays, np.int32), np.empty(rays))
-    everything = _OWN_BODY.and_(parts)
-    _cast(
+    everything = OWN_BODY.and_(parts)
+    cast_compiled(
         mount.position,
         mount.rotation,
         beams_of(lidar),
@@ -83,7 +83,8 @@ def cast(
     return hits
 
 
-_OWN_BODY = own_body()
+OWN_BODY = own_body()
+"""The parts of the vehicle itself."""
 
 
 class Beams(NamedTuple):
@@ -311,7 +312,7 @@ def _enter(cosines, sines, planes, facing, ce, se, enter):  # pragma: no cover -
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _cast(
+def cast_compiled(
     origin, rotation, fired, parts, owners, reflectivities, crop, hits
 ):  # pragma: no cover - compiled
     """Fill the `hits` of the `Beams` that are fired; exact for what lies within `crop`.

@@ -6,11 +6,11 @@ vehicle's own body hide what is behind them.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import reduce
-from itertools import pairwise
+from functools import cached_property, reduce
 
 import numba
 import numpy as np
@@ -20,13 +20,16 @@ from numpy.typing import NDArray
 from lidarplace.box_log import BoxLog
 from lidarplace.boxes import GEOMETRY
 from lidarplace.lidar.clouds import Crop
-from lidarplace.lidar.raycast import Hits, cast
+from lidarplace.lidar.raycast import OWN_BODY
+from lidarplace.lidar.shapes import BUILDING
 from lidarplace.lidar.surroundings import Surroundings
 from lidarplace.lidar.visibility import ground_truth
-from lidarplace.placement import Mount, Placement
-from lidarplace.recall.surface_cells import Surface, SurfaceCells, slices_of, surface_cells
+from lidarplace.placement import Placement
+from lidarplace.recall.surface_cells import Frames, SurfaceCells, slices_of, surface_cells
 from lidarplace.roi import Roi
-from lidarplace.sensor import Lidar
+
+_HAIR_M = 1e-6
+"""Rounding of a surface, metres, and far more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,37 +116,70 @@ class CountedObjects:
             for placement in placements
         ]
         mounts = list(dict.fromkeys(mount for rig in rigs for mount in rig))
-        _, first = np.unique(self.table["frame"], return_index=True)
-        edges = [*first.tolist(), len(self.table)]
+        away = max((math.hypot(mount.x, mount.y) for mount, _ in mounts), default=0.0)
+        frames = self.frames if away <= self._reach else self._frames(away)
         with ThreadPoolExecutor(numba.get_num_threads()) as threads:
-            frames = list(threads.map(lambda ends: self._cast(mounts, *ends), pairwise(edges)))
-        joined = {
-            mount: SurfaceCells.joined([of_mount[n] for of_mount in frames])
-            for n, mount in enumerate(mounts)
-        }
-        return [reduce(SurfaceCells.and_, [joined[mount] for mount in rig]) for rig in rigs]
+            found = threads.map(
+                lambda mount: surface_cells(*mount, frames, self._crop, self.cell), mounts
+            )
+            of_mount = dict(zip(mounts, found, strict=True))
+        return [reduce(SurfaceCells.and_, [of_mount[mount] for mount in rig]) for rig in rigs]
 
-    def _cast(
-        self, mounts: Sequence[tuple[Mount, Lidar]], first: int, last: int
-    ) -> list[SurfaceCells]:
-        """What each mount hits of the objects of one frame, rows `first` to `last`."""
-        objects = self.table.iloc[first:last]
-        frame = int(objects["frame"].iloc[0])
-        rows = self._surroundings.rows(frame)
-        owner = pd.Index(objects.index).get_indexer(pd.Index(rows))
-        geometry = self.geometry[first:last]
-        surface = Surface(geometry, slices_of(geometry, self.cell), owner.astype(np.int64))
-        # A building matters if it can stand before a point of the ROI.
+    @cached_property
+    def frames(self) -> Frames:
+        """The objects and what stands around them, for mounts no farther off than the ROI."""
+        return self._frames(self._reach)
+
+    @property
+    def _reach(self) -> float:
+        """How far the ROI reaches from the vehicle, metres."""
         corner = np.maximum(np.abs(self._crop[:3]), np.abs(self._crop[3:]))
-        away = max(np.hypot(mount.x, mount.y) for mount, _ in mounts)
-        parts = self._surroundings.parts(frame, max(float(np.hypot(*corner[:2])), float(away)))
-        memory: dict[int, Hits] = {}
-        found = []
-        for mount, lidar in mounts:
-            hits = cast(mount, lidar, parts, self._crop, into=memory.get(lidar.rays))
-            memory[lidar.rays] = hits
-            found.append(surface_cells(mount, lidar, hits, surface, self._crop, self.cell))
-        return found
+        return float(np.hypot(*corner[:2]))
+
+    def _frames(self, reach: float) -> Frames:
+        """With all buildings that stand no farther off than `reach`.
+
+        A building matters if it can stand before a point of the ROI.
+        """
+        geometry = self.geometry
+        numbers, first = np.unique(self.table["frame"], return_index=True)
+        row_of = pd.Series(np.arange(len(self.table)), self.table.index)
+        parts, owners = [], []
+        for number in numbers.tolist():
+            parts.append(OWN_BODY.and_(self._surroundings.parts(number, reach)))
+            owner = parts[-1].owner
+            # What does not count hides like a building.
+            rows = row_of.reindex(self._surroundings.rows(number), fill_value=BUILDING)
+            owners.append(np.where(owner < 0, BUILDING, rows.to_numpy()[np.maximum(owner, 0)]))
+        edges = np.append(first, len(geometry)).astype(np.int64)
+        return Frames(
+            parts=np.concatenate([np.empty((0, 10)), *(own.geometry for own in parts)]),
+            owner=np.concatenate([np.empty(0, np.int32), *owners]).astype(np.int32),
+            reflectivity=np.concatenate([np.empty(0), *(own.reflectivity for own in parts)]),
+            first_part=np.cumsum([0, *map(len, parts)], dtype=np.int64),
+            first_object=edges,
+            near=_around(geometry, edges, self._crop),
+            geometry=geometry,
+            slices=slices_of(geometry, self.cell),
+        )
+
+
+def _around(
+    geometry: NDArray[np.float64], edges: NDArray[np.int64], crop: Crop
+) -> NDArray[np.float64]:
+    """What holds all objects of every frame, and no more of them than `crop`, (frames, 6)."""
+    half = 0.5 * geometry[:, 3:6]
+    c, s = np.abs(np.cos(geometry[:, 6])), np.abs(np.sin(geometry[:, 6]))
+    reach = np.stack(
+        [c * half[:, 0] + s * half[:, 1], s * half[:, 0] + c * half[:, 1], half[:, 2]], axis=1
+    )
+    low = np.maximum(geometry[:, :3] - reach - _HAIR_M, crop[:3])
+    high = np.minimum(geometry[:, :3] + reach + _HAIR_M, crop[3:])
+    if not len(geometry):
+        return np.empty((0, 6))
+    return np.concatenate(
+        [np.minimum.reduceat(low, edges[:-1]), np.maximum.reduceat(high, edges[:-1])], axis=1
+    )
 
 
 def _some_frames(log: BoxLog, most: int | None) -> BoxLog:

@@ -16,11 +16,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from lidarplace.lidar.raycast import Hits, beams_of, returns_light
+from lidarplace.lidar.raycast import beams_of, cast_compiled, returns_light
 from lidarplace.placement import Mount
 from lidarplace.sensor import Lidar
 
-MOST_CELLS = 2**32
+MOST_CELLS = 2**24
 """Cells of one box."""
 
 
@@ -54,31 +54,29 @@ class SurfaceCells:
         zeros = np.zeros(objects + 1, np.int64)
         return cls(zeros, np.empty(0, np.uint32), zeros[1:].copy())
 
-    @classmethod
-    def joined(cls, frames: Sequence[SurfaceCells]) -> SurfaceCells:
-        """The objects of several frames, one frame after another."""
-        parts = [cls.none(0), *frames]
-        counts = np.concatenate([part.counts() for part in parts])
-        return cls(
-            np.concatenate([[0], np.cumsum(counts, dtype=np.int64)]),
-            np.concatenate([part.cells for part in parts]),
-            np.concatenate([part.points for part in parts]),
-        )
 
-
-class Surface(NamedTuple):
-    """Objects of one frame, as compiled code takes them.
+class Frames(NamedTuple):
+    """Objects that count and what stands around them, frame by frame, as compiled code takes them.
 
     Attributes:
+        parts: of each frame, the vehicle's own body among them, shape (P, 10), float64.
+        owner: row of the object that a part belongs to if that counts, else negative, shape (P,),
+            int32.
+        reflectivity: of the parts, shape (P,), float64.
+        first_part, first_object: of each frame, int64, shape (frames + 1,).
+        near: x0, y0, z0, x1, y1, z1 that hold all objects of a frame, float64, shape (frames, 6).
         geometry: rows of `lidarplace.boxes.GEOMETRY`, float64, shape (objects, 7).
         slices: see `slices_of`.
-        owner: row of `geometry` of every owner of `lidarplace.lidar.shapes.Parts`, -1 for one that
-            does not count, int64, shape (owners,).
     """
 
+    parts: NDArray[np.float64]
+    owner: NDArray[np.int32]
+    reflectivity: NDArray[np.float64]
+    first_part: NDArray[np.int64]
+    first_object: NDArray[np.int64]
+    near: NDArray[np.float64]
     geometry: NDArray[np.float64]
     slices: NDArray[np.int64]
-    owner: NDArray[np.int64]
 
 
 def slices_of(geometry: NDArray[np.float64], cell: float) -> NDArray[np.int64]:
@@ -101,38 +99,20 @@ def slices_of(geometry: NDArray[np.float64], cell: float) -> NDArray[np.int64]:
 
 
 def surface_cells(
-    mount: Mount,
-    lidar: Lidar,
-    hits: Hits,
-    surface: Surface,
-    crop: Sequence[float],
-    cell: float,
+    mount: Mount, lidar: Lidar, frames: Frames, crop: Sequence[float], cell: float
 ) -> SurfaceCells:
-    """Cells of the objects of a frame from which one LiDAR gets light within `crop`.
+    """The objects of all frames from which one LiDAR gets light within `crop`.
 
     Args:
-        mount, lidar: as cast.
-        hits: from `lidarplace.lidar.raycast.cast`.
-        surface: the objects that count.
+        mount, lidar: as of `lidarplace.lidar.raycast.cast`.
+        frames: the objects, and what hides them.
         crop: x0, y0, z0, x1, y1, z1 in the ego frame, metres; the faces belong to it.
         cell: edge of a cell, metres.
     """
-    object_of, cell_of = _cells_of_hits(
-        mount.position,
-        mount.rotation,
-        beams_of(lidar),
-        hits,
-        surface,
-        np.array(crop, np.float64),
-        cell,
+    found = _cells_in_frames(
+        mount.position, mount.rotation, beams_of(lidar), frames, np.array(crop, np.float64), cell
     )
-    points = np.bincount(object_of, minlength=len(surface.geometry)).astype(np.int64)
-    order = np.lexsort((cell_of, object_of))
-    object_of, cell_of = object_of[order], cell_of[order]
-    first = np.ones(len(order), np.bool_)
-    first[1:] = (np.diff(object_of) != 0) | (np.diff(cell_of) != 0)
-    offsets = np.searchsorted(object_of[first], np.arange(len(points) + 1)).astype(np.int64)
-    return SurfaceCells(offsets, cell_of[first].astype(np.uint32), points)
+    return SurfaceCells(*found)
 
 
 @njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
@@ -142,46 +122,62 @@ def _slice(position, size, cell, number):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _cells_of_hits(
-    origin, rotation, beams, hits, surface, crop, cell
-):  # pragma: no cover - compiled
-    """Object and cell of every return from an object within `crop`."""
+def _cells_in_frames(origin, rotation, beams, frames, crop, cell):  # pragma: no cover - compiled
+    """Offsets, cells and points of `SurfaceCells`."""
     elevations, azimuths = beams.elevations, beams.azimuths
-    ranges, targets, reflected = hits
-    geometry, slices, owner = surface
+    geometry, slices = frames.geometry, frames.slices
     steps = azimuths.shape[1]
-    count = 0
-    for ray in range(len(targets)):
-        count += targets[ray] >= 0
-    objects, cells = np.empty(count, np.int64), np.empty(count, np.int64)
+    rays = len(elevations) * steps
+    ranges, targets, reflected = np.empty(rays), np.empty(rays, np.int32), np.empty(rays)
+    cells_of = slices[:, 0] * slices[:, 1] * slices[:, 2]
+    offsets, points = np.zeros(len(geometry) + 1, np.int64), np.zeros(len(geometry), np.int64)
+    cells = np.empty(cells_of.sum() + 1, np.uint32)  # one is written and not kept
     here = np.empty(3)
-    count = 0
-    for ray in range(len(targets)):
-        if targets[ray] < 0 or owner[targets[ray]] < 0:
-            continue
-        if not returns_light(ranges[ray], reflected[ray], beams):
-            continue
-        b = owner[targets[ray]]
-        beam, step = ray // steps, ray % steps
-        dx = elevations[beam, 1] * azimuths[0, step]
-        dy = elevations[beam, 1] * azimuths[1, step]
-        dz = elevations[beam, 2]
-        inside = True
-        for axis in range(3):
-            along = rotation[axis, 0] * dx + rotation[axis, 1] * dy + rotation[axis, 2] * dz
-            here[axis] = origin[axis] + ranges[ray] * along
-            inside &= crop[axis] <= here[axis] <= crop[axis + 3]
-        if not inside:
-            continue
-        box = geometry[b]
-        x, y, c, s = here[0] - box[0], here[1] - box[1], math.cos(box[6]), math.sin(box[6])
-        i = _slice(c * x + s * y, box[3], cell, slices[b, 0])
-        j = _slice(c * y - s * x, box[4], cell, slices[b, 1])
-        k = _slice(here[2] - box[2], box[5], cell, slices[b, 2])
-        objects[count] = b
-        cells[count] = (i * slices[b, 1] + j) * slices[b, 2] + k
-        count += 1
-    return objects[:count], cells[:count]
+    size = 0
+    for frame in range(len(frames.near)):
+        first, last = frames.first_part[frame], frames.first_part[frame + 1]
+        cast_compiled(
+            origin,
+            rotation,
+            beams,
+            frames.parts[first:last],
+            frames.owner[first:last],
+            frames.reflectivity[first:last],
+            frames.near[frame],
+            (ranges, targets, reflected),
+        )
+        first, last = frames.first_object[frame], frames.first_object[frame + 1]
+        start = np.zeros(last - first + 1, np.int64)
+        start[1:] = np.cumsum(cells_of[first:last])
+        hit = np.zeros(start[-1], np.bool_)
+        for ray in range(rays):
+            b = targets[ray]
+            if b < 0 or not returns_light(ranges[ray], reflected[ray], beams):
+                continue
+            beam, step = ray // steps, ray % steps
+            dx = elevations[beam, 1] * azimuths[0, step]
+            dy = elevations[beam, 1] * azimuths[1, step]
+            dz = elevations[beam, 2]
+            inside = True
+            for axis in range(3):
+                along = rotation[axis, 0] * dx + rotation[axis, 1] * dy + rotation[axis, 2] * dz
+                here[axis] = origin[axis] + ranges[ray] * along
+                inside &= crop[axis] <= here[axis] <= crop[axis + 3]
+            if not inside:
+                continue
+            box = geometry[b]
+            x, y, c, s = here[0] - box[0], here[1] - box[1], math.cos(box[6]), math.sin(box[6])
+            i = _slice(c * x + s * y, box[3], cell, slices[b, 0])
+            j = _slice(c * y - s * x, box[4], cell, slices[b, 1])
+            k = _slice(here[2] - box[2], box[5], cell, slices[b, 2])
+            hit[start[b - first] + (i * slices[b, 1] + j) * slices[b, 2] + k] = True
+            points[b] += 1
+        for b in range(first, last):
+            for n in range(cells_of[b]):
+                cells[size] = n
+                size += hit[start[b - first] + n]
+            offsets[b + 1] = size
+    return offsets, cells[:size].copy(), points
 
 
 @njit(cache=True, nogil=True)

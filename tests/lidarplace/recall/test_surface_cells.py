@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given
-from hypothesis import strategies as st
 from small_scenes import (
     CURVES,
     LIDAR,
@@ -25,7 +24,7 @@ from lidarplace.boxes import BUILDING_COLUMNS
 from lidarplace.lidar.raycast import cast
 from lidarplace.lidar.surroundings import Surroundings
 from lidarplace.recall.expected_recall import ExpectedRecall
-from lidarplace.recall.surface_cells import SurfaceCells, slices_of
+from lidarplace.recall.surface_cells import slices_of
 
 
 @pytest.mark.parametrize("mounts", [MOUNTS[:1], MOUNTS[1:], MOUNTS])
@@ -130,12 +129,3 @@ def test_unions_are_those_of_sets(left, right):
     assert both.cells.tolist() == table_of(union).cells.tolist()
     assert both.offsets.tolist() == table_of(union).offsets.tolist()
     assert both.points.tolist() == (one.points + other.points).tolist()
-
-
-@given(st.lists(rows_of_cells, max_size=3))
-def test_frames_are_joined_in_their_order(frames):
-    joined = SurfaceCells.joined([table_of(rows) for rows in frames])
-    whole = table_of([row for rows in frames for row in rows])
-    assert joined.offsets.tolist() == whole.offsets.tolist()
-    assert joined.cells.tolist() == whole.cells.tolist()
-    assert joined.points.tolist() == whole.points.tolist()
