@@ -120,7 +120,7 @@ class CountedObjects:
         frames = self.frames if away <= self._reach else self._frames(away)
         with ThreadPoolExecutor(numba.get_num_threads()) as threads:
             found = threads.map(
-                lambda mount: surface_cells(*mount, frames, self._crop, self.cell), mounts
+                lambda one: surface_cells(one[0], one[1], frames, self._crop, self.cell), mounts
             )
             of_mount = dict(zip(mounts, found, strict=True))
         return [reduce(SurfaceCells.and_, [of_mount[mount] for mount in rig]) for rig in rigs]

@@ -27,6 +27,8 @@ class Pool:
         """The pool of a backend's workers."""
         for grid in traffic.grids.values():
             grid.levels, grid.h_pog  # noqa: B018 - worked out once, not by every worker
+        if traffic.objects is not None:
+            traffic.objects.objects.frames  # noqa: B018 - as well
         return cls(backend, backend.share(traffic))
 
     def submit(self, rig: Choices, question: Question) -> Job[Assessment]:
