@@ -1,0 +1,111 @@
+"""A search by expected recall: values, what it asks for, and mistakes."""
+
+import pandas as pd
+import pytest
+import yaml
+from search_files import write_search
+from typer.testing import CliRunner
+
+from lidarplace import ExpectedRecall, Roi
+from lidarplace.box_log import BoxLog, read_box_log
+from lidarplace.configuration.placement import read_placement
+from lidarplace.recall.detection_curve import DetectionCurve, write_curves
+from sweeps.search.__main__ import app
+from sweeps.search.greedy.certificate import why_none
+from sweeps.search.problem.problem import read_problem
+from tests.mlflow_database import write_database
+from tracking.run_folders.search_json import SearchResult
+
+LIDAR = {"beams": 8, "azimuth_steps": 400, "cloud_share": 0.5}
+
+
+def run(folder, **changes):
+    write_database(folder / "mlflow.db")
+    uri = f"sqlite:///{folder / 'mlflow.db'}"
+    path = write_search(folder, tracking={"uri": uri}, lidar=LIDAR, **changes)
+    return CliRunner().invoke(app, [str(path)], catch_exceptions=False)
+
+
+def objects_of(folder):
+    """Those of the training split, by the library alone."""
+    log = read_box_log(folder / "log")
+    frames = log.frames[log.frames["split"] == "train"]
+    boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])]
+    roi = Roi((0, 40), (-20, 20), (0, 4), 0.8)
+    train = BoxLog(boxes, frames, log.buildings)
+    return ExpectedRecall.from_log(train, roi, ["Car"], azimuth_share=0.5)
+
+
+def test_a_search_by_expected_recall(tmp_path):
+    result = run(
+        tmp_path, search={"objective": "expected_recall", "trials": 6}, robustness={"draws": 2}
+    )
+    assert result.exit_code == 0, result.output
+    said = " ".join(result.stdout.split())
+    assert "expected_recall: 12 objects that count, in 3 of 3 training frames" in said
+    assert "below the best of 27 candidate mounts" in said or "positions between them" in said
+    assert "azimuth steps" not in said
+    about = SearchResult.read(tmp_path / "runs/small")
+    value = about.rigs["found_1"].values["expected_recall"]
+    problem = read_problem(tmp_path / "small.yaml")
+    rig = read_placement(tmp_path / "runs/small/placement.yaml", problem.file.lidar.lidar())
+    found = objects_of(tmp_path).of(rig).loc["Car", "expected_recall"]
+    assert value == pytest.approx(found, rel=1e-9)
+    assert about.bound.greedy <= about.bound.value <= about.bound.by_gains
+    assert value >= about.bound.greedy * (1 - 1e-9)  # the first trial is greedy's rig, refined
+    table = pd.read_parquet(tmp_path / "runs/small/robustness.parquet")
+    failed = table[(table["rig"] == "found_1") & table["case"].str.endswith("fails")]
+    assert len(failed) == 2
+    assert (failed["share"] < 1).all()
+
+
+def test_a_front_of_expected_recall_price_and_a_surrogate_of_the_pog(tmp_path):
+    models = {
+        "small": {"beams": 4, "azimuth_steps": 200, "price": 1},
+        "large": {"beams": 16, "azimuth_steps": 400, "price": 9},
+    }
+    objective = ["expected_recall.Car", "price", "covered_entropy"]
+    search = {"objective": objective, "models": models, "sampler": "nsga2", "trials": 6}
+    result = run(tmp_path, search=search, robustness=None)
+    assert result.exit_code == 0, result.output
+    assert "no bound: several objectives" in result.stdout
+    trials = pd.read_parquet(tmp_path / "runs/small/trials.parquet")
+    values = trials[[f"value.{name}" for name in objective]]
+    assert values.notna().all().all()
+    assert values["value.expected_recall.Car"].between(0, 1).all()
+    assert set(values["value.price"]) <= {2.0, 10.0, 18.0}
+
+
+def test_a_class_without_objects_is_told_in_one_line(tmp_path):
+    result = run(tmp_path, classes=["Car", "Cyclist"], search={"objective": "expected_recall"})
+    assert result.exit_code == 1
+    assert "expected_recall: no Cyclist counts in the training frames" in result.output
+    assert "Traceback" not in result.output
+
+
+def test_mistakes_are_one_line_and_curves_make_another_search(tmp_path):
+    search = {"objective": "expected_recall"}
+    path = write_search(tmp_path, search=search)
+    assert why_none(read_problem(path)) is None
+    first = read_problem(path).key
+    assert first != read_problem(write_search(tmp_path)).key
+    own = DetectionCurve.model_validate({"class": "Car", "iou": 0.5, "most": 0.5, "rate": 0.1})
+    write_curves(tmp_path / "curves.json", "by hand", [own])
+    surrogate = {"resolution": 0.8, "names": ["m_sog"], "curves": str(tmp_path / "curves.json")}
+    mine = read_problem(write_search(tmp_path, search=search, surrogate=surrogate)).key
+    assert mine != first
+    write_curves(tmp_path / "curves.json", "by hand", [own.model_copy(update={"most": 0.6})])
+    assert read_problem(write_search(tmp_path, search=search, surrogate=surrogate)).key != mine
+    for changes, message in (
+        ({"lidar": {"tilt_in_degrees": True}}, "leave out lidar.tilt_in_degrees"),
+        ({"surrogate": {"curves": str(tmp_path / "none.json")}}, "none.json: No such file"),
+        ({"search": {"objective": "expected_recall.Cyclist"}}, "Cyclist is none of the classes"),
+    ):
+        config = yaml.safe_load(write_search(tmp_path, search=search).read_text())
+        for key, value in changes.items():
+            config[key] = config[key] | value
+        path.write_text(yaml.safe_dump(config))
+        result = CliRunner().invoke(app, [str(path)])
+        assert result.exit_code == 2, result.output
+        assert message in " ".join(result.stderr.split())
+        assert len(result.stderr.splitlines()) == 1
