@@ -31,6 +31,7 @@ def test_the_value_is_the_weighted_recall_of_the_rig():
     assert gains[1] == 0
 
 
+@settings(deadline=None)
 @given(choices)
 def test_it_is_monotone_and_submodular(choice):
     numbers = range(len(choice.seen))
