@@ -17,24 +17,30 @@ PRIORITY = {
     "pretrain": 9,
     "probe": 8,
     "collect": 7,
-    "sampling_error": 6,
-    "accuracy": 5,
-    "recall": 4,
+    "ground_truth": 6,
+    "scene": 5,
+    "pog": 4,
     "surrogates": 3,
-    "pog": 2,
-    "ground_truth": 1,
-    "scene": 0,
+    "recall": 2,
+    "accuracy": 1,
+    "sampling_error": 0,
 }
-"""Of stages whose inputs are there the highest goes first."""
+"""Of stages of a trial whose inputs are there the highest goes first: what detectors wait for."""
+
+_ENDS = ("evaluate", "judge")
+"""Stages that end a trial."""
+
+_Rank = tuple[int, int, int]
+"""Trial, stage, place in the plan; the lowest goes first."""
 
 
 class Schedule:
-    """Hands out tasks whose inputs are there, late stages first.
+    """Hands out tasks whose inputs are there: trial by trial, and late stages first.
 
-    So the first placement has its results before the clouds of the last one are collected.
+    So a sweep that is stopped has whole results of its first trials, not the trainings of all.
 
     Args:
-        tasks: all tasks, each after its inputs.
+        tasks: all tasks, each after its inputs, those of the first trial first.
         done: keys of those whose results are in the store already.
         probes: probe that a task waits for, by the task's key; it goes on if the probe fails.
 
@@ -49,8 +55,12 @@ class Schedule:
         self._let_go: set[str] = set()
         self._waiting: dict[str, int] = {}
         self._dependents: dict[str, list[Task]] = defaultdict(list)
-        self._ready: dict[bool, list[tuple[int, int, Task]]] = {False: [], True: []}
-        self._order = {task.key: position for position, task in enumerate(tasks)}
+        self._ready: dict[bool, list[tuple[_Rank, Task]]] = {False: [], True: []}
+        self._rank: dict[str, _Rank] = {}
+        trial = 0
+        for position, task in enumerate(tasks):
+            self._rank[task.key] = (trial, -PRIORITY[task.stage], position)
+            trial += task.stage in _ENDS
         for task in tasks:
             if task.key in done:
                 continue
@@ -65,8 +75,7 @@ class Schedule:
                 self._push(task)
 
     def _push(self, task: Task) -> None:
-        entry = (-PRIORITY[task.stage], self._order[task.key], task)
-        heapq.heappush(self._ready[task.gpu], entry)
+        heapq.heappush(self._ready[task.gpu], (self._rank[task.key], task))
 
     def next(self, gpu: bool = True) -> Task | None:
         """A task to start, or None while all that are left wait for others.
@@ -77,7 +86,7 @@ class Schedule:
         while queues := [
             queue for kind, queue in self._ready.items() if queue and (gpu or not kind)
         ]:
-            *_, task = heapq.heappop(min(queues, key=lambda queue: queue[0][:2]))
+            _, task = heapq.heappop(min(queues, key=lambda queue: queue[0][0]))
             if task.key not in self.failed:
                 return task
         return None

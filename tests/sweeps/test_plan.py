@@ -1,5 +1,5 @@
 import math
-from collections import Counter
+from collections import Counter, deque
 from pathlib import Path
 
 import pandas as pd
@@ -10,6 +10,7 @@ from lidarplace.box_log import BoxLog, write_box_log
 from lidarplace.boxes import BOX_COLUMNS, GEOMETRY
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
+from sweeps.execution.schedule import Schedule
 from sweeps.plan.plan import make_plan
 from sweeps.results.rig_cautions import rig_cautions
 from training import build_detector
@@ -91,6 +92,36 @@ def test_tasks_stand_after_their_inputs(tmp_path):
     for task in plan_of(tmp_path, grid={"placement": ["line", "center"], "seed": [1, 2]}).tasks:
         assert all(needed.key in seen for needed in task.inputs)
         seen.add(task.key)
+
+
+def trained_and_evaluated(plan, workers):
+    """Stages of trainings and evaluations as they end; each task takes as long as any."""
+    schedule, running, ended = Schedule(plan.tasks, set(), {}), deque(), []
+    while True:
+        while len(running) < workers and (task := schedule.next()) is not None:
+            running.append(task)
+        if not running:
+            return ended
+        task = running.popleft()
+        schedule.finish(task)
+        if task.stage in ("finetune", "pretrain", "evaluate"):
+            ended.append(task.stage)
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_a_trial_ends_before_the_next_ones_are_trained(tmp_path, workers):
+    grid = {"placement": ["line", "center", "square"], "seed": [1, 2]}
+    ended = trained_and_evaluated(plan_of(tmp_path, grid=grid), workers)
+    assert len(ended) == 12
+    trained, evaluated = 0, 0
+    for stage in ended:
+        trained += stage == "finetune"
+        evaluated += stage == "evaluate"
+        assert trained - evaluated <= workers
+    generalist = {"judge": "generalist", "generalist": FEW}
+    ended = trained_and_evaluated(plan_of(tmp_path, grid=grid, **generalist), workers)
+    assert ended.count("pretrain") == 2
+    assert ended[:2] == ["pretrain", "evaluate"]
 
 
 def test_keys_depend_on_content_alone(tmp_path):
