@@ -30,6 +30,9 @@ TURN = math.radians(10)
 CANDIDATES = 4
 """So many rigs are drawn for each that is wanted."""
 
+_SLACK_M, _SLACK = 0.05, math.radians(2)
+"""Metres and radians that are nothing to warn of: rigs at random fill their space up to a rest."""
+
 _APART_M = 0.15
 """Least distance between the centres of two LiDARs."""
 
@@ -134,7 +137,7 @@ def _height(bounds: Bounds, random: np.random.Generator) -> float:
 
 
 def outside(placement: Placement, rigs: Sequence[Placement]) -> str | None:
-    """How far a rig is outside of the space of others, None if it is not.
+    """How far a rig is outside of the space of others, None if it is not, or by next to nothing.
 
     Compared are x, y, z, roll and pitch of the mounts, the number of LiDARs and their models.
     """
@@ -146,12 +149,16 @@ def outside(placement: Placement, rigs: Sequence[Placement]) -> str | None:
         if name in "xyz"
         else f"{name} by {math.degrees(amount):.1f} deg"
         for name, amount in zip(("x", "y", "z", "roll", "pitch"), beyond.tolist(), strict=True)
-        if amount > 0
+        if amount > (_SLACK_M if name in "xyz" else _SLACK)
     ]
     numbers = [len(rig.mounts) for rig in rigs]
     if not min(numbers) <= len(placement.mounts) <= max(numbers):
         told.append(f"{len(placement.mounts)} LiDARs, not {min(numbers)} to {max(numbers)}")
-    known = {lidar for rig in rigs for lidar in rig.lidars}
-    if not set(placement.lidars) <= known:
+    if has_other_lidar(placement, rigs):
         told.append("another LiDAR model")
     return ", ".join(told) or None
+
+
+def has_other_lidar(placement: Placement, rigs: Sequence[Placement]) -> bool:
+    """Whether a rig has a LiDAR of a model that none of the others has."""
+    return not {*placement.lidars} <= {lidar for rig in rigs for lidar in rig.lidars}

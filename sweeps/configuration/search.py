@@ -292,22 +292,27 @@ class GreedySettings(Settings):
     warm_start: bool = Field(True, description="the first trial is greedy's placement")
 
 
+Tests = Annotated[tuple[dict[str, Any], ...], BeforeValidator(_several), Field(min_length=1)]
+"""Changes to the configuration, one or several."""
+
+
 class TrafficSettings(Settings):
     """Test traffic for a search by a generalist; verify has that of the scene itself.
 
-    Whatever chooses a rig and whatever judges it see different traffic: the best of hundreds is
-    also the luckiest.
+    What the generalist is trained on stays as the scene has it. Whatever chooses a rig and whatever
+    judges it see different traffic: the best of hundreds is also the luckiest.
     """
 
-    search: dict[str, Any] = Field(
-        default={},
-        description="key path -> value: the test traffic of the trials; simulated traffic has "
-        "scene.test_seed: seed + 1001 beside what is said here",
+    search: Tests = Field(
+        default=({},),
+        description="key path -> value: the test traffic of the trials, or a list of several; "
+        "simulated traffic has scene.test_seed: seed + 1001 (1003, 1005, …) beside what is said "
+        "here",
     )
-    choice: dict[str, Any] = Field(
-        default={},
+    choice: Tests = Field(
+        default=({},),
         description="that on which the best of the trials are judged again; with "
-        "scene.test_seed: seed + 1002",
+        "scene.test_seed: seed + 1002 (1004, …)",
     )
 
 
@@ -374,6 +379,14 @@ class SearchSettings(Settings):
     traffic: TrafficSettings = Field(
         TrafficSettings(), description="on what a generalist judges rigs"
     )
+    vehicles: CountFromOne | None = Field(
+        None,
+        description="a generalist judges so many vehicles of a rig, each with mounting errors of "
+        "its own in all frames; null: every frame is of another vehicle",
+    )
+    over: Literal["mean", "worst"] = Field(
+        "mean", description="what a generalist's value is, over traffic and vehicles"
+    )
     rungs: tuple[dict[str, Any], ...] = Field(
         default=(), description="shorter trainings first, such as {training.epochs: 1}"
     )
@@ -386,6 +399,16 @@ class SearchSettings(Settings):
     greedy: GreedySettings | None = Field(
         GreedySettings(), description="greedy choice and upper bound; null: none"
     )
+
+    def said_of(self, tests: Tests) -> str:
+        """What the values of a generalist are over so many kinds of traffic; "" of a single one."""
+        traffic = [f"{len(tests)} kinds of traffic"] if len(tests) > 1 else []
+        vehicles = [f"{self.vehicles} vehicles of a rig"] if self.vehicles is not None else []
+        return (
+            f"the {self.over} over {' with '.join(traffic + vehicles)}"
+            if traffic + vehicles
+            else ""
+        )
 
     @field_validator("vehicle", mode="before")
     @classmethod
@@ -411,8 +434,13 @@ class SearchSettings(Settings):
                 raise ValueError("objective: a generalist judges rigs in zones, without `space`")
             if self.rungs:
                 raise ValueError("rungs: are shorter trainings, and a generalist is trained once")
-        elif self.traffic != TrafficSettings():
-            raise ValueError("traffic: is for an objective that a generalist measures")
+            tests = max(len(self.traffic.search), len(self.traffic.choice))
+            if self.over == "worst" and tests * (self.vehicles or 1) == 1:
+                raise ValueError("over: worst needs several, in traffic or by vehicles")
+        else:
+            for key in ("traffic", "vehicles", "over"):
+                if getattr(self, key) != type(self).model_fields[key].default:
+                    raise ValueError(f"{key}: is for an objective that a generalist measures")
         self._check_zones()
         if self.space and not any(measured):
             raise ValueError(

@@ -150,6 +150,17 @@ class MountingErrorSettings(Settings):
     angle_deg: Annotated[Degrees, Field(ge=0)] = Field(
         0.0, description="degrees at most, of roll, pitch and yaw"
     )
+    vehicle: Count | None = Field(
+        None,
+        description="test frames are all of this vehicle of the fleet; trainings do not depend on "
+        "it",
+    )
+
+    @model_validator(mode="after")
+    def _differ(self) -> MountingErrorSettings:
+        if self.vehicle is not None and not self.errors():
+            raise ValueError("vehicle: all are alike without offset or angle_deg")
+        return self
 
     def errors(self) -> MountingErrors:
         """In the terms of `lidarplace`."""

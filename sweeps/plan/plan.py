@@ -17,7 +17,8 @@ from lidarplace.lidar.clouds import Crop
 from lidarplace.lidar.collect import crop_for
 from lidarplace.lidar.profiles import with_tilt_in_degrees
 from lidarplace.lidar.recorded import check_rig, clouds_digest
-from lidarplace.mounting.random_rigs import random_rigs
+from lidarplace.mounting.errors import MountingErrors
+from lidarplace.mounting.random_rigs import has_other_lidar, random_rigs
 from lidarplace.mounting.ring_overlap import Interleaving, interleaving
 from lidarplace.recall.detection_curve import IOU, DetectionCurves, default_curves, read_curves
 from lidarplace.scenes.kinds import scene_parts
@@ -388,7 +389,13 @@ class _Builder:
             judged = sorted(set(rigs) & set(self._placements))
             if judged:
                 raise ValueError(f"{judged[0]} is judged, so it cannot be trained on")
-            return [common.placement_named(name, lidar) for name in rigs]
+            named = [common.placement_named(name, lidar) for name in rigs]
+            if has_other_lidar(common.placement_named(point.placement, lidar), named):
+                raise ValueError(
+                    f"none of {', '.join(rigs)} has a LiDAR of {point.placement}: name rigs of the "
+                    "models that are judged"
+                )
+            return named
         except ValueError as error:
             raise ConfigError(f"generalist.rigs: {error}") from None
 
@@ -420,7 +427,9 @@ class _Builder:
             except (OSError, ValueError) as error:
                 raise ConfigError(f"placement: {error}") from None
         placement = _nameless(self._as_collected(point, placement))
-        errors = point.mounting_errors.errors()
+        errors, vehicle = point.mounting_errors.errors(), point.mounting_errors.vehicle
+        if split == "test" and vehicle is not None:
+            placement, errors = errors.drawn(placement, scene.seed, vehicle), MountingErrors()
         return CollectParams(placement, lidar.misaligned_heights, scene.seed, split, crop, errors)
 
     def _as_collected(self, point: Point, placement: Placement) -> Placement:

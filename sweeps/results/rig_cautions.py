@@ -67,5 +67,10 @@ def _outside(name: str, trials: Sequence[Trial]) -> str | None:
         own = trial.collect_test[0].params
         beyond = outside(own.placement, seen) if isinstance(own, CollectParams) else None
         if beyond is not None:
-            return f"{name} is outside of the rigs that the generalist has seen: {beyond}."
+            return beyond_what_is_seen(name, beyond)
     return None
+
+
+def beyond_what_is_seen(name: str, beyond: str) -> str:
+    """That a rig is outside of what the generalist has seen, and by how much."""
+    return f"{name} is outside of the rigs that the generalist has seen: {beyond}."

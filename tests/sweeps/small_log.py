@@ -11,8 +11,8 @@ from lidarplace.box_log import BoxLog, write_box_log
 from lidarplace.boxes import GEOMETRY
 
 
-def write_small_log(folder: Path) -> None:
-    random = np.random.default_rng(0)
+def write_small_log(folder: Path, seed: int = 0) -> None:
+    random = np.random.default_rng(seed)
     rows = [
         ("a", frame, frame / 10, k, "Car", 8 + 7 * k, random.uniform(-6, 6), 0.8, 4.4, 1.8, 1.6, 0)
         for frame in range(4)

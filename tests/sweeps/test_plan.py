@@ -325,6 +325,31 @@ def test_a_generalist_s_rigs_can_be_named_but_not_judged(tmp_path):
         plan_of(tmp_path, generalist={"rigs": ["other"]}, **changes)
 
 
+def test_a_generalist_of_another_lidar_model_is_refused(tmp_path):
+    own = {"own": {"mounts": [{"x": 0, "y": 0, "z": 2, "lidar": {"beams": 64}}]}}
+    changes = {"placements": own, "generalist": {"rigs": ["own"]}}
+    with pytest.raises(
+        ConfigError, match=r"generalist\.rigs: none of own has a LiDAR of line: name"
+    ):
+        plan_of(tmp_path, judge="generalist", **changes)
+    assert stages(plan_of(tmp_path, **changes))["pretrain"] == 0
+    assert stages(plan_of(tmp_path, judge="generalist", lidar={"beams": 64}, **changes))
+
+
+def test_a_vehicle_of_the_fleet_is_what_is_tested_and_not_what_is_trained_on(tmp_path):
+    errors = {"offset": 0.01, "angle_deg": 0.5}
+    grid = {"placement": ["line", "square"], "mounting_errors.vehicle": [1, 2]}
+    plan = plan_of(tmp_path, mounting_errors=errors, grid=grid)
+    assert (stages(plan)["finetune"], stages(plan)["evaluate"]) == (2, 4)
+    clouds = {trial.label: trial.collect_test[0].params for trial in plan.trials}
+    assert len({params.placement for params in clouds.values()}) == 4
+    assert not any(params.errors for params in clouds.values())
+    fleet = [task.params for task in plan.trials[0].finetune.inputs if task.stage == "collect"]
+    assert all(params.errors for params in fleet)
+    with pytest.raises(ConfigError, match=r"mounting_errors.*vehicle: all are alike"):
+        plan_of(tmp_path, mounting_errors={"vehicle": 1})
+
+
 def test_clouds_that_are_merged_awry_have_no_generalist(tmp_path):
     with pytest.raises(ConfigError, match=r"judge: generalist: lidar\.misaligned_heights"):
         plan_of(tmp_path, judge="generalist", lidar={"misaligned_heights": True})

@@ -1,6 +1,8 @@
 """A search whose objective a generalist measures."""
 
 import json
+import math
+from dataclasses import astuple
 
 import numpy as np
 import pandas as pd
@@ -10,8 +12,12 @@ from search_files import write_search
 from small_log import write_small_log
 from typer.testing import CliRunner
 
+from lidarplace import Lidar, Mount, Placement
+from lidarplace.mounting.errors import MountingErrors
 from sweeps.configuration.file import ConfigError
 from sweeps.search.__main__ import app
+from sweeps.search.output.terminal import rig_warnings
+from sweeps.search.problem.judged_sweep import generalists, judged_rigs
 from sweeps.search.problem.problem import read_problem
 from sweeps.search.problem.training_rigs import training_rigs
 from sweeps.search.trials import by_generalist
@@ -98,6 +104,43 @@ def test_one_training_judges_all_and_a_resumed_search_judges_nothing_again(
     assert sweep["mounting_errors"] == {"offset": 0.01, "angle_deg": 0.5}
 
 
+def test_a_rig_is_worth_its_worst_vehicle_in_its_worst_traffic(tmp_path, tracking, monkeypatch):
+    def metrics(store, portions, truths, classes):
+        table = real(store, portions, truths, classes)
+        collection = portions[0].params.collection
+        assert not collection.errors  # all frames are of one vehicle
+        farther = truths[0].inputs[0].params.recording.scene.folder.name == "more"
+        return table.assign(value=10 * collection.placement.mounts[0].z - 3 * farther)
+
+    real = by_generalist.judged_metrics
+    monkeypatch.setattr(by_generalist, "judged_metrics", metrics)
+    write_small_log(tmp_path / "more", seed=1)
+    logs = {"search": ["trials", "more"], "choice": ["choice"]}
+    traffic = {
+        purpose: [{"scene.test_folder": str(tmp_path / name)} for name in names]
+        for purpose, names in logs.items()
+    }
+    settings = {"traffic": traffic, "vehicles": 2, "over": "worst", "trials": 3}
+    path = written(tmp_path, tracking=tracking, search=settings)
+    result = run(path)
+    assert result.exit_code == 0, result.output
+    said = "the worst over 2 kinds of traffic with 2 vehicles of a rig"
+    assert f"judged by {said}" in " ".join(result.output.split())
+    assert len(list((tmp_path / "runs/store").glob("pretrain/*"))) == 1
+    off = MountingErrors(0.01, math.radians(0.5))
+    at_origin = Placement("origin", [Mount(0, 0, 0)], lidar=Lidar.paper())
+    lowest = min(off.drawn(at_origin, 0, vehicle).mounts[0].z for vehicle in (1, 2))
+    folder = SearchFolder.read(tmp_path / "runs/small")
+    trials = folder.trials
+    expected = 10 * (trials["lidar_1.z_m"] + lowest) - 3
+    np.testing.assert_allclose(trials["value.generalist.recall"], expected, atol=1e-9)
+    assert folder.search.over == said
+    assert (
+        "Each value is the worst over 2 vehicles of a rig."
+        in (tmp_path / "runs/small/search.html").read_text()
+    )
+
+
 def test_several_objectives_and_the_price_make_a_front(tmp_path, tracking):
     path = written(
         tmp_path,
@@ -138,6 +181,18 @@ def test_training_rigs_are_of_the_space_and_of_every_number(tmp_path):
         ({"traffic": {}}, r"search\.traffic\.search: name a log for it"),
         ({"traffic": {"search": {"scene.seed": 1}, "choice": {"roi.x": [0, 20]}}}, "allowed are"),
         ({"traffic": {"search": {"scene.seed": 1}, "choice": {"scene.seed": 1}}}, "different"),
+        ({"traffic": {"search": [{"scene.seed": 1}] * 2}}, "each traffic once"),
+        (
+            {
+                "traffic": {
+                    "search": [{"scene.seed": 1}, {"scene.seed": 2}],
+                    "choice": {"scene.seed": 2},
+                }
+            },
+            "different",
+        ),
+        ({"over": "worst"}, "over: worst needs several"),
+        ({"objective": "expected_ig", "traffic": {}, "vehicles": 2}, "vehicles: is for"),
     ],
 )
 def test_what_a_generalist_cannot_answer_is_refused(tmp_path, search, message):
@@ -157,8 +212,8 @@ def test_simulated_traffic_is_of_other_towns_also_where_its_amount_is_told(tmp_p
     path = tmp_path / "search.yaml"
     path.write_text(yaml.safe_dump(settings))
     found = read_problem(path).traffic
-    assert found.search == {"scene.test_routes": 4, "scene.test_seed": 1004}
-    assert found.choice == {"scene.test_seed": 1005}
+    assert found.search == ({"scene.test_routes": 4, "scene.test_seed": 1004},)
+    assert found.choice == ({"scene.test_seed": 1005},)
 
 
 @pytest.mark.parametrize("rigs", [0, [], ["line", "line"], "line", [1], True])
@@ -172,6 +227,92 @@ def test_rigs_are_a_number_or_names(tmp_path, rigs):
 def test_rigs_that_nobody_knows_are_told_before_the_search(tmp_path):
     with pytest.raises(ConfigError, match=r"generalist\.rigs: no placement 'nobody'"):
         read_problem(written(tmp_path, generalist={"rigs": ["nobody"]}))
+
+
+def test_vehicles_that_are_alike_are_refused(tmp_path):
+    exact = {"mounting_errors": {"offset": 0, "angle_deg": 0}}
+    with pytest.raises(ConfigError, match=r"search\.vehicles: all are alike"):
+        read_problem(written(tmp_path, search={"vehicles": 2}, **exact))
+
+
+def simulated(folder, **search):
+    """A search in simulated traffic, as its problem."""
+    settings = {"objective": "generalist", "vehicles": 2} | search
+    return read_problem(write_search(folder, **TINY | {"scene": {"seed": 5}}, search=settings))
+
+
+def test_each_traffic_is_in_a_town_of_its_own_and_trials_and_choice_have_other_vehicles(tmp_path):
+    dense = {"scene.density": 120}
+    traffic = {"search": [{}, dense], "choice": {"scene.test_seed": 9}}
+    tests = simulated(tmp_path, traffic=traffic).tests
+    vehicle = "mounting_errors.vehicle"
+    assert [test[vehicle] for test in tests.search] == [1, 2, 1, 2]
+    assert [test["scene.test_seed"] for test in tests.search] == [1006, 1006, 1008, 1008]
+    assert [test.get("scene.density") for test in tests.search] == [None, None, 120, 120]
+    assert tests.choice == tuple({"scene.test_seed": 9, vehicle: v} for v in (3, 4))
+
+
+def test_the_generalist_is_the_same_in_all_traffic_and_every_rig_is_off_alike(tmp_path):
+    problem = simulated(tmp_path, traffic={"search": {"scene.density": 40}})
+    trained = generalists(problem)
+    rigs = {f"judged_{i}": rig for i, rig in enumerate(problem.paper_rigs().values())}
+    judged = judged_rigs(problem, trained, rigs, problem.tests.search)
+    (generalist,) = trained.values()
+    densities = {
+        scene.params.recording.scene.density
+        for clouds in generalist.inputs
+        for scene in clouds.inputs
+    }
+    assert densities == {80}
+    shifts = []
+    for name, (of_seed,) in judged.items():
+        exact = np.array([astuple(choice.mount) for choice in rigs[name]])
+        assert all(trial.evaluate.inputs[0] is generalist for trial in of_seed)
+        clouds = [next(t for t in r.evaluate.inputs if t.stage == "collect") for r in of_seed]
+        assert {t.inputs[0].params.recording.scene.density for t in clouds} == {40}
+        mounts = [[astuple(m) for m in t.params.placement.mounts] for t in clouds]
+        shifts.append(np.array(mounts) - exact)
+    assert np.ptp(shifts, axis=0).max() < 1e-12
+    first, second = shifts[0]
+    assert (first != second).all()
+    most = np.repeat([0.01, math.radians(0.5)], 3)
+    assert (np.abs(shifts[0]) <= most).all()
+    assert np.abs(shifts[0]).max(axis=(0, 1))[3:].min() > 0.0005  # radians, not degrees
+
+
+def test_rigs_beyond_what_the_generalist_has_seen_are_told(tmp_path):
+    problem = read_problem(written(tmp_path))  # two LiDARs, z from 1.8 to 2.2 m, upright or rolled
+    drawn = problem.training_rigs["generalist_1"]
+    assert not [text for text in rig_warnings({"own": drawn}, problem) if "outside" in text]
+    four = problem.paper_rigs()["pyramid_pitch"]
+    (told,) = [text for text in rig_warnings({"four": four}, problem) if "outside" in text]
+    assert told.startswith("four is outside of the rigs that the generalist has seen: ")
+    assert "pitch by " in told
+    assert told.endswith(" deg, 4 LiDARs, not 2 to 2.")
+    surrogate = read_problem(write_search(tmp_path))
+    assert not [text for text in rig_warnings({"four": four}, surrogate) if "outside" in text]
+
+
+def test_a_dry_run_tells_of_a_rig_beyond_those_that_are_named(tmp_path):
+    mounts = {name: [{"x": 0, "y": y, "z": z} for y in (-0.5, 0.5)] for name, z in PLACES.items()}
+    own = {name: {"mounts": mount} for name, mount in mounts.items()}
+    changes = {"placements": own, "generalist": {"rigs": ["low", "middle"]}}
+    path = written(tmp_path, search={"start": ["high"]}, **changes)
+    result = CliRunner().invoke(app, [str(path), "--dry-run"], catch_exceptions=False)
+    said = "high is outside of the rigs that the generalist has seen: z by 0.15 m."
+    assert said in " ".join(result.output.split())
+
+
+PLACES = {"low": 1.8, "middle": 2.0, "high": 2.15}
+
+
+def test_rigs_of_another_model_than_those_of_the_search_are_refused(tmp_path):
+    own = {"own": {"mounts": [{"x": 0, "y": 0, "z": 2}]}}
+    changes = {"placements": own, "generalist": {"rigs": ["own"]}}
+    models = {"small": {"beams": 4}, "lasting": {"beams": 8}}
+    with pytest.raises(ConfigError, match=r"generalist\.rigs: none of them has the LiDAR lasting"):
+        read_problem(written(tmp_path, search={"models": models}, **changes))
+    assert generalists(read_problem(written(tmp_path, **changes)))
 
 
 def test_the_judge_of_a_search_is_named_in_its_objective(tmp_path):

@@ -176,6 +176,10 @@ class SearchResult(ResultFile):
     """Of the last command alone."""
     objectives: tuple[Objective, ...]
     """What is made large or small, with the unit, and the weights of the classes."""
+    over: str = ""
+    """What a generalist's values of trials are over several tests; empty of one."""
+    chosen_over: str = ""
+    """The same of the traffic of the choice."""
     sampler: str
     """Of Optuna, in words of the configuration."""
     seed: int

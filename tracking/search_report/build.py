@@ -264,6 +264,8 @@ def _chosen(run: SearchFolder) -> Section | None:
         f"{search.baseline} have 95 % intervals that hold for all pairs of rigs at once, over the "
         "routes and individuals of these frames and, where there are several, over generalists."
     )
+    if search.chosen_over:
+        section.notes.append(f"Each value is {search.chosen_over}.")
     own = of_objective(rows, search.first)
     others = rows.drop(own.index)
     for part in (own, others):

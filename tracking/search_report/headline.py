@@ -26,6 +26,7 @@ class Card:
 def summary(search: SearchResult) -> str:
     """What was searched, in one line."""
     goals = ", ".join(f"{o.direction} {o.name}" for o in search.objectives)
+    goals += f", {search.over}" if search.over else ""
     frames = f"{search.frames:,} frames · " if search.frames else ""
     return (
         f"{goals[0].upper()}{goals[1:]} · {', '.join(search.classes)} · {frames}"

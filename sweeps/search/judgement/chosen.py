@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import pandas as pd
 from rich.console import Console
 
+from sweeps.configuration.search import ObjectiveSettings
 from sweeps.execution.backends import Backend, BackendLost
 from sweeps.execution.execute import execute
 from sweeps.execution.progress import StageProgress
 from sweeps.plan.plan import Trial
-from sweeps.results.trial_results import trial_results
+from sweeps.results.trial_results import identity, with_columns
 from sweeps.search.judgement.found import baseline_of
 from sweeps.search.judgement.verify import verified_table
 from sweeps.search.judgement.winners import Judged, ranked
-from sweeps.search.problem.judged_sweep import judged_plan
+from sweeps.search.problem.judged_sweep import generalists, judged_rigs
 from sweeps.search.problem.problem import Problem
-from sweeps.search.trials.by_detectors import measured_value
+from sweeps.search.trials.by_detectors import weighted_value
+from sweeps.search.trials.over_tests import (
+    Over,
+    left_out_over_tests,
+    metrics_over_tests,
+)
 from sweeps.store.of_sweep import reference
 from sweeps.store.open import AnyStore
+from sweeps.tasks.task import with_inputs
 
 MOST_CHOSEN = 8
 """Rigs of the search among which is chosen."""
@@ -47,24 +55,32 @@ def choose(
     names = [*found, *(name for name, own in judged.items() if own.role != "found")]
     # Names of the paper's placements are taken.
     aliases = {f"judged_{number}": name for number, name in enumerate(names, start=1)}
-    plan = judged_plan(
+    rigs = judged_rigs(
         problem,
+        generalists(problem),
         {alias: judged[name].rig for alias, name in aliases.items()},
-        problem.traffic.choice,
+        problem.tests.choice,
     )
-    tasks = plan.needed_for(t.evaluate for t in plan.trials if t.evaluate is not None)
+    trials = {aliases[alias]: own for alias, own in rigs.items()}
+    every = (trial for own in trials.values() for tests in own for trial in tests)
+    tasks = with_inputs(trial.evaluate for trial in every if trial.evaluate is not None)
     store.refer(reference(problem.sweep(), "choice"), [task.key for task in tasks])
     with StageProgress(console, tasks, store.finished(tasks)) as progress:
         outcome = execute(tasks, store, backend, progress)
     for failure in outcome.failures.values():
         raise BackendLost(f"the best rigs could not be judged: {failure.reason}")
-    by_name: dict[str, list[Trial]] = {}
-    for trial in plan.trials:
-        by_name.setdefault(aliases[trial.grid_point.point.placement], []).append(trial)
+    results = [
+        _results(name, tests, store, problem.file.search.over)
+        for name, own in trials.items()
+        for tests in own
+    ]
+    metrics, left_out = (
+        pd.concat(tables, ignore_index=True) for tables in zip(*results, strict=True)
+    )
     measured = [o for o in problem.file.search.objective if o.measured]
     values = {
-        name: {o.name: measured_value(o, trials, store) for o in measured}
-        for name, trials in by_name.items()
+        name: {o.name: _value(o, problem.file.classes, rows) for o in measured}
+        for name, rows in metrics.groupby("placement", sort=False)
     }
     own = {name: replace(judged[name], chosen=values[name]) for name in names}
     best = ranked({name: own[name] for name in found}, first)
@@ -72,15 +88,39 @@ def choose(
     renamed = dict(zip(best, (f"found_{i}" for i in range(1, len(best) + 1)), strict=True))
     chosen = {renamed[name]: rig for name, rig in best.items()} | others
 
-    def table(kind: str) -> pd.DataFrame:
-        """A table of all evaluations, with the new names."""
-        tables = [trial_results(trial, store, (), kind) for trial in plan.trials]
-        whole = pd.concat(tables, ignore_index=True)
-        placement = whole["placement"].map(aliases)
-        return whole.assign(placement=placement.map(renamed).fillna(placement))
+    def by_new_names(table: pd.DataFrame) -> pd.DataFrame:
+        """With the names in the order of the choice."""
+        return table.assign(placement=table["placement"].map(renamed).fillna(table["placement"]))
 
     searched = {name: rig.searched.get(first.name, float("nan")) for name, rig in chosen.items()}
     compared = verified_table(
-        table("metrics"), table("left_out"), chosen, searched, baseline_of(chosen), generalist=True
+        by_new_names(metrics),
+        by_new_names(left_out),
+        chosen,
+        searched,
+        baseline_of(chosen),
+        generalist=True,
     )
     return chosen, compared
+
+
+def _results(
+    name: str, tests: Sequence[Trial], store: AnyStore, over: Over
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Metrics of a rig by one generalist, over all tests; the same without each unit."""
+    evaluations = [trial.evaluate for trial in tests if trial.evaluate is not None]
+    loaded = [store.load(task, ("metrics", "left_out")) for task in evaluations]
+    metrics, left_out = ([value[key] for value in loaded] for key in ("metrics", "left_out"))
+    truths = [tuple(t.key for t in e.inputs if t.stage == "ground_truth") for e in evaluations]
+    traffic = [truths.index(own) + 1 for own in truths]
+    columns = identity(tests[0], ()) | {"placement": name}
+    return (
+        with_columns(metrics_over_tests(metrics, over), columns),
+        with_columns(left_out_over_tests(metrics, left_out, traffic, over), columns),
+    )
+
+
+def _value(objective: ObjectiveSettings, classes: Sequence[str], metrics: pd.DataFrame) -> float:
+    """An objective of a rig, mean over the generalists."""
+    values = [weighted_value(objective, classes, own) for _, own in metrics.groupby("seed")]
+    return math.fsum(values) / len(values)

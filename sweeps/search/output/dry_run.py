@@ -18,6 +18,8 @@ def planned(problem: Problem) -> dict[str, Any]:
         "zones": list(settings.zones),
         "parameters": list(space.distributions(space.makeups[-1]) | space.further),
         "objectives": [{"name": o.name, "best": o.best} for o in settings.objective],
+        "judged_on": [dict(changes) for changes in problem.tests.search] if problem.judged else [],
+        "over": settings.over,
         "constraints": [asdict(constraint) for constraint in problem.question.constraints],
         "trials": settings.trials,
         "sampler": settings.sampler,

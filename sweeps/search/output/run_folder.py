@@ -23,7 +23,7 @@ from sweeps.search.judgement.found import Found
 from sweeps.search.judgement.winners import Judged, stride_error
 from sweeps.search.output.optuna_figures import importances, write_optuna_figures
 from sweeps.search.output.tables import greedy_table, trials_table
-from sweeps.search.output.terminal import coinciding_rings
+from sweeps.search.output.terminal import rig_warnings
 from sweeps.search.output.uncovered import maps
 from sweeps.search.problem.as_sweep import placement_settings, verify_settings
 from sweeps.search.problem.choice import Choices
@@ -131,6 +131,8 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> Sear
         commands=_commands(problem, bool(found.trials)),
         seconds=seconds,
         objectives=[_objective(objective, problem) for objective in search.objective],
+        over=search.said_of(problem.traffic.search),
+        chosen_over=search.said_of(problem.traffic.choice),
         sampler=search.sampler,
         seed=search.seed,
         batch_size=search.batch_size,
@@ -183,8 +185,8 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> Sear
         rigs={name: _rig(own) for name, own in found.judged.items()},
         importance=importances(found.study) or None,
         stride=_stride(problem, found),
-        cautions=coinciding_rings(
-            {name: found.judged[name].rig for name in found.best[:1]}
+        cautions=rig_warnings(
+            {name: found.judged[name].rig for name in (*found.best[:1], found.baseline)}
             | {name: rig_of(placed, problem.space) for name, placed in problem.start.items()},
             problem,
         ),

@@ -8,10 +8,11 @@ from collections.abc import Mapping, Sequence
 from rich.console import Console
 
 from lidarplace.command_line.terminal import table
+from lidarplace.mounting.random_rigs import outside
 from lidarplace.mounting.ring_overlap import interleaving
 from lidarplace.surrogates.table import RAY_SURROGATES, SURROGATES
 from sweeps.configuration.search import ObjectiveSettings
-from sweeps.results.rig_cautions import coinciding
+from sweeps.results.rig_cautions import beyond_what_is_seen, coinciding
 from sweeps.search.judgement.found import Found
 from sweeps.search.judgement.winners import Judged
 from sweeps.search.output.tables import mount_columns
@@ -41,14 +42,18 @@ def warnings_of(problem: Problem) -> list[str]:
         and objective.best == "maximize"
     ]
     begun_with = {name: rig_of(placed, problem.space) for name, placed in problem.start.items()}
-    return contested + coinciding_rings(begun_with, problem)
+    return contested + rig_warnings(begun_with, problem)
 
 
-def coinciding_rings(rigs: Mapping[str, Choices], problem: Problem) -> list[str]:
-    """Of which of these rigs rings coincide, and how they would not."""
+def rig_warnings(rigs: Mapping[str, Choices], problem: Problem) -> list[str]:
+    """Of which of these rigs rings coincide, and which ones a generalist cannot know."""
     placements = {name: placement_of(rig, problem.models) for name, rig in rigs.items()}
     found = {name: interleaving(placement) for name, placement in placements.items()}
-    return [coinciding(name, better) for name, better in found.items() if better is not None]
+    said = [coinciding(name, better) for name, better in found.items() if better is not None]
+    if not problem.judged:
+        return said
+    beyond = {name: outside(rig, problem.seen_rigs) for name, rig in placements.items()}
+    return said + [beyond_what_is_seen(name, by) for name, by in beyond.items() if by is not None]
 
 
 def print_problem(console: Console, problem: Problem) -> None:
@@ -68,6 +73,8 @@ def print_problem(console: Console, problem: Problem) -> None:
         console.print(
             f"{problem.file.name}: {problem.file.placement}, {parameters} parameters; {wanted}",
         )
+    if over := settings.said_of(problem.traffic.search):
+        console.print(f"judged by {over}")
     limits = ", ".join(describe(c) for c in problem.question.constraints) or "none"
     console.print(f"constraints: {limits}")
     console.print(
@@ -147,14 +154,17 @@ def _breaks(found: Found) -> str:
     return "" if rig.assessment.feasible else ", which breaks a constraint"
 
 
-def _print_chosen(console: Console, found: Found, objective: ObjectiveSettings) -> None:
+def _print_chosen(console: Console, found: Found, problem: Problem) -> None:
     """What the choice says of the best rig, with its interval."""
     assert found.chosen is not None
+    settings = problem.file.search
+    objective, over = settings.objective[0], settings.said_of(problem.traffic.choice)
+    over = f", {over}" if over else ""
     rows = found.chosen[found.chosen["rig"] == "found_1"]
     rows = rows[rows["metric"] == objective.by]
     for _, row in rows[rows["class"].isin(class_weights(objective, rows["class"]))].iterrows():
         console.print(
-            f"{objective.by} @ {row['iou']:g}, {row['class']}, on other traffic: "
+            f"{objective.by} @ {row['iou']:g}, {row['class']}, on other traffic{over}: "
             f"{row['value']:.1f}, {row['difference']:+.1f} "
             f"({row['difference_low']:+.1f} to {row['difference_high']:+.1f}) "
             f"against {found.baseline}, the best of the paper's eight{_breaks(found)}",
@@ -169,7 +179,7 @@ def print_found(console: Console, problem: Problem, found: Found) -> None:
     _print_rigs(console, {name: found.judged[name] for name in names}, problem)
     objective = problem.file.search.objective[0]
     if objective.judged:
-        _print_chosen(console, found, objective)
+        _print_chosen(console, found, problem)
     elif not objective.measured and objective.by != "price":
         best = found.judged["found_1"].value(objective)
         paper = found.judged[found.baseline].value(objective)
@@ -201,6 +211,7 @@ def print_found(console: Console, problem: Problem, found: Found) -> None:
     for key, value in found.judged["found_1"].values_beside.items():
         console.print(f"{key}: {value}")
     caution = ray_counting_caution(found.linear_share or 0.0)
-    coincide = coinciding_rings({"found_1": found.judged["found_1"].rig}, problem)
-    for text in [*([caution] if caution else []), *coincide]:
+    shown = {name: found.judged[name].rig for name in ("found_1", found.baseline)}
+    warned = rig_warnings(shown, problem)
+    for text in [*([caution] if caution else []), *warned]:
         console.print(f"warning: {text}", style="yellow", soft_wrap=True)

@@ -45,7 +45,7 @@ def sweep_settings(
     own = {key: placement_settings(rig, search) for key, rig in rigs.items()}
     config["placements"] = config.get("placements", {}) | own
     # A sweep has other defaults.
-    config["mounting_errors"] = search.mounting_errors.model_dump(mode="json")
+    config["mounting_errors"] = search.mounting_errors.model_dump(mode="json", exclude_none=True)
     return config | {"name": name}
 
 

@@ -1,31 +1,78 @@
-"""Rigs of a search as points of a sweep that a generalist judges."""
+"""Rigs of a search as trials of a sweep that a generalist judges."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
-from sweeps.plan.plan import Plan, make_plan
-from sweeps.search.problem.as_sweep import placement_settings, sweep_of, sweep_settings
-from sweeps.search.problem.choice import Choices
+from lidarplace import PAPER_PLACEMENTS
+from sweeps.plan.plan import Plan, Trial, make_plan
+from sweeps.search.problem.as_sweep import sweep_of, sweep_settings
+from sweeps.search.problem.choice import Choice, Choices, ordered
 from sweeps.search.problem.problem import Problem
+from sweeps.tasks.task import Task
+
+JudgedRig = Sequence[Sequence[Trial]]
+"""A rig's trials: of every generalist one for each test."""
 
 
-def judged_plan(problem: Problem, rigs: Mapping[str, Choices], traffic: Mapping[str, Any]) -> Plan:
-    """The plan that judges rigs by the generalists of the search.
+def generalists(problem: Problem) -> dict[int, Task]:
+    """The trainings of the generalists by seed, on the scene as the configuration has it."""
+    rigs = dict(problem.training_rigs)
+    settings = problem.file.generalist
+    if isinstance(settings.rigs, int):
+        settings = settings.model_copy(update={"rigs": tuple(rigs)})
+    changes = {"judge": "generalist", "generalist": settings.model_dump(mode="json")}
+    # Whichever, of a model of the space, and not trained on by its name.
+    model, line = problem.space.models[0], PAPER_PLACEMENTS["line"]
+    some = next(iter(rigs.values()), ordered(Choice(model, "", mount) for mount in line.mounts))
+    trained = {}
+    for trial in _plan(problem, {"judged": some}, rigs, changes).trials:
+        assert trial.finetune is not None
+        trained[trial.grid_point.point.seed] = trial.finetune
+    return trained
+
+
+def judged_rigs(
+    problem: Problem,
+    generalists: Mapping[int, Task],
+    rigs: Mapping[str, Choices],
+    tests: Sequence[Mapping[str, Any]],
+) -> dict[str, JudgedRig]:
+    """The trials in which generalists judge rigs.
 
     Args:
+        generalists: from the function of this name.
         rigs: by the name that their placements get.
-        traffic: key path -> value: what the test traffic is, beside the configuration.
+        tests: key path -> value: what is tested on, beside the configuration.
     """
+    found: dict[str, dict[int, list[Trial]]] = {
+        name: {seed: [] for seed in generalists} for name in rigs
+    }
+    for changes in tests:
+        for trial in _plan(problem, rigs, {}, changes).trials:
+            point = trial.grid_point.point
+            found[point.placement][point.seed].append(_by(generalists[point.seed], trial))
+    return {name: list(by_seed.values()) for name, by_seed in found.items()}
+
+
+def _plan(
+    problem: Problem,
+    rigs: Mapping[str, Choices],
+    others: Mapping[str, Choices],
+    changes: Mapping[str, Any],
+) -> Plan:
+    """The plan of a sweep of rigs with the seeds of the search; `others` are placements, too."""
     file = problem.file
-    config = sweep_settings(problem.source, file, rigs, file.name)
-    settings = file.generalist
-    if isinstance(settings.rigs, int):
-        own = {name: placement_settings(rig, file) for name, rig in problem.training_rigs.items()}
-        config["placements"] = own | config["placements"]
-        settings = settings.model_copy(update={"rigs": tuple(own)})
-    config["generalist"] = settings.model_dump(mode="json")
-    changes = {"judge": "generalist", **traffic}
+    config = sweep_settings(problem.source, file, {**others, **rigs}, file.name)
     values: dict[str, dict[str, Any]] = {name: {} for name in rigs}
     return make_plan(sweep_of(config, problem.path, values, file.search.seeds, changes))
+
+
+def _by(generalist: Task, trial: Trial) -> Trial:
+    """A trial whose detections are those of a generalist."""
+    assert trial.evaluate is not None
+    _, *inputs = trial.evaluate.inputs
+    evaluate = replace(trial.evaluate, inputs=(generalist, *inputs))
+    return replace(trial, finetune=generalist, evaluate=evaluate)

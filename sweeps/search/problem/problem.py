@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from lidarplace import PAPER_PLACEMENTS, Lidar, Mount
+from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement
 from lidarplace.mounting.near_field import near_field_coverage
 from lidarplace.scenes.sumo.settings import SumoScene
 from lidarplace.surrogates.table import OBJECT_SURROGATES
@@ -23,12 +23,12 @@ from sweeps.configuration.file import (
     refuse_overlaps,
 )
 from sweeps.configuration.grid import GridPoint, Sweep, build_sweep
-from sweeps.configuration.search import RangeSettings, SearchFile, TrafficSettings
+from sweeps.configuration.search import RangeSettings, SearchFile, Tests, TrafficSettings
 from sweeps.configuration.sweep import Common, Point
 from sweeps.plan.plan import Trial, make_plan
 from sweeps.search.problem.as_sweep import sweep_of, sweep_settings, verify_settings
 from sweeps.search.problem.assess import Question
-from sweeps.search.problem.choice import Choice, Choices, ordered
+from sweeps.search.problem.choice import Choice, Choices, ordered, placement_of
 from sweeps.search.problem.constraints import Carrier, constraints_of
 from sweeps.search.problem.slots import Placed, placed_in
 from sweeps.search.problem.space import Space
@@ -114,14 +114,41 @@ class Problem:
         return training_rigs(self.space, self.models, number, self.file.search.seed)
 
     @property
+    def seen_rigs(self) -> list[Placement]:
+        """What a generalist is trained on. Raises ValueError if a name is unknown."""
+        named = self.file.generalist.rigs
+        if isinstance(named, int):
+            return [placement_of(rig, self.models) for rig in self.training_rigs.values()]
+        return [self.file.placement_named(name, self.file.lidar.lidar()) for name in named]
+
+    @property
     def traffic(self) -> TrafficSettings:
-        """On what a generalist judges: as it is said, or other towns of the same kind."""
+        """On what a generalist judges: as it is said, where it is simulated in towns of its own."""
         own, scene = self.file.search.traffic, self.file.scene
         if not isinstance(scene, SumoScene):
             return own
+
+        def in_towns(tests: Tests, first: int) -> Tests:
+            return tuple({"scene.test_seed": first + 2 * i} | t for i, t in enumerate(tests))
+
         return TrafficSettings(
-            search={"scene.test_seed": scene.seed + 1001} | own.search,
-            choice={"scene.test_seed": scene.seed + 1002} | own.choice,
+            search=in_towns(own.search, scene.seed + 1001),
+            choice=in_towns(own.choice, scene.seed + 1002),
+        )
+
+    @property
+    def tests(self) -> TrafficSettings:
+        """The traffic, each once with every vehicle; trials and choice have different vehicles."""
+        traffic, number = self.traffic, self.file.search.vehicles
+        if number is None:
+            return traffic
+
+        def driven(tests: Tests, first: int) -> Tests:
+            vehicles = range(first, first + number)
+            return tuple(t | {"mounting_errors.vehicle": v} for t in tests for v in vehicles)
+
+        return TrafficSettings(
+            search=driven(traffic.search, 1), choice=driven(traffic.choice, 1 + number)
         )
 
     @property
@@ -321,27 +348,36 @@ def _check_what_comes_later(problem: Problem) -> None:
 def _check_traffic(problem: Problem) -> None:
     """What a search by a generalist sees has to be said, and different. Raises ConfigError."""
     path, traffic = problem.path, problem.traffic
-    for name, changes in (("search", traffic.search), ("choice", traffic.choice)):
+    for name, every in (("search", traffic.search), ("choice", traffic.choice)):
         where = f"{path}: search.traffic.{name}"
-        refuse_overlaps(changes, where)
-        if not changes:
-            raise ConfigError(
-                f"{where}: name a log for it, such as {{scene.test_folder: other_log}}: trials, "
-                "the choice of the best and their verification need different traffic"
-            )
-        for key in changes:
-            if not key.startswith("scene."):
+        for changes in every:
+            refuse_overlaps(changes, where)
+            if not changes:
                 raise ConfigError(
-                    f"{where}: {key}: allowed are keys of scene, such as scene.test_seed"
+                    f"{where}: name a log for it, such as {{scene.test_folder: other_log}}: "
+                    "trials, the choice of the best and their verification need different traffic"
                 )
-        _point(problem.source, changes, path, f"search.traffic.{name}")
-    named = problem.file.generalist.rigs
-    for name in named if isinstance(named, tuple) else ():
-        try:
-            problem.file.placement_named(name, problem.file.lidar.lidar())
-        except ValueError as error:
-            raise ConfigError(f"{path}: generalist.rigs: {error}") from None
-    if traffic.search == traffic.choice:
+            for key in changes:
+                if not key.startswith("scene."):
+                    raise ConfigError(
+                        f"{where}: {key}: allowed are keys of scene, such as scene.test_seed"
+                    )
+            _point(problem.source, changes, path, f"search.traffic.{name}")
+        if any(changes in every[:number] for number, changes in enumerate(every)):
+            raise ConfigError(f"{where}: each traffic once")
+    if problem.file.search.vehicles is not None and not problem.file.mounting_errors.errors():
+        raise ConfigError(f"{path}: search.vehicles: all are alike without mounting_errors")
+    try:
+        known = {lidar for rig in problem.seen_rigs for lidar in rig.lidars}
+    except ValueError as error:
+        raise ConfigError(f"{path}: generalist.rigs: {error}") from None
+    unseen = [name for name in problem.space.models if problem.models[name] not in known]
+    if unseen and not isinstance(problem.file.generalist.rigs, int):
+        raise ConfigError(
+            f"{path}: generalist.rigs: none of them has the LiDAR {unseen[0]}, which the search "
+            "chooses"
+        )
+    if any(changes in traffic.choice for changes in traffic.search):
         raise ConfigError(f"{path}: search.traffic: search and choice need different traffic")
 
 

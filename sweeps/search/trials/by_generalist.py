@@ -1,14 +1,15 @@
 """Candidates judged by a generalist: on some frames all of them, on all frames those that lead.
 
 A rig that goes on is among the best third of all so far on the same frames (asynchronous successive
-halving, Li et al. 2020, decided batch by batch, so that it does not matter which was faster). The
-others are worth what they reached, less by what rigs lose on average from the first frames to all.
+halving, Li et al. 2020, decided batch by batch, so that it does not matter which was faster). In
+several tests, such as towns, a portion of the frames is one of each. The others are worth what they
+reached, less by what rigs lose on average from the first frames to all.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,9 +21,10 @@ from sweeps.execution.backends import Backend
 from sweeps.execution.execute import Listener, execute
 from sweeps.plan.judging import judge_task
 from sweeps.plan.plan import Trial
-from sweeps.search.problem.judged_sweep import judged_plan
+from sweeps.search.problem.judged_sweep import JudgedRig, generalists, judged_rigs
 from sweeps.search.problem.problem import Problem
 from sweeps.search.trials.by_detectors import all_values, weighted_value
+from sweeps.search.trials.over_tests import metrics_over_tests
 from sweeps.search.trials.pool import Pool
 from sweeps.search.trials.study import Candidate, finished_trials, tell
 from sweeps.store.of_sweep import reference
@@ -62,6 +64,7 @@ class GeneralistAnswers:
     def __post_init__(self) -> None:
         self._reference = reference(self.problem.sweep(), "judged")
         self._referred = set(self.store.references().get(self._reference, ()))
+        self._generalists = generalists(self.problem)
 
     def begin(self, trial: optuna.Trial, candidate: Candidate) -> None:
         """Take up a candidate."""
@@ -88,17 +91,14 @@ class GeneralistAnswers:
         measured = [o for o in self.problem.file.search.objective if o.measured]
         if not candidates:
             return {}, {}
-        plan = judged_plan(
+        names = {f"trial_{candidate.number}": candidate for candidate in candidates}
+        judged = judged_rigs(
             self.problem,
-            {f"trial_{candidate.number}": candidate.rig for candidate in candidates},
-            self.problem.traffic.search,
+            self._generalists,
+            {name: candidate.rig for name, candidate in names.items()},
+            self.problem.tests.search,
         )
-        by_number: dict[int, list[Trial]] = {
-            c.number: [
-                t for t in plan.trials if t.grid_point.point.placement == f"trial_{c.number}"
-            ]
-            for c in candidates
-        }
+        by_number = {names[name].number: trials for name, trials in judged.items()}
         if len(measured) > 1:
             return self._values(by_number, measured, range(PORTIONS))
         first, failed = self._values(by_number, measured, range(1))
@@ -132,22 +132,21 @@ class GeneralistAnswers:
 
     def _values(
         self,
-        by_number: dict[int, list[Trial]],
+        by_number: Mapping[int, JudgedRig],
         objectives: Sequence[ObjectiveSettings],
         portions: range,
     ) -> tuple[dict[int, list[float]], dict[int, str]]:
         """Values on portions of the frames, mean over the generalists; and failures."""
-        tasks = {
+        needed = {
             number: [
-                [judge_task(trial.evaluate, portion, PORTIONS) for portion in portions]
-                for trial in own
-                if trial.evaluate is not None
+                task
+                for tests in own
+                for trial in tests
+                for task in (*_judging(trial, portions), *_truths(trial))
             ]
             for number, own in by_number.items()
         }
-        judged = [task for own in tasks.values() for of in own for task in of]
-        truths = [task for own in by_number.values() for t in own for task in _truths(t)]
-        every = with_inputs([*judged, *truths])
+        every = with_inputs(task for tasks in needed.values() for task in tasks)
         self._referred |= {task.key for task in every}
         self.store.refer(self._reference, self._referred)
         outcome = execute(every, self.store, self.backend, self.listener)
@@ -155,22 +154,33 @@ class GeneralistAnswers:
         jobs = {}
         classes = self.problem.file.classes
         for number, own in by_number.items():
-            needed = [task for of in tasks[number] for task in of]
             reasons = [
                 outcome.failures[t.key].reason
-                for t in with_inputs(needed)
+                for t in with_inputs(needed[number])
                 if t.key in outcome.failures
             ]
             if reasons:
                 failed[number] = reasons[0]
                 continue
             jobs[number] = [
-                self.backend.submit(judged_metrics, self.store, of, _truths(trial), classes)
-                for trial, of in zip(own, tasks[number], strict=True)
+                [
+                    self.backend.submit(
+                        judged_metrics,
+                        self.store,
+                        _judging(trial, portions),
+                        _truths(trial),
+                        classes,
+                    )
+                    for trial in tests
+                ]
+                for tests in own
             ]
         values = {}
+        over = self.problem.file.search.over
         for number, of_seeds in jobs.items():
-            tables = [job.result() for job in of_seeds]
+            tables = [
+                metrics_over_tests([job.result() for job in tests], over) for tests in of_seeds
+            ]
             found = [
                 math.fsum(weighted_value(o, classes, table) for table in tables) / len(tables)
                 for o in objectives
@@ -197,6 +207,12 @@ def judged_metrics(
         frames.tolist(),
         classes,
     )
+
+
+def _judging(trial: Trial, portions: range) -> list[Task]:
+    """Tasks of the detections in portions of the frames."""
+    assert trial.evaluate is not None
+    return [judge_task(trial.evaluate, portion, PORTIONS) for portion in portions]
 
 
 def _truths(trial: Trial) -> list[Task]:

@@ -1,0 +1,73 @@
+"""A rig in several tests: its mean, or its worst, against what is worked out by hand."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from sweeps.search.trials.over_tests import left_out_over_tests, metrics_over_tests
+from training.kitti_ap import evaluation
+
+ROWS = [("Car", "AP_R40_3D", 0.7), ("Car", "recall", 0.5), ("all", "recall", 0.5)]
+
+
+def metrics(values, truths):
+    table = pd.DataFrame(ROWS, columns=["class", "metric", "iou"])
+    return table.assign(difficulty="all", value=values, ground_truths=truths)
+
+
+def left_out(values):
+    """Of two routes; one row of the first metric and one of the last each."""
+    rows = [(*ROWS[i], "route", name, 3) for i in (0, 2) for name in "ab"]
+    columns = ["class", "metric", "iou", "unit", "left_out", "ground_truths"]
+    return pd.DataFrame(rows, columns=columns).assign(value=values)
+
+
+TESTS = [
+    metrics([50.0, 80.0, 70.0], 10),
+    metrics([60.0, 60.0, np.nan], 20),
+    metrics([40.0, 70.0, 90.0], 5),
+]
+
+
+@pytest.mark.parametrize(("over", "values"), [("mean", [50, 70]), ("worst", [40, 60])])
+def test_each_metric_is_taken_by_itself(over, values):
+    found = metrics_over_tests(TESTS, over)
+    assert found["value"].tolist()[:2] == values
+    assert np.isnan(found["value"].iloc[2])  # one of them had no object
+    assert found["ground_truths"].tolist() == [35] * 3
+    pd.testing.assert_frame_equal(
+        found[["class", "metric", "iou"]], TESTS[0][["class", "metric", "iou"]]
+    )
+
+
+@pytest.mark.parametrize(
+    ("over", "values"),
+    [
+        # Without a route of the first traffic both of its vehicles change, the other stays.
+        ("mean", [(52 + 62 + 40) / 3, (46 + 56 + 40) / 3, (50 + 60 + 43) / 3, (50 + 60 + 34) / 3]),
+        ("worst", [40, 40, 43, 34]),
+    ],
+)
+def test_a_route_is_left_out_of_all_vehicles_in_its_traffic(over, values):
+    tables = [left_out([52.0, 46.0, 0, 0]), left_out([62.0, 56.0, 0, 0])]
+    tables.append(left_out([43.0, 34.0, 0, 0]))
+    found = left_out_over_tests(TESTS, tables, [1, 1, 2], over)
+    own = found[found["metric"] == "AP_R40_3D"]
+    assert own["left_out"].tolist() == [f"traffic {n}: {r}" for n in (1, 2) for r in "ab"]
+    np.testing.assert_allclose(own["value"], values)
+
+
+def test_one_test_stays_as_it_is():
+    random = np.random.default_rng(3)
+    box = {"x": 10.0, "y": 0.0, "z": 1.0, "length": 4.0, "width": 2.0, "height": 1.5, "yaw": 0.0}
+    truths = pd.DataFrame([{"frame": f, "class": "Car", **box} for f in range(6)])
+    truths = truths.assign(scene="s", object_id=[str(f) for f in range(6)])
+    found = truths.assign(score=random.uniform(size=6), x=10 + random.uniform(0, 2, 6))
+    routes = pd.DataFrame({"scene": "s", "frame": range(6), "route": [0, 0, 1, 1, 2, 2]})
+    whole = evaluation(truths, found, range(6), ["Car"], None, routes)
+    for over in ("mean", "worst"):
+        pd.testing.assert_frame_equal(metrics_over_tests([whole.metrics], over), whole.metrics)
+        left = left_out_over_tests([whole.metrics], [whole.left_out], [1], over)
+        own = whole.left_out[whole.left_out["unit"] != "half"]
+        np.testing.assert_array_equal(left["value"], own["value"])
+        assert len(left) == len(own) > 0
