@@ -30,7 +30,7 @@ TURN = math.radians(10)
 CANDIDATES = 4
 """So many rigs are drawn for each that is wanted."""
 
-_SLACK_M, _SLACK = 0.05, math.radians(2)
+_SLACK_M, _SLACK = 0.1, math.radians(5)
 """Metres and radians that are nothing to warn of: rigs at random fill their space up to a rest."""
 
 _APART_M = 0.15

@@ -27,33 +27,33 @@ def generalists(problem: Problem) -> dict[int, Task]:
     # Whichever, of a model of the space, and not trained on by its name.
     model, line = problem.space.models[0], PAPER_PLACEMENTS["line"]
     some = next(iter(rigs.values()), ordered(Choice(model, "", mount) for mount in line.mounts))
-    trained = {}
+    found = {}
     for trial in _plan(problem, {"judged": some}, rigs, changes).trials:
         assert trial.finetune is not None
-        trained[trial.grid_point.point.seed] = trial.finetune
-    return trained
+        found[trial.grid_point.point.seed] = trial.finetune
+    return found
 
 
 def judged_rigs(
     problem: Problem,
-    generalists: Mapping[int, Task],
+    trained: Mapping[int, Task],
     rigs: Mapping[str, Choices],
     tests: Sequence[Mapping[str, Any]],
 ) -> dict[str, JudgedRig]:
     """The trials in which generalists judge rigs.
 
     Args:
-        generalists: from the function of this name.
+        trained: by seed, from `generalists`.
         rigs: by the name that their placements get.
         tests: key path -> value: what is tested on, beside the configuration.
     """
     found: dict[str, dict[int, list[Trial]]] = {
-        name: {seed: [] for seed in generalists} for name in rigs
+        name: {seed: [] for seed in trained} for name in rigs
     }
     for changes in tests:
         for trial in _plan(problem, rigs, {}, changes).trials:
             point = trial.grid_point.point
-            found[point.placement][point.seed].append(_by(generalists[point.seed], trial))
+            found[point.placement][point.seed].append(_by(trained[point.seed], trial))
     return {name: list(by_seed.values()) for name, by_seed in found.items()}
 
 
