@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from sweeps.results.trial_results import with_columns
 from sweeps.search.trials.over_tests import left_out_over_tests, metrics_over_tests
 from training.kitti_ap import evaluation
 
@@ -71,3 +72,4 @@ def test_one_test_stays_as_it_is():
         own = whole.left_out[whole.left_out["unit"] != "half"]
         np.testing.assert_array_equal(left["value"], own["value"])
         assert len(left) == len(own) > 0
+        assert not with_columns(left, {"placement": "line"}).isna().any(axis=None)

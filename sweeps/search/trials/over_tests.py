@@ -54,8 +54,9 @@ def left_out_over_tests(
         )
         names = f"traffic {number}: " + own["left_out"].astype(str)
         tables.append(own.assign(left_out=names, value=_over(values, own["metric"], over)))
-    whole = pd.concat(tables, ignore_index=True)
-    return whole[whole["unit"] != "half"]  # of one traffic they are no halves of all
+    whole = pd.concat(tables)
+    whole = whole[whole["unit"] != "half"]  # of one traffic they are no halves of all
+    return whole.reset_index(drop=True)
 
 
 def _of_each(rows: pd.DataFrame, metrics: pd.DataFrame) -> NDArray[np.float64]:
