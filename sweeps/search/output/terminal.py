@@ -11,7 +11,6 @@ from lidarplace.command_line.terminal import table
 from lidarplace.mounting.random_rigs import outside
 from lidarplace.mounting.ring_overlap import interleaving
 from lidarplace.surrogates.table import RAY_SURROGATES, SURROGATES
-from sweeps.configuration.search import ObjectiveSettings
 from sweeps.results.rig_cautions import beyond_what_is_seen, coinciding
 from sweeps.search.judgement.found import Found
 from sweeps.search.judgement.winners import Judged
