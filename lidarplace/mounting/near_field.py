@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from lidarplace.coverage.cone import sensor_bits
 from lidarplace.coverage.tiles import Tiles
@@ -26,6 +27,22 @@ def near_field_coverage(placement: Placement, vehicle: Vehicle, roi: Roi) -> flo
     Raises:
         ValueError: every voxel has its centre inside of the body.
     """
+    seen, outside = seen_in_columns(placement, vehicle, roi)
+    if not outside.any():
+        raise ValueError(
+            f"the near field x {list(roi.x)}, y {list(roi.y)}, z {list(roi.z)} m needs a voxel "
+            f"outside of the body of vehicle {vehicle.name!r}, found none"
+        )
+    return int(seen.sum()) / int(outside.sum())
+
+
+def seen_in_columns(
+    placement: Placement, vehicle: Vehicle, roi: Roi
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Voxels of every column that count, as in `near_field_coverage`: those seen, and all.
+
+    Returns two arrays of shape (nx, ny).
+    """
     tiles = Tiles.whole(roi.shape)
     bits = np.stack(
         [
@@ -35,19 +52,14 @@ def near_field_coverage(placement: Placement, vehicle: Vehicle, roi: Roi) -> flo
     )
     origins = np.array([mount.position for mount in placement.mounts])
     xs, ys, zs = map(roi.centres, range(3))
-    seen, outside = _count_seen(bits, origins, xs, ys, zs, vehicle.interior)
-    if outside == 0:
-        raise ValueError(
-            f"the near field x {list(roi.x)}, y {list(roi.y)}, z {list(roi.z)} m needs a voxel "
-            f"outside of the body of vehicle {vehicle.name!r}, found none"
-        )
-    return seen / outside
+    return _count_seen(bits, origins, xs, ys, zs, vehicle.interior)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _count_seen(bits, origins, xs, ys, zs, boxes):  # pragma: no cover - compiled
     """Voxels that are covered and in sight of a sensor, and voxels outside of the boxes."""
-    seen = outside = 0
+    seen = np.zeros((len(xs), len(ys)), np.int64)
+    outside = np.zeros((len(xs), len(ys)), np.int64)
     for i in range(len(xs)):
         for j in range(len(ys)):
             for k in range(len(zs)):
@@ -61,12 +73,12 @@ def _count_seen(bits, origins, xs, ys, zs, boxes):  # pragma: no cover - compile
                     )
                 if inside:
                     continue
-                outside += 1
+                outside[i, j] += 1
                 for s in range(len(origins)):
                     covered = bits[s, k >> 6, i, j] >> np.uint64(k & 63) & np.uint64(1)
                     origin = origins[s]
                     dx, dy, dz = x - origin[0], y - origin[1], z - origin[2]
                     if covered and not stopped(origin, dx, dy, dz, 1.0, boxes):
-                        seen += 1
+                        seen[i, j] += 1
                         break
     return seen, outside

@@ -27,7 +27,6 @@ from lidarplace.configuration.settings import (
     short_for,
 )
 from lidarplace.metrics import RANKING, Direction, headline_metric
-from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.mounting.zone import Zone
 from lidarplace.surrogates.table import ASKED_OF_POG, SURROGATES
 from sweeps.configuration.sweep import (
@@ -37,6 +36,7 @@ from sweeps.configuration.sweep import (
     Point,
     best_of,
 )
+from sweeps.configuration.vehicle import VehicleBoxes
 
 Pair = tuple[Length, Length]
 
@@ -338,13 +338,7 @@ class SearchSettings(Settings):
     start: tuple[Name, ...] = Field(
         (), description="placements to begin with, the paper's or own ones: the rig that you have"
     )
-    vehicle: tuple[tuple[tuple[Length, Length, Length], tuple[Length, Length, Length]], ...] = (
-        Field(
-            None,
-            validate_default=True,
-            description="boxes [[x0, y0, z0], [x1, y1, z1]]; a car if null",
-        )
-    )
+    vehicle: VehicleBoxes = None  # type: ignore[assignment]
     keep_out: dict[Name, KeepOutSettings] = Field(
         default={}, description="by name: where no LiDAR may sit, and what hides what is behind it"
     )
@@ -409,11 +403,6 @@ class SearchSettings(Settings):
             if traffic + vehicles
             else ""
         )
-
-    @field_validator("vehicle", mode="before")
-    @classmethod
-    def _car(cls, boxes: Any) -> Any:
-        return Vehicle.car().boxes.tolist() if boxes is None else boxes
 
     @model_validator(mode="after")
     def _fits(self) -> SearchSettings:

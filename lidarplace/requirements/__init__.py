@@ -1,0 +1,1 @@
+"""What LiDARs have to see around a vehicle, and whether a rig does: objects placed all over it."""

@@ -1,0 +1,169 @@
+"""Parts of the ground around a vehicle, and the grid of positions over them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.roi import Interval
+
+_HAIR = 1e-9  # limits belong to an area, whatever rounding makes of them
+
+MOST_POSITIONS = 1_000_000
+"""Of one grid: a circle of 150 m at 0.25 m."""
+
+
+@dataclass(frozen=True)
+class Area:
+    """What all of its limits allow; limits belong to it.
+
+    Attributes:
+        x: metres; None for any.
+        y: one of these intervals, metres; none for any.
+        distance: from the vehicle's body as seen from above, metres; None for any.
+        sectors: directions from the ego frame's origin, one of these intervals of degrees from the
+            x axis to the left, which may cross 180; none for any.
+    """
+
+    x: Interval | None = None
+    y: tuple[Interval, ...] = ()
+    distance: Interval | None = None
+    sectors: tuple[Interval, ...] = ()
+
+    def sides(self, vehicle: Vehicle) -> tuple[Interval, Interval]:
+        """The rectangle around the area: its x and its y, metres.
+
+        Raises:
+            ValueError: the area has no end, is empty, or has a distance from a vehicle without
+                body.
+        """
+        x = self.x or (-math.inf, math.inf)
+        y = (-math.inf, math.inf)
+        if self.y:
+            y = (min(low for low, _ in self.y), max(high for _, high in self.y))
+        if self.distance is not None:
+            if not len(vehicle.boxes):
+                raise ValueError(
+                    "where.distance: is from the vehicle's body, and the vehicle has none"
+                )
+            low, high = vehicle.boxes[:, 0].min(axis=0), vehicle.boxes[:, 1].max(axis=0)
+            far = self.distance[1]
+            x = max(x[0], low[0] - far), min(x[1], high[0] + far)
+            y = max(y[0], low[1] - far), min(y[1], high[1] + far)
+        if not all(map(math.isfinite, (*x, *y))):
+            raise ValueError("where: has no end; name a distance, or both x and y (or lanes)")
+        if x[0] > x[1] or y[0] > y[1]:
+            raise ValueError("where: is empty: no place is within all of its limits")
+        return (float(x[0]), float(x[1])), (float(y[0]), float(y[1]))
+
+    def holds(
+        self, x: NDArray[np.float64], y: NDArray[np.float64], vehicle: Vehicle
+    ) -> NDArray[np.bool_]:
+        """Whether points lie in the area; `x` and `y` in metres, of any one shape."""
+        held = np.ones(np.broadcast(x, y).shape, np.bool_)
+        if self.x is not None:
+            held &= _within(x, self.x)
+        if self.y:
+            held &= np.logical_or.reduce([_within(y, interval) for interval in self.y])
+        if self.distance is not None:
+            held &= _within(distance_from(vehicle, x, y), self.distance)
+        if self.sectors:
+            azimuth = np.degrees(np.arctan2(y, x))
+            held &= np.logical_or.reduce(
+                [
+                    (azimuth - low + _HAIR) % 360 <= high - low + 2 * _HAIR
+                    for low, high in self.sectors
+                ]
+            )
+        return held
+
+
+@dataclass(frozen=True, eq=False)
+class Positions:
+    """A rectangular grid, and which of its points lie in an area.
+
+    Attributes:
+        x, y: coordinates of its lines, metres, shapes (nx,) and (ny,).
+        held: whether a point belongs to the area, shape (nx, ny).
+    """
+
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    held: NDArray[np.bool_]
+
+    @property
+    def points(self) -> NDArray[np.float64]:
+        """Those of the area, shape (P, 2), in the order of `held`."""
+        i, j = np.nonzero(self.held)
+        return np.stack([self.x[i], self.y[j]], axis=1)
+
+
+def grid_over(area: Area, vehicle: Vehicle, step: float) -> Positions:
+    """Points at most `step` metres apart; the sides of the rectangle around the area have some.
+
+    Raises:
+        ValueError: as `Area.sides`; more than `MOST_POSITIONS`; or the area holds none.
+    """
+    sides = area.sides(vehicle)
+    numbers = [math.ceil((high - low) / step - _HAIR) + 1 for low, high in sides]
+    if math.prod(numbers) > MOST_POSITIONS:
+        raise ValueError(
+            f"step: {step:g} m makes {math.prod(numbers):,} positions, allowed are "
+            f"{MOST_POSITIONS:,}"
+        )
+    x, y = (np.linspace(*side, number) for side, number in zip(sides, numbers, strict=True))
+    held = area.holds(x[:, None], y[None, :], vehicle)
+    if not held.any():
+        raise ValueError("where: is empty: no place is within all of its limits")
+    return Positions(x, y, held)
+
+
+def distance_from(
+    vehicle: Vehicle, x: NDArray[np.float64], y: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """From points to the vehicle's body as seen from above, metres; 0 within it."""
+    return np.minimum.reduce(
+        [
+            np.hypot(
+                np.maximum(np.maximum(low[0] - x, x - high[0]), 0.0),
+                np.maximum(np.maximum(low[1] - y, y - high[1]), 0.0),
+            )
+            for low, high in vehicle.boxes
+        ]
+    )
+
+
+def in_the_way(
+    vehicle: Vehicle, points: NDArray[np.float64], size: Sequence[float], heading: float
+) -> NDArray[np.bool_]:
+    """Whether a box that stands there would be within the vehicle's body; a touch is not.
+
+    By the theorem of the separating axis.
+
+    Args:
+        points: its middle, metres, shape (P, 2).
+        size: length, width, height, metres.
+        heading: radians.
+    """
+    c, s = math.cos(heading), math.sin(heading)
+    half_x = 0.5 * (abs(c) * size[0] + abs(s) * size[1])
+    half_y = 0.5 * (abs(s) * size[0] + abs(c) * size[1])
+    met = np.zeros(len(points), np.bool_)
+    for low, high in vehicle.interior:
+        if low[2] >= size[2] or high[2] <= 0.0:
+            continue
+        middle, half = 0.5 * (low[:2] + high[:2]), 0.5 * (high[:2] - low[:2])
+        dx, dy = points[:, 0] - middle[0], points[:, 1] - middle[1]
+        along = np.abs(c * dx + s * dy) < 0.5 * size[0] + abs(c) * half[0] + abs(s) * half[1]
+        aside = np.abs(c * dy - s * dx) < 0.5 * size[1] + abs(s) * half[0] + abs(c) * half[1]
+        met |= (np.abs(dx) < half_x + half[0]) & (np.abs(dy) < half_y + half[1]) & along & aside
+    return met
+
+
+def _within(values: NDArray[np.float64], interval: Interval) -> NDArray[np.bool_]:
+    return (values >= interval[0] - _HAIR) & (values <= interval[1] + _HAIR)

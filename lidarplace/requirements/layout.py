@@ -1,0 +1,97 @@
+"""Where a requirement places its objects around a vehicle, the same for every rig."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.requirements.area import Positions, grid_over, in_the_way
+from lidarplace.requirements.requirement import Requirement
+from lidarplace.roi import Roi
+
+MOST_VOXELS = 20_000_000
+"""Of the volume of a coverage."""
+
+
+@dataclass(frozen=True, eq=False)
+class Laid:
+    """A requirement laid out around a vehicle, the same for every rig; `lay_out` makes it.
+
+    Attributes:
+        positions: of the objects, or columns of voxels.
+        boxes: the objects by heading, rows of `lidarplace.boxes.GEOMETRY`; shape
+            (headings, P, 7), NaN where one would be within the body.
+        roi: voxels of a coverage.
+    """
+
+    requirement: Requirement
+    positions: Positions
+    boxes: NDArray[np.float64]
+    roi: Roi | None
+
+
+def lay_out(requirement: Requirement, vehicle: Vehicle) -> Laid:
+    """Find the positions of a requirement.
+
+    Raises:
+        ValueError: the area has no end, is empty, or lies within the vehicle.
+    """
+    placed = requirement.placed
+    if placed is None:
+        return _columns(requirement, vehicle)
+    positions = grid_over(requirement.area, vehicle, requirement.step)
+    points = positions.points
+    boxes = np.stack([placed.boxes(points, angle) for angle in placed.angles.tolist()])
+    for own, angle in zip(boxes, placed.angles.tolist(), strict=True):
+        own[in_the_way(vehicle, points, placed.size, angle)] = np.nan
+    free = ~np.isnan(boxes[:, :, 0]).all(axis=0)
+    if not free.any():
+        raise ValueError(
+            "where: lies inside the vehicle: at each position the object would be within it"
+        )
+    held = positions.held.copy()
+    held[held] = free
+    return Laid(requirement, replace(positions, held=held), boxes[:, free], None)
+
+
+def _columns(requirement: Requirement, vehicle: Vehicle) -> Laid:
+    """Columns of voxels that hold the area, at least one along each axis."""
+    step = requirement.step
+    sides = (*requirement.area.sides(vehicle), requirement.heights)
+    numbers = [max(1, math.ceil((high - low) / step - 1e-9)) for low, high in sides]
+    if math.prod(numbers) > MOST_VOXELS:
+        raise ValueError(
+            f"step: {step:g} m makes {math.prod(numbers):,} voxels, allowed are {MOST_VOXELS:,}"
+        )
+    # What does not fit is spread over both sides, so that symmetry stays; the bottom stays, too.
+    over = [
+        number * step - (high - low) for (low, high), number in zip(sides, numbers, strict=True)
+    ]
+    (x0, x1), (y0, y1), (z0, z1) = sides
+    roi = Roi(
+        (x0 - over[0] / 2, x1 + over[0] / 2),
+        (y0 - over[1] / 2, y1 + over[1] / 2),
+        (z0, z1 + over[2]),
+        step,
+    )
+    x, y = roi.centres(0), roi.centres(1)
+    held = requirement.area.holds(x[:, None], y[None, :], vehicle)
+    if not held.any():
+        raise ValueError("where: is empty: no place is within all of its limits")
+    if not _outside(vehicle, roi)[held].any():
+        raise ValueError("where: lies inside the vehicle")
+    return Laid(requirement, Positions(x, y, held), np.empty((0, 0, 7)), roi)
+
+
+def _outside(vehicle: Vehicle, roi: Roi) -> NDArray[np.bool_]:
+    """Columns with a voxel whose centre is outside of the body."""
+    x, y, z = np.ix_(*map(roi.centres, range(3)))
+    outside = np.ones(roi.shape, np.bool_)
+    for low, high in vehicle.interior:
+        in_x, in_y, in_z = ((low[a] < c) & (c < high[a]) for a, c in enumerate((x, y, z)))
+        outside &= ~(in_x & in_y & in_z)
+    return np.asarray(outside.any(axis=2), np.bool_)

@@ -1,0 +1,256 @@
+"""How many rays of every LiDAR hit each of many objects, past the vehicle's own body.
+
+Each object is alone there: others hide nothing. Exact, every ray is tested that can meet it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from lidarplace.lidar.convex import enter_along, fill_corners, fill_planes, inner, window
+from lidarplace.lidar.raycast import Beams, beams_of
+from lidarplace.lidar.shapes import bricks
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.placement import Placement
+from lidarplace.recall.surface_cells import slices_of
+
+_PORTION = 1024
+"""Objects that a thread takes at a time."""
+_MOST_BYTES = 2**27
+"""Of who hits which cell, in one portion."""
+_NOBODY, _SEVERAL = -1, -2
+
+
+class Sight(NamedTuple):
+    """A LiDAR on the vehicle, as compiled code takes it.
+
+    Attributes:
+        origin, rotation: of the mount.
+        beams: its rays.
+        least: of every ray the inverse of the distance at which it ends, at the body or for want
+            of range, 1/m, shape (rays,).
+    """
+
+    origin: NDArray[np.float64]
+    rotation: NDArray[np.float64]
+    beams: Beams
+    least: NDArray[np.float64]
+
+
+def sights_of(placement: Placement, vehicle: Vehicle) -> list[Sight]:
+    """The LiDARs of a rig."""
+    low, high = vehicle.interior[:, 0], vehicle.interior[:, 1]
+    body = bricks(np.concatenate([(low + high) / 2, high - low, np.zeros((len(low), 1))], 1), 0)
+    sights = []
+    for mount, lidar in zip(placement.mounts, placement.lidars, strict=True):
+        beams = beams_of(lidar)
+        least = np.full(lidar.rays, 1.0 / beams.reach * (1.0 - 4e-16))
+        sights.append(Sight(mount.position, mount.rotation, beams, least))
+        _shade(sights[-1], body.geometry)
+    return sights
+
+
+@dataclass(frozen=True, eq=False)
+class Counts:
+    """What a rig has on each of B objects: points, or distinct cells of the surface.
+
+    Attributes:
+        all: of all LiDARs together, int64, shape (B,).
+        alone: what would be lost without each LiDAR, int64, shape (B, LiDARs).
+    """
+
+    all: NDArray[np.int64]
+    alone: NDArray[np.int64]
+
+
+def count_points(sights: list[Sight], boxes: NDArray[np.float64]) -> Counts:
+    """Rays that hit each box; rows of `lidarplace.boxes.GEOMETRY`, shape (B, 7)."""
+
+    def points(part: NDArray[np.float64]) -> NDArray[np.int64]:
+        owners = np.empty((len(part), 0), np.int16)
+        return np.stack([_hit(sight, part, 0, 1.0, owners) for sight in sights], axis=1)
+
+    alone = np.concatenate(_in_threads(points, boxes, _PORTION))
+    return Counts(alone.sum(axis=1), alone)
+
+
+def count_cells(sights: list[Sight], boxes: NDArray[np.float64], cell: float) -> Counts:
+    """Cells of the surface of each box that are hit, as `lidarplace.recall.surface_cells` has them.
+
+    Args:
+        boxes: of one size; rows of `GEOMETRY`, shape (B, 7).
+        cell: edge, metres.
+
+    Raises:
+        ValueError: a box has too many cells.
+    """
+    cells = int(slices_of(boxes[:1], cell).prod())
+
+    def shares(part: NDArray[np.float64]) -> NDArray[np.int64]:
+        owners = np.full((len(part), cells), _NOBODY, np.int16)
+        for number, sight in enumerate(sights):
+            _hit(sight, part, number, cell, owners)
+        return _tally(owners, len(sights))
+
+    portion = max(1, min(_PORTION, _MOST_BYTES // (2 * cells)))
+    found = np.concatenate(_in_threads(shares, boxes, portion))
+    return Counts(found[:, -1].copy(), found[:, :-1])
+
+
+def _in_threads(
+    work: Callable[[NDArray[np.float64]], NDArray[np.int64]],
+    boxes: NDArray[np.float64],
+    portion: int,
+) -> list[NDArray[np.int64]]:
+    """What `work` finds for the parts that boxes are, a portion after the other."""
+    parts = [bricks(boxes[at : at + portion], 0).geometry for at in range(0, len(boxes), portion)]
+    with ThreadPoolExecutor(numba.get_num_threads()) as threads:
+        return list(threads.map(work, parts))
+
+
+@inner
+def _runs(beams, middle, below, above):  # pragma: no cover - compiled
+    """First and last azimuth of the two runs that a window spans; it may go on at the start."""
+    steps, per_step = beams.azimuths.shape[1], 2 * np.pi / beams.turn
+    # One step wider than the interval on both sides, so that rounding costs nothing.
+    start = int(np.floor((middle - below) / per_step))
+    count = min(int(np.ceil((middle + above) / per_step)) - start + 1, beams.turn)
+    start = (start - beams.first_step) % beams.turn
+    return (start, min(start + count, steps)), (0, min(start + count - beams.turn, steps))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _shade(sight, body):  # pragma: no cover - compiled
+    """Let rays end where they enter a part of the body."""
+    origin, rotation, beams, least = sight
+    steps = beams.azimuths.shape[1]
+    cosines, sines = beams.azimuths[0], beams.azimuths[1]
+    corners, planes, enter = np.empty((8, 3)), np.empty((6, 5)), np.empty(steps)
+    for part in body:
+        fill_corners(part, corners)
+        middle, below, above, lowest, highest, _, _ = window(corners, origin, rotation)
+        facing = fill_planes(part, origin, rotation, planes)
+        if facing == 0:  # it sits inside
+            least[:] = np.inf
+        for beam in range(len(beams.elevations)):
+            if not lowest <= beams.elevations[beam, 0] <= highest:
+                continue
+            ce, se = beams.elevations[beam, 1], beams.elevations[beam, 2]
+            for first, last in _runs(beams, middle, below, above):
+                if first < last and facing > 0:
+                    enter_along(
+                        cosines[first:last], sines[first:last], planes, facing, ce, se, enter
+                    )
+                    ends = least[beam * steps + first : beam * steps + last]
+                    for n in range(len(ends)):
+                        ends[n] = max(ends[n], enter[n])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _hit(sight, parts, number, cell, owners):  # pragma: no cover - compiled
+    """Rays of one LiDAR that hit each of `parts`; who hits which cell is kept in `owners`.
+
+    Args:
+        number: of the LiDAR.
+        owners: the LiDAR that hits a cell, _NOBODY or _SEVERAL, shape (parts, cells); no cells if
+            points are all that is asked for.
+    """
+    origin, rotation, beams, least = sight
+    steps = beams.azimuths.shape[1]
+    cosines, sines = beams.azimuths[0], beams.azimuths[1]
+    corners, planes, enter = np.empty((8, 3)), np.empty((6, 5)), np.empty(steps)
+    counts, frame = np.zeros(len(parts), np.int64), np.empty((3, 4))
+    for p in range(len(parts)):
+        framed, slices = False, (1, 1, 1)
+        fill_corners(parts[p], corners)
+        middle, below, above, lowest, highest, near, _ = window(corners, origin, rotation)
+        if near > beams.reach:
+            continue
+        facing = fill_planes(parts[p], origin, rotation, planes)
+        if facing == 0:
+            continue
+        for beam in range(len(beams.elevations)):
+            if not lowest <= beams.elevations[beam, 0] <= highest:
+                continue
+            ce, se = beams.elevations[beam, 1], beams.elevations[beam, 2]
+            for first, last in _runs(beams, middle, below, above):
+                if first >= last:
+                    continue
+                enter_along(cosines[first:last], sines[first:last], planes, facing, ce, se, enter)
+                ends = least[beam * steps + first : beam * steps + last]
+                met = 0
+                for n in range(len(ends)):
+                    met += enter[n] > ends[n]
+                counts[p] += met
+                if met == 0 or owners.shape[1] == 0:
+                    continue
+                if not framed:
+                    slices = _frame(sight, parts[p], cell, frame)
+                    framed = True
+                for n in range(len(ends)):
+                    if enter[n] > ends[n]:
+                        c, s = ce * cosines[first + n], ce * sines[first + n]
+                        here = _cell(frame, slices, c, s, se, 1.0 / enter[n])
+                        owner = owners[p, here]
+                        if owner == _NOBODY:
+                            owners[p, here] = number
+                        elif owner != number:
+                            owners[p, here] = _SEVERAL
+    return counts
+
+
+@inner
+def _frame(sight, part, cell, frame):  # pragma: no cover - compiled
+    """Fill `frame`: from the sensor's to that of the cells, whose edge is the unit of length.
+
+    Its last column is where the sensor is. Returns the number of cells along each axis.
+    """
+    c, s = np.cos(part[6]), np.sin(part[6])
+    for k in range(4):
+        if k < 3:
+            x, y, z = sight.rotation[0, k], sight.rotation[1, k], sight.rotation[2, k]
+        else:
+            x, y, z = (
+                sight.origin[0] - part[0],
+                sight.origin[1] - part[1],
+                sight.origin[2] - part[2],
+            )
+        frame[0, k], frame[1, k], frame[2, k] = c * x + s * y, c * y - s * x, z
+    for axis in range(3):
+        frame[axis, 3] += 0.5 * part[3 + axis]
+        for k in range(4):
+            frame[axis, k] /= cell
+    slices = np.maximum(np.ceil(part[3:6] / cell - 1e-9), 1.0)
+    return int(slices[0]), int(slices[1]), int(slices[2])
+
+
+@inner
+def _cell(frame, slices, dx, dy, dz, reach):  # pragma: no cover - compiled
+    """Number of the cell in which a ray ends; rounding does not lead out of the box."""
+    number = 0
+    for axis in range(3):
+        along = frame[axis, 0] * dx + frame[axis, 1] * dy + frame[axis, 2] * dz
+        at = int(np.floor(frame[axis, 3] + reach * along))
+        number = number * slices[axis] + min(max(at, 0), slices[axis] - 1)
+    return number
+
+
+@njit(cache=True, nogil=True)
+def _tally(owners, lidars):  # pragma: no cover - compiled
+    """Cells that each LiDAR alone hits, and in the last column those that any hits."""
+    counts = np.zeros((len(owners), lidars + 1), np.int64)
+    for p in range(len(owners)):
+        for owner in owners[p]:
+            if owner != _NOBODY:
+                counts[p, lidars] += 1
+                if owner >= 0:
+                    counts[p, owner] += 1
+    return counts

@@ -1,0 +1,78 @@
+"""A requirement: what has to be seen where, how much of it, and in which cases besides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from lidarplace.mounting.errors import MountingErrors
+from lidarplace.placement import Placement
+from lidarplace.recall.detection_curve import CELL_M, DetectionCurve
+from lidarplace.requirements.area import Area
+from lidarplace.requirements.placed_object import PlacedObject
+from lidarplace.roi import Interval
+
+AS_BUILT = "as built"
+
+Measure = Literal["points", "cells", "probability", "coverage"]
+
+
+@dataclass(frozen=True)
+class AlsoWhen:
+    """Cases in which a requirement holds, too; each by itself, the rig being as built otherwise.
+
+    Attributes:
+        one_lidar_dead: any one of the LiDARs sees nothing.
+        range_factor: every LiDAR reaches so much of its range; None: no such case.
+        mounts_off: how far every mount is off at most; each rig that is drawn is a case.
+        draws: how many are drawn.
+    """
+
+    one_lidar_dead: bool = False
+    range_factor: float | None = None
+    mounts_off: MountingErrors | None = None
+    draws: int = 0
+
+    def variants(self, placement: Placement) -> dict[str, Placement]:
+        """The rig by case, without those of a dead LiDAR, which are told from it as built."""
+        found = {AS_BUILT: placement}
+        if self.range_factor is not None:
+            factor = self.range_factor
+            shorter = [replace(lidar, range=factor * lidar.range) for lidar in placement.lidars]
+            found[f"range × {factor:g}"] = placement.with_lidar(shorter)
+        if self.mounts_off is not None:
+            for draw in range(self.draws):
+                found[f"mounts off, draw {draw + 1}"] = self.mounts_off.drawn(placement, draw)
+        return found
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """What has to be seen where.
+
+    Attributes:
+        name: for tables.
+        area: where the middle of the object is; of coverage the ground plan of the volume.
+        measure: what is counted: returns from the object, distinct cells of its surface, the
+            probability that a detector finds it, or the share of a volume that is seen.
+        least: so much of it is needed.
+        placed: the object; None for coverage.
+        share: of the positions that need to have it; 1: the worst one, too.
+        step: between positions, or edge of a voxel; metres.
+        heights: of the volume, metres; for coverage.
+        curve: detection curve, for a probability.
+        cell: edge of a cell of the surface, metres.
+        also_when: further cases.
+    """
+
+    name: str
+    area: Area
+    measure: Measure
+    least: float
+    placed: PlacedObject | None = None
+    share: float = 1.0
+    step: float = 0.25
+    heights: Interval = (0.0, 2.0)
+    curve: DetectionCurve | None = None
+    cell: float = CELL_M
+    also_when: AlsoWhen = AlsoWhen()

@@ -1,0 +1,86 @@
+"""What a file of requirements asks: its rigs, and its requirements laid out around the vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from lidarplace.configuration.placement import read_placement
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.placement import PAPER_PLACEMENTS, Placement
+from lidarplace.recall.detection_curve import default_curves, read_curves
+from lidarplace.requirements.layout import Laid, lay_out
+from sweeps.configuration.file import ConfigError, override, read_yaml
+from sweeps.configuration.file import check as check_file
+from sweeps.configuration.requirements import RequirementsFile
+
+
+@dataclass(frozen=True)
+class Question:
+    """What a file asks.
+
+    Attributes:
+        rigs: each under another name.
+        vehicle: carries them.
+        laid: the requirements, laid out around it.
+    """
+
+    rigs: tuple[Placement, ...]
+    vehicle: Vehicle
+    laid: tuple[Laid, ...]
+
+
+def read_question(path: Path, overrides: Sequence[str] = ()) -> Question:
+    """Read a file, its rigs and curves, and lay out its requirements.
+
+    Raises:
+        ValueError: a mistake in one of the files; names file, key and what is wrong.
+        OSError: one cannot be read.
+    """
+    raw = read_yaml(path, RequirementsFile)
+    for pair in overrides:
+        override(raw, pair, path, RequirementsFile)
+    file = check_file(RequirementsFile, raw, path)
+    curves = default_curves() if file.curves is None else read_curves(file.curves)
+    vehicle = Vehicle("vehicle", np.array(file.vehicle))
+    try:
+        rigs = _rigs(file)
+    except ValueError as error:
+        raise ConfigError(f"{path}: {error}") from None
+    laid = []
+    for number, settings in enumerate(file.requirements):
+        try:
+            laid.append(lay_out(settings.requirement(vehicle, curves), vehicle))
+        except ValueError as error:
+            where = f"requirements[{number}] {settings.name!r}"
+            raise ConfigError(f"{path}: {where}: {error}") from None
+    return Question(rigs, vehicle, tuple(laid))
+
+
+def _rigs(file: RequirementsFile) -> tuple[Placement, ...]:
+    lidar = file.lidar.lidar()
+    taken = sorted(set(file.placements) & set(PAPER_PLACEMENTS))
+    if taken:
+        raise ValueError(f"placements: {taken[0]!r} is the paper's; choose another name")
+    names = file.rigs or tuple(file.placements) or tuple(PAPER_PLACEMENTS)
+    if len(set(names)) < len(names):
+        raise ValueError(f"rigs: each once, found {', '.join(names)}")
+    rigs = []
+    for name in names:
+        if name in file.placements:
+            rigs.append(file.placements[name].placement(name, lidar))
+        elif name in PAPER_PLACEMENTS:
+            rigs.append(PAPER_PLACEMENTS[name].with_lidar(lidar))
+        elif Path(name).is_dir():
+            rigs.append(replace(read_placement(Path(name) / "placement.yaml", lidar), name=name))
+        elif name.endswith((".yaml", ".yml")):
+            rigs.append(replace(read_placement(Path(name), lidar), name=name))
+        else:
+            known = ", ".join([*file.placements, *PAPER_PLACEMENTS])
+            raise ValueError(
+                f"rigs: no placement {name!r}; allowed are {known}, a FILE.yaml, a run folder"
+            )
+    return tuple(rigs)

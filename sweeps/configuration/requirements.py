@@ -1,0 +1,299 @@
+"""The configuration of `sweeps.requirements`: rigs, their vehicle, and what has to be seen."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
+
+from lidarplace.configuration.placement import PlacementSettings
+from lidarplace.configuration.sensor import SensorSettings
+from lidarplace.configuration.settings import (
+    CountFromOne,
+    Degrees,
+    Distance,
+    FilePath,
+    Length,
+    Name,
+    Probability,
+    Settings,
+)
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.recall.detection_curve import IOU, DetectionCurves
+from lidarplace.requirements.area import Area
+from lidarplace.requirements.placed_object import STANDARD, PlacedObject
+from lidarplace.requirements.presets import PRESETS, preset
+from lidarplace.requirements.requirement import AlsoWhen, Measure, Requirement
+from lidarplace.sectors import SECTORS, bounds_of
+from sweeps.configuration.sweep import MountingErrorSettings
+from sweeps.configuration.vehicle import VehicleBoxes
+
+LANES = ("right", "own", "left")
+
+
+def _ordered(interval: tuple[float, float]) -> tuple[float, float]:
+    if not interval[0] < interval[1]:
+        raise ValueError("allowed is [min, max] with min < max")
+    return interval
+
+
+def _direction(value: Any) -> Any:
+    """A sector's name as the angles of its ends."""
+    if not isinstance(value, str):
+        return value
+    if value not in SECTORS:
+        raise ValueError(f"allowed are {', '.join(SECTORS)} and [from, to] in degrees")
+    return bounds_of(SECTORS.index(value))
+
+
+def _up_to_a_turn(interval: tuple[float, float]) -> tuple[float, float]:
+    if not 0 < interval[1] - interval[0] <= 360:
+        raise ValueError("allowed is [from, to] with from < to, at most 360 degrees")
+    return interval
+
+
+Interval = Annotated[tuple[Length, Length], AfterValidator(_ordered)]
+Sector = Annotated[
+    tuple[Degrees, Degrees], BeforeValidator(_direction), AfterValidator(_up_to_a_turn)
+]
+
+
+class WhereSettings(Settings):
+    """The ground on which an object may stand with its middle: what all of these keys allow."""
+
+    preset: Literal[PRESETS] | None = Field(  # type: ignore[valid-type]
+        None, description="an area that follows a UN Regulation, in place of the other keys"
+    )
+    distance: Annotated[tuple[Distance, Distance], AfterValidator(_ordered)] | None = Field(
+        None, description="from the vehicle's body as seen from above, metres"
+    )
+    sectors: Annotated[tuple[Sector, ...], Field(min_length=1)] | None = Field(
+        None,
+        description="directions from the ego frame's origin: [from, to] in degrees from the x axis "
+        "to the left, or one of " + ", ".join(SECTORS),
+    )
+    x: Interval | None = Field(None, description="forward, metres")
+    y: Interval | None = Field(None, description="to the left, metres")
+    lanes: Annotated[tuple[Literal[LANES], ...], Field(min_length=1)] | None = Field(  # type: ignore[valid-type]
+        None,
+        description="lanes along x, in place of y; the vehicle drives in the middle of its own",
+    )
+    lane_width: Distance = Field(3.5, gt=0, description="metres")
+    z: Interval = Field((0.0, 2.0), description="heights of a coverage, metres")
+
+    @model_validator(mode="after")
+    def _one_way(self) -> WhereSettings:
+        others = self.model_fields_set - {"preset", "z"}
+        if self.preset is not None and others:
+            raise ValueError(f"preset: stands alone; take out {', '.join(sorted(others))}")
+        if self.lanes is not None and self.y is not None:
+            raise ValueError("lanes: stand in place of y; take one of them out")
+        return self
+
+    def area(self, vehicle: Vehicle) -> Area:
+        """The area around this vehicle. Raises ValueError as `preset` does."""
+        if self.preset is not None:
+            return preset(self.preset, vehicle)
+        y = () if self.y is None else (self.y,)
+        for lane in self.lanes or ():
+            middle = (LANES.index(lane) - 1) * self.lane_width
+            y = (*y, (middle - 0.5 * self.lane_width, middle + 0.5 * self.lane_width))
+        return Area(self.x, y, self.distance, self.sectors or ())
+
+
+class WhatSettings(Settings):
+    """An object: a class's standard box, a box of a given size, or the one changed by the other."""
+
+    object_class: Literal[tuple(STANDARD)] | None = Field(  # type: ignore[valid-type]
+        None, alias="class", description="its standard box, and its detection curve"
+    )
+    length: Distance | None = Field(None, gt=0, description="metres")
+    width: Distance | None = Field(None, gt=0, description="metres")
+    height: Distance | None = Field(None, gt=0, description="metres")
+    headings: Annotated[CountFromOne, Field(le=360)] = Field(
+        4, description="so many, evenly over half a turn; the worst one counts"
+    )
+
+    @model_validator(mode="after")
+    def _has_a_size(self) -> WhatSettings:
+        missing = [key for key in ("length", "width", "height") if getattr(self, key) is None]
+        if self.object_class is None and missing:
+            raise ValueError(f"name a class, or {', '.join(missing)}, too")
+        return self
+
+    def placed(self) -> PlacedObject:
+        """In the terms of `lidarplace`."""
+        known = STANDARD[self.object_class] if self.object_class else PlacedObject(0.0, 0.0, 0.0)
+        return PlacedObject(
+            known.length if self.length is None else self.length,
+            known.width if self.width is None else self.width,
+            known.height if self.height is None else self.height,
+            self.headings,
+            known.object_class,
+        )
+
+
+class AtLeastSettings(Settings):
+    """How much of it is needed; one of the first four keys."""
+
+    points: CountFromOne | None = Field(None, description="returns from the object")
+    cells: CountFromOne | None = Field(
+        None, description="distinct cells of its surface, cubes of the edge that the curves have"
+    )
+    probability: Probability | None = Field(
+        None, gt=0, description="that a detector finds it, by the curve of its class"
+    )
+    coverage: Probability | None = Field(
+        None, gt=0, description="share of the voxels above the area that some beam crosses"
+    )
+    iou: Probability = Field(IOU, gt=0, lt=1, description="overlap that a detection must exceed")
+
+    @model_validator(mode="after")
+    def _one(self) -> AtLeastSettings:
+        given = [
+            key for key in ("points", "cells", "probability", "coverage") if getattr(self, key)
+        ]
+        if len(given) != 1:
+            raise ValueError("name one of points, cells, probability and coverage")
+        return self
+
+    @property
+    def measure(self) -> Measure:
+        """Which of them."""
+        if self.points is not None:
+            return "points"
+        if self.cells is not None:
+            return "cells"
+        return "coverage" if self.probability is None else "probability"
+
+
+class MountsOffSettings(MountingErrorSettings):
+    """Rigs with every mount off, uniform and independent for each coordinate."""
+
+    draws: CountFromOne = Field(8, description="so many rigs are drawn; each has to do")
+
+    @model_validator(mode="after")
+    def _some(self) -> MountsOffSettings:
+        if not self.errors():
+            raise ValueError("name offset or angle_deg; both are 0")
+        return self
+
+
+class AlsoWhenSettings(Settings):
+    """Cases beside the rig as it is built; each by itself, not all at once."""
+
+    one_lidar_dead: bool = Field(False, description="any one of the LiDARs sees nothing")
+    range_factor: Probability | None = Field(
+        None, gt=0, description="every LiDAR reaches so much of its range, for rain or fog"
+    )
+    mounts_off: MountsOffSettings | None = Field(None, description="mounts are not where planned")
+
+    def cases(self) -> AlsoWhen:
+        """In the terms of `lidarplace`."""
+        off = self.mounts_off
+        return AlsoWhen(
+            self.one_lidar_dead,
+            self.range_factor,
+            None if off is None else off.errors(),
+            0 if off is None else off.draws,
+        )
+
+
+def _named(key: str) -> BeforeValidator:
+    """A text in place of a mapping is the value of `key`."""
+    return BeforeValidator(lambda value: {key: value} if isinstance(value, str) else value)
+
+
+class RequirementSettings(Settings):
+    """What has to be seen where."""
+
+    name: Name = Field(description="for tables and pictures")
+    where: Annotated[WhereSettings, _named("preset")] = Field(
+        description="a text is short for preset"
+    )
+    what: Annotated[WhatSettings, _named("class")] | None = Field(
+        None, description="what stands there; a text is short for class; none for coverage"
+    )
+    at_least: AtLeastSettings = Field(description="how much of it is needed")
+    share: Probability = Field(
+        1.0, alias="for", gt=0, description="share of the positions; 1: the worst one, too"
+    )
+    also_when: AlsoWhenSettings = Field(
+        AlsoWhenSettings(), description="cases in which it holds, too"
+    )
+    step: Distance = Field(
+        0.25, gt=0, description="metres between positions, or edge of a voxel of coverage"
+    )
+
+    @model_validator(mode="after")
+    def _fits(self) -> RequirementSettings:
+        if self.at_least.measure == "coverage":
+            if self.what is not None or "share" in self.model_fields_set:
+                raise ValueError("at_least: coverage is of all voxels; take out what and for")
+            return self
+        if "z" in self.where.model_fields_set:
+            raise ValueError("where.z: is of coverage; an object stands on the ground")
+        if self.what is None:
+            raise ValueError(f"what: is missing; {self.at_least.measure} are of an object")
+        if self.at_least.measure == "probability" and self.what.object_class is None:
+            raise ValueError("what: a probability needs a class, which has a detection curve")
+        return self
+
+    def requirement(self, vehicle: Vehicle, curves: DetectionCurves) -> Requirement:
+        """In the terms of `lidarplace`.
+
+        Raises:
+            ValueError: the vehicle has no body that a preset lies around, or there is no curve.
+        """
+        wanted, placed = self.at_least, None if self.what is None else self.what.placed()
+        curve = None
+        if wanted.measure == "probability" and placed is not None:
+            curve = curves.of(str(placed.object_class), wanted.iou)
+        return Requirement(
+            name=self.name,
+            area=self.where.area(vehicle),
+            measure=wanted.measure,
+            least=float(getattr(wanted, wanted.measure)),
+            placed=placed,
+            share=self.share,
+            step=self.step,
+            heights=self.where.z,
+            curve=curve,
+            cell=curves.cell,
+            also_when=self.also_when.cases(),
+        )
+
+
+class RequirementsFile(Settings):
+    """The file as a whole."""
+
+    lidar: SensorSettings = Field(
+        SensorSettings(), description="the LiDARs, unless a mount has its own"
+    )
+    vehicle: VehicleBoxes = None  # type: ignore[assignment]
+    placements: dict[Name, PlacementSettings] = Field(
+        default={}, description="own placements by name"
+    )
+    rigs: tuple[Name, ...] = Field(
+        (),
+        description="which are asked: own placements, the paper's by name, FILE.yaml with mounts, "
+        "run folders of searches; by default all own ones, or else the paper's eight",
+    )
+    curves: FilePath | None = Field(
+        None,
+        description="detection curves, a file of python -m sweeps.calibrate; those of the package "
+        "if null",
+    )
+    requirements: tuple[RequirementSettings, ...] = Field(
+        min_length=1, description="what has to be seen"
+    )
+
+    @field_validator("requirements")
+    @classmethod
+    def _each_once(
+        cls, requirements: tuple[RequirementSettings, ...]
+    ) -> tuple[RequirementSettings, ...]:
+        names = [requirement.name for requirement in requirements]
+        if len(set(names)) < len(names):
+            raise ValueError(f"each name once, found {', '.join(names)}")
+        return requirements
