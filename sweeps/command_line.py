@@ -51,6 +51,7 @@ VERBS = {
     "export": Verb("lidarplace.export", "Write a box log in KITTI's object layout."),
     "pretrain": Verb("sweeps.pretrain", "Train a detector on all placements together.", "sweeps"),
     "calibrate": Verb("sweeps.calibrate", "Fit detection curves to the detections of a sweep."),
+    "requirements": Verb("sweeps.requirements", "Does a rig see what its vehicle needs?"),
     "accuracy": Verb("sweeps.accuracy", "Compare ways to compute the surrogates."),
 }
 """By name, in the order of help."""

@@ -102,15 +102,17 @@ HEAD = (
     "there",
     "when",
 )
-WORDS = frozenset(HEAD) - {"needed", "found", "short by", "there"}
+WORDS = frozenset(HEAD) - {"needed", "found", "short by", "enough at"}
 
 
 def _cells(outcome: Outcome) -> tuple[str, ...]:
     """A row of the table of verdicts."""
+    from tracking.numbers import digits
+
     wanted, worst = outcome.requirement, outcome.worst
     share = "" if wanted.share == 1.0 else f", {100 * wanted.share:g} %"
     short = wanted.least - worst.value
-    place = f"x {worst.x:.2f}, y {worst.y:.2f}"
+    place = f"x {digits(worst.x, 'z.2f')}, y {digits(worst.y, 'z.2f')}"
     if worst.heading is not None:
         place += f", {math.degrees(worst.heading):.0f}°"
     return (
@@ -120,8 +122,8 @@ def _cells(outcome: Outcome) -> tuple[str, ...]:
         f"{wanted.least:g} {wanted.measure}{share}",
         f"{worst.value:.4g}",
         f"{short:.4g}" if short > 0 else "",
+        f"{100 * worst.enough:.4g} %",
         place,
-        f"{worst.at_worst:.4g}",
         worst.case,
     )
 

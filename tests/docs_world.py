@@ -10,7 +10,7 @@ import pandas as pd
 import yaml
 from typer.testing import CliRunner, Result
 
-from tests.docs_blocks import blocks
+from tests.docs_blocks import ROOT, blocks
 from tests.docs_verbs import app_of
 from tests.lidarplace.argoverse_layout import LEVEL, Log, write_argoverse
 from tests.lidarplace.argoverse_layout import Box as ArgoverseBox
@@ -81,6 +81,9 @@ def make_world(folder: Path) -> None:
         ("mine", yaml.safe_load(_block("quickstart.md", "# mine.yaml"))),
     ):
         (folder / f"{name}.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
+    needs = yaml.safe_load((ROOT / "examples/requirements.yaml").read_text("utf-8"))
+    needs["requirements"] = needs["requirements"][:1]  # which both of its rigs meet
+    (folder / "examples/requirements.yaml").write_text(yaml.safe_dump(needs))
     for log in ("small", "logs/mine", "logs/b", "logs/c"):
         write_small_log(folder / log)
     write_database(folder / "runs/mlflow.db")

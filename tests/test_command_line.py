@@ -129,6 +129,7 @@ CONFIGURED = {
     "record": ("record", "FILE", "out"),
     "pretrain": ("pretrain", "FILE", "--out", "base.pt"),
     "calibrate": ("calibrate", "FILE"),
+    "requirements": ("requirements", "FILE", "--dry-run"),
     "accuracy": ("accuracy", "LOG", "--config", "FILE"),
     "carla": ("carla", "FILE", "out"),
 }

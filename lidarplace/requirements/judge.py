@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.mounting.near_field import seen_in_columns
-from lidarplace.mounting.vehicle import Vehicle, inside
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Placement
 from lidarplace.requirements.area import Positions
 from lidarplace.requirements.layout import Laid
@@ -78,16 +78,8 @@ def judge(laid: Sequence[Laid], placement: Placement, vehicle: Vehicle) -> list[
     """What becomes of requirements that are laid out around `vehicle` under one rig.
 
     A LiDAR that is dead costs nothing: what a rig has without one is told from the counts of all.
-
-    Raises:
-        ValueError: a LiDAR is inside of the vehicle's body.
+    One inside of the vehicle's body sees nothing.
     """
-    for number, mount in enumerate(placement.mounts):
-        if inside(vehicle, mount.position.tolist()):
-            raise ValueError(
-                f"placement {placement.name!r}: LiDAR {number + 1} at ({mount.x:g}, {mount.y:g}, "
-                f"{mount.z:g}) is inside the vehicle's body"
-            )
     sights: dict[Placement, list[Sight]] = {}
 
     def sights_once(rig: Placement) -> list[Sight]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from lidarplace.configuration.placement import read_placement
-from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.mounting.vehicle import Vehicle, inside
 from lidarplace.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.recall.detection_curve import default_curves, read_curves
 from lidarplace.requirements.layout import Laid, lay_out
@@ -48,6 +48,8 @@ def read_question(path: Path, overrides: Sequence[str] = ()) -> Question:
     vehicle = Vehicle("vehicle", np.array(file.vehicle))
     try:
         rigs = _rigs(file)
+        for rig in rigs:
+            _check_mounts(rig, vehicle)
     except ValueError as error:
         raise ConfigError(f"{path}: {error}") from None
     laid = []
@@ -84,3 +86,12 @@ def _rigs(file: RequirementsFile) -> tuple[Placement, ...]:
                 f"rigs: no placement {name!r}; allowed are {known}, a FILE.yaml, a run folder"
             )
     return tuple(rigs)
+
+
+def _check_mounts(rig: Placement, vehicle: Vehicle) -> None:
+    for number, mount in enumerate(rig.mounts):
+        if inside(vehicle, mount.position.tolist()):
+            raise ValueError(
+                f"rig {rig.name!r}: LiDAR {number + 1} at ({mount.x:g}, {mount.y:g}, {mount.z:g}) "
+                "is inside the vehicle's body"
+            )

@@ -94,6 +94,7 @@ LINES = {
     "describe": Line("lidarplace.describe", ("log",), ("log",)),
     "view": Line("lidarplace.view", ("log", "--placement", "line"), ("log", "rig.yaml")),
     "export": Line("lidarplace.export", ("log", "out", "--placement", "line"), ("log", "rig.yaml")),
+    "requirements": Line("sweeps.requirements", ("needs.yaml",), ("needs.yaml",), codes=(0, 1)),
     "accuracy": Line("sweeps.accuracy", ("log", *QUICK), ("log", "sweep.yaml")),
     "accuracy of a table": Line(
         "sweeps.accuracy", ("csv/boxes.csv", "--frames", "9", *QUICK), ("csv", "sweep.yaml", "log")

@@ -260,6 +260,7 @@ SETTINGS: tuple[Target, ...] = (
         ("{}", "--dry-run"),
         needs=("log", "runs"),
     ),
+    Target("requirements", ("needs.yaml",), "sweeps.requirements", ("needs.yaml",), codes=(0, 1)),
     Target(
         "accuracy --config", ("sweep.yaml",), "sweeps.accuracy", ("log", *QUICK), needs=("log",)
     ),

@@ -47,6 +47,29 @@ CARLA = {
     "placements": {"line": None, "mine": {"mounts": [{"x": 0.5, "z": 2.0}]}},
 }
 
+REQUIREMENTS = {
+    "lidar": {"beams": 4, "azimuth_steps": 36},
+    "placements": {"mine": {"mounts": [{"x": 0.5, "z": 2.0}, {"z": 1.8, "pitch": 0.3}]}},
+    "rigs": ["mine", "line"],
+    "requirements": [
+        {
+            "name": "people",
+            "where": {"distance": [0.2, 2.0], "sectors": ["front", [90, 180]]},
+            "what": "Pedestrian",
+            "at_least": {"points": 1},
+            "for": 0.9,
+            "also_when": {"one_lidar_dead": True, "range_factor": 0.5},
+            "step": 1.0,
+        },
+        {
+            "name": "ground",
+            "where": {"lanes": ["own"], "x": [-5, 5], "z": [0, 1]},
+            "at_least": {"coverage": 0.1},
+            "step": 0.5,
+        },
+    ],
+}
+
 CROP = (-50.0, -50.0, -3.0, 50.0, 50.0, 5.0)
 """Region of the recorded clouds."""
 
@@ -72,7 +95,12 @@ def write_world(folder: Path) -> None:
     (folder / "maps").mkdir()
     for path in MAPS.iterdir():
         (folder / "maps" / path.name).write_bytes(path.read_bytes())
-    for name, content in (("sweep", SWEEP), ("search", SEARCH), ("carla", CARLA)):
+    for name, content in (
+        ("sweep", SWEEP),
+        ("search", SEARCH),
+        ("carla", CARLA),
+        ("needs", REQUIREMENTS),
+    ):
         (folder / f"{name}.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
     (folder / "rig.yaml").write_text(yaml.safe_dump(SWEEP["placements"]["mine"]))
     (folder / "classes.yaml").write_text("Sedan: Car\nDog: ignore\n")

@@ -18,10 +18,10 @@ _MOST_CELLS = 160
 
 _ENOUGH = 0.5
 _COLOURS = (
-    (0.0, "#5c1f00"),
+    (0.0, "#7a2b00"),
     (_ENOUGH, "#f0a070"),
     (_ENOUGH, "#a8d4f0"),
-    (1.0, "#08407a"),
+    (1.0, "#15619f"),
 )
 """Orange is too little, the darker the less; blue is enough, the darker the more."""
 

@@ -1,0 +1,59 @@
+"""Rays one after the other, in plain Python: what counts are compared with."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from lidarplace import Placement
+from lidarplace.mounting.vehicle import Vehicle
+
+
+def entered(origin, direction, low, high):
+    """Distance at which a ray enters a box by slabs, inf if it misses or starts inside."""
+    near, far = -math.inf, math.inf
+    for axis in range(3):
+        if direction[axis] == 0.0:
+            if not low[axis] <= origin[axis] <= high[axis]:
+                return math.inf
+            continue
+        with np.errstate(over="ignore"):
+            ends = [(end[axis] - origin[axis]) / direction[axis] for end in (low, high)]
+        near, far = max(near, min(ends)), min(far, max(ends))
+    return near if 0 < near <= far else math.inf
+
+
+def hits_of(placement: Placement, vehicle: Vehicle, box):
+    """Of every LiDAR the points on a box where its rays end, in the box's own frame.
+
+    box: a row of GEOMETRY. Measured from the rear lower right corner.
+    """
+    size = np.array(box[3:6])
+    c, s = math.cos(box[6]), math.sin(box[6])
+    to_box = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1.0]])
+    found = []
+    for mount, lidar in zip(placement.mounts, placement.lidars, strict=True):
+        origin = mount.position
+        local = to_box @ (origin - np.array(box[:3])) + size / 2
+        own = []
+        for ray in lidar.directions():
+            direction = mount.rotation @ ray
+            reach = entered(local, to_box @ direction, np.zeros(3), size)
+            body = min(
+                (entered(origin, direction, *corners) for corners in vehicle.interior),
+                default=math.inf,
+            )
+            if reach < min(body, lidar.range):
+                own.append(local + reach * (to_box @ direction))
+        found.append(own)
+    return found
+
+
+def cells_of(points, size, cell):
+    """Distinct cells of the points."""
+    slices = [max(math.ceil(edge / cell - 1e-9), 1) for edge in size]
+    return {
+        tuple(min(max(math.floor(p / cell), 0), n - 1) for p, n in zip(point, slices, strict=True))
+        for point in points
+    }

@@ -1,0 +1,242 @@
+"""Verdicts: by hand, by single rays at every position, and what must hold for every rig."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lidarplace import Lidar, Mount, Placement, Roi
+from lidarplace.mounting.errors import MountingErrors
+from lidarplace.mounting.near_field import near_field_coverage
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.recall.detection_curve import DetectionCurve
+from lidarplace.requirements.area import MOST_POSITIONS, Area, grid_over, in_the_way
+from lidarplace.requirements.judge import judge
+from lidarplace.requirements.layout import lay_out
+from lidarplace.requirements.placed_object import STANDARD, PlacedObject
+from lidarplace.requirements.presets import preset
+from lidarplace.requirements.requirement import AlsoWhen, Requirement
+from tests.lidarplace.requirements.brute_force import hits_of
+
+CAR = Vehicle.car()
+NOTHING = Vehicle("nothing", np.empty((0, 2, 3)))
+LIDAR = Lidar(tuple(np.radians([-50.0, -30.0, -20.0, -12.0, -6.0, -2.0, 3.0])), azimuth_steps=120)
+RIG = Placement("rig", [Mount(x=0.6, y=0.4, z=1.8, roll=0.1), Mount(x=-1.0, z=1.9)], LIDAR)
+PERSON = PlacedObject(0.5, 0.7, 1.7)
+
+
+def outcome(requirement, rig=RIG, vehicle=CAR):
+    return judge([lay_out(requirement, vehicle)], rig, vehicle)[0]
+
+
+def test_every_position_against_single_rays():
+    wanted = Requirement(
+        "all around", Area(distance=(0.2, 1.2)), "points", 6, PERSON, share=0.9, step=1.0
+    )
+    rig = RIG.with_lidar(Lidar(LIDAR.elevations, azimuth_steps=40))
+    found = outcome(wanted, rig)
+    points = found.positions.points
+    by_position, by_heading = [], []
+    for x, y in points.tolist():
+        counts = [
+            math.inf
+            if in_the_way(CAR, np.array([[x, y]]), PERSON.size, yaw)[0]
+            else sum(map(len, hits_of(rig, CAR, (x, y, 0.85, *PERSON.size, yaw))))
+            for yaw in (0.0, math.pi / 4, math.pi / 2, 3 * math.pi / 4)
+        ]
+        by_position.append(min(counts))
+        by_heading.append(counts)
+    assert found.least_of.tolist() == by_position
+    worst = found.worst
+    at = int(np.argmin(by_position))
+    assert (worst.x, worst.y) == tuple(points[at])
+    assert worst.at_worst == by_position[at]
+    assert by_heading[at][round(worst.heading / (math.pi / 4))] == by_position[at]
+    assert worst.enough == np.mean(np.array(by_position) >= 6)
+    assert 0 < worst.enough < 1
+    may_fail = math.floor(0.1 * len(points))
+    assert worst.value == sorted(by_position)[may_fail]
+    assert found.met == (sum(count < 6 for count in by_position) <= may_fail)
+
+
+def test_one_level_lidar_and_a_wall():
+    """360 rays a turn, a wall 2 m wide: atan(1 / 4) is 14.04, atan(1 / 9.5) is 6.01 degrees."""
+    rig = Placement("one", [Mount(z=1.0)], Lidar((0.0,), azimuth_steps=360))
+    wall = PlacedObject(1.0, 2.0, 2.0, headings=1)
+    wanted = Requirement("wall", Area(x=(4.5, 10.0), y=((0.0, 0.0),)), "points", 13, wall, step=5.5)
+    found = outcome(wanted, rig, NOTHING)
+    assert found.positions.points.tolist() == [[4.5, 0.0], [10.0, 0.0]]
+    assert found.least_of.tolist() == [2 * 14 + 1, 2 * 6 + 1]
+    assert found.met
+    assert (found.worst.x, found.worst.value) == (10.0, 13.0)
+
+
+@pytest.mark.parametrize("measure", ["points", "cells", "coverage"])
+def test_cases_are_rigs_on_their_own(measure):
+    """Each case is the verdict on the rig that it stands for."""
+    off = MountingErrors(0.05, 0.05)
+    case = AlsoWhen(one_lidar_dead=True, range_factor=0.03, mounts_off=off, draws=2)
+    settings = {
+        "name": "x",
+        "area": Area(distance=(0.0, 2.5)),
+        "measure": measure,
+        "least": 1.0,
+        "placed": None if measure == "coverage" else PERSON,
+        "step": 0.5,
+    }
+    found = outcome(Requirement(**settings, also_when=case))
+    others = [
+        RIG,
+        Placement("left", RIG.mounts[1:], LIDAR),
+        Placement("left", RIG.mounts[:1], LIDAR),
+        RIG.with_lidar(Lidar(LIDAR.elevations, 120, range=3.0)),
+        off.drawn(RIG, 0),
+        off.drawn(RIG, 1),
+    ]
+    alone = [outcome(Requirement(**settings), rig).worst for rig in others]
+    assert [finding.case for finding in found.findings] == [
+        "as built",
+        "without LiDAR 1",
+        "without LiDAR 2",
+        "range × 0.03",
+        "mounts off, draw 1",
+        "mounts off, draw 2",
+    ]
+    assert [finding.value for finding in found.findings] == [own.value for own in alone]
+    assert len({own.value for own in alone}) > 2
+    assert found.worst.value == min(own.value for own in alone)
+
+
+def test_a_rig_of_one_lidar_sees_nothing_without_it():
+    rig = Placement("one", RIG.mounts[:1], LIDAR)
+    case = AlsoWhen(one_lidar_dead=True)
+    for measure, placed in (("points", PERSON), ("coverage", None)):
+        wanted = Requirement("x", Area(distance=(1.0, 2.0)), measure, 0.1, placed, also_when=case)
+        assert outcome(wanted, rig).findings[1].value == 0.0
+
+
+def test_coverage_is_that_of_the_near_field():
+    area = Area(x=(-4.0, 4.0), y=((-2.5, 2.5),))
+    wanted = Requirement("x", area, "coverage", 0.3, step=0.25, heights=(0.0, 1.0))
+    roi = Roi((-4.0, 4.0), (-2.5, 2.5), (0.0, 1.0), 0.25)
+    assert outcome(wanted).worst.value == near_field_coverage(RIG, CAR, roi)
+
+
+def test_probability_is_the_curve_of_the_cells():
+    curve = DetectionCurve.model_validate(
+        {"class": "Pedestrian", "iou": 0.5, "most": 0.8, "rate": 0.2}
+    )
+    area = Area(distance=(0.5, 3.0))
+    cells = outcome(Requirement("x", area, "cells", 1, PERSON))
+    found = outcome(Requirement("x", area, "probability", 0.5, PERSON, curve=curve))
+    assert found.least_of == pytest.approx(0.8 * (1 - np.exp(-0.2 * cells.least_of)))
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    x=st.floats(-1.5, 1.5),
+    y=st.floats(-0.7, 0.7),
+    z=st.floats(1.55, 2.5),
+    roll=st.floats(-1, 1),
+    measure=st.sampled_from(["points", "cells", "coverage"]),
+)
+def test_another_lidar_takes_nothing_away(x, y, z, roll, measure):
+    more = Placement("more", [*RIG.mounts, Mount(x + 1e-6, y, z, roll)], LIDAR)
+    placed = None if measure == "coverage" else PERSON
+    wanted = Requirement("x", Area(distance=(0.3, 2.0)), measure, 1.0, placed, step=0.7)
+    assert (outcome(wanted, more).least_of >= outcome(wanted).least_of).all()
+
+
+def test_a_symmetric_rig_has_a_symmetric_result():
+    mounts = [Mount(0.5, side * 0.6, 1.9, roll=-0.2 * side, yaw=0.4 * side) for side in (-1, 1)]
+    rig = Placement("pair", mounts, LIDAR)
+    for measure, placed in (("points", STANDARD["child"]), ("coverage", None)):
+        found = outcome(
+            Requirement("x", Area(distance=(0.3, 3.0)), measure, 1.0, placed, step=0.4), rig
+        )
+        least = np.full(found.positions.held.shape, np.nan)
+        least[found.positions.held] = found.least_of
+        np.testing.assert_allclose(least, least[:, ::-1], rtol=1e-12)
+
+
+def test_presets_lie_around_the_body():
+    truck = Vehicle("truck", np.array([[[-6.0, -1.25, 0.4], [3.0, 1.25, 3.5]]]))
+    assert preset("un_r151", truck) == Area(x=(-6.0, 3.0), y=((-5.5, -2.15),))
+    assert preset("un_r158", truck) == Area(x=(-9.5, -6.2), y=((-1.25, 1.25),))
+    assert preset("un_r159", truck) == Area(x=(3.8, 6.7), y=((-1.25, 1.25),))
+    with pytest.raises(ValueError, match=r"allowed are un_r151, un_r158, un_r159$"):
+        preset("un_r79", truck)
+    with pytest.raises(ValueError, match="has none"):
+        preset("un_r158", NOTHING)
+
+
+@given(
+    x=st.floats(-4, 4),
+    y=st.floats(-3, 3),
+    length=st.floats(0.1, 3),
+    width=st.floats(0.1, 3),
+    heading=st.floats(0, math.pi),
+)
+@settings(max_examples=100, deadline=None)
+def test_what_is_in_the_way_shares_a_point_with_the_body(x, y, length, width, heading):
+    """Against points of the object: one in the body is proof; far from it there is none."""
+    size = (length, width, 1.0)
+    met = in_the_way(CAR, np.array([[x, y]]), size, heading)[0]
+    u, v = np.meshgrid(np.linspace(-0.5, 0.5, 61), np.linspace(-0.5, 0.5, 61))
+    c, s = math.cos(heading), math.sin(heading)
+    px, py = x + c * u * length - s * v * width, y + s * u * length + c * v * width
+    low, high = CAR.interior[0]
+    inside = (low[0] < px) & (px < high[0]) & (low[1] < py) & (py < high[1])
+    depth = np.minimum.reduce([px - low[0], high[0] - px, py - low[1], high[1] - py]).max()
+    if inside.any():
+        assert met
+    elif depth < -0.1:  # farther apart than the points are from each other
+        assert not met
+
+
+def test_what_stands_above_or_below_the_body_is_not_in_the_way():
+    bridge = Vehicle("bridge", np.array([[[-5.0, -5.0, 2.0], [5.0, 5.0, 3.0]]]))
+    at = np.array([[0.0, 0.0]])
+    assert not in_the_way(bridge, at, (1.0, 1.0, 1.9), 0.3)[0]
+    assert in_the_way(bridge, at, (1.0, 1.0, 2.1), 0.3)[0]
+
+
+def test_areas_of_sectors_and_lanes():
+    around = grid_over(Area(distance=(0.0, 3.0)), CAR, 0.5)
+    behind = grid_over(Area(distance=(0.0, 3.0), sectors=((157.5, 202.5),)), CAR, 0.5)
+    points = around.points
+    azimuth = np.degrees(np.arctan2(points[:, 1], points[:, 0]))
+    assert behind.points.tolist() == points[np.abs(azimuth) >= 157.5].tolist()
+    lanes = grid_over(Area(x=(-1.0, 1.0), y=((-5.25, -1.75), (1.75, 5.25))), CAR, 0.5)
+    assert set(np.abs(lanes.points[:, 1])) == {1.75, 2.25, 2.75, 3.25, 3.75, 4.25, 4.75, 5.25}
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"area": Area(x=(0.0, 4.0))}, r"where: has no end; name a distance, or both x and y"),
+        ({"area": Area(x=(3.0, 4.0), distance=(0.0, 0.1))}, "where: is empty"),
+        ({"area": Area(x=(-1.0, 1.0), y=((-0.2, 0.2),))}, "where: lies inside the vehicle"),
+        ({"area": Area(distance=(0.0, 5.0)), "step": 1e-4}, f"allowed are {MOST_POSITIONS:,}$"),
+    ],
+)
+def test_areas_without_a_place(wrong, message):
+    with pytest.raises(ValueError, match=message):
+        lay_out(
+            Requirement(
+                **{"name": "x", "measure": "points", "least": 1, "placed": PERSON, **wrong}
+            ),
+            CAR,
+        )
+
+
+def test_volumes_without_a_place():
+    within = Area(x=(-1.0, 1.0), y=((-0.2, 0.2),))
+    with pytest.raises(ValueError, match="where: lies inside the vehicle"):
+        lay_out(Requirement("x", within, "coverage", 0.5, heights=(0.0, 0.5)), CAR)
+    with pytest.raises(ValueError, match="voxels, allowed are 20,000,000"):
+        lay_out(Requirement("x", Area(distance=(0.0, 9.0)), "coverage", 0.5, step=0.02), CAR)
+    with pytest.raises(ValueError, match="the vehicle has none"):
+        lay_out(Requirement("x", Area(distance=(0.0, 9.0)), "coverage", 0.5), NOTHING)

@@ -1,0 +1,138 @@
+"""Rays on objects: against single rays in plain Python, and properties that hold for all rigs."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lidarplace import Lidar, Mount, Placement
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.requirements.rays_on_objects import count_cells, count_points, sights_of
+from tests.lidarplace.requirements.brute_force import cells_of, hits_of
+
+CAR = Vehicle.car()
+NOTHING = Vehicle("nothing", np.empty((0, 2, 3)))
+FULL = Lidar(tuple(np.radians([-60.0, -31.0, -20.0, -11.0, -3.0, 4.0])), azimuth_steps=97)
+PART = Lidar(
+    tuple(np.radians([10.0, -15.0, -40.0])), 90, range=9.0, azimuth=(math.radians(100), 4.0)
+)
+CELL = 0.2
+
+angle = st.floats(-math.pi, math.pi)
+mounts = st.builds(
+    Mount,
+    x=st.floats(-2, 2),
+    y=st.floats(-1, 1),
+    z=st.floats(1.51, 3),
+    roll=angle,
+    pitch=st.floats(-1.5, 1.5),
+    yaw=angle,
+)
+rigs = st.lists(
+    st.tuples(mounts, st.sampled_from([FULL, PART])),
+    min_size=1,
+    max_size=3,
+    unique_by=lambda pair: (pair[0].x, pair[0].y, pair[0].z),
+).map(lambda pairs: Placement("rig", *(list(each) for each in zip(*pairs, strict=True))))
+boxes = st.builds(
+    lambda x, y, length, width, height, yaw: np.array(
+        [[x + 0.0137, y + 0.0071, height / 2, length, width, height, yaw]]
+    ),
+    st.floats(-12, 12),
+    st.floats(-12, 12),
+    st.floats(0.1, 5),
+    st.floats(0.1, 3),
+    st.floats(0.1, 3),
+    angle,
+)
+vehicles = st.sampled_from([CAR, NOTHING])
+
+
+@settings(max_examples=60, deadline=None)
+@given(rig=rigs, box=boxes, vehicle=vehicles)
+def test_counts_are_those_of_single_rays(rig, box, vehicle):
+    hits = hits_of(rig, vehicle, box[0])
+    sights = sights_of(rig, vehicle)
+    points = count_points(sights, box)
+    assert points.alone[0].tolist() == [len(own) for own in hits]
+    assert points.all[0] == sum(map(len, hits))
+    cells = count_cells(sights, box, CELL)
+    of_lidar = [cells_of(own, box[0, 3:6], CELL) for own in hits]
+    assert cells.all[0] == len(set().union(*of_lidar))
+    for number, own in enumerate(of_lidar):
+        others = set().union(*of_lidar[:number], *of_lidar[number + 1 :])
+        assert cells.alone[0, number] == len(own - others)
+
+
+@settings(max_examples=60, deadline=None)
+@given(rig=rigs, box=boxes, vehicle=vehicles)
+def test_a_dead_lidar_is_the_rig_without_it(rig, box, vehicle):
+    for count in (count_points, lambda sights, box: count_cells(sights, box, CELL)):
+        sights = sights_of(rig, vehicle)
+        whole = count(sights, box)
+        for number in range(len(sights) if len(sights) > 1 else 0):
+            left = count([*sights[:number], *sights[number + 1 :]], box)
+            assert (left.all == whole.all - whole.alone[:, number]).all()
+            assert (left.all <= whole.all).all(), "another LiDAR takes nothing away"
+
+
+def test_a_lidar_that_looks_level_at_a_wall():
+    """Of 360 rays a turn, those within atan(1 / 4) of straight ahead: 14 degrees to each side."""
+    lidar = Lidar((0.0,), azimuth_steps=360)
+    rig = Placement("one", [Mount(z=1.0)], lidar)
+    wall = np.array([[4.5, 0.0, 1.0, 1.0, 2.0, 2.0, 0.0]])
+    sights = sights_of(rig, NOTHING)
+    assert count_points(sights, wall).all.tolist() == [2 * 14 + 1]
+    # They lie on the front, 2 m wide, at one height: ten cells of 20 cm.
+    assert count_cells(sights, wall, 0.2).all.tolist() == [10]
+    assert count_points(sights, wall + np.array([100.0, 0, 0, 0, 0, 0, 0])).all.tolist() == [0], (
+        "too far"
+    )
+
+
+def test_the_body_hides_what_is_behind_it():
+    """A wall of 1 m stands on the right half of the view."""
+    lidar = Lidar((0.0,), azimuth_steps=360)
+    rig = Placement("one", [Mount(z=1.0)], lidar)
+    wall = np.array([[4.5, 0.0, 1.0, 1.0, 2.0, 2.0, 0.0]])
+    screen = Vehicle("screen", np.array([[[1.0, -9.0, 0.0], [1.1, 0.0, 2.0]]]))
+    # The ray straight ahead passes along the edge of the screen, which lies at y = 0.
+    assert count_points(sights_of(rig, screen), wall).all.tolist() == [15]
+    behind = Vehicle("behind", screen.boxes + np.array([9.0, 0.0, 0.0]))
+    assert count_points(sights_of(rig, behind), wall).all.tolist() == [29]
+
+
+def test_a_lidar_inside_of_the_body_sees_nothing():
+    rig = Placement("inside", [Mount(z=1.0)], FULL)
+    box = np.array([[6.0, 0.0, 1.0, 1.0, 2.0, 2.0, 0.0]])
+    assert count_points(sights_of(rig, CAR), box).all.tolist() == [0]
+
+
+@settings(max_examples=30, deadline=None)
+@given(mount=mounts, box=boxes)
+def test_mirrored_rigs_count_alike(mount, box):
+    """Left and right exchanged; azimuth steps that lie on both sides alike."""
+    lidar = Lidar(FULL.elevations, azimuth_steps=96)
+    mirrored = Mount(mount.x, -mount.y, mount.z, -mount.roll, mount.pitch, -mount.yaw)
+    other = box * np.array([1.0, -1.0, 1.0, 1.0, 1.0, 1.0, -1.0])
+    one, two = (
+        count_points(sights_of(Placement("rig", [own], lidar), CAR), there).all[0]
+        for own, there in ((mount, box), (mirrored, other))
+    )
+    assert one == two
+
+
+@pytest.mark.parametrize("number", [1, 3000])
+def test_many_boxes_are_counted_one_by_one(number):
+    """More than a thread takes at a time."""
+    rng = np.random.default_rng(1)
+    many = np.tile([0.0, 0.0, 0.85, 0.5, 0.6, 1.7, 0.3], (number, 1))
+    many[:, :2] = rng.uniform(-15, 15, (number, 2))
+    sights = sights_of(Placement("rig", [Mount(z=2), Mount(x=1, z=2)], FULL), CAR)
+    whole = count_cells(sights, many, CELL)
+    some = [0, number // 2, number - 1]
+    assert whole.all[some].tolist() == [
+        int(count_cells(sights, many[[n]], CELL).all[0]) for n in some
+    ]
