@@ -67,6 +67,11 @@ file.
 - `report`, `search-report`: `report`, the path of the page.
 - `describe`: by folder a list of rows with `scene`, `split`, `routes`, `frames` and the objects per
   frame by region and class; null where a number is not known.
+- `requirements`: `files`, path by suffix; `outcomes`, each with `rig`, `requirement`, `met`,
+  `measure`, `at_least`, `for` and `cases`, each with `case`, `met`, `value`, `short_by`, `enough`,
+  `x`, `y`, `heading_deg`, `at_worst`.
+- `requirements --dry-run`: `rigs`; `requirements`, each with `requirement`, `measure`, `positions`,
+  `objects`.
 - `accuracy`: `files`, path by suffix; `summary`, a list of rows as in the table.
 """
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from lidarplace.scenes.carla.settings import CarlaScene
+from sweeps.configuration.requirements import RequirementsFile
 from sweeps.configuration.search import SearchFile
 from sweeps.configuration.sweep import SweepFile
 
@@ -17,7 +18,7 @@ PAGE = Path(__file__).with_suffix(".md")
 
 HEAD = """# Configuration
 
-Every key of a sweep's and of a search's file. A page that is made from the models
+Every key of the files of sweeps, searches and requirements. A page that is made from the models
 (`python docs/configuration.py`), and so from what a command checks a file against.
 
 - A key path such as `scene.density` leads to a key in nested mappings. It can be an axis of `grid`,
@@ -32,7 +33,7 @@ Every key of a sweep's and of a search's file. A page that is made from the mode
 - `python -m sweeps.run --schema` prints the same as a JSON schema, for editors that complete YAML.
 
 How the keys are used: [long sweeps](sweeps.md), [search](search.md), [data](data.md),
-[detectors](detectors.md), [method](method.md).
+[detectors](detectors.md), [method](method.md), [requirements](requirements.md).
 """
 
 Schema = dict[str, Any]
@@ -67,6 +68,7 @@ def page() -> str:
     for title, model, path in (
         ("A sweep's file", SweepFile, ""),
         ("A search's file", SearchFile, ""),
+        ("A file of requirements", RequirementsFile, ""),
         ("A CARLA collection's file", CarlaScene, "scene"),
     ):
         parts.append(f"## {title}\n")

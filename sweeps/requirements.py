@@ -92,15 +92,8 @@ def _print_plan(question: Question, as_json: bool) -> None:
 
 
 HEAD = (
-    "rig",
-    "requirement",
-    "verdict",
-    "needed",
-    "found",
-    "short by",
-    "worst place",
-    "there",
-    "when",
+    *("rig", "requirement", "verdict", "needed", "found", "short by", "enough at"),
+    *("worst place", "when"),
 )
 WORDS = frozenset(HEAD) - {"needed", "found", "short by", "enough at"}
 

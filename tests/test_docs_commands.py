@@ -184,6 +184,8 @@ def of_kind(block: Block) -> str:
     keys = set(re.findall(r"^([\w.]+):", block.text, re.M))
     if block.page == "carla.md":
         return "collection"
+    if "requirements" in keys:
+        return "requirements"
     if keys & {"search", "robustness", "verify"}:
         return "search"
     return "class map" if any(key.startswith("vehicle.") for key in keys) else "sweep"
@@ -205,8 +207,13 @@ def check(kind: str, content: dict, path: Path) -> None:
     from lidarplace.scenes.carla.__main__ import Collection
     from lidarplace.scenes.datasets.class_maps import read_class_map
     from sweeps.configuration.grid import read_sweep
+    from sweeps.configuration.question import read_question
     from sweeps.search.problem.problem import read_problem
 
+    if kind == "requirements":
+        path.write_text(yaml.safe_dump(content, sort_keys=False))
+        read_question(path)
+        return
     if kind == "collection":
         Collection.model_validate(content)
         return

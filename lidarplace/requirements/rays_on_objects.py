@@ -169,7 +169,7 @@ def _hit(sight, parts, number, cell, owners):  # pragma: no cover - compiled
     corners, planes, enter = np.empty((8, 3)), np.empty((6, 5)), np.empty(steps)
     counts, frame = np.zeros(len(parts), np.int64), np.empty((3, 4))
     for p in range(len(parts)):
-        framed, slices = False, (1, 1, 1)
+        framed, nx, ny, nz = False, 1, 1, 1
         fill_corners(parts[p], corners)
         middle, below, above, lowest, highest, near, _ = window(corners, origin, rotation)
         if near > beams.reach:
@@ -193,17 +193,25 @@ def _hit(sight, parts, number, cell, owners):  # pragma: no cover - compiled
                 if met == 0 or owners.shape[1] == 0:
                     continue
                 if not framed:
-                    slices = _frame(sight, parts[p], cell, frame)
+                    nx, ny, nz = _frame(sight, parts[p], cell, frame)
                     framed = True
+                along = ce * cosines[first:last], ce * sines[first:last]
+                x0, x1, x2 = frame[0, 0], frame[0, 1], frame[0, 2] * se
+                y0, y1, y2 = frame[1, 0], frame[1, 1], frame[1, 2] * se
+                z0, z1, z2 = frame[2, 0], frame[2, 1], frame[2, 2] * se
                 for n in range(len(ends)):
-                    if enter[n] > ends[n]:
-                        c, s = ce * cosines[first + n], ce * sines[first + n]
-                        here = _cell(frame, slices, c, s, se, 1.0 / enter[n])
-                        owner = owners[p, here]
-                        if owner == _NOBODY:
-                            owners[p, here] = number
-                        elif owner != number:
-                            owners[p, here] = _SEVERAL
+                    if enter[n] <= ends[n]:
+                        continue
+                    reach, dx, dy = 1.0 / enter[n], along[0][n], along[1][n]
+                    i = _slice(frame[0, 3] + reach * (x0 * dx + x1 * dy + x2), nx)
+                    j = _slice(frame[1, 3] + reach * (y0 * dx + y1 * dy + y2), ny)
+                    k = _slice(frame[2, 3] + reach * (z0 * dx + z1 * dy + z2), nz)
+                    here = (i * ny + j) * nz + k
+                    owner = owners[p, here]
+                    if owner == _NOBODY:
+                        owners[p, here] = number
+                    elif owner != number:
+                        owners[p, here] = _SEVERAL
     return counts
 
 
@@ -233,14 +241,9 @@ def _frame(sight, part, cell, frame):  # pragma: no cover - compiled
 
 
 @inner
-def _cell(frame, slices, dx, dy, dz, reach):  # pragma: no cover - compiled
-    """Number of the cell in which a ray ends; rounding does not lead out of the box."""
-    number = 0
-    for axis in range(3):
-        along = frame[axis, 0] * dx + frame[axis, 1] * dy + frame[axis, 2] * dz
-        at = int(np.floor(frame[axis, 3] + reach * along))
-        number = number * slices[axis] + min(max(at, 0), slices[axis] - 1)
-    return number
+def _slice(place, number):  # pragma: no cover - compiled
+    """Which slice of an axis holds a place; rounding does not lead out of the box."""
+    return min(max(int(np.floor(place)), 0), number - 1)
 
 
 @njit(cache=True, nogil=True)

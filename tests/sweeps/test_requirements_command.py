@@ -160,7 +160,7 @@ WRONG = {
     ),
     "an unknown key": (
         small(weather="rain"),
-        "requirements[0].weather: unknown key (did you mean where?); allowed are name, where, what, at_least, for",
+        "requirements[0].weather: unknown key (did you mean where?); allowed are name, where,",
     ),
     "mounts that are not off": (
         small(also_when={"mounts_off": {"draws": 3}}),
