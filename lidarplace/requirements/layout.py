@@ -13,6 +13,8 @@ from lidarplace.requirements.area import Positions, grid_over, in_the_way
 from lidarplace.requirements.requirement import Requirement
 from lidarplace.roi import Roi
 
+MOST_OBJECTS = 4_000_000
+"""At all positions, in all headings."""
 MOST_VOXELS = 20_000_000
 """Of the volume of a coverage."""
 
@@ -45,6 +47,11 @@ def lay_out(requirement: Requirement, vehicle: Vehicle) -> Laid:
         return _columns(requirement, vehicle)
     positions = grid_over(requirement.area, vehicle, requirement.step)
     points = positions.points
+    if len(points) * placed.headings > MOST_OBJECTS:
+        raise ValueError(
+            f"what: {placed.headings} headings at {len(points):,} positions, allowed are "
+            f"{MOST_OBJECTS:,} objects"
+        )
     boxes = np.stack([placed.boxes(points, angle) for angle in placed.angles.tolist()])
     for own, angle in zip(boxes, placed.angles.tolist(), strict=True):
         own[in_the_way(vehicle, points, placed.size, angle)] = np.nan

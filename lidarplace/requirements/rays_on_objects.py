@@ -22,6 +22,9 @@ from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Placement
 from lidarplace.recall.surface_cells import slices_of
 
+MOST_CELLS = 10_000_000
+"""Of one object."""
+
 _PORTION = 1024
 """Objects that a thread takes at a time."""
 _MOST_BYTES = 2**27
@@ -93,6 +96,11 @@ def count_cells(sights: list[Sight], boxes: NDArray[np.float64], cell: float) ->
         ValueError: a box has too many cells.
     """
     cells = int(slices_of(boxes[:1], cell).prod())
+    if cells > MOST_CELLS:
+        raise ValueError(
+            f"an object has {cells:,} cells of {cell:g} m, allowed are {MOST_CELLS:,}; make it "
+            "smaller, or ask for points"
+        )
 
     def shares(part: NDArray[np.float64]) -> NDArray[np.int64]:
         owners = np.full((len(part), cells), _NOBODY, np.int16)

@@ -45,8 +45,8 @@ def read_question(path: Path, overrides: Sequence[str] = ()) -> Question:
         override(raw, pair, path, RequirementsFile)
     file = check_file(RequirementsFile, raw, path)
     curves = default_curves() if file.curves is None else read_curves(file.curves)
-    vehicle = Vehicle("vehicle", np.array(file.vehicle))
     try:
+        vehicle = Vehicle("vehicle", np.array(file.vehicle))
         rigs = _rigs(file)
         for rig in rigs:
             _check_mounts(rig, vehicle)

@@ -177,6 +177,14 @@ WRONG = {
         SMALL | {"placements": {"mine": {"mounts": [{"z": 1.0}]}}},
         "'mine': LiDAR 1 at (0, 0, 1) is inside the vehicle's body",
     ),
+    "a body the wrong way round": (
+        SMALL | {"vehicle": [[[1, 0, 0], [0, 1, 1]]]},
+        "vehicle 'vehicle': box 0 needs finite corners, the lower one first",
+    ),
+    "too many headings": (
+        small(what={"class": "child", "headings": 360}, step=0.04),
+        "headings at",
+    ),
     "a preset without a body": (
         small(where="un_r158") | {"vehicle": []},
         "where.preset: un_r158 lies around the vehicle's body",
