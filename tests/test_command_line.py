@@ -461,7 +461,7 @@ def completed(line):
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("lidarplace re", ["report", "record"]),
+        ("lidarplace re", ["report", "record", "requirements"]),
         ("lidarplace convert n", ["nuscenes"]),
         ("lidarplace clean --q", ["--quota"]),
         ("lidarplace view log --placement pyramid_", ["pyramid_roll", "pyramid_pitch"]),
