@@ -176,6 +176,7 @@ def _hit(sight, parts, number, cell, owners):  # pragma: no cover - compiled
     cosines, sines = beams.azimuths[0], beams.azimuths[1]
     corners, planes, enter = np.empty((8, 3)), np.empty((6, 5)), np.empty(steps)
     counts, frame = np.zeros(len(parts), np.int64), np.empty((3, 4))
+    most = 1.0 / beams.nearest if beams.nearest > 0.0 else np.inf  # nearer there is no return
     for p in range(len(parts)):
         framed, nx, ny, nz = False, 1, 1, 1
         fill_corners(parts[p], corners)
@@ -196,6 +197,7 @@ def _hit(sight, parts, number, cell, owners):  # pragma: no cover - compiled
                 ends = least[beam * steps + first : beam * steps + last]
                 met = 0
                 for n in range(len(ends)):
+                    enter[n] = enter[n] if enter[n] <= most else 0.0
                     met += enter[n] > ends[n]
                 counts[p] += met
                 if met == 0 or owners.shape[1] == 0:

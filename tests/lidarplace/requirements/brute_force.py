@@ -44,7 +44,7 @@ def hits_of(placement: Placement, vehicle: Vehicle, box):
                 (entered(origin, direction, *corners) for corners in vehicle.interior),
                 default=math.inf,
             )
-            if reach < min(body, lidar.range):
+            if lidar.min_range <= reach < min(body, lidar.range):
                 own.append(local + reach * (to_box @ direction))
         found.append(own)
     return found

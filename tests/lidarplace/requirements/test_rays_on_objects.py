@@ -16,7 +16,11 @@ CAR = Vehicle.car()
 NOTHING = Vehicle("nothing", np.empty((0, 2, 3)))
 FULL = Lidar(tuple(np.radians([-60.0, -31.0, -20.0, -11.0, -3.0, 4.0])), azimuth_steps=97)
 PART = Lidar(
-    tuple(np.radians([10.0, -15.0, -40.0])), 90, range=9.0, azimuth=(math.radians(100), 4.0)
+    tuple(np.radians([10.0, -15.0, -40.0])),
+    90,
+    range=9.0,
+    min_range=2.5,
+    azimuth=(math.radians(100), 4.0),
 )
 CELL = 0.2
 
