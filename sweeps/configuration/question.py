@@ -11,11 +11,11 @@ import numpy as np
 from lidarplace.configuration.placement import read_placement
 from lidarplace.mounting.vehicle import Vehicle, inside
 from lidarplace.placement import PAPER_PLACEMENTS, Placement
-from lidarplace.recall.detection_curve import default_curves, read_curves
+from lidarplace.recall.detection_curve import DetectionCurves, default_curves, read_curves
 from lidarplace.requirements.layout import Laid, lay_out
 from sweeps.configuration.file import ConfigError, override, read_yaml
 from sweeps.configuration.file import check as check_file
-from sweeps.configuration.requirements import RequirementsFile
+from sweeps.configuration.requirements import RequirementSettings, RequirementsFile
 
 
 @dataclass(frozen=True)
@@ -52,14 +52,23 @@ def read_question(path: Path, overrides: Sequence[str] = ()) -> Question:
             _check_mounts(rig, vehicle)
     except ValueError as error:
         raise ConfigError(f"{path}: {error}") from None
+    return Question(rigs, vehicle, laid_out(file.requirements, vehicle, curves, f"{path}: "))
+
+
+def laid_out(
+    requirements: Sequence[RequirementSettings],
+    vehicle: Vehicle,
+    curves: DetectionCurves,
+    where: str,
+) -> tuple[Laid, ...]:
+    """Each around the vehicle. Raises ConfigError, which begins with `where`."""
     laid = []
-    for number, settings in enumerate(file.requirements):
+    for number, settings in enumerate(requirements):
         try:
             laid.append(lay_out(settings.requirement(vehicle, curves), vehicle))
         except ValueError as error:
-            where = f"requirements[{number}] {settings.name!r}"
-            raise ConfigError(f"{path}: {where}: {error}") from None
-    return Question(rigs, vehicle, tuple(laid))
+            raise ConfigError(f"{where}requirements[{number}] {settings.name!r}: {error}") from None
+    return tuple(laid)
 
 
 def _rigs(file: RequirementsFile) -> tuple[Placement, ...]:

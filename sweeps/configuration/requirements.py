@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from lidarplace.configuration.placement import PlacementSettings
 from lidarplace.configuration.sensor import SensorSettings
@@ -264,6 +264,19 @@ class RequirementSettings(Settings):
         )
 
 
+def _each_once(
+    requirements: tuple[RequirementSettings, ...],
+) -> tuple[RequirementSettings, ...]:
+    names = [requirement.name for requirement in requirements]
+    if len(set(names)) < len(names):
+        raise ValueError(f"each name once, found {', '.join(names)}")
+    return requirements
+
+
+Requirements = Annotated[tuple[RequirementSettings, ...], AfterValidator(_each_once)]
+"""Each has a name of its own."""
+
+
 class RequirementsFile(Settings):
     """The file as a whole."""
 
@@ -284,16 +297,4 @@ class RequirementsFile(Settings):
         description="detection curves, a file of python -m sweeps.calibrate; those of the package "
         "if null",
     )
-    requirements: tuple[RequirementSettings, ...] = Field(
-        min_length=1, description="what has to be seen"
-    )
-
-    @field_validator("requirements")
-    @classmethod
-    def _each_once(
-        cls, requirements: tuple[RequirementSettings, ...]
-    ) -> tuple[RequirementSettings, ...]:
-        names = [requirement.name for requirement in requirements]
-        if len(set(names)) < len(names):
-            raise ValueError(f"each name once, found {', '.join(names)}")
-        return requirements
+    requirements: Requirements = Field(min_length=1, description="what has to be seen")

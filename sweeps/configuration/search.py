@@ -29,6 +29,7 @@ from lidarplace.configuration.settings import (
 from lidarplace.metrics import RANKING, Direction, headline_metric
 from lidarplace.mounting.zone import Zone
 from lidarplace.surrogates.table import ASKED_OF_POG, SURROGATES
+from sweeps.configuration.requirements import Requirements
 from sweeps.configuration.sweep import (
     ClassName,
     Common,
@@ -185,11 +186,16 @@ GENERALIST = "generalist"
 """What stands before a metric that one detector for all rigs measures: generalist.recall."""
 
 
+OF_RIG = ("price", "margin")
+"""Objectives that need no traffic."""
+
+
 class ObjectiveSettings(Settings):
     """What is searched for; `expected_ig.Car` is short for one class."""
 
-    by: Literal[(*ASKED_OF_POG, "expected_recall", *RANKING, "price")] = Field(  # type: ignore[valid-type]
-        description="a surrogate of the POG or of objects, a measured value, or the price"
+    by: Literal[(*ASKED_OF_POG, "expected_recall", *RANKING, *OF_RIG)] = Field(  # type: ignore[valid-type]
+        description="a surrogate of the POG or of objects, a measured value, the price, or the "
+        "margin: the least that a requirement has of what it needs, as a factor"
     )
     judge: Literal["specialist", "generalist"] = Field(
         "specialist",
@@ -233,11 +239,18 @@ class ObjectiveSettings(Settings):
     @property
     def best(self) -> Direction:
         """Which values are wanted."""
-        return self.direction or ("minimize" if self.by == "price" else best_of(self.by))
+        if self.of_traffic or self.measured:
+            return self.direction or best_of(self.by)
+        return self.direction or ("minimize" if self.by == "price" else "maximize")
 
     def weights_of(self, classes: Iterable[str]) -> dict[str, float]:
         """Weight by class in the sum, of those that have one."""
         return dict(self.weights.items()) if self.weights else dict.fromkeys(classes, 1.0)
+
+    @property
+    def of_traffic(self) -> bool:
+        """Whether it is a surrogate."""
+        return not self.measured and self.by not in OF_RIG
 
     @property
     def measured(self) -> bool:
@@ -345,6 +358,11 @@ class SearchSettings(Settings):
     constraints: ConstraintSettings = Field(
         ConstraintSettings(), description="what a placement has to keep"
     )
+    requirements: Requirements = Field(
+        (),
+        description="what has to be seen around the vehicle, as in a file of requirements; a rig "
+        "that does not is out, unless the margin is an objective",
+    )
     objective: Annotated[
         tuple[Annotated[ObjectiveSettings, BeforeValidator(_objective)], ...],
         BeforeValidator(_several),
@@ -413,7 +431,7 @@ class SearchSettings(Settings):
         if len(set(names)) < len(names):
             raise ValueError(f"objective: each once, found {', '.join(names)}")
         measured = [objective.measured for objective in self.objective]
-        if any(measured) and not all(o.measured or o.by == "price" for o in self.objective):
+        if any(measured) and any(o.of_traffic for o in self.objective):
             raise ValueError("objective: measured values and surrogates cannot be searched at once")
         judged = [objective.judged for objective in self.objective if objective.measured]
         if any(judged):
@@ -451,6 +469,11 @@ class SearchSettings(Settings):
         return self
 
     @property
+    def by_margin(self) -> bool:
+        """Whether the margin of requirements is wanted, and none of them is a bound."""
+        return any(objective.by == "margin" for objective in self.objective)
+
+    @property
     def counted(self) -> bool:
         """Whether zones say how many LiDARs they have."""
         return any(zone.lidars is not None for zone in self.zones.values())
@@ -472,8 +495,11 @@ class SearchSettings(Settings):
             if unknown:
                 known = ", ".join(self.models) or "none: give search.models"
                 raise ValueError(f"zones.{name}.models: no model {unknown[0]!r}; there are {known}")
-        if self.keep_out and not self.zones:
-            raise ValueError("keep_out: there are no zones to place LiDARs in")
+        for key in ("keep_out", "requirements"):
+            if getattr(self, key) and not self.zones:
+                raise ValueError(f"{key}: there are no zones to place LiDARs in")
+        if self.by_margin and not self.requirements:
+            raise ValueError("objective: margin is that of search.requirements; there are none")
 
     def _check_sampler(self) -> None:
         if self.sampler not in ("cmaes",):

@@ -29,6 +29,13 @@ MODELS = {
     "spinning": {"beams": 4, "azimuth_steps": 90, "price": 4},
     "flash": {"beams": 8, "azimuth_steps": 90, "azimuth_deg": [-60, 60], "price": 2},
 }
+BESIDE = {
+    "name": "somebody on the left",
+    "where": {"x": [-1, 1], "y": [2, 3]},
+    "what": "Pedestrian",
+    "at_least": {"points": 4},
+    "step": 0.5,
+}
 COUNTED = {
     "roof": {"x": [-0.5, 0.5], "y": 0, "z": [1.8, 2.0], "lidars": [0, 2], "models": ["spinning"]},
     "side": {
@@ -119,6 +126,7 @@ def best_of_all(problem, traffic):
             "constraints": {"price": 5},
         },
         {"lidars": 2, "roll_deg": 0, "keep_out": {"hatch": HATCH}},
+        {"lidars": [1, 2], "roll_deg": 0, "requirements": [BESIDE]},
         {"zones": COUNTED, "roll_deg": 0, "models": MODELS},
         {"zones": COUNTED, "roll_deg": 0, "models": MODELS, "constraints": {"price": 9}},
         {
@@ -131,7 +139,16 @@ def best_of_all(problem, traffic):
     ],
     ids=[
         *("two", "range", "distance", "recall", "recall of pairs", "fixed", "symmetric"),
-        *("step", "fixed price", "price", "keep out", "zones", "zones and price", "views"),
+        *(
+            "step",
+            "fixed price",
+            "price",
+            "keep out",
+            "requirements",
+            "zones",
+            "zones and price",
+            "views",
+        ),
     ],
 )
 def test_no_rig_of_the_grid_exceeds_the_bound(tmp_path, changes):

@@ -212,7 +212,7 @@ def _objective(objective: ObjectiveSettings, problem: Problem) -> Objective:
     weights = None
     if objective.measured:
         weights = class_weights(objective, problem.file.classes)
-    elif objective.by != "price":
+    elif objective.of_traffic:
         weights = objective.weights_of(problem.file.classes)
     return Objective(
         name=objective.name,

@@ -179,7 +179,7 @@ def print_found(console: Console, problem: Problem, found: Found) -> None:
     objective = problem.file.search.objective[0]
     if objective.judged:
         _print_chosen(console, found, problem)
-    elif not objective.measured and objective.by != "price":
+    elif objective.of_traffic:
         best = found.judged["found_1"].value(objective)
         paper = found.judged[found.baseline].value(objective)
         if paper:

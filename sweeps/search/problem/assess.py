@@ -11,7 +11,7 @@ from lidarplace.coverage import Method
 from lidarplace.surrogates.table import OBJECT_SURROGATES, RAY_SURROGATES
 from sweeps.configuration.search import ObjectiveSettings
 from sweeps.search.problem.choice import Choices, is_possible, placement_of
-from sweeps.search.problem.constraints import Carrier, Constraint, measures_of
+from sweeps.search.problem.constraints import Carrier, Constraint, margin_of, measures_of
 from sweeps.search.problem.traffic import Traffic
 
 
@@ -36,7 +36,7 @@ class Question:
     @property
     def needs_pog(self) -> bool:
         """Whether a surrogate is asked for."""
-        return any(not o.measured and o.by != "price" for o in self.objectives)
+        return any(o.of_traffic for o in self.objectives)
 
     @property
     def needs_objects(self) -> bool:
@@ -81,7 +81,9 @@ def _values(rig: Choices, question: Question, traffic: Traffic) -> dict[str, flo
     for objective in question.objectives:
         if objective.by == "price":
             found[objective.name] = question.carrier.price_of(rig)
-        elif not objective.measured:
+        elif objective.by == "margin":
+            found[objective.name] = margin_of(rig, question.carrier)
+        elif objective.of_traffic:
             found[objective.name] = math.fsum(
                 weight * by_class[name][objective.by]
                 for name, weight in objective.weights_of(traffic.grids).items()
@@ -91,7 +93,7 @@ def _values(rig: Choices, question: Question, traffic: Traffic) -> dict[str, flo
 
 def _by_class(rig: Choices, question: Question, traffic: Traffic) -> dict[str, dict[str, float]]:
     """The surrogates that are asked for, by class."""
-    wanted = {o.by for o in question.objectives if not o.measured and o.by != "price"}
+    wanted = {o.by for o in question.objectives if o.of_traffic}
     placement = placement_of(rig, question.carrier.models)
     found: dict[str, dict[str, float]] = {name: {} for name in traffic.grids}
     if traffic.objects is not None:

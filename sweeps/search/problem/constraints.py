@@ -14,6 +14,8 @@ from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.near_field import near_field_coverage
 from lidarplace.mounting.spacing import least_distance
 from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.requirements.judge import judge
+from lidarplace.requirements.layout import Laid
 from sweeps.configuration.search import SearchSettings
 from sweeps.search.problem.choice import Choices, is_possible, placement_of
 
@@ -56,7 +58,16 @@ def constraints_of(search: SearchSettings) -> tuple[Constraint, ...]:
         found.append(Constraint("price", "", settings.price, at_least=False))
     if settings.near_field is not None:
         found.append(Constraint("near_field", "", settings.near_field.coverage, at_least=True))
+    for requirement in () if search.by_margin else search.requirements:
+        wanted = requirement.at_least
+        name, least = requirement_name(requirement.name), getattr(wanted, wanted.measure)
+        found.append(Constraint(name, wanted.measure, float(least), at_least=True))
     return tuple(found)
+
+
+def requirement_name(name: str) -> str:
+    """Of the constraint that a requirement is."""
+    return f"requirement.{name}"
 
 
 @dataclass(frozen=True)
@@ -69,6 +80,7 @@ class Carrier:
         vehicle: its body, and what hides what is behind it.
         keep_out: boxes without a LiDAR, lower and upper corners, metres, shape (n, 2, 3).
         near_field: the zone around it that has to be seen; None if none has.
+        requirements: laid out around it.
     """
 
     models: Mapping[str, Lidar]
@@ -77,9 +89,12 @@ class Carrier:
     vehicle: Vehicle
     keep_out: NDArray[np.float64]
     near_field: Roi | None
+    requirements: tuple[Laid, ...]
 
     @classmethod
-    def of(cls, settings: SearchSettings, models: Mapping[str, Lidar]) -> Carrier:
+    def of(
+        cls, settings: SearchSettings, models: Mapping[str, Lidar], requirements: Sequence[Laid]
+    ) -> Carrier:
         """As the configuration has it; `models` by name."""
         near = settings.constraints.near_field
         boxes = [box.box for box in settings.keep_out.values()]
@@ -91,6 +106,7 @@ class Carrier:
             Vehicle("vehicle", np.array([*settings.vehicle, *boxes])),
             np.array(boxes, np.float64).reshape(-1, 2, 3),
             None if near is None else Roi(near.x, near.y, near.z, near.resolution),
+            tuple(requirements),
         )
 
     def price_of(self, rig: Choices) -> float:
@@ -105,13 +121,32 @@ def depth_in(boxes: NDArray[np.float64], rig: Choices) -> float:
     return float(inside.max(initial=0.0))
 
 
+def margin_of(rig: Choices, carrier: Carrier) -> float:
+    """The least that a requirement has of what it needs: 1 is just enough."""
+    needed = [own.requirement.least for own in carrier.requirements]
+    seen = _seen_of_requirements(rig, carrier).values()
+    return min(value / least for value, least in zip(seen, needed, strict=True))
+
+
+def _seen_of_requirements(rig: Choices, carrier: Carrier) -> dict[str, float]:
+    """What each requirement has in its worst case, by the constraint's name."""
+    names = [requirement_name(own.requirement.name) for own in carrier.requirements]
+    if not is_possible(rig):
+        return dict.fromkeys(names, 0.0)
+    outcomes = judge(carrier.requirements, placement_of(rig, carrier.models), carrier.vehicle)
+    return dict(zip(names, (outcome.worst.value for outcome in outcomes), strict=True))
+
+
 def measures_of(
     rig: Choices, constraints: Sequence[Constraint], carrier: Carrier
 ) -> dict[str, float]:
     """What each constraint looks at, by its name."""
     placement = placement_of(rig, carrier.models) if is_possible(rig) else None
-    found = {}
+    asked = any(constraint.name.startswith(requirement_name("")) for constraint in constraints)
+    found = _seen_of_requirements(rig, carrier) if asked else {}
     for constraint in constraints:
+        if constraint.name in found:
+            continue
         if constraint.name == "price":
             found["price"] = carrier.price_of(rig)
         elif constraint.name == "keep_out":

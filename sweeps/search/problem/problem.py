@@ -11,8 +11,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement
 from lidarplace.mounting.near_field import near_field_coverage
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.recall.detection_curve import default_curves
 from lidarplace.scenes.sumo.settings import SumoScene
 from lidarplace.surrogates.table import OBJECT_SURROGATES
 from sweeps.configuration.file import (
@@ -23,6 +27,7 @@ from sweeps.configuration.file import (
     refuse_overlaps,
 )
 from sweeps.configuration.grid import GridPoint, Sweep, build_sweep
+from sweeps.configuration.question import laid_out
 from sweeps.configuration.search import RangeSettings, SearchFile, Tests, TrafficSettings
 from sweeps.configuration.sweep import Common, Point
 from sweeps.plan.plan import Trial, make_plan
@@ -228,8 +233,10 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
     except ValueError as error:
         raise ConfigError(f"{path}: {error}") from None
     models = chosen | {OWN_MODEL: own}
+    vehicle = Vehicle("vehicle", np.array(settings.vehicle))
+    laid = laid_out(settings.requirements, vehicle, default_curves(), f"{path}: search.")
     try:
-        carrier = Carrier.of(settings, models)
+        carrier = Carrier.of(settings, models, laid)
         if carrier.near_field is not None:
             probe = PAPER_PLACEMENTS["line"]
             near_field_coverage(probe, carrier.vehicle, carrier.near_field)

@@ -1,0 +1,109 @@
+"""Requirements in a search: as bounds, and their margin as an objective."""
+
+import json
+
+import pytest
+from search_files import write_search
+from typer.testing import CliRunner
+
+from lidarplace import Mount
+from lidarplace.requirements.judge import judge
+from sweeps.configuration.file import ConfigError
+from sweeps.search.__main__ import app
+from sweeps.search.problem.assess import assess
+from sweeps.search.problem.choice import Choice, placement_of
+from sweeps.search.problem.problem import read_problem
+from sweeps.search.problem.traffic import Traffic
+from tracking.run_folders.search import SearchFolder
+
+AROUND = {
+    "name": "somebody around",
+    "where": {"distance": [1, 3]},
+    "what": "Pedestrian",
+    "at_least": {"points": 4},
+    "for": 0.9,
+    "step": 1.0,
+    "also_when": {"one_lidar_dead": True},
+}
+LEFT = {
+    "name": "the ground on the left",
+    "where": {"x": [-1, 1], "y": [1.5, 3], "z": [0, 1]},
+    "at_least": {"coverage": 0.3},
+    "step": 0.5,
+}
+RIG = (
+    Choice("lidar", "roof", Mount(0.2, 0.5, 2.0, roll=-0.1)),
+    Choice("lidar", "roof", Mount(-0.2, -0.5, 2.0, roll=0.1)),
+)
+
+
+def problem_of(folder, **changes):
+    search = {"requirements": [AROUND, LEFT], "greedy": None, "roll_deg": [-30, 30]} | changes
+    return read_problem(write_search(folder, search=search))
+
+
+def test_a_requirement_is_a_constraint_and_its_margin_an_objective(tmp_path):
+    bounded = problem_of(tmp_path, objective="price")
+    margin = problem_of(tmp_path, objective=["margin", "price"])
+    carrier = bounded.question.carrier
+    seen = [
+        outcome.worst.value
+        for outcome in judge(
+            carrier.requirements, placement_of(RIG, bounded.models), carrier.vehicle
+        )
+    ]
+    assert min(seen) > 0
+    found = assess(RIG, bounded.question, Traffic({}, None))
+    assert found.violations["requirement.somebody around"] == pytest.approx(4 - seen[0])
+    assert found.violations["requirement.the ground on the left"] == pytest.approx(0.3 - seen[1])
+    free = assess(RIG, margin.question, Traffic({}, None))
+    assert free.values["margin"] == pytest.approx(min(seen[0] / 4, seen[1] / 0.3))
+    assert set(free.violations) == {"distance"}
+
+
+def test_rigs_that_are_found_meet_all_requirements(tmp_path):
+    easy = AROUND | {"at_least": {"points": 2}, "for": 0.7, "also_when": {}}
+    path = write_search(
+        tmp_path, search={"requirements": [easy, LEFT], "roll_deg": [-30, 30], "trials": 16}
+    )
+    done = CliRunner().invoke(app, [str(path)], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    assert "requirement.somebody around at least 2 points" in done.output
+    folder = SearchFolder.read(tmp_path / "runs/small")
+    problem = read_problem(path)
+    feasible = folder.trials[folder.trials["feasible"]]
+    assert 0 < len(feasible) < len(folder.trials)
+    best = folder.search.rigs[folder.search.best[0]]
+    rig = tuple(Choice("lidar", "roof", mount) for mount in best.placed)
+    carrier = problem.question.carrier
+    outcomes = judge(carrier.requirements, placement_of(rig, problem.models), carrier.vehicle)
+    assert all(outcome.met for outcome in outcomes)
+
+
+def test_a_front_of_margin_and_price(tmp_path):
+    models = {"cheap": {"beams": 2, "price": 1}, "dear": {"beams": 16, "price": 5}}
+    search = {"requirements": [AROUND], "objective": ["margin", "price"], "models": models}
+    path = write_search(tmp_path, search=search | {"sampler": "nsga2"})
+    done = CliRunner().invoke(app, [str(path)], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    plain = json.loads((tmp_path / "runs/small/search.json").read_text())
+    assert [objective["direction"] for objective in plain["objectives"]] == ["maximize", "minimize"]
+    assert plain["front"] >= 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"requirements": [], "objective": "margin"}, "margin is that of search.requirements"),
+        ({"requirements": [AROUND, AROUND]}, "each name once"),
+        ({"requirements": [AROUND | {"where": {"x": [0, 0.1], "y": 0}}]}, "requirements"),
+        (
+            {"requirements": [AROUND | {"where": {"x": [0, 0.1], "y": [0, 0.1]}}]},
+            r"search\.requirements\[0\] 'somebody around'",
+        ),
+        ({"objective": ["margin", "expected_ig", "recall"]}, "cannot be searched at once"),
+    ],
+)
+def test_requirements_that_cannot_be_are_refused(tmp_path, changes, message):
+    with pytest.raises(ConfigError, match=message):
+        problem_of(tmp_path, **changes)
