@@ -48,6 +48,7 @@ SEARCH = {
     "search": {
         "lidars": 2,
         "zones": {"roof": {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [1.8, 2.2]}},
+        "objective": "expected_ig",
         "azimuth_stride": 1,
         "trials": 4,
         "batch_size": 4,

@@ -327,7 +327,7 @@ def test_a_place_that_cannot_be_written(in_folder, log, verb, key):
     """A file is in the way: the same command would not go on from there."""
     content = f"scene: {{source: log, folder: {log}}}\nclasses: [Car]\n"
     if verb == "search":
-        content += "search: {zones: {roof: {x: [0, 1], y: [0, 1], z: 2}}}\n"
+        content += "search: {objective: expected_ig, zones: {roof: {x: [0, 1], y: [0, 1], z: 2}}}\n"
     else:
         content += "placement: line\n"
     (in_folder / "grid.yaml").write_text(content)
@@ -364,7 +364,10 @@ def test_a_file_of_another_command(in_folder, verb, content, told):
     ("verb", "content"),
     [
         ("run", "placement: line\n"),
-        ("search", "search: {zones: {roof: {x: [0, 1], y: [0, 1], z: 2}}}\n"),
+        (
+            "search",
+            "search: {objective: expected_ig, zones: {roof: {x: [0, 1], y: [0, 1], z: 2}}}\n",
+        ),
     ],
 )
 def test_the_name_of_a_file_that_can_be_none_of_a_sweep(in_folder, log, verb, content):

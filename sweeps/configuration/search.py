@@ -367,9 +367,9 @@ class SearchSettings(Settings):
         tuple[Annotated[ObjectiveSettings, BeforeValidator(_objective)], ...],
         BeforeValidator(_several),
     ] = Field(
-        (ObjectiveSettings(by="expected_ig"),),
+        (ObjectiveSettings(by=DEFAULT_METRIC, judge=GENERALIST),),
         min_length=1,
-        description="one or several; expected_ig.Car is short for one class",
+        description="one or several; expected_ig.Car is short for one class; generalist by default",
     )
     space: dict[str, Annotated[list[Scalar], Field(min_length=1)] | RangeSettings] = Field(
         default={}, description="key path -> values or {low, high, log}, beside the placement"

@@ -34,6 +34,7 @@ SEARCH = {
         "zones": {"roof": {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [1.8, 2.2]}},
         "roll_deg": [-10, 10],
         "constraints": {"distance": 0.2},
+        "objective": "expected_ig",
         "azimuth_stride": 1,
         "trials": 4,
         "batch_size": 4,

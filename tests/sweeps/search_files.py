@@ -15,6 +15,7 @@ SEARCH = {
         "lidars": 2,
         "zones": {"roof": {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [1.8, 2.2]}},
         "roll_deg": [-10, 10],
+        "objective": "expected_ig",
         "azimuth_stride": 1,
         "trials": 12,
         "batch_size": 4,

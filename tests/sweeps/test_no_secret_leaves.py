@@ -82,7 +82,12 @@ def test_a_sweep(folder, monkeypatch):
 
 
 def test_a_search_and_the_sweep_that_it_leaves(folder, monkeypatch):
-    own = {"lidars": 1, "zones": {"roof": {"x": [0, 1], "y": [0, 1], "z": [2, 2.1]}}, "trials": 2}
+    own = {
+        "objective": "expected_ig",
+        "lidars": 1,
+        "zones": {"roof": {"x": [0, 1], "y": [0, 1], "z": [2, 2.1]}},
+        "trials": 2,
+    }
     config = {key: value for key, value in SMALL.items() if key != "placement"}
     config |= {"search": own | {"objective": "covered_entropy"}, "verify": {"seeds": [1]}}
     config |= {"tracking": {"uri": "sqlite:///runs/mlflow.db"}, "detector": "pointpillars_tiny"}
