@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections import Counter
 from collections.abc import Callable
+from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
-import pandas as pd
 import typer
 from rich.table import Table
 
@@ -23,17 +22,20 @@ from lidarplace.scenes.datasets.argoverse import read_argoverse
 from lidarplace.scenes.datasets.class_maps import read_class_map
 from lidarplace.scenes.datasets.nuscenes import read_nuscenes
 from lidarplace.scenes.datasets.tabular import read_tabular
+from lidarplace.scenes.doubts.motion import doubts_of_motion
+from lidarplace.scenes.doubts.surroundings import doubts_of_surroundings
+from lidarplace.scenes.doubts.units import doubts_of_units
 from lidarplace.scenes.kitti.calibration import LIDAR_HEIGHT_M
 from lidarplace.scenes.kitti.read import read_kitti
+from lidarplace.scenes.label_tables.mapping import TableMapping, read_mapping
+from lidarplace.scenes.label_tables.propose import propose_mapping
+from lidarplace.scenes.label_tables.read import read_label_table
 
 app = new_app(
     no_args_is_help=True,
     help="Write the box log of a data set or a table: a folder of Parquet files that a sweep and "
     "`accuracy` take.",
 )
-
-_MOST_YAW = 4 * math.pi
-_MOST_SIZE_M = 50.0
 
 Out = Annotated[Path, typer.Argument(help="folder of the box log to write")]
 ClassMapFile = Annotated[
@@ -92,21 +94,55 @@ def argoverse(
     _convert(read, out)
 
 
-@verb(app, "boxes.csv logs/boxes --frames 4000")
+@verb(
+    app,
+    "boxes.csv logs/boxes --frames 4000",
+    "labels.csv --propose guess.yaml",
+    "labels.csv --mapping map.yaml --preview first.html",
+    "labels.csv logs/labels --mapping map.yaml",
+)
 def table(
     source: Annotated[
         Path,
         typer.Argument(help="table of boxes (.parquet, .csv), or folder of boxes and frames"),
     ],
-    out: Out,
+    out: Annotated[
+        Path | None,
+        typer.Argument(help="folder of the box log; not with --propose or --preview alone"),
+    ] = None,
     frames: Annotated[
         str | None, typer.Option(help="table of all frames, or their number: empty ones count too")
     ] = None,
     class_map: ClassMapFile = None,
+    mapping: Annotated[
+        Path | None,
+        typer.Option(help="YAML file that says what the columns of a table of other make mean"),
+    ] = None,
+    propose: Annotated[
+        Path | None,
+        typer.Option(help="write a first guess of such a mapping there; no file is overwritten"),
+    ] = None,
+    preview: Annotated[
+        Path | None,
+        typer.Option(help="page of the first frames from above, drawn before anything is written"),
+    ] = None,
 ) -> None:
-    """Tables of your own, whose columns docs/data.md describes."""
+    """Tables of your own: of the columns of docs/data.md, or of any with a mapping."""
+    if propose is not None:
+        _propose(source, propose)
+        return
+    if mapping is not None and (frames is not None or class_map is not None):
+        wrong("--mapping tells frames and classes: --frames and --class-map are without it")
+    if out is None and preview is None:
+        wrong("OUT: name the folder of the box log to write")
+    try:
+        meaning = None if mapping is None else read_mapping(mapping)
+    except (ValueError, OSError) as error:
+        wrong(error)
 
     def read(ignored: Counter[str]) -> BoxLog:
+        if meaning is not None:
+            return read_label_table(source, meaning, ignored)
         number = int(frames) if frames and frames.isdecimal() else None
         return read_tabular(
             source,
@@ -115,7 +151,15 @@ def table(
             ignored=ignored,
         )
 
-    _convert(read, out)
+    def check(log: BoxLog) -> None:
+        if preview is not None:
+            from lidarplace.viewing.from_above import write_from_above
+
+            write_from_above(preview, log, f"{source.name}: the first frames from above")
+            say(preview)
+        _refuse(log, source, meaning)
+
+    _convert(read, out, check)
 
 
 @verb(app, "data/kitti logs/kitti --skip-bad")
@@ -158,40 +202,66 @@ def _class_map(path: Path | None) -> dict[str, str] | None:
     return None if path is None else read_class_map(path)
 
 
-def _convert(read: Callable[[Counter[str]], BoxLog], out: Path) -> None:
-    """Read a log, write it to `out` and say what is in it; a mistake ends with code 2."""
+def _convert(
+    read: Callable[[Counter[str]], BoxLog],
+    out: Path | None,
+    check: Callable[[BoxLog], None] | None = None,
+) -> None:
+    """Read a log, write it to `out` and say what is in it; a mistake ends with code 2.
+
+    Values that can hardly be meant are warned of, unless `check` looks at the log instead, which
+    raises ValueError. Without `out` nothing is written.
+    """
     ignored: Counter[str] = Counter()
     try:
         log = read(ignored)
-        write_box_log(out, log)
+        if check is not None:
+            check(log)
+        else:
+            for doubt in doubts_of_units(log):
+                say(f"warning: {doubt.why}: {doubt.where(log.boxes)}", sys.stderr)
+        if out is not None:
+            write_box_log(out, log)
     except (ValueError, OSError) as error:
         wrong(error)
-    for warning in _warnings(log.boxes):
-        say(f"warning: {warning}", sys.stderr)
-    output().print(
-        _frames_table(log), _boxes_table(log, ignored), str(out), sep="\n", soft_wrap=True
-    )
+    output().print(_frames_table(log), _boxes_table(log, ignored), sep="\n", soft_wrap=True)
+    if out is not None:
+        say(out)
 
 
-def _warnings(boxes: pd.DataFrame) -> list[str]:
-    """Lines on what can be meant, but looks like another unit: degrees, or centimetres."""
-    turned = boxes["yaw"].abs() > _MOST_YAW
-    large = boxes[["length", "width", "height"]].max(axis=1) > _MOST_SIZE_M
-    found = []
-    if turned.any():
-        first = boxes[turned].iloc[0]
-        found.append(
-            f"yaw is in radians; over two turns: {turned.sum():,} of {len(boxes):,} boxes, the "
-            f"first in frame {first['frame']} with {first['yaw']:g}"
+def _propose(source: Path, path: Path) -> None:
+    """Write a guess of the mapping of `source` to `path`, which must be free."""
+    try:
+        text = propose_mapping(source)
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        wrong(f"{path}: is there already, and is not overwritten; name another file")
+    except (ValueError, OSError) as error:
+        wrong(error)
+    say(path)
+
+
+def _refuse(log: BoxLog, source: Path, mapping: TableMapping | None) -> None:
+    """Raise ValueError for the first values that can hardly be meant, and tell what mends them."""
+    if mapping is None:
+        found = [*doubts_of_units(log), *doubts_of_motion(log, "rad")]
+        accept = "a mapping (--propose begins one)"
+    else:
+        every = chain(
+            doubts_of_units(log),
+            doubts_of_surroundings(log),
+            doubts_of_motion(log, mapping.units.angle),
         )
-    if large.any():
-        first = boxes[large].iloc[0]
-        size = " x ".join(f"{first[side]:g}" for side in ("length", "width", "height"))
-        found.append(
-            f"sizes are in metres; over {_MOST_SIZE_M:g} m: {large.sum():,} of {len(boxes):,} "
-            f"boxes, the first in frame {first['frame']} with {size}"
+        found = [doubt for doubt in every if doubt.check not in mapping.accept]
+        accept = "the mapping; if it is meant: accept: [{check}]"
+    if found:
+        doubt = found[0]
+        column = doubt.column if mapping is None else mapping.column(doubt.column)
+        raise ValueError(
+            f"{source}: column {column}: {doubt.why}: {doubt.where(log.boxes)}; mend "
+            f"{doubt.remedy} of {accept.format(check=doubt.check)}"
         )
-    return found
 
 
 def _frames_table(log: BoxLog) -> Table:

@@ -38,7 +38,7 @@ FLOORS = {
         "scenes",
         "convert describe export sensors view",
     ),
-    "lidarplace.scenes": ("datasets parts routes", "*", "kinds"),
+    "lidarplace.scenes": ("datasets doubts parts routes", "*", "kinds"),
     "training": (
         "average_precision by_sector dataset device ops randomness settings vector_math",
         "detectors found_objects ground_truth_sampling kitti_labels matches one_cycle",

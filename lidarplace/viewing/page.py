@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import html
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from string import Template
+from typing import Any
 
 import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
@@ -16,8 +17,14 @@ from lidarplace.viewing.scene import CAMERAS
 from lidarplace.viewing.style import theme
 
 
-def write_page(path: Path, title: str, notes: Sequence[str], figures: Sequence[go.Figure]) -> None:
-    """Write the `figures` of `lidarplace.viewing.scene.draw_frame` as one page.
+def write_page(
+    path: Path,
+    title: str,
+    notes: Sequence[str],
+    figures: Sequence[go.Figure],
+    cameras: Mapping[str, Any] = CAMERAS,
+) -> None:
+    """Write figures of frames as one page.
 
     They share a legend that shows and hides, and a camera: turning one turns all.
 
@@ -25,6 +32,7 @@ def write_page(path: Path, title: str, notes: Sequence[str], figures: Sequence[g
         path: of the page; its folder is made.
         title, notes: plain text, the notes a paragraph each.
         figures: side by side, one below the other on a phone.
+        cameras: of scenes in space, by the name on a button; none for figures from above.
     """
     page = Template(Path(__file__).with_name("page.html").read_text(encoding="utf-8")).substitute(
         title=html.escape(title),
@@ -35,7 +43,7 @@ def write_page(path: Path, title: str, notes: Sequence[str], figures: Sequence[g
         ),
         plotlyjs=get_plotlyjs(),
         themes=json.dumps({"light": theme(False), "dark": theme(True)}),
-        cameras=json.dumps(CAMERAS),
+        cameras=json.dumps(cameras),
     )
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as partial:

@@ -22,14 +22,22 @@ def theme(dark: bool) -> dict[str, Any]:
         "gridcolor": grid,
         "linecolor": grid,
         "zerolinecolor": grid,
-        "showbackground": False,
         "showspikes": False,
     }
+    in_space = axis | {"showbackground": False}
     return {
         "layout": {
             "paper_bgcolor": "rgba(0,0,0,0)",
             "font": {"color": ink, "size": 12, "family": "system-ui, sans-serif"},
-            "scene": {"bgcolor": "rgba(0,0,0,0)", "xaxis": axis, "yaxis": axis, "zaxis": axis},
+            "plot_bgcolor": "rgba(0,0,0,0)",
+            "xaxis": axis,
+            "yaxis": axis,
+            "scene": {
+                "bgcolor": "rgba(0,0,0,0)",
+                "xaxis": in_space,
+                "yaxis": in_space,
+                "zaxis": in_space,
+            },
             "legend": {"bgcolor": "rgba(0,0,0,0)"},
         }
     }

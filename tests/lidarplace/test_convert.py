@@ -97,21 +97,43 @@ def test_table(tmp_path):
     assert read_box_log(tmp_path / "log").frames["frame"].tolist() == [0, 1]
 
 
-def test_another_unit_is_told_of(tmp_path):
+def test_a_table_in_another_unit_is_refused(tmp_path):
     path = tmp_path / "boxes.csv"
     head = "frame,class,x,y,z,length,width,height,yaw\n"
     path.write_text(head + "1,Car,9,0,1,4,2,1.5,-6.3\n2,Car,9,0,1,50,2,1.5,12.5\n")
     assert convert("table", path, tmp_path / "log", "--frames", 9).stderr == ""
-    with path.open("a") as file:
-        file.write("4,Car,9,0,1,420,180,150,90\n3,Car,9,0,1,4,2,1.5,-180\n")
-    result = convert("table", path, tmp_path / "log", "--frames", 9)
+    for number, (rows, message) in enumerate(
+        (
+            (
+                "4,Car,9,0,1,4,2,1.5,90\n3,Car,9,0,1,4,2,1.5,-180\n",
+                "column yaw: yaw is in radians; over two turns: 2 of 4 boxes (50.0%), the first in "
+                "frame 3 with -180; mend units.angle of a mapping (--propose begins one)",
+            ),
+            (
+                "4,Car,9,0,1,420,180,150,0\n",
+                "column length: sizes are in metres; over 50 m: 1 of 3 boxes (33.3%), the first in "
+                "frame 4 with 420 x 180 x 150; mend units.size of a mapping (--propose begins one)",
+            ),
+        )
+    ):
+        other = tmp_path / f"{number}.csv"
+        other.write_text(path.read_text() + rows)
+        result = convert("table", other, tmp_path / f"log-{number}", "--frames", 9)
+        assert result.exit_code == 2
+        assert result.stderr == f"{other}: {message}\n"
+        assert not (tmp_path / f"log-{number}").exists()
+
+
+def test_a_data_set_of_large_objects_is_converted_with_a_warning(tmp_path):
+    poses = {1: (LEVEL, (0.0, 0.0, 0.0))}
+    train = ArgoverseBox(1, "REGULAR_VEHICLE", (9.0, 0.0, 1.0), size=(60.0, 2.0, 1.5))
+    write_argoverse(tmp_path / "av2", [Log("train", "train", [train], poses)])
+    result = convert("argoverse", tmp_path / "av2", tmp_path / "log")
     assert result.exit_code == 0
-    assert len(read_box_log(tmp_path / "log").boxes) == 4
-    assert result.stderr.splitlines() == [
-        "warning: yaw is in radians; over two turns: 2 of 4 boxes, the first in frame 3 with -180",
-        "warning: sizes are in metres; over 50 m: 1 of 4 boxes, the first in frame 4 with "
-        "420 x 180 x 150",
-    ]
+    assert result.stderr == (
+        "warning: sizes are in metres; over 50 m: 1 of 1 boxes (100.0%), the first in frame 0 with "
+        "60 x 2 x 1.5\n"
+    )
 
 
 @pytest.mark.parametrize(

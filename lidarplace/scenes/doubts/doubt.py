@@ -1,0 +1,50 @@
+"""What is doubted about a box log: which column, which boxes, and what would mend it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from lidarplace.boxes import SIZE
+
+Check = Literal["yaw", "size", "place", "ground", "time"]
+"""What is looked at; a mapping of columns may accept it as it is."""
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Boxes whose values can hardly be meant.
+
+    Attributes:
+        check: what was looked at.
+        column: of the box log; `SIZE[0]` for sizes, `x` for places, `z` for heights.
+        boxes: which, shape (boxes,), bool; at least one.
+        why: what is wrong with them.
+        remedy: the keys of a mapping that would mend it.
+    """
+
+    check: Check
+    column: str
+    boxes: NDArray[np.bool_]
+    why: str
+    remedy: str
+
+    def where(self, boxes: pd.DataFrame) -> str:
+        """How many of the boxes of the log, and the first of them with its values."""
+        share = self.boxes.mean()
+        first = boxes[self.boxes].iloc[0]
+        return (
+            f"{self.boxes.sum():,} of {len(boxes):,} boxes ({share:.1%}), the first in frame "
+            f"{first['frame']} with {self._value(first)}"
+        )
+
+    def _value(self, box: pd.Series) -> str:
+        if self.check == "size":
+            return " x ".join(f"{box[side]:g}" for side in SIZE)
+        if self.check == "place":
+            return f"x {box['x']:g}, y {box['y']:g}"
+        return f"{box[self.column]:g}"

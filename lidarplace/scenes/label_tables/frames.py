@@ -1,0 +1,140 @@
+"""From time stamps to frames, from recordings to routes and splits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from lidarplace.files.columns import integers, numbers, texts
+from lidarplace.ranges import FRAMES
+from lidarplace.scenes.label_tables.mapping import TableMapping
+from lidarplace.scenes.label_tables.units import SECONDS
+
+OFF_GRID = 0.25
+"""By so much of a frame's duration may time stamps differ from an even rate."""
+DRIVE = "log"
+"""Scene of a file that has no column of drives."""
+
+
+@dataclass(frozen=True)
+class Stamps:
+    """When each row is.
+
+    Attributes:
+        drive: name, shape (rows,), text.
+        value: in the file's own unit, shape (rows,), float64; doubles hold microseconds of our
+            epoch exactly, nanoseconds to a quarter of a microsecond.
+    """
+
+    drive: NDArray[np.object_]
+    value: NDArray[np.float64]
+
+
+def read_stamps(
+    table: pd.DataFrame, drive: str | None, stamp: str, whole: bool, source: str
+) -> Stamps:
+    """Drive and time (or, if `whole`, frame number) of every row.
+
+    Raises:
+        ValueError: a value is something else, or missing.
+    """
+    names = np.full(len(table), DRIVE, object) if drive is None else texts(table, drive, source)
+    if whole:
+        return Stamps(names, integers(table, stamp, source).astype(np.float64))
+    return Stamps(names, numbers(table, [stamp], source)[:, 0])
+
+
+def frames_of(
+    stamps: Stamps, mapping: TableMapping, source: str
+) -> tuple[pd.DataFrame, NDArray[np.int64]]:
+    """The table of frames, and the frame number of every row.
+
+    Frames have `FRAME_COLUMNS`, and `stamp` in the file's own unit. Numbers count through the
+    drives in the order of their names.
+
+    Raises:
+        ValueError: time stamps do not keep the rate, or a drive of the mapping is not there.
+    """
+    drives, route = np.unique(stamps.drive.astype(str), return_inverse=True)
+    split = _splits(drives, mapping, source)
+    of_row = np.zeros(len(route), np.int64)
+    tables: list[pd.DataFrame] = []
+    first = 0
+    for number, drive in enumerate(drives):
+        own = route == number
+        values, index = _frames_of_drive(stamps.value[own], mapping, source)
+        of_row[own] = first + index
+        tables.append(
+            pd.DataFrame(
+                {
+                    "scene": drive,
+                    "frame": first + np.arange(len(values)),
+                    "timestamp_s": _seconds(values, mapping),
+                    "route": number,
+                    "split": split[drive],
+                    "stamp": values,
+                }
+            )
+        )
+        first += len(values)
+    return pd.concat(tables, ignore_index=True), of_row
+
+
+def _frames_of_drive(
+    value: NDArray[np.float64], mapping: TableMapping, source: str
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Stamps of the frames of one drive, and which of them each row is in."""
+    rate = mapping.frames.rate_hz
+    if rate is None:
+        values, index = np.unique(value, return_inverse=True)
+        return values, index.astype(np.int64)
+    a_frame = 1.0 if mapping.columns.time is None else 1 / (rate * SECONDS[mapping.units.time])
+    start = value.min()
+    place = (value - start) / a_frame
+    index = np.rint(place)
+    off = np.abs(place - index) > OFF_GRID
+    if off.any():
+        row = int(np.argmax(off))
+        raise ValueError(
+            f"{source}: column {mapping.stamp}: {off.mean():.1%} of the rows of a drive lie more "
+            f"than a quarter of a frame off a rate of {rate:g} Hz, the first with "
+            f"{value[row]:.16g}; mend frames.rate_hz or units.time"
+        )
+    if index.max() >= FRAMES.high:
+        raise ValueError(
+            f"{source}: column {mapping.stamp}: a drive has {index.max():,.0f} frames at "
+            f"{rate:g} Hz, allowed are {FRAMES.high:,}; mend units.time or frames.rate_hz"
+        )
+    return start + a_frame * np.arange(int(index.max()) + 1), index.astype(np.int64)
+
+
+def _seconds(values: NDArray[np.float64], mapping: TableMapping) -> NDArray[np.float64]:
+    """Times of frames from the first of their drive; NaN where only numbers are known."""
+    if mapping.columns.time is not None:
+        return (values - values[0]) * SECONDS[mapping.units.time]
+    if mapping.frames.rate_hz is not None:
+        return (values - values[0]) / mapping.frames.rate_hz
+    return np.full(len(values), np.nan)
+
+
+def _splits(drives: NDArray[np.str_], mapping: TableMapping, source: str) -> dict[str, str]:
+    """The split of every drive."""
+    train, test = mapping.drives.train, mapping.drives.test
+    for key, names in (("train", train or ()), ("test", test)):
+        if missing := [name for name in names if name not in drives]:
+            shown = ", ".join(drives[:20]) + (" …" if len(drives) > 20 else "")
+            raise ValueError(
+                f"{source}: drives.{key}: no drive {missing[0]!r} in column "
+                f"{mapping.columns.drive}; found {shown}"
+            )
+    split = {str(drive): "test" if drive in test else "train" for drive in drives}
+    left = [name for name in split if train is not None and name not in (*train, *test)]
+    if left:
+        raise ValueError(
+            f"{source}: drive {left[0]!r} is neither in drives.train nor in drives.test, nor are "
+            f"{len(left) - 1} others; leave train out to take all that are not test"
+        )
+    return split

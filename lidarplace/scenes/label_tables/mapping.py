@@ -1,0 +1,160 @@
+"""The mapping of a label file: columns, units, origin, classes, frames and drives."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
+
+from lidarplace.boxes import CLASSES
+from lidarplace.configuration.settings import FilePath, Length, Name, Settings, fault, found
+from lidarplace.configuration.yaml import read_yaml_file
+from lidarplace.scenes.doubts.doubt import Check
+from lidarplace.scenes.label_tables.units import AngleUnit, LengthUnit, TimeUnit
+
+Value = Annotated[Name, BeforeValidator(lambda value: str(value) if type(value) is int else value)]
+"""Of a column: text, or a number that names something."""
+
+
+class Columns(Settings):
+    """Names of columns."""
+
+    drive: Name | None = Field(None, description="of recordings, which become scenes and routes")
+    time: Name | None = Field(None, description="of time stamps; this or `frame`")
+    frame: Name | None = Field(None, description="of frame numbers, each drive has its own")
+    object: Name | None = Field(None, description="of ids that an object has in all its frames")
+    category: Name = Field(description="of the class")
+    x: Name = Field(description="forward, or east in the world")
+    y: Name = Field(description="to the left, or north")
+    z: Name = Field(description="up")
+    length: Name = Field(description="along the box's own x axis")
+    width: Name = Field(description="along its y axis")
+    height: Name = Field(description="along its z axis")
+    yaw: Name = Field(description="about z, from the x axis towards y")
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> Self:
+        if (self.time is None) == (self.frame is None):
+            raise ValueError("needs one of `time` and `frame`, not both")
+        return self
+
+
+class Units(Settings):
+    """Of the columns."""
+
+    position: LengthUnit = Field("m", description="of x, y and z")
+    size: LengthUnit = Field("m", description="of length, width and height")
+    angle: AngleUnit = Field("rad", description="of yaw")
+    time: TimeUnit = Field("s", description="of time stamps")
+
+
+class Origin(Settings):
+    """Where the origin of the label file's vehicle frame is, in metres of our ego frame.
+
+    Ours is on the ground under the centre of the vehicle. A rear axle 1.4 m behind the centre and
+    0.33 m above the ground is x: -1.4, z: 0.33.
+    """
+
+    x: Length = Field(0.0, description="ahead of the centre; < 0 behind it")
+    y: Length = Field(0.0, description="left of it")
+    z: Length = Field(0.0, description="above the ground")
+
+
+class EgoPoses(Settings):
+    """Where the vehicle was in the world: columns of the label file, or of a file of their own."""
+
+    file: FilePath | None = Field(None, description="CSV or Parquet; by default the label file")
+    drive: Name | None = Field(None, description="of that file, if named differently there")
+    stamp: Name | None = Field(None, description="likewise: time stamps, or frame numbers")
+    x: Name = Field(description="east")
+    y: Name = Field(description="north")
+    z: Name | None = Field(None, description="up; by default 0")
+    yaw: Name = Field(description="about z, from the x axis towards y")
+    position: LengthUnit = Field("m", description="unit of x, y and z")
+    angle: AngleUnit = Field("rad", description="unit of yaw")
+
+
+class Frames(Settings):
+    """Which frames there are."""
+
+    rate_hz: float | None = Field(
+        None,
+        gt=0,
+        le=1000,
+        description="a frame every 1 / rate_hz seconds from the first to the last box of a drive, "
+        "those without a box too; by default only the times (or numbers) that occur",
+    )
+
+
+class Drives(Settings):
+    """Which drives are for what; without any all are for training."""
+
+    train: tuple[Value, ...] | None = Field(None, description="by default all others")
+    test: tuple[Value, ...] = Field(
+        (), description="these POGs leave out, and detectors are tested on"
+    )
+
+    @model_validator(mode="after")
+    def _in_one_split(self) -> Self:
+        if both := [name for name in self.test if name in (self.train or ())]:
+            raise ValueError(f"drive {both[0]!r} is in train and in test")
+        return self
+
+
+class TableMapping(Settings):
+    """What the columns of a label file mean."""
+
+    columns: Columns
+    units: Units = Units()
+    box_z: Literal["centre", "bottom"] = Field("centre", description="what z is of a box")
+    coordinates: Literal["ego", "world"] = Field(
+        "ego", description="of boxes: in the vehicle's frame, or in the world's, with `poses`"
+    )
+    origin: Origin = Origin()
+    poses: EgoPoses | None = None
+    classes: dict[Value, str | None] = Field(
+        description=f"category: one of {', '.join(CLASSES)}, or null to leave it out"
+    )
+    frames: Frames = Frames()
+    drives: Drives = Drives()
+    accept: tuple[Check, ...] = Field((), description="what is as it is, however it looks")
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        for category, name in self.classes.items():
+            if name is not None and name not in CLASSES:
+                raise ValueError(
+                    f"classes.{category}: found {found(name)}; allowed are "
+                    f"{', '.join(CLASSES)} and null"
+                )
+        if self.coordinates == "world" and self.poses is None:
+            raise ValueError("coordinates: world needs `poses` of the vehicle")
+        if self.columns.drive is None and (self.drives.test or self.drives.train):
+            raise ValueError("drives need `columns.drive`")
+        return self
+
+    @property
+    def stamp(self) -> str:
+        """The column that tells frames apart."""
+        return self.columns.time or self.columns.frame or ""
+
+    def column(self, name: str) -> str:
+        """The file's own name of a column of boxes."""
+        return self.stamp if name == "timestamp_s" else str(getattr(self.columns, name))
+
+
+def read_mapping(path: Path) -> TableMapping:
+    """Read the keys of `TableMapping`.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it is no such mapping; names file, key and value.
+    """
+    content = read_yaml_file(path)
+    if not isinstance(content, dict):
+        raise ValueError(f"{path}: must have keys such as `columns`, found {found(content)}")
+    try:
+        return TableMapping.model_validate(content)
+    except ValidationError as error:
+        raise ValueError(f"{path}: {fault(error)}") from None

@@ -1,0 +1,185 @@
+"""A first guess of the mapping of a label file, from names and values of its columns."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from lidarplace.boxes import SIZE
+from lidarplace.scenes.label_tables.column_names import guess_columns
+from lidarplace.scenes.label_tables.guess_units import (
+    DISTANCES,
+    SIZES,
+    guess_angle,
+    guess_length,
+    guess_time,
+)
+from lidarplace.scenes.label_tables.mapping import Columns
+from lidarplace.scenes.label_tables.read_table import read_table
+from lidarplace.scenes.label_tables.units import METRES, SECONDS
+
+WORDS = {
+    "Pedestrian": ("ped", "person", "human", "adult", "child", "walker"),
+    "Cyclist": ("cycl", "bike", "rider"),
+    "Car": ("car", "sedan", "suv", "taxi"),
+}
+"""What in the name of a category tells the class; the guess leaves out all others."""
+TEST_SHARE = 0.2
+MOST_CATEGORIES = 200
+NEAR_GROUND_M = 0.1
+
+
+def propose_mapping(path: Path) -> str:
+    """A mapping of the label file as YAML, with comments that say what each guess is from.
+
+    A column that no name tells is a key without value: reading such a mapping is an error.
+
+    Raises:
+        ValueError: the file cannot be read, or has no row.
+    """
+    table = read_table(path)
+    if table.empty:
+        raise ValueError(f"{path}: has no row")
+    table.columns = table.columns.map(str)
+    columns = guess_columns(list(table.columns))
+    lines = [f"# A guess from names and values of {path.name}: check every line of it."]
+    return "\n".join([*lines, *_Guess(table, columns).lines()]) + "\n"
+
+
+class _Guess:
+    """The parts of the mapping, which depend on each other's units."""
+
+    def __init__(self, table: pd.DataFrame, columns: dict[str, str]) -> None:
+        self.table, self.columns = table, columns
+        if "time" in columns:
+            columns.pop("frame", None)
+        x, y, z = (self._numbers(axis) for axis in "xyz")
+        ego_x, ego_y, ego_z = (self._numbers(f"poses.{axis}") for axis in "xyz")
+        relative = np.hypot(x - ego_x, y - ego_y)
+        self.has_poses = {"poses.x", "poses.y", "poses.yaw"} <= columns.keys()
+        self.in_world = self.has_poses and bool(
+            np.nanmedian(relative) < 0.5 * np.nanmedian(np.hypot(x, y))
+        )
+        distance = float(np.nanmedian(relative if self.in_world else np.hypot(x, y)))
+        longest = np.max([self._numbers(side) for side in SIZE], axis=0)
+        self.position = guess_length(columns.get("x", ""), distance, DISTANCES, "distance")
+        self.size = guess_length(
+            columns.get("length", ""), float(np.nanmedian(longest)), SIZES, "the longest side"
+        )
+        self.z = z - np.nan_to_num(ego_z) if self.in_world else z
+
+    def lines(self) -> Iterator[str]:
+        """Of the YAML document."""
+        yield from self._columns()
+        yield "units:"
+        yield f"  position: {self.position.unit}   # {self.position.why}"
+        yield f"  size: {self.size.unit}   # {self.size.why}"
+        angle = guess_angle(self.columns.get("yaw", ""), self._numbers("yaw"))
+        yield f"  angle: {angle.unit}   # {angle.why}"
+        frames = []
+        if "time" in self.columns:
+            stamps, step = self._numbers("time"), self._step()
+            time = guess_time(self.columns["time"], float(np.nanmax(stamps)), step)
+            yield f"  time: {time.unit}   # {time.why}"
+            seconds = step * SECONDS[time.unit]
+            if seconds > 0:
+                frames = [
+                    "frames:",
+                    f"  rate_hz: {_rate(seconds)}   # {seconds:.4g} s from time to time",
+                ]
+        yield from self._place()
+        yield from self._classes()
+        yield from frames
+        yield from self._drives()
+
+    def _numbers(self, key: str) -> NDArray[np.float64]:
+        """A column as numbers, NaN where it has none."""
+        if key not in self.columns:
+            return np.full(len(self.table), np.nan)
+        found = pd.to_numeric(self.table[self.columns[key]], errors="coerce")
+        return np.asarray(found.to_numpy(np.float64, na_value=np.nan))
+
+    def _step(self) -> float:
+        """From one time stamp of a drive to the next, in the median; NaN if there is one."""
+        drive = self.columns.get("drive")
+        stamps = pd.DataFrame({"time": self._numbers("time")})
+        stamps["drive"] = self.table[drive].astype(str) if drive else ""
+        stamps = stamps.drop_duplicates().sort_values(["drive", "time"])
+        return float(stamps.groupby("drive")["time"].diff().median())
+
+    def _columns(self) -> Iterator[str]:
+        rest = [name for name in self.table.columns if name not in self.columns.values()]
+        others = ", ".join(rest) or "none"
+        yield "columns:"
+        for key, field in Columns.model_fields.items():
+            if key in self.columns:
+                yield f"  {key}: {_text(self.columns[key])}"
+            elif field.is_required() or (key == "time" and "frame" not in self.columns):
+                yield f"  {key}:   # no name tells it; other columns: {_text(others)}"
+
+    def _place(self) -> Iterator[str]:
+        """What z is, where the origin is, and the poses."""
+        height = self._numbers("height") * METRES[self.size.unit]
+        z = self.z * METRES[self.position.unit]
+        centre, bottom = (float(np.nanmedian(low)) for low in (z - height / 2, z))
+        at_bottom = abs(bottom) < min(abs(centre), NEAR_GROUND_M)
+        ground = bottom if at_bottom else centre
+        yield (
+            f"box_z: {'bottom' if at_bottom else 'centre'}   # z is {bottom:.2f} m in the median, "
+            f"z less half the height {centre:.2f} m"
+        )
+        lift = 0.0 if not abs(ground) > NEAR_GROUND_M else -ground
+        yield "origin:   # of the file's vehicle frame, seen from the ground under the centre"
+        yield "  x: 0.0   # no value tells it; a rear axle is behind the centre: -1.4, say"
+        yield f"  z: {lift:.2f}   # undersides of boxes are then on the ground in the median"
+        if not self.has_poses:
+            return
+        yield f"coordinates: {'world' if self.in_world else 'ego'}   # by distance"
+        yield "poses:"
+        for key in ("x", "y", "z", "yaw"):
+            if f"poses.{key}" in self.columns:
+                yield f"  {key}: {_text(self.columns[f'poses.{key}'])}"
+        yield f"  position: {self.position.unit}   # as of boxes"
+        angle = guess_angle(self.columns["poses.yaw"], self._numbers("poses.yaw"))
+        yield f"  angle: {angle.unit}   # {angle.why}"
+
+    def _classes(self) -> Iterator[str]:
+        yield "classes:   # Car, Cyclist, Pedestrian, or null to leave it out"
+        if "category" not in self.columns:
+            return
+        counts = self.table[self.columns["category"]].astype(str).value_counts()
+        for name, count in counts.iloc[:MOST_CATEGORIES].items():
+            lower = str(name).lower()
+            known = (c for c, words in WORDS.items() if any(word in lower for word in words))
+            yield f"  {_text(str(name))}: {next(known, 'null')}   # {count / len(self.table):.1%}"
+
+    def _drives(self) -> Iterator[str]:
+        if "drive" not in self.columns:
+            return
+        names = sorted(self.table[self.columns["drive"]].astype(str).unique())
+        test = names[len(names) - round(TEST_SHARE * len(names)) :]
+        if len(names) > 1 and not test:
+            test = names[-1:]
+        yield "drives:   # those that are not test are train"
+        yield f"  test: [{', '.join(map(_text, test))}]"
+
+
+def _rate(step: float) -> float:
+    """Frames a second, a whole number where it is nearly one."""
+    rate = 1 / step
+    whole = round(rate)
+    return float(whole) if whole and abs(rate - whole) < 0.02 * rate else float(f"{rate:.4g}")
+
+
+def _text(name: str) -> str:
+    """A text in YAML; quoted as JSON, which YAML reads."""
+    return name if name.isidentifier() and name.lower() not in _WORDS else json.dumps(name)
+
+
+_WORDS = ("y", "n", "yes", "no", "on", "off", "true", "false", "null")
+"""That YAML takes for something else."""

@@ -1,0 +1,103 @@
+"""Frames of a box log from above: a first look at what an import has made of a file."""
+
+from __future__ import annotations
+
+import html
+from pathlib import Path
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import NDArray
+
+from lidarplace.box_log import BoxLog
+from lidarplace.boxes import GEOMETRY, SIZE
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.viewing import style
+from lidarplace.viewing.page import write_page
+from lidarplace.viewing.solids import corners, headings
+
+FRAMES = 6
+"""Drawn of a log: the first that hold a box."""
+_RECTANGLE = [0, 1, 3, 2, 0]
+
+
+def write_from_above(path: Path, log: BoxLog, title: str) -> None:
+    """Write a page of the first frames of `log` that hold a box, `title` above them.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    numbers = log.frames["frame"][log.frames["frame"].isin(log.boxes["frame"])].iloc[:FRAMES]
+    classes = log.boxes.groupby("class")[list(SIZE)]
+    notes = [
+        "x is forward, y left. Boxes have the colour of their class and a line to their front; the "
+        "vehicle is grey. Points tell about their box.",
+        *(
+            f"{name}: {len(own):,} boxes, {' × '.join(f'{side:.2f}' for side in own.median())} m "
+            "in the median."
+            for name, own in classes
+        ),
+    ]
+    figures = [draw_from_above(log, int(number)) for number in numbers]
+    write_page(path, title, notes, figures, cameras={})
+
+
+def draw_from_above(log: BoxLog, number: int) -> go.Figure:
+    """The boxes of frame `number`, x forward to the right, y left upwards, equal scales.
+
+    Boxes have the colour of their class and a line to their front; the vehicle is grey.
+    """
+    row = log.frames[log.frames["frame"] == number].iloc[0]
+    boxes = log.boxes[log.boxes["frame"] == number]
+    figure = go.Figure(layout={"template": style.theme(False), "hovermode": "closest"})
+    when = "" if np.isnan(row["timestamp_s"]) else f", t = {row['timestamp_s']:g} s"
+    figure.update_layout(
+        title={
+            "text": html.escape(f"{row['scene']}, frame {number}{when}", quote=False),
+            "subtitle": {"text": f"{row['split']}, {len(boxes)} boxes", "font": {"size": 11}},
+            "x": 0,
+            "xref": "paper",
+        },
+        margin={"l": 45, "r": 10, "t": 52, "b": 40},
+    )
+    figure.update_xaxes(title="x, forward (m)")
+    figure.update_yaxes(title="y, left (m)", scaleanchor="x", constrain="domain")
+    low, high = Vehicle.car().boxes[0]
+    own = np.concatenate([(low + high) / 2, high - low, [0.0]])[None]
+    _add(figure, own, "vehicle", style.OUTLINE, [])
+    for name, of_class in boxes.groupby("class"):
+        colour = style.CLASSES.get(str(name), style.OUTLINE)
+        geometry = of_class[list(GEOMETRY)].to_numpy(np.float64)
+        _add(figure, geometry, str(name), colour, of_class["object_id"].tolist())
+    return figure
+
+
+def _add(
+    figure: go.Figure, boxes: NDArray[np.float64], name: str, colour: str, ids: list[str]
+) -> None:
+    outline = np.full((len(boxes), 6, 2), np.nan)
+    outline[:, :5] = corners(boxes)[:, _RECTANGLE, :2]
+    lines = np.concatenate([outline.reshape(-1, 2), headings(boxes)[..., :2].reshape(-1, 2)])
+    name = html.escape(name, quote=False)
+    figure.add_scatter(
+        x=lines[:, 0],
+        y=lines[:, 1],
+        mode="lines",
+        line={"color": colour, "width": 1.5},
+        hoverinfo="skip",
+        name=name,
+    )
+    if ids:
+        figure.add_scatter(
+            x=boxes[:, 0],
+            y=boxes[:, 1],
+            mode="markers",
+            marker={"color": colour, "size": 3},
+            hovertext=[
+                f"{html.escape(str(who), quote=False)}<br>x {x:.1f}, y {y:.1f}, z {z:.2f} m<br>"
+                f"{length:.2f} × {width:.2f} × {height:.2f} m<br>yaw {np.degrees(yaw):.0f}°"
+                for who, (x, y, z, length, width, height, yaw) in zip(ids, boxes, strict=True)
+            ],
+            hoverinfo="text",
+            name=name,
+        )

@@ -1,0 +1,272 @@
+"""Label files in a company's manner come back as the log that they were written from."""
+
+import math
+from collections import Counter
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from company_table import Manner, mapping_of, traffic, write_in_manner
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from lidarplace.box_log import read_box_log
+from lidarplace.boxes import GEOMETRY, POSE_COLUMNS
+from lidarplace.convert import app
+from lidarplace.scenes.label_tables.mapping import TableMapping, read_mapping
+from lidarplace.scenes.label_tables.read import read_label_table
+
+
+def write(folder, log, manner, change=None, **keys):
+    """The label file and its mapping; `change` makes the table wrong."""
+    table = write_in_manner(log, manner)
+    path = folder / "labels.csv"
+    (table if change is None else change(table)).to_csv(path, index=False)
+    mapping = mapping_of(log, manner) | keys
+    (folder / "map.yaml").write_text(yaml.safe_dump(mapping))
+    return path, folder / "map.yaml"
+
+
+manners = st.builds(
+    Manner,
+    position=st.sampled_from(["m", "cm", "mm"]),
+    size=st.sampled_from(["m", "cm", "mm"]),
+    angle=st.sampled_from(["rad", "deg"]),
+    time=st.sampled_from(["s", "ms", "us", "ns"]),
+    box_z=st.sampled_from(["centre", "bottom"]),
+    coordinates=st.sampled_from(["ego", "world"]),
+    origin=st.tuples(st.floats(-3, 3), st.floats(-1, 1), st.floats(-1, 2)),
+    rate_hz=st.sampled_from([None, 10.0]),
+)
+
+
+@settings(max_examples=25, deadline=None)
+@given(manner=manners, seed=st.integers(0, 1000), suffix=st.sampled_from([".csv", ".parquet"]))
+def test_a_log_comes_back(tmp_path_factory, manner, seed, suffix):
+    log = traffic(seed, drives=2, frames=4, objects=4)
+    table = write_in_manner(log, manner)
+    path = tmp_path_factory.mktemp("labels") / f"labels{suffix}"
+    shuffled = table.sample(frac=1, random_state=seed)
+    shuffled.to_csv(path, index=False) if suffix == ".csv" else shuffled.to_parquet(path)
+    mapping = TableMapping.model_validate(mapping_of(log, manner))
+    found = read_label_table(path, mapping, Counter())
+    boxes = found.boxes.sort_values(["frame", "object_id"], ignore_index=True)
+    wanted = log.boxes.sort_values(["frame", "object_id"], ignore_index=True)
+    for name in ("scene", "frame", "object_id", "class"):
+        assert boxes[name].tolist() == wanted[name].tolist()
+    np.testing.assert_allclose(boxes["timestamp_s"], wanted["timestamp_s"], atol=1e-6)
+    np.testing.assert_allclose(
+        boxes[list(GEOMETRY[:6])], wanted[list(GEOMETRY[:6])], rtol=0, atol=1e-9
+    )
+    turn = boxes["yaw"] - wanted["yaw"]
+    np.testing.assert_allclose(np.remainder(turn + 1, 2 * math.pi), 1, atol=1e-9)
+    for name in ("scene", "frame", "route", "split"):
+        assert found.frames[name].tolist() == log.frames[name].tolist()
+    if manner.coordinates == "world":
+        ego = found.frames[list(POSE_COLUMNS)] - log.frames[list(POSE_COLUMNS)]
+        np.testing.assert_allclose(ego[["ego_x", "ego_y"]], 0, atol=1e-9)
+        np.testing.assert_allclose(np.remainder(ego["ego_yaw"] + 1, 2 * math.pi), 1, atol=1e-9)
+
+
+def test_poses_of_another_file_and_rate(tmp_path):
+    """Poses of the first and the last time of a drive are enough where it goes straight on."""
+    log = traffic(3, straight=True)
+    manner = Manner(coordinates="world")
+    labels, _ = write(tmp_path, log, manner)
+    table = pd.read_csv(labels)
+    poses = table[["recording", "stamp", "host_x", "host_y", "host_heading"]].drop_duplicates()
+    ends = poses[poses["stamp"] % 10**6 % 700_000 == 0].rename(columns={"stamp": "utc"})
+    assert len(ends) == 6
+    ends.to_csv(tmp_path / "poses.csv", index=False)
+    table.drop(columns=["host_x", "host_y", "host_heading"]).to_csv(labels, index=False)
+    content = mapping_of(log, manner)
+    content["poses"] = content["poses"] | {"file": str(tmp_path / "poses.csv"), "stamp": "utc"}
+    found = read_label_table(labels, TableMapping.model_validate(content), Counter())
+    found_boxes = found.boxes.sort_values(["frame", "object_id"], ignore_index=True)
+    np.testing.assert_allclose(found_boxes[["x", "y"]], log.boxes[["x", "y"]], atol=1e-6)
+    np.testing.assert_allclose(found.frames["ego_x"], log.frames["ego_x"], atol=1e-6)
+
+
+def test_frames_without_a_box_count_at_a_rate(tmp_path):
+    log = traffic()
+    labels, mapping = write(
+        tmp_path, log, Manner(), lambda t: t[t["stamp"] % 10**6 != 300_000], frames={"rate_hz": 10}
+    )
+    found = read_label_table(labels, read_mapping(mapping), Counter())
+    assert len(found.frames) == len(log.frames) == 24
+    assert set(found.frames["frame"]) - set(found.boxes["frame"]) == {3, 11, 19}
+
+
+def test_categories_left_out_are_counted_and_numbers_name_too(tmp_path):
+    log = traffic()
+    codes = {"passenger_car": 1, "bicyclist": 2, "person": 3}
+    labels, mapping = write(
+        tmp_path,
+        log,
+        Manner(),
+        lambda t: t.assign(kind=t["kind"].map(codes)),
+        classes={1: "Car", 2: None, 3: "Pedestrian"},
+    )
+    ignored = Counter()
+    found = read_label_table(labels, read_mapping(mapping), ignored)
+    assert ignored == {"2": (log.boxes["class"] == "Cyclist").sum()}
+    assert set(found.boxes["class"]) == {"Car", "Pedestrian"}
+
+
+def convert(*arguments):
+    return CliRunner().invoke(app, ["table", *map(str, arguments)])
+
+
+@pytest.mark.parametrize("coordinates", ["ego", "world"])
+def test_the_command(tmp_path, coordinates):
+    labels, mapping = write(tmp_path, traffic(), Manner(coordinates=coordinates))
+    page = tmp_path / "first.html"
+    result = convert(labels, "--mapping", mapping, "--preview", page)
+    assert result.exit_code == 0, result.stderr
+    text = page.read_text()
+    assert "drive 0, frame 5, t = 0.5 s" in text
+    assert "Car: 48 boxes, 4.40 × 1.80 × 1.50 m in the median." in text
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["first.html", "labels.csv", "map.yaml"]
+    result = convert(labels, tmp_path / "log", "--mapping", mapping)
+    assert result.exit_code == 0, result.stderr
+    assert len(read_box_log(tmp_path / "log").boxes) == 144
+
+
+def units(**changed):
+    return {"units": {"position": "m", "size": "mm", "angle": "deg", "time": "us"} | changed}
+
+
+def columns(**changed):
+    return {"columns": mapping_of(traffic(), Manner())["columns"] | changed}
+
+
+def cell(column, value):
+    def change(table):
+        table = table.astype({column: object})
+        table.loc[5, column] = value
+        return table
+
+    return change
+
+
+MISTAKES = {
+    "missing column": ({}, lambda t: t.drop(columns="posX"), "columns.x: no column 'posX'; found"),
+    "unknown unit": (units(angle="grad"), None, "units.angle: found 'grad'"),
+    "unknown key": ({"colums": {}}, None, "colums: unknown key"),
+    "no class": ({"classes": {"passenger_car": "Lorry"}}, None, "passenger_car: found 'Lorry'"),
+    "an object twice": (
+        {},
+        lambda t: pd.concat([t, t[:3]]),
+        "column track: 2.0% of the rows repeat an object in its frame, the first is row 144 with "
+        "'0-0' of drive 'drive 0'",
+    ),
+    "NaN": ({}, cell("heading", math.nan), "row 5: heading must be a finite number, found nan"),
+    "text": ({}, cell("posY", "left"), "row 5: posY must be a finite number, found left"),
+    "negative": ({}, cell("wid", -1800), "row 5: wid must be at least 0, found -1800"),
+    "no row": ({}, lambda t: t[:0], "has no row"),
+    "both splits": (
+        {"drives": {"train": ["drive 0"], "test": ["drive 0"]}},
+        None,
+        "drives: drive 'drive 0' is in train and in test",
+    ),
+    "no drive": ({"drives": {"test": ["drive 9"]}}, None, "drives.test: no drive 'drive 9' in"),
+    "unlisted": ({"drives": {"train": ["drive 0"]}}, None, "'drive 1' is neither in drives.train"),
+    "time and frame": (columns(frame="n"), None, "columns: needs one of `time` and `frame`"),
+    "unmapped": (
+        {"classes": {"passenger_car": "Car", "person": None}},
+        None,
+        "column kind: 33.3% of the rows, from row 1, have a category that `classes` does not "
+        "name: bicyclist 48; null leaves one out",
+    ),
+    "world without poses": ({"coordinates": "world"}, None, "coordinates: world needs `poses`"),
+    "poses elsewhere": (
+        {"poses": {"x": "a", "y": "b", "yaw": "c"}},
+        None,
+        "poses.x: no column 'a'",
+    ),
+    "degrees as radians": (
+        units(angle="rad"),
+        None,
+        "column heading: yaw is in radians; over two turns: 1",
+    ),
+    "millimetres as metres": (
+        units(size="m"),
+        None,
+        "column len: sizes are in metres; over 50 m: 144 of 144 boxes (100.0%), the first in "
+        "frame 0 with 4400 x 1800 x 1500; mend units.size of the mapping; if it is meant: accept: "
+        "[size]",
+    ),
+    "millimetres as centimetres": (units(size="cm"), None, "the longest side of a Car is 44 m"),
+    "metres as millimetres": (units(position="mm"), None, "column posX: nothing is farther than"),
+    "metres as kilometres": (
+        {},
+        lambda t: t.assign(posX=t["posX"] * 1000),
+        "column posX: farther than 1,000 m from the vehicle: 1",
+    ),
+    "height of the origin": (
+        {"origin": {"x": -1.4}},
+        None,
+        "column posZ: the undersides of near boxes are -0.33 m off the ground in the median",
+    ),
+    "centre as bottom": ({"box_z": "bottom"}, None, "mend box_z: centre of"),
+    "the own vehicle": (
+        {},
+        lambda t: t.assign(posX=t["posX"].where(t["track"] != "0-0", 1.4), posY=t["posY"].where(t["track"] != "0-0", 0)),  # noqa: E501
+        "the centre is in the body of the vehicle: 8 of 144 boxes (5.6%)",
+    ),
+    "exchanged": (columns(length="wid", width="len"), None, "cars are wider than long"),
+    "microseconds as milliseconds": (units(time="ms"), None, "it is 100 s in the median"),
+    "another rate": (
+        {"frames": {"rate_hz": 3}},
+        None,
+        "of the rows of a drive lie more than a quarter of a frame off a rate of 3 Hz",
+    ),
+    "half the rate": ({"frames": {"rate_hz": 0.001}}, None, "repeat an object in its frame"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_is_one_line_and_nothing_is_written(tmp_path, name):
+    keys, change, message = MISTAKES[name]
+    labels, mapping = write(tmp_path, traffic(), Manner(), change, **keys)
+    result = convert(labels, tmp_path / "log", "--mapping", mapping)
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert str(tmp_path) in result.stderr
+    assert not (tmp_path / "log").exists()
+
+
+def test_what_is_meant_is_accepted(tmp_path):
+    long = {"passenger_car": 60_000}
+    labels, mapping = write(
+        tmp_path,
+        traffic(),
+        Manner(),
+        lambda t: t.assign(len=t["kind"].map(long).fillna(t["len"])),
+        accept=["size"],
+    )
+    assert convert(labels, tmp_path / "log", "--mapping", mapping).exit_code == 0
+
+
+def test_options_that_do_not_go_together(tmp_path):
+    labels, mapping = write(tmp_path, traffic(), Manner())
+    for arguments, message in (
+        ((labels, "log", "--mapping", mapping, "--frames", 3), "--frames and --class-map are"),
+        ((labels, "--mapping", mapping), "OUT: name the folder"),
+        ((labels, "log", "--mapping", tmp_path / "none.yaml"), "none.yaml: No such file"),
+    ):
+        result = convert(*arguments)
+        assert result.exit_code == 2
+        assert message in result.stderr
+        assert result.stderr.count("\n") == 1
+
+
+def test_an_empty_file(tmp_path):
+    _, mapping = write(tmp_path, traffic(), Manner())
+    (tmp_path / "empty.csv").touch()
+    result = convert(tmp_path / "empty.csv", "log", "--mapping", mapping)
+    assert result.exit_code == 2
+    assert "empty.csv: is no CSV file: No columns to parse" in result.stderr
