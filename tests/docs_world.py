@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from functools import cache
 from pathlib import Path
 
@@ -88,6 +89,7 @@ def make_world(folder: Path) -> None:
     for log in ("small", "logs/mine", "logs/b", "logs/c"):
         write_small_log(folder / log)
     write_database(folder / "runs/mlflow.db")
+    shutil.copytree(ROOT / "examples/labels", folder / "examples/labels")
     _tables(folder)
     _data_sets(folder / "data")
     for verb, *arguments in (

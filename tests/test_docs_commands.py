@@ -186,6 +186,8 @@ def of_kind(block: Block) -> str:
         return "collection"
     if "requirements" in keys:
         return "requirements"
+    if "columns" in keys:
+        return "mapping"
     if keys & {"search", "robustness", "verify"}:
         return "search"
     return "class map" if any(key.startswith("vehicle.") for key in keys) else "sweep"
@@ -206,6 +208,7 @@ def check(kind: str, content: dict, path: Path) -> None:
 
     from lidarplace.scenes.carla.__main__ import Collection
     from lidarplace.scenes.datasets.class_maps import read_class_map
+    from lidarplace.scenes.label_tables.mapping import read_mapping
     from sweeps.configuration.grid import read_sweep
     from sweeps.configuration.question import read_question
     from sweeps.search.problem.problem import read_problem
@@ -226,7 +229,13 @@ def check(kind: str, content: dict, path: Path) -> None:
         axis = {} if "grid" in content and "placement" in content["grid"] else {"placement": "line"}
         content = axis | content
     path.write_text(yaml.safe_dump(content, sort_keys=False))
-    {"search": read_problem, "sweep": read_sweep, "class map": read_class_map}[kind](path)
+    readers = {
+        "search": read_problem,
+        "sweep": read_sweep,
+        "class map": read_class_map,
+        "mapping": read_mapping,
+    }
+    readers[kind](path)
 
 
 @pytest.mark.parametrize("block", blocks("python"), ids=str)

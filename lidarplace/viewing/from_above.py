@@ -6,6 +6,7 @@ import html
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
@@ -39,7 +40,16 @@ def write_from_above(path: Path, log: BoxLog, title: str) -> None:
         ),
     ]
     figures = [draw_from_above(log, int(number)) for number in numbers]
+    shown = log.boxes[log.boxes["frame"].isin(numbers)]
+    for figure in figures:  # all of the same part of the plane
+        figure.update_xaxes(range=_reach(shown["x"]))
+        figure.update_yaxes(range=_reach(shown["y"]))
     write_page(path, title, notes, figures, cameras={})
+
+
+def _reach(places: pd.Series) -> list[float]:
+    """From the first to the last of the places and the vehicle, and a car's length more."""
+    return [min(0.0, places.min()) - 5.0, max(0.0, places.max()) + 5.0]
 
 
 def draw_from_above(log: BoxLog, number: int) -> go.Figure:
@@ -58,7 +68,7 @@ def draw_from_above(log: BoxLog, number: int) -> go.Figure:
             "x": 0,
             "xref": "paper",
         },
-        margin={"l": 45, "r": 10, "t": 52, "b": 40},
+        margin={"l": 45, "r": 10, "t": 52, "b": 48},
     )
     figure.update_xaxes(title="x, forward (m)")
     figure.update_yaxes(title="y, left (m)", scaleanchor="x", constrain="domain")

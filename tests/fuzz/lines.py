@@ -81,6 +81,11 @@ LINES = {
     "convert a table": Line(
         "lidarplace.convert", ("table", "csv/boxes.csv", "out", "--frames", "9"), ("csv",)
     ),
+    "convert labels": Line(
+        "lidarplace.convert",
+        ("table", "labels/labels.csv", "out", "--mapping", "labels/map.yaml"),
+        ("labels",),
+    ),
     "convert kitti": Line("lidarplace.convert", ("kitti", "kitti", "out"), ("kitti",)),
     "convert nuscenes": Line("lidarplace.convert", ("nuscenes", "nuscenes", "out"), ("nuscenes",)),
     "convert argoverse": Line("lidarplace.convert", ("argoverse", "av2", "out"), ("av2",)),

@@ -178,6 +178,28 @@ DATA: tuple[Target, ...] = (
         check=partial(_nonsense, "out"),
     ),
     Target(
+        "convert table --mapping",
+        ("labels/labels.csv",),
+        CONVERT,
+        ("table", "labels/labels.csv", "out", "--mapping", "labels/map.yaml"),
+        needs=("labels",),
+        check=partial(_nonsense, "out"),
+    ),
+    Target(
+        "convert table --mapping of Parquet",
+        ("labels/labels.parquet",),
+        CONVERT,
+        ("table", "labels/labels.parquet", "out", "--mapping", "labels/map.yaml"),
+        needs=("labels",),
+        check=partial(_nonsense, "out"),
+    ),
+    Target(
+        "convert table --propose",
+        ("labels/labels.csv",),
+        CONVERT,
+        ("table", "labels/labels.csv", "--propose", "guess.yaml"),
+    ),
+    Target(
         "convert kitti",
         ("kitti/training/label_2/*.txt", "kitti/training/calib/*.txt", "kitti/ImageSets/*.txt"),
         CONVERT,
@@ -284,6 +306,13 @@ SETTINGS: tuple[Target, ...] = (
         CONVERT,
         ("table", "csv", "out", "--class-map", "classes.yaml"),
         needs=("csv",),
+    ),
+    Target(
+        "mapping",
+        ("labels/map.yaml",),
+        CONVERT,
+        ("table", "labels/labels.csv", "out", "--mapping", "labels/map.yaml"),
+        needs=("labels",),
     ),
     Target(
         "carla",

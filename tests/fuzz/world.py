@@ -9,7 +9,7 @@ import pandas as pd
 import yaml
 
 from sweeps.store.entries import SWEEPS
-from tests.lidarplace import argoverse_layout, nuscenes_layout
+from tests.lidarplace import argoverse_layout, company_table, nuscenes_layout
 from tests.sweeps.small_log import write_small_log
 from tests.tracking import made_up_run, made_up_search
 
@@ -88,6 +88,7 @@ def write_world(folder: Path) -> None:
     frames = pd.read_parquet(folder / "log/frames.parquet")
     frames.assign(ego_x=0.0, ego_y=0.0, ego_yaw=0.0).to_parquet(folder / "log/frames.parquet")
     _tables(folder)
+    _labels(folder / "labels")
     _kitti(folder / "kitti")
     _data_sets(folder)
     _clouds(folder)
@@ -123,6 +124,18 @@ def _tables(folder: Path) -> None:
         for name, table in (("boxes", boxes), ("frames", frames)):
             path = folder / suffix / f"{name}.{suffix}"
             table.to_csv(path, index=False) if suffix == "csv" else table.to_parquet(path)
+
+
+def _labels(folder: Path) -> None:
+    """Traffic of two drives in a company's manner; with poses."""
+    folder.mkdir()
+    log = company_table.traffic(drives=2, frames=4)
+    manner = company_table.Manner(coordinates="world")
+    table = company_table.write_in_manner(log, manner)
+    mapping = company_table.mapping_of(log, manner)
+    table.to_csv(folder / "labels.csv", index=False)
+    table.to_parquet(folder / "labels.parquet")
+    (folder / "map.yaml").write_text(yaml.safe_dump(mapping, sort_keys=False))
 
 
 def _kitti(folder: Path) -> None:

@@ -1,0 +1,105 @@
+"""What is doubted in a box log, and what is not: units of yaw by the motion of vehicles."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from company_table import traffic
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from lidarplace.boxes import POSE_COLUMNS
+from lidarplace.scenes.doubts.motion import doubts_of_motion, steps_across
+from lidarplace.scenes.doubts.surroundings import doubts_of_surroundings
+from lidarplace.scenes.doubts.units import doubts_of_units
+
+
+def with_yaw(log, yaw):
+    return replace(log, boxes=log.boxes.assign(yaw=yaw))
+
+
+def without_poses(log):
+    return replace(log, frames=log.frames.drop(columns=list(POSE_COLUMNS)))
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 10_000), poses=st.booleans())
+def test_vehicles_that_move_along_their_yaw_have_no_sine(seed, poses):
+    """The writer moves them so in the world; the vehicle's own motion is known, or found again."""
+    log = traffic(seed, objects=9)
+    steps = steps_across(log if poses else without_poses(log))
+    assert len(steps.sine) > 100
+    # Without poses the vehicle's turn is taken to be small: 0.02 rad a frame.
+    assert np.median(steps.sine) < (1e-6 if poses else 0.05)
+
+
+@pytest.mark.parametrize("poses", [True, False])
+@pytest.mark.parametrize("straight", [True, False])
+def test_the_unit_is_told_by_motion(poses, straight):
+    """Degrees of a straight road are as small as radians; what moves along it tells them apart."""
+    log = traffic(5, objects=9, straight=straight)
+    log = log if poses else without_poses(log)
+    assert list(doubts_of_motion(log, "rad")) == []
+    assert list(doubts_of_motion(log, "deg")) == []
+    yaw = log.boxes["yaw"]
+    small = np.degrees(np.remainder(yaw + math.pi / 2, math.pi) - math.pi / 2)
+    if straight:
+        assert small.abs().max() < math.pi
+        assert list(doubts_of_units(with_yaw(log, small))) == []
+    (doubt,) = doubts_of_motion(with_yaw(log, small), "rad")
+    assert doubt.remedy == "units.angle: deg"
+    assert not doubt.boxes[log.boxes["class"] == "Pedestrian"].any()
+    if not straight:
+        (doubt,) = doubts_of_motion(with_yaw(log, np.radians(yaw)), "deg")
+        assert doubt.remedy == "units.angle: rad"
+
+
+def test_radians_of_the_world_taken_for_degrees():
+    log = traffic(5, objects=9)
+    ego = log.frames.set_index("frame")["ego_yaw"].loc[log.boxes["frame"]].to_numpy()
+    wrong = np.radians(log.boxes["yaw"] + ego) - ego
+    (doubt,) = doubts_of_motion(with_yaw(log, wrong), "deg")
+    assert doubt.remedy == "units.angle: rad"
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_yaw_that_has_nothing_to_do_with_motion_accuses_no_unit(seed):
+    log = traffic(3, objects=9)
+    random = np.random.default_rng(seed).uniform(-math.pi, math.pi, len(log.boxes))
+    assert list(doubts_of_motion(with_yaw(log, random), "rad")) == []
+    assert list(doubts_of_motion(with_yaw(log, random), "deg")) == []
+
+
+def test_few_steps_tell_nothing():
+    log = traffic(5, drives=1, frames=2)
+    assert list(doubts_of_motion(with_yaw(log, np.degrees(log.boxes["yaw"])), "rad")) == []
+
+
+def test_whole_numbers_are_degrees():
+    log = traffic()
+    yaw = np.zeros(len(log.boxes))
+    yaw[:3] = 2, -1, 3
+    (doubt,) = doubts_of_units(with_yaw(log, yaw))
+    assert doubt.boxes.sum() == 3
+    assert doubt.where(with_yaw(log, yaw).boxes) == (
+        "3 of 144 boxes (2.1%), the first in frame 0 with 2"
+    )
+    yaw[2] = 3.1
+    assert list(doubts_of_units(with_yaw(log, yaw))) == []
+
+
+def test_radians_that_end_at_pi_are_no_degrees():
+    log = traffic()
+    yaw = np.radians(np.linspace(-math.pi, math.pi, len(log.boxes)))
+    (doubt,) = doubts_of_surroundings(with_yaw(log, yaw))
+    assert doubt.remedy == "units.angle: rad"
+    assert "yaw ends at 3.14 degrees" in doubt.why
+
+
+def test_a_sound_log_and_an_empty_one_are_not_doubted():
+    for log in (traffic(), replace(traffic(), boxes=traffic().boxes[:0])):
+        for doubts in (doubts_of_units(log), doubts_of_surroundings(log)):
+            assert list(doubts) == []
+        assert list(doubts_of_motion(log, "rad")) == []

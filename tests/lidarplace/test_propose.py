@@ -1,0 +1,129 @@
+"""A first guess of a mapping: what it finds, what it leaves open, that it overwrites nothing."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from company_table import Manner, mapping_of, traffic, write_in_manner
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from lidarplace.configuration.yaml import parse_yaml
+from lidarplace.convert import app
+from lidarplace.scenes.label_tables.column_names import guess_columns
+from lidarplace.scenes.label_tables.propose import propose_mapping
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    position=st.sampled_from(["m", "cm", "mm"]),
+    size=st.sampled_from(["m", "cm", "mm"]),
+    angle=st.sampled_from(["rad", "deg"]),
+    time=st.sampled_from(["s", "ms", "us", "ns"]),
+    box_z=st.sampled_from(["centre", "bottom"]),
+    seed=st.integers(0, 1000),
+)
+def test_units_are_guessed(tmp_path_factory, position, size, angle, time, box_z, seed):
+    log = traffic(seed)
+    origin = (0.0, 0.0, 0.33 if box_z == "centre" else 0.0)
+    manner = Manner(position, size, angle, time, box_z, origin=origin)
+    path = tmp_path_factory.mktemp("labels") / "labels.csv"
+    write_in_manner(log, manner).to_csv(path, index=False)
+    guess = parse_yaml(propose_mapping(path))
+    wanted = mapping_of(log, manner)
+    assert guess["columns"] == wanted["columns"]
+    assert guess["units"] == wanted["units"]
+    assert guess["box_z"] == box_z
+    assert guess["origin"]["z"] == pytest.approx(origin[2], abs=0.006)
+    assert guess["classes"] == wanted["classes"]
+    assert guess["frames"] == {"rate_hz": 10.0}
+    assert guess["drives"] == {"test": ["drive 2"]}
+
+
+def test_world_and_poses_are_guessed(tmp_path):
+    table = write_in_manner(traffic(drives=9), Manner(coordinates="world"))
+    table.to_parquet(tmp_path / "labels.parquet")
+    guess = parse_yaml(propose_mapping(tmp_path / "labels.parquet"))
+    assert guess["coordinates"] == "world"
+    assert guess["poses"] == {
+        "x": "host_x",
+        "y": "host_y",
+        "yaw": "host_heading",
+        "position": "m",
+        "angle": "deg",
+    }
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "frame track_id class x y z length width height yaw",
+        "sequence timestamp_ns track_uuid category tx_m ty_m tz_m length_m width_m height_m yaw",
+        "RecordingId TimeStamp ObjectId ObjectClass CenterX CenterY CenterZ Length Width Height "
+        "Heading",
+        "clip t id label box_x box_y box_z l w h theta",
+        "run frame_number instance type position.x position.y position.z size.l size.w size.h "
+        "rotation_z",
+        "session epoch obj_id kind loc_x loc_y loc_z dim_l_mm dim_w_mm dim_h_mm yaw_deg",
+    ],
+)
+def test_usual_names(names):
+    """In the order of the keys, however the columns stand."""
+    listed = names.split()
+    keys = ["drive", "time", "object", "category", "x", "y", "z", "length", "width", "height"]
+    keys = [*keys, "yaw"]
+    if listed[0] == "frame":
+        keys = ["frame", *keys[2:]]
+    elif listed[1].startswith("frame"):
+        keys[1] = "frame"
+    noise = ["speed", "score", "num_points", "occlusion"]
+    for order in (1, -1):
+        assert guess_columns([*noise, *listed][::order]) == dict(zip(keys, listed, strict=True))
+
+
+def convert(*arguments):
+    return CliRunner().invoke(app, ["table", *map(str, arguments)])
+
+
+def test_the_guess_is_a_mapping_that_can_be_used(tmp_path):
+    labels, guess = tmp_path / "labels.csv", tmp_path / "guess.yaml"
+    write_in_manner(traffic(), Manner(origin=(0.0, 0.0, 0.33))).to_csv(labels, index=False)
+    assert convert(labels, "--propose", guess).stdout == f"{guess}\n"
+    assert guess.read_text().startswith("# A guess from names and values of labels.csv: check")
+    before = guess.read_text()
+    result = convert(labels, "--propose", guess)
+    assert result.exit_code == 2
+    assert (
+        result.stderr == f"{guess}: is there already, and is not overwritten; name another file\n"
+    )
+    assert guess.read_text() == before
+    assert convert(labels, tmp_path / "log", "--mapping", guess).exit_code == 0
+
+
+def test_what_no_name_tells_is_left_open(tmp_path):
+    labels, guess = tmp_path / "labels.csv", tmp_path / "guess.yaml"
+    table = write_in_manner(traffic(), Manner()).rename(columns={"posX": "A: b", "kind": "no"})
+    table.to_csv(labels, index=False)
+    assert convert(labels, "--propose", guess).exit_code == 0
+    assert '  x:   # no name tells it; other columns: "no, A: b"\n' in guess.read_text()
+    result = convert(labels, tmp_path / "log", "--mapping", guess)
+    assert result.exit_code == 2
+    assert "guess.yaml: columns.category: found None" in result.stderr
+
+
+def test_names_that_yaml_would_take_for_something_else(tmp_path):
+    table = pd.DataFrame({"class": ["no", "1", "a: b", "#"], "x": [1.0, 2, 3, 4]})
+    table.to_csv(tmp_path / "labels.csv", index=False)
+    guess = parse_yaml(propose_mapping(tmp_path / "labels.csv"))
+    assert guess["classes"] == dict.fromkeys(["no", "1", "a: b", "#"])
+
+
+def test_tables_without_rows_or_numbers(tmp_path):
+    path = tmp_path / "labels.csv"
+    path.write_text("x,yaw\n")
+    assert "has no row" in convert(path, "--propose", tmp_path / "guess.yaml").stderr
+    path.write_text("x,yaw\nleft,\n")
+    guess = parse_yaml(propose_mapping(path))
+    assert guess["columns"]["x"] == "x"
+    assert guess["units"]["position"] == "m"
+    assert np.isfinite(guess["origin"]["z"])
