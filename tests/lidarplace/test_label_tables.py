@@ -99,6 +99,51 @@ def test_frames_without_a_box_count_at_a_rate(tmp_path):
     assert set(found.frames["frame"]) - set(found.boxes["frame"]) == {3, 11, 19}
 
 
+def test_a_clock_may_drift_and_a_frame_takes_a_while(tmp_path):
+    """A frame of 101 ms at 10 Hz is a frame off after a second; its rows are 0 to 20 ms late."""
+    log = traffic(drives=1, frames=80)
+    late = np.random.default_rng(0).integers(0, 20_000, len(log.boxes))
+    start = 1_760_000_000 * 10**6
+    labels, mapping = write(
+        tmp_path,
+        log,
+        Manner(),
+        lambda t: t.assign(stamp=start + (t["stamp"] - start) * 101 // 100 + late),
+        drives={},
+        frames={"rate_hz": 10},
+    )
+    found = read_label_table(labels, read_mapping(mapping), Counter())
+    assert found.boxes["frame"].tolist() == log.boxes["frame"].tolist()
+    np.testing.assert_allclose(np.diff(found.frames["timestamp_s"]), 0.101, atol=0.0201)
+
+
+def test_numbers_of_frames(tmp_path):
+    log = traffic()
+    log.boxes["n"] = 10 + log.boxes["frame"] % 8
+
+    def numbered(table):
+        table = table.drop(columns="stamp").assign(n=log.boxes["n"])
+        return table[table["n"] != 12]
+
+    names = columns(frame="n", time=None)
+    for rate, frames, last in ((None, 21, math.nan), (5.0, 24, 1.4)):
+        labels, mapping = write(
+            tmp_path, log, Manner(), numbered, **names, frames={"rate_hz": rate}
+        )
+        found = read_label_table(labels, read_mapping(mapping), Counter())
+        assert len(found.frames) == frames
+        np.testing.assert_allclose(found.frames["timestamp_s"].iloc[-1], last)
+
+
+def test_what_is_refused_is_drawn(tmp_path):
+    labels, mapping = write(tmp_path, traffic(), Manner(), **units(angle="rad"))
+    page = tmp_path / "first.html"
+    result = convert(labels, tmp_path / "log", "--mapping", mapping, "--preview", page)
+    assert result.exit_code == 2
+    assert page.exists()
+    assert not (tmp_path / "log").exists()
+
+
 def test_categories_left_out_are_counted_and_numbers_name_too(tmp_path):
     log = traffic()
     codes = {"passenger_car": 1, "bicyclist": 2, "person": 3}

@@ -88,27 +88,44 @@ def _frames_of_drive(
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Stamps of the frames of one drive, and which of them each row is in."""
     rate = mapping.frames.rate_hz
+    times, of_row = np.unique(value, return_inverse=True)
     if rate is None:
-        values, index = np.unique(value, return_inverse=True)
-        return values, index.astype(np.int64)
+        return times, of_row.astype(np.int64)
     a_frame = 1.0 if mapping.columns.time is None else 1 / (rate * SECONDS[mapping.units.time])
-    start = value.min()
-    place = (value - start) / a_frame
-    index = np.rint(place)
-    off = np.abs(place - index) > OFF_GRID
+    if (most := (times[-1] - times[0]) / a_frame) >= FRAMES.high:
+        raise ValueError(
+            f"{source}: column {mapping.stamp}: a drive has {most:,.0f} frames at {rate:g} Hz, "
+            f"allowed are {FRAMES.high:,}; mend units.time or frames.rate_hz"
+        )
+    number, off = _count(times, a_frame)
     if off.any():
-        row = int(np.argmax(off))
+        share = off[of_row].mean()
         raise ValueError(
-            f"{source}: column {mapping.stamp}: {off.mean():.1%} of the rows of a drive lie more "
-            f"than a quarter of a frame off a rate of {rate:g} Hz, the first with "
-            f"{value[row]:.16g}; mend frames.rate_hz or units.time"
+            f"{source}: column {mapping.stamp}: {share:.1%} of the rows of a drive lie more than "
+            f"a quarter of a frame off a rate of {rate:g} Hz, the first with "
+            f"{times[np.argmax(off)]:.16g}; mend frames.rate_hz or units.time"
         )
-    if index.max() >= FRAMES.high:
-        raise ValueError(
-            f"{source}: column {mapping.stamp}: a drive has {index.max():,.0f} frames at "
-            f"{rate:g} Hz, allowed are {FRAMES.high:,}; mend units.time or frames.rate_hz"
-        )
-    return start + a_frame * np.arange(int(index.max()) + 1), index.astype(np.int64)
+    known, first = np.unique(number, return_index=True)
+    return np.interp(np.arange(known[-1] + 1), known, times[first]), number[of_row]
+
+
+def _count(
+    times: NDArray[np.float64], a_frame: float
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """The frame of each time, and whether it is off the rate.
+
+    Each frame is counted from the one before it, not from the first: a sensor's clock drifts.
+    """
+    number, off = np.zeros(len(times), np.int64), np.zeros(len(times), bool)
+    last, count = times[0], 0
+    for i, time in enumerate(times):
+        steps = (time - last) / a_frame
+        whole = round(steps)
+        off[i] = abs(steps - whole) > OFF_GRID
+        if whole:
+            last, count = time, count + whole
+        number[i] = count
+    return number, off
 
 
 def _seconds(values: NDArray[np.float64], mapping: TableMapping) -> NDArray[np.float64]:

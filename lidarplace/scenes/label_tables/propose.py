@@ -48,10 +48,10 @@ def propose_mapping(path: Path) -> str:
     table.columns = table.columns.map(str)
     columns = guess_columns(list(table.columns))
     lines = [f"# A guess from names and values of {path.name}: check every line of it."]
-    return "\n".join([*lines, *_Guess(table, columns).lines()]) + "\n"
+    return "\n".join([*lines, *_Proposal(table, columns).lines()]) + "\n"
 
 
-class _Guess:
+class _Proposal:
     """The parts of the mapping, which depend on each other's units."""
 
     def __init__(self, table: pd.DataFrame, columns: dict[str, str]) -> None:
@@ -62,14 +62,12 @@ class _Guess:
         ego_x, ego_y, ego_z = (self._numbers(f"poses.{axis}") for axis in "xyz")
         relative = np.hypot(x - ego_x, y - ego_y)
         self.has_poses = {"poses.x", "poses.y", "poses.yaw"} <= columns.keys()
-        self.in_world = self.has_poses and bool(
-            np.nanmedian(relative) < 0.5 * np.nanmedian(np.hypot(x, y))
-        )
-        distance = float(np.nanmedian(relative if self.in_world else np.hypot(x, y)))
+        self.in_world = self.has_poses and _median(relative) < 0.5 * _median(np.hypot(x, y))
+        distance = _median(relative if self.in_world else np.hypot(x, y))
         longest = np.max([self._numbers(side) for side in SIZE], axis=0)
         self.position = guess_length(columns.get("x", ""), distance, DISTANCES, "distance")
         self.size = guess_length(
-            columns.get("length", ""), float(np.nanmedian(longest)), SIZES, "the longest side"
+            columns.get("length", ""), _median(longest), SIZES, "the longest side"
         )
         self.z = z - np.nan_to_num(ego_z) if self.in_world else z
 
@@ -126,7 +124,7 @@ class _Guess:
         """What z is, where the origin is, and the poses."""
         height = self._numbers("height") * METRES[self.size.unit]
         z = self.z * METRES[self.position.unit]
-        centre, bottom = (float(np.nanmedian(low)) for low in (z - height / 2, z))
+        centre, bottom = (_median(low) for low in (z - height / 2, z))
         at_bottom = abs(bottom) < min(abs(centre), NEAR_GROUND_M)
         ground = bottom if at_bottom else centre
         yield (
@@ -167,6 +165,11 @@ class _Guess:
             test = names[-1:]
         yield "drives:   # those that are not test are train"
         yield f"  test: [{', '.join(map(_text, test))}]"
+
+
+def _median(values: NDArray[np.float64]) -> float:
+    """Of those that are numbers; NaN if none is."""
+    return float(pd.Series(values).median())
 
 
 def _rate(step: float) -> float:
