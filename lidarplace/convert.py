@@ -108,7 +108,7 @@ def table(
     ],
     out: Annotated[
         Path | None,
-        typer.Argument(help="folder of the box log; not with --propose or --preview alone"),
+        typer.Argument(help="folder of the box log; without it --propose or --preview"),
     ] = None,
     frames: Annotated[
         str | None, typer.Option(help="table of all frames, or their number: empty ones count too")
@@ -129,6 +129,8 @@ def table(
 ) -> None:
     """Tables of your own: of the columns of docs/data.md, or of any with a mapping."""
     if propose is not None:
+        if any(given is not None for given in (out, frames, class_map, mapping, preview)):
+            wrong("--propose writes a mapping and nothing else: leave out OUT and other options")
         _propose(source, propose)
         return
     if mapping is not None and (frames is not None or class_map is not None):

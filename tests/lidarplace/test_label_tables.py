@@ -300,6 +300,7 @@ def test_options_that_do_not_go_together(tmp_path):
     labels, mapping = write(tmp_path, traffic(), Manner())
     for arguments, message in (
         ((labels, "log", "--mapping", mapping, "--frames", 3), "--frames and --class-map are"),
+        ((labels, "log", "--propose", tmp_path / "guess.yaml"), "--propose writes a mapping and"),
         ((labels, "--mapping", mapping), "OUT: name the folder"),
         ((labels, "log", "--mapping", tmp_path / "none.yaml"), "none.yaml: No such file"),
     ):

@@ -81,6 +81,19 @@ def test_usual_names(names):
         assert guess_columns([*noise, *listed][::order]) == dict(zip(keys, listed, strict=True))
 
 
+def test_classes_are_guessed_where_the_name_says_so(tmp_path):
+    named = {
+        "Car": "Car car passenger_car police-car PassengerCar taxi vehicle.car",
+        "Cyclist": "bicycle BICYCLIST motorcycle cargo_bike rider_of_bicycle",
+        "Pedestrian": "pedestrian Person person_sitting human.pedestrian.adult",
+        None: "truck bus moped cart personal_mobility bike_rack scooter animal",
+    }
+    wanted = {name: known for known, names in named.items() for name in names.split()}
+    table = pd.DataFrame({"class": list(wanted), "x": 1.0})
+    table.to_csv(tmp_path / "labels.csv", index=False)
+    assert parse_yaml(propose_mapping(tmp_path / "labels.csv"))["classes"] == wanted
+
+
 def convert(*arguments):
     return CliRunner().invoke(app, ["table", *map(str, arguments)])
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -23,10 +24,10 @@ from lidarplace.scenes.label_tables.mapping import Columns
 from lidarplace.scenes.label_tables.read_table import read_table
 from lidarplace.scenes.label_tables.units import METRES, SECONDS
 
-WORDS = {
-    "Pedestrian": ("ped", "person", "human", "adult", "child", "walker"),
-    "Cyclist": ("cycl", "bike", "rider"),
-    "Car": ("car", "sedan", "suv", "taxi"),
+NAMES = {
+    "Pedestrian": r"pedestrian|person(?!al)|human|walker",
+    "Cyclist": r"cycl|bike(?!.?rack)|rider",
+    "Car": r"car(?![a-z])|sedan|suv|taxi",
 }
 """What in the name of a category tells the class; the guess leaves out all others."""
 TEST_SHARE = 0.2
@@ -81,8 +82,8 @@ class _Proposal:
         yield f"  angle: {angle.unit}   # {angle.why}"
         frames = []
         if "time" in self.columns:
-            stamps, step = self._numbers("time"), self._step()
-            time = guess_time(self.columns["time"], float(np.nanmax(stamps)), step)
+            latest, step = float(pd.Series(self._numbers("time")).max()), self._step()
+            time = guess_time(self.columns["time"], latest, step)
             yield f"  time: {time.unit}   # {time.why}"
             seconds = step * SECONDS[time.unit]
             if seconds > 0:
@@ -152,8 +153,7 @@ class _Proposal:
             return
         counts = self.table[self.columns["category"]].astype(str).value_counts()
         for name, count in counts.iloc[:MOST_CATEGORIES].items():
-            lower = str(name).lower()
-            known = (c for c, words in WORDS.items() if any(word in lower for word in words))
+            known = (c for c, told in NAMES.items() if re.search(told, str(name), re.IGNORECASE))
             yield f"  {_text(str(name))}: {next(known, 'null')}   # {count / len(self.table):.1%}"
 
     def _drives(self) -> Iterator[str]:

@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.box_log import BoxLog
-from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS, GEOMETRY, POSE_COLUMNS, SIZE
+from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS, GEOMETRY, SIZE
 from lidarplace.files.columns import numbers, sizes, texts
 from lidarplace.scenes.label_tables.frames import Stamps, frames_of, read_stamps
 from lidarplace.scenes.label_tables.mapping import TableMapping
@@ -60,7 +60,7 @@ def read_label_table(path: Path, mapping: TableMapping, ignored: Counter[str]) -
     kept = kept.sort_values("frame", kind="stable", ignore_index=True)[list(BOX_COLUMNS)]
     frames = frames[list(FRAME_COLUMNS)]
     if poses is not None:
-        frames[list(POSE_COLUMNS)] = poses.ego(mapping.origin)
+        frames = pd.concat([frames, poses.ego(mapping.origin)], axis=1)
     return BoxLog(kept, frames)
 
 
