@@ -24,7 +24,7 @@ from lidarplace.scenes.datasets.nuscenes import read_nuscenes
 from lidarplace.scenes.datasets.tabular import read_tabular
 from lidarplace.scenes.doubts.motion import doubts_of_motion
 from lidarplace.scenes.doubts.surroundings import doubts_of_surroundings
-from lidarplace.scenes.doubts.units import doubts_of_units
+from lidarplace.scenes.doubts.units import doubts_of_degrees, doubts_of_units
 from lidarplace.scenes.kitti.calibration import LIDAR_HEIGHT_M
 from lidarplace.scenes.kitti.read import read_kitti
 from lidarplace.scenes.label_tables.mapping import TableMapping, read_mapping
@@ -252,6 +252,7 @@ def _refuse(log: BoxLog, source: Path, mapping: TableMapping | None) -> None:
     else:
         every = chain(
             doubts_of_units(log),
+            doubts_of_degrees(log) if mapping.units.angle == "deg" else (),
             doubts_of_surroundings(log),
             doubts_of_motion(log, mapping.units.angle),
         )

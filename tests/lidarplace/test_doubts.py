@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from lidarplace.boxes import POSE_COLUMNS
 from lidarplace.scenes.doubts.motion import doubts_of_motion, steps_across
 from lidarplace.scenes.doubts.surroundings import doubts_of_surroundings
-from lidarplace.scenes.doubts.units import doubts_of_units
+from lidarplace.scenes.doubts.units import doubts_of_degrees, doubts_of_units
 
 
 def with_yaw(log, yaw):
@@ -93,13 +93,13 @@ def test_whole_numbers_are_degrees():
 def test_radians_that_end_at_pi_are_no_degrees():
     log = traffic()
     yaw = np.radians(np.linspace(-math.pi, math.pi, len(log.boxes)))
-    (doubt,) = doubts_of_surroundings(with_yaw(log, yaw))
+    (doubt,) = doubts_of_degrees(with_yaw(log, yaw))
     assert doubt.remedy == "units.angle: rad"
     assert "yaw ends at 3.14 degrees" in doubt.why
 
 
 def test_a_sound_log_and_an_empty_one_are_not_doubted():
     for log in (traffic(), replace(traffic(), boxes=traffic().boxes[:0])):
-        for doubts in (doubts_of_units(log), doubts_of_surroundings(log)):
+        for doubts in (doubts_of_units(log), doubts_of_degrees(log), doubts_of_surroundings(log)):
             assert list(doubts) == []
         assert list(doubts_of_motion(log, "rad")) == []

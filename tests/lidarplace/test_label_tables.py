@@ -236,6 +236,11 @@ MISTAKES = {
         None,
         "column heading: yaw is in radians; over two turns: 1",
     ),
+    "radians as degrees": (
+        {},
+        lambda t: t.assign(heading=np.linspace(-math.pi, math.pi, len(t))),
+        "column heading: yaw ends at 3.14 degrees, where radians end: 144 of 144 boxes",
+    ),
     "millimetres as metres": (
         units(size="m"),
         None,
@@ -292,6 +297,18 @@ def test_what_is_meant_is_accepted(tmp_path):
         Manner(),
         lambda t: t.assign(len=t["kind"].map(long).fillna(t["len"])),
         accept=["size"],
+    )
+    assert convert(labels, tmp_path / "log", "--mapping", mapping).exit_code == 0
+
+
+def test_small_angles_in_radians_are_meant(tmp_path):
+    """0.0548 radians are 3.14 degrees, which is doubted of degrees alone."""
+    log = traffic(straight=True)
+    labels, mapping = write(
+        tmp_path,
+        log,
+        Manner(angle="rad"),
+        lambda t: t.assign(heading=t["heading"] * 0.0548 / t["heading"].abs().max()),
     )
     assert convert(labels, tmp_path / "log", "--mapping", mapping).exit_code == 0
 

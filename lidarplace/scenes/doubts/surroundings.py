@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -28,22 +27,12 @@ LEAST_BOXES = 20
 
 
 def doubts_of_surroundings(log: BoxLog) -> Iterator[Doubt]:
-    """Doubts of places, heights, sizes of a class, times, and radians taken for degrees."""
+    """Doubts of the sizes of a class, of places, heights and times."""
     if len(log.boxes):
-        yield from _yaw(log)
         yield from _sizes(log)
         yield from _places(log)
         yield from _heights(log)
         yield from _times(log)
-
-
-def _yaw(log: BoxLog) -> Iterator[Doubt]:
-    """Radians from -pi to pi, or to 2 pi, that were multiplied by pi / 180."""
-    ends = np.radians([math.pi, 2 * math.pi])
-    largest = log.boxes["yaw"].abs().max()
-    if len(log.boxes) >= LEAST_BOXES and ((0.97 * ends < largest) & (largest <= ends)).any():
-        why = f"yaw ends at {math.degrees(largest):.2f} degrees, where radians end"
-        yield Doubt("yaw", "yaw", np.ones(len(log.boxes), bool), why, "units.angle: rad")
 
 
 def _sizes(log: BoxLog) -> Iterator[Doubt]:

@@ -15,6 +15,8 @@ MOST_YAW = 4 * math.pi
 MOST_SIZE_M = 50.0
 LEAST_WHOLE = 3
 """So many turned boxes, all by whole numbers of radians, are no chance."""
+LEAST_BOXES = 20
+"""So many come close to a full turn."""
 
 
 def doubts_of_units(log: BoxLog) -> Iterator[Doubt]:
@@ -30,3 +32,12 @@ def doubts_of_units(log: BoxLog) -> Iterator[Doubt]:
     if large.any():
         why = f"sizes are in metres; over {MOST_SIZE_M:g} m"
         yield Doubt("size", SIZE[0], large, why, "units.size")
+
+
+def doubts_of_degrees(log: BoxLog) -> Iterator[Doubt]:
+    """Doubt of a yaw that was read as degrees: it ends at pi, or 2 pi, where radians end."""
+    ends = np.radians([math.pi, 2 * math.pi])
+    largest = log.boxes["yaw"].abs().max()
+    if len(log.boxes) >= LEAST_BOXES and ((0.97 * ends < largest) & (largest <= ends)).any():
+        why = f"yaw ends at {math.degrees(largest):.2f} degrees, where radians end"
+        yield Doubt("yaw", "yaw", np.ones(len(log.boxes), bool), why, "units.angle: rad")
