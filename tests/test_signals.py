@@ -44,7 +44,13 @@ def python(code: str) -> subprocess.Popen[str]:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        preexec_fn=as_in_a_terminal,
     )
+
+
+def as_in_a_terminal() -> None:
+    """A shell's background job, such as a test run may be, ignores Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.mark.parametrize(
@@ -65,6 +71,7 @@ def test_who_imports_a_package_keeps_ctrl_c():
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_command_says_that_it_was_stopped(monkeypatch, number, code):
     monkeypatch.setattr("lidarplace.describe.read_box_log", lambda _: os.kill(os.getpid(), number))
+    as_in_a_terminal()
     before = signal.getsignal(signal.SIGTERM)
     done = CliRunner().invoke(describe, ["log"])
     assert (done.exit_code, done.stdout, done.stderr) == (code, "", "\nStopped.\n")

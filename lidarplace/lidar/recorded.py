@@ -45,9 +45,15 @@ def check_rig(folder: Path, placement: Placement) -> None:
     for n, (model, asked) in enumerate(zip(recorded.models, placement.lidars, strict=True)):
         for key, value in asdict(asked).items():
             found = getattr(model, key)
-            same = np.shape(found) == np.shape(value)
-            if not (same and np.allclose(found, value, rtol=0, atol=1e-9)):
+            if not _alike(found, value):
                 raise ValueError(f"{path}: LiDAR {n} was one with {key} {found}, not {value}")
+
+
+def _alike(found: Any, value: Any) -> bool:
+    """Whether both are unknown, or numbers or rows of them that are equal up to rounding."""
+    if found is None or value is None:
+        return found is value
+    return np.shape(found) == np.shape(value) and np.allclose(found, value, rtol=0, atol=1e-9)
 
 
 class _Rig(BaseModel):

@@ -78,7 +78,7 @@ def test_recorded_clouds_take_the_place_of_simulated_ones(folder, recorded):
     """The stage gives the same points either way, to the millimetres of their grids."""
     log = read_box_log(folder / "logs" / "scene.density=30")
     scene = LogScene(source="log", folder=folder / "logs" / "scene.density=30")
-    value = stages.scene(SceneParams(LogRecording(scene, digest="")))
+    value = stages.scene(SceneParams(LogRecording(scene, scene.digest())))
     pd.testing.assert_frame_equal(value["boxes"], log.boxes)
     pd.testing.assert_frame_equal(value["buildings"], log.buildings)
 

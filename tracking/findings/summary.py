@@ -118,7 +118,9 @@ def _shared_noise(means: pd.DataFrame, judged: pd.DataFrame, groups: list[str]) 
         noise = Noise.of(y, shared=True)
         found = (noise.variance, noise.degrees or np.nan)
         rows.append(dict(zip(groups, values, strict=True)) | dict(zip(names, found, strict=True)))
-    table = pd.DataFrame(rows).reindex(columns=[*groups, *names])
+    if not rows:
+        return pd.DataFrame(np.nan, index=means.index, columns=names)
+    table = pd.DataFrame(rows)
     return means[groups].merge(table, on=groups, how="left").set_index(means.index)[names]
 
 
