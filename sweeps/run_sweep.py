@@ -37,6 +37,7 @@ from tracking.mlflow.log import SweepLog
 from tracking.mlflow.source import source_tags
 from tracking.mlflow.system import SystemMonitor
 from tracking.report.build import build_report
+from tracking.report.decision.build import FILE as DECISION
 from tracking.run_folders.sweep import RunFolder
 
 
@@ -156,7 +157,13 @@ class SweepWork:
             return None
         report = build_report(folder)
         written = (report, report.with_suffix(".md"), folder / "sweep.json")
-        for path in (*written, *sorted(folder.glob("*.parquet")), folder / "config.yaml"):
+        decision = [path] if (path := folder / DECISION).is_file() else []
+        for path in (
+            *decision,
+            *written,
+            *sorted(folder.glob("*.parquet")),
+            folder / "config.yaml",
+        ):
             log.artifact(path)
         for path in sorted((folder / "tables").glob("*.csv")):
             log.artifact(path, "tables")

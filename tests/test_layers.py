@@ -65,7 +65,13 @@ FLOORS = {
         "dashboard report search_report",
     ),
     "tracking.figures": ("kit", "of_rigs of_searches of_sweeps"),
-    "tracking.report": ("headline", "cautions sections", "build comparison", "__main__"),
+    "tracking.report": (
+        "headline",
+        "cautions sections",
+        "decision",
+        "build comparison",
+        "__main__",
+    ),
     "sweeps": (
         "configuration tasks",
         "options plan store",

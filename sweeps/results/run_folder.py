@@ -14,6 +14,7 @@ import pandas as pd
 
 from lidarplace.files.secret_urls import hide_secrets, public_url
 from lidarplace.lidar.points_by_distance import points_by_distance
+from lidarplace.sensor import Lidar
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.grid import Sweep
 from sweeps.execution.execute import Outcome
@@ -36,7 +37,7 @@ from sweeps.store.open import AnyStore
 from sweeps.tasks.task import Task
 from tracking.mlflow.uri import absolute_uri
 from tracking.run_folders import sweep_tables as contract
-from tracking.run_folders.sweep_json import Frames, Rung, SweepResult
+from tracking.run_folders.sweep_json import Frames, LidarModel, Rung, SweepResult
 
 _VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas")
 
@@ -223,17 +224,21 @@ def _about(
     sweep: Sweep, frames: Frames, run: Run, pictured: Mapping[str, Any], cautions: list[str]
 ) -> SweepResult:
     first = sweep.points[0].point
-    placements = {}
+    placements, lidars = {}, {}
+    varied = any(axis.partition(".")[0] == "lidar" for axis in sweep.axes)
     for grid_point in sweep.points:
         point = grid_point.point
         rig = sweep.common.placement_named(point.placement, point.lidar.lidar())
         placements[point.placement] = [astuple(mount) for mount in rig.mounts]
+        if not varied:
+            lidars[point.placement] = [_model(lidar) for lidar in rig.lidars]
     rungs = [rung.model_dump(mode="json", by_alias=True) for rung in sweep.common.promote]
     return SweepResult(
         name=sweep.common.name,
         command=hide_secrets(run.command, *sweep.common.urls),
         axes=further_axes(sweep),
         placements=placements,
+        lidars=lidars,
         classes=first.classes,
         roi=first.voxel_roi(),
         frames=frames,
@@ -245,4 +250,11 @@ def _about(
         seconds=run.seconds,
         versions={"python": platform.python_version()} | {n: version(n) for n in _VERSIONS},
         pictured=pictured,
+    )
+
+
+def _model(lidar: Lidar) -> LidarModel:
+    low, high = np.degrees([min(lidar.elevations), max(lidar.elevations)])
+    return LidarModel(
+        beams=lidar.beams, elevation_deg=(low, high), azimuth_steps=lidar.azimuth_steps
     )

@@ -97,9 +97,12 @@ def test_the_run_folder_holds_the_results(folder, first):
     assert about["frames"] == {"train": 8, "test": 4}
     assert about["tracking_uri"] == f"sqlite:///{folder / 'runs/mlflow.db'}"
     assert about["command"].startswith("python -m sweeps.run ")
+    model = {"beams": 16, "elevation_deg": [-25.0, 5.0], "azimuth_steps": 120}
+    assert about["lidars"] == dict.fromkeys(("line", "center"), [model] * 4)
     assert (run / "report.html").stat().st_size > 1e6
     artifacts = next((folder / "runs/artifacts").glob("*/artifacts/sweep.json")).parent
     assert {path.name for path in artifacts.iterdir()} >= {
+        "decision.html",
         "report.html",
         "report.md",
         "config.yaml",

@@ -1,4 +1,4 @@
-"""Build the report of a run folder: `report.html`, `report.md` and `tables/`."""
+"""Build the pages of a run folder: the report, beside it Markdown and tables, and the decision."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ from tracking.pages.markdown import escaped, write_markdown
 from tracking.pages.page import write_page
 from tracking.pages.section import Section
 from tracking.report.cautions import cautions
+from tracking.report.decision.build import write_decision
 from tracking.report.headline import Verdict, headline_ranking, surrogate_verdicts, verdicts
 from tracking.report.sections.accuracy import accuracy_section
 from tracking.report.sections.agreement import agreement_section
@@ -59,10 +60,11 @@ MOST_CARDS = 6
 
 
 def build_report(run: Path) -> Path:
-    """Write `report.html`, `report.md` and `tables/` into the run folder `run`; return the page.
+    """Write the pages of the run folder `run` into it; return the report.
 
-    The page is one file that loads nothing from a network, see `tracking.pages.page`. The other
-    two hold the same tables, rounded and raw.
+    `report.html` and, with results, `decision.html` are one file each that loads nothing from a
+    network, see `tracking.pages.page`. `report.md` and `tables/` hold the tables of the report,
+    rounded and raw.
 
     Raises:
         ValueError: `run` is no run folder, see `RunFolder.read`.
@@ -84,12 +86,14 @@ def build_report(run: Path) -> Path:
         mode="json", by_alias=True, exclude_unset=True, exclude={"placements"}
     )
     write_csv_files(folder.path / FOLDER, sections)
+    decision = write_decision(folder, found.rankings, found.means, extent, warnings)
     page = write_page(
         folder.path / "report.html",
         Path(__file__).with_name("report.html"),
         sections,
         name=folder.sweep.name,
         run=folder,
+        decision=decision.name if decision else None,
         verdicts=cards,
         most_cards=MOST_CARDS,
         findings=findings,

@@ -32,6 +32,16 @@ class Rung(Part):
     """Key path -> value of its trainings."""
 
 
+class LidarModel(Part):
+    """A LiDAR model; angles in degrees."""
+
+    beams: CountFromOne
+    elevation_deg: tuple[FiniteFloat, FiniteFloat]
+    """Of the lowest and of the highest beam."""
+    azimuth_steps: CountFromOne
+    """Firings of a beam in one turn."""
+
+
 class SweepResult(ResultFile):
     """`sweep.json`; lengths in metres, angles in radians. Older ones lack the last keys."""
 
@@ -46,6 +56,8 @@ class SweepResult(ResultFile):
     """Of the grid, beyond placement, detector and seed."""
     placements: dict[str, tuple[Pose, ...]]
     """x, y, z, roll, pitch, yaw of every mount, by the placement's name."""
+    lidars: dict[str, tuple[LidarModel, ...]] = Field({})
+    """The LiDAR model of every mount, by the placement's name; none where an axis varies it."""
     classes: Annotated[tuple[str, ...], Field(min_length=1)]
     """Of objects, in the order of the configuration."""
     roi: Roi

@@ -15,9 +15,9 @@ from lidarplace.placement import Mount
 from lidarplace.roi import Interval, Roi
 from tracking.figures.kit.averaged import averaged
 from tracking.figures.kit.from_above import vehicle_from_above
-from tracking.figures.kit.style import SEQUENTIAL, VEHICLE, VEHICLE_FILL, figure
+from tracking.figures.kit.from_the_side import VEHICLE_HEIGHT, vehicle_from_the_side
+from tracking.figures.kit.style import SEQUENTIAL, VEHICLE, figure
 
-VEHICLE_HEIGHT = 1.5
 _CELLS = {"coverage": 160, "residual": 80}
 """Cells along the longer side of a map; a page holds two for every placement."""
 _MARK = "#D55E00"
@@ -74,7 +74,7 @@ def coverage_maps(
             limit = 100.0 if name == "coverage" else most[row - 1]
             map_ = _map(seen, (roi, other), name, row, limit, drawn)
             plot.add_trace(map_, row=row, col=column)
-            outline = vehicle_from_above() if row == 1 else _vehicle_from_the_side()
+            outline = vehicle_from_above() if row == 1 else vehicle_from_the_side()
             plot.add_trace(outline, row=row, col=column)
             plot.add_trace(_dots(mounts, row), row=row, col=column)
     _axes(plot, roi)
@@ -132,21 +132,6 @@ def _bar(title: str, left: float, number: int, drawn: int) -> dict[str, Any]:
         "ypad": 0,
         "nticks": 6,
     }
-
-
-def _vehicle_from_the_side() -> go.Scatter:
-    """Outline of the vehicle, its nose to the right."""
-    half = VEHICLE[0] / 2
-    return go.Scatter(
-        x=[-half, -half, -half + 0.3, 0.4, 1.1, half, half, -half],
-        y=[0, 0.9, VEHICLE_HEIGHT, VEHICLE_HEIGHT, 0.9, 0.8, 0, 0],
-        mode="lines",
-        line={"color": _MARK, "width": 1.5},
-        fill="toself",
-        fillcolor=VEHICLE_FILL,
-        hoverinfo="skip",
-        showlegend=False,
-    )
 
 
 def _dots(mounts: Sequence[Mount], row: int) -> go.Scatter:

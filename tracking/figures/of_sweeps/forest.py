@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import pandas as pd
 import plotly.graph_objects as go
 
+from tracking.figures.kit.odds import add_odds
 from tracking.figures.kit.placement_points import placement_markers
 from tracking.figures.kit.style import OUTLINE, error_bars, figure, text
 
@@ -47,32 +48,11 @@ def forest(table: pd.DataFrame, title: str, axis: str, placements: Sequence[str]
         hovertemplate="%{text}<br>%{x:.2f} %<extra></extra>",
         showlegend=False,
     )
-    for row, sure in enumerate(table["sure"]):
-        plot.add_annotation(
-            x=1.01,
-            xref="paper",
-            xanchor="left",
-            y=row,
-            text=text(sure),
-            showarrow=False,
-            font={"size": 11},
-        )
-    plot.add_annotation(
-        x=1.01,
-        xref="paper",
-        xanchor="left",
-        y=-0.9,
-        text="likely to<br>be the best",
-        align="left",
-        showarrow=False,
-        font={"size": 11},
-    )
     plot.update_xaxes(title=axis)
     plot.update_yaxes(
         tickvals=rows,
         ticktext=[text(name) for name in names],
-        range=[len(names) - 0.5, -1.4],
         showgrid=False,
     )
-    plot.update_layout(margin={"r": 84})
+    add_odds(plot, list(table["sure"]))
     return plot

@@ -15,7 +15,8 @@ from tracking.pages.tables import Table, slug
 from tracking.report.sections.binned import binned_table, means_by_bin, wide
 from tracking.run_folders.sweep import RunFolder
 
-_RING = ["from_m", "to_m"]
+RING = ["from_m", "to_m"]
+"""Columns that tell rings apart."""
 
 
 def by_distance_section(run: RunFolder, found: list[Group]) -> Section | None:
@@ -36,13 +37,13 @@ def by_distance_section(run: RunFolder, found: list[Group]) -> Section | None:
     for title, part in by_setting(run.points, run.axes):
         for name, rows in part.groupby("class", sort=False):
             label = f"{name} · {title}" if title else str(name)
-            own, rings = _in_rings(rows)
+            own, rings = in_rings(rows)
             drawn = own.assign(value=own["mean"], low=np.nan, high=np.nan)
             heading = f"Points per object · {text(label)}"
             section.figures.append(by_bin(drawn, rings, heading, "points per object", names, True))
             section.tables.append(_points_table(own, rings, label))
-    for label, rows in means_by_bin(run, found, run.distance, _RING, HEADLINE_METRIC):
-        own, rings = _in_rings(rows)
+    for label, rows in means_by_bin(run, found, run.distance, RING, HEADLINE_METRIC):
+        own, rings = in_rings(rows)
         metric = f"{metric_label(HEADLINE_METRIC, own['iou'].iloc[0])} (%)"
         drawn = own.rename(columns={"mean": "value", "ground_truths": "objects"})
         heading = f"AP by distance · {text(label)}"
@@ -52,7 +53,7 @@ def by_distance_section(run: RunFolder, found: list[Group]) -> Section | None:
     return section
 
 
-def _in_rings(table: pd.DataFrame) -> tuple[pd.DataFrame, Bins]:
+def in_rings(table: pd.DataFrame) -> tuple[pd.DataFrame, Bins]:
     """The table with the ring of every row as `bin`, and all rings from the nearest on."""
     low, high = table["from_m"], table["to_m"]
     labels = [

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pandas as pd
+
 from lidarplace.metrics import headline_metric
 from tracking.figures.kit.style import text
 from tracking.figures.of_sweeps.by_bin import Bins, by_bin
@@ -13,7 +15,8 @@ from tracking.report.sections.binned import binned_table, means_by_bin
 from tracking.run_folders.sweep import RunFolder
 
 _METRIC = headline_metric("all")
-_SECTOR = ["sector", "from_deg", "to_deg"]
+SECTOR = ["sector", "from_deg", "to_deg"]
+"""Columns that tell sectors apart."""
 
 
 def by_sector_section(run: RunFolder, found: list[Group]) -> Section | None:
@@ -26,10 +29,8 @@ def by_sector_section(run: RunFolder, found: list[Group]) -> Section | None:
         "centre. Recall: means over seeds with 95 % intervals, which do not contain the chance of "
         "which objects are in a sector."
     )
-    for label, rows in means_by_bin(run, found, run.sector, _SECTOR, _METRIC):
-        own = rows.assign(bin=rows["sector"])
-        from_the_left = own.sort_values("from_deg", ascending=False)["bin"].unique()
-        sectors = Bins("direction of the object", tuple(from_the_left))
+    for label, rows in means_by_bin(run, found, run.sector, SECTOR, _METRIC):
+        own, sectors = in_sectors(rows)
         metric = f"{metric_label(_METRIC, own['iou'].iloc[0])} (%)"
         drawn = own.rename(columns={"mean": "value", "ground_truths": "objects"})
         heading = f"Recall by direction · {text(label)}"
@@ -38,3 +39,10 @@ def by_sector_section(run: RunFolder, found: list[Group]) -> Section | None:
         name = slug("recall by direction", label)
         section.tables.append(binned_table(own, sectors, caption, name))
     return section
+
+
+def in_sectors(table: pd.DataFrame) -> tuple[pd.DataFrame, Bins]:
+    """The table with the sector of every row as `bin`, and all sectors from the left on."""
+    named = table.assign(bin=table["sector"])
+    from_the_left = named.sort_values("from_deg", ascending=False)["bin"].unique()
+    return named, Bins("direction of the object", tuple(from_the_left))

@@ -1,0 +1,150 @@
+"""The decision page of made-up runs."""
+
+from __future__ import annotations
+
+import html
+import json
+import shutil
+from base64 import b64decode
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from made_up_run import write_run
+from test_report import Page
+
+from lidarplace.placement import Mount
+from tracking.figures.of_sweeps.rig_views import ViewedRig, rig_views
+from tracking.findings.best_placement import best_placement
+from tracking.report.build import build_report
+
+
+def read(folder: Path) -> Page:
+    return Page((folder / "decision.html").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def folder(made_up_run, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("decision") / "grid"
+    shutil.copytree(made_up_run, folder)
+    build_report(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def page(folder) -> Page:
+    return read(folder)
+
+
+@pytest.fixture(scope="module")
+def one_class(tmp_path_factory) -> Page:
+    """One class and one seed, with LiDAR models."""
+    folder = write_run(tmp_path_factory.mktemp("one") / "car", names=["a", "b"], seeds=(1,))
+    for name in ("results", "left_out", "distance", "sector", "points", "individuals"):
+        table = pd.read_parquet(folder / f"{name}.parquet")
+        table[table["class"].isin(["Car", "all"])].to_parquet(folder / f"{name}.parquet")
+    sweep = json.loads((folder / "sweep.json").read_text())
+    sweep["classes"] = ["Car"]
+    wide = {"beams": 32, "elevation_deg": [-25.0, 15.0], "azimuth_steps": 1800}
+    near = {"beams": 16, "elevation_deg": [-60.0, 0.0], "azimuth_steps": 900}
+    sweep["lidars"] = {"a": [wide] * 4, "b": [wide, wide, near, near]}
+    (folder / "sweep.json").write_text(json.dumps(sweep))
+    build_report(folder)
+    return read(folder)
+
+
+def test_it_recommends_what_best_placement_says_with_interval_and_odds(folder, page):
+    tables = {n: pd.read_parquet(folder / f"{n}.parquet") for n in ("results", "left_out")}
+    own = {n: t.query("`class` == 'all' and metric == 'recall'") for n, t in tables.items()}
+    best = best_placement(own["results"], left_out=own["left_out"])
+    assert page.words[page.words.index("Recommended") + 2] == best.best
+    second = best.others.iloc[0]
+    low, high = (f"{value:.1f}".replace("-", "−") for value in second[["low", "high"]])
+    assert (
+        f"Recall @ 0.5 of all objects: {best.mean:.1f} %, {second['lead']:.1f} points ahead of "
+        f"{best.others.index[0]} (95 %: {low} to {high})"
+    ) in page.text
+    assert f"{100 * best.sure.iloc[0]:.0f} % likely to be the best of 5" in page.text
+    assert "the chance of training (2 seeds)" in page.text
+    assert "100 test frames of 4 routes met; not known is what other towns" in page.text
+
+
+def test_it_is_one_file_whose_links_lead_to_files(folder, page):
+    assert page.loads == []
+    assert page.csp.startswith("default-src 'none'")
+    assert "tables/best-recall-0.5-all-objects.csv" in page.links
+    assert all((folder / link).is_file() for link in page.links)
+
+
+def test_bars_of_the_chart_are_those_of_the_report(folder, page):
+    chart = next(f for f in page.figures if f["layout"]["title"]["text"] == "Recall and AP")
+    recall = next(t for t in chart["data"] if t["name"] == "recall @ 0.5, all objects")
+    table = pd.read_csv(folder / "tables" / "best-recall-0.5-all-objects.csv")
+    assert list(map(html.unescape, recall["customdata"])) == table["placement"].tolist()
+    half = np.frombuffer(b64decode(recall["error_x"]["array"]["bdata"]))
+    assert half == pytest.approx(table["half_interval_compared"].to_numpy())
+
+
+def test_a_sweep_without_detectors_has_none_and_the_report_says_so(tmp_path):
+    folder = write_run(tmp_path / "alone", names=["a", "b"], detectors=())
+    (folder / "decision.html").write_text("of an earlier sweep")
+    report = Page(build_report(folder).read_text(encoding="utf-8"))
+    assert not (folder / "decision.html").exists()
+    assert "There is no decision page" in report.text
+    assert "decision.html" not in report.links
+
+
+def test_one_class_is_shown_once(one_class):
+    titles = [title.partition("<br>")[0] for title in one_class.titles]
+    tables = [title for title in titles if " by " in title]
+    assert tables == ["Car by direction", "Car by distance (m)"]
+    chart = one_class.figures[titles.index("Recall and AP")]
+    assert [trace["name"] for trace in chart["data"]] == ["3D AP @ 0.7", "recall @ 0.5"]
+    assert one_class.text.count("Best for") == 1
+
+
+def test_one_seed_has_no_odds_and_says_what_is_not_known(one_class):
+    assert "other seeds than 1 seed, other frames than the 100 test frames" in one_class.text
+    assert "likely to be the best" not in one_class.text
+    assert not any("likely" in json.dumps(figure["layout"]) for figure in one_class.figures)
+
+
+def test_rigs_are_drawn_with_their_models(one_class):
+    a, b = (f for f in one_class.figures if "LiDARs" in f["layout"]["title"]["text"])
+    title = {f["layout"]["title"]["text"].partition("</b>")[0]: f for f in (a, b)}
+    assert "4 LiDARs · 32 beams, −25° to 15°" in title["<b>a"]["layout"]["title"]["text"]
+    lines = title["<b>b"]["data"][-1]["text"]
+    assert [line.rpartition(" · ")[2] for line in lines] == [
+        *2 * ["32 beams, −25° to 15°"],
+        *2 * ["16 beams, −60° to 0°"],
+    ]
+
+
+def test_views_have_mounts_where_they_are_and_lines_where_they_lean_and_look():
+    mount = Mount.degrees(x=0.5, y=-0.4, z=2.1, roll=30, pitch=10)
+    (plot,) = rig_views([ViewedRig((mount,), "rig", ("",))])
+    above, side = (trace for trace in plot.data if trace.mode == "lines+markers")
+    assert (above.x[0], above.y[0]) == (0.5, -0.4)
+    assert (side.x[0], side.y[0]) == (0.5, 2.1)
+    # A lifted left side leans the top to the right; a nose down points below the horizon.
+    assert above.y[1] - above.y[0] == pytest.approx(-0.7 * np.sin(np.radians(30)))
+    assert side.y[1] - side.y[0] == pytest.approx(-0.7 * np.sin(np.radians(10)))
+    assert "x 0.50, y −0.40, z 2.10 m · roll 30°, pitch 10°" in plot.data[-1].text[0]
+
+
+def test_a_rig_beyond_the_car_is_in_view():
+    mount = Mount(x=-7.5, y=1.3, z=3.4)
+    (plot,) = rig_views([ViewedRig((mount,), "truck", ("",))])
+    for axis, value in (("xaxis", -7.5), ("yaxis", 1.3), ("yaxis2", 3.4)):
+        low, high = plot.layout[axis].range
+        assert low < value < high
+
+
+def test_the_first_group_is_drawn_and_the_others_named(tmp_path):
+    folder = write_run(tmp_path / "axes", names=["a", "b"], densities=(40, 120))
+    build_report(folder)
+    page = read(folder)
+    assert "Recommended · pointpillars_tiny, density = 40" in page.text
+    assert "Other settings: 1" in page.text
+    assert "pointpillars_tiny, density = 120" in page.text

@@ -1,0 +1,70 @@
+"""Build the decision page of a run folder: `decision.html`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from lidarplace.command_line.invocation import command
+from tracking.findings.best_placement import BestPlacement
+from tracking.findings.groups import Group
+from tracking.pages.csv_files import FOLDER
+from tracking.pages.page import write_page
+from tracking.report.decision.recall_and_ap import recall_and_ap_section
+from tracking.report.decision.recommendation import not_known, recommendations
+from tracking.report.decision.rigs import rigs_section
+from tracking.report.decision.where_blind import where_blind_section
+from tracking.run_folders.sweep import RunFolder
+
+FILE = "decision.html"
+
+
+def write_decision(
+    run: RunFolder,
+    rankings: Sequence[tuple[Group, Mapping[str, BestPlacement]]],
+    means: pd.DataFrame,
+    extent: str,
+    warnings: Sequence[str],
+) -> Path | None:
+    """Write the page into the folder of the run, or remove that of an earlier run.
+
+    Args:
+        rankings: every group with its `headline_ranking`; the first one with results is drawn.
+        means: `seed_means` of the run.
+        extent: how much was compared, in one line.
+        warnings: what makes the numbers weak.
+
+    Returns:
+        None without results: there is nothing to decide by.
+    """
+    target = run.path / FILE
+    found = recommendations(rankings)
+    if not found:
+        target.unlink(missing_ok=True)
+        return None
+    first, *others = found
+    sections = [recall_and_ap_section(run, first, means), rigs_section(run, first)]
+    blind = where_blind_section(run, first)
+    return write_page(
+        target,
+        Path(__file__).with_name("decision.html"),
+        [*sections, *([blind] if blind else [])],
+        name=run.sweep.name,
+        extent=extent,
+        verdicts=first.verdicts(run),
+        alone=len(first.best.equal) == 1,
+        metric=first.metric(run),
+        others=[other.verdicts(run)[0] for other in others],
+        not_known=not_known(run, first),
+        warnings=warnings,
+        tables=_tables(run.path / FOLDER),
+        dashboard=command("tracking.dashboard", str(run.path)),
+    )
+
+
+def _tables(folder: Path) -> list[str]:
+    """Names of the CSV files that hold what the page tells."""
+    starts = ("best-", "placements-", "recall-by-direction", "ap-by-distance")
+    return sorted(file.name for file in folder.glob("*.csv") if file.name.startswith(starts))

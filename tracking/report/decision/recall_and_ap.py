@@ -1,0 +1,48 @@
+"""The section of what the rigs find: recall and AP in one chart."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from lidarplace.metrics import headline_metric
+from tracking.figures.kit.odds import add_odds
+from tracking.figures.of_sweeps.side_by_side import side_by_side
+from tracking.kitti_iou import headline_iou, judged
+from tracking.labels import metric_label
+from tracking.numbers import percent
+from tracking.pages.section import Section
+from tracking.report.decision.recommendation import Recommendation
+from tracking.report.headline import class_label
+from tracking.run_folders.sweep import RunFolder
+
+
+def recall_and_ap_section(run: RunFolder, found: Recommendation, means: pd.DataFrame) -> Section:
+    """Every class' AP and the recall of all objects, with intervals, the best rig on top.
+
+    Args:
+        means: `seed_means` of the run.
+    """
+    section = Section("What they find", columns=1)
+    own = found.group.of(means)
+    alone = len(found.ranked) <= 2
+    columns = {}
+    for name in found.ranked:
+        metric = metric_label(headline_metric(name), headline_iou(run.results, name))
+        table = judged(own, run.results, name).set_index("placement")
+        label = metric if alone else f"{metric}, {class_label(name)}"
+        columns[label] = table.assign(
+            low=table["mean"] - table["half"], high=table["mean"] + table["half"]
+        )[["mean", "low", "high"]]
+    rows = found.shown
+    plot = side_by_side(columns, rows, "Recall and AP", "percent")
+    sure = found.best.sure.loc[rows]
+    if np.isfinite(sure).all():
+        add_odds(plot, [percent(share) for share in sure])
+    section.figures.append(plot)
+    section.notes.append(
+        "Means over seeds. Bars are 95 % intervals for a comparison: all rigs met the same objects."
+        if any(table["low"].notna().any() for table in columns.values())
+        else "One seed each: how much the training scatters is unknown, so there are no bars."
+    )
+    return section

@@ -1,0 +1,49 @@
+"""The section of the rigs on the vehicle."""
+
+from __future__ import annotations
+
+from tracking.figures.kit.style import text
+from tracking.figures.of_sweeps.rig_views import ViewedRig, rig_views
+from tracking.numbers import digits
+from tracking.pages.section import Section
+from tracking.report.decision.recommendation import Recommendation
+from tracking.run_folders.sweep import RunFolder
+from tracking.run_folders.sweep_json import LidarModel
+
+
+def rigs_section(run: RunFolder, found: Recommendation) -> Section:
+    """The best rigs side by side, from above and from the side, with mounts and models."""
+    section = Section("Where the LiDARs sit")
+    section.notes.append(
+        "From above, and from the side; the nose of a nominal car is on the right. A line leads "
+        "from above to where a LiDAR's top leans, from the side to where its front points. x is "
+        "forward, y to the left, z above the ground."
+    )
+    left = len(found.best.sure) - len(found.shown)
+    if left:
+        section.notes.append(
+            f"Drawn are the {len(found.shown)} best, {left} more are in the report."
+        )
+    section.figures = rig_views(
+        [_viewed(run, name, found.best.equal == [name]) for name in found.shown]
+    )
+    return section
+
+
+def _viewed(run: RunFolder, name: str, best: bool) -> ViewedRig:
+    mounts = run.placements[name]
+    words = [model_words(model) for model in run.sweep.lidars.get(name, ())]
+    same = len(set(words)) == 1
+    said = f"{len(mounts)} LiDAR{'s' * (len(mounts) != 1)}" + (f" · {words[0]}" if same else "")
+    mark = " · recommended" if best else ""
+    return ViewedRig(
+        mounts,
+        f"<b>{text(name)}</b>{mark}<br><span style='font-size:12px'>{said}</span>",
+        tuple(words) if words and not same else ("",) * len(mounts),
+    )
+
+
+def model_words(model: LidarModel) -> str:
+    """A LiDAR model in a few words."""
+    low, high = (f"{digits(angle, 'z.3g')}°" for angle in model.elevation_deg)
+    return f"{model.beams} beams, {low} to {high}"

@@ -1,0 +1,127 @@
+"""The section of where each rig sees and where it is blind: recall by direction and distance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from tracking.figures.kit.style import text
+from tracking.figures.of_sweeps.bin_table import bin_table
+from tracking.figures.of_sweeps.by_bin import Bins
+from tracking.labels import metric_label
+from tracking.pages.section import Section
+from tracking.report.decision.recommendation import Recommendation
+from tracking.report.sections.binned import means_by_bin, wide
+from tracking.report.sections.by_distance import RING, in_rings
+from tracking.report.sections.by_sector import SECTOR, in_sectors
+from tracking.run_folders.sweep import RunFolder
+
+_METRICS = ("class_recall_3D", "recall", "AP_R40_3D")
+"""The first that a table has tells where objects are found; older run folders have AP alone."""
+_FEW = 100
+"""Objects in a bin, below which nothing is said of it."""
+
+
+@dataclass(frozen=True)
+class _Binned:
+    """A metric of one class by direction or distance.
+
+    Attributes:
+        values: placements as rows, bins as columns, percent.
+        objects: how many there are, by bin.
+    """
+
+    object_class: str
+    metric: str
+    bins: Bins
+    values: pd.DataFrame
+    objects: pd.Series
+
+    @property
+    def sure(self) -> list[str]:
+        """Bins of which something can be said."""
+        return [name for name in self.bins.names if self.objects[name] >= _FEW]
+
+
+def where_blind_section(run: RunFolder, found: Recommendation) -> Section | None:
+    """A table of colours for each class, by direction and by distance; None without either."""
+    tables = [*_by_direction(run, found), *_by_distance(run, found)]
+    if not tables:
+        return None
+    section = Section("Where they see, and where they are blind", columns=2)
+    section.notes.append(
+        "Percent of the objects, dark where few are found; n is how many there are. How much "
+        "chance there is in a cell is not told: trust large n."
+    )
+    for name in dict.fromkeys(table.object_class for table in tables):
+        own = [table for table in tables if table.object_class == name]
+        limits = _limits(own)
+        for table in own:
+            by = table.bins.of.replace(" of the object", "")
+            small = f"<span style='font-size:12px'>{table.metric}, %</span>"
+            title = f"{text(name)} by {by}<br>{small}"
+            section.figures.append(
+                bin_table(table.values, table.objects, table.bins, title, limits)
+            )
+        section.notes += _behind(own, found.best.best)
+    return section
+
+
+def _limits(tables: list[_Binned]) -> tuple[float, float]:
+    """Lowest and highest percentage in bins of many objects; in all if there is none."""
+    cells = [table.values[table.sure] for table in tables if table.sure]
+    values = [own.to_numpy(np.float64).ravel() for own in cells or [t.values for t in tables]]
+    return float(np.nanmin(np.concatenate(values))), float(np.nanmax(np.concatenate(values)))
+
+
+def _by_direction(run: RunFolder, found: Recommendation) -> Iterator[_Binned]:
+    if run.sector is not None:
+        for rows in _means(run, found, run.sector, SECTOR):
+            yield _binned(found, *in_sectors(rows))
+
+
+def _by_distance(run: RunFolder, found: Recommendation) -> Iterator[_Binned]:
+    if run.distance is not None:
+        for rows in _means(run, found, run.distance, RING):
+            yield _binned(found, *in_rings(rows))
+
+
+def _means(
+    run: RunFolder, found: Recommendation, table: pd.DataFrame, keys: list[str]
+) -> Iterator[pd.DataFrame]:
+    known = set(table.get("metric", ()))
+    metric = next((name for name in _METRICS if name in known), None)
+    if metric is not None:
+        yield from (rows for _, rows in means_by_bin(run, [found.group], table, keys, metric))
+
+
+def _binned(found: Recommendation, own: pd.DataFrame, bins: Bins) -> _Binned:
+    values = wide(own, bins, "mean")
+    first = own.iloc[0]
+    return _Binned(
+        str(first["class"]),
+        metric_label(first["metric"], first["iou"]),
+        bins,
+        values.reindex([name for name in found.shown if name in values.index]),
+        own.groupby("bin")["ground_truths"].max(),
+    )
+
+
+def _behind(tables: list[_Binned], best: str) -> list[str]:
+    """Where the recommended rig is furthest behind another one of those shown: [] or a sentence."""
+    found: list[tuple[float, str, str]] = []
+    for table in tables:
+        for name, column in table.values[table.sure].items():
+            if pd.notna(column.get(best)):
+                lead = float(column.max() - column[best])
+                found.append((lead, f"{name}{table.bins.unit}", str(column.idxmax())))
+    if not found:
+        return []
+    lead, where, other = max(found)
+    cells = f"{tables[0].object_class}: of the cells with {_FEW} objects or more"
+    if not lead > 0:
+        return [f"{cells} {best} has the most in all."]
+    return [f"{cells} {best} is furthest behind in {where}: {lead:.1f} points below {other}."]
