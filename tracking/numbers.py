@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+DASH = "–"
+"""What stands where there is no number."""
+
 
 def digits(value: float, form: str) -> str:
     """A number in a format of Python's, in which `z` keeps zero from having a minus."""
     if not np.isfinite(value):
-        return "–"
+        return DASH
     text = f"{value:{form}}"
     return "−" + text[1:] if text.startswith("-") else text
 
@@ -33,7 +36,7 @@ def points(value: float) -> str:
 
 def span(low: float, high: float, form: str) -> str:
     """From `low` to `high`; a dash where there is no interval."""
-    return f"{digits(low, form)} to {digits(high, form)}" if np.isfinite(low) else "–"
+    return f"{digits(low, form)} to {digits(high, form)}" if np.isfinite(low) else DASH
 
 
 def interval(low: float, high: float) -> str:

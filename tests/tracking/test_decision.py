@@ -16,6 +16,7 @@ from test_report import Page
 
 from lidarplace.placement import Mount
 from tracking.figures.of_sweeps.rig_views import ViewedRig, rig_views
+from tracking.figures.of_sweeps.side_by_side import side_by_side
 from tracking.findings.best_placement import best_placement
 from tracking.report.build import build_report
 
@@ -108,6 +109,14 @@ def test_one_seed_has_no_odds_and_says_what_is_not_known(one_class):
     assert "other seeds than 1 seed, other frames than the 100 test frames" in one_class.text
     assert "likely to be the best" not in one_class.text
     assert not any("likely" in json.dumps(figure["layout"]) for figure in one_class.figures)
+
+
+def test_a_legend_beside_odds_has_a_row_for_each_name():
+    means = pd.DataFrame({"mean": [1.0], "low": [0.5], "high": [1.5]}, index=["a"])
+    columns = {"AP": means, "recall": means}
+    plain, beside = (side_by_side(columns, ["a"], "t", "%", odds) for odds in ((), ["60 %"]))
+    assert beside.layout.height - plain.layout.height == 20
+    assert "60 %" in [note.text for note in beside.layout.annotations]
 
 
 def test_rigs_are_drawn_with_their_models(one_class):

@@ -116,3 +116,30 @@ def test_two_tables_of_one_name_get_a_file_each(tmp_path):
 )
 def test_a_slug_is_a_safe_name(words, expected):
     assert slug(*words) == expected
+
+
+def test_columns_full_of_dashes_are_left_out_and_stressed_cells_move_along():
+    rows = (("a", "–", "1", "–"), ("b", "–", "–", "–"))
+    table = Table(
+        "t", ("rig", "sd", "mean", "p"), rows, frozenset({(0, 2), (1, 1)}), frozenset({0})
+    )
+    shown = table.without_dashes()
+    assert shown.head == ("rig", "mean")
+    assert shown.rows == (("a", "1"), ("b", "–"))
+    assert shown.best == {(0, 1)}
+    assert shown.words == {0}
+    empty = Table("t", ("rig", "sd"), ())
+    assert empty.without_dashes() == empty
+
+
+def test_what_few_ask_for_is_folded_away_with_its_figures_and_tables(folder):
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    folds = dict(
+        re.findall(r'<details class="folded"><summary><h2[^>]*>([^<]*)<(.*?)</details>', text, re.S)
+    )
+    assert list(folds) == [
+        "Did the surrogates predict AP and recall?",
+        "Surrogates: error against run time",
+        "Where the time went",
+    ]
+    assert all("<table>" in inside and "application/json" in inside for inside in folds.values())

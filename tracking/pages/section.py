@@ -14,13 +14,17 @@ from tracking.pages.tables import Table, slug
 
 @dataclass
 class Section:
-    """A heading with sentences, figures in `columns` and tables below it."""
+    """A heading with sentences, figures in `columns` and tables below it.
+
+    A `folded` one shows its heading until it is opened, or printed.
+    """
 
     title: str
     notes: list[str] = field(default_factory=list)
     figures: list[go.Figure] = field(default_factory=list)
     tables: list[Table] = field(default_factory=list)
     columns: int = 3
+    folded: bool = False
 
     @property
     def anchor(self) -> str:

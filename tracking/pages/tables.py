@@ -12,7 +12,7 @@ from typing import Any
 import pandas as pd
 
 from tracking.labels import metric_label, surrogate_name
-from tracking.numbers import digits
+from tracking.numbers import DASH, digits
 
 MOST_ROWS = 50
 """Placements and trials that a table shows; a page must stay small."""
@@ -95,6 +95,22 @@ class Table:
             tuple(tuple(column.cell(row) for column in columns) for row in rows.to_dict("records")),
             words=frozenset(i for i, column in enumerate(columns) if column.words),
             **further,
+        )
+
+    def without_dashes(self) -> Table:
+        """Without columns that have a dash in every row. The CSV file has all of them."""
+        kept = [
+            i
+            for i in range(len(self.head))
+            if not self.rows or any(r[i] != DASH for r in self.rows)
+        ]
+        place = {old: new for new, old in enumerate(kept)}
+        return replace(
+            self,
+            head=tuple(self.head[i] for i in kept),
+            rows=tuple(tuple(row[i] for i in kept) for row in self.rows),
+            best=frozenset((row, place[i]) for row, i in self.best if i in place),
+            words=frozenset(place[i] for i in self.words if i in place),
         )
 
     def first(self, most: int) -> Table:

@@ -75,6 +75,8 @@ def build_report(run: Path) -> Path:
     found = _Analysis.of(whole)
     folder = found.run
     sections = [section for section in _sections(whole, found) if section is not None]
+    for section in sections:
+        section.tables = [table.without_dashes() for table in section.tables]
     cards, findings = _verdicts(found)
     extent = _extent(folder)
     warnings = [

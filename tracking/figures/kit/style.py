@@ -64,6 +64,8 @@ _LONGEST_LINE = 50
 _LINE = 18  # pixels
 _LONGEST_OF_TWO = 18
 """Letters of a name that fits a phone's row of the legend with another one."""
+_SIDE = 16
+"""Pixels on the right of a figure with nothing there."""
 
 _TITLE = {
     "x": 0,
@@ -97,7 +99,7 @@ def figure(
     """
     shown = broken(title)
     more = _LINE * shown.count(SOFT_BREAK)
-    sides = {"l": 56, "r": 16, "t": 48, "b": 48} | (margin or {})
+    sides = {"l": 56, "r": _SIDE, "t": 48, "b": 48} | (margin or {})
     return go.Figure(
         layout={
             "title": {"text": shown, **_TITLE},
@@ -118,7 +120,9 @@ def legend_below(plot: go.Figure) -> None:
     names = [
         html.unescape(trace.name or "") for trace in plot.data if trace.showlegend is not False
     ]
-    in_a_row = 2 if max(map(len, names), default=0) <= _LONGEST_OF_TWO else 1
+    short = max(map(len, names), default=0) <= _LONGEST_OF_TWO
+    # Words beside the figure take their width from its legend, too.
+    in_a_row = 2 if short and plot.layout.margin.r <= _SIDE else 1
     room = 20 * -(-len(names) // in_a_row)
     height = plot.layout.height + room
     plot.update_layout(

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
+from tracking.figures.kit.odds import add_odds
 from tracking.figures.kit.style import (
     OUTLINE,
     colour,
@@ -22,7 +23,11 @@ MOST_ROWS = 20
 
 
 def side_by_side(
-    columns: Mapping[str, pd.DataFrame], rows: Sequence[str], title: str, axis: str
+    columns: Mapping[str, pd.DataFrame],
+    rows: Sequence[str],
+    title: str,
+    axis: str,
+    odds: Sequence[str] = (),
 ) -> go.Figure:
     """Points in rows, a colour a column, bars for 95 % intervals.
 
@@ -31,6 +36,7 @@ def side_by_side(
         rows: in the order from top to bottom; the first `MOST_ROWS` are drawn.
         title: plotly text.
         axis: title of the axis, with the unit.
+        odds: how likely each row is to be the best, written on the right.
     """
     shown = list(rows)[:MOST_ROWS]
     plot = figure(title, height=150 + (24 + 8 * len(columns)) * len(shown))
@@ -55,6 +61,8 @@ def side_by_side(
         ticktext=[text(row) for row in shown],
         range=[len(shown) - 0.5, -0.5],
     )
+    if odds:
+        add_odds(plot, odds[:MOST_ROWS])
     legend_below(plot)
     return plot
 

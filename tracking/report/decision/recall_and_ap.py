@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 
 from lidarplace.metrics import headline_metric
-from tracking.figures.kit.odds import add_odds
 from tracking.figures.of_sweeps.side_by_side import side_by_side
 from tracking.kitti_iou import headline_iou, judged
 from tracking.labels import metric_label
@@ -35,11 +34,9 @@ def recall_and_ap_section(run: RunFolder, found: Recommendation, means: pd.DataF
             low=table["mean"] - table["half"], high=table["mean"] + table["half"]
         )[["mean", "low", "high"]]
     rows = found.shown
-    plot = side_by_side(columns, rows, "Recall and AP", "percent")
     sure = found.best.sure.loc[rows]
-    if np.isfinite(sure).all():
-        add_odds(plot, [percent(share) for share in sure])
-    section.figures.append(plot)
+    odds = [percent(share) for share in sure] if np.isfinite(sure).all() else []
+    section.figures.append(side_by_side(columns, rows, "Recall and AP", "percent", odds))
     section.notes.append(
         "Means over seeds. Bars are 95 % intervals for a comparison: all rigs met the same objects."
         if any(table["low"].notna().any() for table in columns.values())

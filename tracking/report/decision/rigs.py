@@ -21,9 +21,8 @@ def rigs_section(run: RunFolder, found: Recommendation) -> Section:
     )
     left = len(found.best.sure) - len(found.shown)
     if left:
-        section.notes.append(
-            f"Drawn are the {len(found.shown)} best, {left} more are in the report."
-        )
+        more = f"{left} more {'is' if left == 1 else 'are'} in the report"
+        section.notes.append(f"Drawn are the {len(found.shown)} best, {more}.")
     section.figures = rig_views(
         [_viewed(run, name, found.best.equal == [name]) for name in found.shown]
     )

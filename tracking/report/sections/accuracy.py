@@ -15,7 +15,7 @@ from tracking.run_folders.sweep import RunFolder
 
 def accuracy_section(run: RunFolder) -> Section:
     """Errors and ranks of every cheaper way to compute a surrogate, against its seconds."""
-    section = Section("Surrogates: error against run time", columns=1)
+    section = Section("Surrogates: error against run time", columns=1, folded=True)
     if run.accuracy is None or run.accuracy.empty:
         section.notes.append("The run folder has no accuracy.parquet.")
         return section

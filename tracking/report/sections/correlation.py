@@ -60,6 +60,7 @@ def correlation_section(
             "round: they are one test, not four.",
             CEILING_IN_A_LINE,
         ],
+        folded=True,
     )
     if run.promotions is not None and len(run.promotions):
         section.notes.append(

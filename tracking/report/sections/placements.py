@@ -31,7 +31,8 @@ def placements_section(run: RunFolder, found: list[Group], means: pd.DataFrame) 
     )
     section = Section("Placements", [alone if run.results.empty else with_results])
     for group in found:
-        for name in (*run.classes, "all"):
+        # Of one class the table has the recall of all objects, too.
+        for name in run.classes if len(run.classes) == 1 else (*run.classes, "all"):
             table = placement_table(run, group, means, name)
             if table is not None:
                 section.tables.append(table.first(MOST_ROWS))

@@ -48,7 +48,7 @@ def published_section(run: RunFolder, means: pd.DataFrame) -> Section | None:
     published = _of_run(run)
     if published["placement"].nunique() < 2:
         return None
-    section = Section("The paper's published results", [_HOW_TO_READ], columns=2)
+    section = Section("The paper's published results", [_HOW_TO_READ], columns=2, folded=True)
     surrogates = with_sums(run.surrogates, run.axes)
     tests = []
     for title, part in by_setting(surrogates, run.axes):

@@ -28,7 +28,8 @@ def tilts_section(run: RunFolder, found: list[Group], means: pd.DataFrame) -> Se
     differences = _differences(run, found, means, pairs)
     if differences.empty:
         return None
-    section = Section("Ablation: roll and pitch", columns=2)
+    one = differences["pair"].nunique() == 1
+    section = Section("Ablation: roll and pitch", columns=2, folded=one)
     section.notes.append(
         "Pairs of placements that differ in the roll, or in the pitch, of some LiDARs and in "
         "nothing else. Differences are tilted less upright, with 95 % intervals; each "

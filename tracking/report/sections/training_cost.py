@@ -26,7 +26,7 @@ def training_cost_section(run: RunFolder) -> Section | None:
     """AP of shorter trainings and the ranks they give; None if all are as long."""
     if not varied_cost_axes(run.results):
         return None
-    section = Section("Training: error against run time", columns=1)
+    section = Section("Training: error against run time", columns=1, folded=True)
     if run.curves is None or run.curves.empty:
         section.notes.append("The run folder has no curves.parquet.")
         return section

@@ -15,7 +15,7 @@ from tracking.run_folders.sweep import RunFolder
 
 def where_time_went(run: RunFolder) -> Section:
     """Task seconds of every stage, and how well the cores were kept at work."""
-    section = Section("Where the time went", columns=1)
+    section = Section("Where the time went", columns=1, folded=True)
     if run.tasks is None or run.tasks.empty:
         section.notes.append("The run folder has no tasks.parquet.")
         return section
