@@ -12,11 +12,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from lidarplace.catalogue.datasheet import datasheet
 from lidarplace.files.secret_urls import hide_secrets, public_url
 from lidarplace.lidar.points_by_distance import points_by_distance
-from lidarplace.sensor import Lidar
+from lidarplace.placement import Placement
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.grid import Sweep
+from sweeps.configuration.sweep import Point
 from sweeps.execution.execute import Outcome
 from sweeps.plan.plan import Plan, Trial, further_axes
 from sweeps.results.pictures import drawn, maps, one_frame
@@ -231,7 +233,7 @@ def _about(
         rig = sweep.common.placement_named(point.placement, point.lidar.lidar())
         placements[point.placement] = [astuple(mount) for mount in rig.mounts]
         if not varied:
-            lidars[point.placement] = [_model(lidar) for lidar in rig.lidars]
+            lidars[point.placement] = _models(sweep, point, rig)
     rungs = [rung.model_dump(mode="json", by_alias=True) for rung in sweep.common.promote]
     return SweepResult(
         name=sweep.common.name,
@@ -253,8 +255,20 @@ def _about(
     )
 
 
-def _model(lidar: Lidar) -> LidarModel:
-    low, high = np.degrees([min(lidar.elevations), max(lidar.elevations)])
-    return LidarModel(
-        beams=lidar.beams, elevation_deg=(low, high), azimuth_steps=lidar.azimuth_steps
-    )
+def _models(sweep: Sweep, point: Point, rig: Placement) -> list[LidarModel]:
+    settings = sweep.common.placements.get(point.placement)
+    own = [mount.lidar for mount in settings.mounts] if settings else [None] * len(rig.mounts)
+    models = []
+    for sensor, lidar in zip(own, rig.lidars, strict=True):
+        low, high = np.degrees([min(lidar.elevations), max(lidar.elevations)])
+        name = (sensor or point.lidar).name
+        models.append(
+            LidarModel(
+                name=name,
+                price_usd=datasheet(name).price_usd if name else None,
+                beams=lidar.beams,
+                elevation_deg=(low, high),
+                azimuth_steps=lidar.azimuth_steps,
+            )
+        )
+    return models

@@ -97,7 +97,13 @@ def test_the_run_folder_holds_the_results(folder, first):
     assert about["frames"] == {"train": 8, "test": 4}
     assert about["tracking_uri"] == f"sqlite:///{folder / 'runs/mlflow.db'}"
     assert about["command"].startswith("python -m sweeps.run ")
-    model = {"beams": 16, "elevation_deg": [-25.0, 5.0], "azimuth_steps": 120}
+    model = {
+        "name": None,
+        "price_usd": None,
+        "beams": 16,
+        "elevation_deg": [-25.0, 5.0],
+        "azimuth_steps": 120,
+    }
     assert about["lidars"] == dict.fromkeys(("line", "center"), [model] * 4)
     assert (run / "report.html").stat().st_size > 1e6
     artifacts = next((folder / "runs/artifacts").glob("*/artifacts/sweep.json")).parent

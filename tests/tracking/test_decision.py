@@ -48,7 +48,8 @@ def one_class(tmp_path_factory) -> Page:
     sweep = json.loads((folder / "sweep.json").read_text())
     sweep["classes"] = ["Car"]
     wide = {"beams": 32, "elevation_deg": [-25.0, 15.0], "azimuth_steps": 1800}
-    near = {"beams": 16, "elevation_deg": [-60.0, 0.0], "azimuth_steps": 900}
+    wide["price_usd"] = 4000.0
+    near = {"name": "near<1>", "beams": 16, "elevation_deg": [-60.0, 0.0], "azimuth_steps": 900}
     sweep["lidars"] = {"a": [wide] * 4, "b": [wide, wide, near, near]}
     (folder / "sweep.json").write_text(json.dumps(sweep))
     build_report(folder)
@@ -122,11 +123,14 @@ def test_a_legend_beside_odds_has_a_row_for_each_name():
 def test_rigs_are_drawn_with_their_models(one_class):
     a, b = (f for f in one_class.figures if "LiDARs" in f["layout"]["title"]["text"])
     title = {f["layout"]["title"]["text"].partition("</b>")[0]: f for f in (a, b)}
-    assert "4 LiDARs · 32 beams, −25° to 15°" in title["<b>a"]["layout"]["title"]["text"]
+    said = title["<b>a"]["layout"]["title"]["text"]
+    assert "4 LiDARs · 32 beams, −25° to 15° · 16,000 US$" in said
+    # The price of two of the others is not known.
+    assert "US$" not in title["<b>b"]["layout"]["title"]["text"]
     lines = title["<b>b"]["data"][-1]["text"]
     assert [line.rpartition(" · ")[2] for line in lines] == [
         *2 * ["32 beams, −25° to 15°"],
-        *2 * ["16 beams, −60° to 0°"],
+        *2 * ["near&lt;1&gt;, 16 beams, −60° to 0°"],
     ]
 
 

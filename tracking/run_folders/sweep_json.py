@@ -35,6 +35,10 @@ class Rung(Part):
 class LidarModel(Part):
     """A LiDAR model; angles in degrees."""
 
+    name: str | None = None
+    """Of the catalogue."""
+    price_usd: Annotated[FiniteFloat, Field(gt=0)] | None = None
+    """What a source of the catalogue asked for one."""
     beams: CountFromOne
     elevation_deg: tuple[FiniteFloat, FiniteFloat]
     """Of the lowest and of the highest beam."""

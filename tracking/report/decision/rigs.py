@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from tracking.figures.kit.style import text
 from tracking.figures.of_sweeps.rig_views import ViewedRig, rig_views
 from tracking.numbers import digits
@@ -34,6 +36,7 @@ def _viewed(run: RunFolder, name: str, best: bool) -> ViewedRig:
     words = [model_words(model) for model in run.sweep.lidars.get(name, ())]
     same = len(set(words)) == 1
     said = f"{len(mounts)} LiDAR{'s' * (len(mounts) != 1)}" + (f" · {words[0]}" if same else "")
+    said += _price(run.sweep.lidars.get(name, ()))
     mark = " · recommended" if best else ""
     return ViewedRig(
         mounts,
@@ -42,7 +45,14 @@ def _viewed(run: RunFolder, name: str, best: bool) -> ViewedRig:
     )
 
 
+def _price(models: Sequence[LidarModel]) -> str:
+    """Of all LiDARs; "" unless that of each is known."""
+    prices = [model.price_usd for model in models if model.price_usd is not None]
+    return f" · {sum(prices):,.0f} US$" if models and len(prices) == len(models) else ""
+
+
 def model_words(model: LidarModel) -> str:
     """A LiDAR model in a few words."""
     low, high = (f"{digits(angle, 'z.3g')}°" for angle in model.elevation_deg)
-    return f"{model.beams} beams, {low} to {high}"
+    beams = f"{model.beams} beams, {low} to {high}"
+    return f"{text(model.name)}, {beams}" if model.name else beams
