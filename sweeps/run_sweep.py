@@ -37,7 +37,6 @@ from tracking.mlflow.log import SweepLog
 from tracking.mlflow.source import source_tags
 from tracking.mlflow.system import SystemMonitor
 from tracking.report.build import build_report
-from tracking.report.decision.build import FILE as DECISION
 from tracking.run_folders.sweep import RunFolder
 
 
@@ -156,14 +155,9 @@ class SweepWork:
         if len(_failed(self.plan, run)) == len(self.plan.trials):
             return None
         report = build_report(folder)
-        written = (report, report.with_suffix(".md"), folder / "sweep.json")
-        decision = [path] if (path := folder / DECISION).is_file() else []
-        for path in (
-            *decision,
-            *written,
-            *sorted(folder.glob("*.parquet")),
-            folder / "config.yaml",
-        ):
+        pages = (*sorted(folder.glob("*.html")), report.with_suffix(".md"))
+        written = (*pages, folder / "sweep.json", folder / "config.yaml")
+        for path in (*written, *sorted(folder.glob("*.parquet"))):
             log.artifact(path)
         for path in sorted((folder / "tables").glob("*.csv")):
             log.artifact(path, "tables")

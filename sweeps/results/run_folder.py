@@ -260,7 +260,7 @@ def _models(sweep: Sweep, point: Point, rig: Placement) -> list[LidarModel]:
     own = [mount.lidar for mount in settings.mounts] if settings else [None] * len(rig.mounts)
     models = []
     for sensor, lidar in zip(own, rig.lidars, strict=True):
-        low, high = np.degrees([min(lidar.elevations), max(lidar.elevations)])
+        low, high = np.degrees([min(lidar.elevations), max(lidar.elevations)]).round(9)
         name = (sensor or point.lidar).name
         models.append(
             LidarModel(

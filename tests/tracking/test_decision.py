@@ -79,6 +79,25 @@ def test_it_is_one_file_whose_links_lead_to_files(folder, page):
     assert all((folder / link).is_file() for link in page.links)
 
 
+def test_it_says_where_the_recommended_rig_is_furthest_behind(folder, page):
+    best = page.words[page.words.index("Recommended") + 2]
+    table = pd.read_parquet(folder / "sector.parquet").query("`class` == 'Car' and iou == 0.7")
+    sectors = table.groupby(["sector", "placement"])["value"].mean().unstack()
+    rings = pd.read_parquet(folder / "distance.parquet")
+    rings = rings.query("`class` == 'Car' and iou == 0.7 and metric == 'AP_R40_3D'")
+    rings = rings.assign(ring=rings["from_m"].map({0.0: "0–10 m", 10.0: "10–20 m"}))
+    both = pd.concat([sectors, rings.groupby(["ring", "placement"])["value"].mean().unstack()])
+    behind = both.max(axis=1) - both[best]
+    where = behind.idxmax()
+    said = "Car: where there are 100 objects or more, "
+    if behind[where] > 0:
+        other = both.loc[where].idxmax()
+        end = f"is furthest behind at {where}: {behind[where]:.1f} points below {other}."
+    else:
+        end = "is behind none of these rigs."
+    assert f"{said}{best} {end}" in page.text
+
+
 def test_bars_of_the_chart_are_those_of_the_report(folder, page):
     chart = next(f for f in page.figures if f["layout"]["title"]["text"] == "Recall and AP")
     recall = next(t for t in chart["data"] if t["name"] == "recall @ 0.5, all objects")

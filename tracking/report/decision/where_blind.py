@@ -121,7 +121,7 @@ def _behind(tables: list[_Binned], best: str) -> list[str]:
     if not found:
         return []
     lead, where, other = max(found)
-    cells = f"{tables[0].object_class}: of the cells with {_FEW} objects or more"
+    cells = f"{tables[0].object_class}: where there are {_FEW} objects or more,"
     if not lead > 0:
-        return [f"{cells} {best} has the most in all."]
-    return [f"{cells} {best} is furthest behind in {where}: {lead:.1f} points below {other}."]
+        return [f"{cells} {best} is behind none of these rigs."]
+    return [f"{cells} {best} is furthest behind at {where}: {lead:.1f} points below {other}."]
