@@ -68,7 +68,8 @@ def test_it_recommends_what_best_placement_says_with_interval_and_odds(folder, p
         f"{best.others.index[0]} (95 %: {low} to {high})"
     ) in page.text
     assert f"{100 * best.sure.iloc[0]:.0f} % likely to be the best of 5" in page.text
-    assert "the chance of training (2 seeds)" in page.text
+    seeds = own["results"]["seed"].nunique()
+    assert f"the chance of training ({seeds} seeds)" in page.text
     assert "100 test frames of 4 routes met; not known is what other towns" in page.text
 
 

@@ -74,7 +74,8 @@ def not_known(run: RunFolder, found: Recommendation) -> str:
     """What the odds allow for and what they do not: seeds, frames, towns; one sentence."""
     best = found.best
     frames = f"the {run.sweep.frames.test:,} test frames{_routes(run)}"
-    seeds = int(best.noise.counts.max())
+    # Not those of the noise, which stand for test objects, too.
+    seeds = int(best.others["seeds"].max()) if len(best.others) else 1
     judge = "generalist" if found.group.judge == GENERALIST else "seed"
     trained = f"{seeds} {judge}{'s' * (seeds != 1)}"
     odds = len(best.sure) > 1 and bool(np.isfinite(best.sure.iloc[0]))
