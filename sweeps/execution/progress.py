@@ -13,7 +13,7 @@ from rich.table import Column
 from lidarplace.command_line.terminal import visible
 from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.execution.progress_lines import ProgressLines
-from sweeps.execution.running import Running, about
+from sweeps.execution.running import Running, about, running_column
 from sweeps.execution.time_left import TimeLeft
 from sweeps.tasks.task import Task
 
@@ -49,13 +49,7 @@ class StageProgress:
             BarColumn(16),
             MofNCompleteColumn(table_column=Column(min_width=5, no_wrap=True)),
             TimeRemainingColumn(compact=True, table_column=Column(min_width=5, no_wrap=True)),
-            # What runs now takes the rest of the line and is cut there.
-            TextColumn(
-                "{task.fields[now]}",
-                style="dim",
-                markup=False,
-                table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"),
-            ),
+            running_column(),
             console=console,
             expand=True,
             disable=not console.is_terminal,

@@ -5,9 +5,18 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
+from rich.progress import TextColumn
+from rich.table import Column
+
 from sweeps.tasks.task import Task
 
 _MOST_NAMED = 2
+
+
+def running_column() -> TextColumn:
+    """What runs now, the field `now` of a bar: takes the rest of the line and is cut there."""
+    rest = Column(ratio=1, no_wrap=True, overflow="ellipsis")
+    return TextColumn("{task.fields[now]}", style="dim", markup=False, table_column=rest)
 
 
 class Running:

@@ -6,12 +6,11 @@ import time
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Column
 
 from lidarplace.command_line.terminal import visible
 from sweeps.execution.failures import Failure
 from sweeps.execution.progress_lines import ProgressLines
-from sweeps.execution.running import Running, about
+from sweeps.execution.running import Running, about, running_column
 from sweeps.tasks.task import Task
 
 
@@ -37,12 +36,7 @@ class TrialProgress:
             BarColumn(16),
             MofNCompleteColumn(),
             TimeElapsedColumn(),
-            TextColumn(
-                "{task.fields[now]}",
-                style="dim",
-                markup=False,
-                table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"),
-            ),
+            running_column(),
             console=console,
             expand=True,
             disable=not console.is_terminal,

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from lidarplace.roi import Roi
 from tracking.figures.kit.averaged import averaged
-from tracking.figures.kit.style import SEQUENTIAL, VEHICLE, VEHICLE_FILL, figure
+from tracking.figures.kit.style import SEQUENTIAL, VEHICLE, VEHICLE_OUTLINE, figure
 
 _CELLS = 200
 """Maps are averaged to at most this many cells along the longer side: a page holds many."""
@@ -32,12 +32,7 @@ def vehicle_from_above() -> go.Scatter:
     return go.Scatter(
         x=[length / 2, -length / 2, -length / 2, length / 2, length / 2, front, length / 2],
         y=[width / 2, width / 2, -width / 2, -width / 2, width / 2, 0, -width / 2],
-        mode="lines",
-        line={"color": "#D55E00", "width": 1.5},
-        fill="toself",
-        fillcolor=VEHICLE_FILL,
-        hoverinfo="skip",
-        showlegend=False,
+        **VEHICLE_OUTLINE,
     )
 
 

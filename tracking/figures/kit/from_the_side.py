@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import plotly.graph_objects as go
 
-from tracking.figures.kit.style import VEHICLE, VEHICLE_FILL
+from tracking.figures.kit.style import VEHICLE, VEHICLE_OUTLINE
 
 VEHICLE_HEIGHT = 1.5
 """Of the outline, metres."""
@@ -16,10 +16,5 @@ def vehicle_from_the_side() -> go.Scatter:
     return go.Scatter(
         x=[-half, -half, -half + 0.3, 0.4, 1.1, half, half, -half],
         y=[0, 0.9, VEHICLE_HEIGHT, VEHICLE_HEIGHT, 0.9, 0.8, 0, 0],
-        mode="lines",
-        line={"color": "#D55E00", "width": 1.5},
-        fill="toself",
-        fillcolor=VEHICLE_FILL,
-        hoverinfo="skip",
-        showlegend=False,
+        **VEHICLE_OUTLINE,
     )

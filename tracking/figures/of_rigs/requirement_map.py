@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Placement
 from lidarplace.requirements.judge import Outcome
-from tracking.figures.kit.style import VEHICLE_FILL, figure, lidar_colour, text
+from tracking.figures.kit.style import VEHICLE_OUTLINE, figure, lidar_colour, text
 
 _MOST_CELLS = 160
 """Along an axis; of more positions a cell shows the worst one."""
@@ -113,12 +113,7 @@ def _add_vehicle(plot: go.Figure, vehicle: Vehicle) -> None:
         plot.add_scatter(
             x=[x0, x1, x1, x0, x0],
             y=[y0, y0, y1, y1, y0],
-            mode="lines",
-            line={"color": "#D55E00", "width": 1.5},
-            fill="toself",
-            fillcolor=VEHICLE_FILL,
-            hoverinfo="skip",
-            showlegend=False,
+            **VEHICLE_OUTLINE,
         )
 
 
