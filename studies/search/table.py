@@ -10,6 +10,7 @@ import math
 import sys
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 from rich import print as show
 from scipy import stats
@@ -29,6 +30,13 @@ METRICS = (
 )
 """Class, metric, IoU; 0: over all of them."""
 COLUMNS = ["placement", "seed", "class", "metric", "iou"]
+JUDGED = (
+    ("Car", "AP_R40_3D", 0.7),
+    ("Car", "AP_R40_3D_mean", 0.0),
+    ("Car", "mean_overlap", 0.0),
+    ("all", "recall", 0.5),
+)
+"""What the generalists have told of the eleven rigs on the traffic of the choice: `judged.csv`."""
 REFERENCE = "center"
 """The best of the paper's eight by the generalists, on the traffic of the choice."""
 
@@ -47,6 +55,20 @@ def main() -> None:
             rows.setdefault(str(name), []).append(_cell(str(name), y, without))
     head = [f"{c} {metric} {iou:g}" for c, metric, iou in METRICS]
     show(table(f"percent; difference to {REFERENCE}, 95 %", ("", *head), list(_cells(rows))))
+    agreement = [_agreement(results, wanted) for wanted in JUDGED]
+    show(table("Spearman's rho", ("", "generalists", "two seeds", "bias"), agreement))
+
+
+def _agreement(results: pd.DataFrame, wanted: tuple[str, str, float]) -> tuple[str, str, str, str]:
+    """Of the generalists with the rigs' own detectors, and of two seeds of these."""
+    judged = _of(pd.read_csv(FOLDER / "judged.csv"), wanted).set_index("placement")["value"]
+    own = _of(results, wanted).pivot_table(index="placement", columns="seed", values="value")
+    own = own.loc[judged.index]
+    pairs = own.corr("spearman").to_numpy()[np.triu_indices(len(own.columns), 1)]
+    rho = stats.spearmanr(judged, own.mean(axis=1)).statistic
+    bias = (judged - own.mean(axis=1)).mean()
+    name = "{} {} {:g}".format(*wanted)
+    return name, f"{rho:.2f}", ", ".join(f"{pair:.2f}" for pair in pairs), f"{bias:+.1f}"
 
 
 def _cells(rows: dict[str, list[str]]) -> list[tuple[str, ...]]:
@@ -80,7 +102,7 @@ def _write(run: Path) -> None:
         rows = pd.read_parquet(run / f"{name}.parquet")
         if "unit" in rows:
             rows = rows[rows["unit"] != "half"]
-        kept = pd.concat([_of(rows, wanted) for wanted in METRICS])
+        kept = pd.concat([_of(rows, wanted) for wanted in {*METRICS, *JUDGED}])
         kept[[*COLUMNS, *own]].to_parquet(FOLDER / f"{name}.parquet", index=False)
 
 
