@@ -14,17 +14,27 @@ from sweeps.store.open import AnyStore
 from sweeps.tasks.parameters import CollectParams
 from tracking.numbers import digits
 
+MOST_NAMED = 8
+"""Of rigs whose rings coincide; those with the most."""
+
 
 def rig_cautions(plan: Plan, store: AnyStore) -> list[str]:
     """Rings that coincide, with what a generalist says of others; rigs that it cannot know."""
     by_rig: dict[str, list[Trial]] = {}
     for trial in plan.trials:
         by_rig.setdefault(trial.grid_point.point.placement, []).append(trial)
-    said = []
+    coincide: dict[str, Interleaving] = {}
     for name, trials in by_rig.items():
         found = next((t.interleaving for t in trials if t.interleaving is not None), None)
         if found is not None:
-            said.append(coinciding(name, found) + _gain(trials, store))
+            coincide[name] = found
+    worst = sorted(coincide, key=lambda name: -coincide[name].before)
+    named = [name for name in coincide if name in worst[:MOST_NAMED]]
+    said = [coinciding(name, coincide[name]) + _gain(by_rig[name], store) for name in named]
+    more = len(coincide) - len(named)
+    if more:
+        least = 100 * coincide[worst[MOST_NAMED]].before
+        said.append(f"So do rings of {more} rigs more, of each at most {least:.0f} %.")
     return [*said, *filter(None, (_outside(name, trials) for name, trials in by_rig.items()))]
 
 

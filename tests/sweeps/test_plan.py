@@ -12,7 +12,7 @@ from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from sweeps.execution.schedule import Schedule
 from sweeps.plan.plan import make_plan
-from sweeps.results.rig_cautions import rig_cautions
+from sweeps.results.rig_cautions import MOST_NAMED, rig_cautions
 from training import build_detector
 from training.checkpoints import write_checkpoint
 
@@ -393,3 +393,23 @@ def test_cautions_name_rigs_beyond_what_the_generalist_has_seen(tmp_path):
     assert outside == (
         "high is outside of the rigs that the generalist has seen: y by 0.60 m, z by 0.20 m."
     )
+
+
+def test_of_many_rigs_whose_rings_coincide_those_with_the_most_are_named(tmp_path):
+    rigs = {
+        f"apart_{n}": {"mounts": [{"x": 0, "y": 0.4 * i, "z": 2 + 0.004 * n * i} for i in range(4)]}
+        for n in range(12)
+    }
+    plan = plan_of(tmp_path, placements=rigs, grid={"placement": list(rigs)}, detector=None)
+    said = rig_cautions(plan, Empty())
+    shares = {
+        trial.grid_point.point.placement: trial.interleaving.before
+        for trial in plan.trials
+        if trial.interleaving is not None
+    }
+    most = sorted(shares, key=lambda name: -shares[name])
+    assert len(shares) > MOST_NAMED
+    assert [line.split(":")[0] for line in said[:-1]] == sorted(
+        most[:MOST_NAMED], key=list(rigs).index
+    )
+    assert said[-1].startswith(f"So do rings of {len(shares) - MOST_NAMED} rigs more, of each at")
