@@ -87,6 +87,15 @@ class Lidar:
                 f"the field of view [{low}, {high}) radians"
             )
 
+    def __repr__(self) -> str:
+        low, high = np.degrees([min(self.elevations), max(self.elevations)])
+        left, right = np.degrees(self.azimuth)
+        view = "" if self.full_turn else f", azimuth {left:.6g} to {right:.6g} degrees"
+        return (
+            f"Lidar({self.beams} beams, {low:.6g} to {high:.6g} degrees, {self.azimuth_steps} "
+            f"azimuth steps a turn{view}, range {self.range:.6g} m)"
+        )
+
     @classmethod
     def paper(cls) -> Lidar:
         """The paper's sensor: 16 beams from -25 to 5 degrees, 90,000 points a frame at 20 Hz."""

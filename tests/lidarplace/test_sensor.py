@@ -160,3 +160,12 @@ def test_how_far_surfaces_are_seen():
 def test_impossible_ranges(limits, message):
     with pytest.raises(ValueError, match=message):
         Lidar(BEAMS, 12, **limits)
+
+
+def test_a_lidar_is_shown_in_a_line():
+    whole = Lidar.even(beams=16, elevation_deg=(-25, 5), azimuth_steps=900)
+    assert repr(whole) == (
+        "Lidar(16 beams, -25 to 5 degrees, 900 azimuth steps a turn, range 100 m)"
+    )
+    part = replace(whole, azimuth=(math.radians(-60), math.radians(60)))
+    assert "azimuth -60 to 60 degrees" in repr(part)
