@@ -91,6 +91,25 @@ def test_a_front_of_margin_and_price(tmp_path):
     assert plain["front"] >= 1
 
 
+def test_zones_that_may_all_be_empty(tmp_path):
+    zone = {"x": 0, "y": [0.2, 0.6], "z": 2, "lidars": [0, 1], "mirrored": True}
+    path = write_search(
+        tmp_path,
+        search={
+            "zones": {"roof": zone},
+            "requirements": [AROUND],
+            "objective": ["margin", "price"],
+            "constraints": {"body_share": 0.9},
+            "greedy": None,
+        },
+    )
+    done = CliRunner().invoke(app, [str(path)], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    trials = SearchFolder.read(tmp_path / "runs/small").trials
+    assert set(trials.loc[~trials["possible"], "lidars"]) <= {0}
+    assert trials["possible"].any()
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

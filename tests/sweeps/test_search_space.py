@@ -96,6 +96,7 @@ def test_rigs_that_differ_in_order_are_one():
     assert ordered([a, b]) == ordered([b, a])
     assert hash(ordered([a, b])) == hash(ordered([b, a]))
     assert not is_possible(ordered([a, a]))
+    assert not is_possible(())
     assert is_possible(ordered([a, b]))
 
 

@@ -33,8 +33,8 @@ def ordered(choices: Iterable[Choice]) -> Choices:
 
 
 def is_possible(choices: Choices) -> bool:
-    """Whether no two LiDARs sit in one place."""
-    return len({(c.mount.x, c.mount.y, c.mount.z) for c in choices}) == len(choices)
+    """Whether there is a LiDAR, and no two sit in one place."""
+    return 0 < len({(c.mount.x, c.mount.y, c.mount.z) for c in choices}) == len(choices)
 
 
 def placement_of(choices: Choices, models: Mapping[str, Lidar], name: str = "rig") -> Placement:

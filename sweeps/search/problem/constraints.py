@@ -154,10 +154,11 @@ def measures_of(
         elif constraint.name == "distance":
             found["distance"] = least_distance(placement) if placement else 0.0
         elif constraint.name == "body_share":
-            found["body_share"] = max(
+            shares = (
                 body_share(lidar.mount, carrier.models[lidar.model], carrier.vehicle)
                 for lidar in rig
             )
+            found["body_share"] = max(shares, default=0.0)
         else:
             assert carrier.near_field is not None
             found["near_field"] = (
