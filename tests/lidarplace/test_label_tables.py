@@ -263,7 +263,10 @@ MISTAKES = {
     "centre as bottom": ({"box_z": "bottom"}, None, "mend box_z: centre of"),
     "the own vehicle": (
         {},
-        lambda t: t.assign(posX=t["posX"].where(t["track"] != "0-0", 1.4), posY=t["posY"].where(t["track"] != "0-0", 0)),  # noqa: E501
+        lambda t: t.assign(
+            posX=t["posX"].where(t["track"] != "0-0", 1.4),
+            posY=t["posY"].where(t["track"] != "0-0", 0),
+        ),
         "the centre is in the body of the vehicle: 8 of 144 boxes (5.6%)",
     ),
     "exchanged": (columns(length="wid", width="len"), None, "cars are wider than long"),

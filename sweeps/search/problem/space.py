@@ -83,8 +83,7 @@ class Space:
         self.zones = tuple(zone.zone(name) for name, zone in settings.zones.items())
         if settings.symmetric:
             _check_symmetry(self.zones)
-        for makeup in self.makeups:
-            self.slots(makeup)
+        self.makeups = self._makeups()
 
     @cached_property
     def counts(self) -> dict[str, Pair]:
@@ -96,8 +95,7 @@ class Space:
         zones = self.settings.zones.items()
         return {f"{name}.{NUMBER}": zone.lidars for name, zone in zones if zone.lidars}
 
-    @cached_property
-    def makeups(self) -> tuple[Makeup, ...]:
+    def _makeups(self) -> tuple[Makeup, ...]:
         """All that there may be, without the fixed LiDARs; those with fewest LiDARs first."""
         ways = math.prod(int(high - low) + 1 for low, high in self.counts.values())
         if ways > MOST_MAKEUPS:
