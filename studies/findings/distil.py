@@ -1,0 +1,96 @@
+"""Takes from run folders what the page needs: the tables in `tables/`.
+
+Run as `python studies/findings/distil.py [RUNS]`, RUNS the folder of the run folders, `runs` by
+default. A run that is not there leaves its tables as they are.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pandas as pd
+from candidates import FOLDER
+from rich import print as show
+
+from tracking.run_folders.sweep import RunFolder
+
+TABLES = FOLDER / "tables"
+TARGETS = (
+    ("Car", "AP_R40_3D", 0.7),
+    ("Car", "AP_R40_3D", 0.5),
+    ("Car", "AP_R40_3D_mean", 0.0),
+    ("Car", "class_recall_3D", 0.5),
+    ("Pedestrian", "AP_R40_3D", 0.5),
+    ("Pedestrian", "class_recall_3D", 0.5),
+    ("Cyclist", "AP_R40_3D", 0.5),
+    ("Cyclist", "class_recall_3D", 0.5),
+    ("all", "recall", 0.5),
+)
+"""Class, metric, IoU; 0: over all of them."""
+SOURCES = {
+    "main": ("generalist", "seed1", "seed2", "seed3", "aside"),
+    "exact": ("exact",),
+    "controlled": ("controlled",),
+    "riddle": ("riddle",),
+    "finetuned": ("finetuned",),
+}
+"""Of each table the run folders, `findings_` before their names."""
+_ONLY_OF_RUNS = ("trial", "detector", "difficulty")
+
+
+def main() -> None:
+    """Write what there is and say of what."""
+    runs = Path(sys.argv[1] if len(sys.argv) > 1 else "runs")
+    for name, parts in SOURCES.items():
+        folders = [runs / f"findings_{part}" for part in parts]
+        found = [RunFolder.read(f) for f in folders if (f / "results.parquet").exists()]
+        if not found:
+            continue
+        _write(f"{name}_results", [_wanted(_judged(run, run.results)) for run in found])
+        if name == "main":
+            left_out = [_of_units(_wanted(_judged(run, run.left_out))) for run in found]
+            _write("main_left_out", left_out)
+            _write("surrogates", [run.surrogates[_SURROGATES] for run in found[:1]])
+            by_q = found[0].expected_ig_by_q
+            _write("expected_ig_by_q", [] if by_q is None else [by_q])
+            _write("individuals", [] if found[0].individuals is None else [found[0].individuals])
+        show(f"{name}: {', '.join(run.sweep.name for run in found)}")
+    occluded = runs / "findings_occluded"
+    if (occluded / "surrogates.parquet").exists():
+        own = RunFolder.read(occluded).surrogates[_SURROGATES]
+        _write("occluded", [own.assign(surrogate="expected_ig, occluded")])
+
+
+_SURROGATES = ["placement", "class", "surrogate", "value"]
+
+
+def _judged(run: RunFolder, table: pd.DataFrame | None) -> pd.DataFrame:
+    """With the judge as a column, which it is not where all rows have the same."""
+    if table is None:
+        raise ValueError(f"{run.path} has no left_out.parquet")
+    return table if "judge" in table else table.assign(judge=run.sweep.judge)
+
+
+def _wanted(table: pd.DataFrame) -> pd.DataFrame:
+    keys = pd.MultiIndex.from_frame(table[["class", "metric", "iou"]].round({"iou": 6}))
+    own = table[keys.isin(TARGETS)]
+    return own.drop(columns=[name for name in _ONLY_OF_RUNS if name in own])
+
+
+def _of_units(left_out: pd.DataFrame) -> pd.DataFrame:
+    """Of routes and individuals alone, as small as it can be."""
+    return left_out[left_out["unit"] != "half"].astype({"value": "float32"})
+
+
+def _write(name: str, parts: list[pd.DataFrame]) -> None:
+    if parts:
+        table = pd.concat(parts, ignore_index=True)
+        TABLES.mkdir(exist_ok=True)
+        temporary = TABLES / f".{name}.parquet"
+        table.to_parquet(temporary, index=False, compression="zstd")
+        temporary.replace(TABLES / f"{name}.parquet")
+
+
+if __name__ == "__main__":
+    main()
