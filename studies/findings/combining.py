@@ -15,16 +15,14 @@ from scipy import stats
 
 @dataclass(frozen=True)
 class Combination:
-    """A linear regression whose terms were chosen anew without each rig.
+    """A linear regression of ranks whose terms were chosen anew without each rig.
 
     Attributes:
         rho: Spearman's, of the predictions for rigs left out with what their detectors reach.
-        rmse: of these predictions, in the unit of the target.
         terms: those that all rigs together choose.
     """
 
     rho: float
-    rmse: float
     terms: tuple[str, ...]
 
 
@@ -35,8 +33,8 @@ def combined(x: pd.DataFrame, y: pd.Series, number: int) -> Combination:
         x: a row a rig, a column a predictor; y: the same rigs.
     """
     choices = list(combinations(range(x.shape[1]), number))
-    values = stats.zscore(x.to_numpy(np.float64), axis=0)
-    own = y.to_numpy(np.float64)
+    # A rig that collapses would draw any line of values to itself.
+    values, own = stats.rankdata(x, axis=0), stats.rankdata(y)
     said = np.empty(len(own))
     for rig in range(len(own)):
         rest = np.arange(len(own)) != rig
@@ -46,7 +44,6 @@ def combined(x: pd.DataFrame, y: pd.Series, number: int) -> Combination:
         said[rig] = design[rig] @ weights
     return Combination(
         rho=float(stats.spearmanr(said, own).statistic),
-        rmse=float(np.sqrt(np.mean(np.square(said - own)))),
         terms=tuple(x.columns[list(_best(values, own, choices))]),
     )
 

@@ -48,9 +48,9 @@ def main() -> None:
         if not found:
             continue
         _write(f"{name}_results", [_wanted(_judged(run, run.results)) for run in found])
+        left_out = [_of_units(_wanted(_judged(run, run.left_out))) for run in found]
+        _write(f"{name}_left_out", left_out)
         if name == "main":
-            left_out = [_of_units(_wanted(_judged(run, run.left_out))) for run in found]
-            _write("main_left_out", left_out)
             _write("surrogates", [run.surrogates[_SURROGATES] for run in found[:1]])
             by_q = found[0].expected_ig_by_q
             _write("expected_ig_by_q", [] if by_q is None else [by_q])

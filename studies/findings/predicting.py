@@ -15,6 +15,7 @@ from properties import properties
 from tracking.findings.best_placement import BestPlacement, best_placement
 from tracking.findings.ceiling import ceilings
 from tracking.findings.correlation import correlate
+from tracking.findings.paired import with_sums
 from tracking.findings.regret import regrets
 from tracking.findings.summary import surrogates_of
 from tracking.statistics.correlation_difference import strength_leads
@@ -101,6 +102,13 @@ def predictors() -> pd.DataFrame:
     )
 
 
+def every_predictor(target: Target) -> pd.DataFrame:
+    """A row a rig, a column each of PREDICTORS that has a value for the target."""
+    summed = with_sums(predictors(), ["target"])
+    wide = surrogates_of(summed, {"target": named(target)}, target[0])
+    return wide[[name for name in PREDICTORS if name in wide.columns]]
+
+
 def coefficients(results: pd.DataFrame) -> pd.DataFrame:
     """`correlate` of all targets at once, so that p-values know of all tests.
 
@@ -127,16 +135,14 @@ def best(results: pd.DataFrame, target: Target) -> BestPlacement:
 
 def regret(results: pd.DataFrame, target: Target) -> pd.DataFrame:
     """`regrets` by predictor: what is lost by following it."""
-    wide = surrogates_of(predictors(), {"target": named(target)}, target[0])
-    columns = [name for name in PREDICTORS if name in wide.columns]
-    return regrets(best(results, target), wide[columns]).set_index("surrogate")
+    return regrets(best(results, target), every_predictor(target)).set_index("surrogate")
 
 
 def behind(results: pd.DataFrame, target: Target, name: str = GENERALIST) -> pd.DataFrame:
     """By how much the |rho| of the others is below that of `name`: 95 %, for all at once."""
-    wide = surrogates_of(predictors(), {"target": named(target)}, target[0])
+    wide = every_predictor(target)
     y = of(results, target).pivot(index="placement", columns="seed", values="value")
-    others = [one for one in PREDICTORS if one in wide.columns and one != name]
+    others = [one for one in wide.columns if one != name]
     x = wide.loc[y.index, [name, *others]].to_numpy(np.float64).T
     bounds = strength_leads(x, y.to_numpy(np.float64))
     return pd.DataFrame(bounds, others, ["low", "high"])

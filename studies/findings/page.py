@@ -1,0 +1,152 @@
+"""Writes `docs/findings.md` and its figure from the tables: `python studies/findings/page.py`.
+
+The words are those of `page.md`, whose numbers are all looked up here.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mounts
+import numpy as np
+from candidates import FOLDER
+from combining import shares
+from figures import write_figure
+from jinja2 import Environment, StrictUndefined
+from judged import HEADS, SHORT, Judged, label, number, table
+from predicting import PREDICTORS, equal_budget, every_predictor, own_detectors, read, set_aside
+from properties import properties
+from scipy import stats
+
+DOCS = FOLDER.parents[1] / "docs"
+OPTIMA = ("generalist", "expected_ig", "covered_entropy", "expected_points", "m_sog")
+"""Objectives by which a rig was searched for."""
+REFERENCE = "center"
+"""The best of the paper's eight."""
+
+
+def main() -> None:
+    """Write page and figure."""
+    (DOCS / "findings.md").write_text(rendered(), encoding="utf-8")
+    write_figure(_four(), DOCS / "findings.png")
+
+
+def rendered() -> str:
+    """The page as text."""
+    environment = Environment(undefined=StrictUndefined, keep_trailing_newline=True)
+    template = environment.from_string((FOLDER / "page.md").read_text(encoding="utf-8"))
+    return template.render(_facts())
+
+
+def _facts() -> dict[str, Any]:
+    """What the words may use, by name."""
+    every = Judged(_trained())
+    return {
+        "every": every,
+        "four": _four(),
+        "aside": Judged(set_aside()),
+        "set_aside": ", ".join(f"`{name}`" for name in set_aside()),
+        "mounts": mounts,
+        "optima_table": _optima_table(_four()),
+        "combination_table": _combination_table(_four()),
+        "shares_table": _shares_table(_four()),
+        "aside_table": _aside_table(Judged(set_aside())),
+        "number": number,
+        "counts": _counts(),
+    }
+
+
+def _trained() -> list[str]:
+    return [str(name) for name in own_detectors()["placement"].unique()]
+
+
+def _four() -> Judged:
+    return Judged(equal_budget(_trained()))
+
+
+def _counts() -> dict[str, int]:
+    """Of the test frames, and of what was trained."""
+    individuals = read("individuals").query("split == 'test'")
+    results = read("main_results")
+    own = results[results["judge"] == "specialist"]
+    return {
+        "boxes": int(individuals["boxes"].sum()),
+        "individuals": len(individuals),
+        "cars": int((individuals["class"] == "Car").sum()),
+        "routes": individuals["route"].nunique(),
+        "trainings": len(own[["placement", "seed"]].drop_duplicates()),
+        "seeds": own["seed"].nunique(),
+        "generalists": results.loc[results["judge"] == "generalist", "seed"].nunique(),
+    }
+
+
+def _optima_table(four: Judged) -> str:
+    """The rig that each objective's search found: what its own detectors reach."""
+    targets = ("car07", "car", "recall")
+    leads = {target: four.best(target).differences(REFERENCE) for target in targets}
+    rows = []
+    for name in (*(f"optimum_{one}" for one in OPTIMA), REFERENCE):
+        cells = [label(name.removeprefix("optimum_"))]
+        for target, lead in leads.items():
+            row = lead.loc[name]
+            spread = f"{number(row['low'], 1, sign=True)} to {number(row['high'], 1, sign=True)}"
+            cells.append(number(four.means(target)[name], 1))
+            cells.append("" if name == REFERENCE else spread)
+        rows.append(cells)
+    heads = [HEADS[list(SHORT).index(target)] for target in targets]
+    return table(
+        ["best rig by", *(part for head in heads for part in (head, f"less *{REFERENCE}*"))], rows
+    )
+
+
+def _combination_table(four: Judged) -> str:
+    targets = ("car07", "car", "recall")
+    rows = []
+    for terms in (1, 2, 3):
+        cells = [str(terms)]
+        for target in targets:
+            found = four.combination(target, terms)
+            cells += [number(found.rho), ", ".join(label(name) for name in found.terms)]
+        rows.append(cells)
+    heads = [HEADS[list(SHORT).index(target)] for target in targets]
+    return table(["terms", *(part for head in heads for part in (f"{head}: ρ", "terms"))], rows)
+
+
+def _shares_table(four: Judged) -> str:
+    """What part of the ranks height, coverage, points, cells and coinciding rings explain."""
+    own = properties()
+    rows: dict[str, list[str]] = {}
+    for target in ("car07", "car", "recall"):
+        y, wide = four.means(target), every_predictor(SHORT[target])
+        x = wide.loc[y.index, ["covered_entropy", "log_points", "log_cells"]]
+        x = x.join(own[["mean height", "redundancy"]])
+        found = shares(x.rank(), y.rank())
+        for name, share in found.items():
+            rows.setdefault(str(name), [label(str(name))]).append(f"{share:.0%}".replace("%", " %"))
+        rows.setdefault("", ["all five"]).append(f"{found.sum():.0%}".replace("%", " %"))
+    names = {"redundancy": "rings that coincide", "mean height": "mean height of the LiDARs"}
+    heads = [HEADS[list(SHORT).index(target)] for target in ("car07", "car", "recall")]
+    return table(["", *heads], [[names.get(row[0], row[0]), *row[1:]] for row in rows.values()])
+
+
+def _aside_table(aside: Judged) -> str:
+    """Spearman's rho over rigs that nobody had looked at, those of four LiDARs alone, too."""
+    four = Judged(equal_budget(aside.rigs))
+    targets = ("car07", "car", "recall")
+    rows = []
+    for name in PREDICTORS:
+        cells = [label(name)]
+        for target in targets:
+            for one in (aside, four):
+                wide, y = every_predictor(SHORT[target]), one.means(target)
+                known = name in wide.columns
+                x = wide[name].loc[y.index] if known else np.full(len(y), np.nan)
+                cells.append(number(stats.spearmanr(x, y).statistic))
+        rows.append(cells)
+    heads = [HEADS[list(SHORT).index(target)] for target in targets]
+    sizes = (len(aside.rigs), len(four.rigs))
+    return table(["", *(f"{head}, {n} rigs" for head in heads for n in sizes)], rows)
+
+
+if __name__ == "__main__":
+    main()
