@@ -5,6 +5,8 @@ The words are those of `page.md`, whose numbers are all looked up here.
 
 from __future__ import annotations
 
+import re
+import textwrap
 from typing import Any
 
 import mounts
@@ -35,7 +37,24 @@ def rendered() -> str:
     """The page as text."""
     environment = Environment(undefined=StrictUndefined, keep_trailing_newline=True)
     template = environment.from_string((FOLDER / "page.md").read_text(encoding="utf-8"))
-    return template.render(_facts())
+    return "\n\n".join(map(_wrapped, template.render(_facts()).strip().split("\n\n"))) + "\n"
+
+
+def _wrapped(block: str) -> str:
+    """A paragraph or list in lines of even length, which looked-up numbers have not."""
+    if block.lstrip().startswith(("|", "#", "!")):
+        return block
+    items = re.split(r"\n(?=- )", block)
+    return "\n".join(
+        textwrap.fill(
+            " ".join(item.split()),
+            100,
+            subsequent_indent="  " if item.startswith("- ") else "",
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+        for item in items
+    )
 
 
 def _facts() -> dict[str, Any]:

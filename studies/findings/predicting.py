@@ -80,6 +80,7 @@ def named(target: Target) -> str:
     return "{} {} {:g}".format(*target)
 
 
+@cache
 def predictors() -> pd.DataFrame:
     """placement, class, surrogate, value, and target where a predictor is of one target alone."""
     own = read("surrogates")
@@ -102,6 +103,7 @@ def predictors() -> pd.DataFrame:
     )
 
 
+@cache
 def every_predictor(target: Target) -> pd.DataFrame:
     """A row a rig, a column each of PREDICTORS that has a value for the target."""
     summed = with_sums(predictors(), ["target"])

@@ -1,0 +1,91 @@
+"""The page of findings: every number is in the tables, and what its own code computes is right."""
+
+from __future__ import annotations
+
+import re
+import sys
+from itertools import permutations
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+ROOT = Path(__file__).parents[1]
+STUDY = ROOT / "studies" / "findings"
+NUMBER = re.compile(r"\d+(?:[.,]\d+)*")
+OF_THE_DESIGN = {
+    *("0.7", "0.5", "95"),  # IoUs and intervals
+    *("4", "8", "16", "560", "1,120", "1"),  # LiDARs, beams, frames, and centimetres of mounts
+}
+"""Numbers that the words may hold: the configuration says them."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _scripts_of_the_study():
+    sys.path.insert(0, str(STUDY))
+    yield
+    sys.path.remove(str(STUDY))
+
+
+def test_every_number_of_the_page_is_in_the_tables():
+    from page import rendered
+
+    page, anew = (ROOT / "docs" / "findings.md").read_text(encoding="utf-8"), rendered()
+
+    # Another machine may round the last digit the other way.
+    assert NUMBER.sub("#", page) == NUMBER.sub("#", anew)
+    for line, other in zip(page.splitlines(), anew.splitlines(), strict=True):
+        for one, two in zip(NUMBER.findall(line), NUMBER.findall(other), strict=True):
+            digits = len(one.partition(".")[2])
+            values = (float(number.replace(",", "")) for number in (one, two))
+            assert abs(np.subtract(*values)) < 1.5 * 10**-digits, line
+
+
+def test_the_words_hold_no_number_of_their_own():
+    words = (STUDY / "page.md").read_text(encoding="utf-8")
+    for looked_up_or_named in (r"\{\{.*?\}\}", r"\{%.*?%\}", r"`[^`]*`", r"\]\([^)]*\)"):
+        words = re.sub(looked_up_or_named, "", words, flags=re.DOTALL)
+
+    assert set(NUMBER.findall(words)) <= OF_THE_DESIGN
+
+
+def test_parts_of_the_variance_are_means_over_all_orders():
+    from combining import shares
+
+    random = np.random.default_rng(0)
+    x = pd.DataFrame(random.normal(size=(12, 3)), columns=list("abc"))
+    x["b"] += x["a"]
+    y = x["a"] - x["c"] + pd.Series(random.normal(size=12))
+
+    def explained(columns: tuple[str, ...]) -> float:
+        if not columns:
+            return 0.0
+        design = np.column_stack([np.ones(12), x[list(columns)]])
+        return 1 - np.linalg.lstsq(design, y, rcond=None)[1][0] / (12 * np.var(y))
+
+    rises = {name: [] for name in x}
+    for order in permutations(x):
+        for place, name in enumerate(order):
+            rises[name].append(explained(order[: place + 1]) - explained(order[:place]))
+
+    found = shares(x, y)
+    assert found.to_dict() == pytest.approx({name: np.mean(own) for name, own in rises.items()})
+    assert found.sum() == pytest.approx(explained(("a", "b", "c")))
+
+
+def test_terms_are_chosen_without_the_rig_that_is_predicted():
+    from combining import combined
+
+    random = np.random.default_rng(1)
+    x = pd.DataFrame(random.normal(size=(20, 6)), columns=list("abcdef"))
+    y = x["c"] + 0.1 * pd.Series(random.normal(size=20))
+    noise = pd.Series(random.normal(size=20))
+
+    found = combined(x, y, 1)
+
+    assert found.terms == ("c",)
+    assert found.rho > 0.95
+    # Chosen from all rigs, the best of so many columns would seem to predict even noise.
+    luck = x.corrwith(noise, method="spearman").abs().max()
+    assert luck > 0.3 > combined(x, noise, 1).rho
