@@ -6,6 +6,7 @@ import hashlib
 import json
 import time
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
@@ -215,8 +216,10 @@ def _parameters(sweep: Sweep, plan: Plan) -> dict[str, object]:
 def _print_summary(console: Console, folder: Path) -> None:
     run = RunFolder.read(folder)
     summary = summary_table(run)
-    what = "surrogates in nats" if run.results.empty else "means over seeds, percent"
-    rows = (map(_short, row) for row in summary.itertuples(index=False))
+    alone = run.results.empty
+    what = "entropies in nats" if alone else "means over seeds, percent"
+    shown = partial(_short, below=".4g" if alone else ".1f")
+    rows = (map(shown, row) for row in summary.itertuples(index=False))
     title = f"{folder.name}: best placement first, {what}"
     console.print(table(title, list(summary.columns), rows))
     said = ray_counting_caution(largest_linear_share(run.surrogates))
@@ -224,8 +227,8 @@ def _print_summary(console: Console, folder: Path) -> None:
         console.print(f"warning: {text}", style="yellow", soft_wrap=True)
 
 
-def _short(value: object) -> str:
-    """A number in six places or less: 62.3, -134k, 7.69k."""
+def _short(value: object, below: str) -> str:
+    """A number in six places or less: 62.3, -134k, 7.69k; `below` is the format below 1,000."""
     if not isinstance(value, float):
         return str(value)
-    return f"{value / 1000:.3g}k" if abs(value) >= 1000 else f"{value:.1f}"
+    return f"{value / 1000:.3g}k" if abs(value) >= 1000 else f"{value:{below}}"

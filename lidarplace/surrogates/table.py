@@ -136,7 +136,7 @@ SURROGATES: dict[str, Surrogate] = {
         power=1,
         needs_rays=True,
         headline=4,
-        decides=3,
+        decides=4,
     ),
     "expected_ig": Surrogate(
         label="expected IG",
@@ -149,7 +149,7 @@ SURROGATES: dict[str, Surrogate] = {
         needs_rays=True,
         occludes=True,
         headline=2,
-        decides=1,
+        decides=3,
     ),
     "covered_voxels": Surrogate(
         label="covered voxels",
@@ -169,7 +169,7 @@ SURROGATES: dict[str, Surrogate] = {
         of_objects=True,
         sense=1,
         headline=6,
-        decides=4,
+        decides=1,
     ),
     "log_cells": Surrogate(
         label="mean ln(1 + cells)",

@@ -248,6 +248,7 @@ def _surrogates(
                     "expected_points": 50 * scale * rng.random(),
                     "expected_ig": 900 * scale * (1 + value + 0.2 * rng.random()),
                     "covered_voxels": 9000 + 1000 * value,
+                    "expected_recall": 1 - 1 / (2 + value),
                 }
                 rows += [
                     {

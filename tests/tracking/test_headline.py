@@ -69,7 +69,7 @@ def test_what_following_the_surrogate_costs(run):
     car = first_screen(with_values(run, best_last))[0]
     assert car.best == order[-1]
     assert (
-        f"The highest expected IG is that of {order[0]}: 15.0 points below the best."
+        f"The highest expected recall is that of {order[0]}: 15.0 points below the best."
         in car.surrogates
     )
 
@@ -166,7 +166,7 @@ def test_surrogates_of_few_frames_are_a_caution(alone):
 def test_equal_surrogates_have_no_winner(alone):
     def with_gain(values, **others):
         table = alone.surrogates[alone.surrogates["class"] == "Car"].copy()
-        for name, own in ({"expected_ig": values} | others).items():
+        for name, own in ({"expected_recall": values} | others).items():
             table.loc[table["surrogate"] == name, "value"] = own
         changed = replace(alone, surrogates=table)
         (group,) = groups(changed)
@@ -174,13 +174,16 @@ def test_equal_surrogates_have_no_winner(alone):
 
     empty = with_gain(0.0, h_pog=0.0)
     assert empty.best == "no placement is ahead"
-    assert empty.lead == "0 nats for all 3 placements"
+    assert empty.lead == "0 of the objects for all 3 placements"
     assert empty.sure == "H_POG is 0: no Car was seen, or always in the same voxels."
     assert empty.surrogates == ()
-    level = with_gain([7.0, 7.0 + 1e-14, 7.0])
+    level = with_gain([0.7, 0.7 + 1e-15, 0.7])
     assert (level.best, level.sure) == ("no placement is ahead", "")
-    ahead = with_gain([7.0, 7.7, 7.0])
-    assert (ahead.best, ahead.lead) == ("b", "7.7 nats, 10 % ahead of a, of 3 placements")
+    ahead = with_gain([0.7, 0.77, 0.7])
+    assert (ahead.best, ahead.lead) == (
+        "b",
+        "0.77 of the objects, 10 % ahead of a, of 3 placements",
+    )
 
 
 def test_a_training_that_ended_flat_is_no_caution(run):

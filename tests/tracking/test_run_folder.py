@@ -199,22 +199,23 @@ def test_the_summary_tells_axes_and_detectors_apart(tmp_path):
     assert row["Car S-MIG"] == s_mig["value"].item()
 
 
-def test_without_results_the_summary_ranks_by_expected_ig(tmp_path):
+def test_without_results_the_summary_ranks_by_expected_recall(tmp_path):
     names = [f"p{i:02d}" for i in range(30)]
     run = RunFolder.read(
         write_run(tmp_path / "alone", names=names, detectors=(), densities=(40, 120))
     )
     table = summary_table(run)
     assert table.columns.tolist() == [
-        *("placement", "scene.density", "Car E-IG", "Cyclist E-IG", "Pedestrian E-IG", "E-IG"),
-        *("covered entropy", "S-MIG"),
+        *("placement", "scene.density"),
+        *(f"{name} E-recall" for name in ("Car", "Cyclist", "Pedestrian")),
+        *("E-recall", "covered entropy", "S-MIG"),
     ]
     for density, part in table.groupby("scene.density"):
         own = run.surrogates[run.surrogates["scene.density"] == density]
         sums = own.groupby(["surrogate", "placement"])["value"].sum()
-        best = sums["expected_ig"].nlargest(20)
+        best = sums["expected_recall"].nlargest(20) / 3
         assert part["placement"].tolist() == best.index.tolist()
-        assert part["E-IG"].tolist() == pytest.approx(best.tolist())
+        assert part["E-recall"].tolist() == pytest.approx(best.tolist())
         assert part["S-MIG"].tolist() == pytest.approx(sums["s_mig"][best.index].tolist())
 
 
@@ -224,7 +225,8 @@ def test_without_results_the_summary_ranks_by_expected_ig(tmp_path):
         (["s_mig", "covered_entropy"], "covered_entropy"),
         (["s_mig", "expected_points"], "expected_points"),
         (["s_mig"], "s_mig"),
-        ([], "expected_ig"),
+        (["covered_entropy", "expected_ig", "expected_recall"], "expected_recall"),
+        ([], "expected_recall"),
     ],
 )
 def test_what_was_computed_decides(tmp_path, computed, decides):

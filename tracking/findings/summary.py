@@ -9,7 +9,7 @@ import pandas as pd
 from scipy import stats
 
 from lidarplace.metrics import EVERY_IOU, HEADLINE_METRIC, METRICS, RANKING, headline_metric
-from lidarplace.surrogates.table import DECIDING
+from lidarplace.surrogates.table import DECIDING, SURROGATES
 from tracking.findings.groups import GENERALIST, judges
 from tracking.findings.paired import group_columns
 from tracking.kitti_iou import headline_iou
@@ -165,8 +165,9 @@ def surrogates_of(
 def deciding_surrogate(surrogates: pd.DataFrame) -> str:
     """What orders placements without results, the highest first.
 
-    Expected IG, or covered entropy if that was not computed: both only rise when a LiDAR is added,
-    which S-MIG does not. Then expected points, which do too, then any that was computed.
+    Expected recall, which predicts own detectors best (docs/findings.md), or covered entropy, or
+    expected IG, or expected points: all of them only rise when a LiDAR is added, which S-MIG does
+    not. Then any that was computed.
     """
     computed = in_order(surrogates.loc[surrogates["value"].notna(), "surrogate"].unique())
     return next((name for name in (*DECIDING, *computed) if name in computed), DECIDING[0])
@@ -248,8 +249,8 @@ def _surrogate_summary(run: RunFolder) -> pd.DataFrame:
     """The best TERMINAL_ROWS placements of each setting by `deciding_surrogate`.
 
     Columns: placement; the axes that surrogates vary over; that surrogate of every class, if there
-    are several; it, covered entropy and S-MIG summed over classes. What was not computed is left
-    out.
+    are several; it, covered entropy and S-MIG summed over classes, shares of objects averaged. What
+    was not computed is left out.
     """
     order = by_surrogate(run.surrogates)
     if not order:
@@ -272,7 +273,9 @@ def _surrogate_summary(run: RunFolder) -> pd.DataFrame:
             title = surrogate_short(surrogate)
             if surrogate == decides and len(run.classes) > 1:
                 columns |= {f"{name} {title}": values for name, values in known.items()}
-            columns[title] = pd.DataFrame(known, index=order).sum(axis=1, min_count=1)
+            of_classes = pd.DataFrame(known, index=order)
+            total = of_classes.sum(axis=1, min_count=1)
+            columns[title] = of_classes.mean(axis=1) if SURROGATES[surrogate].of_objects else total
         table = pd.DataFrame(columns).dropna(axis="columns", how="all")
         best = surrogate_short(decides)
         table = table.sort_values(best, ascending=False, kind="stable")
