@@ -64,8 +64,39 @@ own = Lidar.even(beams=16, elevation_deg=(-25, 5), azimuth_steps=1800, azimuth_d
   `expected_recall`, `log_cells`, `log_points` and `enough_points`. Surrogates of the POG
   (`expected_points`, `expected_ig` and those of coverage) know `range` alone, since a voxel has no
   material; so do CARLA's own LiDARs.
+- A range is one of clear air; `weather` and `window` shorten it, see below.
 - Patterns that do not repeat (Livox) do not fit a table of beams and azimuths and are not here. Nor
   is a LiDAR of 1,550 nm: of none the beams were found.
+
+## Weather, and a soiled window
+
+```yaml
+weather: {visibility: 100, rain: 5}        # metres of fog, millimetres an hour; clear by default
+lidar: {name: xt32m, window: 0.9}          # share of the light that the window lets pass, each way
+grid:
+  placement: [line, center]
+  weather.visibility: [null, 400, 100]     # or weather: [{}, {visibility: 400}, {rain: 20}]
+```
+
+- The extinction of fog is Koschmieder's, 3.912 / visibility, with Kim's exponent for other
+  wavelengths than green, which is 0 below 500 m; that of rain is of Marshall's and Palmer's drops,
+  0.000365 rain^0.63 in 1/m. `lidarplace/weather.py` has the sources. Both add up.
+- A surface returns if as much light comes back as at the end of its range in clear air:
+  reflectivity, what air and window leave of it, and the loss by distance that `range_10` and
+  `range_80` tell, the inverse square where they do not.
+- Surrogates of the POG and requirements, which know no reflectivity, get a shorter `range`: where
+  as much light comes back as from `range` in clear air.
+- In clouds, rays end early at drops near the sensor (`lidarplace/lidar/droplets.py`), and
+  intensities fall. `expected_recall` and the other surrogates of objects know the light that is
+  lost, not the rays that end early.
+- A requirement that has to hold in fog, too, says `also_when: {weather: {visibility: 100}}`.
+
+```python
+from lidarplace import Lidar, Weather
+
+dim = Lidar.named("xt32m").in_weather(Weather(visibility=100))
+print(dim.extinction, dim.reach, dim.sight([0.1, 0.8]))  # 1/m, metres, of 10 % and 80 %
+```
 
 ## All of them
 

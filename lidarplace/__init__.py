@@ -14,6 +14,7 @@ from lidarplace.surrogates.evaluate import (
     expected_ig_by_q,
 )
 from lidarplace.surrogates.result import Surrogates, sum_over_classes
+from lidarplace.weather import Weather
 
 __all__ = [
     "PAPER_PLACEMENTS",
@@ -24,6 +25,7 @@ __all__ = [
     "Placement",
     "Roi",
     "Surrogates",
+    "Weather",
     "compare",
     "evaluate",
     "evaluate_classes",

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from lidarplace.pose import from_carla, rotation
 from lidarplace.sensor import Lidar
 from lidarplace.shown import Shown, span
+from lidarplace.weather import Weather
 
 
 @dataclass(frozen=True)
@@ -128,6 +129,10 @@ class Placement(Shown):
     def with_lidar(self, lidar: Lidar | Sequence[Lidar]) -> Placement:
         """The same mounts with another LiDAR model, or with one for each."""
         return replace(self, lidar=lidar)
+
+    def in_weather(self, weather: Weather) -> Placement:
+        """The same rig in that weather."""
+        return self.with_lidar([lidar.in_weather(weather) for lidar in self.lidars])
 
 
 _POSE = ("x", "y", "z", "roll", "pitch", "yaw")

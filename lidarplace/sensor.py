@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lidarplace.catalogue.datasheet import datasheet
 from lidarplace.ranges import AZIMUTH_STEPS
+from lidarplace.weather import Weather, shortened
 
 # Ends of a field of view, and a whole turn, are meant up to the rounding of degrees to radians.
 HAIR = 1e-12
@@ -24,7 +25,7 @@ class Lidar:
     Attributes:
         elevations: elevation of every beam above the sensor's xy plane, radians, in [-pi/2, pi/2].
         azimuth_steps: firings of each beam in one full turn; those outside `azimuth` are left out.
-        range: farthest return, metres.
+        range: farthest return, metres, in clear air; see `reach`.
         range_noise: standard deviation of the measured range, metres.
         drop_off: probability that a return is lost, in [0, 1).
         azimuth: horizontal field of view, [min, max) in radians, at most one turn; 0 is the
@@ -34,9 +35,13 @@ class Lidar:
         range_10, range_80: farthest return, metres, of a surface that reflects 10 % and 80 % of
             the light and faces the ray; None for the first: all surfaces return from up to `range`;
             for the second alone: light thins out by the square of the distance. See `sight`.
+        wavelength: of its light, metres.
+        extinction: share of the light that the air takes in a metre, 1/m; see `in_weather`.
+        window: share of the light that passes its front window, on either way; 1: as new.
 
     Raises:
-        ValueError: a value is out of its bounds, or no azimuth step is in the field of view.
+        ValueError: a value is out of its bounds, no azimuth step is in the field of view, or light
+            is lost by a LiDAR that sees surfaces of 10 % as far as those of 80 %.
     """
 
     elevations: tuple[float, ...]
@@ -48,6 +53,9 @@ class Lidar:
     min_range: float = 0.0
     range_10: float | None = None
     range_80: float | None = None
+    wavelength: float = 905e-9
+    extinction: float = 0.0
+    window: float = 1.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "elevations", tuple(float(e) for e in self.elevations))
@@ -73,6 +81,16 @@ class Lidar:
             raise ValueError(
                 "range_10 must be positive and not beyond range_80, "
                 f"found {self.range_10} and {self.range_80}"
+            )
+        if not (self.wavelength > 0 and 0 <= self.extinction < math.inf and 0 < self.window <= 1):
+            raise ValueError(
+                "wavelength must be positive, extinction finite and >= 0, window within (0, 1], "
+                f"found {self.wavelength}, {self.extinction} and {self.window}"
+            )
+        if self.falloff == 0 and (self.extinction > 0 or self.window < 1):
+            raise ValueError(
+                f"range_80 is range_10, {self.range_10}: light makes no difference to this LiDAR, "
+                "so nobody knows what it sees where light is lost"
             )
         low, high = (float(angle) for angle in self.azimuth)
         object.__setattr__(self, "azimuth", (low, high))
@@ -142,7 +160,12 @@ class Lidar:
             min_range=sheet.min_range or 0.0,
             range_10=sheet.range_10,
             range_80=sheet.range_80,
+            wavelength=1e-9 * (sheet.wavelength_nm or 905.0),
         )
+
+    def in_weather(self, weather: Weather) -> Lidar:
+        """The same LiDAR in that weather, whatever air it was in."""
+        return replace(self, extinction=weather.extinction(self.wavelength))
 
     @property
     def beams(self) -> int:
@@ -181,18 +204,38 @@ class Lidar:
             return 0.5
         return math.log(self.range_80 / self.range_10) / math.log(8.0)
 
-    def sight(self, reflected: ArrayLike) -> NDArray[np.float64]:
-        """How far surfaces still return, metres: `min(range, range_10 (reflected / 0.1)^k)`.
+    @property
+    def reach(self) -> float:
+        """How far is seen what is seen up to `range` in clear air through a clean window, metres.
 
-        With k such that it is `range_80` for 0.8, see `falloff`.
+        For who knows no reflectivity: surrogates of the POG, requirements.
+        """
+        clean = self.range * self.window ** (2.0 * self.falloff)
+        return float(shortened(clean, self.fading))
+
+    @property
+    def fading(self) -> float:
+        """Of a surface at R metres `sight` is as of one at `R exp(fading R)` in clear air, 1/m.
+
+        The air leaves exp(-2 extinction R) of the light on its way out and back (Beer and Lambert),
+        and what the light is worth in metres is its power of k, see `falloff`.
+        """
+        return 2.0 * self.falloff * self.extinction
+
+    def sight(self, reflected: ArrayLike) -> NDArray[np.float64]:
+        """How far surfaces still return, metres: `min(range, range_10 (light / 0.1)^k)`.
+
+        With k such that it is `range_80` for 0.8, see `falloff`; `light` is what of the reflected
+        passes air and window. `reach` where `range_10` is not known.
 
         Args:
             reflected: reflectivity times the cosine of incidence (Lambert's law), any shape.
         """
-        light = np.asarray(reflected, np.float64)
+        light = np.asarray(reflected, np.float64) * self.window**2
         if self.range_10 is None:
-            return np.full(light.shape, self.range)
-        return np.minimum(self.range, self.range_10 * (10.0 * light) ** self.falloff)
+            return np.full(light.shape, self.reach)
+        clear = self.range_10 * (10.0 * light) ** self.falloff
+        return np.minimum(self.range, shortened(clear, self.fading))
 
     @property
     def _step(self) -> float:

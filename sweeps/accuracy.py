@@ -136,10 +136,9 @@ def _scene(
         sweep = read_sweep(config)
         point = sweep.points[0].point
         roi = Roi(point.roi.x, point.roi.y, point.roi.z, resolution)
-        lidar = point.lidar.lidar()
         used = [grid_point.point.placement for grid_point in sweep.points]
         placements = {
-            name: sweep.common.placement_named(name, lidar)
+            name: sweep.common.rig_named(name, point)
             for name in dict.fromkeys([*used, *sweep.common.placements])
         }
     return roi, [known("placement", name, placements) for name in (names or placements)]

@@ -24,7 +24,7 @@ FORBIDDEN = {
 }
 FLOORS = {
     "lidarplace": (
-        "catalogue metrics optional pose ranges rings roi sectors shown start",
+        "catalogue metrics optional pose ranges rings roi sectors shown start weather",
         "sensor",
         "placement",
         "configuration coverage",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, Strict, field_validator, model_validator
 
 from lidarplace.catalogue.datasheet import datasheet
 from lidarplace.configuration.settings import (
@@ -53,6 +53,12 @@ class SensorSettings(Settings):
     min_range: Distance = Field(0.0, description="nearest return, metres")
     range_noise: Distance = Field(0.0, description="standard deviation, m")
     drop_off: Probability = Field(0.0, lt=1, description="probability that a return is lost")
+    wavelength_nm: Annotated[float, Strict(), Field(gt=0, le=100_000, allow_inf_nan=False)] = Field(
+        905.0, description="of its light, nanometres; fog dims long waves less, if it is thin"
+    )
+    window: Probability = Field(
+        1.0, gt=0, description="share of the light that a soiled front window lets pass, each way"
+    )
     azimuth_deg: tuple[Degrees, Degrees] = Field(
         (-180.0, 180.0),
         description="horizontal field of view in the sensor's frame, degrees, from min up to, not "
@@ -78,6 +84,7 @@ class SensorSettings(Settings):
             "range_80": sheet.range_80,
             "min_range": sheet.min_range or 0.0,
             "range_noise": sheet.range_noise or 0.0,
+            "wavelength_nm": sheet.wavelength_nm or 905.0,
         }
         return known | data
 
@@ -118,4 +125,6 @@ class SensorSettings(Settings):
             self.min_range,
             self.range_10,
             self.range_80,
+            1e-9 * self.wavelength_nm,
+            window=self.window,
         )

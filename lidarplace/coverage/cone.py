@@ -55,7 +55,7 @@ def cone_bits(placement: Placement, roi: Roi, tiles: Tiles) -> Bits:
 
 
 def _key(lidar: Lidar, mount: Mount, roi: Roi, tiles: Tiles) -> tuple[Any, ...]:
-    seen = (lidar.elevations, lidar.azimuth, lidar.range)
+    seen = (lidar.elevations, lidar.azimuth, lidar.reach)
     return (seen, mount, roi, tiles.lowest.tobytes(), tiles.highest.tobytes())
 
 
@@ -81,7 +81,7 @@ def sensor_bits(lidar: Lidar, mount: Mount, roi: Roi, tiles: Tiles) -> Bits:
     grid = Columns(roi.minimum[axes], roi.resolution, nz, part.lowest, part.highest)
     bits = empty((nx, ny, nz))
     cover_tiles(sensor, grid, bits)
-    if not lidar.full_turn or lidar.range < _farthest(mount, roi):
+    if not lidar.full_turn or lidar.reach < _farthest(mount, roi):
         keep_seen(sensor, grid, bits)
     if run != 2:
         bits = turned(bits, nz)  # from (y, z, x) to (y, x, z), or from (x, z, y) to (x, y, z)
@@ -108,7 +108,7 @@ def _sensor(lidar: Lidar, mount: Mount) -> Sensor:
     sines = np.unique(np.sin(lidar.elevations))
     azimuth = np.array((-np.pi, np.pi) if lidar.full_turn else lidar.azimuth)
     frame = np.ascontiguousarray(mount.rotation.T)
-    return Sensor(mount.position, frame, sines, azimuth, lidar.range)
+    return Sensor(mount.position, frame, sines, azimuth, lidar.reach)
 
 
 def _upside_down(sensor: Sensor) -> Sensor:

@@ -136,7 +136,7 @@ def _chunks(
     offsets = np.empty(_CHUNK // 8, np.int64)
     directions_of = cache(Lidar.directions)
     for mount, lidar in zip(placement.mounts, placement.lidars, strict=True):
-        reach, directions = lidar.range, directions_of(lidar) @ mount.rotation.T
+        reach, directions = lidar.reach, directions_of(lidar) @ mount.rotation.T
         spans = clip_rays(mount.position, directions, reach, grid)
         hit = spans[:, 0] < np.inf
         directions, spans = directions[hit], spans[hit]

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lidarplace.box_log import BoxLog
 from lidarplace.lidar.clouds import Crop, PointClouds, as_kept
+from lidarplace.lidar.droplets import scatter_back
 from lidarplace.lidar.raycast import Hits, cast
 from lidarplace.lidar.returns import LARGEST_ERROR, sample_points
 from lidarplace.lidar.surroundings import Surroundings
@@ -138,5 +139,6 @@ class SimulatedClouds:
             hits = cast(mount, lidar, parts, wide, into=self._hits.get(lidar.rays))
             self._hits[lidar.rays] = hits
             free, key = self._points[counts.sum() :], (self._seed, frame, m)
+            scatter_back(lidar, hits, key)
             counts[m] = sample_points(mount, lidar, hits, ground, self._crop, key, free, lift)
         return self._points[: counts.sum()], counts

@@ -104,7 +104,8 @@ class Beams(NamedTuple):
         first_step, turn: the first azimuth fired, and the steps of a full turn.
         reach: metres.
         nearest: return, metres.
-        sight_10, falloff: of `Lidar.sight`; the first is infinite where it does not limit.
+        sight_10, falloff, fading: of `Lidar.sight`, the first through its window; infinite where
+            light does not limit.
     """
 
     elevations: NDArray[np.float64]
@@ -115,6 +116,7 @@ class Beams(NamedTuple):
     nearest: float
     sight_10: float
     falloff: float
+    fading: float
 
 
 @lru_cache(maxsize=16)
@@ -131,10 +133,13 @@ def beams_of(lidar: Lidar) -> Beams:
         azimuths,
         lidar.first_step,
         lidar.azimuth_steps,
-        lidar.range,
+        lidar.reach if lidar.range_10 is None else lidar.range,
         lidar.min_range,
-        math.inf if lidar.range_10 is None else lidar.range_10,
+        math.inf
+        if lidar.range_10 is None
+        else lidar.range_10 * lidar.window ** (2.0 * lidar.falloff),
         lidar.falloff,
+        lidar.fading,
     )
 
 
@@ -166,6 +171,8 @@ def returns_light(distance, reflected, beams):  # pragma: no cover - compiled
         return False
     if beams.sight_10 == math.inf:
         return True
+    if beams.fading > 0.0:
+        distance *= math.exp(beams.fading * distance)
     return distance <= beams.sight_10 * (10.0 * reflected) ** beams.falloff
 
 

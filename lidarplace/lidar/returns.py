@@ -1,7 +1,7 @@
 """From hits to points: drop-off, range noise, intensity and the cut to a region.
 
-Random numbers are counted, not drawn: each is a hash of seed, frame, LiDAR and ray. So a point
-does not depend on which frames are collected with it, in which order or by how many workers.
+Random numbers are hashes of seed, frame, LiDAR and ray. So a point does not depend on which frames
+are collected with it, in which order or by how many workers.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from lidarplace.lidar.ground import CELL_M, Ground
+from lidarplace.lidar.hashed import key_of, stream_of, uniform
 from lidarplace.lidar.raycast import GROUND, Hits, beams_of, returns_light
 from lidarplace.lidar.shapes import SIGN
 from lidarplace.placement import Mount
@@ -41,9 +42,9 @@ def sample_points(
 
     A return is lost with probability `lidar.drop_off`; its range errs by a normal of standard
     deviation `lidar.range_noise`, along the ray. Intensity is the light reflected, in terms of
-    a white diffuser that faces the ray, times `exp(-ATTENUATION_PER_M * range)`; at 1, where
-    retroreflectors are, it saturates. Own body returns nothing, nor does what is nearer than
-    `lidar.min_range` or, by the light reflected, beyond `lidar.sight`.
+    a white diffuser that faces the ray, times `exp(-ATTENUATION_PER_M * range)` and what air and
+    window leave of it; at 1, where retroreflectors are, it saturates. Own body returns nothing, nor
+    does what is nearer than `lidar.min_range` or, by the light reflected, beyond `lidar.sight`.
 
     Args:
         mount, lidar: as cast.
@@ -67,8 +68,9 @@ def sample_points(
         _Chance(
             lidar.range_noise,
             lidar.drop_off,
-            np.array([value % 2**64 for value in key], np.uint64),
+            key_of(*key),
         ),
+        (ATTENUATION_PER_M + 2.0 * lidar.extinction, lidar.window**2),
         points,
     )
 
@@ -98,21 +100,6 @@ def _to_cells(pose: tuple[float, float, float]) -> tuple[float, float, float, fl
 
 
 _inner = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
-
-
-@_inner
-def _mix(state):  # pragma: no cover - compiled
-    """Output function of splitmix64 (Steele, Lea, Flood 2014): a bijection that scatters bits."""
-    z = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return z ^ (z >> np.uint64(31))
-
-
-@_inner
-def _uniform(stream, counter):  # pragma: no cover - compiled
-    """The `counter`-th number of a splitmix64 stream, an odd multiple of 2**-53 in (0, 1)."""
-    bits = _mix(stream + (counter + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15))
-    return (np.float64(np.int64(bits >> np.uint64(12))) + 0.5) * 2.0**-52
 
 
 # Coefficients of the normal quantile, from the constant term on (Wichura 1988, AS 241, PPND7).
@@ -161,7 +148,7 @@ def _fill_normals(uniforms, count, flank):  # pragma: no cover - compiled
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _sample(
-    origin, rotation, beams, crop, lift, hits, codes, ground_cells, chance, points
+    origin, rotation, beams, crop, lift, hits, codes, ground_cells, chance, dimmed, points
 ):  # pragma: no cover - compiled
     """Write the returns within `crop` to `points` and return their number.
 
@@ -174,9 +161,8 @@ def _sample(
     range_noise, drop_off, key = chance
     slack = LARGEST_ERROR * range_noise
     last_row, last_column = cells.shape[0] - 1, cells.shape[1] - 1
-    stream = np.uint64(0)
-    for part in key:
-        stream = _mix((stream ^ part) + np.uint64(0x9E3779B97F4A7C15))
+    stream = stream_of(key)
+    attenuation, window = dimmed
     cosines, sines = azimuths[0], azimuths[1]
     steps = len(cosines)
     # Not read again from arrays within the loops, which write to others.
@@ -221,10 +207,10 @@ def _sample(
             for i in range(candidates):
                 n = steps_kept[i]
                 steps_kept[kept] = n
-                kept += _uniform(stream, np.uint64(2 * (first + n))) > drop_off
+                kept += uniform(stream, np.uint64(2 * (first + n))) > drop_off
         if range_noise > 0.0:
             for i in range(kept):
-                errors[i] = _uniform(stream, np.uint64(2 * (first + steps_kept[i]) + 1))
+                errors[i] = uniform(stream, np.uint64(2 * (first + steps_kept[i]) + 1))
             _fill_normals(errors, kept, flank)
         start = count
         for i in range(kept):
@@ -254,6 +240,6 @@ def _sample(
                 & (pz <= roof)
             )
         for i in range(count - start):
-            bright = points[start + i, 3] * math.exp(-ATTENUATION_PER_M * errors[i])
+            bright = window * points[start + i, 3] * math.exp(-attenuation * errors[i])
             points[start + i, 3] = min(bright, 1.0)
     return count

@@ -37,7 +37,7 @@ def body_share(
     steps = lidar.first_step + (2 * np.arange(number) + 1) * fired // (2 * number)
     azimuths = steps * (2 * math.pi / lidar.azimuth_steps)
     elevations, boxes = np.array(lidar.elevations), vehicle.interior
-    hits = _count_hits(mount.position, mount.rotation, azimuths, elevations, lidar.range, boxes)
+    hits = _count_hits(mount.position, mount.rotation, azimuths, elevations, lidar.reach, boxes)
     return hits / (number * lidar.beams)
 
 

@@ -132,6 +132,6 @@ def _cells(mount: Mount, lidar: Lidar) -> NDArray[np.bool_]:
     start, end = lidar.azimuth
     azimuth = np.arctan2(middle[..., 1], middle[..., 0])
     in_view = (azimuth - start) % (2 * math.pi) <= end - start
-    near = np.linalg.norm(middle, axis=-1) <= lidar.range
+    near = np.linalg.norm(middle, axis=-1) <= lidar.reach
     inside: NDArray[np.bool_] = met & near & (in_view | lidar.full_turn)
     return inside

@@ -55,7 +55,7 @@ def sights_of(placement: Placement, vehicle: Vehicle) -> list[Sight]:
     sights = []
     for mount, lidar in zip(placement.mounts, placement.lidars, strict=True):
         beams = beams_of(lidar)
-        least = np.full(lidar.rays, 1.0 / beams.reach * (1.0 - 4e-16))
+        least = np.full(lidar.rays, 1.0 / lidar.reach * (1.0 - 4e-16))
         sights.append(Sight(mount.position, mount.rotation, beams, least))
         _shade(sights[-1], body.geometry)
     return sights

@@ -11,6 +11,7 @@ from lidarplace.recall.detection_curve import CELL_M, DetectionCurve
 from lidarplace.requirements.area import Area
 from lidarplace.requirements.placed_object import PlacedObject
 from lidarplace.roi import Interval
+from lidarplace.weather import Weather
 
 AS_BUILT = "as built"
 
@@ -24,12 +25,14 @@ class AlsoWhen:
     Attributes:
         one_lidar_dead: any one of the LiDARs sees nothing.
         range_factor: every LiDAR reaches so much of its range; None: no such case.
+        weather: fog or rain; None: no such case.
         mounts_off: how far every mount is off at most; each rig that is drawn is a case.
         draws: how many are drawn.
     """
 
     one_lidar_dead: bool = False
     range_factor: float | None = None
+    weather: Weather | None = None
     mounts_off: MountingErrors | None = None
     draws: int = 0
 
@@ -40,6 +43,8 @@ class AlsoWhen:
             factor = self.range_factor
             shorter = [replace(lidar, range=factor * lidar.range) for lidar in placement.lidars]
             found[f"range × {factor:g}"] = placement.with_lidar(shorter)
+        if self.weather is not None:
+            found[str(self.weather)] = placement.in_weather(self.weather)
         if self.mounts_off is not None:
             for draw in range(self.draws):
                 found[f"mounts off, draw {draw + 1}"] = self.mounts_off.drawn(placement, draw)

@@ -110,7 +110,7 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
             if not settings:  # the full trainings
                 _check_rungs(checked_common, point, path)
             try:
-                checked_common.placement_named(point.placement, point.lidar.lidar())
+                checked_common.rig_named(point.placement, point)
             except ValueError as error:
                 key = "grid.placement" if "placement" in grid else "placement"
                 raise ConfigError(f"{path}: {key}: {error}") from None

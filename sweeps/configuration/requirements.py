@@ -18,6 +18,7 @@ from lidarplace.configuration.settings import (
     Probability,
     Settings,
 )
+from lidarplace.configuration.weather import WeatherSettings
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.detection_curve import IOU, DetectionCurves
 from lidarplace.requirements.area import Area
@@ -184,7 +185,10 @@ class AlsoWhenSettings(Settings):
 
     one_lidar_dead: bool = Field(False, description="any one of the LiDARs sees nothing")
     range_factor: Probability | None = Field(
-        None, gt=0, description="every LiDAR reaches so much of its range, for rain or fog"
+        None, gt=0, description="every LiDAR reaches so much of its range"
+    )
+    weather: WeatherSettings | None = Field(
+        None, description="fog or rain, which shorten the range of every LiDAR"
     )
     mounts_off: MountsOffSettings | None = Field(None, description="mounts are not where planned")
 
@@ -194,6 +198,7 @@ class AlsoWhenSettings(Settings):
         return AlsoWhen(
             self.one_lidar_dead,
             self.range_factor,
+            None if self.weather is None else self.weather.weather(),
             None if off is None else off.errors(),
             0 if off is None else off.draws,
         )

@@ -32,6 +32,7 @@ from lidarplace.configuration.settings import (
     Text,
     short_for,
 )
+from lidarplace.configuration.weather import WeatherSettings
 from lidarplace.coverage import Method
 from lidarplace.lidar.profiles import PROFILES
 from lidarplace.metrics import METRICS, RANKING, Direction
@@ -211,6 +212,10 @@ class Point(Settings):
     )
     lidar: Annotated[LidarSettings, short_for("name")] = Field(
         LidarSettings(), description="the LiDARs, unless a mount has its own"
+    )
+    weather: WeatherSettings = Field(
+        WeatherSettings(),
+        description="fog and rain, in clouds and for surrogates; clear by default",
     )
     surrogate: SurrogateSettings = Field(SurrogateSettings(), description="what scores a placement")
     training: TrainingSettings = Field(TrainingSettings(), description="how detectors are trained")
@@ -413,6 +418,15 @@ class Common(Settings):
             return PAPER_PLACEMENTS[name].with_lidar(lidar)
         known = ", ".join([*PAPER_PLACEMENTS, *self.placements])
         raise ValueError(f"no placement {name!r}; allowed are {known}")
+
+    def rig_named(self, name: str, point: Point) -> Placement:
+        """The placement called `name` with the LiDARs of a point, in its weather.
+
+        Raises:
+            ValueError: there is none of that name, or the weather tells a LiDAR nothing.
+        """
+        rig = self.placement_named(name, point.lidar.lidar())
+        return rig.in_weather(point.weather.weather())
 
 
 class SweepFile(Common, Point):

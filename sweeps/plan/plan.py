@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from lidarplace import Placement, Roi
+from lidarplace.configuration.weather import WeatherSettings
 from lidarplace.lidar.clouds import Crop
 from lidarplace.lidar.collect import crop_for
 from lidarplace.lidar.profiles import with_tilt_in_degrees
@@ -186,7 +187,7 @@ class _Builder:
     def trial(self, grid_point: GridPoint) -> Trial:
         """The trial of a point, with all its tasks."""
         point = grid_point.point
-        rig = self._common.placement_named(point.placement, point.lidar.lidar())
+        rig = self._common.rig_named(point.placement, point)
         try:
             parts = self._parts_of(point.scene)
         except ValueError as error:
@@ -380,17 +381,17 @@ class _Builder:
 
     def _training_rigs(self, point: Point) -> list[Placement]:
         """The rigs of a generalist: drawn with the seed of the training, or named."""
-        common, lidar, rigs = self._common, point.lidar.lidar(), point.generalist.rigs
+        common, rigs = self._common, point.generalist.rigs
         try:
             if isinstance(rigs, int):
                 judged = sorted(self._placements)
-                around = [common.placement_named(name, lidar) for name in judged]
+                around = [common.rig_named(name, point) for name in judged]
                 return self._random_rigs(tuple(around), rigs, point.seed)
             judged = sorted(set(rigs) & set(self._placements))
             if judged:
                 raise ValueError(f"{judged[0]} is judged, so it cannot be trained on")
-            named = [common.placement_named(name, lidar) for name in rigs]
-            if has_other_lidar(common.placement_named(point.placement, lidar), named):
+            named = [common.rig_named(name, point) for name in rigs]
+            if has_other_lidar(common.rig_named(point.placement, point), named):
                 raise ValueError(
                     f"none of {', '.join(rigs)} has a LiDAR of {point.placement}: name rigs of the "
                     "models that are judged"
@@ -415,6 +416,8 @@ class _Builder:
                     "scene.clouds: recorded clouds are of one rig as it was; leave out judge and "
                     "mounting_errors"
                 )
+            if point.weather != WeatherSettings():
+                raise ConfigError("weather: recorded clouds are as they are; leave it out")
             if lidar.cloud_share != 1:
                 raise ConfigError(
                     f"lidar.cloud_share: recorded clouds are as they are; allowed is 1, found "

@@ -49,7 +49,7 @@ def maps(sweep: Sweep, trials: Sequence[Trial], store: AnyStore) -> Maps:
     entropy = sum(_entropy(pog[f"counts_{name}"], pog["frames"]) for name in classes)
     for trial in trials:
         point = trial.grid_point.point
-        rig = sweep.common.placement_named(point.placement, point.lidar.lidar())
+        rig = sweep.common.rig_named(point.placement, point)
         covered = coverage(rig, point.voxel_roi(), point.surrogate.method)
         residual = np.where(covered, np.float32(0), entropy)
         found.coverage[point.placement] = covered.mean(axis=2, dtype=np.float32)

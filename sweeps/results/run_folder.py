@@ -230,7 +230,7 @@ def _about(
     varied = any(axis.partition(".")[0] == "lidar" for axis in sweep.axes)
     for grid_point in sweep.points:
         point = grid_point.point
-        rig = sweep.common.placement_named(point.placement, point.lidar.lidar())
+        rig = sweep.common.rig_named(point.placement, point)
         placements[point.placement] = [astuple(mount) for mount in rig.mounts]
         if not varied:
             lidars[point.placement] = _models(sweep, point, rig)

@@ -62,7 +62,7 @@ class PogParams:
 class SurrogateParams:
     """The rig, and how which surrogates of a POG are found; `fitted_q`: of `expected_ig_by_q`."""
 
-    placement: Annotated[Placement, "placement", "lidar"]
+    placement: Annotated[Placement, "placement", "lidar", "weather"]
     names: Annotated[tuple[str, ...], "surrogate.names"]
     method: Annotated[Method, "surrogate.method"]
     detection_probability: Annotated[float, "surrogate.detection_probability"]
@@ -83,7 +83,7 @@ class RecallParams:
         frames: at most so many, spread over those of the training split.
     """
 
-    placement: Annotated[Placement, "placement", "lidar"]
+    placement: Annotated[Placement, "placement", "lidar", "weather"]
     names: Annotated[tuple[str, ...], "surrogate.names"]
     roi: Annotated[Roi, "roi", "surrogate.resolution"]
     classes: Annotated[tuple[str, ...], "classes"]
@@ -96,7 +96,7 @@ class RecallParams:
 class AccuracyParams:
     """The rig, and what is compared: see `lidarplace.surrogates.error_against_time`."""
 
-    placement: Annotated[Placement, "placement", "lidar"]
+    placement: Annotated[Placement, "placement", "lidar", "weather"]
     roi: Annotated[Roi, "roi", "surrogate.resolution"]
     detection_probability: Annotated[float, "surrogate.detection_probability"]
     occlusion: Annotated[bool, "surrogate.occlusion"]
@@ -110,7 +110,7 @@ class AccuracyParams:
 class SamplingErrorParams:
     """The rig, and the surrogates whose spread is asked for."""
 
-    placement: Annotated[Placement, "placement", "lidar"]
+    placement: Annotated[Placement, "placement", "lidar", "weather"]
     roi: Annotated[Roi, "roi", "surrogate.resolution"]
     detection_probability: Annotated[float, "surrogate.detection_probability"]
     occlusion: Annotated[bool, "surrogate.occlusion"]
@@ -130,7 +130,7 @@ class CollectParams:
         first, every: which frames of the split are collected; all by default.
     """
 
-    placement: Annotated[Placement, "placement", "lidar"]
+    placement: Annotated[Placement, "placement", "lidar", "weather"]
     misaligned_heights: Annotated[bool, "lidar.misaligned_heights"]
     seed: Annotated[int, "scene"]
     split: str

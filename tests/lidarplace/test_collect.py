@@ -118,6 +118,7 @@ def test_points_are_the_hits_within_the_crop():
         {"min_range": 12.0},
         {"range_10": 9.0},
         {"range_10": 12.0, "range_80": 20.0, "min_range": 7.0, "range_noise": 0.05},
+        {"range_10": 15.0, "range_80": 25.0, "extinction": 0.01, "window": 0.9},
     ],
 )
 def test_what_is_too_near_or_too_dark_returns_nothing(limits):
@@ -143,11 +144,17 @@ def test_what_is_too_near_or_too_dark_returns_nothing(limits):
     clear = (abs(distance - far) > 1e-3) & (abs(distance - limited.min_range) > 1e-3)
     seen = (distance >= limited.min_range) & (distance <= far)
     assert 20 < seen.sum() < len(kept) - 20
-    found = {tuple(point) for point in returned(limited)}
+    found = {tuple(point[:3]): point[3] for point in returned(limited)}
     # A point whose patch of ground is rounded to the neighbour may be of either.
-    right = [(tuple(p) in found) == s for p, s in zip(everything[clear], seen[clear], strict=True)]
+    right = [
+        (tuple(p[:3]) in found) == s for p, s in zip(everything[clear], seen[clear], strict=True)
+    ]
     assert np.mean(right) > 0.999
     assert len(found) <= len(everything)
+    left = limited.window**2 * np.exp(-2 * limited.extinction * distance)
+    for point, share in zip(everything, left, strict=True):
+        if tuple(point[:3]) in found and point[3] < 1 and not lidar.range_noise:
+            assert found[tuple(point[:3])] == pytest.approx(share * point[3], rel=1e-5)
 
 
 def test_points_of_a_field_of_view_are_those_of_the_whole_turn_within_it():

@@ -8,6 +8,7 @@ import yaml
 
 from lidarplace.box_log import BoxLog, write_box_log
 from lidarplace.boxes import BOX_COLUMNS, GEOMETRY
+from lidarplace.weather import Weather
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from sweeps.execution.schedule import Schedule
@@ -263,6 +264,38 @@ def test_a_log_of_ones_own(tmp_path):
             tmp_path,
             scene={"source": "log", "folder": str(tmp_path / "log"), "clouds": "recorded"},
         )
+    with pytest.raises(ConfigError, match="weather: recorded clouds are as they are"):
+        plan_of(
+            tmp_path,
+            scene={"source": "log", "folder": str(tmp_path / "log"), "clouds": "recorded"},
+            weather={"rain": 1},
+        )
+
+
+def test_weather_is_seen_by_clouds_and_surrogates_alone(tmp_path):
+    air = {"visibility": 100, "rain": 5}
+    plan = plan_of(tmp_path, placement="center", grid={"weather": [{}, air]})
+    assert stages(plan)["pog"] == 1
+    assert (stages(plan)["scene"], stages(plan)["ground_truth"]) == (2, 2)
+    assert (stages(plan)["collect"], stages(plan)["surrogates"], stages(plan)["recall"]) == (
+        4,
+        2,
+        2,
+    )
+    clear, dim = (
+        {task.key for task in plan.tasks if trial_weather(task) == weather}
+        for weather in (0.0, Weather(100.0, 5.0).extinction(905e-9))
+    )
+    assert {task.key for task in plan_of(tmp_path, placement="center").tasks} >= clear
+    assert len(clear) == len(dim)
+    axis = plan_of(tmp_path, placement="center", grid={"weather.visibility": [50, None]})
+    assert axis.trials[1].surrogates.key in clear
+
+
+def trial_weather(task):
+    """Extinction of the rig that a task knows."""
+    rig = getattr(task.params, "placement", None)
+    return None if rig is None else rig.lidars[0].extinction
 
 
 EIGHT = ["line", "center", "trapezoid", "square", "line_roll", "pyramid", "pyramid_roll"]

@@ -42,6 +42,27 @@ def problem_of(folder, **changes):
     return read_problem(write_search(folder, search=search))
 
 
+def test_a_search_in_fog_has_lidars_in_fog(tmp_path):
+    clear = write_search(tmp_path, search={"requirements": [AROUND], "greedy": None})
+    fog = {"visibility": 3.0}
+    wet = AROUND | {"also_when": {"weather": fog}}
+    dim, cases = (
+        read_problem(clear, [f"weather={fog}"]),
+        read_problem(clear, [f"search.requirements={[wet]}"]),
+    )
+    assert dim.key != read_problem(clear).key
+    seen = [
+        judge(
+            problem.question.carrier.requirements,
+            placement_of(RIG, problem.models),
+            problem.question.carrier.vehicle,
+        )[0]
+        for problem in (dim, cases, read_problem(clear))
+    ]
+    assert seen[0].findings[0].value == seen[1].findings[1].value < seen[2].findings[0].value
+    assert seen[1].findings[1].case == "visibility 3 m"
+
+
 def test_a_requirement_is_a_constraint_and_its_margin_an_objective(tmp_path):
     bounded = problem_of(tmp_path, objective="price")
     margin = problem_of(tmp_path, objective=["margin", "price"])

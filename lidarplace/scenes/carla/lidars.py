@@ -63,7 +63,7 @@ def attributes(lidar: Lidar, fan: Fan, seed: int) -> dict[str, str]:
         "channels": fan.beams,
         "lower_fov": math.degrees(fan.lower),
         "upper_fov": math.degrees(fan.upper),
-        "range": lidar.range,
+        "range": lidar.reach,
         "points_per_second": round(fan.beams * lidar.azimuth_steps / STEP_S),
         "rotation_frequency": 1 / STEP_S,
         "dropoff_general_rate": lidar.drop_off,

@@ -42,7 +42,7 @@ from sweeps.tasks.code_version import code_version
 from sweeps.tasks.task import Task, code_of
 
 _ANSWERING = {
-    *("lidar", "surrogate", "placement", "placements"),
+    *("lidar", "weather", "surrogate", "placement", "placements"),
     *("detector", "training", "generalist", "mounting_errors"),
 }
 """Keys beside the scene, the ROI and the classes that decide what trials are worth."""
@@ -124,7 +124,7 @@ class Problem:
         named = self.file.generalist.rigs
         if isinstance(named, int):
             return [placement_of(rig, self.models) for rig in self.training_rigs.values()]
-        return [self.file.placement_named(name, self.file.lidar.lidar()) for name in named]
+        return [self.file.rig_named(name, self.file) for name in named]
 
     @property
     def traffic(self) -> TrafficSettings:
@@ -225,9 +225,12 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
     file = check(SearchFile, source, path)
     _check_keys(file, source, path)
     settings = file.search
-    own = file.lidar.lidar()
-    chosen = {name: model.lidar() for name, model in settings.models.items()} or {OWN_MODEL: own}
     try:
+        weather = file.weather.weather()
+        own = file.lidar.lidar().in_weather(weather)
+        chosen = {
+            name: model.lidar().in_weather(weather) for name, model in settings.models.items()
+        } or {OWN_MODEL: own}
         space = Space(settings, tuple(chosen), _fixed(file, next(iter(chosen))))
         start = {name: _start(file, name, space) for name in settings.start}
     except ValueError as error:

@@ -76,7 +76,15 @@ def test_buildings_the_own_body_and_range_hide():
     assert cells(free, high, near) == 0
 
 
-@pytest.mark.parametrize("limits", [{"min_range": 9.0}, {"range_10": 8.0}])
+@pytest.mark.parametrize(
+    "limits",
+    [
+        {"min_range": 9.0},
+        {"range_10": 8.0},
+        {"range_10": 10.0, "extinction": 0.01},
+        {"range": 30.0, "extinction": 0.13, "window": 0.9},
+    ],
+)
 def test_what_returns_no_light_is_not_hit(limits):
     log, limited = log_of(*ROWS), replace(LIDAR, **limits)
     model = ExpectedRecall.from_log(log, ROI, ["Tram", "Bus"], CURVES)

@@ -44,7 +44,8 @@ def hits_of(placement: Placement, vehicle: Vehicle, box):
                 (entered(origin, direction, *corners) for corners in vehicle.interior),
                 default=math.inf,
             )
-            if lidar.min_range <= reach < min(body, lidar.range):
+            away = reach * math.exp(lidar.extinction * reach)  # of equal light in clear air
+            if lidar.min_range <= reach < body and away < lidar.range:
                 own.append(local + reach * (to_box @ direction))
         found.append(own)
     return found

@@ -18,12 +18,14 @@ from lidarplace.requirements.layout import lay_out
 from lidarplace.requirements.placed_object import STANDARD, PlacedObject
 from lidarplace.requirements.presets import preset
 from lidarplace.requirements.requirement import AlsoWhen, Requirement
+from lidarplace.weather import Weather
 from tests.lidarplace.requirements.brute_force import hits_of
 
 CAR = Vehicle.car()
 NOTHING = Vehicle("nothing", np.empty((0, 2, 3)))
 LIDAR = Lidar(tuple(np.radians([-50.0, -30.0, -20.0, -12.0, -6.0, -2.0, 3.0])), azimuth_steps=120)
 RIG = Placement("rig", [Mount(x=0.6, y=0.4, z=1.8, roll=0.1), Mount(x=-1.0, z=1.9)], LIDAR)
+FOG = Weather(visibility=1.0, rain=5.0)
 PERSON = PlacedObject(0.5, 0.7, 1.7)
 
 
@@ -77,7 +79,7 @@ def test_one_level_lidar_and_a_wall():
 def test_cases_are_rigs_on_their_own(measure):
     """Each case is the verdict on the rig that it stands for."""
     off = MountingErrors(0.05, 0.05)
-    case = AlsoWhen(one_lidar_dead=True, range_factor=0.03, mounts_off=off, draws=2)
+    case = AlsoWhen(one_lidar_dead=True, range_factor=0.03, weather=FOG, mounts_off=off, draws=2)
     settings = {
         "name": "x",
         "area": Area(distance=(0.0, 2.5)),
@@ -92,6 +94,7 @@ def test_cases_are_rigs_on_their_own(measure):
         Placement("left", RIG.mounts[1:], LIDAR),
         Placement("left", RIG.mounts[:1], LIDAR),
         RIG.with_lidar(Lidar(LIDAR.elevations, 120, range=3.0)),
+        RIG.with_lidar(Lidar(LIDAR.elevations, 120, range=LIDAR.in_weather(FOG).reach)),
         off.drawn(RIG, 0),
         off.drawn(RIG, 1),
     ]
@@ -101,6 +104,7 @@ def test_cases_are_rigs_on_their_own(measure):
         "without LiDAR 1",
         "without LiDAR 2",
         "range × 0.03",
+        "visibility 1 m, rain 5 mm/h",
         "mounts off, draw 1",
         "mounts off, draw 2",
     ]

@@ -1,6 +1,7 @@
 """Rays on objects: against single rays in plain Python, and properties that hold for all rigs."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 from lidarplace import Lidar, Mount, Placement
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.requirements.rays_on_objects import count_cells, count_points, sights_of
+from lidarplace.weather import Weather
 from tests.lidarplace.requirements.brute_force import cells_of, hits_of
 
 CAR = Vehicle.car()
@@ -22,6 +24,7 @@ PART = Lidar(
     min_range=2.5,
     azimuth=(math.radians(100), 4.0),
 )
+FOGGY = replace(FULL, range=11.0).in_weather(Weather(visibility=70.0))
 CELL = 0.2
 
 angle = st.floats(-math.pi, math.pi)
@@ -35,7 +38,7 @@ mounts = st.builds(
     yaw=angle,
 )
 rigs = st.lists(
-    st.tuples(mounts, st.sampled_from([FULL, PART])),
+    st.tuples(mounts, st.sampled_from([FULL, PART, FOGGY])),
     min_size=1,
     max_size=3,
     unique_by=lambda pair: (pair[0].x, pair[0].y, pair[0].z),

@@ -1,0 +1,29 @@
+"""Fog and rain in a configuration."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from pydantic import Field, Strict
+
+from lidarplace.configuration.settings import Settings
+from lidarplace.weather import Weather
+
+Visibility = Annotated[float, Strict(), Field(gt=0, le=1e9, allow_inf_nan=False)]
+"""Metres."""
+RainRate = Annotated[float, Strict(), Field(ge=0, le=1000, allow_inf_nan=False)]
+"""Millimetres an hour; in the heaviest rain of a minute there were 1,900."""
+
+
+class WeatherSettings(Settings):
+    """What is in the air: fog, rain, or both."""
+
+    visibility: Visibility | None = Field(
+        None, description="in fog or haze, metres: 2 % of contrast are left; null: clear air"
+    )
+    rain: RainRate = Field(0.0, description="millimetres an hour")
+
+    def weather(self) -> Weather:
+        """In the terms of `lidarplace`."""
+        return Weather(math.inf if self.visibility is None else self.visibility, self.rain)
