@@ -19,6 +19,7 @@ TILE_X, TILE_Y = 16, 32
 _LINES_Y = TILE_Y + 8  # grid lines of a tile, and more to make whole vectors
 _HAIR = 1e-9  # cubes are grown by this share of their edge
 _ULPS = 4e-16  # rounding of a sine: no beam may slip between two voxels
+_BLOCK = 4  # columns along each side of what is decided at once within a tile
 _LEAST_K = 1e-2  # a cone with a smaller n2^2 - s^2 is too steep to be computed as a graph
 
 
@@ -217,6 +218,12 @@ def _arc_meets(low, high, s, frame, azimuth, reach):  # pragma: no cover - compi
     A coordinate of the arc is m + r cos(a - phi). Where the arc enters or leaves the box one
     coordinate is on a face; an arc that does neither is wholly inside or outside.
     """
+    middle, extent = -s * reach, _HAIR * reach  # the circle is on the plane n.d = s reach
+    for axis in range(3):
+        middle += 0.5 * frame[2, axis] * (low[axis] + high[axis])
+        extent += 0.5 * abs(frame[2, axis]) * (high[axis] - low[axis])
+    if abs(middle) > extent:
+        return False
     cosine = math.sqrt(1 - s * s)
     angles = np.empty(20)
     angles[0], angles[1] = azimuth
@@ -296,7 +303,16 @@ def _patch_meets(low, high, s, frame, azimuth, planes, reach):  # pragma: no cov
         dz = ca * frame[0, 2] + sa * frame[1, 2] + s * frame[2, 2]
         if _segment_meets(low[0], high[0], low[1], high[1], low[2], high[2], dx, dy, dz, reach):
             return True
-    return reach < math.inf and _arc_meets(low, high, s, frame, azimuth, reach)
+    if _farthest_squared(low, high) <= reach * reach:  # the arc is beyond
+        return False
+    return _arc_meets(low, high, s, frame, azimuth, reach)
+
+
+@_inner
+def _farthest_squared(low, high):  # pragma: no cover - compiled
+    """Square of the distance to the farthest corner of a box."""
+    x, y, z = max(-low[0], high[0]), max(-low[1], high[1]), max(-low[2], high[2])
+    return x * x + y * y + z * z
 
 
 @_inner
@@ -315,6 +331,87 @@ def _cube_is_covered(
         if side > 0 or _patch_meets(low, high, sines[b], frame, azimuth, planes, reach):
             return True
     return False
+
+
+class _View(NamedTuple):
+    """What of a cone is seen, in numbers alone: arrays cost more to hand on than to use.
+
+    Attributes:
+        n: axis of the sensor.
+        first, last: normals of the planes that bound the field of view, towards the inside.
+        width, reach: of the field of view, and the range.
+    """
+
+    n: tuple[float, float, float]
+    first: tuple[float, float, float]
+    last: tuple[float, float, float]
+    width: float
+    reach: float
+
+
+@_inner
+def _view(frame, azimuth, planes, reach):  # pragma: no cover - compiled
+    return _View(
+        (frame[2, 0], frame[2, 1], frame[2, 2]),
+        (planes[0, 0], planes[0, 1], planes[0, 2]),
+        (planes[1, 0], planes[1, 1], planes[1, 2]),
+        azimuth[1] - azimuth[0],
+        reach,
+    )
+
+
+@_inner
+def _dot(a, x, y, z):  # pragma: no cover - compiled
+    return a[0] * x + a[1] * y + a[2] * z
+
+
+@_inner
+def _side_of_cube(x, y, z, half, away, view):  # pragma: no cover - compiled
+    """`_side_of_view` of a cube by its middle, which is so far away; not decided near the range."""
+    radius = math.sqrt(3.0) * half
+    if away - radius > view.reach:
+        return -1
+    inside = away + radius <= view.reach
+    if view.width >= 2 * math.pi:
+        return 1 if inside else 0
+    first, last = _dot(view.first, x, y, z), _dot(view.last, x, y, z)
+    by_first = half * (abs(view.first[0]) + abs(view.first[1]) + abs(view.first[2]))
+    by_last = half * (abs(view.last[0]) + abs(view.last[1]) + abs(view.last[2]))
+    if view.width <= math.pi:
+        if first < -by_first or last < -by_last:
+            return -1
+        return 1 if inside and first >= by_first and last >= by_last else 0
+    if first < -by_first and last < -by_last:
+        return -1
+    return 1 if inside and (first >= by_first or last >= by_last) else 0
+
+
+@_inner
+def _corners_span(x, y, z, half, s, view):  # pragma: no cover - compiled
+    """Whether a cone passes between corners of a cube that are seen.
+
+    What of the cube is in range and on the inner side of a plane is convex: a cone that has two
+    points of it on either side meets it.
+    """
+    by_square, farthest = s * abs(s), view.reach * view.reach
+    full, narrow = view.width >= 2 * math.pi, view.width <= math.pi
+    first_above = first_below = last_above = last_below = False
+    for i in range(8):
+        cx = x + half if i & 1 else x - half
+        cy = y + half if i & 2 else y - half
+        cz = z + half if i & 4 else z - half
+        along, square = _dot(view.n, cx, cy, cz), cx * cx + cy * cy + cz * cz
+        side = along * abs(along) - by_square * square  # has the sign of n.d - s |d|
+        near = square <= farthest
+        first = near and (full or _dot(view.first, cx, cy, cz) >= 0)
+        last = near and (full or _dot(view.last, cx, cy, cz) >= 0)
+        if narrow:
+            first = last = first and last
+        first_above |= first and side >= 0
+        first_below |= first and side <= 0
+        last_above |= last and side >= 0
+        last_below |= last and side <= 0
+    return (first_above and first_below) or (last_above and last_below)
 
 
 # Runs of voxels in the columns of a tile. `scratch` holds a bit a voxel, shape
@@ -550,49 +647,81 @@ def _distances(xs, ys, near, far):  # pragma: no cover - compiled
 @njit(cache=True, nogil=True, error_model="numpy")
 def keep_seen(sensor, grid, bits):  # pragma: no cover - compiled
     """Clear the bits that range and field of view exclude; arguments of `cover_tiles`."""
-    origin, frame, sines, azimuth, reach = sensor
-    minimum, resolution, nz, lowest, highest = grid
+    origin, frame, _, azimuth, reach = sensor
+    minimum, resolution, _, lowest, highest = grid
     _, nx, ny = bits.shape
     width = azimuth[1] - azimuth[0]
     planes = _planes(frame, azimuth)
     grow = _HAIR * resolution
-    low, high, whole = np.empty(3), np.empty(3), np.array([nx, ny, nz])
-    tile, edge = np.empty(3, np.int64), np.empty(3, np.int64)
+    low, high = np.empty(3), np.empty(3)
+    start = minimum - origin
+    view = _view(frame, azimuth, planes, reach)
     for tile_x in range(lowest.shape[0]):
         for tile_y in range(lowest.shape[1]):
             k0, k1 = lowest[tile_x, tile_y], highest[tile_x, tile_y]
-            tile[0], tile[1], tile[2] = tile_x * TILE_X, tile_y * TILE_Y, k0
-            edge[0], edge[1], edge[2] = tile[0] + TILE_X, tile[1] + TILE_Y, k1 + 1
-            for axis in range(3):
-                edge[axis] = min(edge[axis], whole[axis])
-                start = minimum[axis] - origin[axis]
-                low[axis] = start + tile[axis] * resolution - grow
-                high[axis] = start + edge[axis] * resolution + grow
-            if k1 < k0 or _side_of_box(low, high, planes, width, reach) != 0:
+            if k1 < k0:
+                continue
+            i0, j0 = tile_x * TILE_X, tile_y * TILE_Y
+            i1, j1 = min(i0 + TILE_X, nx), min(j0 + TILE_Y, ny)
+            _span(low, high, 0, start, i0, i1, resolution, grow)
+            _span(low, high, 1, start, j0, j1, resolution, grow)
+            _span(low, high, 2, start, k0, k1 + 1, resolution, grow)
+            if _side_of_box(low, high, planes, width, reach) != 0:
                 continue  # none of it is there to be cleared
-            for i in range(tile[0], edge[0]):
-                low[0] = minimum[0] + i * resolution - origin[0] - grow
-                high[0] = minimum[0] + (i + 1) * resolution - origin[0] + grow
-                for j in range(tile[1], edge[1]):
-                    low[1] = minimum[1] + j * resolution - origin[1] - grow
-                    high[1] = minimum[1] + (j + 1) * resolution - origin[1] + grow
-                    low[2] = minimum[2] + k0 * resolution - origin[2] - grow
-                    high[2] = minimum[2] + (k1 + 1) * resolution - origin[2] + grow
+            for block_i in range(i0, i1, _BLOCK):
+                for block_j in range(j0, j1, _BLOCK):
+                    end_i, end_j = min(block_i + _BLOCK, i1), min(block_j + _BLOCK, j1)
+                    _span(low, high, 0, start, block_i, end_i, resolution, grow)
+                    _span(low, high, 1, start, block_j, end_j, resolution, grow)
+                    _span(low, high, 2, start, k0, k1 + 1, resolution, grow)
                     side = _side_of_box(low, high, planes, width, reach)
                     if side < 0:
-                        for word in range(len(bits)):
-                            bits[word, i, j] = 0
+                        bits[:, block_i:end_i, block_j:end_j] = 0
                     if side != 0:
                         continue
-                    for k in range(k0, k1 + 1):
-                        bit = np.uint64(1) << np.uint64(k & 63)
-                        if bits[k >> 6, i, j] & bit:
-                            low[2] = minimum[2] + k * resolution - origin[2] - grow
-                            high[2] = minimum[2] + (k + 1) * resolution - origin[2] + grow
-                            if not _cube_is_covered(
-                                low, high, sines, frame, azimuth, planes, reach
-                            ):
-                                bits[k >> 6, i, j] ^= bit
+                    block = block_i, end_i, block_j, end_j, k0, k1
+                    _keep_seen_in(block, sensor, view, planes, start, resolution, bits)
+
+
+@_inner
+def _keep_seen_in(block, sensor, view, planes, start, resolution, bits):  # pragma: no cover
+    """`keep_seen` voxel by voxel: most are decided by their middle and their corners."""
+    _, frame, sines, azimuth, reach = sensor
+    i0, i1, j0, j1, k0, k1 = block
+    grow = _HAIR * resolution
+    half = 0.5 * resolution + grow
+    low, high = np.empty(3), np.empty(3)
+    for i in range(i0, i1):
+        for j in range(j0, j1):
+            x, y = start[0] + (i + 0.5) * resolution, start[1] + (j + 0.5) * resolution
+            for k in range(k0, k1 + 1):
+                bit = np.uint64(1) << np.uint64(k & 63)
+                if not bits[k >> 6, i, j] & bit:
+                    continue
+                z = start[2] + (k + 0.5) * resolution
+                away = math.sqrt(x * x + y * y + z * z)
+                side = _side_of_cube(x, y, z, half, away, view)
+                if side == 0:
+                    # No sine within the cube is farther from that of its middle.
+                    middle = _dot(view.n, x, y, z) / away if away > 0.0 else 0.0
+                    spread = 3.0 * half / away if away > 2.0 * half else 2.0
+                    first, last = _between(sines, middle - spread, middle + spread)
+                    for b in range(first, last):
+                        side += _corners_span(x, y, z, half, sines[b], view)
+                if side == 0:
+                    _span(low, high, 0, start, i, i + 1, resolution, grow)
+                    _span(low, high, 1, start, j, j + 1, resolution, grow)
+                    _span(low, high, 2, start, k, k + 1, resolution, grow)
+                    side += _cube_is_covered(low, high, sines, frame, azimuth, planes, reach)
+                if side <= 0:
+                    bits[k >> 6, i, j] ^= bit
+
+
+@_inner
+def _span(low, high, axis, start, first, last, resolution, grow):  # pragma: no cover - compiled
+    """Let a box reach along an axis from one grid line to another."""
+    low[axis] = start[axis] + first * resolution - grow
+    high[axis] = start[axis] + last * resolution + grow
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
