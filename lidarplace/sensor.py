@@ -36,7 +36,7 @@ class Lidar:
             the light and faces the ray; None for the first: all surfaces return from up to `range`;
             for the second alone: light thins out by the square of the distance. See `sight`.
         wavelength: of its light, metres.
-        extinction: share of the light that the air takes in a metre, 1/m; see `in_weather`.
+        extinction: rate at which the air takes light, 1/m; see `in_weather`.
         window: share of the light that passes its front window, on either way; 1: as new.
 
     Raises:

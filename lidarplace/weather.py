@@ -44,7 +44,7 @@ class Weather:
         return ", ".join(fog + rain) or "clear air"
 
     def extinction(self, wavelength: float) -> float:
-        """Share of the light that is lost in a metre, 1/m; of fog and rain together.
+        """Rate at which light is lost, 1/m; of fog and rain together.
 
         Args:
             wavelength: metres.

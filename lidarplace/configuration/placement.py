@@ -11,8 +11,9 @@ from pydantic import Field, ValidationError, model_validator
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import (
     Angle,
+    Aside,
     Degrees,
-    Length,
+    Height,
     Settings,
     fault,
     short_for,
@@ -28,9 +29,9 @@ MOST_MOUNTS = 100
 class MountSettings(Settings):
     """Pose of one LiDAR, metres and radians or degrees, in the convention of its placement."""
 
-    x: Length = Field(0.0, description="forward, metres")
-    y: Length = Field(0.0, description="to the left, metres")
-    z: Length = Field(description="above the ground, metres")
+    x: Aside = Field(0.0, description="forward, metres")
+    y: Aside = Field(0.0, description="to the left, metres")
+    z: Height = Field(description="above the ground, metres")
     roll: Angle = Field(0.0, description="radians; > 0 lifts the left side")
     pitch: Angle = Field(0.0, description="radians; > 0 tips the nose down")
     yaw: Angle = Field(0.0, description="radians; > 0 turns to the left")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Annotated, Any
 
 from pydantic import Field, Strict, field_validator, model_validator
@@ -94,6 +95,13 @@ class SensorSettings(Settings):
         if not 0 < interval[1] - interval[0] <= 360:
             raise ValueError("allowed is [min, max] with min < max and max - min <= 360")
         return interval
+
+    @field_validator("elevation_deg", "elevations_deg")
+    @classmethod
+    def _not_falling(cls, table: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        if table is not None and len(table) > 1 and all(a > b for a, b in pairwise(table)):
+            raise ValueError("elevations count upwards from the horizon; begin with the lowest")
+        return table
 
     @model_validator(mode="after")
     def _build(self) -> SensorSettings:

@@ -17,7 +17,7 @@ from pydantic import (
     ValidationError,
 )
 
-from lidarplace.ranges import SEED, SHARE
+from lidarplace.ranges import LIDAR_HEIGHT, SEED, SHARE
 
 
 class Settings(BaseModel):
@@ -38,6 +38,12 @@ Seed = Annotated[int, Strict(), Field(ge=SEED.low, le=SEED.high)]
 """Of random numbers."""
 Length = Annotated[float, Strict(), Field(ge=-10_000, le=10_000, allow_inf_nan=False)]
 """Metres: a coordinate."""
+Aside = Annotated[float, Strict(), Field(ge=-100, le=100, allow_inf_nan=False)]
+"""Metres forward or to the left of the middle of a vehicle. Millimetres are mostly beyond."""
+Height = Annotated[
+    float, Strict(), Field(ge=LIDAR_HEIGHT.low, le=LIDAR_HEIGHT.high, allow_inf_nan=False)
+]
+"""Metres of a LiDAR above the ground."""
 Distance = Annotated[float, Strict(), Field(ge=0, le=10_000, allow_inf_nan=False)]
 """Metres, not negative."""
 Angle = Annotated[float, Strict(), Field(ge=-6.2832, le=6.2832, allow_inf_nan=False)]

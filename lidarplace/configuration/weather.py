@@ -13,7 +13,7 @@ from lidarplace.weather import Weather
 Visibility = Annotated[float, Strict(), Field(gt=0, le=1e9, allow_inf_nan=False)]
 """Metres."""
 RainRate = Annotated[float, Strict(), Field(ge=0, le=1000, allow_inf_nan=False)]
-"""Millimetres an hour; in the heaviest rain of a minute there were 1,900."""
+"""Millimetres an hour."""
 
 
 class WeatherSettings(Settings):

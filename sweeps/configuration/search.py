@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
 
+from lidarplace.catalogue.datasheet import datasheet
 from lidarplace.configuration.placement import MountSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import (
     Amount,
+    Aside,
     Count,
     CountFromOne,
     Degrees,
     Distance,
     Factor,
+    Height,
     Length,
     Name,
     Number,
@@ -57,8 +61,10 @@ def _number_as_interval(value: Any) -> Any:
     return [value, value] if isinstance(value, (int, float)) else value
 
 
-Span = Annotated[Pair, BeforeValidator(_number_as_interval), Field()]
+Span = Annotated[tuple[Aside, Aside], BeforeValidator(_number_as_interval), Field()]
 """A number, or [min, max]."""
+Heights = Annotated[tuple[Height, Height], BeforeValidator(_number_as_interval), Field()]
+"""The same above the ground."""
 Turn = Annotated[
     tuple[Degrees, Degrees], BeforeValidator(_number_as_interval), AfterValidator(_ordered)
 ]
@@ -74,8 +80,10 @@ class ZoneSettings(Settings):
 
     x: Span | None = Field(None, description="a number or [min, max], metres")
     y: Span | None = Field(None, description="a number or [min, max], metres")
-    polygon: tuple[Pair, ...] | None = Field(None, description="corners [x, y], instead of x and y")
-    z: Span = Field(description="a number or [min, max], metres")
+    polygon: tuple[tuple[Aside, Aside], ...] | None = Field(
+        None, description="corners [x, y], instead of x and y"
+    )
+    z: Heights = Field(description="a number or [min, max], metres")
     lidars: Annotated[tuple[Count, Count], BeforeValidator(_number_as_interval)] | None = Field(
         None, description="number of LiDARs in it, or [min, max]; all zones say theirs, or none"
     )
@@ -128,6 +136,13 @@ class ModelSettings(SensorSettings):
     """A LiDAR model that may be chosen."""
 
     price: Amount = Field(0.0, description="in any currency")
+    power: Amount | None = Field(None, description="watts; those of the catalogue if null")
+
+    @property
+    def watts(self) -> float:
+        """Its power; NaN where neither the configuration nor the catalogue tells it."""
+        told = datasheet(self.name).power_w if self.power is None and self.name else self.power
+        return math.nan if told is None else told
 
 
 class FixedSettings(MountSettings):
@@ -174,6 +189,7 @@ class ConstraintSettings(Settings):
         None, description="largest share of a LiDAR's rays that may meet the vehicle's own body"
     )
     price: Amount | None = Field(None, description="most that all LiDARs may cost together")
+    power: Amount | None = Field(None, description="most that all LiDARs may take together, watts")
     near_field: NearFieldSettings | None = Field(
         None, description="what has to be seen close to the vehicle"
     )
@@ -186,7 +202,9 @@ GENERALIST = "generalist"
 """What stands before a metric that one detector for all rigs measures: generalist.recall."""
 
 
-OF_RIG = ("price", "margin")
+TOTALS = ("price", "power")
+"""What LiDARs add up to: bounds and objectives."""
+OF_RIG = (*TOTALS, "margin")
 """Objectives that need no traffic."""
 
 
@@ -194,8 +212,8 @@ class ObjectiveSettings(Settings):
     """What is searched for; `expected_ig.Car` is short for one class."""
 
     by: Literal[(*ASKED_OF_POG, "expected_recall", *RANKING, *OF_RIG)] = Field(  # type: ignore[valid-type]
-        description="a surrogate of the POG or of objects, a measured value, the price, or the "
-        "margin: the least that a requirement has of what it needs, as a factor"
+        description="a surrogate of the POG or of objects, a measured value, the price, the power, "
+        "or the margin: the least that a requirement has of what it needs, as a factor"
     )
     judge: Literal["specialist", "generalist"] = Field(
         "specialist",
@@ -207,7 +225,7 @@ class ObjectiveSettings(Settings):
         None, description="class -> weight in the sum; by default all classes, each once"
     )
     direction: Direction | None = Field(
-        None, description="maximize, but minimize for residual_entropy and price"
+        None, description="maximize, but minimize for residual_entropy, price and power"
     )
 
     @field_validator("by")
@@ -241,7 +259,7 @@ class ObjectiveSettings(Settings):
         """Which values are wanted."""
         if self.of_traffic or self.measured:
             return self.direction or best_of(self.by)
-        return self.direction or ("minimize" if self.by == "price" else "maximize")
+        return self.direction or ("minimize" if self.by in TOTALS else "maximize")
 
     def weights_of(self, classes: Iterable[str]) -> dict[str, float]:
         """Weight by class in the sum, of those that have one."""
@@ -498,6 +516,14 @@ class SearchSettings(Settings):
         for key in ("keep_out", "requirements"):
             if getattr(self, key) and not self.zones:
                 raise ValueError(f"{key}: there are no zones to place LiDARs in")
+        if self.constraints.power is not None or any(o.by == "power" for o in self.objective):
+            unknown = [name for name, model in self.models.items() if math.isnan(model.watts)]
+            if unknown or not self.models:
+                raise ValueError(
+                    f"models.{unknown[0]}.power: the catalogue does not tell it; say it"
+                    if unknown
+                    else "models: name the LiDARs there, so that their power is known"
+                )
         if self.by_margin and not self.requirements:
             raise ValueError("objective: margin is that of search.requirements; there are none")
 

@@ -125,6 +125,15 @@ def best_of_all(problem, traffic):
             },
             "constraints": {"price": 5},
         },
+        {
+            "lidars": 3,
+            "roll_deg": 0,
+            "models": {
+                "small": {"beams": 2, "azimuth_steps": 45, "power": 4},
+                "large": {"beams": 8, "azimuth_steps": 90, "power": 9.5},
+            },
+            "constraints": {"power": 18},
+        },
         {"lidars": 2, "roll_deg": 0, "keep_out": {"hatch": HATCH}},
         {"lidars": [1, 2], "roll_deg": 0, "requirements": [BESIDE]},
         {"zones": COUNTED, "roll_deg": 0, "models": MODELS},
@@ -143,6 +152,7 @@ def best_of_all(problem, traffic):
             "step",
             "fixed price",
             "price",
+            "power",
             "keep out",
             "requirements",
             "zones",

@@ -247,7 +247,27 @@ def test_own_placements_in_both_conventions(config):
         ({"roi": {"x": [0, 1e308]}}, r"roi.x\[1\]: found 1e\+308; should be less than"),
         (
             {"placements": {"far": {"mounts": [{"z": 1e308}]}}},
-            r"placements.far.mounts\[0\].z: found 1e\+308; should be less than or equal to 10000",
+            r"placements.far.mounts\[0\].z: found 1e\+308; should be less than or equal to 100",
+        ),
+        (
+            {"placements": {"mm": {"mounts": [{"z": 2200}]}}},
+            r"placements.mm.mounts\[0\].z: found 2200; should be less than or equal to 100",
+        ),
+        (
+            {"placements": {"low": {"mounts": [{"z": -0.1}]}}},
+            r"placements.low.mounts\[0\].z: found -0.1; should be greater than or equal to 0",
+        ),
+        (
+            {"placements": {"long": {"mounts": [{"x": -2000, "z": 2}]}}},
+            r"placements.long.mounts\[0\].x: found -2000; should be greater than or equal to -100",
+        ),
+        (
+            {"lidar": {"elevation_deg": [5, -25]}},
+            "lidar.elevation_deg: found .*; elevations count upwards",
+        ),
+        (
+            {"lidar": {"elevations_deg": [5, 0, -25]}},
+            "lidar.elevations_deg: found .*; elevations count upwards",
         ),
         (
             {"placements": {"turned": {"mounts": [{"z": 2, "roll": 28}]}}},

@@ -112,6 +112,28 @@ def test_a_front_of_margin_and_price(tmp_path):
     assert plain["front"] >= 1
 
 
+def test_the_power_of_a_rig_is_that_of_its_models(tmp_path):
+    models = {
+        "own": {"beams": 2, "power": 3.5},
+        "bought": "vlp16",
+        "hot": {"name": "vlp16", "power": 9},
+    }
+    limits = {"constraints": {"power": 15, "distance": 0}, "objective": "power"}
+    question = problem_of(tmp_path, models=models, **limits).question
+    for name, watts in {"own": 3.5, "bought": 8.0, "hot": 9.0}.items():
+        rig = tuple(Choice(name, "roof", choice.mount) for choice in RIG)
+        found = assess(rig, question, Traffic({}, None))
+        assert found.values == {"power": 2 * watts}
+        assert found.violations["power"] == 2 * watts - 15
+    assert question.objectives[0].best == "minimize"
+    for unknown, message in (
+        ({"models": {"own": {"beams": 2}}}, "models.own.power: the catalogue does not tell it"),
+        ({}, "models: name the LiDARs there"),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            problem_of(tmp_path, **limits, **unknown)
+
+
 def test_zones_that_may_all_be_empty(tmp_path):
     zone = {"x": 0, "y": [0.2, 0.6], "z": 2, "lidars": [0, 1], "mirrored": True}
     path = write_search(

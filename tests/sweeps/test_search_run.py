@@ -282,9 +282,10 @@ def test_two_lidars_in_one_place(tmp_path, tracking):
 
 
 def test_an_objective_that_is_undefined(tmp_path, tracking):
-    away = {"away": {"x": [-400, -399], "y": [-0.6, 0.6], "z": [1, 2]}}
+    away = {"away": {"x": [-100, -99], "y": [-0.6, 0.6], "z": [1, 2]}}
     options = {"objective": "m_sog", "zones": away, "trials": 2, "batch_size": 2}
-    result = search(tmp_path, tracking, search=options)
+    short = {"beams": 4, "azimuth_steps": 90, "range": 50}
+    result = search(tmp_path, tracking, search=options, lidar=short)
     assert result.exit_code == 1
     assert "trial 0 failed: an objective is undefined" in result.output
     assert (trials(tmp_path)["state"] == "FAIL").all()
@@ -321,8 +322,10 @@ def test_a_space_without_any_freedom_is_evaluated_once(tmp_path, tracking):
 
 
 def test_twelve_lidars_and_an_objective_that_is_constant(tmp_path, tracking):
-    away = {"away": {"x": [-400, -399], "y": [-0.6, 0.6], "z": [1, 2]}}  # sees nothing of the ROI
-    result = search(tmp_path, tracking, search={"lidars": 12, "zones": away, "trials": 4})
+    away = {"away": {"x": [-100, -99], "y": [-0.6, 0.6], "z": [1, 2]}}  # sees nothing of the ROI
+    short = {"beams": 4, "azimuth_steps": 90, "range": 50}
+    changes = {"lidars": 12, "zones": away, "trials": 4}
+    result = search(tmp_path, tracking, search=changes, lidar=short)
     assert result.exit_code == 0, result.output
     assert (trials(tmp_path)["value.expected_ig"] == 0).all()
 

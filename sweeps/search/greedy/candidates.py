@@ -14,7 +14,7 @@ from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.spacing import least_distance
 from lidarplace.mounting.zone import Zone, grid
 from lidarplace.selection import Limits
-from sweeps.configuration.search import GreedySettings, Pair, SearchSettings
+from sweeps.configuration.search import TOTALS, GreedySettings, Pair, SearchSettings
 from sweeps.search.problem.choice import (
     Choice,
     Choices,
@@ -128,7 +128,7 @@ def _may_be(rig: Choices, fixed: Choices, problem: Problem) -> bool:
 
 
 def limits_of(candidates: Sequence[Choices], problem: Problem) -> Limits:
-    """Number of LiDARs, in all and in each zone, of single ones beside pairs, price, distances.
+    """Number of LiDARs, in all, in each zone and of single ones beside pairs, totals, distances.
 
     The near field is no limit here: the bound holds for rigs that neglect it as well.
     """
@@ -144,12 +144,14 @@ def limits_of(candidates: Sequence[Choices], problem: Problem) -> Limits:
         if zone.lidars is not None:
             used.append(np.array([float(any(c.zone == name for c in rig)) for rig in candidates]))
             budgets.append(float(zone.lidars[1]))
-    if search.constraints.price is not None:
-        carrier = problem.question.carrier
-        # What every rig has is paid for first.
-        own = [0.0 if rig == fixed else carrier.price_of(rig) for rig in candidates]
-        used.append(np.array(own))
-        budgets.append(max(0.0, search.constraints.price - carrier.price_of(fixed)))
+    for total in TOTALS:
+        most = getattr(search.constraints, total)
+        if most is not None:
+            carrier = problem.question.carrier
+            # What every rig has is paid for first.
+            own = [0.0 if rig == fixed else carrier.total_of(total, rig) for rig in candidates]
+            used.append(np.array(own))
+            budgets.append(max(0.0, most - carrier.total_of(total, fixed)))
     return Limits(np.array(used), np.array(budgets), _compatible(candidates, search))
 
 

@@ -166,7 +166,7 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> Sear
         vehicle=question.carrier.vehicle.boxes.tolist(),
         models={
             name: Model(
-                price=question.carrier.prices[name],
+                price=question.carrier.totals["price"][name],
                 beams=lidar.beams,
                 azimuth_steps=lidar.azimuth_steps,
             )

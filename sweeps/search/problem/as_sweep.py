@@ -10,7 +10,7 @@ from typing import Any
 
 from sweeps.configuration.file import check, put
 from sweeps.configuration.grid import GridPoint, Sweep
-from sweeps.configuration.search import SearchFile
+from sweeps.configuration.search import TOTALS, SearchFile
 from sweeps.configuration.sweep import Point, SweepFile
 from sweeps.search.problem.choice import Choice, Choices
 
@@ -23,7 +23,7 @@ def mount_settings(lidar: Choice, search: SearchFile) -> dict[str, Any]:
     if lidar.model not in search.search.models:
         return pose
     model = search.search.models[lidar.model]
-    return pose | {"lidar": model.model_dump(mode="json", exclude_unset=True, exclude={"price"})}
+    return pose | {"lidar": model.model_dump(mode="json", exclude_unset=True, exclude={*TOTALS})}
 
 
 def placement_settings(rig: Choices, search: SearchFile) -> dict[str, Any]:

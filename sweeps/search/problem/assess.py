@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from lidarplace import evaluate_classes, expected_ig_by_q
 from lidarplace.coverage import Method
 from lidarplace.surrogates.table import OBJECT_SURROGATES, RAY_SURROGATES
-from sweeps.configuration.search import ObjectiveSettings
+from sweeps.configuration.search import TOTALS, ObjectiveSettings
 from sweeps.search.problem.choice import Choices, is_possible, placement_of
 from sweeps.search.problem.constraints import Carrier, Constraint, margin_of, measures_of
 from sweeps.search.problem.traffic import Traffic
@@ -20,7 +20,7 @@ class Question:
     """What is asked of every rig.
 
     Attributes:
-        objectives: surrogates and price; measured values are not answered here.
+        objectives: surrogates, price and power; measured values are not answered here.
         constraints, carrier: see there.
         method, detection_probability, occlusion, azimuth_stride: of `evaluate_classes`.
     """
@@ -79,8 +79,8 @@ def _values(rig: Choices, question: Question, traffic: Traffic) -> dict[str, flo
     found = {}
     by_class = _by_class(rig, question, traffic) if question.needs_pog else {}
     for objective in question.objectives:
-        if objective.by == "price":
-            found[objective.name] = question.carrier.price_of(rig)
+        if objective.by in TOTALS:
+            found[objective.name] = question.carrier.total_of(objective.by, rig)
         elif objective.by == "margin":
             found[objective.name] = margin_of(rig, question.carrier)
         elif objective.of_traffic:

@@ -1,4 +1,4 @@
-"""What a rig has to keep: spacing, its own body's share of the view, price, the near field."""
+"""What a rig has to keep: spacing, its own body's share of the view, totals, the near field."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lidarplace.mounting.spacing import least_distance
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.requirements.judge import judge
 from lidarplace.requirements.layout import Laid
-from sweeps.configuration.search import SearchSettings
+from sweeps.configuration.search import TOTALS, SearchSettings
 from sweeps.search.problem.choice import Choices, is_possible, placement_of
 
 ROUNDING = 1e-9
@@ -54,8 +54,9 @@ def constraints_of(search: SearchSettings) -> tuple[Constraint, ...]:
         found.append(Constraint("distance", "m", settings.distance, at_least=True))
     if settings.body_share is not None:
         found.append(Constraint("body_share", "", settings.body_share, at_least=False))
-    if settings.price is not None:
-        found.append(Constraint("price", "", settings.price, at_least=False))
+    for total, unit in (("price", ""), ("power", "W")):
+        if (most := getattr(settings, total)) is not None:
+            found.append(Constraint(total, unit, most, at_least=False))
     if settings.near_field is not None:
         found.append(Constraint("near_field", "", settings.near_field.coverage, at_least=True))
     for requirement in () if search.by_margin else search.requirements:
@@ -75,7 +76,8 @@ class Carrier:
     """What constraints are measured on: LiDAR models, and the vehicle that carries them.
 
     Attributes:
-        models, prices: by name of the model; NaN if the price is not known.
+        models: by name.
+        totals: price and power, by name of the model; NaN where it is not known.
         mount_prices: by name of the zone.
         vehicle: its body, and what hides what is behind it.
         keep_out: boxes without a LiDAR, lower and upper corners, metres, shape (n, 2, 3).
@@ -84,7 +86,7 @@ class Carrier:
     """
 
     models: Mapping[str, Lidar]
-    prices: Mapping[str, float]
+    totals: Mapping[str, Mapping[str, float]]
     mount_prices: Mapping[str, float]
     vehicle: Vehicle
     keep_out: NDArray[np.float64]
@@ -98,10 +100,16 @@ class Carrier:
         """As the configuration has it; `models` by name."""
         near = settings.constraints.near_field
         boxes = [box.box for box in settings.keep_out.values()]
-        priced = {name: model.price for name, model in settings.models.items()}
+        # The rig that one has without `search.models` costs nothing more.
+        unknown = math.nan if settings.models else 0.0
+        own = {name: (model.price, model.watts) for name, model in settings.models.items()}
+        totals = [own.get(name, (unknown, math.nan)) for name in models]
         return cls(
             models,
-            {name: priced.get(name, math.nan if priced else 0.0) for name in models},
+            {
+                total: dict(zip(models, values, strict=True))
+                for total, values in zip(TOTALS, zip(*totals, strict=True), strict=True)
+            },
             {name: zone.price for name, zone in settings.zones.items()},
             Vehicle("vehicle", np.array([*settings.vehicle, *boxes])),
             np.array(boxes, np.float64).reshape(-1, 2, 3),
@@ -109,9 +117,10 @@ class Carrier:
             tuple(requirements),
         )
 
-    def price_of(self, rig: Choices) -> float:
-        """Of all LiDARs and their mounts; a fixed LiDAR is in no zone."""
-        return math.fsum(self.prices[c.model] + self.mount_prices.get(c.zone, 0.0) for c in rig)
+    def total_of(self, total: str, rig: Choices) -> float:
+        """Price or power of all LiDARs, and the price of their mounts; the fixed are in no zone."""
+        mounts = self.mount_prices if total == "price" else {}
+        return math.fsum(self.totals[total][c.model] + mounts.get(c.zone, 0.0) for c in rig)
 
 
 def depth_in(boxes: NDArray[np.float64], rig: Choices) -> float:
@@ -147,8 +156,8 @@ def measures_of(
     for constraint in constraints:
         if constraint.name in found:
             continue
-        if constraint.name == "price":
-            found["price"] = carrier.price_of(rig)
+        if constraint.name in TOTALS:
+            found[constraint.name] = carrier.total_of(constraint.name, rig)
         elif constraint.name == "keep_out":
             found["keep_out"] = depth_in(carrier.keep_out, rig)
         elif constraint.name == "distance":
