@@ -23,6 +23,21 @@ def rotation(roll: float, pitch: float, yaw: float) -> NDArray[np.float64]:
     )
 
 
+def angles(matrix: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Roll, pitch and yaw of a rotation, radians: the inverse of `rotation`, of shape (3, 3).
+
+    Pitch is within a quarter of a turn. Straight up or down roll and yaw turn about the same axis:
+    whatever yaw is found then, roll is what it leaves of the rotation, so the matrix is the same.
+    """
+    yaw = np.arctan2(matrix[1, 0], matrix[0, 0])
+    pitch = np.arctan2(-matrix[2, 0], np.hypot(matrix[0, 0], matrix[1, 0]))
+    sine, cosine = np.sin(yaw), np.cos(yaw)
+    roll = np.arctan2(
+        sine * matrix[0, 2] - cosine * matrix[1, 2], cosine * matrix[1, 1] - sine * matrix[0, 1]
+    )
+    return float(roll), float(pitch), float(yaw)
+
+
 def from_carla(
     x: float, y: float, z: float, roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0
 ) -> tuple[float, float, float, float, float, float]:

@@ -49,6 +49,7 @@ VERBS = {
     "describe": Verb("lidarplace.describe", "Print frames and objects per frame of box logs."),
     "view": Verb("lidarplace.view", "Make a page of one frame of a box log."),
     "export": Verb("lidarplace.export", "Write a box log in KITTI's object layout."),
+    "rig": Verb("lidarplace.rig", "Read and write the rigs of other tools."),
     "pretrain": Verb("sweeps.pretrain", "Train a detector on all placements together.", "sweeps"),
     "calibrate": Verb("sweeps.calibrate", "Fit detection curves to the detections of a sweep."),
     "requirements": Verb("sweeps.requirements", "Does a rig see what its vehicle needs?"),

@@ -36,7 +36,8 @@ FLOORS = {
         "recall",
         "__init__ command_line requirements viewing",
         "scenes",
-        "convert describe export sensors view",
+        "rig_files",
+        "convert describe export rig sensors view",
     ),
     "lidarplace.scenes": ("datasets doubts parts routes", "*", "kinds"),
     "training": (

@@ -14,6 +14,7 @@ from lidarplace.configuration.settings import (
     Aside,
     Degrees,
     Height,
+    Name,
     Settings,
     fault,
     short_for,
@@ -29,6 +30,7 @@ MOST_MOUNTS = 100
 class MountSettings(Settings):
     """Pose of one LiDAR, metres and radians or degrees, in the convention of its placement."""
 
+    name: Name | None = Field(None, description="of the LiDAR, for other tools")
     x: Aside = Field(0.0, description="forward, metres")
     y: Aside = Field(0.0, description="to the left, metres")
     z: Height = Field(description="above the ground, metres")
@@ -73,16 +75,20 @@ class PlacementSettings(Settings):
         min_length=1, max_length=MOST_MOUNTS, description="a LiDAR each"
     )
 
+    @property
+    def poses(self) -> list[tuple[float, float, float, float, float, float]]:
+        """x, y, z, roll, pitch, yaw of every mount in our ego frame, metres and radians."""
+        if self.convention == "carla":
+            return [from_carla(*mount.pose) for mount in self.mounts]
+        return [mount.pose for mount in self.mounts]
+
     def placement(self, name: str, lidar: Lidar) -> Placement:
         """The placement in our ego frame, `lidar` on mounts that have none of their own.
 
         Raises ValueError as `Placement` does.
         """
-        poses = [m.pose for m in self.mounts]
-        if self.convention == "carla":
-            poses = [from_carla(*pose) for pose in poses]
         lidars = [lidar if m.lidar is None else m.lidar.lidar() for m in self.mounts]
-        return Placement(name, [Mount(*pose) for pose in poses], lidar=lidars)
+        return Placement(name, [Mount(*pose) for pose in self.poses], lidar=lidars)
 
 
 def named_placement(name: str, lidar: Lidar) -> Placement:
@@ -108,6 +114,15 @@ def read_placement(path: Path, lidar: Lidar) -> Placement:
         OSError: the file cannot be read.
         ValueError: the file is not such a list; the message names file, key and value.
     """
+    settings = read_placement_settings(path)
+    try:
+        return settings.placement(path.stem, lidar)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def read_placement_settings(path: Path) -> PlacementSettings:
+    """What a placement's file says. Raises OSError and ValueError as `read_placement` does."""
     raw = read_yaml_file(path)
     if isinstance(raw, dict) and "mounts" not in raw:
         raise ValueError(
@@ -115,10 +130,6 @@ def read_placement(path: Path, lidar: Lidar) -> Placement:
             "mounts: [{x: 0, y: 0, z: 2}]"
         )
     try:
-        settings = PlacementSettings.model_validate(raw)
+        return PlacementSettings.model_validate(raw)
     except ValidationError as error:
         raise ValueError(f"{path}: {fault(error)}") from None
-    try:
-        return settings.placement(path.stem, lidar)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None

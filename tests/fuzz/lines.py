@@ -96,6 +96,16 @@ LINES = {
         "lidarplace.scenes.carla.__main__.collect",
     ),
     "sensors": Line("lidarplace.sensors", ("vlp16",), ()),
+    "rig": Line(
+        "lidarplace.rig",
+        ("rig.yaml", "objects.json", "--format", "carla", "--lidar", "vlp16"),
+        ("rig.yaml",),
+    ),
+    "read a rig": Line(
+        "lidarplace.rig",
+        ("rigs/urdf.urdf", "new.yaml", "--origin", "0", "0", "0", "--only", "*"),
+        ("rigs",),
+    ),
     "describe": Line("lidarplace.describe", ("log",), ("log",)),
     "view": Line("lidarplace.view", ("log", "--placement", "line"), ("log", "rig.yaml")),
     "export": Line("lidarplace.export", ("log", "out", "--placement", "line"), ("log", "rig.yaml")),

@@ -127,6 +127,7 @@ def _map(name: str, world: Path) -> object:
     return drive(scene, scene.town_runs()[0])
 
 
+AT_ORIGIN = ("--origin", "0", "0", "0", "--only", "*")
 LOG = ("log/*.parquet",)
 CONVERT = "lidarplace.convert"
 SOUND = partial(_nonsense, "log")
@@ -227,6 +228,21 @@ DATA: tuple[Target, ...] = (
         ("argoverse", "av2", "out"),
         check=partial(_nonsense, "out"),
     ),
+    *(
+        Target(
+            f"rig {name}",
+            (f"rigs/{name}{files}",),
+            "lidarplace.rig",
+            (f"rigs/{name}{suffix}", "out.yaml", "--format", name, *AT_ORIGIN),
+        )
+        for name, suffix, files in (
+            ("nuscenes", "", "/*.json"),
+            ("urdf", ".urdf", ".urdf"),
+            ("ros2", ".launch.xml", ".launch.xml"),
+            ("carla", "", ""),
+            ("osi", "", ""),
+        )
+    ),
     Target(
         "KITTI clouds", ("kitti/training/velodyne/*.bin",), read=_kitti_clouds, needs=("kitti",)
     ),
@@ -299,6 +315,12 @@ SETTINGS: tuple[Target, ...] = (
         "lidarplace.export",
         ("log", "out", "--placement", "rig.yaml"),
         needs=("log",),
+    ),
+    Target(
+        "rig",
+        ("rig.yaml",),
+        "lidarplace.rig",
+        ("rig.yaml", "out.urdf", "--origin", "0", "0", "0"),
     ),
     Target(
         "convert --class-map",

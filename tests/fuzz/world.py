@@ -106,6 +106,7 @@ def write_world(folder: Path) -> None:
         (folder / f"{name}.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
     (folder / "rig.yaml").write_text(yaml.safe_dump(SWEEP["placements"]["mine"]))
     (folder / "classes.yaml").write_text("Sedan: Car\nDog: ignore\n")
+    _rigs(folder / "rigs")
     _checkpoint(folder / "base.pt")
     store = folder / "runs/store"
     (store / SWEEPS).mkdir(parents=True)
@@ -114,6 +115,20 @@ def write_world(folder: Path) -> None:
     (folder / "failed").mkdir()
     failure = '{"reason": "no", "log": "", "lasting": true, "out_of_gpu_memory": false}'
     (folder / "failed/0123456789abcdef.json").write_text(failure)
+
+
+def _rigs(folder: Path) -> None:
+    """A rig in the format of every other tool."""
+    from lidarplace.configuration.sensor import SensorSettings
+    from lidarplace.placement import Mount
+    from lidarplace.rig_files.formats import FORMATS
+    from lidarplace.rig_files.mounted import MountedLidar
+
+    folder.mkdir()
+    model = SensorSettings(name="vlp32c")
+    rig = [MountedLidar("roof", Mount(z=2.0), model), MountedLidar("left", Mount(0, 1, 1), model)]
+    for name, known in FORMATS.items():
+        known.write(folder / f"{name}{(*known.suffixes, '')[0]}", rig)
 
 
 def _tables(folder: Path) -> None:

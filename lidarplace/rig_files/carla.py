@@ -1,0 +1,166 @@
+"""Rigs as the sensors of a vehicle in `objects.json`, of which CARLA's ROS bridge spawns them.
+
+https://carla.readthedocs.io/projects/ros-bridge/en/latest/carla_spawn_objects describes the file.
+Poses in it are right-handed, as ROS has them, in degrees; the bridge turns them into CARLA's.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
+
+from lidarplace.configuration.sensor import SensorSettings
+from lidarplace.configuration.settings import fault
+from lidarplace.files.atomic import replacing
+from lidarplace.files.json import read_record
+from lidarplace.placement import Mount
+from lidarplace.rig_files.mounted import MountedLidar, named_like
+from lidarplace.scenes.carla.lidars import BLUEPRINT, attributes, even_fans
+from lidarplace.scenes.routes import STEP_S
+from lidarplace.sensor import Lidar
+
+_Number = Annotated[float, Field(allow_inf_nan=False)]
+_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class _Place(BaseModel):
+    """Metres and degrees."""
+
+    x: _Number = 0.0
+    y: _Number = 0.0
+    z: _Number = 0.0
+    roll: _Number = 0.0
+    pitch: _Number = 0.0
+    yaw: _Number = 0.0
+
+
+class _Object(BaseModel):
+    """Something to spawn; the values of a LiDAR that is silent are CARLA's own.
+
+    https://carla.readthedocs.io/en/latest/ref_sensors has them.
+    """
+
+    model_config = ConfigDict(extra="ignore")
+
+    type: str
+    id: str
+    spawn_point: _Place = _Place()
+    on_it: list[_Object] = Field([], validation_alias=AliasChoices("objects", "sensors"))
+    channels: Annotated[int, Field(ge=1)] = 32
+    range: _Positive = 10.0
+    points_per_second: _Positive = 56_000.0
+    rotation_frequency: _Positive = 10.0
+    upper_fov: _Number = 10.0
+    lower_fov: _Number = -30.0
+    horizontal_fov: _Positive = 360.0
+    noise_stddev: _Number = 0.0
+    dropoff_general_rate: _Number = 0.45
+
+
+class _Objects(BaseModel):
+    """The file."""
+
+    objects: list[_Object]
+
+
+def read_carla(path: Path, only: Sequence[str]) -> list[MountedLidar]:
+    """The ray-cast LiDARs on the one vehicle that has some.
+
+    Sensors in one place that follow each other are one LiDAR: CARLA's have even beams, so a LiDAR
+    of uneven beams is written as several. How CARLA weakens intensity is left out.
+
+    Raises:
+        ValueError: the file is none of this kind, LiDARs are on several vehicles, or one cannot be.
+    """
+    objects = read_record(path, _Objects, "list of objects of CARLA's ROS bridge").objects
+    carrying = [each for each in objects if any(o.type == BLUEPRINT for o in each.on_it)]
+    if len(carrying) > 1:
+        listed = ", ".join(each.id for each in carrying)
+        raise ValueError(f"{path}: several vehicles have LiDARs: {listed}; leave one in the file")
+    sensors = [o for each in carrying for o in each.on_it if o.type == BLUEPRINT]
+    names = named_like([sensor.id for sensor in sensors], only, str(path))
+    chosen = [sensor for sensor in sensors if sensor.id in names]
+    return [_lidar(list(parts), path) for _, parts in groupby(chosen, key=lambda o: o.spawn_point)]
+
+
+def _lidar(parts: Sequence[_Object], path: Path) -> MountedLidar:
+    first, place = parts[0], parts[0].spawn_point
+    where = f"{path}: {first.id}"
+    steps = [
+        o.points_per_second / (o.channels * o.rotation_frequency) * 360 / o.horizontal_fov
+        for o in parts
+    ]
+    for other, count in zip(parts, steps, strict=True):
+        same = (round(count), other.range) == (round(steps[0]), first.range)
+        if not same or other.horizontal_fov != first.horizontal_fov:
+            raise ValueError(
+                f"{where}: {other.id} is in the same place and no part of it: azimuth steps, range "
+                "or horizontal_fov differ"
+            )
+    elevations = [
+        o.lower_fov + i * (o.upper_fov - o.lower_fov) / max(o.channels - 1, 1)
+        for o in parts
+        for i in range(o.channels)
+    ]
+    half = first.horizontal_fov / 2
+    try:
+        model = SensorSettings(
+            elevations_deg=tuple(elevations),
+            azimuth_steps=round(steps[0]),
+            range=first.range,
+            range_noise=first.noise_stddev,
+            drop_off=first.dropoff_general_rate,
+            azimuth_deg=(-half, half),
+        )
+    except ValidationError as error:
+        raise ValueError(f"{where}: no LiDAR of ours: {fault(error)}") from None
+    angles = (math.radians(angle) for angle in (place.roll, place.pitch, place.yaw))
+    return MountedLidar(first.id, Mount(place.x, place.y, place.z, *angles), model)
+
+
+def write_carla(path: Path, lidars: Sequence[MountedLidar]) -> None:
+    """Write one vehicle with all LiDARs on it, at the simulation's 20 turns a second.
+
+    Raises:
+        ValueError: a LiDAR has no model, or its field of view is not even about its x axis.
+    """
+    sensors = []
+    for each in lidars:
+        if each.model is None:
+            raise ValueError(f"{each.name}: no LiDAR model; --lidar names one of the catalogue")
+        lidar = each.model.lidar()
+        if abs(sum(lidar.azimuth)) > 1e-9:
+            low, high = (math.degrees(end) for end in lidar.azimuth)
+            raise ValueError(
+                f"{each.name}: azimuth_deg is [{low:g}, {high:g}]; CARLA's LiDARs see as far "
+                "to the left as to the right"
+            )
+        fans = even_fans(lidar.elevations)
+        for number, fan in enumerate(fans):
+            name = each.name if number == 0 else f"{each.name}_beams_{number}"
+            mount = each.mount
+            angles = zip(
+                ("roll", "pitch", "yaw"), (mount.roll, mount.pitch, mount.yaw), strict=True
+            )
+            place = {axis: getattr(mount, axis) for axis in "xyz"}
+            place |= {axis: round(math.degrees(angle), 9) for axis, angle in angles}
+            known = {"type": BLUEPRINT, "id": name, "spawn_point": place}
+            sensors.append(known | attributes(lidar, fan, number) | _view(lidar, fan.beams))
+    vehicle = {"type": "vehicle.*", "id": "ego_vehicle", "objects": sensors}
+    with replacing(path) as partial:
+        partial.write_text(json.dumps({"objects": [vehicle]}, indent=1), encoding="utf-8")
+
+
+def _view(lidar: Lidar, beams: int) -> dict[str, str]:
+    """What tells CARLA of a part of a turn: it spreads all points over the field of view."""
+    low, high = lidar.azimuth
+    return {
+        "horizontal_fov": f"{math.degrees(high - low):.9g}",
+        "points_per_second": str(round(beams * lidar.fired_steps / STEP_S)),
+    }

@@ -1,0 +1,61 @@
+"""The table of the formats that rigs are read from and written to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from lidarplace.rig_files.carla import read_carla, write_carla
+from lidarplace.rig_files.mounted import MountedLidar, Vector
+from lidarplace.rig_files.nuscenes import read_nuscenes_rig, write_nuscenes_rig
+from lidarplace.rig_files.osi import read_osi, write_osi
+from lidarplace.rig_files.ros2 import read_ros2, write_ros2
+from lidarplace.rig_files.urdf import read_urdf, write_urdf
+from lidarplace.scenes.datasets.nuscenes import ORIGIN
+
+
+@dataclass(frozen=True)
+class RigFormat:
+    """How another tool writes a rig.
+
+    Attributes:
+        read: the LiDARs at a path whose names fit patterns, in the file's vehicle frame.
+        write: LiDARs in that frame to a path.
+        origin: where the file's vehicle frame starts in our ego frame, metres; None: it may be
+            anywhere. Axes are ours in all of them.
+        suffixes: by which it is known, without a name.
+    """
+
+    read: Callable[[Path, Sequence[str]], list[MountedLidar]]
+    write: Callable[[Path, Sequence[MountedLidar]], None]
+    origin: Vector | None = None
+    suffixes: tuple[str, ...] = ()
+
+
+FORMATS = {
+    "nuscenes": RigFormat(
+        read_nuscenes_rig, write_nuscenes_rig, (0 - ORIGIN[0], 0 - ORIGIN[1], 0 - ORIGIN[2])
+    ),
+    "urdf": RigFormat(read_urdf, write_urdf, suffixes=(".urdf",)),
+    "ros2": RigFormat(read_ros2, write_ros2, suffixes=(".launch.xml", ".launch")),
+    "carla": RigFormat(read_carla, write_carla, (0.0, 0.0, 0.0)),
+    "osi": RigFormat(read_osi, write_osi),
+}
+"""By name."""
+
+
+def format_of(path: Path, name: str | None) -> RigFormat:
+    """The format of that name, or the one that a file is known by.
+
+    Raises:
+        ValueError: there is none of that name, or the file's name does not tell.
+    """
+    if name is not None:
+        if name not in FORMATS:
+            raise ValueError(f"--format {name}: allowed are {', '.join(FORMATS)}")
+        return FORMATS[name]
+    for known in FORMATS.values():
+        if path.name.endswith(known.suffixes or "\n"):
+            return known
+    raise ValueError(f"{path}: name its format: --format {'|'.join(FORMATS)}")

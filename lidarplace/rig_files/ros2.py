@@ -1,0 +1,120 @@
+"""Rigs as static transforms of ROS 2: nodes of an XML launch file.
+
+https://docs.ros.org/en/rolling/p/tf2_ros describes `static_transform_publisher`; both its ways to
+write arguments are read.
+"""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lidarplace.files.xml import read_xml, write_xml
+from lidarplace.pose import rotation
+from lidarplace.rig_files.frames import BASE, Joint, lidars_of
+from lidarplace.rig_files.mounted import MountedLidar
+
+PUBLISHER = "static_transform_publisher"
+PLACE = ("x", "y", "z")
+ANGLES = ("roll", "pitch", "yaw")
+QUATERNION = ("qx", "qy", "qz", "qw")
+FRAMES = ("frame-id", "child-frame-id")
+BY_ORDER = {
+    len(names): names
+    for names in ((*PLACE, "yaw", "pitch", "roll", *FRAMES), (*PLACE, *QUATERNION, *FRAMES))
+}
+"""What arguments without names are, by their number. Angles begin with yaw."""
+
+
+def read_ros2(path: Path, only: Sequence[str]) -> list[MountedLidar]:
+    """The frames that are LiDARs, as `lidars_of` knows them.
+
+    The file is read, not launched: substitutions and conditions are refused.
+
+    Raises:
+        ValueError: the file is no launch file, a transform is none, or frames are not of a vehicle.
+    """
+    root = read_xml(path)
+    if root.tag != "launch":
+        raise ValueError(f"{path}: is no XML launch file: its root is {root.tag}, not launch")
+    nodes = [
+        node
+        for node in root.iter("node")
+        if node.get("pkg") == "tf2_ros" and PUBLISHER in (node.get("exec"), node.get("type"))
+    ]
+    if not nodes:
+        raise ValueError(f"{path}: no node {PUBLISHER} of tf2_ros")
+    joints = [_joint(node, f"{path}: transform {n}") for n, node in enumerate(nodes)]
+    return lidars_of(joints, only, str(path))
+
+
+def _joint(node: Element, where: str) -> Joint:
+    text = node.get("args", "")
+    if "$(" in text or node.get("if") or node.get("unless"):
+        raise ValueError(f"{where}: $(…), if and unless are decided by a launch; write them out")
+    try:
+        words = shlex.split(text)
+    except ValueError as error:
+        raise ValueError(f"{where}: args: {error}: {text!r}") from None
+    given = _by_name(words, where)
+    for name in FRAMES:
+        if name not in given:
+            raise ValueError(f"{where}: no --{name} in {text!r}")
+    numbers = {
+        name: _number(name, word, where) for name, word in given.items() if name not in FRAMES
+    }
+    position = np.array([numbers.get(name, 0.0) for name in PLACE])
+    quaternion = [numbers.get(name, float(name == "qw")) for name in QUATERNION]
+    if not math.hypot(*quaternion) > 0:
+        raise ValueError(f"{where}: the rotation is a quaternion of length 0")
+    if set(given) & set(QUATERNION):
+        matrix = Rotation.from_quat(quaternion).as_matrix()
+    else:
+        matrix = rotation(*(numbers.get(name, 0.0) for name in ANGLES))
+    return Joint(given["frame-id"], given["child-frame-id"], position, matrix)
+
+
+def _by_name(words: Sequence[str], where: str) -> dict[str, str]:
+    """Arguments by name; both ways to write them."""
+    if not any(word.startswith("--") for word in words):
+        if len(words) not in BY_ORDER:
+            raise ValueError(
+                f"{where}: expected x y z yaw pitch roll or x y z qx qy qz qw, and two frames; "
+                f"found {len(words)} arguments"
+            )
+        return dict(zip(BY_ORDER[len(words)], words, strict=True))
+    allowed = (*PLACE, *ANGLES, *QUATERNION, *FRAMES)
+    given = dict(zip(words[::2], words[1::2], strict=False))
+    for name in given:
+        if not name.startswith("--") or name[2:] not in allowed:
+            raise ValueError(f"{where}: found {name}; allowed are --{', --'.join(allowed)}")
+    if len(words) % 2:
+        raise ValueError(f"{where}: {words[-1]} has no value")
+    return {name[2:]: word for name, word in given.items()}
+
+
+def _number(name: str, word: str, where: str) -> float:
+    try:
+        value = float(word)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ValueError(f"{where}: {name} must be a finite number, found {word!r}")
+    return value
+
+
+def write_ros2(path: Path, lidars: Sequence[MountedLidar]) -> None:
+    """Write a launch file with a publisher for every LiDAR, in `base_link`."""
+    root = Element("launch")
+    for lidar in lidars:
+        mount = lidar.mount
+        words = [f"--{name} {getattr(mount, name)!r}" for name in (*PLACE, *ANGLES)]
+        words += [f"--frame-id {BASE}", f"--child-frame-id {shlex.quote(lidar.name)}"]
+        SubElement(root, "node", pkg="tf2_ros", exec=PUBLISHER, args=" ".join(words))
+    write_xml(path, root)

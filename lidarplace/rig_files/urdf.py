@@ -1,0 +1,78 @@
+"""Rigs as links of a URDF, held by fixed joints (https://wiki.ros.org/urdf/XML)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarplace.files.xml import read_xml, write_xml
+from lidarplace.pose import rotation
+from lidarplace.rig_files.frames import BASE, Joint, lidars_of
+from lidarplace.rig_files.mounted import MountedLidar
+
+
+def read_urdf(path: Path, only: Sequence[str]) -> list[MountedLidar]:
+    """The links that are LiDARs, as `lidars_of` knows them.
+
+    `rpy` are roll, pitch and yaw about fixed axes, which is `Rz(yaw) Ry(pitch) Rx(roll)`.
+
+    Raises:
+        ValueError: the file is no URDF, is xacro, or its frames are none of a vehicle.
+    """
+    root = read_xml(path)
+    if root.tag != "robot":
+        raise ValueError(f"{path}: is no URDF: its root is {root.tag}, not robot")
+    if any("xacro" in str(element.tag) for element in root.iter()):
+        raise ValueError(f"{path}: has xacro in it; run xacro, and give what it writes")
+    joints = [_joint(element, path) for element in root.iterfind("joint")]
+    return lidars_of(joints, only, str(path))
+
+
+def _joint(element: Element, path: Path) -> Joint:
+    where = f"{path}: joint {element.get('name')}"
+    frames = []
+    for name in ("parent", "child"):
+        found = element.find(name)
+        link = None if found is None else found.get("link")
+        if link is None:
+            raise ValueError(f"{where}: no {name} with a link")
+        frames.append(link)
+    kind = element.get("type", "none")
+    position, rpy = (_vector(element.find("origin"), key, where) for key in ("xyz", "rpy"))
+    moves = "" if kind == "fixed" else f"{kind}, not fixed"
+    return Joint(frames[0], frames[1], position, rotation(*rpy), moves)
+
+
+def _vector(origin: Element | None, key: str, where: str) -> NDArray[np.float64]:
+    """Three numbers of an origin, which are 0 if it is left out."""
+    text = "0 0 0" if origin is None else origin.get(key, "0 0 0")
+    try:
+        values = np.array([float(word) for word in text.split()])
+    except ValueError:
+        values = np.array([np.nan])
+    if values.shape != (3,) or not np.isfinite(values).all():
+        raise ValueError(f"{where}: {key} must be 3 finite numbers, found {text!r}")
+    return values
+
+
+def write_urdf(path: Path, lidars: Sequence[MountedLidar]) -> None:
+    """Write a link `base_link`, and one with a fixed joint for every LiDAR."""
+    root = Element("robot", name=path.stem)
+    SubElement(root, "link", name=BASE)
+    for lidar in lidars:
+        SubElement(root, "link", name=lidar.name)
+        joint = SubElement(root, "joint", name=f"{BASE}_to_{lidar.name}", type="fixed")
+        SubElement(joint, "parent", link=BASE)
+        SubElement(joint, "child", link=lidar.name)
+        mount = lidar.mount
+        SubElement(
+            joint,
+            "origin",
+            xyz=f"{mount.x!r} {mount.y!r} {mount.z!r}",
+            rpy=f"{mount.roll!r} {mount.pitch!r} {mount.yaw!r}",
+        )
+    write_xml(path, root)

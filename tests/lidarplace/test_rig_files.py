@@ -1,0 +1,306 @@
+"""Rigs through the files of other tools and back, and files that others wrote."""
+
+import json
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from lidarplace.configuration.placement import read_placement
+from lidarplace.configuration.sensor import SensorSettings
+from lidarplace.placement import Mount
+from lidarplace.pose import angles, rotation
+from lidarplace.rig import app
+from lidarplace.rig_files.formats import FORMATS
+from lidarplace.rig_files.mounted import MountedLidar
+from lidarplace.rig_files.own import read_own, write_own
+from lidarplace.sensor import Lidar
+from tests.lidarplace.nuscenes_layout import Sample, Scene, write_nuscenes
+
+DATA = Path(__file__).parents[1] / "data/rigs"
+QUARTER = math.pi / 2
+ANGLE = st.one_of(
+    st.floats(-math.pi, math.pi),
+    st.sampled_from([0.0, QUARTER, -QUARTER, math.pi]),
+    st.floats(-1e-7, 1e-7).map(lambda hair: QUARTER + hair),  # about the lock of the gimbal
+    st.floats(-1e-16, 1e-16).map(lambda hair: -QUARTER + hair),
+)
+METRES = st.floats(-5, 5)
+MOUNT = st.builds(Mount, METRES, METRES, st.floats(0, 5), ANGLE, ANGLE, ANGLE)
+
+
+@given(ANGLE, ANGLE, ANGLE)
+def test_angles_of_a_rotation_are_the_same_rotation(roll, pitch, yaw):
+    matrix = rotation(roll, pitch, yaw)
+    found = angles(matrix)
+    np.testing.assert_allclose(rotation(*found), matrix, atol=2e-15)
+    assert abs(found[1]) <= QUARTER
+    ours = Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_matrix()
+    np.testing.assert_allclose(ours, matrix, atol=2e-15)
+
+
+def assert_alike(found, expected, tolerance):
+    assert [lidar.name for lidar in found] == [lidar.name for lidar in expected]
+    for a, b in zip(found, expected, strict=True):
+        np.testing.assert_allclose(a.mount.position, b.mount.position, atol=tolerance)
+        np.testing.assert_allclose(a.mount.rotation, b.mount.rotation, atol=tolerance)
+
+
+@pytest.mark.parametrize("name", ["own", *FORMATS])
+@settings(max_examples=30, deadline=None)
+@given(mounts=st.lists(MOUNT, min_size=1, max_size=3, unique_by=lambda mount: mount.x))
+def test_poses_come_back(name, mounts, tmp_path_factory):
+    path = tmp_path_factory.mktemp("rigs") / "rig.urdf"
+    model = SensorSettings(name="vlp16")
+    rig = [MountedLidar(f"lidar_{i}", mount, model) for i, mount in enumerate(mounts, 1)]
+    if name == "own":
+        write_own(path, rig)
+        assert_alike(read_own(path), rig, 1e-9)
+    else:
+        FORMATS[name].write(path, rig)
+        assert_alike(FORMATS[name].read(path, ["*"]), rig, 1e-9)
+
+
+@pytest.mark.parametrize(
+    "settings_",
+    [
+        {"name": "vlp32c"},  # uneven beams: several of CARLA's sensors
+        {"beams": 1, "elevation_deg": [0, 0], "azimuth_steps": 900},
+        {"azimuth_deg": [-60, 60], "azimuth_steps": 1800, "range": 50, "range_noise": 0.02},
+        {"beams": 32, "drop_off": 0.1, "azimuth_steps": 1000},
+    ],
+)
+def test_carla_keeps_rays(settings_, tmp_path):
+    model = SensorSettings(**settings_)
+    rig = [MountedLidar("roof", Mount(z=2.0), model), MountedLidar("b", Mount(x=1, z=2), model)]
+    FORMATS["carla"].write(tmp_path / "objects.json", rig)
+    found = FORMATS["carla"].read(tmp_path / "objects.json", [])
+    assert [lidar.name for lidar in found] == ["roof", "b"]
+    asked, back = model.lidar(), found[1].model.lidar()
+    assert (back.azimuth_steps, back.fired_steps) == (asked.azimuth_steps, asked.fired_steps)
+    np.testing.assert_allclose(back.elevations, asked.elevations, atol=1e-6)
+    for name in ("range", "range_noise", "drop_off", "azimuth"):
+        np.testing.assert_allclose(getattr(back, name), getattr(asked, name), atol=1e-9)
+
+
+def test_the_own_file_keeps_models_and_is_a_placement(tmp_path):
+    changed = SensorSettings(name="at128", range=90.0)
+    rig = [
+        MountedLidar("top", Mount(z=2.0), SensorSettings(name="vlp16")),
+        MountedLidar("front", Mount(x=2, z=1), changed),
+        MountedLidar("own", Mount(x=1, z=1), SensorSettings(beams=4)),
+        MountedLidar("any", Mount(x=3, z=1)),
+    ]
+    path = tmp_path / "rig.yaml"
+    write_own(path, rig)
+    assert [lidar.model for lidar in read_own(path)] == [lidar.model for lidar in rig]
+    assert "lidar: vlp16" in path.read_text()
+    placed = read_placement(path, Lidar.paper())
+    assert placed.lidars[0] == Lidar.named("vlp16")
+    assert placed.lidars[3] == Lidar.paper()
+
+
+def found_by_command(*arguments):
+    done = CliRunner().invoke(app, [str(word) for word in arguments], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    return done
+
+
+def test_a_urdf_of_another_library(tmp_path):
+    out = tmp_path / "rig.yaml"
+    found_by_command(DATA / "car.urdf", out, "--origin", -1.4, 0, 0.3, "--only", "LIDAR_*")
+    top, left = read_own(out)
+    # By hand: the roof is turned to the left by a quarter, so its x is the vehicle's y.
+    np.testing.assert_allclose(top.mount.position, [0.5 - 1.4, 0.2, 1.4 + 0.5 + 0.3], atol=1e-9)
+    np.testing.assert_allclose(top.mount.rotation, np.eye(3), atol=1e-9)
+    np.testing.assert_allclose(left.mount.position, [0.5 - 1.4, 0.8, 1.4 + 0.1 + 0.3], atol=1e-9)
+    expected = Mount.degrees(0, 0, 0, 0, math.degrees(0.3), math.degrees(0.1) + 90)
+    np.testing.assert_allclose(left.mount.rotation, expected.rotation, atol=1e-9)
+
+
+def test_an_osi_configuration_of_another_library(tmp_path):
+    out = tmp_path / "rig.yaml"
+    source = DATA / "sensor_view_configuration.json"
+    found_by_command(source, out, "--format", "osi", "--origin", -1.4, 0, 0.3, "--lidar", "vlp16")
+    (lidar,) = read_own(out)
+    assert (lidar.name, lidar.model.name) == ("lidar_7", "vlp16")
+    np.testing.assert_allclose(lidar.mount.position, [0, 0, 1.8], atol=1e-9)
+    np.testing.assert_allclose(lidar.mount.rotation, rotation(0.1, -0.2, 3.0), atol=1e-9)
+
+
+def test_the_messages_own_names_are_read_as_well(tmp_path):
+    path = tmp_path / "view.json"
+    place = {"position": {"x": 1.0}, "orientation": {"yaw": 0.5}}
+    path.write_text(json.dumps({"lidar_sensor_view_configuration": [{"mounting_position": place}]}))
+    (lidar,) = FORMATS["osi"].read(path, [])
+    assert lidar == MountedLidar("lidar_0", Mount(x=1.0, yaw=0.5))
+
+
+LAUNCH = """<launch>
+  <node pkg="tf2_ros" exec="static_transform_publisher"
+    args="0 0 1.5 1.5707963267948966 0 0 base_link roof"/>
+  <group>
+    <node pkg="tf2_ros" exec="static_transform_publisher"
+      args="--x 1 --qz 1 --qw 0 --frame-id roof --child-frame-id lidar"/>
+  </group>
+  <node pkg="tf2_ros" type="static_transform_publisher" args="1 2 3 0 0 0 2 base_link other"/>
+  <node pkg="camera" exec="driver"/>
+</launch>"""
+
+
+def test_transforms_by_order_and_by_name(tmp_path):
+    path = tmp_path / "car.launch.xml"
+    path.write_text(LAUNCH)
+    lidar, other = FORMATS["ros2"].read(path, ["lidar", "o*"])
+    # Yaw comes first of the angles: a quarter to the left, then half a turn.
+    np.testing.assert_allclose(lidar.mount.position, [0, 1, 1.5], atol=1e-12)
+    np.testing.assert_allclose(lidar.mount.rotation, rotation(0, 0, -QUARTER), atol=1e-12)
+    assert other == MountedLidar("other", Mount(1, 2, 3))
+
+
+BRIDGE = {
+    "objects": [
+        {"type": "sensor.pseudo.markers", "id": "markers"},
+        {
+            "type": "vehicle.audi.tt",
+            "id": "ego_vehicle",
+            "sensors": [
+                {"type": "sensor.camera.rgb", "id": "rgb", "spawn_point": {"x": 2.0}, "fov": 90.0},
+                {
+                    "type": "sensor.lidar.ray_cast",
+                    "id": "lidar",
+                    "spawn_point": {"x": 0.5, "y": 0.7, "z": 2.4, "pitch": 20.0, "yaw": 90.0},
+                    "range": 50,
+                    "channels": 32,
+                    "points_per_second": 320000,
+                    "upper_fov": 2.0,
+                    "lower_fov": -26.8,
+                    "rotation_frequency": 20,
+                },
+            ],
+        },
+    ]
+}
+"""In the layout of the bridge's own example."""
+
+
+def test_objects_of_carlas_bridge(tmp_path):
+    path = tmp_path / "objects.json"
+    path.write_text(json.dumps(BRIDGE))
+    (lidar,) = FORMATS["carla"].read(path, [])
+    assert lidar.mount == Mount.degrees(0.5, 0.7, 2.4, 0, 20, 90), "right-handed, as ROS is"
+    model = lidar.model.lidar()
+    assert model.azimuth_steps == 320000 / 32 / 20
+    np.testing.assert_allclose(np.degrees(model.elevations), np.linspace(-26.8, 2, 32))
+    assert (model.range, model.drop_off) == (50, 0.45), "of CARLA, where the file is silent"
+
+
+def test_calibrations_of_nuscenes(tmp_path):
+    write_nuscenes(tmp_path / "v1", [Scene(f"scene-{n}", [Sample(5)], f"l{n}") for n in "ab"], [])
+    table = tmp_path / "v1/calibrated_sensor.json"
+    found_by_command(tmp_path / "v1", tmp_path / "rig.yaml", "--format", "nuscenes")
+    (lidar,) = read_own(tmp_path / "rig.yaml")
+    rows = json.loads(table.read_text())
+    sensors = {
+        r["token"]: r["channel"] for r in json.loads((tmp_path / "v1/sensor.json").read_text())
+    }
+    own = [row for row in rows if sensors[row["sensor_token"]] == "LIDAR_TOP"]
+    expected = np.array(own[0]["translation"]) - [2.588 / 2, 0, 0]
+    np.testing.assert_allclose(lidar.mount.position, expected, atol=1e-9)
+
+    own[0]["translation"] = [1.0, 0.0, 1.9]
+    if len(own) == 1:
+        rows.append({**own[0], "token": "another", "translation": [0.9, 0.0, 1.9]})
+    table.write_text(json.dumps(rows))
+    done = CliRunner().invoke(app, [str(tmp_path / "v1"), "out.yaml", "--format", "nuscenes"])
+    assert done.exit_code == 2
+    assert "LIDAR_TOP has 2 different calibrations; choose one, such as --only LIDAR_TOP." in (
+        done.output
+    )
+    chosen = re.search(r"--only (\S+)", done.output)[1]
+    (lidar,) = FORMATS["nuscenes"].read(tmp_path / "v1", [chosen])
+    assert lidar.name == "LIDAR_TOP"
+
+
+OSI = '{"lidarSensorViewConfiguration": [{"mountingPosition": %s}]}'
+ROBOT = '<robot name="c"><joint name="j" type="fixed">%s<child link="l"/></joint></robot>'
+NODE = '<launch><node pkg="tf2_ros" exec="static_transform_publisher" args="%s"/></launch>'
+WRONG = [
+    ("a.urdf", "", "line 1, column 1: is no XML: no element found"),
+    ("a.urdf", "<launch/>", "is no URDF: its root is launch, not robot"),
+    ("a.urdf", '<!DOCTYPE r [<!ENTITY a "b">]><robot/>', "has a document type, which is not read"),
+    ("a.urdf", '<robot xmlns:x="http://ros.org/wiki/xacro"><x:arg/></robot>', "has xacro in it"),
+    ("a.urdf", ROBOT % "", "joint j: no parent with a link"),
+    (
+        "a.urdf",
+        ROBOT % '<parent link="b"/><origin xyz="1 2"/>',
+        "joint j: xyz must be 3 finite numbers, found '1 2'",
+    ),
+    ("a.urdf", ROBOT % '<parent link="l"/>', "no frame base_link, and not one root; found none"),
+    ("a.launch", "<launch/>", "no node static_transform_publisher of tf2_ros"),
+    ("a.launch", NODE % "1 2 3", "found 3 arguments"),
+    ("a.launch", NODE % "--x 1 --qx", "transform 0: --qx has no value"),
+    ("a.launch", NODE % "--z one --frame-id a --child-frame-id b", "z must be a finite number"),
+    ("a.launch", NODE % "$(var x) 0 0 0 0 0 a b", "are decided by a launch; write them out"),
+    ("a.launch", NODE % "0 0 0 0 0 0 0 base_link l", "a quaternion of length 0"),
+    ("a.launch", NODE % "0 0 0 0 0 0 base_link l", "which frames are LiDARs?"),
+    ("carla", "[]", "is no list of objects of CARLA's ROS bridge"),
+    ("carla", '{"objects": []}', "no LiDAR"),
+    ("carla", '{"objects": 3}', "objects: found 3; should be a valid list"),
+    ("osi", "{", "line 1: no JSON"),
+    ("osi", OSI % '{"position": {"x": "a"}}', "mountingPosition.position.x: found 'a'"),
+]
+
+
+@pytest.mark.parametrize(("kind", "text", "told"), WRONG, ids=[told for _, _, told in WRONG])
+def test_a_wrong_file_is_one_line(kind, text, told, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    name = kind if "." in kind else "rig.json"
+    Path(name).write_text(text)
+    more = [] if "." in kind else ["--format", kind]
+    done = CliRunner().invoke(app, [name, "out.yaml", "--origin", "0", "0", "0", *more])
+    assert done.exit_code == 2
+    assert done.stderr.startswith(f"{name}: ")
+    assert told in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not Path("out.yaml").exists()
+
+
+LINES = [
+    (["rig.yaml", "other.yaml"], "rig.yaml and other.yaml: one of the two is a YAML file with"),
+    (["rig.yaml", "a.json"], "a.json: name its format: --format nuscenes|urdf|ros2|carla|osi"),
+    (["rig.yaml", "a.json", "--format", "x"], "--format x: allowed are nuscenes, urdf"),
+    (["rig.yaml", "a.urdf"], "a.urdf: its vehicle frame may start anywhere; say where"),
+    (["rig.yaml", "a.json", "--format", "carla"], "left: no LiDAR model; --lidar names one of"),
+    (["a.urdf", "b.yaml", "--origin", "0", "0", "nan"], "--origin: must be within 100 m"),
+    (["rig.yaml", "nu", "--format", "nuscenes", "--lidar", "vlp61"], "did you mean vlp16"),
+    (["twins.yaml", "nu", "--format", "nuscenes"], "two LiDARs are called a; names must differ"),
+    (["rig.yaml", "nu", "--format", "nuscenes", "--only", "a"], "--only: chooses of what is read"),
+    (["side.yaml", "a.json", "--format", "carla"], "s: azimuth_deg is [0, 90]; CARLA's LiDARs see"),
+]
+
+
+@pytest.mark.parametrize(("line", "told"), LINES, ids=[told for _, told in LINES])
+def test_a_wrong_line_is_one_line(line, told, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("rig.yaml").write_text("mounts: [{name: left, z: 2}]")
+    Path("twins.yaml").write_text("mounts: [{name: a, z: 2}, {name: a, z: 3}]")
+    Path("side.yaml").write_text("mounts: [{name: s, z: 2, lidar: {azimuth_deg: [0, 90]}}]")
+    done = CliRunner().invoke(app, line)
+    assert done.exit_code == 2
+    assert told in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_lidar_under_the_ground_is_told(tmp_path):
+    source = DATA / "sensor_view_configuration.json"
+    done = found_by_command(
+        source, tmp_path / "rig.yaml", "--format", "osi", "--origin", 0, 0, -1.6
+    )
+    assert "warning: lidar_7 is 0.1 m under the ground" in done.stderr
