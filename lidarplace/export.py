@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -29,22 +29,32 @@ from lidarplace.configuration.placement import named_placement
 from lidarplace.lidar.clouds import Crop, PointClouds
 from lidarplace.lidar.collect import collect, crop_for
 from lidarplace.lidar.profiles import PROFILES
+from lidarplace.lidar.recorded import check_rig, recorded_clouds
 from lidarplace.lidar.visibility import ground_truth
-from lidarplace.placement import Placement
 from lidarplace.ranges import SEED
 from lidarplace.scenes.kitti.labels import in_image, to_labels
 from lidarplace.scenes.kitti.write import check_new, write_kitti
+from lidarplace.viewing.mcap import write_mcap
 
 PORTION = 100
 """Frames whose clouds are in memory at a time."""
 
+MCAP = ".mcap"
+
+CloudsOf = Callable[[BoxLog], PointClouds]
+"""The clouds of all frames of a log."""
+
 app = new_app()
 
 
-@verb(app, "logs/town kitti/line --placement line --images")
+@verb(
+    app,
+    "logs/town kitti/line --placement line --images",
+    "logs/town line.mcap --placement line",
+)
 def export(
     log: LogArgument,
-    out: Annotated[Path, typer.Argument(help="folder to write, new or empty")],
+    out: Annotated[Path, typer.Argument(help="folder to write, new or empty; or FILE.mcap")],
     placement: Annotated[
         str,
         typer.Option(
@@ -68,11 +78,21 @@ def export(
     seed: Annotated[
         int, typer.Option(help="of shapes, drop-off and range noise", callback=within(SEED))
     ] = 0,
+    recorded: Annotated[
+        bool,
+        typer.Option("--recorded", help="clouds of LOG/clouds/PLACEMENT, none are simulated"),
+    ] = False,
 ) -> None:
-    """Write KITTI's object layout, as OpenPCDet reads it; docs/kitti.md describes it."""
+    """Write KITTI's object layout, as OpenPCDet reads it (docs/kitti.md), or FILE.mcap.
+
+    An MCAP file is a recording that Foxglove plays: clouds, boxes, mounts (docs/rigs.md).
+    """
     counts: Counter[str] = Counter()
     try:
-        check_new(out)
+        if out.suffix != MCAP:
+            check_new(out)
+        elif all_around or images:
+            raise ValueError("--all-around and --images: are of KITTI's layout, not of FILE.mcap")
         crop = crop_of(roi)
         how = known("profile", profile, PROFILES)
         rig = how.placement(named_placement(placement, how.lidar))
@@ -84,10 +104,28 @@ def export(
             found = ", ".join(sorted(set(table.frames["split"]))) or "no frame"
             raise ValueError(f"{log}: no frame of split {split or 'train or test'}; found {found}")
         chosen = replace(table, frames=frames)
-        portions = _portions(chosen, rig, crop, seed, how.misaligned_heights, all_around, counts)
-        write_kitti(out, frames, portions, images)
+        kept = crop_for(crop[::3], crop[1::3], crop[2::3], rig, how.misaligned_heights)
+        if recorded:
+            check_rig(log / "clouds" / rig.name, rig)
+
+        def clouds_of(some: BoxLog) -> PointClouds:
+            numbers = some.frames["frame"].to_numpy(np.int64)
+            if recorded:
+                return recorded_clouds(log / "clouds" / rig.name, numbers, kept)
+            return collect(some, numbers, rig, kept, seed, how.misaligned_heights)
+
+        if out.suffix == MCAP:
+            write_mcap(out, frames, _played(chosen, clouds_of, crop, counts), rig)
+        else:
+            portions = _portions(chosen, clouds_of, crop, seed, all_around, counts)
+            write_kitti(out, frames, portions, images)
     except (ValueError, OSError) as error:
         wrong(error)
+    if out.suffix == MCAP:
+        say(
+            f"{out}: {len(frames):,} frames, {counts['boxes']:,} boxes, {counts['points']:,} points"
+        )
+        return
     outside = "labelled all the same" if all_around else "left out (--all-around labels them)"
     say(
         f"{out}: {len(frames):,} frames, {counts['labels']:,} labels, {counts['points']:,} points\n"
@@ -96,33 +134,51 @@ def export(
     )
 
 
-def _portions(
-    log: BoxLog,
-    placement: Placement,
-    roi: Crop,
-    seed: int,
-    misaligned_heights: bool,
-    all_around: bool,
-    counts: Counter[str],
-) -> Iterator[tuple[pd.DataFrame, PointClouds]]:
-    """Labels and clouds of some frames at a time; counts what is in them."""
+def _some_at_a_time(log: BoxLog) -> Iterator[BoxLog]:
+    """Parts of a log, `PORTION` frames each."""
     from rich.progress import track
 
-    x0, y0, z0, x1, y1, z1 = roi
-    crop = crop_for((x0, x1), (y0, y1), (z0, z1), placement, misaligned_heights)
     starts, console = range(0, len(log.frames), PORTION), Terminal(stderr=True)
     for first in track(starts, "frames", console=console, disable=not console.is_terminal):
         frames = log.frames.iloc[first : first + PORTION]
         boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])]
-        some = replace(log, boxes=boxes, frames=frames)
+        yield replace(log, boxes=boxes, frames=frames)
+
+
+def _within(boxes: pd.DataFrame, roi: Crop) -> pd.Series:
+    """Whether the centre of each box is in the region."""
+    x0, y0, z0, x1, y1, z1 = roi
+    inside = boxes["x"].between(x0, x1) & boxes["y"].between(y0, y1)
+    return inside & boxes["z"].between(z0, z1)
+
+
+def _played(
+    log: BoxLog, clouds_of: CloudsOf, roi: Crop, counts: Counter[str]
+) -> Iterator[tuple[pd.DataFrame, PointClouds]]:
+    """Boxes of the ROI and clouds of some frames at a time; counts what is in them."""
+    for some in _some_at_a_time(log):
+        boxes, clouds = some.boxes[_within(some.boxes, roi)], clouds_of(some)
+        counts["boxes"] += len(boxes)
+        counts["points"] += int(clouds.counts.sum())
+        yield boxes, clouds
+
+
+def _portions(
+    log: BoxLog,
+    clouds_of: CloudsOf,
+    roi: Crop,
+    seed: int,
+    all_around: bool,
+    counts: Counter[str],
+) -> Iterator[tuple[pd.DataFrame, PointClouds]]:
+    """Labels and clouds of some frames at a time; counts what is in them."""
+    x0, y0, z0, x1, y1, z1 = roi
+    for some in _some_at_a_time(log):
         objects = ground_truth(some, (x0, x1), (y0, y1), (z0, z1), seed)
-        numbers = frames["frame"].to_numpy(np.int64)
-        clouds = collect(some, numbers, placement, crop, seed, misaligned_heights)
+        clouds = clouds_of(some)
         labels = to_labels(objects)
         shown = in_image(labels)
-        within = boxes["x"].between(x0, x1) & boxes["y"].between(y0, y1)
-        within &= boxes["z"].between(z0, z1)
-        counts["hidden"] += int(within.sum()) - len(objects)
+        counts["hidden"] += int(_within(some.boxes, roi).sum()) - len(objects)
         counts["outside"] += int((~shown).sum())
         counts["points"] += int(clouds.counts.sum())
         labels = labels if all_around else labels[shown]

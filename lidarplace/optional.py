@@ -17,6 +17,7 @@ EXTRAS = {
     "sumo": "sumo",
     "sumolib": "sumo",
     "carla": "carla",
+    "foxglove": "mcap",
     "optuna_dashboard": "dashboard",
     "psycopg2": "postgres",
     "s3fs": "s3",

@@ -24,6 +24,7 @@ OWN = {"lidarplace", "training", "tracking", "sweeps"}
 MODULES = {
     "carla": ["carla"],
     "eclipse-sumo": ["sumo"],
+    "foxglove-sdk": ["foxglove"],
     "Jinja2": ["jinja2"],
     "optuna-dashboard": ["optuna_dashboard"],
     "psycopg2-binary": ["psycopg2"],
@@ -32,7 +33,7 @@ MODULES = {
 """What a distribution is imported as, if by another name."""
 
 MAY_IMPORT = {
-    "lidarplace": ["", "sumo", "carla"],
+    "lidarplace": ["", "sumo", "carla", "mcap"],
     "training": ["", "training"],
     "tracking": ["", "sweeps"],
     "sweeps": ["", "training", "sweeps"],

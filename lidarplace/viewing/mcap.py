@@ -1,0 +1,184 @@
+"""Frames as a recording that Foxglove plays: an MCAP file of clouds, boxes and the rig.
+
+https://mcap.dev and https://docs.foxglove.dev/docs/sdk/schemas describe file and messages.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Hashable, Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from lidarplace.boxes import POSE_COLUMNS, SIZE
+from lidarplace.files.atomic import replacing
+from lidarplace.lidar.clouds import PointClouds
+from lidarplace.placement import Placement
+from lidarplace.viewing.style import CLASSES
+
+if TYPE_CHECKING:
+    from foxglove.messages import FrameTransform, PointCloud, SceneEntity
+
+WORLD, EGO = "world", "ego"
+"""Frames of coordinates; those of the LiDARs are `lidar_0` and so on."""
+
+STEP_S = 0.1
+"""Between frames whose times are not known."""
+PAUSE_S = 1.0
+"""From the last frame of a drive to the first of the next one: all drives begin at 0."""
+
+
+def clock(frames: pd.DataFrame) -> NDArray[np.int64]:
+    """When each frame is played, (rows,), nanoseconds: one drive after the other, from 0 on.
+
+    A drive is a route of a scene. Where a time of it is missing, its frames follow by `STEP_S`.
+    """
+    seconds = np.zeros(len(frames))
+    start = 0.0
+    of_drive = frames.reset_index(drop=True).groupby(["scene", "route"], sort=False)
+    for _, drive in of_drive:
+        time = drive["timestamp_s"].to_numpy(np.float64)
+        if np.isnan(time).any():
+            time = STEP_S * np.arange(len(drive))
+        seconds[drive.index.to_numpy()] = start + time - time.min()
+        start += float(np.ptp(time)) + PAUSE_S
+    return np.rint(1e9 * seconds).astype(np.int64)
+
+
+def write_mcap(
+    path: Path,
+    frames: pd.DataFrame,
+    portions: Iterable[tuple[pd.DataFrame, PointClouds]],
+    placement: Placement,
+) -> None:
+    """Write topics `/lidar_0`, … of clouds, `/objects`, `/tf` and `/frame`.
+
+    The file appears at the end. Everything is in the ego frame. `/tf` has the mounts, and the
+    vehicle in the world if the log knows its poses.
+
+    Args:
+        frames: of a box log, in the order in which they are played.
+        portions: boxes and clouds of some of the frames at a time, together of all, in that order.
+    """
+    import foxglove
+    from foxglove import messages
+    from foxglove.channels import FrameTransformsChannel, PointCloudChannel, SceneUpdateChannel
+
+    times = iter(clock(frames).tolist())
+    rows = frames.itertuples()
+    context = foxglove.Context()  # of its own: nothing else is recorded with it
+    clouds_of = [
+        PointCloudChannel(f"/lidar_{i}", context=context) for i in range(len(placement.mounts))
+    ]
+    objects = SceneUpdateChannel("/objects", context=context)
+    transforms = FrameTransformsChannel("/tf", context=context)
+    about = foxglove.Channel(
+        "/frame", schema={"type": "object"}, message_encoding="json", context=context
+    )
+    clear = messages.SceneEntityDeletion(type=messages.SceneEntityDeletionType.All)
+    with replacing(path) as partial, foxglove.open_mcap(partial, context=context):
+        for boxes, clouds in portions:
+            by_frame = dict(list(boxes.groupby("frame")))
+            for index, number in enumerate(clouds.frames.tolist()):
+                ns, row = next(times), next(rows)
+                stamp = messages.Timestamp(ns // 10**9, ns % 10**9)
+                held = [*_rig(placement, stamp), *_vehicle(row, stamp)]
+                transforms.log(messages.FrameTransforms(transforms=held), log_time=ns)
+                points, owner = clouds[index], clouds.lidar(index)
+                for lidar, channel in enumerate(clouds_of):
+                    channel.log(_cloud(points[owner == lidar], stamp), log_time=ns)
+                known = by_frame.get(number, boxes.iloc[:0])
+                seen = [_entity(box, stamp) for box in known.to_dict("records")]
+                objects.log(messages.SceneUpdate(deletions=[clear], entities=seen), log_time=ns)
+                told = {"frame": number, "scene": row.scene, "split": row.split}
+                about.log(json.dumps(told).encode(), log_time=ns)
+
+
+def _rig(placement: Placement, stamp: Any) -> list[FrameTransform]:
+    """Where the LiDARs are on the vehicle."""
+    from foxglove import messages
+
+    held = []
+    for number, mount in enumerate(placement.mounts):
+        x, y, z, w = Rotation.from_matrix(mount.rotation).as_quat().tolist()
+        held.append(
+            messages.FrameTransform(
+                timestamp=stamp,
+                parent_frame_id=EGO,
+                child_frame_id=f"lidar_{number}",
+                translation=messages.Vector3(x=mount.x, y=mount.y, z=mount.z),
+                rotation=messages.Quaternion(x=x, y=y, z=z, w=w),
+            )
+        )
+    return held
+
+
+def _vehicle(row: Any, stamp: Any) -> list[FrameTransform]:
+    """Where the vehicle is in the world, if that is known."""
+    from foxglove import messages
+
+    pose = [getattr(row, name, np.nan) for name in POSE_COLUMNS]
+    if np.isnan(pose).any():
+        return []
+    x, y, yaw = pose
+    return [
+        messages.FrameTransform(
+            timestamp=stamp,
+            parent_frame_id=WORLD,
+            child_frame_id=EGO,
+            translation=messages.Vector3(x=x, y=y, z=0.0),
+            rotation=_about_z(yaw),
+        )
+    ]
+
+
+def _cloud(points: NDArray[np.float32], stamp: Any) -> PointCloud:
+    """Points x, y, z, intensity, (n, 4)."""
+    from foxglove import messages
+
+    kind = messages.PackedElementFieldNumericType.Float32
+    return messages.PointCloud(
+        timestamp=stamp,
+        frame_id=EGO,
+        pose=messages.Pose(position=messages.Vector3(), orientation=_about_z(0.0)),
+        point_stride=16,
+        fields=[
+            messages.PackedElementField(name=name, offset=4 * i, type=kind)
+            for i, name in enumerate(("x", "y", "z", "intensity"))
+        ],
+        data=points.astype("<f4").tobytes(),
+    )
+
+
+def _entity(box: Mapping[Hashable, Any], stamp: Any) -> SceneEntity:
+    """A box in the colour of its class."""
+    from foxglove import messages
+
+    red, green, blue = (int(CLASSES[box["class"]][i : i + 2], 16) / 255 for i in (1, 3, 5))
+    length, width, height = (box[name] for name in SIZE)
+    cube = messages.CubePrimitive(
+        pose=messages.Pose(
+            position=messages.Vector3(x=box["x"], y=box["y"], z=box["z"]),
+            orientation=_about_z(box["yaw"]),
+        ),
+        size=messages.Vector3(x=length, y=width, z=height),
+        color=messages.Color(r=red, g=green, b=blue, a=0.5),
+    )
+    return messages.SceneEntity(
+        timestamp=stamp,
+        frame_id=EGO,
+        id=str(box["object_id"]),
+        metadata=[messages.KeyValuePair(key="class", value=box["class"])],
+        cubes=[cube],
+    )
+
+
+def _about_z(yaw: float) -> Any:
+    from foxglove import messages
+
+    return messages.Quaternion(x=0.0, y=0.0, z=float(np.sin(yaw / 2)), w=float(np.cos(yaw / 2)))
