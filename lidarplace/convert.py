@@ -15,13 +15,15 @@ from rich.table import Table
 from lidarplace.box_log import BoxLog, write_box_log
 from lidarplace.boxes import CLASSES
 from lidarplace.command_line.terminal import output, say
-from lidarplace.command_line.verbs import new_app, verb, within, wrong
+from lidarplace.command_line.verbs import known, new_app, verb, within, wrong
 from lidarplace.files.atomic import read_text
 from lidarplace.ranges import LIDAR_HEIGHT, SHARE
 from lidarplace.scenes.datasets.argoverse import read_argoverse
 from lidarplace.scenes.datasets.class_maps import read_class_map
 from lidarplace.scenes.datasets.nuscenes import read_nuscenes
+from lidarplace.scenes.datasets.openlabel import read_openlabel
 from lidarplace.scenes.datasets.tabular import read_tabular
+from lidarplace.scenes.datasets.waymo import read_waymo
 from lidarplace.scenes.doubts.motion import doubts_of_motion
 from lidarplace.scenes.doubts.surroundings import doubts_of_surroundings
 from lidarplace.scenes.doubts.units import doubts_of_degrees, doubts_of_units
@@ -30,6 +32,7 @@ from lidarplace.scenes.kitti.read import read_kitti
 from lidarplace.scenes.label_tables.mapping import TableMapping, read_mapping
 from lidarplace.scenes.label_tables.propose import propose_mapping
 from lidarplace.scenes.label_tables.read import read_label_table
+from lidarplace.scenes.label_tables.units import SECONDS
 
 app = new_app(
     no_args_is_help=True,
@@ -89,6 +92,66 @@ def argoverse(
     def read(ignored: Counter[str]) -> BoxLog:
         return read_argoverse(
             source, splits=split or (), class_map=_class_map(class_map), ignored=ignored
+        )
+
+    _convert(read, out)
+
+
+@verb(app, "data/waymo logs/waymo")
+def waymo(
+    source: Annotated[Path, typer.Argument(help="folder that holds training and validation")],
+    out: Out,
+    split: Annotated[
+        list[str] | None,
+        typer.Option(help="training, validation or testing; by default the first two"),
+    ] = None,
+    class_map: ClassMapFile = None,
+) -> None:
+    """Waymo perception data set v2, tables of Parquet; validation becomes test."""
+
+    def read(ignored: Counter[str]) -> BoxLog:
+        return read_waymo(
+            source, splits=split or (), class_map=_class_map(class_map), ignored=ignored
+        )
+
+    _convert(read, out)
+
+
+@verb(app, "data/openlabel logs/openlabel --origin -1.4 0 0.3 --test drive_2")
+def openlabel(
+    source: Annotated[Path, typer.Argument(help="a file, or a folder of a file a drive")],
+    out: Out,
+    origin: Annotated[
+        tuple[float, float, float],
+        typer.Option(
+            metavar="X Y Z", help="where the file's vehicle frame starts, metres of our ego frame"
+        ),
+    ],
+    vehicle: Annotated[
+        str | None,
+        typer.Option(help="the vehicle's coordinate system; by default the one of type local_cs"),
+    ] = None,
+    time_unit: Annotated[
+        str, typer.Option(metavar="|".join(SECONDS), help="of time stamps that are numbers")
+    ] = "s",
+    test: Annotated[
+        list[str] | None, typer.Option(help="drive whose frames are test; repeatable")
+    ] = None,
+    class_map: ClassMapFile = None,
+) -> None:
+    """ASAM OpenLABEL 1.0, the cuboids in it."""
+
+    def read(ignored: Counter[str]) -> BoxLog:
+        return read_openlabel(
+            source,
+            origin=origin,
+            vehicle=vehicle,
+            seconds=known(
+                "time-unit", time_unit, {str(unit): value for unit, value in SECONDS.items()}
+            ),
+            test=test or (),
+            class_map=_class_map(class_map),
+            ignored=ignored,
         )
 
     _convert(read, out)

@@ -7,6 +7,7 @@ import shutil
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import yaml
 from typer.testing import CliRunner, Result
@@ -16,6 +17,8 @@ from tests.docs_verbs import app_of
 from tests.lidarplace.argoverse_layout import LEVEL, Log, write_argoverse
 from tests.lidarplace.argoverse_layout import Box as ArgoverseBox
 from tests.lidarplace.nuscenes_layout import Box, Sample, Scene, write_nuscenes
+from tests.lidarplace.waymo_layout import Box as WaymoBox
+from tests.lidarplace.waymo_layout import Segment, write_waymo
 from tests.mlflow_database import write_database
 from tests.sweeps.small_log import write_small_log
 
@@ -122,3 +125,10 @@ def _data_sets(folder: Path) -> None:
     poses = {5: (LEVEL, (0.0, 0.0, 0.0))}
     logs = [Log(split, f"log-{split}", [box], poses) for split in ("train", "val")]
     write_argoverse(folder / "av2/sensor", logs)
+    car = WaymoBox(5, 1, (9.0, 0.0, 1.0))
+    pose = {5: np.eye(4)}
+    segments = [Segment(split, split, pose, [car]) for split in ("training", "validation")]
+    write_waymo(folder / "waymo", segments)
+    (folder / "openlabel").mkdir()
+    drive = (ROOT / "tests/data/openlabel/drive.json").read_text("utf-8")
+    (folder / "openlabel/drive.json").write_text(drive.replace("kiosk", "Cyclist"))

@@ -275,7 +275,7 @@ def test_a_folder_that_cannot_be_read(in_folder, verb, kind):
         (("status", "grid.yaml", "--al"), "No such option: --al"),
         (("view", "log", "--frame", "first"), "--frame"),
         (("view", "log", "--roi", "1", "2"), "--roi"),
-        (("convert", "waymo", "a", "b"), "waymo"),
+        (("convert", "lyft", "a", "b"), "lyft"),
         (("stauts", "grid.yaml"), "Did you mean 'status'?"),
     ],
     ids=" ".join,

@@ -89,6 +89,12 @@ LINES = {
     "convert kitti": Line("lidarplace.convert", ("kitti", "kitti", "out"), ("kitti",)),
     "convert nuscenes": Line("lidarplace.convert", ("nuscenes", "nuscenes", "out"), ("nuscenes",)),
     "convert argoverse": Line("lidarplace.convert", ("argoverse", "av2", "out"), ("av2",)),
+    "convert waymo": Line("lidarplace.convert", ("waymo", "waymo", "out"), ("waymo",)),
+    "convert openlabel": Line(
+        "lidarplace.convert",
+        ("openlabel", "openlabel", "out", "--origin", "0", "0", "0"),
+        ("openlabel",),
+    ),
     "carla": Line(
         "lidarplace.scenes.carla.__main__",
         ("carla.yaml", "out", "--host", "127.0.0.1", "--port", "1", "--timeout", "0.1"),

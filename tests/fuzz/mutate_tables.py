@@ -40,6 +40,10 @@ def cell(path: Path, random: Random) -> str:
     if isinstance(values[row], str):
         values[row] = random.choice((*nasty.TEXTS, None))
         table[name] = pd.Series(values, dtype=object)
+    elif isinstance(values[row], np.ndarray):
+        values[row] = values[row].copy()
+        values[row][random.randrange(len(values[row]))] = nasty.number(random)
+        table[name] = pd.Series(values, dtype=object)
     else:
         values[row] = nasty.number(random)
         table[name] = _numbers(values)

@@ -228,6 +228,20 @@ DATA: tuple[Target, ...] = (
         ("argoverse", "av2", "out"),
         check=partial(_nonsense, "out"),
     ),
+    Target(
+        "convert waymo",
+        ("waymo/training/*/s.parquet",),
+        CONVERT,
+        ("waymo", "waymo", "out"),
+        check=partial(_nonsense, "out"),
+    ),
+    Target(
+        "convert openlabel",
+        ("openlabel/drive.json",),
+        CONVERT,
+        ("openlabel", "openlabel", "out", "--origin", "0", "0", "0"),
+        check=partial(_nonsense, "out"),
+    ),
     *(
         Target(
             f"rig {name}",
@@ -239,8 +253,8 @@ DATA: tuple[Target, ...] = (
             ("nuscenes", "", "/*.json"),
             ("urdf", ".urdf", ".urdf"),
             ("ros2", ".launch.xml", ".launch.xml"),
-            ("carla", "", ""),
-            ("osi", "", ""),
+            ("carla", ".json", ".json"),
+            ("osi", ".json", ".json"),
         )
     ),
     Target(

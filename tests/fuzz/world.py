@@ -9,7 +9,7 @@ import pandas as pd
 import yaml
 
 from sweeps.store.entries import SWEEPS
-from tests.lidarplace import argoverse_layout, company_table, nuscenes_layout
+from tests.lidarplace import argoverse_layout, company_table, nuscenes_layout, waymo_layout
 from tests.sweeps.small_log import write_small_log
 from tests.tracking import made_up_run, made_up_search
 
@@ -128,7 +128,8 @@ def _rigs(folder: Path) -> None:
     model = SensorSettings(name="vlp32c")
     rig = [MountedLidar("roof", Mount(z=2.0), model), MountedLidar("left", Mount(0, 1, 1), model)]
     for name, known in FORMATS.items():
-        known.write(folder / f"{name}{(*known.suffixes, '')[0]}", rig)
+        suffix = ".json" if name in ("carla", "osi") else (*known.suffixes, "")[0]
+        known.write(folder / f"{name}{suffix}", rig)
 
 
 def _tables(folder: Path) -> None:
@@ -179,6 +180,14 @@ def _data_sets(folder: Path) -> None:
     poses = dict.fromkeys((5, 6), (argoverse_layout.LEVEL, (0.0, 0.0, 0.0)))
     log = argoverse_layout.Log("val", "log-1", [box, box], poses, [5, 6])
     argoverse_layout.write_argoverse(folder / "av2", [log])
+    poses = {5: np.eye(4), 6: np.eye(4)}
+    segment = waymo_layout.Segment(
+        "training", "s", poses, [waymo_layout.Box(5, 1, (9.0, 0.0, 1.0))] * 2
+    )
+    waymo_layout.write_waymo(folder / "waymo", [segment])
+    (folder / "openlabel").mkdir()
+    drive = (MAPS.parent / "openlabel/drive.json").read_text()
+    (folder / "openlabel/drive.json").write_text(drive.replace("kiosk", "Cyclist"))
 
 
 def _clouds(folder: Path) -> None:

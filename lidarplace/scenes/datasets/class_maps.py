@@ -97,6 +97,17 @@ ARGOVERSE: ClassMap = MappingProxyType(
 )
 """The 30 categories of the Argoverse 2 sensor data set, one under two names, and the ego itself."""
 
+WAYMO: ClassMap = MappingProxyType(
+    {
+        "TYPE_UNKNOWN": IGNORE,
+        "TYPE_VEHICLE": "Car",  # trucks, buses and motorcycles too: Waymo does not tell them apart
+        "TYPE_PEDESTRIAN": "Pedestrian",
+        "TYPE_SIGN": IGNORE,
+        "TYPE_CYCLIST": "Cyclist",
+    }
+)
+"""The types of Waymo's 3D boxes, in the order of their numbers."""
+
 
 def read_class_map(path: Path) -> dict[str, str]:
     """A class map from a YAML file of lines `category: class`.

@@ -1,0 +1,189 @@
+"""What an ASAM OpenLABEL file holds, as far as cuboids go, and its coordinate systems.
+
+Terms are those of the JSON schema of OpenLABEL 1.0.0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, Field, model_validator
+from scipy.spatial.transform import Rotation
+
+VEHICLE = "local_cs"
+"""The type of a coordinate system that moves with the vehicle."""
+
+Matrix = NDArray[np.float64]
+_Number = Annotated[float, Field(allow_inf_nan=False)]
+
+
+def _list_of(length: int) -> Any:
+    return Annotated[list[_Number], Field(min_length=length, max_length=length)]
+
+
+class Transform(BaseModel):
+    """`transform_data`: X_dst = T X_src, in one of three ways to write it."""
+
+    matrix4x4: _list_of(16) | None = None  # type: ignore[valid-type]
+    translation: _list_of(3) | None = None  # type: ignore[valid-type]
+    quaternion: _list_of(4) | None = None  # type: ignore[valid-type]
+    euler_angles: _list_of(3) | None = None  # type: ignore[valid-type]
+    sequence: Annotated[str, Field(pattern="^[XYZ]{3}$")] = "ZYX"
+
+    @model_validator(mode="after")
+    def _is_one(self) -> Transform:
+        turned = self.quaternion is not None or self.euler_angles is not None
+        if self.matrix4x4 is None and (self.translation is None or not turned):
+            raise ValueError(
+                "a transform is matrix4x4, or translation with quaternion or euler_angles"
+            )
+        self.matrix()  # raises ValueError for what is no rotation
+        return self
+
+    def matrix(self) -> Matrix:
+        """Shape (4, 4)."""
+        if self.matrix4x4 is not None:
+            matrix = np.reshape(self.matrix4x4, (4, 4))
+            return _rigid(Rotation.from_matrix(matrix[:3, :3]), matrix[:3, 3])
+        if self.quaternion is not None:
+            return _rigid(Rotation.from_quat(self.quaternion), self.translation)
+        return _rigid(Rotation.from_euler(self.sequence, self.euler_angles), self.translation)
+
+
+def _rigid(rotation: Rotation, position: Any) -> Matrix:
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation.as_matrix(), position
+    return matrix
+
+
+class Cuboid(BaseModel):
+    """`val`: centre, quaternion x, y, z, w or angles about x, y, z, and size; 10 or 9 numbers."""
+
+    val: Annotated[list[_Number], Field(min_length=9, max_length=10)]
+    coordinate_system: str | None = None
+
+    def pose(self) -> Matrix:
+        """Shape (4, 4)."""
+        turned = self.val[3:-3]
+        if len(turned) == 4:
+            return _rigid(Rotation.from_quat(turned), self.val[:3])
+        return _rigid(Rotation.from_euler("ZYX", turned[::-1]), self.val[:3])
+
+    @model_validator(mode="after")
+    def _is_one(self) -> Cuboid:
+        if min(self.val[-3:]) < 0:
+            raise ValueError("sizes must be at least 0")
+        if len(self.val) == 10 and not np.linalg.norm(self.val[3:7]) > 0:
+            raise ValueError("the rotation is a quaternion of length 0")
+        return self
+
+
+class ObjectData(BaseModel):
+    """What is known of an object."""
+
+    cuboid: list[Cuboid] = []
+
+
+class Interval(BaseModel):
+    """Frames, both ends included."""
+
+    frame_start: int
+    frame_end: int
+
+
+class LabelledObject(BaseModel):
+    """An object; `object_data` is what holds in all its frames."""
+
+    type: str
+    coordinate_system: str | None = None
+    object_data: ObjectData = ObjectData()
+    frame_intervals: list[Interval] = []
+
+
+class ObjectOfFrame(BaseModel):
+    """An object in one frame."""
+
+    object_data: ObjectData = ObjectData()
+
+
+class FrameTransform(BaseModel):
+    """Between two coordinate systems, in one frame."""
+
+    src: str
+    dst: str
+    transform_src_to_dst: Transform
+
+
+class FrameProperties(BaseModel):
+    """When a frame was, and where coordinate systems were."""
+
+    timestamp: str | _Number | None = None
+    transforms: dict[str, FrameTransform] = {}
+
+
+class Frame(BaseModel):
+    """A frame, with the objects that have something of their own in it."""
+
+    frame_properties: FrameProperties = FrameProperties()
+    objects: dict[str, ObjectOfFrame] = {}
+
+
+class CoordinateSystem(BaseModel):
+    """Where it is in its parent may be told frame by frame as well."""
+
+    type: str
+    parent: str = ""
+    pose_wrt_parent: Transform | None = None
+
+
+class Content(BaseModel):
+    """All under the key `openlabel`."""
+
+    coordinate_systems: dict[str, CoordinateSystem] = {}
+    objects: dict[str, LabelledObject] = {}
+    frames: dict[int, Frame]
+
+
+class OpenLabel(BaseModel):
+    """The file."""
+
+    openlabel: Content
+
+
+@dataclass
+class Systems:
+    """The coordinate systems of one frame, by the transforms that are known between them."""
+
+    known: dict[tuple[str, str], Matrix] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, content: Content, frame: Frame) -> Systems:
+        """Those of a frame win over those that hold throughout."""
+        systems = cls()
+        for name, system in content.coordinate_systems.items():
+            if system.pose_wrt_parent is not None:
+                systems.add(name, system.parent, system.pose_wrt_parent.matrix())
+        for each in frame.frame_properties.transforms.values():
+            systems.add(each.src, each.dst, each.transform_src_to_dst.matrix())
+        return systems
+
+    def add(self, src: str, dst: str, matrix: Matrix) -> None:
+        """A transform, and its inverse."""
+        self.known[src, dst] = matrix
+        self.known[dst, src] = np.asarray(np.linalg.inv(matrix), np.float64)
+
+    def between(self, src: str, dst: str) -> Matrix | None:
+        """The transform that fewest known ones make up; None if none do."""
+        found: dict[str, Matrix] = {src: np.eye(4)}
+        last = [src]
+        while last and dst not in found:
+            new = []
+            for (a, b), matrix in self.known.items():
+                if a in last and b not in found:
+                    found[b] = matrix @ found[a]
+                    new.append(b)
+            last = new
+        return found.get(dst)

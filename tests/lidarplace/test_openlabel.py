@@ -1,0 +1,166 @@
+"""OpenLABEL: a file of the format's own library, boxes by hand, errors that name the place."""
+
+import json
+import math
+import shutil
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from lidarplace.box_log import read_box_log
+from lidarplace.boxes import GEOMETRY, POSE_COLUMNS
+from lidarplace.convert import app
+from lidarplace.scenes.datasets.openlabel import read_openlabel
+
+DRIVE = Path(__file__).parents[1] / "data/openlabel/drive.json"
+AXLE = (-1.4, 0.0, 0.3)
+
+
+def test_a_file_of_the_formats_library():
+    ignored = Counter()
+    log = read_openlabel(
+        DRIVE, origin=AXLE, class_map={"kiosk": "Car", "Pedestrian": "ignore"}, ignored=ignored
+    )
+    assert ignored == {"Pedestrian": 2}
+    assert log.frames["timestamp_s"].tolist() == [0.0, 0.5]
+    # The vehicle stands at the origin of the world, then 2 m ahead, turned by 0.2.
+    c, s = math.cos(0.2), math.sin(0.2)
+    ego = [[1.4, 0.0, 0.0], [2 + 1.4 * c, 1.4 * s, 0.2]]
+    np.testing.assert_allclose(log.frames[list(POSE_COLUMNS)], ego, atol=1e-12)
+    # The kiosk stands at (30, 0) of the world; in the second frame it is seen from there.
+    seen = [28 * c - 1.4, -28 * s, 1.3, 3.0, 3.0, 2.0, -0.2]
+    np.testing.assert_allclose(
+        log.boxes[list(GEOMETRY)],
+        [
+            [8.6, 2.0, 0.8, 4.5, 1.9, 1.6, 0.3],
+            [28.6, 0.0, 1.3, 3.0, 3.0, 2.0, 0.0],
+            [9.6, 2.0, 0.8, 4.5, 1.9, 1.6, 0.3],
+            seen,
+        ],
+        atol=1e-12,
+    )
+    assert log.boxes["object_id"].tolist() == ["0", "2", "0", "2"]
+
+
+def test_a_cuboid_in_the_frame_of_a_sensor():
+    log = read_openlabel(DRIVE, origin=(0.0, 0.0, 0.0), class_map={"kiosk": "ignore"})
+    person = log.boxes[log.boxes["class"] == "Pedestrian"].iloc[0]
+    # The LiDAR is 1.2 m ahead and 1.6 m up; the quaternion turns by 0.8.
+    expected = [5.0 + 1.2, -1.0, -0.9 + 1.6, 0.6, 0.7, 1.8, 0.8]
+    np.testing.assert_allclose(person[list(GEOMETRY)].to_numpy(float), expected, atol=1e-12)
+
+
+def test_a_folder_of_drives_by_the_command(tmp_path):
+    for name in ("b", "a"):
+        (tmp_path / "drives").mkdir(exist_ok=True)
+        shutil.copy(DRIVE, tmp_path / "drives" / f"{name}.json")
+    (tmp_path / "map.yaml").write_text("kiosk: ignore\n")
+    line = ["openlabel", tmp_path / "drives", tmp_path / "log", "--origin", *AXLE, "--test", "b"]
+    words = [str(word) for word in [*line, "--class-map", tmp_path / "map.yaml"]]
+    done = CliRunner().invoke(app, words, catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    assert "ignored: kiosk" in done.output
+    log = read_box_log(tmp_path / "log")
+    assert log.frames["scene"].tolist() == ["a", "a", "b", "b"]
+    assert log.frames["frame"].tolist() == [0, 1, 2, 3]
+    assert log.frames["split"].tolist() == ["train", "train", "test", "test"]
+    assert log.boxes["frame"].tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
+
+
+def changed(tmp_path, change):
+    content = json.loads(DRIVE.read_text())
+    change(content["openlabel"])
+    path = tmp_path / "drive.json"
+    path.write_text(json.dumps(content))
+    return path
+
+
+def test_what_is_told_once_holds_in_its_frames(tmp_path):
+    def once(content):
+        kiosk = content["frames"]["0"]["objects"]["2"]["object_data"]
+        for frame in content["frames"].values():
+            del frame["objects"]["2"]
+        content["objects"]["2"]["object_data"] = kiosk
+        content["objects"]["2"]["frame_intervals"] = [{"frame_start": 1, "frame_end": 1}]
+
+    log = read_openlabel(changed(tmp_path, once), origin=AXLE, class_map={"kiosk": "Car"})
+    kiosk = log.boxes[log.boxes["object_id"] == "2"]
+    assert kiosk["frame"].tolist() == [1]
+
+
+@pytest.mark.parametrize(
+    ("stamps", "unit", "expected"),
+    [
+        ([1_000_000, 1_100_000], 1e-6, [0.0, 0.1]),
+        (["2026-03-04T10:00:00Z", "2026-03-04T10:00:00.5Z"], 1.0, [0.0, 0.5]),
+        ([None, 3.0], 1.0, [math.nan, 0.0]),
+    ],
+)
+def test_time_stamps(stamps, unit, expected, tmp_path):
+    def times(content):
+        for frame, stamp in zip(content["frames"].values(), stamps, strict=True):
+            frame["frame_properties"]["timestamp"] = stamp
+
+    path = changed(tmp_path, times)
+    log = read_openlabel(path, origin=AXLE, seconds=unit, class_map={"kiosk": "Car"})
+    np.testing.assert_allclose(log.frames["timestamp_s"], expected, atol=1e-9)
+
+
+def without_transforms(content):
+    del content["frames"]["1"]["frame_properties"]["transforms"]
+
+
+def two_cuboids(content):
+    content["frames"]["0"]["objects"]["0"]["object_data"]["cuboid"] *= 2
+
+
+def no_vehicle(content):
+    content["coordinate_systems"]["vehicle-iso8855"]["type"] = "custom_cs"
+
+
+def stranger(content):
+    del content["objects"]["1"]
+
+
+def short(content):
+    content["frames"]["0"]["objects"]["0"]["object_data"]["cuboid"][0]["val"] = [1, 2]
+
+
+def shrunk(content):
+    content["frames"]["0"]["objects"]["0"]["object_data"]["cuboid"][0]["val"][-1] = -1
+
+
+def no_time(content):
+    content["frames"]["0"]["frame_properties"]["timestamp"] = "noon"
+
+
+def half_a_transform(content):
+    content["coordinate_systems"]["lidar_top"]["pose_wrt_parent"] = {"quaternion": [0, 0, 0, 1]}
+
+
+WRONG = [
+    (lambda content: None, "object 2: unknown category 'kiosk'; name its class in a class map"),
+    (without_transforms, "frame 1, object 2: no transform leads from odom to vehicle-iso8855"),
+    (two_cuboids, "frame 0, object 0: has 2 cuboids; leave one in the file"),
+    (no_vehicle, "which coordinate system is the vehicle's? Name it by --vehicle; found odom"),
+    (stranger, "frame 0, object 1: is not among the objects of the file"),
+    (short, "frames.0.objects.0.object_data.cuboid[0].val: found [1, 2]"),
+    (shrunk, "sizes must be at least 0"),
+    (no_time, "timestamp must be a number or a date of ISO 8601, found 'noon'"),
+    (half_a_transform, "a transform is matrix4x4, or translation with quaternion or euler_angles"),
+    (lambda content: content.pop("frames"), "is no OpenLABEL file: openlabel.frames: is missing"),
+]
+
+
+@pytest.mark.parametrize(("change", "told"), WRONG, ids=[told for _, told in WRONG])
+def test_a_wrong_file_is_one_line(change, told, tmp_path):
+    path = changed(tmp_path, change)
+    done = CliRunner().invoke(
+        app, ["openlabel", str(path), str(tmp_path / "log"), "--origin", *"000"]
+    )
+    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+    assert done.stderr.startswith(f"{path}: ")
+    assert told in done.stderr

@@ -1,0 +1,120 @@
+"""Waymo v2: tables in the public layout, boxes and poses by hand and by SciPy, errors by row."""
+
+import math
+from collections import Counter
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import Rotation
+
+from lidarplace.boxes import GEOMETRY, POSE_COLUMNS
+from lidarplace.scenes.datasets.waymo import read_waymo
+from tests.lidarplace.waymo_layout import Box, Segment, write_waymo
+
+AHEAD = 1.5
+START = 1_550_083_467_346_370
+HERE = np.eye(4)
+
+
+def test_boxes_and_poses_by_hand(tmp_path):
+    turned = np.eye(4)  # the vehicle looks along y of the world, at (10, 20)
+    turned[:3, :3] = Rotation.from_euler("z", 90, degrees=True).as_matrix()
+    turned[:3, 3] = 10.0, 20.0, 5.0
+    boxes = [
+        Box(START + 100_000, 4, (12.0, -2.0, 0.9), (1.8, 0.7, 1.7), 0.3, "rider"),
+        Box(START, 1, (20.0, 3.0, 0.8), heading=-3.0, name="car"),
+        Box(START, 3, (5.0, 3.0, 2.8), name="sign"),
+    ]
+    poses = {START + 100_000: turned, START: HERE, START + 200_000: HERE}
+    ignored = Counter()
+    log = read_waymo(
+        write_waymo(tmp_path, [Segment("training", "s1", poses, boxes)]), ignored=ignored
+    )
+    assert ignored == {"TYPE_SIGN": 1}
+    assert log.frames["timestamp_s"].tolist() == [0.0, 0.1, 0.2], "in order, an empty one too"
+    np.testing.assert_allclose(
+        log.frames[list(POSE_COLUMNS)],
+        [[AHEAD, 0, 0], [10.0, 20.0 + AHEAD, math.pi / 2], [AHEAD, 0, 0]],
+        atol=1e-12,
+    )
+    assert log.boxes["object_id"].tolist() == ["car", "rider"]
+    assert log.boxes["class"].tolist() == ["Car", "Cyclist"]
+    np.testing.assert_allclose(
+        log.boxes[list(GEOMETRY)],
+        [[18.5, 3.0, 0.8, 4.5, 1.9, 1.6, -3.0], [10.5, -2.0, 0.9, 1.8, 0.7, 1.7, 0.3]],
+        atol=1e-12,
+    )
+
+
+def test_an_object_that_stands_stays_where_it_is(tmp_path):
+    rng = np.random.default_rng(3)
+    place, poses, boxes = np.array([50.0, -20.0, 1.0]), {}, []
+    for n in range(20):
+        yaw, at = rng.uniform(-3, 3), np.array([*rng.uniform(-40, 40, 2), 0.3])
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = Rotation.from_euler("z", yaw).as_matrix(), at
+        poses[START + n] = matrix
+        centre = matrix[:3, :3].T @ (place - at)
+        boxes.append(Box(START + n, 1, tuple(centre), heading=0.7 - yaw))
+    log = read_waymo(write_waymo(tmp_path, [Segment("validation", "s", poses, boxes)]))
+    both = log.boxes.merge(log.frames, on="frame")
+    cos, sin = np.cos(both["ego_yaw"]), np.sin(both["ego_yaw"])
+    np.testing.assert_allclose(both["ego_x"] + cos * both["x"] - sin * both["y"], place[0])
+    np.testing.assert_allclose(both["ego_y"] + sin * both["x"] + cos * both["y"], place[1])
+    np.testing.assert_allclose(both["ego_yaw"] + both["yaw"], 0.7, atol=1e-12)
+
+
+def test_segments_and_splits(tmp_path):
+    segments = [
+        Segment("validation", "a", {5: HERE}, [Box(5, 2, (3.0, 0.0, 1.0), (0.6, 0.6, 1.8))]),
+        Segment("training", "c", {5: HERE, 6: HERE}),
+        Segment("training", "b", {7: HERE}, [Box(7, 1, (9.0, 0.0, 1.0))]),
+    ]
+    log = read_waymo(write_waymo(tmp_path, segments))
+    assert log.frames["scene"].tolist() == ["b", "c", "c", "a"]
+    assert log.frames["route"].tolist() == [0, 1, 1, 2]
+    assert log.frames["split"].tolist() == ["train", "train", "train", "test"]
+    assert log.frames["frame"].tolist() == [0, 1, 2, 3]
+    assert log.boxes["frame"].tolist() == [0, 3]
+    only = read_waymo(tmp_path, splits=["validation"], class_map={"TYPE_PEDESTRIAN": "ignore"})
+    assert (len(only.frames), len(only.boxes)) == (1, 0)
+
+
+def wrong(path, **columns):
+    """The table with other columns; None: without it."""
+    table = pd.read_parquet(path)
+    for name, value in columns.items():
+        full = next(column for column in table.columns if column.endswith(name))
+        table = table.drop(columns=full) if value is None else table.assign(**{full: [value]})
+    table.to_parquet(path)
+
+
+@pytest.mark.parametrize(
+    ("component", "columns", "told"),
+    [
+        ("lidar_box", {"frame_timestamp_micros": 9}, "row 0: no vehicle_pose of frame 9"),
+        ("lidar_box", {"heading": None}, r"no column \[LiDARBoxComponent\].box.heading"),
+        ("lidar_box", {"type": 7}, "row 0: unknown category '7'; name its class in a class map"),
+        ("lidar_box", {"transform": 0}, ""),
+        ("vehicle_pose", {"transform": [1.0, 2.0]}, "row 0: .* must be 16 finite numbers"),
+        ("vehicle_pose", {"transform": [0.0] * 16}, "world_from_vehicle.transform: "),
+    ],
+)
+def test_wrong_tables(component, columns, told, tmp_path):
+    write_waymo(tmp_path, [Segment("training", "s", {5: HERE}, [Box(5, 1, (9.0, 0.0, 1.0))])])
+    path = tmp_path / "training" / component / "s.parquet"
+    if not told:
+        path.unlink()
+        told = "must hold a file for each segment"
+    else:
+        wrong(path, **columns)
+    with pytest.raises(ValueError, match=told):
+        read_waymo(tmp_path)
+
+
+def test_wrong_folders(tmp_path):
+    with pytest.raises(ValueError, match="must hold a folder training or validation"):
+        read_waymo(tmp_path)
+    with pytest.raises(ValueError, match="split 'dev': allowed are training, validation, testing"):
+        read_waymo(tmp_path, splits=["dev"])

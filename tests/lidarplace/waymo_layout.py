@@ -1,0 +1,66 @@
+"""Writes a small data set in the layout of Waymo's perception data set v2.
+
+Columns and their types are those of `v2/perception/box.py`, `pose.py` and `base.py` of
+https://github.com/waymo-research/waymo-open-dataset, a file a segment.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+BOX, POSE = "[LiDARBoxComponent]", "[VehiclePoseComponent]"
+
+
+@dataclass
+class Box:
+    time_us: int
+    kind: int
+    centre: tuple
+    size: tuple = (4.5, 1.9, 1.6)  # length, width, height
+    heading: float = 0.0
+    name: str = "a"
+
+
+@dataclass
+class Segment:
+    split: str
+    name: str
+    poses: dict  # time in microseconds -> (4, 4)
+    boxes: list = field(default_factory=list)
+
+
+def write_waymo(folder: Path, segments: list) -> Path:
+    for segment in segments:
+        keys = {"key.segment_context_name": pa.array([segment.name] * len(segment.boxes))}
+        columns = {
+            "key.frame_timestamp_micros": pa.array([b.time_us for b in segment.boxes], pa.int64()),
+            "key.laser_object_id": pa.array([b.name for b in segment.boxes], pa.string()),
+            **{
+                f"{BOX}.box.{part}.{axis}": pa.array(
+                    [getattr(b, attribute)[i] for b in segment.boxes], pa.float64()
+                )
+                for part, attribute in (("center", "centre"), ("size", "size"))
+                for i, axis in enumerate("xyz")
+            },
+            f"{BOX}.box.heading": pa.array([b.heading for b in segment.boxes], pa.float64()),
+            f"{BOX}.type": pa.array([b.kind for b in segment.boxes], pa.int8()),
+            f"{BOX}.num_lidar_points_in_box": pa.array([7] * len(segment.boxes), pa.int64()),
+        }
+        _write(folder, segment, "lidar_box", keys | columns)
+        matrices = [np.ravel(matrix).tolist() for matrix in segment.poses.values()]
+        poses = {
+            "key.segment_context_name": pa.array([segment.name] * len(segment.poses)),
+            "key.frame_timestamp_micros": pa.array(list(segment.poses), pa.int64()),
+            f"{POSE}.world_from_vehicle.transform": pa.array(matrices, pa.list_(pa.float64(), 16)),
+        }
+        _write(folder, segment, "vehicle_pose", poses)
+    return folder
+
+
+def _write(folder: Path, segment: Segment, component: str, columns: dict) -> None:
+    path = folder / segment.split / component / f"{segment.name}.parquet"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    pq.write_table(pa.table(columns), path)
