@@ -16,6 +16,7 @@ from lidarplace.configuration.settings import (
     Height,
     Name,
     Settings,
+    did_you_mean,
     fault,
     short_for,
 )
@@ -102,7 +103,8 @@ def named_placement(name: str, lidar: Lidar) -> Placement:
         return read_placement(Path(name), lidar)
     if name not in PAPER_PLACEMENTS:
         raise ValueError(
-            f"--placement {name}: allowed are {', '.join(PAPER_PLACEMENTS)} and a FILE.yaml"
+            f"--placement {name}{did_you_mean(name, PAPER_PLACEMENTS)}: allowed are "
+            f"{', '.join(PAPER_PLACEMENTS)} and a FILE.yaml"
         )
     return PAPER_PLACEMENTS[name].with_lidar(lidar)
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
+import re
 import reprlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -99,7 +101,9 @@ def fault(error: ValidationError) -> str:
 
 def key_path(loc: Sequence[int | str]) -> str:
     """A place in nested settings as one would write it, `mounts[0].z`."""
-    parts = (f"[{part}]" if isinstance(part, int) else f".{shortened(part)}" for part in loc)
+    # Of a key that is wrong itself pydantic says "[key]" behind it.
+    named = (part for part in loc if part != "[key]")
+    parts = (f"[{part}]" if isinstance(part, int) else f".{shortened(part)}" for part in named)
     return "".join(parts).lstrip(".")
 
 
@@ -112,9 +116,20 @@ def what_is_wrong(mistake: Mapping[str, Any]) -> str:
     if mistake["type"] == "json_invalid":  # the whole text was found
         return str(mistake["msg"])
     allowed = mistake["msg"].removeprefix("Value error, ").removeprefix("Input ")
-    if isinstance(mistake["input"], (dict, BaseModel)):
+    value, hint = mistake["input"], ""
+    if isinstance(value, (dict, BaseModel)):
         return str(allowed)
-    return f"found {found(mistake['input'])}; {allowed}"
+    if mistake["type"] in ("tuple_type", "list_type"):
+        allowed = f"should be a list, such as [{value}]" if isinstance(value, str) else allowed
+    if mistake["type"] == "literal_error" and isinstance(value, str):
+        hint = did_you_mean(value, re.findall("'([^']+)'", mistake["ctx"]["expected"]))
+    return f"found {found(value)}{hint}; {allowed}"
+
+
+def did_you_mean(name: str, names: Iterable[str]) -> str:
+    """A question that names the nearest of some names, "" if none is near."""
+    close = difflib.get_close_matches(name, list(names), n=1)
+    return f" (did you mean {close[0]}?)" if close else ""
 
 
 def found(value: Any) -> str:

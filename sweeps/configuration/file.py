@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
@@ -13,7 +12,7 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from lidarplace.command_line.invocation import command
-from lidarplace.configuration.settings import key_path, shortened, what_is_wrong
+from lidarplace.configuration.settings import did_you_mean, key_path, shortened, what_is_wrong
 from lidarplace.configuration.yaml import YamlError, parse_yaml, read_yaml_file
 from lidarplace.files.secret_urls import hide_secrets_in
 from lidarplace.scenes.kinds import KINDS
@@ -210,6 +209,5 @@ def _model_in(annotation: Any) -> type[BaseModel] | None:
 
 def unknown_key(key: str, model: type[BaseModel]) -> str:
     allowed = [field.alias or name for name, field in model.model_fields.items()]
-    close = difflib.get_close_matches(key.partition(".")[0], allowed, n=1)
-    hint = f" (did you mean {close[0]}?)" if close else ""
+    hint = did_you_mean(key.partition(".")[0], allowed)
     return f"unknown key{hint}; allowed are {', '.join(allowed)}"

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from lidarplace.configuration.placement import read_placement
+from lidarplace.configuration.settings import did_you_mean
 from lidarplace.mounting.vehicle import Vehicle, inside
 from lidarplace.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.recall.detection_curve import DetectionCurves, default_curves, read_curves
@@ -90,9 +91,10 @@ def _rigs(file: RequirementsFile) -> tuple[Placement, ...]:
         elif name.endswith((".yaml", ".yml")):
             rigs.append(replace(read_placement(Path(name), lidar), name=name))
         else:
-            known = ", ".join([*file.placements, *PAPER_PLACEMENTS])
+            known = [*file.placements, *PAPER_PLACEMENTS]
             raise ValueError(
-                f"rigs: no placement {name!r}; allowed are {known}, a FILE.yaml, a run folder"
+                f"rigs: no placement {name!r}{did_you_mean(name, known)}; allowed are "
+                f"{', '.join(known)}, a FILE.yaml, a run folder"
             )
     return tuple(rigs)
 

@@ -61,9 +61,13 @@ def _number_as_interval(value: Any) -> Any:
     return [value, value] if isinstance(value, (int, float)) else value
 
 
-Span = Annotated[tuple[Aside, Aside], BeforeValidator(_number_as_interval), Field()]
+Span = Annotated[
+    tuple[Aside, Aside], BeforeValidator(_number_as_interval), AfterValidator(_ordered)
+]
 """A number, or [min, max]."""
-Heights = Annotated[tuple[Height, Height], BeforeValidator(_number_as_interval), Field()]
+Heights = Annotated[
+    tuple[Height, Height], BeforeValidator(_number_as_interval), AfterValidator(_ordered)
+]
 """The same above the ground."""
 Turn = Annotated[
     tuple[Degrees, Degrees], BeforeValidator(_number_as_interval), AfterValidator(_ordered)
@@ -127,9 +131,9 @@ class ZoneSettings(Settings):
         if corners is None:
             assert self.x is not None
             assert self.y is not None
-            (x0, x1), (y0, y1) = _ordered(self.x), _ordered(self.y)
+            (x0, x1), (y0, y1) = self.x, self.y
             corners = ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
-        return Zone(name, corners, _ordered(self.z))
+        return Zone(name, corners, self.z)
 
 
 class ModelSettings(SensorSettings):

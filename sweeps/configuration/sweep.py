@@ -30,6 +30,7 @@ from lidarplace.configuration.settings import (
     Seed,
     Settings,
     Text,
+    did_you_mean,
     short_for,
 )
 from lidarplace.configuration.weather import WeatherSettings
@@ -416,8 +417,9 @@ class Common(Settings):
             return self.placements[name].placement(name, lidar)
         if name in PAPER_PLACEMENTS:
             return PAPER_PLACEMENTS[name].with_lidar(lidar)
-        known = ", ".join([*PAPER_PLACEMENTS, *self.placements])
-        raise ValueError(f"no placement {name!r}; allowed are {known}")
+        known = [*PAPER_PLACEMENTS, *self.placements]
+        hint = did_you_mean(name, known)
+        raise ValueError(f"no placement {name!r}{hint}; allowed are {', '.join(known)}")
 
     def rig_named(self, name: str, point: Point) -> Placement:
         """The placement called `name` with the LiDARs of a point, in its weather.

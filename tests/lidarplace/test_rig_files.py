@@ -35,6 +35,7 @@ METRES = st.floats(-5, 5)
 MOUNT = st.builds(Mount, METRES, METRES, st.floats(0, 5), ANGLE, ANGLE, ANGLE)
 
 
+@settings(deadline=None)
 @given(ANGLE, ANGLE, ANGLE)
 def test_angles_of_a_rotation_are_the_same_rotation(roll, pitch, yaw):
     matrix = rotation(roll, pitch, yaw)
