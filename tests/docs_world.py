@@ -62,6 +62,8 @@ SEARCH = {
 }
 
 
+LABELS, MAPPING = "examples/labels/labels.csv", "examples/labels/map.yaml"
+
 GENERALIST = SWEEP | {
     "generalist": {"rigs": 2, "rigs_per_frame": 1, "epochs": 1},
     "grid": {"placement": ["line", "center"], "judge": ["generalist", "specialist"]},
@@ -102,6 +104,7 @@ def make_world(folder: Path) -> None:
         ("sweeps.record", "examples/grid.yaml", "logs"),
         ("sweeps.pretrain", "grid.yaml", "--out", "base.pt"),
         ("lidarplace.export", "small", "data/kitti", "--placement", "line"),
+        ("lidarplace.convert", "table", LABELS, "logs/labels", "--mapping", MAPPING),
     ):
         result = run(verb, *arguments)
         assert result.exit_code == 0, f"{verb} {arguments}: {result.output}"

@@ -50,6 +50,10 @@ SMALLER = {
     "sweeps.accuracy": ["--resolution", "0.8", "--azimuth-steps", "90", "--frames-share", "1"],
     "sweeps.pretrain": ["--set", "training.epochs=1"],
     "lidarplace.export": ["--roi", "0", "20", "-10", "10", "0", "4"],
+    "examples/labels/sweep.yaml": [
+        *("--set", "ray=debug", "--set", "training.epochs=1", "--set", "lidar.cloud_share=0.02"),
+        *("--set", "grid.seed=[1]", "--set", "surrogate.resolution=0.8"),
+    ],
     "mine.yaml": [
         *("--set", "ray=debug", "--set", "lidar.azimuth_steps=90", "--set", "lidar.beams=4"),
         *(
