@@ -20,7 +20,7 @@ SETTINGS = {
     "search.objective=recal": "search.objective[0].by: found 'recal' (did you mean recall?); "
     "should be 's_mig', 'ig', 'h_pog', 'covered_entropy', 'residual_entropy', 'm_sog', "
     "'expected_points', 'expected_ig', 'expected_recall', 'AP_R40_3D', 'AP_R40_BEV', "
-    "'AP_R40_3D_mean', 'recall', 'mean_overlap', 'price' or 'margin'",
+    "'AP_R40_3D_mean', 'recall', 'mean_overlap', 'price', 'power' or 'margin'",
     "search.objective=recall.car": "search.objective[0].weights.car: found 'car' (did you mean "
     "Car?); should be 'Car', 'Cyclist' or 'Pedestrian'",
     "search.zones.roof.x=[1,0]": "search.zones.roof.x: found [1, 0]; allowed is a number, or "
