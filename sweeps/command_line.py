@@ -52,6 +52,7 @@ VERBS = {
     "rig": Verb("lidarplace.rig", "Read and write the rigs of other tools."),
     "pretrain": Verb("sweeps.pretrain", "Train a detector on all placements together.", "sweeps"),
     "calibrate": Verb("sweeps.calibrate", "Fit detection curves to the detections of a sweep."),
+    "failures": Verb("sweeps.failures", "What does one rig find and another one miss?"),
     "requirements": Verb("sweeps.requirements", "Does a rig see what its vehicle needs?"),
     "accuracy": Verb("sweeps.accuracy", "Compare ways to compute the surrogates."),
 }

@@ -49,6 +49,21 @@ def count_points_per_object(boxes: pd.DataFrame, clouds: Clouds) -> pd.DataFrame
     return table[counts >= 0].reset_index(drop=True)
 
 
+def box_of_points(points: NDArray[np.float32], boxes: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Which of boxes (m, 7) holds each of points (n, 3 or more), within `MARGIN_M`; shape (n,).
+
+    -1 for none, the last of several.
+    """
+    owner = np.full(len(points), -1)
+    for number, (*centre, length, width, height, yaw) in enumerate(boxes.tolist()):
+        x, y, z = (points[:, :3] - np.array(centre)).T
+        c, s = math.cos(yaw), math.sin(yaw)
+        inside = np.abs(c * x + s * y) <= length / 2 + MARGIN_M
+        inside &= np.abs(c * y - s * x) <= width / 2 + MARGIN_M
+        owner[inside & (np.abs(z) <= height / 2 + MARGIN_M)] = number
+    return owner
+
+
 @njit(cache=True, nogil=True)
 def _count(points, boxes):  # pragma: no cover - compiled
     counts = np.zeros(len(boxes), np.int64)

@@ -21,6 +21,8 @@ from sweeps.configuration.grid import Sweep
 from sweeps.configuration.sweep import Point
 from sweeps.execution.execute import Outcome
 from sweeps.plan.plan import Plan, Trial, further_axes
+from sweeps.results.failure_frames import failure_frames
+from sweeps.results.object_tables import object_tables
 from sweeps.results.pictures import drawn, maps, one_frame
 from sweeps.results.promotion import Promotion
 from sweeps.results.rig_cautions import rig_cautions
@@ -38,7 +40,9 @@ from sweeps.store.local import write_text
 from sweeps.store.open import AnyStore
 from sweeps.tasks.task import Task
 from tracking.mlflow.uri import absolute_uri
+from tracking.report.failures import failures_to_show
 from tracking.run_folders import sweep_tables as contract
+from tracking.run_folders.sweep_arrays import FailureFrames
 from tracking.run_folders.sweep_json import Frames, LidarModel, Rung, SweepResult
 
 _VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas")
@@ -91,6 +95,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
         """One table of the evaluations."""
         return _stack([trial_results(trial, store, axes, name) for trial in tested])
 
+    objects, found = object_tables(tested, store, axes)
     surrogates = _stack([gathered(stage, "table", known) for stage in ("surrogates", "recall")])
     with_rays = [t for t in known if "expected_ig" in t.grid_point.point.surrogate.names]
     write_text(folder / "config.yaml", public_yaml(sweep.source))
@@ -106,6 +111,8 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
         (contract.SECTOR, of_trials("by_sector")),
         (contract.POINTS, _points(tested, store, axes)),
         (contract.INDIVIDUALS, _individuals(good, store, axes)),
+        (contract.OBJECTS, objects),
+        (contract.FOUND, found),
         (contract.ACCURACY, gathered("accuracy", "table", known)),
         (contract.SAMPLING_ERROR, gathered("sampling_error", "estimates", known)),
         (contract.POG_RESAMPLES, gathered("sampling_error", "resamples", known)),
@@ -126,6 +133,10 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
             one_frame(shown, store).write(folder)
         pictured = axis_values(shown[0], [a for a in axes if a in surrogates.columns])
     _about(sweep, Frames(**frames), run, pictured, rig_cautions(plan, store)).write(folder)
+    (folder / FailureFrames.FILE).unlink(missing_ok=True)  # of an earlier run
+    compared = failures_to_show(folder)
+    if compared is not None:
+        failure_frames(compared, {trial.key: trial for trial in tested}, store).write(folder)
 
 
 def trials_table(plan: Plan, store: AnyStore, run: Run, axes: Sequence[str]) -> pd.DataFrame:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from made_up_objects import made_up_found, made_up_frames, made_up_objects
 
 from lidarplace.boxes import CLASSES
 from tracking.findings.training_cost import COST_AXES
@@ -70,6 +71,8 @@ def write_run(
             | {"seconds": np.nan, "status": "finished", "error": ""}
             for i, (scene, name) in enumerate(product(scenes, names))
         ]
+    of_objects = np.random.default_rng(seed + 1)
+    objects = made_up_objects(of_objects, scenes) if detectors else []
     estimates, resamples = _sampling_error(rng, quality, scenes)
     tables = {
         "trials": trials,
@@ -81,6 +84,8 @@ def write_run(
         "sector": _sector(results),
         "points": _points(rng, quality, scenes) if detectors else [],
         "individuals": _individuals(scenes) if detectors else [],
+        "objects": objects,
+        "found": made_up_found(of_objects, objects, trials, quality),
         "surrogates": _surrogates(rng, quality, scenes),
         "expected_ig_by_q": _by_q(rng, quality, scenes),
         "accuracy": _accuracy(rng, names),
@@ -110,6 +115,8 @@ def write_run(
     _write_maps(path, names if detectors else names[:12], roi)
     if detectors:
         _write_frame(rng, path, names, points)
+        shown = made_up_frames(of_objects, objects, (names[0], names[-1]), [0, 13])
+        np.savez_compressed(path / "failures.npz", **shown)
     return path
 
 

@@ -33,7 +33,7 @@ def test_every_linked_csv_file_is_there_and_no_other(folder):
     links = Page((folder / "report.html").read_text(encoding="utf-8")).links
     linked = {link for link in links if not link.startswith("#")}
     files = {f"tables/{file.name}" for file in (folder / "tables").glob("*.csv")}
-    assert linked == {"decision.html", *files}
+    assert linked == {"decision.html", "failures.html", *files}
     assert (folder / "tables" / "mine.txt").is_file()
     assert "tables/placements-car.csv" in linked
 

@@ -87,10 +87,11 @@ def test_a_folder_of_which_only_the_lock_is_there_is_of_an_unfinished_sweep(tmp_
 
 
 def test_optional_files_may_be_missing(copy):
-    for name in ("curves.parquet", "maps.npz", "frame.npz"):
+    for name in ("curves.parquet", "maps.npz", "frame.npz", "found.parquet", "failures.npz"):
         (copy / name).unlink()
     run = RunFolder.read(copy)
     assert (run.curves, run.maps, run.frame) == (None, None, None)
+    assert (run.found, run.failures) == (None, None)
     assert run.tasks is not None
 
 
@@ -99,7 +100,7 @@ def test_what_is_written_is_read(made_up_run, tmp_path):
     again = tmp_path / "again"
     again.mkdir()
     shutil.copy(made_up_run / "config.yaml", again)
-    for written in (run.sweep, run.maps, run.frame):
+    for written in (run.sweep, run.maps, run.frame, run.failures):
         written.write(again)
     there = [table for table in TABLES if table is not PROMOTIONS]
     for table in there:
@@ -108,7 +109,7 @@ def test_what_is_written_is_read(made_up_run, tmp_path):
     assert read.sweep == run.sweep
     for table in there:
         assert_frame_equal(getattr(read, table.name), getattr(run, table.name))
-    for name in ("maps", "frame"):
+    for name in ("maps", "frame", "failures"):
         np.testing.assert_equal(vars(getattr(read, name)), vars(getattr(run, name)))
 
 

@@ -120,10 +120,7 @@ def best_placement(
     means = seed_mean(values)
     of_seeds = Noise.of(values, shared=generalist)
     sample = None if left_out is None else sample_error(left_out, paired=True)
-    noise = combined(of_seeds, sample)
-    alone = generalist and of_seeds.degrees == 0 and sample is not None and len(y) > 1
-    if alone and sample is not None:
-        noise = Noise(of_seeds.counts, sample.variance, math.floor(sample.degrees))
+    noise = noise_of(values, sample, generalist)
     low, high = lead_intervals(means, noise).T
     table = {"mean": means, "seeds": of_seeds.counts, "lead": means[0] - means}
     table |= {"low": low, "high": high, "p": _lead_tests(means, noise)}
@@ -131,7 +128,7 @@ def best_placement(
     note = ""
     if len(y) == 1:
         note = "one placement: there is nothing to compare it with"
-    elif alone:
+    elif of_seeds.degrees == 0 and noise.degrees > 0:
         note = "one generalist: what another one would say is not in the intervals"
     elif of_seeds.degrees == 0:
         note = "one seed each: how much the training scatters is unknown, so there is no interval"
@@ -145,6 +142,20 @@ def best_placement(
         note=note,
         noise=noise,
     )
+
+
+def noise_of(values: NDArray[np.float64], sample: SampleError | None, generalist: bool) -> Noise:
+    """How means over seeds scatter by seeds and test objects.
+
+    Args:
+        values: of placements by seeds, NaN where a seed is missing, shape (n, seeds).
+        sample: error by the choice of the test objects, where it is known.
+        generalist: as for `best_placement`.
+    """
+    of_seeds = Noise.of(values, shared=generalist)
+    if generalist and of_seeds.degrees == 0 and sample is not None and len(values) > 1:
+        return Noise(of_seeds.counts, sample.variance, math.floor(sample.degrees))
+    return combined(of_seeds, sample)
 
 
 def lead_intervals(means: NDArray[np.float64], noise: Noise) -> NDArray[np.float64]:
@@ -180,4 +191,6 @@ def _error(noise: Noise) -> NDArray[np.float64]:
 @lru_cache(maxsize=256)
 def _critical_range(placements: int, degrees: float) -> float:
     """What 5 % of studentized ranges exceed; slow to compute, and the same for every metric."""
+    if placements == 2:  # the same in closed form
+        return math.sqrt(2) * float(stats.t.ppf(0.975, degrees))
     return float(stats.studentized_range.ppf(0.95, placements, degrees))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -13,6 +13,7 @@ from lidarplace.metrics import HEADLINE_METRIC
 from tracking.findings.training_cost import is_longest
 from tracking.kitti_iou import headline_iou
 from tracking.labels import metric_label, setting_label, surrogate_name
+from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import Rung
 
 FULL_TRAINING = "full training"
@@ -44,6 +45,12 @@ class Promoted:
     def placements(self) -> int:
         """Placements that the first rung ranked."""
         return int((self.rungs["rung"] == self.rungs["rung"].min()).sum())
+
+
+def fully_trained(run: RunFolder) -> RunFolder:
+    """The run as if no training had been a shorter one."""
+    full = is_full(run.results, run.axes, run.sweep.promote)
+    return replace(run, results=run.results[full])
 
 
 def is_full(table: pd.DataFrame, axes: Sequence[str], rungs: Sequence[Rung] = ()) -> pd.Series:

@@ -31,6 +31,7 @@ def write_markdown(
     blocks = [f"# {escaped(title)}", *first]
     for section in sections:
         blocks += [f"## {escaped(section.title)}", *map(escaped, section.notes)]
+        blocks += [f"[{escaped(words)}]({address})" for address, words in section.links.items()]
         if section.figures:
             titles = (figure_title(figure) or section.title for figure in section.figures)
             names = "; ".join(map(escaped, titles))

@@ -44,7 +44,7 @@ def write_page(target: Path, template: Path, sections: Sequence[Section], **valu
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    drawn = {id(figure): _as_json(figure) for section in sections for figure in section.figures}
+    drawn = {id(figure): figure_json(figure) for section in sections for figure in section.figures}
 
     def render() -> bytes:
         return (
@@ -97,6 +97,6 @@ def _leave_out(
     say(f"{target}: left out to stay below {limit}: {'; '.join(gone)}", sys.stderr)
 
 
-def _as_json(figure: go.Figure) -> str:
+def figure_json(figure: go.Figure) -> str:
     """A figure as JSON that no text in it can end the script element around it."""
     return str(figure.to_json()).replace("<", "\\u003c")

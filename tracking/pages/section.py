@@ -16,7 +16,8 @@ from tracking.pages.tables import Table, slug
 class Section:
     """A heading with sentences, figures in `columns` and tables below it.
 
-    A `folded` one shows its heading until it is opened, or printed.
+    A `folded` one shows its heading until it is opened, or printed. `links` lead to other files, by
+    address, and stand below the sentences.
     """
 
     title: str
@@ -25,6 +26,7 @@ class Section:
     tables: list[Table] = field(default_factory=list)
     columns: int = 3
     folded: bool = False
+    links: dict[str, str] = field(default_factory=dict)
 
     @property
     def anchor(self) -> str:

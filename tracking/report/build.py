@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
@@ -14,11 +14,12 @@ from tracking.findings.best_surrogate import Predictors, best_surrogates
 from tracking.findings.ceiling import beside, ceilings
 from tracking.findings.correlation import correlate
 from tracking.findings.distinct_rigs import copies, without
+from tracking.findings.failures import Failures
 from tracking.findings.generalist import with_judgements
 from tracking.findings.groups import Group, groups, pictured
 from tracking.findings.individuals import count_individuals
 from tracking.findings.leave_one_out import leave_one_out
-from tracking.findings.promotion import is_full
+from tracking.findings.promotion import fully_trained
 from tracking.findings.summary import by_surrogate, seed_means
 from tracking.kitti_iou import judged
 from tracking.labels import some
@@ -28,6 +29,8 @@ from tracking.pages.page import write_page
 from tracking.pages.section import Section
 from tracking.report.cautions import cautions
 from tracking.report.decision.build import write_decision
+from tracking.report.failures import FILE as FAILURES
+from tracking.report.failures import compared_failures, write_failures
 from tracking.report.headline import Verdict, headline_ranking, surrogate_verdicts, verdicts
 from tracking.report.sections.accuracy import accuracy_section
 from tracking.report.sections.agreement import agreement_section
@@ -41,6 +44,7 @@ from tracking.report.sections.coverage import coverage_section, rigs_section
 from tracking.report.sections.curves import curves_section
 from tracking.report.sections.density import density_section
 from tracking.report.sections.detectors import detectors_section
+from tracking.report.sections.failures import failures_section, lacking_section
 from tracking.report.sections.generalist import generalist_section
 from tracking.report.sections.individuals import individuals_section
 from tracking.report.sections.placements import placements_section
@@ -62,9 +66,9 @@ MOST_CARDS = 6
 def build_report(run: Path) -> Path:
     """Write the pages of the run folder `run` into it; return the report.
 
-    `report.html` and, with results, `decision.html` are one file each that loads nothing from a
-    network, see `tracking.pages.page`. `report.md` and `tables/` hold the tables of the report,
-    rounded and raw.
+    `report.html` and, with results, `decision.html` and `failures.html` are one file each that
+    loads nothing from a network, see `tracking.pages.page`. `report.md` and `tables/` hold the
+    tables of the report, rounded and raw.
 
     Raises:
         ValueError: `run` is no run folder, see `RunFolder.read`.
@@ -74,7 +78,9 @@ def build_report(run: Path) -> Path:
     whole = without(complete, set(same))
     found = _Analysis.of(whole)
     folder = found.run
-    sections = [section for section in _sections(whole, found) if section is not None]
+    pair = compared_failures(folder, found.rankings)
+    failures = lacking_section(folder) if pair is None else failures_section(pair, FAILURES)
+    sections = [section for section in _sections(whole, found, failures) if section is not None]
     for section in sections:
         section.tables = [table.without_dashes() for table in section.tables]
     cards, findings = _verdicts(found)
@@ -88,7 +94,10 @@ def build_report(run: Path) -> Path:
         mode="json", by_alias=True, exclude_unset=True, exclude={"placements"}
     )
     write_csv_files(folder.path / FOLDER, sections)
-    decision = write_decision(folder, found.rankings, found.means, extent, warnings)
+    _write_failures(folder, pair, failures, extent)
+    decision = write_decision(
+        folder, found.rankings, found.means, extent, warnings, None if pair is None else failures
+    )
     page = write_page(
         folder.path / "report.html",
         Path(__file__).with_name("report.html"),
@@ -140,8 +149,7 @@ class _Analysis:
 
     @classmethod
     def of(cls, whole: RunFolder) -> _Analysis:
-        full = is_full(whole.results, whole.axes, whole.sweep.promote)
-        run = replace(whole, results=whole.results[full])
+        run = fully_trained(whole)
         results, surrogates = run.results, with_judgements(run)
         means = seed_means(results, run.axes, run.left_out, run.sweep.judge)
         most = ceilings(results, run.left_out, run.axes, run.sweep.judge)
@@ -162,7 +170,9 @@ class _Analysis:
         )
 
 
-def _sections(whole: RunFolder, found: _Analysis) -> Iterator[Section | None]:
+def _sections(
+    whole: RunFolder, found: _Analysis, failures: Section | None
+) -> Iterator[Section | None]:
     """The page from top to bottom."""
     run, means, order = found.run, found.means, found.order
     yield best_section(run, found.rankings, means)
@@ -188,11 +198,25 @@ def _sections(whole: RunFolder, found: _Analysis) -> Iterator[Section | None]:
     yield individuals_section(run)
     yield by_distance_section(run, found.groups)
     yield by_sector_section(run, found.groups)
+    yield failures
     yield accuracy_section(run)
     yield sampling_error_section(run, order)
     yield training_cost_section(whole)
     yield curves_section(run, found.groups)
     yield where_time_went(run)
+
+
+def _write_failures(
+    run: RunFolder, pair: Failures | None, section: Section | None, extent: str
+) -> None:
+    """The page of the rigs that are compared, or none of an earlier run."""
+    target = run.path / FAILURES
+    if pair is None or section is None:
+        target.unlink(missing_ok=True)
+        return
+    links = {"decision.html": "Decision", "report.html": "Research report"}
+    frames = run.failures if run.failures and run.failures.rigs.tolist() == [*pair.rigs] else None
+    write_failures(target, pair, frames, section, run.roi, extent, links)
 
 
 def _verdicts(found: _Analysis) -> tuple[list[Verdict], str]:

@@ -12,7 +12,7 @@ from lidarplace.command_line.invocation import command
 from lidarplace.files.atomic import read_text
 from lidarplace.placement import Mount
 from lidarplace.roi import Roi
-from tracking.run_folders.sweep_arrays import Frame, Maps
+from tracking.run_folders.sweep_arrays import FailureFrames, Frame, Maps
 from tracking.run_folders.sweep_json import SweepResult
 from tracking.run_folders.sweep_tables import RESULTS, SURROGATES, TABLES, TRIALS
 
@@ -56,8 +56,11 @@ class RunFolder:
     pog_resamples: pd.DataFrame | None
     tasks: pd.DataFrame | None
     promotions: pd.DataFrame | None
+    objects: pd.DataFrame | None
+    found: pd.DataFrame | None
     maps: Maps | None
     frame: Frame | None
+    failures: FailureFrames | None
 
     @property
     def classes(self) -> tuple[str, ...]:
@@ -119,4 +122,5 @@ class RunFolder:
             **tables,
             maps=Maps.read(path),
             frame=Frame.read(path),
+            failures=FailureFrames.read(path),
         )

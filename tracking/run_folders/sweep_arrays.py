@@ -102,3 +102,58 @@ class Frame(ArrayFile):
                     f"{path}: points/{name} needs 4 numbers for each of {len(self.lidar[name])} "
                     f"points, found shape {points.shape}"
                 )
+
+
+@dataclass(frozen=True)
+class FailureFrames(ArrayFile):
+    """Frames that tell which objects one rig found and another one missed.
+
+    Attributes:
+        rigs: the two placements, shape (2,), str.
+        objects: number in `objects.parquet` of the object that each frame is shown for, shape (n,),
+            int64.
+        points: by place in `objects` and in `rigs`, as `0/1`, x, y, z in metres of a thinned cloud
+            that has all points on objects, shape (p, 3), float32.
+        detections: alike, x, y, z, length, width, height, yaw and score of the lowest seed's, shape
+            (d, 8), float64.
+    """
+
+    FILE: ClassVar[str] = "failures.npz"
+
+    rigs: NDArray[np.str_]
+    objects: NDArray[np.int64]
+    points: dict[str, NDArray[np.float32]]
+    detections: dict[str, NDArray[np.float64]]
+
+    @classmethod
+    def read(cls, folder: Path) -> FailureFrames | None:
+        """None if they are not in `folder`. Raises ValueError that names file and array."""
+        path = folder / cls.FILE
+        if not path.is_file():
+            return None
+        arrays = read_npz(path)
+        missing = [name for name in ("rigs", "objects") if name not in arrays]
+        if missing:
+            raise ValueError(f"{path} has no array {', '.join(missing)}; found {', '.join(arrays)}")
+        points, detections = within(arrays, "points"), within(arrays, "detections")
+        frames = cls(arrays["rigs"], arrays["objects"], points, detections)
+        frames._check(path)
+        return frames
+
+    def _check(self, path: Path) -> None:
+        """Raise ValueError unless the arrays are of the shapes that the class tells."""
+        if self.rigs.shape != (2,) or self.rigs.dtype.kind != "U":
+            raise ValueError(f"{path}: rigs must hold two names, found {self.rigs!r}")
+        check_numbers("objects", self.objects, 1, path)
+        places = [f"{place}/{rig}" for place in range(len(self.objects)) for rig in range(2)]
+        for field, width in (("points", 3), ("detections", 8)):
+            own = getattr(self, field)
+            for place in places:
+                if place not in own:
+                    raise ValueError(f"{path} has no array {field}/{place}")
+                check_numbers(f"{field}/{place}", own[place], 2, path)
+                if own[place].shape[1] != width:
+                    raise ValueError(
+                        f"{path}: {field}/{place} needs {width} columns, found shape "
+                        f"{own[place].shape}"
+                    )

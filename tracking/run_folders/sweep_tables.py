@@ -187,6 +187,34 @@ INDIVIDUALS = Table(
     ),
     axes=_SCENE_AXES,
 )
+OBJECTS = Table(
+    "objects",
+    "an object in one test frame, of those that count",
+    (
+        Column("object", "int64", "its number, from 0"),
+        Column("scene", None, "as in the box log"),
+        Column("frame", "int64", "as in the box log"),
+        Column("route", None, "as in the box log"),
+        Column("object_id", None, "as in the box log"),
+        _CLASS,
+        *(Column(axis, "float64", "of the centre, ego frame, m") for axis in "xyz"),
+        *(Column(side, "float64", "m") for side in ("length", "width", "height")),
+        Column("yaw", "float64", "from the x axis to the left"),
+        Column("visibility", "float64", "share that an ideal sensor on the roof sees, in [0, 1]"),
+        Column("occluded", "int64", "KITTI's level of it: 0 fully visible, 1 partly, 2 largely"),
+    ),
+    axes=_SCENE_AXES,
+)
+FOUND = Table(
+    "found",
+    "an object and a trial whose detector was to find it",
+    (
+        _TRIAL,
+        Column("object", "int64", "its number in `objects.parquet`"),
+        Column("points", "int64", "of the clouds on it"),
+        Column("found", "bool", "whether `class_recall_3D` counts it at KITTI's strict IoU"),
+    ),
+)
 ACCURACY = Table(
     "accuracy",
     "a surrogate computed in one of several ways",
@@ -270,5 +298,5 @@ TASKS = Table(
 
 TABLES: tuple[Table, ...] = (RESULTS, SURROGATES, TRIALS, EXPECTED_IG_BY_Q, CURVES, PR_CURVES)
 TABLES += (DISTANCE, SECTOR, LEFT_OUT, POINTS, INDIVIDUALS, ACCURACY, SAMPLING_ERROR, POG_RESAMPLES)
-TABLES += (PROMOTIONS, TASKS)
+TABLES += (OBJECTS, FOUND, PROMOTIONS, TASKS)
 """All of them."""

@@ -12,6 +12,7 @@ from tracking.findings.best_placement import BestPlacement
 from tracking.findings.groups import Group
 from tracking.pages.csv_files import FOLDER
 from tracking.pages.page import write_page
+from tracking.pages.section import Section
 from tracking.report.decision.recall_and_ap import recall_and_ap_section
 from tracking.report.decision.recommendation import not_known, recommendations
 from tracking.report.decision.rigs import rigs_section
@@ -27,6 +28,7 @@ def write_decision(
     means: pd.DataFrame,
     extent: str,
     warnings: Sequence[str],
+    failures: Section | None,
 ) -> Path | None:
     """Write the page into the folder of the run, or remove that of an earlier run.
 
@@ -35,6 +37,7 @@ def write_decision(
         means: `seed_means` of the run.
         extent: how much was compared, in one line.
         warnings: what makes the numbers weak.
+        failures: the section of what the best rig and the next one find alone, if there is one.
 
     Returns:
         None without results: there is nothing to decide by.
@@ -50,7 +53,7 @@ def write_decision(
     return write_page(
         target,
         Path(__file__).with_name("decision.html"),
-        [*sections, *([blind] if blind else [])],
+        [*sections, *(own for own in (blind, _in_short(failures)) if own is not None)],
         name=run.sweep.name,
         extent=extent,
         verdicts=first.verdicts(run),
@@ -64,7 +67,14 @@ def write_decision(
     )
 
 
+def _in_short(failures: Section | None) -> Section | None:
+    """What the section comes to, and the link to its frames."""
+    if failures is None:
+        return None
+    return Section(failures.title, notes=failures.notes[:2], links=failures.links)
+
+
 def _tables(folder: Path) -> list[str]:
     """Names of the CSV files that hold what the page tells."""
-    starts = ("best-", "placements-", "recall-by-direction", "ap-by-distance")
+    starts = ("best-", "placements-", "recall-by-direction", "ap-by-distance", "failures")
     return sorted(file.name for file in folder.glob("*.csv") if file.name.startswith(starts))

@@ -44,6 +44,12 @@ class Recommendation:
         """Placements that the page draws, the best first."""
         return [str(name) for name in self.best.sure.index[:MOST_RIGS]]
 
+    @property
+    def compared(self) -> tuple[str, str] | None:
+        """The recommended placement and the next one behind it; None: there is no other."""
+        others = self.best.others.index
+        return (self.best.best, str(others[0])) if len(others) else None
+
     def metric(self, run: RunFolder) -> str:
         """What decides, at the beginning of a sentence."""
         label = metric_label(headline_metric(self.by), headline_iou(run.results, self.by))

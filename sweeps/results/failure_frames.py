@@ -1,0 +1,60 @@
+"""The clouds and detections of the frames that tell what one rig finds and another one misses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarplace.boxes import GEOMETRY
+from lidarplace.lidar.clouds import JoinedClouds, PointClouds
+from lidarplace.lidar.points_in_boxes import box_of_points
+from sweeps.plan.plan import Trial
+from sweeps.store.open import AnyStore
+from tracking.findings.failures import Failures
+from tracking.run_folders.sweep_arrays import FailureFrames
+
+POINTS = 3000
+"""Points beside objects that are kept of a cloud, drawn at random: a page has forty clouds."""
+
+
+def failure_frames(
+    failures: Failures, trials: Mapping[str, Trial], store: AnyStore
+) -> FailureFrames:
+    """The frames of `Failures.telling`, with the detections of the lowest seed.
+
+    Args:
+        trials: by key.
+    """
+    shown = failures.objects.iloc[failures.telling()]
+    found = FailureFrames(
+        np.array(failures.rigs, np.str_), shown["object"].to_numpy(np.int64), {}, {}
+    )
+    for rig, key in enumerate(failures.trials):
+        trial = trials[key]
+        clouds = _clouds(trial, store)
+        index = {frame: i for i, frame in enumerate(clouds.frames.tolist())}
+        assert trial.evaluate is not None
+        detections = store.load(trial.evaluate, ("detections",))["detections"]
+        for place, frame in enumerate(shown["frame"].tolist()):
+            objects = failures.objects[failures.objects["frame"] == frame]
+            boxes = objects[list(GEOMETRY)].to_numpy(np.float64)
+            found.points[f"{place}/{rig}"] = _thinned(clouds[index[frame]], boxes)
+            own: Any = detections[detections["frame"] == frame]
+            found.detections[f"{place}/{rig}"] = own[[*GEOMETRY, "score"]].to_numpy(np.float64)
+    return found
+
+
+def _clouds(trial: Trial, store: AnyStore) -> JoinedClouds[PointClouds]:
+    return JoinedClouds([PointClouds.from_arrays(store.load(task)) for task in trial.collect_test])
+
+
+def _thinned(cloud: NDArray[np.float32], boxes: NDArray[np.float64]) -> NDArray[np.float32]:
+    """All points in boxes (m, 7), and at most `POINTS` others; x, y, z."""
+    on_objects = box_of_points(cloud, boxes) >= 0
+    others = np.flatnonzero(~on_objects)
+    if len(others) > POINTS:
+        others = np.random.default_rng(0).choice(others, POINTS, replace=False)
+    return cloud[np.sort(np.concatenate([np.flatnonzero(on_objects), others])), :3]

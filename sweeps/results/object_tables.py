@@ -1,0 +1,82 @@
+"""The objects of the test frames, and which of them each trial found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from lidarplace.boxes import GEOMETRY
+from lidarplace.metrics import kitti_iou
+from sweeps.plan.plan import Trial
+from sweeps.results.trial_results import axis_values, with_columns
+from sweeps.store.open import AnyStore
+from tracking.run_folders.sweep_tables import OBJECTS
+from training.found_objects import found_objects
+
+_ABOUT = ("scene", "frame", "route", "object_id", "class", *GEOMETRY, "visibility", "occluded")
+
+
+def object_tables(
+    trials: Sequence[Trial], store: AnyStore, axes: Sequence[str]
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """`objects` and `found` of the run folder; objects that several trials share stand there once.
+
+    Args:
+        trials: evaluated ones.
+        axes: further axes of the grid.
+    """
+    own = OBJECTS.axes_of(axes)
+    of_setting: dict[tuple[object, ...], pd.DataFrame] = {}
+    found = []
+    first = 0
+    for trial in trials:
+        setting = axis_values(trial, own)
+        classes = trial.grid_point.point.classes
+        place = (*(task.key for task in trial.ground_truths), classes, *setting.values())
+        if place not in of_setting:
+            objects = _test_objects(trial, store)
+            objects.insert(0, "object", first + np.arange(len(objects)))
+            of_setting[place] = with_columns(objects, setting)
+            first += len(objects)
+        found.append(_found(trial, of_setting[place], store))
+    if not found:
+        return pd.DataFrame(), pd.DataFrame()
+    return (
+        pd.concat(of_setting.values(), ignore_index=True),
+        pd.concat(found, ignore_index=True),
+    )
+
+
+def _test_objects(trial: Trial, store: AnyStore) -> pd.DataFrame:
+    """Those that count, with the routes of their frames."""
+    values = [store.load(task, ("objects", "frames")) for task in trial.ground_truths]
+    objects = pd.concat([value["objects"] for value in values])
+    frames = pd.concat([value["frames"] for value in values])
+    test = frames.loc[frames["split"] == "test", ["frame", "route"]]
+    objects = objects[objects["class"].isin(trial.grid_point.point.classes)]
+    return objects.merge(test, on="frame")[list(_ABOUT)]
+
+
+def _found(trial: Trial, objects: pd.DataFrame, store: AnyStore) -> pd.DataFrame:
+    """Points on each object, and whether the detector of the trial found it."""
+    assert trial.evaluate is not None
+    detections = store.load(trial.evaluate, ("detections",))["detections"]
+    hit = np.zeros(len(objects), np.bool_)
+    for name in trial.grid_point.point.classes:
+        here = (objects["class"] == name).to_numpy()
+        boxes = detections[detections["class"] == name]
+        hit[here] = found_objects(objects[here], boxes, kitti_iou(name).strict)
+    counts = pd.concat(
+        [store.load(t, ("points_per_object",))["points_per_object"] for t in trial.collect_test]
+    ).set_index(["frame", "object_id"])["points"]
+    points = counts.loc[pd.MultiIndex.from_frame(objects[["frame", "object_id"]])]
+    return pd.DataFrame(
+        {
+            "trial": trial.key,
+            "object": objects["object"].to_numpy(),
+            "points": points.to_numpy(np.int64),
+            "found": hit,
+        }
+    )

@@ -1,0 +1,87 @@
+"""Objects of a made-up run, and which of them each trial found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+FRAMES, ROUTES = 20, 4
+CLASSES = ("Car", "Pedestrian")
+HEIGHTS = {"Car": 1.5, "Pedestrian": 1.75}
+
+
+def made_up_objects(
+    rng: np.random.Generator, settings: Sequence[Mapping[str, Any]]
+) -> list[dict[str, Any]]:
+    """Of every setting five cars and five pedestrians in each of twenty frames on four routes.
+
+    The same individuals are in the five frames of a route.
+    """
+    rows: list[dict[str, Any]] = []
+    for setting in settings:
+        for frame in range(FRAMES):
+            for place in range(10):
+                name = CLASSES[place % 2]
+                x, y = rng.uniform(1, 19), rng.uniform(-9, 9)
+                share = float(rng.choice([0.2, 0.6, 1.0]))
+                rows.append(
+                    {
+                        "object": len(rows),
+                        **setting,
+                        "scene": "test",
+                        "frame": frame,
+                        "route": frame * ROUTES // FRAMES,
+                        "object_id": f"{frame * ROUTES // FRAMES}-{place}",
+                        "class": name,
+                        "x": x,
+                        "y": y,
+                        "z": HEIGHTS[name] / 2,
+                        "length": 4.2,
+                        "width": 1.8,
+                        "height": HEIGHTS[name],
+                        "yaw": rng.uniform(-np.pi, np.pi),
+                        "visibility": share,
+                        "occluded": {1.0: 0, 0.6: 1, 0.2: 2}[share],
+                    }
+                )
+    return rows
+
+
+def made_up_found(
+    rng: np.random.Generator,
+    objects: Sequence[Mapping[str, Any]],
+    trials: Sequence[Mapping[str, Any]],
+    quality: Mapping[str, float],
+) -> list[dict[str, Any]]:
+    """A better rig finds more."""
+    return [
+        {
+            "trial": trial["trial"],
+            "object": own["object"],
+            "points": int(rng.integers(0, 100)),
+            "found": bool(rng.random() < 0.3 + 0.5 * quality[str(trial["placement"])]),
+        }
+        for trial in trials
+        for own in objects
+        if all(own[key] == trial[key] for key in own.keys() & trial.keys())
+    ]
+
+
+def made_up_frames(
+    rng: np.random.Generator,
+    objects: Sequence[Mapping[str, Any]],
+    rigs: tuple[str, str],
+    shown: Sequence[int],
+) -> dict[str, np.ndarray]:
+    """Arrays of `failures.npz`: clouds on the objects that are shown, and a detection."""
+    arrays: dict[str, np.ndarray] = {"rigs": np.array(rigs), "objects": np.array(shown)}
+    for place, number in enumerate(shown):
+        own = objects[number]
+        for rig in range(2):
+            cloud = rng.normal([own["x"], own["y"], own["z"]], 0.5, (30, 3))
+            arrays[f"points/{place}/{rig}"] = cloud.astype(np.float32)
+            box = [own[k] for k in ("x", "y", "z", "length", "width", "height", "yaw")]
+            arrays[f"detections/{place}/{rig}"] = np.array([[*box, 0.9]])
+    return arrays

@@ -1,0 +1,206 @@
+"""What one rig finds and another one misses: counted by hand, and shown."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from base64 import b64decode
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from made_up_objects import made_up_frames
+from made_up_run import write_run
+from scipy import stats
+from test_report import Page
+
+from lidarplace.sectors import SECTORS
+from tracking.figures.of_sweeps.frame_in_space import FOUND, frame_in_space
+from tracking.findings.failures import Failures, failures
+from tracking.findings.groups import groups
+from tracking.report.build import build_report
+from tracking.report.failures import failures_to_show
+from tracking.run_folders.sweep import RunFolder
+
+
+@pytest.fixture(scope="module")
+def found(made_up_run) -> Failures:
+    run = RunFolder.read(made_up_run)
+    own = failures(run, next(groups(run)), ("center", "line"))
+    assert own is not None
+    return own
+
+
+def hits(folder: Path) -> pd.DataFrame:
+    """A row an object and seed, whether it was found in the columns center and line."""
+    table = pd.read_parquet(folder / "found.parquet").merge(
+        pd.read_parquet(folder / "trials.parquet")[["trial", "placement", "seed"]]
+    )
+    table = table[table["placement"].isin(["center", "line"])]
+    wide = table.set_index(["object", "seed", "placement"])["found"].unstack().reset_index()
+    return wide.merge(pd.read_parquet(folder / "objects.parquet"), on="object")
+
+
+def test_every_object_is_found_by_both_one_or_none(found, made_up_run):
+    counts = found.counts()
+    rest = counts[["both", "first", "second", "neither"]].sum(axis=1)
+    assert rest.to_numpy() == pytest.approx(counts["objects"].to_numpy())
+    table = hits(made_up_run)
+    for name, of_class in [("all", table), *table.groupby("class")]:
+        (row,) = counts[(counts["class"] == name) & (counts["by"] == "")].to_dict("records")
+        alone = of_class["center"] & ~of_class["line"]
+        assert row["first"] == pytest.approx(alone.sum() / 2)
+        assert row["both"] == pytest.approx((of_class["center"] & of_class["line"]).sum() / 2)
+        assert row["individuals"] == of_class["object_id"].nunique()
+        recall = 100 * (of_class["center"].mean() - of_class["line"].mean())
+        assert row["difference"] == pytest.approx(recall)
+
+
+def test_bins_are_those_that_the_objects_are_in(found, made_up_run):
+    counts = found.counts().set_index(["class", "by", "bin"])
+    table = hits(made_up_run)
+    azimuth = np.degrees(np.arctan2(table["y"], table["x"]))
+    far = np.hypot(table["x"], table["y"])
+    for (by, name), here in {
+        ("direction", "front left"): (azimuth >= 22.5) & (azimuth < 67.5),
+        ("distance", "10–20 m"): (far >= 10) & (far < 20),
+        ("occlusion", "largely occluded"): table["visibility"] < 0.4,
+        ("height", "1.75–2 m"): table["class"] == "Pedestrian",
+    }.items():
+        row = counts.loc[("all", by, name)]
+        assert row["objects"] == here.sum() / 2
+        assert row["second"] == pytest.approx((table["line"] & ~table["center"])[here].sum() / 2)
+    order = counts.loc["all"].loc["direction"].index.tolist()
+    assert order == [
+        own for own in ("left", "front left", "front", "front right", "right") if own in order
+    ]
+    assert set(order) <= set(SECTORS)
+
+
+def test_one_generalist_has_the_interval_of_its_individuals_and_routes(found):
+    """One seed, and each object its own route and individual: the jackknife is a t-test."""
+    n = len(found.objects)
+    one = replace(
+        found,
+        seeds=found.seeds[:1],
+        objects=found.objects.assign(route=range(n), object_id=[*map(str, range(n))]),
+        found=found.found[:, :, :1],
+        generalist=True,
+    )
+    row = one.counts().iloc[0]
+    difference = 100 * (one.found[0, :, 0].astype(float) - one.found[1, :, 0])
+    half = stats.sem(difference) * stats.t.ppf(0.975, n - 1)
+    assert row["high"] - row["difference"] == pytest.approx(half, rel=1e-3)
+    assert row["difference"] - row["low"] == pytest.approx(half, rel=1e-3)
+
+
+def test_one_specialist_seed_has_no_interval(found):
+    one = replace(found, seeds=(1,), found=found.found[:, :, :1])
+    assert one.counts()[["low", "high"]].isna().all(axis=None)
+
+
+def test_frames_take_turns_and_show_no_individual_twice(found):
+    rows = found.telling(8)
+    lead = found.shares[0] - found.shares[1]
+    assert [np.sign(lead[row]) for row in rows] == [1, -1] * 4
+    shown = found.objects.iloc[rows]
+    assert shown["frame"].is_unique
+    assert not shown.duplicated(["scene", "object_id"]).any()
+    worth = np.maximum(lead, 0) * found.objects["visibility"]
+    assert shown["frame"].iloc[0] == worth.groupby(found.objects["frame"]).sum().idxmax()
+    both = replace(found, found=np.ones_like(found.found))
+    assert both.telling() == []
+
+
+def test_points_in_a_box_have_the_colour_of_what_became_of_it():
+    geometry = ["x", "y", "z", "length", "width", "height", "yaw"]
+    objects = pd.DataFrame(
+        [[10, 0, 1, 4, 2, 2, np.pi / 2], [10, 9, 1, 4, 2, 2, 0]], columns=geometry
+    )
+    objects = objects.assign(**{"class": "Car", "points": 3})
+    # 1.9 m to the side is in the car that stands across, and beside the one that stands along.
+    points = np.array([[10, 1.9, 1], [11.9, 0, 1], [10, 9, 1], [11.9, 9, 1], [10, 10.9, 1]])
+    plot = frame_in_space(
+        objects, np.array([1.0, 0.0]), points.astype(np.float32), np.empty((0, 8))
+    )
+    drawn = {
+        trace.marker.color: sorted(zip(trace.x.tolist(), trace.y.tolist(), strict=True))
+        for trace in plot.data
+        if trace.mode == "markers" and trace.hovertext is None
+    }
+    near = {
+        FOUND["found"]: [(10, 1.9)],
+        FOUND["found by some seeds"]: [],
+        FOUND["missed"]: [(10, 9), (11.9, 9)],
+    }
+    for colour, places in near.items():
+        assert drawn[colour] == [pytest.approx(place) for place in places]
+
+
+@pytest.fixture(scope="module")
+def folder(made_up_run, tmp_path_factory) -> Path:
+    """A report with frames of the rigs that it compares."""
+    folder = tmp_path_factory.mktemp("failures") / "grid"
+    shutil.copytree(made_up_run, folder)
+    compared = failures_to_show(folder)
+    assert compared is not None
+    shown = compared.objects["object"].iloc[compared.telling(4)].tolist()
+    objects = pd.read_parquet(folder / "objects.parquet").to_dict("records")
+    frames = made_up_frames(np.random.default_rng(0), objects, compared.rigs, shown)
+    np.savez_compressed(folder / "failures.npz", **frames)
+    build_report(folder)
+    return folder
+
+
+def test_the_page_shows_each_frame_under_both_rigs(folder):
+    page = Page((folder / "failures.html").read_text(encoding="utf-8"))
+    assert page.loads == []
+    assert page.csp.startswith("default-src 'none'")
+    frames = [
+        json.loads(text) for attributes, text in page.scripts if attributes.get("class") == "frame"
+    ]
+    assert [len(rigs) for rigs in frames] == [2] * 4
+    arrays = np.load(folder / "failures.npz")
+    drawn = sum(
+        len(np.frombuffer(b64decode(trace["x"]["bdata"]), np.float32))
+        for trace in frames[0][1]["data"]
+        if trace["mode"] == "markers" and "hovertext" not in trace and trace["x"]
+    )
+    assert drawn == len(arrays["points/0/1"])
+    compared = failures_to_show(folder)
+    assert page.tags.count("button") == 4 + 2
+    assert all(f"{rig} finds it" in page.text for rig in compared.rigs)
+
+
+def test_report_and_decision_say_the_same_and_lead_to_the_frames(folder):
+    compared = failures_to_show(folder)
+    counts = pd.read_csv(folder / "tables" / "failures.csv")
+    first, second = compared.rigs
+    said = f"{first} finds {counts.iloc[0][f'{first} alone']:,.0f} that {second} misses"
+    for name in ("report.html", "decision.html"):
+        page = Page((folder / name).read_text(encoding="utf-8"))
+        assert said in page.text
+        assert "failures.html" in page.links
+    assert "(failures.html)" in (folder / "report.md").read_text(encoding="utf-8")
+
+
+def test_frames_of_other_rigs_are_not_shown(made_up_run, tmp_path):
+    shutil.copytree(made_up_run, tmp_path / "grid")
+    compared = failures_to_show(tmp_path / "grid")
+    with np.load(made_up_run / "failures.npz") as arrays:
+        assert set(arrays["rigs"]) != set(compared.rigs)
+    build_report(tmp_path / "grid")
+    page = Page((tmp_path / "grid" / "failures.html").read_text(encoding="utf-8"))
+    assert "button" not in page.tags
+
+
+def test_an_older_run_folder_says_what_it_lacks(tmp_path):
+    folder = write_run(tmp_path / "old", names=["a", "b"], seeds=(1,))
+    for name in ("objects.parquet", "found.parquet", "failures.npz"):
+        (folder / name).unlink()
+    (folder / "failures.html").write_text("of an earlier run")
+    page = Page(build_report(folder).read_text(encoding="utf-8"))
+    assert "The run folder has no objects.parquet and no found.parquet." in page.text
+    assert not (folder / "failures.html").exists()

@@ -1,0 +1,209 @@
+"""Objects that one rig finds and another one misses: counted, and the frames that tell most."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from lidarplace.rings import EDGES_M, ring_of
+from lidarplace.sectors import SECTORS, bounds_of, sector_of
+from tracking.findings.best_placement import lead_intervals, noise_of
+from tracking.findings.groups import GENERALIST, Group
+from tracking.run_folders.sweep import RunFolder
+from tracking.statistics.jackknife import sample_error
+
+FRAMES = 20
+"""Frames that are shown of a pair."""
+OCCLUSION = ("fully visible", "partly occluded", "largely occluded")
+"""KITTI's levels from 0 on."""
+HEIGHTS_M = (0.0, 1.25, 1.5, 1.75, 2.0, 2.5, np.inf)
+"""Bounds of the heights of objects that are told apart. A bin holds its lower bound."""
+DIMENSIONS = ("direction", "distance", "occlusion", "height")
+"""What objects are told apart by, beside their class."""
+
+
+@dataclass(frozen=True)
+class Failures:
+    """What two rigs found of the same objects.
+
+    A seed's detectors are compared with each other: found by one rig alone is what the detector of
+    a seed found under that rig, and that of the same seed missed under the other.
+
+    Attributes:
+        rigs: the two placements.
+        classes: of the objects, in the order of the sweep.
+        seeds: those that judged both.
+        trials: of the lowest seed, by the rigs.
+        objects: columns of `objects.parquet`, one setting of the axes, in their order.
+        found: of every object under each rig with each seed, shape (2, objects, seeds), bool.
+        points: on every object under each rig, shape (2, objects).
+        generalist: whether a seed is one detector for both rigs.
+    """
+
+    rigs: tuple[str, str]
+    classes: tuple[str, ...]
+    seeds: tuple[int, ...]
+    trials: tuple[str, str]
+    objects: pd.DataFrame
+    found: NDArray[np.bool_]
+    points: NDArray[np.int64]
+    generalist: bool
+
+    @cached_property
+    def shares(self) -> NDArray[np.float64]:
+        """Share of the seeds that found each object under each rig, shape (2, objects)."""
+        return self.found.mean(axis=2)
+
+    @cached_property
+    def alone(self) -> NDArray[np.float64]:
+        """Share of the seeds with which each rig alone found each object, shape (2, objects)."""
+        return (self.found & ~self.found[::-1]).mean(axis=2)
+
+    def table(self) -> pd.DataFrame:
+        """The objects with what became of them: shares in [0, 1], and points."""
+        own = self.objects.copy()
+        for i, rig in enumerate(self.rigs):
+            own[f"found by {rig}"] = self.shares[i]
+            own[f"found by {rig} alone"] = self.alone[i]
+            own[f"points of {rig}"] = self.points[i]
+        return own
+
+    def counts(self) -> pd.DataFrame:
+        """How many objects both, one alone and none of the rigs found: means over seeds.
+
+        Returns:
+            A row for all objects of a class, and for those in each bin of `DIMENSIONS`; of several
+            classes those of all together come first. Columns class; by, "" or the dimension; bin;
+            objects; individuals; both, first, second and neither, which sum to objects; and
+            `difference` in percent of the objects, first less second, with `low` and `high` of its
+            95 % interval, over seeds and over which routes and individuals there are. NaN where
+            that is unknown. Bins without an object have no row.
+        """
+        parts = {name: (self.objects["class"] == name).to_numpy() for name in self.classes}
+        if len(parts) > 1:
+            parts = {"all": np.ones(len(self.objects), bool)} | parts
+        rows = []
+        for name, of_class in parts.items():
+            rows.append({"class": name, "by": "", "bin": "", **self._count(of_class)})
+            for by, bins, number in self._binned():
+                rows += [
+                    {"class": name, "by": by, "bin": label, **self._count(here)}
+                    for i, label in enumerate(bins)
+                    if (here := of_class & (number == i)).any()
+                ]
+        return pd.DataFrame(rows)
+
+    def _binned(self) -> Iterator[tuple[str, tuple[str, ...], NDArray[np.int64]]]:
+        """Each dimension with the names of its bins, and the bin of every object."""
+        height = np.digitize(self.objects["height"], HEIGHTS_M[1:-1])
+        from_the_left = sorted(range(len(SECTORS)), key=lambda sector: -bounds_of(sector)[0])
+        place = np.argsort(from_the_left)[sector_of(self.objects)]
+        yield "direction", tuple(SECTORS[sector] for sector in from_the_left), place
+        yield "distance", bin_names(EDGES_M), ring_of(self.objects)
+        yield "occlusion", OCCLUSION, self.objects["occluded"].to_numpy(np.int64)
+        yield "height", bin_names(HEIGHTS_M), height
+
+    def _count(self, here: NDArray[np.bool_]) -> dict[str, float]:
+        objects = int(here.sum())
+        first, second = self.alone[:, here].sum(axis=1).tolist()
+        both = float((self.found[0] & self.found[1])[here].mean(axis=1).sum())
+        low, high = self._interval(here)
+        return {
+            "objects": objects,
+            "individuals": len(self.objects.loc[here, ["scene", "object_id"]].drop_duplicates()),
+            "both": both,
+            "first": first,
+            "second": second,
+            "neither": objects - both - first - second,
+            "difference": 100 * (first - second) / objects,
+            "low": low,
+            "high": high,
+        }
+
+    def _interval(self, here: NDArray[np.bool_]) -> tuple[float, float]:
+        """Of the difference of the shares that the rigs find, percent."""
+        own, found = self.objects[here], self.found[:, here]
+        hits = found.transpose(0, 2, 1).reshape(-1, len(own))  # a row a rig and seed
+        rigs, seeds = np.repeat(self.rigs, len(self.seeds)), np.tile(self.seeds, 2)
+        left_out = []
+        for unit, keys in (("route", ["scene", "route"]), ("individual", ["scene", "object_id"])):
+            number = own.groupby(keys).ngroup().to_numpy()
+            counts = np.bincount(number)
+            rest = hits.sum(axis=1) - np.stack([np.bincount(number, hit) for hit in hits], axis=1)
+            left = (len(own) - counts)[:, None]
+            values = 100 * np.divide(rest, left, where=left > 0, out=np.full(rest.shape, np.nan))
+            table = {"unit": unit, "left_out": np.repeat(np.arange(len(counts)), len(hits))}
+            table |= {"ground_truths": np.repeat(counts, len(hits)), "value": values.ravel()}
+            table |= {"placement": np.tile(rigs, len(counts)), "seed": np.tile(seeds, len(counts))}
+            left_out.append(pd.DataFrame(table))
+        sample = sample_error(pd.concat(left_out, ignore_index=True), paired=True)
+        if sample is None or sample.variance == 0:
+            return np.nan, np.nan
+        recalls = 100 * found.mean(axis=1)
+        noise = noise_of(recalls, sample, self.generalist)
+        low, high = lead_intervals(recalls.mean(axis=1), noise)[1].tolist()
+        return low, high
+
+    def telling(self, most: int = FRAMES) -> list[int]:
+        """Objects to show, one a frame: rows of `objects`, by turns what each rig alone found.
+
+        A frame is worth the sum, over individuals that were not shown before, of the difference of
+        the shares by the share of the object that can be seen: what is in full view, and all seeds
+        found under the one rig and none under the other, tells most.
+        """
+        lead = (self.shares[0] - self.shares[1]) * self.objects["visibility"].to_numpy(np.float64)
+        individual = self.objects.groupby(["scene", "object_id"]).ngroup().to_numpy()
+        frames, frame = np.unique(self.objects["frame"], return_inverse=True)
+        open_ = np.ones(len(self.objects), bool)
+        chosen: list[int] = []
+        for turn in range(2 * most):
+            worth = np.where(open_, np.maximum(lead if turn % 2 == 0 else -lead, 0.0), 0.0)
+            of_frame = np.bincount(frame, worth, len(frames))
+            if len(chosen) == most or not of_frame.any():
+                continue
+            here = frame == of_frame.argmax()
+            chosen.append(int(np.where(here, worth, -1.0).argmax()))
+            open_ &= ~here & ~np.isin(individual, individual[here & (worth > 0)])
+        return chosen
+
+
+def bin_names(edges: tuple[float, ...]) -> tuple[str, ...]:
+    """Bins between edges in metres, the last without end: "0–10 m", …, "over 50 m"."""
+    between = [f"{low:g}–{high:g} m" for low, high in pairwise(edges[:-1])]
+    return (*between, f"over {edges[-2]:g} m")
+
+
+def failures(run: RunFolder, group: Group, rigs: tuple[str, str]) -> Failures | None:
+    """Bring side by side what two placements of a run found.
+
+    Returns:
+        None if the run folder has no objects, or no seed judged both.
+    """
+    if run.objects is None or run.found is None or run.objects.empty:
+        return None
+    tested = group.of(run.trials[run.trials["placement"].isin(rigs)])
+    tested = tested[tested["trial"].isin(run.found["trial"])]
+    trials = tested.pivot(index="seed", columns="placement", values="trial")
+    trials = trials.reindex(columns=list(rigs)).dropna().sort_index()
+    if trials.empty:
+        return None
+    found = run.found[run.found["trial"].isin(trials.to_numpy().ravel())]
+    wide = found.pivot(index="object", columns="trial", values="found").sort_index()
+    points = found.pivot(index="object", columns="trial", values="points").sort_index()
+    objects = run.objects.set_index("object").loc[wide.index].reset_index()
+    return Failures(
+        rigs=rigs,
+        classes=tuple(name for name in run.classes if (objects["class"] == name).any()),
+        seeds=tuple(int(seed) for seed in trials.index),
+        trials=tuple(trials.iloc[0]),
+        objects=objects,
+        found=np.stack([wide[trials[rig]].to_numpy(np.bool_) for rig in rigs]),
+        points=np.stack([points[trials[rig].iloc[0]].to_numpy(np.int64) for rig in rigs]),
+        generalist=group.judge == GENERALIST,
+    )

@@ -1,0 +1,129 @@
+"""The section of the objects that one rig finds and another one misses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import pandas as pd
+
+from lidarplace.metrics import kitti_iou
+from tracking.figures.of_sweeps.found_alone import found_alone
+from tracking.findings.failures import DIMENSIONS, Failures
+from tracking.findings.groups import has_detectors
+from tracking.numbers import points, span
+from tracking.pages.section import Section
+from tracking.pages.tables import Column, Table, numbers, words
+from tracking.report.headline import class_label
+from tracking.run_folders.sweep import RunFolder
+
+TITLE = "What one rig finds and another one misses"
+_FEW = 100
+"""Objects in a bin, below which it is not named."""
+
+
+def failures_section(found: Failures, page: str) -> Section:
+    """How many objects each of two rigs finds alone, by class, direction, distance, occlusion and
+    height.
+
+    The first two notes say what it comes to.
+
+    Args:
+        page: address of `tracking.report.failures`.
+    """
+    counts = found.counts()
+    link = f"The frames that tell most, under {' and '.join(found.rigs)}"
+    section = Section(TITLE, columns=2, links={page: link})
+    section.notes = [
+        *sentences(found, counts),
+        "Each object of each test frame counts, found at KITTI's strict IoU of its class "
+        f"({_ious(found)}). Numbers are means over the seeds, of which the same one is compared "
+        "under both rigs. Occlusion is KITTI's three levels, by the share of the object that an "
+        "ideal sensor on the roof sees; height is that of the object. Intervals are for each row "
+        "by itself, over seeds and over which routes and individuals the frames met; the largest "
+        "of many differences is partly chance.",
+    ]
+    for by in DIMENSIONS:
+        own = counts[counts["by"] == by]
+        title, bins = f"Found by one rig alone, by {by}", own["bin"].unique().tolist()
+        own = own[own["class"] != "all"]
+        section.figures.append(found_alone(own, found.rigs, title, bins, found.classes))
+    section.tables = [_table(found, counts)]
+    return section
+
+
+def lacking_section(run: RunFolder) -> Section | None:
+    """What to do where a run folder cannot tell; None for a sweep without detectors."""
+    if not has_detectors(run) or (run.objects is not None and run.found is not None):
+        return None
+    missing = [f"{name}.parquet" for name in ("objects", "found") if getattr(run, name) is None]
+    note = (
+        f"The run folder has no {' and no '.join(missing)}. The command of the sweep writes them; "
+        "results that are in the store are not computed again."
+    )
+    return Section(TITLE, notes=[note])
+
+
+def sentences(found: Failures, counts: pd.DataFrame) -> list[str]:
+    """How many objects each rig finds alone, and where the first one leads and lags most."""
+    first, second = found.rigs
+    whole = counts.iloc[0]
+    seeds = f"{len(found.seeds)} seed{'s' * (len(found.seeds) != 1)}"
+    said = [
+        f"Of {whole['objects']:,} objects ({whole['individuals']:,} individuals) {first} finds "
+        f"{whole['first']:,.0f} that {second} misses, and {second} {whole['second']:,.0f} that "
+        f"{first} misses; both find {whole['both']:,.0f}, neither {whole['neither']:,.0f} "
+        f"({seeds})."
+    ]
+    bins = counts[(counts["by"] != "") & (counts["objects"] >= _FEW)]
+    if len(found.classes) > 1:
+        bins = bins[bins["class"] != "all"]
+    ahead = bins[bins["low"] > 0].nlargest(1, "difference")
+    behind = bins[bins["high"] < 0].nsmallest(1, "difference")
+    places = [
+        f"{word} most at {_place(row)}"
+        for word, own in (("ahead", ahead), ("behind", behind))
+        for row in own.to_dict("records")
+    ]
+    said.append(
+        f"{first} is {', and '.join(places)}."
+        if places
+        else f"In no group of {_FEW} objects or more can the two be told apart."
+    )
+    return said
+
+
+def _place(row: Mapping[Any, Any]) -> str:
+    return (
+        f"{row['class']}, {row['bin']}: {points(row['difference'])} points "
+        f"(95 %: {span(row['low'], row['high'], '+z.1f')})"
+    )
+
+
+def _ious(found: Failures) -> str:
+    return ", ".join(f"{name} {kitti_iou(name).strict:g}" for name in found.classes)
+
+
+def _table(found: Failures, counts: pd.DataFrame) -> Table:
+    first, second = found.rigs
+    columns = [
+        words("class", show=class_label),
+        Column("which", lambda row: f"{row['by']}: {row['bin']}" if row["by"] else "", words=True),
+        numbers("objects", "objects", ","),
+        numbers("individuals", "individuals", ","),
+        numbers("both", "both", ",.0f"),
+        numbers(f"{first} alone", "first", ",.0f"),
+        numbers(f"{second} alone", "second", ",.0f"),
+        numbers("neither", "neither", ",.0f"),
+        numbers("difference", "difference", points),
+        Column("95 %", lambda row: span(row["low"], row["high"], "+z.1f")),
+    ]
+    data = counts.rename(columns={"first": f"{first} alone", "second": f"{second} alone"})
+    return Table.of(
+        f"Objects found by {first} and by {second}; difference in points of recall",
+        counts,
+        columns,
+        units=dict.fromkeys(("difference", "low", "high"), "points"),
+        name="failures",
+        data=data,
+    )
