@@ -11,7 +11,7 @@ from tracking.run_folders.array_file import ArrayFile
 from tracking.run_folders.json_file import ResultFile
 from tracking.run_folders.search_arrays import UnseenMaps
 from tracking.run_folders.search_json import SearchResult
-from tracking.run_folders.sweep_arrays import Frame, Maps
+from tracking.run_folders.sweep_arrays import FailureFrames, Frame, Maps
 from tracking.run_folders.sweep_json import SweepResult
 from tracking.run_folders.table import Table
 
@@ -40,6 +40,7 @@ def page() -> str:
             *(line for table in sweep_tables.TABLES for line in _of_table(table)),
             *_of_arrays(Maps),
             *_of_arrays(Frame),
+            *_of_arrays(FailureFrames),
             "## A search\n",
             "`placement.yaml` is the best rig and `sweep.yaml` a sweep of the winners, see",
             "[search](search.md#what-comes-out).\n",

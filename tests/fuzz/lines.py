@@ -77,6 +77,12 @@ LINES = {
         ("sweep.yaml", "log"),
         "sweeps.calibration.observations.rigs_of",
     ),
+    "failures": Line(
+        "sweeps.failures",
+        ("run", "--rigs", "center,line", "--where", "seed=1", "--out", "out"),
+        ("run",),
+        "sweeps.failures._compared",
+    ),
     "convert table": Line("lidarplace.convert", ("table", "csv", "out"), ("csv", "classes.yaml")),
     "convert a table": Line(
         "lidarplace.convert", ("table", "csv/boxes.csv", "out", "--frames", "9"), ("csv",)

@@ -5,7 +5,12 @@ import pandas as pd
 
 from lidarplace.boxes import GEOMETRY
 from lidarplace.lidar.clouds import PointClouds
-from lidarplace.lidar.points_in_boxes import MARGIN_M, count_points, count_points_per_object
+from lidarplace.lidar.points_in_boxes import (
+    MARGIN_M,
+    box_of_points,
+    count_points,
+    count_points_per_object,
+)
 from lidarplace.pose import rotation
 
 
@@ -23,6 +28,20 @@ def test_counts_agree_with_rotated_points():
     ]
     np.testing.assert_array_equal(count_points(points, boxes), expected)
     assert min(expected) < 10 < max(expected)
+
+
+def test_the_box_of_a_point_is_the_last_one_that_holds_it():
+    rng = np.random.default_rng(1)
+    points = rng.uniform(-10, 10, (2000, 4)).astype(np.float32)
+    boxes = np.column_stack(
+        [rng.uniform(-8, 8, (20, 3)), rng.uniform(0.5, 9, (20, 3)), rng.uniform(-4, 4, 20)]
+    )
+    expected = np.full(len(points), -1)
+    for number, box in enumerate(boxes):
+        off = np.abs((points[:, :3] - box[:3]) @ rotation(0, 0, box[6]))
+        expected[(off <= box[3:6] / 2 + MARGIN_M).all(axis=1)] = number
+    np.testing.assert_array_equal(box_of_points(points, boxes), expected)
+    assert len(np.unique(expected)) > 15
 
 
 def test_points_per_object_of_the_frames_that_were_collected():

@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
+import shutil
+
+import numpy as np
 import pandas as pd
 import pytest
 import yaml
 from small_log import write_small_log
 from test_detector_sweep import SWEEP, Loud
+from typer.testing import CliRunner
 from written_tables import check_columns
 
+from lidarplace.lidar.clouds import PointClouds
 from sweeps.configuration.grid import read_sweep
 from sweeps.execution.backends import InProcess
 from sweeps.execution.execute import Outcome, execute
-from sweeps.plan.plan import make_plan
+from sweeps.failures import app
+from sweeps.plan.plan import make_plan, read_plan
+from sweeps.results.failure_frames import failure_frames
 from sweeps.results.promotion import Promotion
 from sweeps.results.run_folder import Run, write_run
 from sweeps.store.local import Store
+from sweeps.store.of_sweep import store_of
+from tracking.findings.failures import failures
+from tracking.findings.groups import groups
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_tables import TABLES
 
@@ -33,7 +43,7 @@ def folder(tmp_path_factory):
     own["surrogate"] = {"resolution": SWEEP["surrogate"]["resolution"]}  # all that can be studied
     config.write_text(yaml.safe_dump(SWEEP | own))
     sweep = read_sweep(config)
-    plan, store, outcome = make_plan(sweep), Store(path / "store"), Outcome()
+    plan, store, outcome = make_plan(sweep), Store(path / "runs" / "store"), Outcome()
     execute(plan.tasks, store, InProcess(), Loud(), outcome)
     run = Run(outcome, Promotion(complete=True), set(), 1, "sweeps.run small.yaml", 0.0, 1.0)
     write_run(path / "run", sweep, plan, store, run)
@@ -71,3 +81,85 @@ def test_what_hangs_on_each_individual_stands_beside_the_results(folder):
     of_unit = cars.groupby(["trial", "iou", "unit"])["ground_truths"].sum()
     assert set(of_unit) == {4}
     assert set(of_unit.index.get_level_values("unit")) == {"route", "individual"}
+
+
+def test_found_objects_make_the_recall_of_their_class(folder):
+    objects, found = (pd.read_parquet(folder / f"{name}.parquet") for name in ("objects", "found"))
+    results = pd.read_parquet(folder / "results.parquet").query("metric == 'class_recall_3D'")
+    recall = results[(results["class"] == "Car") & (results["iou"] == 0.7)].set_index("trial")
+    own = found.merge(objects, on="object")
+    assert len(own) == 2 * 4
+    mean = 100 * own.groupby("trial")["found"].mean()
+    assert mean.to_dict() == pytest.approx(recall["value"].to_dict())
+    points = pd.read_parquet(folder / "points.parquet")
+    by_rig = own.merge(results[["trial", "placement"]].drop_duplicates()).groupby("placement")
+    total = (points["mean"] * points["objects"]).groupby(points["placement"]).sum()
+    assert by_rig["points"].sum().to_dict() == pytest.approx(total.to_dict())
+    assert (own["visibility"] > 0).all()
+    assert set(own["frame"]) == {3}
+
+
+def test_frames_have_the_points_on_objects_and_the_detections_that_were_evaluated(folder):
+    """One car is taken to be found under the one rig alone."""
+    _, plan = read_plan(folder / "config.yaml")
+    store = store_of(read_sweep(folder / "config.yaml"))
+    run = RunFolder.read(folder)
+    run.found["found"] = run.found["object"] == 2
+    run.found.loc[run.found["trial"] == plan.trials[1].key, "found"] = False
+    own = failures(run, next(groups(run)), ("center", "line"))
+    frames = failure_frames(own, {trial.key: trial for trial in plan.trials}, store)
+    assert frames.objects.tolist() == [2]
+    for rig, trial in enumerate(plan.trials):
+        (task,) = trial.collect_test
+        whole = PointClouds.from_arrays(store.load(task))[0][:, :3]
+        shown = set(map(tuple, frames.points[f"0/{rig}"].tolist()))
+        assert shown <= set(map(tuple, whole.tolist()))
+        car = run.objects.iloc[2]
+        near = np.abs(whole - car[["x", "y", "z"]].to_numpy(float)) <= [2.2, 0.9, 0.8]
+        on_it = set(map(tuple, whole[near.all(axis=1)].tolist()))
+        assert on_it <= shown
+        detections = store.load(trial.evaluate)["detections"]
+        assert len(frames.detections[f"0/{rig}"]) == (detections["frame"] == 3).sum()
+
+
+def test_the_command_compares_two_rigs(folder, tmp_path):
+    out = tmp_path / "out"
+    done = CliRunner().invoke(app, [str(folder), "--rigs", "line,center", "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    assert "Of 4 objects (4 individuals) line finds " in done.output
+    assert "no frames are shown" not in done.output
+    objects = pd.read_parquet(out / "objects.parquet")
+    assert len(objects) == len(pd.read_csv(out / "objects.csv")) == 4
+    counts = pd.read_csv(out / "tables" / "failures.csv")
+    assert counts["line alone"].iloc[0] == objects["found by line alone"].sum()
+    assert (out / "failures.html").is_file()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--rigs", "line"], "--rigs line: expected two placements, such as center,line"),
+        (["--rigs", "line,middle"], "has no placement middle; it has center, line"),
+        (["--where", "judge=me"], "--where judge=me: "),
+    ],
+)
+def test_a_mistake_is_one_line(folder, words, said):
+    done = CliRunner().invoke(app, [str(folder), *words])
+    assert done.exit_code == 2
+    assert said in " ".join(done.output.split())
+
+
+def test_without_results_in_the_store_there_are_counts_alone(folder, tmp_path):
+    shutil.copytree(folder, tmp_path / "moved")
+    config = yaml.safe_load((folder / "config.yaml").read_text())
+    (tmp_path / "moved" / "config.yaml").write_text(
+        yaml.safe_dump(config | {"output": str(tmp_path / "elsewhere")})
+    )
+    words = [str(tmp_path / "moved"), "--rigs", "line,center", "--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 0, done.output
+    assert "no frames are shown: the store" in done.output
+    (tmp_path / "moved" / "found.parquet").unlink()
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 2
+    assert "has no found.parquet" in " ".join(done.output.split())
