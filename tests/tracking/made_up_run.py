@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from made_up_objects import made_up_found, made_up_frames, made_up_objects
 
 from lidarplace.boxes import CLASSES
+from tests.tracking.made_up_objects import made_up_found, made_up_frames, made_up_objects
 from tracking.findings.training_cost import COST_AXES
 
 IOUS = {"Car": (0.5, 0.7), "Cyclist": (0.5,), "Pedestrian": (0.5,), "all": (0.5,)}

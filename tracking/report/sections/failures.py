@@ -75,6 +75,13 @@ def sentences(found: Failures, counts: pd.DataFrame) -> list[str]:
         f"{first} misses; both find {whole['both']:,.0f}, neither {whole['neither']:,.0f} "
         f"({seeds})."
     ]
+    return [*said, _where(found, counts)]
+
+
+def _where(found: Failures, counts: pd.DataFrame) -> str:
+    """Where the first rig is ahead and behind most, as far as that can be told."""
+    if counts["low"].isna().all():
+        return "How much of that is chance is unknown: there is one seed, or too few road users."
     bins = counts[(counts["by"] != "") & (counts["objects"] >= _FEW)]
     if len(found.classes) > 1:
         bins = bins[bins["class"] != "all"]
@@ -85,12 +92,9 @@ def sentences(found: Failures, counts: pd.DataFrame) -> list[str]:
         for word, own in (("ahead", ahead), ("behind", behind))
         for row in own.to_dict("records")
     ]
-    said.append(
-        f"{first} is {', and '.join(places)}."
-        if places
-        else f"In no group of {_FEW} objects or more can the two be told apart."
-    )
-    return said
+    if not places:
+        return f"In no group of {_FEW} objects or more can the two be told apart."
+    return f"{found.rigs[0]} is {', and '.join(places)}."
 
 
 def _place(row: Mapping[Any, Any]) -> str:
