@@ -196,6 +196,25 @@ def test_frames_of_other_rigs_are_not_shown(tmp_path):
     assert "How much of that is chance is unknown" in page.text
 
 
+@pytest.mark.parametrize(
+    ("name", "change", "said"),
+    [
+        ("found", {"object": 10**6}, "found.parquet: object 1000000 is not in objects.parquet"),
+        ("found", {"points": None}, "found.parquet: column points: a value is missing"),
+        ("objects", {"class": "Tram"}, "objects.parquet: column class: 'Tram' is none of Car, "),
+        ("objects", {"object": 1}, "objects.parquet: object 1 is there twice"),
+    ],
+)
+def test_tables_that_do_not_fit_are_named(made_up_run, name, change, said):
+    run = RunFolder.read(made_up_run)
+    for column, value in change.items():
+        table = getattr(run, name)
+        table[column] = table[column].astype(object)
+        table.loc[0, column] = value
+    with pytest.raises(ValueError, match=said):
+        failures(run, next(groups(run)), ("center", "line"))
+
+
 def test_an_older_run_folder_says_what_it_lacks(tmp_path):
     folder = write_run(tmp_path / "old", names=["a", "b"], seeds=(1,))
     for name in ("objects.parquet", "found.parquet", "failures.npz"):

@@ -16,6 +16,7 @@ from lidarplace.sectors import SECTORS, bounds_of, sector_of
 from tracking.findings.best_placement import lead_intervals, noise_of
 from tracking.findings.groups import GENERALIST, Group
 from tracking.run_folders.sweep import RunFolder
+from tracking.run_folders.sweep_tables import FOUND, OBJECTS
 from tracking.statistics.jackknife import sample_error
 
 FRAMES = 20
@@ -184,9 +185,14 @@ def failures(run: RunFolder, group: Group, rigs: tuple[str, str]) -> Failures | 
 
     Returns:
         None if the run folder has no objects, or no seed judged both.
+
+    Raises:
+        ValueError: a value is missing in the tables, an object is there twice or not at all, or of
+            a class that the sweep does not have.
     """
     if run.objects is None or run.found is None or run.objects.empty:
         return None
+    _check(run, run.objects, run.found)
     tested = group.of(run.trials[run.trials["placement"].isin(rigs)])
     tested = tested[tested["trial"].isin(run.found["trial"])]
     trials = tested.pivot(index="seed", columns="placement", values="trial")
@@ -207,3 +213,29 @@ def failures(run: RunFolder, group: Group, rigs: tuple[str, str]) -> Failures | 
         points=np.stack([points[trials[rig].iloc[0]].to_numpy(np.int64) for rig in rigs]),
         generalist=group.judge == GENERALIST,
     )
+
+
+def _check(run: RunFolder, objects: pd.DataFrame, found: pd.DataFrame) -> None:
+    """Raise ValueError that names file and column unless the tables fit each other."""
+    for contract, table, keys in (
+        (OBJECTS, objects, ["object"]),
+        (FOUND, found, ["trial", "object"]),
+    ):
+        file = run.path / contract.file
+        for column in contract.columns:
+            if table[column.name].isna().any():
+                raise ValueError(f"{file}: column {column.name}: a value is missing")
+        twice = table.duplicated(keys)
+        if twice.any():
+            raise ValueError(f"{file}: object {table.loc[twice, 'object'].iloc[0]} is there twice")
+    other = objects.loc[~objects["class"].isin(run.classes), "class"]
+    if len(other):
+        raise ValueError(
+            f"{run.path / OBJECTS.file}: column class: {other.iloc[0]!r} is none of "
+            f"{', '.join(run.classes)}"
+        )
+    unknown = found.loc[~found["object"].isin(objects["object"]), "object"]
+    if len(unknown):
+        raise ValueError(
+            f"{run.path / FOUND.file}: object {unknown.iloc[0]} is not in {OBJECTS.file}"
+        )

@@ -215,7 +215,9 @@ def _write_failures(
         target.unlink(missing_ok=True)
         return
     links = {"decision.html": "Decision", "report.html": "Research report"}
-    frames = run.failures if run.failures and run.failures.rigs.tolist() == [*pair.rigs] else None
+    frames = run.failures
+    if frames is not None and not frames.are_of(pair.rigs, pair.objects["object"]):
+        frames = None
     write_failures(target, pair, frames, section, run.roi, extent, links)
 
 

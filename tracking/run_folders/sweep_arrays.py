@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.files.arrays import check_numbers, read_npz
@@ -139,6 +140,10 @@ class FailureFrames(ArrayFile):
         frames = cls(arrays["rigs"], arrays["objects"], points, detections)
         frames._check(path)
         return frames
+
+    def are_of(self, rigs: tuple[str, str], objects: pd.Series) -> bool:
+        """Whether they show objects of these numbers under these two rigs, in this order."""
+        return self.rigs.tolist() == [*rigs] and bool(np.isin(self.objects, objects).all())
 
     def _check(self, path: Path) -> None:
         """Raise ValueError unless the arrays are of the shapes that the class tells."""
