@@ -74,8 +74,10 @@ def failures(
 
 def _compared(run: RunFolder, rigs: str | None, where: list[str]) -> Failures:
     """Raises ValueError that says what is not there."""
+    from tracking.findings.distinct_rigs import copies, without
     from tracking.findings.failures import failures
     from tracking.findings.groups import groups
+    from tracking.findings.promotion import fully_trained
     from tracking.report.failures import compared_failures
     from tracking.report.headline import headline_ranking
 
@@ -86,6 +88,7 @@ def _compared(run: RunFolder, rigs: str | None, where: list[str]) -> Failures:
                 "its command writes it, and computes nothing again that is in the store: "
                 f"{run.sweep.command}"
             )
+    run = fully_trained(run if rigs else without(run, set(copies(run))))
     every = [group for group in groups(run) if group.detector]
     chosen = [group for group in every if _holds(group, where)]
     if not chosen:
@@ -139,8 +142,8 @@ def _frames(run: RunFolder, found: Failures) -> tuple[FailureFrames | None, str]
     if set(trials) != set(found.trials) or store.finished(needed) != {task.key for task in needed}:
         config = run.path / "config.yaml"
         return None, (
-            f"the store {store} has no clouds and detections of {' and '.join(found.rigs)} by this "
-            f"code; {command('sweeps.run')} {config} makes them"
+            f"the store of {config} has no clouds and detections of {' and '.join(found.rigs)} by "
+            f"this code; {command('sweeps.run')} {config} makes them"
         )
     return failure_frames(found, trials, store), ""
 

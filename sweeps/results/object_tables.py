@@ -71,6 +71,7 @@ def _found(trial: Trial, objects: pd.DataFrame, store: AnyStore) -> pd.DataFrame
     counts = pd.concat(
         [store.load(t, ("points_per_object",))["points_per_object"] for t in trial.collect_test]
     ).set_index(["frame", "object_id"])["points"]
+    counts = counts[~counts.index.duplicated()]  # an id that a frame has twice tells no two apart
     points = counts.loc[pd.MultiIndex.from_frame(objects[["frame", "object_id"]])]
     return pd.DataFrame(
         {

@@ -134,7 +134,7 @@ class Failures:
         rigs, seeds = np.repeat(self.rigs, len(self.seeds)), np.tile(self.seeds, 2)
         left_out = []
         for unit, keys in (("route", ["scene", "route"]), ("individual", ["scene", "object_id"])):
-            number = own.groupby(keys).ngroup().to_numpy()
+            number = own.groupby(keys, dropna=False).ngroup().to_numpy()
             counts = np.bincount(number)
             rest = hits.sum(axis=1) - np.stack([np.bincount(number, hit) for hit in hits], axis=1)
             left = (len(own) - counts)[:, None]
@@ -159,7 +159,7 @@ class Failures:
         found under the one rig and none under the other, tells most.
         """
         lead = (self.shares[0] - self.shares[1]) * self.objects["visibility"].to_numpy(np.float64)
-        individual = self.objects.groupby(["scene", "object_id"]).ngroup().to_numpy()
+        individual = self.objects.groupby(["scene", "object_id"], dropna=False).ngroup().to_numpy()
         frames, frame = np.unique(self.objects["frame"], return_inverse=True)
         open_ = np.ones(len(self.objects), bool)
         chosen: list[int] = []
@@ -223,7 +223,7 @@ def _check(run: RunFolder, objects: pd.DataFrame, found: pd.DataFrame) -> None:
     ):
         file = run.path / contract.file
         for column in contract.columns:
-            if table[column.name].isna().any():
+            if column.dtype is not None and table[column.name].isna().any():
                 raise ValueError(f"{file}: column {column.name}: a value is missing")
         twice = table.duplicated(keys)
         if twice.any():

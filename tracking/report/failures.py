@@ -104,7 +104,6 @@ def write_failures(
         links=links,
         said=section.notes[:2],
         frames=_shown(found, frames) if frames is not None else [],
-        seeds=found.seeds,
         colours={**FOUND, f"detected with seed {found.seeds[0]}": DETECTION},
         whole=json.dumps(view_of(roi)),
     )
