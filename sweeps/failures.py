@@ -131,16 +131,30 @@ def _frames(run: RunFolder, found: Failures) -> tuple[FailureFrames | None, str]
     """The frames of the rigs, or why there are none."""
     from sweeps.plan.plan import read_plan
     from sweeps.results.failure_frames import failure_frames
+    from sweeps.results.trial_results import identity
     from sweeps.store.of_sweep import store_of
 
-    sweep, plan = read_plan(run.path / "config.yaml", [])
+    config = run.path / "config.yaml"
+    sweep, plan = read_plan(config, [])
     store = store_of(sweep)
-    trials = {trial.key: trial for trial in plan.trials if trial.key in found.trials}
-    needed = [
-        task for trial in trials.values() for task in (trial.evaluate, *trial.collect_test) if task
-    ]
-    if set(trials) != set(found.trials) or store.finished(needed) != {task.key for task in needed}:
-        config = run.path / "config.yaml"
+    # Not by their keys, in which surrogates count.
+    place = ["placement", "detector", "seed", *run.axes]
+    wanted = run.trials.set_index("trial")[place].loc[list(found.trials)]
+    by_place = {tuple(identity(t, run.axes)[key] for key in place): t for t in plan.trials}
+    trials = {
+        str(key): by_place[row]
+        for key, row in zip(wanted.index, wanted.itertuples(index=False, name=None), strict=True)
+        if row in by_place
+    }
+    needed = {
+        task.key: task
+        for trial in trials.values()
+        for task in (trial.evaluate, *trial.collect_test)
+        if task is not None
+    }
+    recorded = set() if run.tasks is None else set(run.tasks.get("key", ()))
+    known = recorded & store.finished(needed.values())
+    if len(trials) < len(found.trials) or not known.issuperset(needed):
         return None, (
             f"the store of {config} has no clouds and detections of {' and '.join(found.rigs)} by "
             f"this code; {command('sweeps.run')} {config} makes them"

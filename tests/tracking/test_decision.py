@@ -45,6 +45,10 @@ def one_class(tmp_path_factory) -> Page:
     for name in ("results", "left_out", "distance", "sector", "points", "individuals"):
         table = pd.read_parquet(folder / f"{name}.parquet")
         table[table["class"].isin(["Car", "all"])].to_parquet(folder / f"{name}.parquet")
+    objects, found = (pd.read_parquet(folder / f"{name}.parquet") for name in ("objects", "found"))
+    cars = objects[objects["class"] == "Car"]
+    cars.to_parquet(folder / "objects.parquet")
+    found[found["object"].isin(cars["object"])].to_parquet(folder / "found.parquet")
     sweep = json.loads((folder / "sweep.json").read_text())
     sweep["classes"] = ["Car"]
     wide = {"beams": 32, "elevation_deg": [-25.0, 15.0], "azimuth_steps": 1800}
