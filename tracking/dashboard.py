@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -15,6 +14,7 @@ from typing import Annotated, Any
 
 import typer
 
+from lidarplace.command_line.port import free_port
 from lidarplace.command_line.verbs import new_app, verb, within, wrong
 from lidarplace.files.secret_urls import hide_secrets, public_url
 from lidarplace.ranges import PORT
@@ -25,6 +25,8 @@ from tracking.mlflow.uri import absolute_uri, is_server, sqlite_file
 from tracking.run_folders.json_file import Part, read_result_file
 
 app = new_app()
+
+FIRST_PORT = 5000
 
 _TOLD_EVERY_S = 10.0
 """Seconds between two lines on what it waits for."""
@@ -47,7 +49,7 @@ def dashboard(
         uri, name = _tracking(where)
         client = connect(uri)
         page = _page(client, name)
-        port = None if is_server(uri) else _free_port(port)
+        port = None if is_server(uri) else free_port(port, FIRST_PORT)
     except ValueError as error:
         wrong(error)
     except ModuleNotFoundError:  # told in one line for all verbs
@@ -158,21 +160,6 @@ def _page(client: Any, name: str | None) -> str:
             return ""
         experiment = known[latest[0].info.experiment_id]
     return page_of(experiment.experiment_id, VIEW_TAG in experiment.tags)
-
-
-def _free_port(asked: int | None) -> int:
-    """The port that was asked for, or the first that is free."""
-    for port in range(5000, 5100) if asked is None else (asked,):
-        with socket.socket() as listener:
-            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            try:
-                listener.bind(("127.0.0.1", port))
-            except OSError as error:
-                if asked is not None:
-                    raise ValueError(f"--port {port}: {error.strerror}") from None
-            else:
-                return port
-    raise ValueError("ports 5000 to 5099 are taken; name one with --port")
 
 
 if __name__ == "__main__":

@@ -70,3 +70,15 @@ def inside(vehicle: Vehicle, point: Sequence[float]) -> bool:
     """Whether the point (x, y, z) is within the body; its surface is not."""
     low, high = vehicle.interior[:, 0], vehicle.interior[:, 1]
     return bool(((low < point) & (point < high)).all(axis=1).any())
+
+
+def depth_in(boxes: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How far each place is inside of one of the boxes, 0 outside of all; shape (places,), metres.
+
+    Args:
+        boxes: lower and upper corners, shape (n, 2, 3), metres.
+        places: shape (places, 3), metres.
+    """
+    at = places[:, None]
+    inside = np.minimum(at - boxes[:, 0], boxes[:, 1] - at).min(axis=2)
+    return inside.max(axis=1, initial=0.0)

@@ -18,6 +18,7 @@ from lidarplace.configuration.settings import (
     Probability,
     Settings,
 )
+from lidarplace.configuration.vehicle import VehicleBoxes
 from lidarplace.configuration.weather import WeatherSettings
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.detection_curve import IOU, DetectionCurves
@@ -27,7 +28,6 @@ from lidarplace.requirements.presets import PRESETS, preset
 from lidarplace.requirements.requirement import AlsoWhen, Measure, Requirement
 from lidarplace.sectors import SECTORS, bounds_of
 from sweeps.configuration.sweep import MountingErrorSettings
-from sweeps.configuration.vehicle import VehicleBoxes
 
 LANES = ("right", "own", "left")
 

@@ -9,18 +9,23 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
 
 from lidarplace.catalogue.datasheet import datasheet
+from lidarplace.configuration.mounting import (
+    KeepOutSettings,
+    LimitSettings,
+    Pair,
+    PlaceSettings,
+    number_as_interval,
+    ordered,
+)
 from lidarplace.configuration.placement import MountSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import (
     Amount,
-    Aside,
     Count,
     CountFromOne,
     Degrees,
     Distance,
     Factor,
-    Height,
-    Length,
     Name,
     Number,
     Probability,
@@ -30,8 +35,8 @@ from lidarplace.configuration.settings import (
     Text,
     short_for,
 )
+from lidarplace.configuration.vehicle import VehicleBoxes
 from lidarplace.metrics import RANKING, Direction, headline_metric
-from lidarplace.mounting.zone import Zone
 from lidarplace.surrogates.table import ASKED_OF_POG, SURROGATES
 from sweeps.configuration.requirements import Requirements
 from sweeps.configuration.sweep import (
@@ -41,9 +46,6 @@ from sweeps.configuration.sweep import (
     Point,
     best_of,
 )
-from sweeps.configuration.vehicle import VehicleBoxes
-
-Pair = tuple[Length, Length]
 
 Scalar = Text | bool | int | Number | None
 
@@ -51,44 +53,20 @@ SAMPLERS = ("tpe", "gp", "cmaes", "nsga2", "nsga3", "random", "qmc")
 PRUNERS = ("median", "successive_halving")
 
 
-def _ordered(interval: tuple[float, float]) -> tuple[float, float]:
-    if interval[0] > interval[1]:
-        raise ValueError("allowed is a number, or [min, max] with min <= max")
-    return interval
-
-
-def _number_as_interval(value: Any) -> Any:
-    return [value, value] if isinstance(value, (int, float)) else value
-
-
-Span = Annotated[
-    tuple[Aside, Aside], BeforeValidator(_number_as_interval), AfterValidator(_ordered)
-]
-"""A number, or [min, max]."""
-Heights = Annotated[
-    tuple[Height, Height], BeforeValidator(_number_as_interval), AfterValidator(_ordered)
-]
-"""The same above the ground."""
 Turn = Annotated[
-    tuple[Degrees, Degrees], BeforeValidator(_number_as_interval), AfterValidator(_ordered)
+    tuple[Degrees, Degrees], BeforeValidator(number_as_interval), AfterValidator(ordered)
 ]
-"""The same of an angle."""
+"""A number, or [min, max], of an angle."""
 
 
 _OF_COUNTED_ZONES = {"models", "mirrored", "facing_deg", "roll_deg", "pitch_deg", "yaw_deg"}
 """Keys that differ between zones, whose LiDARs then have parameters of their own."""
 
 
-class ZoneSettings(Settings):
+class ZoneSettings(PlaceSettings):
     """Where a LiDAR may sit: a box, or a polygon with heights; metres, ego frame."""
 
-    x: Span | None = Field(None, description="a number or [min, max], metres")
-    y: Span | None = Field(None, description="a number or [min, max], metres")
-    polygon: tuple[tuple[Aside, Aside], ...] | None = Field(
-        None, description="corners [x, y], instead of x and y"
-    )
-    z: Heights = Field(description="a number or [min, max], metres")
-    lidars: Annotated[tuple[Count, Count], BeforeValidator(_number_as_interval)] | None = Field(
+    lidars: Annotated[tuple[Count, Count], BeforeValidator(number_as_interval)] | None = Field(
         None, description="number of LiDARs in it, or [min, max]; all zones say theirs, or none"
     )
     models: Annotated[tuple[Name, ...], Field(min_length=1)] | None = Field(
@@ -111,29 +89,15 @@ class ZoneSettings(Settings):
 
     @model_validator(mode="after")
     def _possible(self) -> ZoneSettings:
-        sides = [self.x is not None, self.y is not None]
-        if not (all(sides) if self.polygon is None else not any(sides)):
-            raise ValueError("a zone needs x, y and z, or polygon and z")
-        zone = self.zone("any")
         if self.lidars is None:
             own = self.model_fields_set & _OF_COUNTED_ZONES
             if own:
                 raise ValueError(f"{min(own)}: is for zones that say how many `lidars` they have")
         elif self.lidars[0] > self.lidars[1]:
             raise ValueError("lidars: allowed is a number, or [min, max] with min <= max")
-        if self.mirrored and any(y < 0 for _, y in zone.polygon):
+        if self.mirrored and any(y < 0 for _, y in self.zone("any").polygon):
             raise ValueError("mirrored: give the zone left of y = 0 alone")
         return self
-
-    def zone(self, name: str) -> Zone:
-        """The zone in the terms of `lidarplace`. Raises ValueError if its shape is impossible."""
-        corners = self.polygon
-        if corners is None:
-            assert self.x is not None
-            assert self.y is not None
-            (x0, x1), (y0, y1) = self.x, self.y
-            corners = ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
-        return Zone(name, corners, self.z)
 
 
 class ModelSettings(SensorSettings):
@@ -165,34 +129,9 @@ class NearFieldSettings(Settings):
     coverage: Probability = Field(description="least share of its voxels")
 
 
-class KeepOutSettings(Settings):
-    """A box in which no LiDAR may sit and through which none sees, such as a window or a mirror."""
-
-    x: Pair = Field(description="[min, max], metres")
-    y: Pair = Field(description="[min, max], metres")
-    z: Pair = Field(description="[min, max], metres")
-
-    @model_validator(mode="after")
-    def _has_volume(self) -> KeepOutSettings:
-        if not all(low < high for low, high in (self.x, self.y, self.z)):
-            raise ValueError("allowed is [min, max] with min < max along x, y and z")
-        return self
-
-    @property
-    def box(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Its lower and its upper corner."""
-        low, high = zip(self.x, self.y, self.z, strict=True)
-        return low, high
-
-
-class ConstraintSettings(Settings):
+class ConstraintSettings(LimitSettings):
     """What a placement has to keep."""
 
-    distance: Distance = Field(0.2, description="least distance between LiDARs, m; 0: any")
-    body_share: Probability | None = Field(
-        None, description="largest share of a LiDAR's rays that may meet the vehicle's own body"
-    )
-    price: Amount | None = Field(None, description="most that all LiDARs may cost together")
     power: Amount | None = Field(None, description="most that all LiDARs may take together, watts")
     near_field: NearFieldSettings | None = Field(
         None, description="what has to be seen close to the vehicle"
@@ -354,7 +293,7 @@ class TrafficSettings(Settings):
 class SearchSettings(Settings):
     """What may be mounted where, and how it is searched."""
 
-    lidars: Annotated[tuple[Count, Count], BeforeValidator(_number_as_interval)] = Field(
+    lidars: Annotated[tuple[Count, Count], BeforeValidator(number_as_interval)] = Field(
         (4, 4), description="number of LiDARs, or [min, max]; those that are `fixed` come on top"
     )
     zones: dict[Name, ZoneSettings] = Field(

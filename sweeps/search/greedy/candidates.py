@@ -24,7 +24,7 @@ from sweeps.search.problem.choice import (
     placement_of,
     rounded,
 )
-from sweeps.search.problem.constraints import ROUNDING, depth_in
+from sweeps.search.problem.constraints import ROUNDING
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.space import Slot, Space
 
@@ -119,7 +119,7 @@ def _may_be(rig: Choices, fixed: Choices, problem: Problem) -> bool:
     if least_distance(placement_of(both, problem.models)) < limits.distance - ROUNDING:
         return False
     carrier = problem.question.carrier
-    if depth_in(carrier.keep_out, rig) > 0:
+    if carrier.depth_of(rig) > 0:
         return False
     return limits.body_share is None or all(
         body_share(lidar.mount, problem.models[lidar.model], carrier.vehicle) <= limits.body_share

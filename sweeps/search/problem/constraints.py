@@ -13,7 +13,7 @@ from lidarplace import Lidar, Roi
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.near_field import near_field_coverage
 from lidarplace.mounting.spacing import least_distance
-from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.mounting.vehicle import Vehicle, depth_in
 from lidarplace.requirements.judge import judge
 from lidarplace.requirements.layout import Laid
 from sweeps.configuration.search import TOTALS, SearchSettings
@@ -122,12 +122,10 @@ class Carrier:
         mounts = self.mount_prices if total == "price" else {}
         return math.fsum(self.totals[total][c.model] + mounts.get(c.zone, 0.0) for c in rig)
 
-
-def depth_in(boxes: NDArray[np.float64], rig: Choices) -> float:
-    """How far the deepest LiDAR is inside of one of the boxes (n, 2, 3), metres; 0 for none."""
-    places = np.array([lidar.mount.position for lidar in rig]).reshape(-1, 1, 3)
-    inside = np.minimum(places - boxes[:, 0], boxes[:, 1] - places).min(axis=2)
-    return float(inside.max(initial=0.0))
+    def depth_of(self, rig: Choices) -> float:
+        """How far the deepest LiDAR is inside of what is kept out, metres; 0 for none."""
+        places = np.array([lidar.mount.position for lidar in rig]).reshape(-1, 3)
+        return float(depth_in(self.keep_out, places).max(initial=0.0))
 
 
 def margin_of(rig: Choices, carrier: Carrier) -> float:
@@ -159,7 +157,7 @@ def measures_of(
         if constraint.name in TOTALS:
             found[constraint.name] = carrier.total_of(constraint.name, rig)
         elif constraint.name == "keep_out":
-            found["keep_out"] = depth_in(carrier.keep_out, rig)
+            found["keep_out"] = carrier.depth_of(rig)
         elif constraint.name == "distance":
             found["distance"] = least_distance(placement) if placement else 0.0
         elif constraint.name == "body_share":

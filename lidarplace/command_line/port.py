@@ -1,0 +1,27 @@
+"""A free port of this machine for a server on the loopback interface."""
+
+from __future__ import annotations
+
+import socket
+
+TRIED = 100
+"""Ports in a row that are looked at."""
+
+
+def free_port(asked: int | None, first: int, host: str = "127.0.0.1") -> int:
+    """The port that was asked for, or else the first one from `first` on that is free.
+
+    Raises:
+        ValueError: it is taken, or all are.
+    """
+    for port in range(first, first + TRIED) if asked is None else (asked,):
+        with socket.socket() as listener:
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                listener.bind((host, port))
+            except OSError as error:
+                if asked is not None:
+                    raise ValueError(f"--port {port}: {error.strerror}") from None
+            else:
+                return port
+    raise ValueError(f"ports {first} to {first + TRIED - 1} are taken; name one with --port")

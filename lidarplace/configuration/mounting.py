@@ -1,0 +1,99 @@
+"""What a vehicle allows its LiDARs in a configuration: zones, keep-outs and limits."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from lidarplace.configuration.settings import (
+    Amount,
+    Aside,
+    Distance,
+    Height,
+    Length,
+    Probability,
+    Settings,
+)
+from lidarplace.mounting.zone import Zone
+
+Pair = tuple[Length, Length]
+
+
+def ordered(interval: tuple[float, float]) -> tuple[float, float]:
+    """The interval, if its ends are the right way round; else ValueError."""
+    if interval[0] > interval[1]:
+        raise ValueError("allowed is a number, or [min, max] with min <= max")
+    return interval
+
+
+def number_as_interval(value: Any) -> Any:
+    """A number stands for the interval that holds it alone."""
+    return [value, value] if isinstance(value, (int, float)) else value
+
+
+Span = Annotated[tuple[Aside, Aside], BeforeValidator(number_as_interval), AfterValidator(ordered)]
+"""A number, or [min, max]."""
+Heights = Annotated[
+    tuple[Height, Height], BeforeValidator(number_as_interval), AfterValidator(ordered)
+]
+"""The same above the ground."""
+
+
+class PlaceSettings(Settings):
+    """Where a LiDAR may sit: a box, or a polygon with heights; metres, ego frame."""
+
+    x: Span | None = Field(None, description="a number or [min, max], metres")
+    y: Span | None = Field(None, description="a number or [min, max], metres")
+    polygon: tuple[tuple[Aside, Aside], ...] | None = Field(
+        None, description="corners [x, y], instead of x and y"
+    )
+    z: Heights = Field(description="a number or [min, max], metres")
+
+    @model_validator(mode="after")
+    def _has_a_shape(self) -> PlaceSettings:
+        sides = [self.x is not None, self.y is not None]
+        if not (all(sides) if self.polygon is None else not any(sides)):
+            raise ValueError("a zone needs x, y and z, or polygon and z")
+        self.zone("any")
+        return self
+
+    def zone(self, name: str) -> Zone:
+        """The zone in the terms of `lidarplace`. Raises ValueError if its shape is impossible."""
+        corners = self.polygon
+        if corners is None:
+            assert self.x is not None
+            assert self.y is not None
+            (x0, x1), (y0, y1) = self.x, self.y
+            corners = ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
+        return Zone(name, corners, self.z)
+
+
+class KeepOutSettings(Settings):
+    """A box in which no LiDAR may sit and through which none sees, such as a window or a mirror."""
+
+    x: Pair = Field(description="[min, max], metres")
+    y: Pair = Field(description="[min, max], metres")
+    z: Pair = Field(description="[min, max], metres")
+
+    @model_validator(mode="after")
+    def _has_volume(self) -> KeepOutSettings:
+        if not all(low < high for low, high in (self.x, self.y, self.z)):
+            raise ValueError("allowed is [min, max] with min < max along x, y and z")
+        return self
+
+    @property
+    def box(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Its lower and its upper corner."""
+        low, high = zip(self.x, self.y, self.z, strict=True)
+        return low, high
+
+
+class LimitSettings(Settings):
+    """What a placement has to keep."""
+
+    distance: Distance = Field(0.2, description="least distance between LiDARs, m; 0: any")
+    body_share: Probability | None = Field(
+        None, description="largest share of a LiDAR's rays that may meet the vehicle's own body"
+    )
+    price: Amount | None = Field(None, description="most that all LiDARs may cost together")
