@@ -39,7 +39,7 @@ FLOORS = {
         "__init__ command_line requirements viewing",
         "scenes",
         "rig_files",
-        "convert describe export rig sensors view",
+        "convert describe export rig sensors studio view",
     ),
     "lidarplace.scenes": ("datasets doubts parts routes", "*", "kinds"),
     "training": (

@@ -1,0 +1,57 @@
+"""Where on the ground around the vehicle somebody can stand whom no LiDAR sees any part of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarplace.mounting.near_field import seen_in_columns
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.placement import Placement
+from lidarplace.roi import Roi
+
+EDGE_M = 0.25
+"""Of a cell of the ground."""
+REACH_M = 6.0
+"""From the vehicle's sides."""
+LOWEST_M = 0.25
+"""Below it nobody is looked for: the ground itself returns light."""
+HEIGHTS_M = {"a child": 1.0, "an adult": 1.5}
+"""Up to which somebody is looked for: below the top of the head, in whole voxels. A cyclist and a
+car are as tall as an adult."""
+
+
+@dataclass(frozen=True)
+class BlindGround:
+    """Cells of the ground.
+
+    Attributes:
+        middles: x, y in metres, shape (cells, 2): those in which nothing is seen up to the height.
+        share: of all cells outside of the body.
+    """
+
+    middles: NDArray[np.float64]
+    share: float
+
+
+def blind_ground(placement: Placement | None, vehicle: Vehicle, height: float) -> BlindGround:
+    """The cells around the vehicle over which no voxel below `height` is seen past the body.
+
+    Args:
+        placement: None for no LiDAR, by which all is blind.
+        height: metres, a multiple of EDGE_M above LOWEST_M.
+    """
+    low = vehicle.boxes[:, 0, :2].min(axis=0, initial=0.0) - REACH_M
+    high = vehicle.boxes[:, 1, :2].max(axis=0, initial=0.0) + REACH_M
+    (x0, y0), (x1, y1) = np.floor(low / EDGE_M) * EDGE_M, np.ceil(high / EDGE_M) * EDGE_M
+    roi = Roi((x0, x1), (y0, y1), (LOWEST_M, height), EDGE_M)
+    blind = np.ones(roi.shape[:2], bool)
+    cells = blind.size
+    if placement is not None:
+        seen, outside = seen_in_columns(placement, vehicle, roi)
+        blind, cells = (seen == 0) & (outside > 0), int((outside > 0).sum())
+    rows, columns = np.nonzero(blind)
+    middles = np.stack([roi.centres(0)[rows], roi.centres(1)[columns]], axis=1)
+    return BlindGround(middles, float(blind.sum() / cells))

@@ -1,0 +1,81 @@
+"""The numbers of a rig, fast enough to follow a hand: coarse while it moves, exact at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lidarplace.box_log import BoxLog
+from lidarplace.occupancy.grid import OccupancyGrid
+from lidarplace.placement import Placement
+from lidarplace.recall.expected_recall import ExpectedRecall
+from lidarplace.roi import Roi
+from lidarplace.studio.seen_cells import SeenCells
+from lidarplace.surrogates.evaluate import evaluate_classes
+
+RECALL_FRAMES = 20
+"""Frames over which `expected_recall` is taken: those of a second tell little new."""
+MOVING_RAYS = 40_000
+"""Rays of a LiDAR that are cast in each of them while it moves."""
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """What a rig is worth, by class.
+
+    Attributes:
+        s_mig, covered_entropy: nats.
+        expected_recall: mean probability that an object is found; NaN of a class without objects.
+        exact: whether all rays were cast for `expected_recall`; the others always are exact.
+    """
+
+    s_mig: Mapping[str, float]
+    covered_entropy: Mapping[str, float]
+    expected_recall: Mapping[str, float]
+    exact: bool
+
+
+class Meter:
+    """Measures rigs on the frames of a log.
+
+    Args:
+        log: all its frames count for the POG.
+        roi: with the edge of the voxels.
+        classes: of the objects.
+    """
+
+    def __init__(self, log: BoxLog, roi: Roi, classes: Sequence[str]) -> None:
+        self.grids = OccupancyGrid.by_class(log.boxes, roi, classes, len(log.frames))
+        self.recall = ExpectedRecall.from_log(log, roi, classes, frames=RECALL_FRAMES)
+        self.h_pog = {name: grid.h_pog for name, grid in self.grids.items()}
+        self.seen = SeenCells(self.recall.objects)
+        of_class = self.recall.objects.table["class"].to_numpy()
+        self._rows = {name: np.flatnonzero(of_class == name) for name in classes}
+
+    def measure(self, placement: Placement | None, exact: bool = True) -> Numbers:
+        """The numbers of a rig, None being no LiDAR.
+
+        Args:
+            exact: cast all rays; else every n-th azimuth step of a LiDAR, see MOVING_RAYS.
+        """
+        information = dict.fromkeys(self.grids, 0.0)
+        if placement is not None:
+            results = evaluate_classes(self.grids, placement)
+            information = {name: own.covered_entropy for name, own in results.items()}
+        rays = placement if exact or placement is None else thinned(placement, MOVING_RAYS)
+        found = self.recall.probabilities(self.seen.of(rays))
+        recall = {
+            name: float(found[rows].mean()) if len(rows) else np.nan
+            for name, rows in self._rows.items()
+        }
+        s_mig = {name: 0 - value for name, value in information.items()}
+        return Numbers(s_mig, information, recall, exact)
+
+
+def thinned(placement: Placement, rays: int) -> Placement:
+    """The same rig with every n-th azimuth step, so that no LiDAR has more rays than this."""
+    return placement.with_lidar(
+        [lidar.thinned(min(1.0, rays / lidar.rays)) for lidar in placement.lidars]
+    )

@@ -1,0 +1,203 @@
+"""A rig under the hands of a person: LiDARs in the numbers and units of its file, and edits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+from pydantic import ValidationError
+
+from lidarplace.configuration.placement import MountSettings
+from lidarplace.configuration.settings import fault
+from lidarplace.placement import Mount, Placement
+from lidarplace.pose import from_carla
+from lidarplace.sensor import Lidar
+
+POSE = ("x", "y", "z", "roll", "pitch", "yaw")
+ANGLES = POSE[3:]
+ASIDE_M = 0.3
+"""How far to the left of a LiDAR its duplicate is."""
+
+_TURNED = {"y", "pitch", "yaw"}  # what CARLA's convention has with the other sign
+_ACROSS = {"y", "roll", "yaw"}  # what a mirror image has with the other sign
+
+
+@dataclass(frozen=True)
+class MountedLidar:
+    """A LiDAR of a rig.
+
+    Attributes:
+        written: keys of `MountSettings` as the file has them, so that a number which nobody
+            changes stays what it is, to the last digit and in its unit.
+        enabled: whether it works; "what if it dies" is asked by one that does not.
+
+    Raises:
+        ValueError: a key is wrong; names it.
+    """
+
+    written: Mapping[str, Any]
+    enabled: bool = True
+    settings: MountSettings = field(init=False, compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        try:
+            settings = MountSettings.model_validate(dict(self.written))
+        except ValidationError as error:
+            raise ValueError(fault(error)) from None
+        object.__setattr__(self, "settings", settings)
+
+    @property
+    def model(self) -> str | None:
+        """Its name in the catalogue; None if the file describes it, or leaves it to the default."""
+        return None if self.settings.lidar is None else self.settings.lidar.name
+
+
+@dataclass(frozen=True)
+class Rig:
+    """LiDARs on a vehicle; there may be none yet.
+
+    Attributes:
+        name: of the rig.
+        lidars: in their order.
+        carla: whether the file has poses in CARLA's convention.
+    """
+
+    name: str
+    lidars: tuple[MountedLidar, ...] = ()
+    carla: bool = False
+
+    @classmethod
+    def of_written(cls, name: str, written: Mapping[str, Any]) -> Rig:
+        """The rig of a mapping with `mounts` and `convention`. Raises as `MountedLidar` does."""
+        lidars = []
+        for number, mount in enumerate(written.get("mounts", ())):
+            try:
+                lidars.append(MountedLidar(mount))
+            except ValueError as error:
+                raise ValueError(f"mounts[{number}].{error}") from None
+        return cls(name, tuple(lidars), written.get("convention") == "carla")
+
+    @property
+    def written(self) -> dict[str, Any]:
+        """The keys of `PlacementSettings`; of LiDARs that are disabled, too: they are mounted."""
+        convention = {"convention": "carla"} if self.carla else {}
+        return convention | {"mounts": [dict(lidar.written) for lidar in self.lidars]}
+
+    @cached_property
+    def mounts(self) -> tuple[Mount, ...]:
+        """Of all LiDARs, in the ego frame."""
+        poses = (lidar.settings.pose for lidar in self.lidars)
+        return tuple(Mount(*(from_carla(*pose) if self.carla else pose)) for pose in poses)
+
+    def models(self, lidar: Lidar) -> tuple[Lidar, ...]:
+        """Of all LiDARs; `lidar` where none is named."""
+        own = (mounted.settings.lidar for mounted in self.lidars)
+        return tuple(lidar if settings is None else settings.lidar() for settings in own)
+
+    def placement(self, lidar: Lidar) -> Placement | None:
+        """The LiDARs that work, None without any; `lidar` where no model is named.
+
+        Raises:
+            ValueError: two of them are in one place.
+        """
+        working = [
+            (mount, model)
+            for mounted, mount, model in zip(
+                self.lidars, self.mounts, self.models(lidar), strict=True
+            )
+            if mounted.enabled
+        ]
+        if not working:
+            return None
+        mounts, models = zip(*working, strict=True)
+        return Placement(self.name, mounts, lidar=models)
+
+    def pose(self, number: int) -> dict[str, float]:
+        """Of a LiDAR by the names of `POSE`: ego frame, metres and degrees."""
+        settings = self.lidars[number].settings
+        found = {axis: float(getattr(settings, axis)) for axis in POSE[:3]}
+        for angle in ANGLES:
+            degrees = getattr(settings, f"{angle}_deg")
+            found[angle] = math.degrees(getattr(settings, angle)) if degrees is None else degrees
+        return {name: self._turned(name, value) for name, value in found.items()}
+
+    def _turned(self, name: str, value: float) -> float:
+        """From the ego frame to the file's convention, or back."""
+        return 0 - value if self.carla and name in _TURNED else value
+
+    def _with(self, number: int, lidar: MountedLidar) -> Rig:
+        return replace(self, lidars=(*self.lidars[:number], lidar, *self.lidars[number + 1 :]))
+
+
+def posed(rig: Rig, number: int, **pose: float) -> Rig:
+    """A LiDAR at other coordinates of `POSE`: ego frame, metres and degrees.
+
+    An angle that the file has in radians stays one of radians, all others are written in degrees.
+
+    Raises:
+        ValueError: a number is beyond its limits.
+    """
+    before, lidar = rig.pose(number), rig.lidars[number]
+    written = dict(lidar.written)
+    for name, value in pose.items():
+        if value == before[name]:
+            continue
+        value = rig._turned(name, value)
+        if name in ANGLES and not written.get(name):  # a zero has no unit
+            written.pop(name, None)
+            written[f"{name}_deg"] = value
+        else:
+            written[name] = math.radians(value) if name in ANGLES else value
+    return rig._with(number, replace(lidar, written=written))
+
+
+def added(rig: Rig, model: str | None = None, **pose: float) -> Rig:
+    """With one more LiDAR, of the catalogue's model or of the default one."""
+    known = {} if model is None else {"lidar": model}
+    mounted = MountedLidar({"x": 0.0, "y": 0.0, "z": 0.0} | known)
+    return posed(replace(rig, lidars=(*rig.lidars, mounted)), len(rig.lidars), **pose)
+
+
+def removed(rig: Rig, number: int) -> Rig:
+    """Without a LiDAR."""
+    return replace(rig, lidars=(*rig.lidars[:number], *rig.lidars[number + 1 :]))
+
+
+def duplicated(rig: Rig, number: int) -> Rig:
+    """With the same LiDAR once more, `ASIDE_M` to its left."""
+    wider = replace(rig, lidars=(*rig.lidars, rig.lidars[number]))
+    return posed(wider, len(rig.lidars), y=rig.pose(number)["y"] + ASIDE_M)
+
+
+def mirrored(rig: Rig, number: int) -> Rig:
+    """With the mirror image of a LiDAR on the other side of the vehicle.
+
+    Raises:
+        ValueError: it sits in the middle.
+    """
+    pose = rig.pose(number)
+    if pose["y"] == 0:
+        raise ValueError(f"LiDAR {number} is at y = 0, where its mirror image would be, too")
+    wider = replace(rig, lidars=(*rig.lidars, rig.lidars[number]))
+    across = {name: 0 - pose[name] for name in _ACROSS}
+    return posed(wider, len(rig.lidars), **across)
+
+
+def enabled(rig: Rig, number: int, works: bool) -> Rig:
+    """With a LiDAR that works or does not."""
+    return rig._with(number, replace(rig.lidars[number], enabled=works))
+
+
+def of_model(rig: Rig, number: int, model: str | None) -> Rig:
+    """With another model of the catalogue on a mount; None: the default one.
+
+    Raises:
+        ValueError: there is no such model.
+    """
+    lidar = rig.lidars[number]
+    written = {key: value for key, value in lidar.written.items() if key != "lidar"}
+    named = {} if model is None else {"lidar": model}
+    return rig._with(number, replace(lidar, written=written | named))

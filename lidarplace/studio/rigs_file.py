@@ -1,0 +1,145 @@
+"""The file of a studio: rigs, the vehicle that carries them, and what it allows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from pydantic import Field, ValidationError
+
+from lidarplace.configuration.mounting import KeepOutSettings, LimitSettings, PlaceSettings
+from lidarplace.configuration.placement import MOST_MOUNTS, MountSettings, PlacementSettings
+from lidarplace.configuration.sensor import SensorSettings
+from lidarplace.configuration.settings import Amount, Name, Settings, fault, short_for
+from lidarplace.configuration.vehicle import VehicleBoxes
+from lidarplace.configuration.yaml import read_yaml_file
+from lidarplace.files.atomic import replacing
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.mounting.zone import Zone
+from lidarplace.studio.rig import Rig
+
+
+class RigSettings(PlacementSettings):
+    """A placement by coordinates; it may be without LiDARs yet."""
+
+    mounts: tuple[MountSettings, ...] = Field(
+        default=(), max_length=MOST_MOUNTS, description="a LiDAR each"
+    )
+
+
+class RigsSettings(Settings):
+    """The file as a whole. What a search has under `search` has the same keys there."""
+
+    lidar: Annotated[SensorSettings, short_for("name")] = Field(
+        SensorSettings(), description="the LiDARs, unless a mount has its own"
+    )
+    vehicle: VehicleBoxes = None  # type: ignore[assignment]
+    placements: dict[Name, RigSettings] = Field(
+        default={"mine": RigSettings()}, min_length=1, description="rigs by name"
+    )
+    zones: dict[Name, PlaceSettings] = Field(
+        default={}, description="by name: where a LiDAR may sit; anywhere without zones"
+    )
+    keep_out: dict[Name, KeepOutSettings] = Field(
+        default={}, description="by name: where no LiDAR may sit, and what hides what is behind it"
+    )
+    prices: dict[Name, Amount] = Field(
+        default={}, description="of LiDARs by their name in the catalogue, in any currency"
+    )
+    constraints: LimitSettings = Field(LimitSettings(), description="what a rig has to keep")
+
+
+@dataclass(frozen=True)
+class RigsFile:
+    """A file that was read.
+
+    Attributes:
+        path: of the file.
+        content: what it says, as plain data.
+        settings: the same, checked.
+        single: whether it is the file of one placement, with `mounts` at its top.
+    """
+
+    path: Path
+    content: Mapping[str, Any]
+    settings: RigsSettings
+    single: bool = False
+
+    @cached_property
+    def rigs(self) -> tuple[Rig, ...]:
+        """In the order of the file."""
+        if self.single:
+            return (Rig.of_written(self.path.stem, self.content),)
+        known = self.content.get("placements") or {"mine": {}}
+        return tuple(Rig.of_written(str(name), written) for name, written in known.items())
+
+    @cached_property
+    def zones(self) -> tuple[Zone, ...]:
+        """Where LiDARs may sit."""
+        return tuple(own.zone(name) for name, own in self.settings.zones.items())
+
+    @cached_property
+    def keep_out(self) -> NDArray[np.float64]:
+        """Lower and upper corners, metres, shape (n, 2, 3)."""
+        boxes = [own.box for own in self.settings.keep_out.values()]
+        return np.array(boxes, np.float64).reshape(-1, 2, 3)
+
+    @cached_property
+    def vehicle(self) -> Vehicle:
+        """The body alone."""
+        return Vehicle("vehicle", np.array(self.settings.vehicle))
+
+    @cached_property
+    def body(self) -> Vehicle:
+        """What stops rays: the body, and what is kept free of LiDARs."""
+        return Vehicle("vehicle", np.concatenate([self.vehicle.boxes, self.keep_out]))
+
+    def text_with(self, rigs: Sequence[Rig]) -> str:
+        """The file with these rigs in place of its own; comments are lost."""
+        if self.single and len(rigs) == 1:
+            content = {**self.content, **rigs[0].written}
+        else:
+            rest = {} if self.single else self.content
+            content = {**rest, "placements": {rig.name: rig.written for rig in rigs}}
+        return str(
+            yaml.safe_dump(
+                content, sort_keys=False, default_flow_style=None, allow_unicode=True, width=100
+            )
+        )
+
+
+def read_rigs(path: Path) -> RigsFile:
+    """Read the keys of `RigsSettings`, or the file of one placement with `mounts`.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it is no such file; names file, key and value.
+    """
+    content = read_yaml_file(path)
+    if content is None:
+        content = {}
+    try:
+        if isinstance(content, dict) and "mounts" in content:
+            RigSettings.model_validate(content)
+            return RigsFile(path, content, RigsSettings(), single=True)
+        return RigsFile(path, content, RigsSettings.model_validate(content))
+    except ValidationError as error:
+        raise ValueError(f"{path}: {fault(error)}") from None
+
+
+def write_rigs(path: Path, text: str, overwrite: bool) -> None:
+    """Write a file; it is renamed into place.
+
+    Raises:
+        FileExistsError: it is there, and `overwrite` does not say that it may go.
+    """
+    if path.exists() and not overwrite:
+        raise FileExistsError(f"{path}: is there already; say overwrite, or name another file")
+    with replacing(path) as partial:
+        partial.write_text(text, encoding="utf-8")

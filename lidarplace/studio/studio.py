@@ -1,0 +1,292 @@
+"""The studio without a page: rigs that a person changes, and what they are worth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import yaml
+
+from lidarplace.box_log import BoxLog
+from lidarplace.boxes import CLASSES
+from lidarplace.mounting.polygon import GRID_DIGITS, nearest
+from lidarplace.mounting.zone import distance
+from lidarplace.placement import Placement
+from lidarplace.roi import Roi
+from lidarplace.studio import rig as edits
+from lidarplace.studio.blind_ground import BlindGround, blind_ground
+from lidarplace.studio.frame_view import FrameView
+from lidarplace.studio.history import History
+from lidarplace.studio.improve import Improved, improved
+from lidarplace.studio.numbers import Meter, Numbers
+from lidarplace.studio.rig import Rig
+from lidarplace.studio.rigs_file import RigsFile, write_rigs
+from lidarplace.studio.violations import Violation, price_of, violations
+from lidarplace.studio.why_unseen import AimedRays, why_unseen
+
+PAPER_ROI = Roi((-40, 40), (-20, 20), (0, 4), 0.2)
+"""The paper's region, all around the vehicle."""
+
+
+@dataclass(frozen=True)
+class Draft:
+    """The rigs, and which of them is under the hands."""
+
+    rigs: tuple[Rig, ...]
+    current: int = 0
+
+
+class Studio:
+    """Rigs of a file, changed step by step, and measured on a log.
+
+    A rig is told by its place in `rigs`, a LiDAR by its number in the rig, from 0. Poses are
+    coordinates of the ego frame: metres and degrees.
+
+    Args:
+        file: the rigs, from `read_rigs`.
+        log: traffic; all of its frames count.
+        roi: for the surrogates and the pictures.
+        classes: of objects; those of the log by default.
+
+    Raises:
+        ValueError: the log has no frame, or a box is bad.
+    """
+
+    def __init__(
+        self, file: RigsFile, log: BoxLog, roi: Roi = PAPER_ROI, classes: Sequence[str] = ()
+    ) -> None:
+        if log.frames.empty:
+            raise ValueError("the log has no frame")
+        there = set(log.boxes["class"])
+        self.file, self.log, self.roi = file, log, roi
+        self.classes = tuple(classes) or tuple(c for c in CLASSES if c in there) or CLASSES
+        self.lidar = file.settings.lidar.lidar()
+        self.begun = {rig.name: rig for rig in file.rigs}
+        self._history = History(Draft(file.rigs))
+        self.frame_numbers: list[int] = log.frames["frame"].tolist()
+        self.show_frame(self.frame_numbers[0])
+
+    @cached_property
+    def meter(self) -> Meter:
+        """What measures the rigs."""
+        return Meter(self.log, self.roi, self.classes)
+
+    # Which rig, and which frame.
+
+    @property
+    def rigs(self) -> tuple[Rig, ...]:
+        """All rigs as they are now."""
+        return self._history.value.rigs
+
+    @property
+    def rig(self) -> Rig:
+        """The one under the hands."""
+        draft = self._history.value
+        return draft.rigs[draft.current]
+
+    def choose(self, name: str) -> None:
+        """Take another rig into the hands. Raises ValueError if there is none of that name."""
+        names = [rig.name for rig in self.rigs]
+        if name not in names:
+            raise ValueError(f"no rig {name!r}; there are {', '.join(names)}")
+        self._history.do(replace(self._history.value, current=names.index(name)))
+
+    def copy_rig(self, name: str) -> None:
+        """A copy of the rig under another name, which is then under the hands.
+
+        Raises:
+            ValueError: the name is taken, or none.
+        """
+        if not name or name in [rig.name for rig in self.rigs]:
+            raise ValueError(f"a rig needs a name of its own, found {name!r}")
+        self.begun[name] = self.begun.get(self.rig.name, self.rig)
+        rigs = (*self.rigs, replace(self.rig, name=name))
+        self._history.do(Draft(rigs, len(rigs) - 1))
+
+    def show_frame(self, number: int) -> None:
+        """Look at another frame. Raises ValueError if the log does not have it."""
+        self.view = FrameView(self.log, number, self.roi, self.classes)
+
+    # Edits, each a step that can be undone.
+
+    def pose(self, number: int, /, **pose: float) -> None:
+        """Give a LiDAR other coordinates: x, y, z in metres, roll, pitch, yaw in degrees.
+
+        Raises:
+            ValueError: a number is beyond its limits.
+        """
+        self._do(edits.posed, number, **pose)
+
+    def drag(self, number: int, /, **pose: float) -> None:
+        """The same, as part of one step that `drop` ends. Raises as `pose`."""
+        self._history.try_out(self._with(edits.posed(self.rig, number, **pose)))
+
+    def drop(self) -> None:
+        """End the step of `drag`."""
+        self._history.keep()
+
+    def add(self, model: str | None = None, **pose: float) -> None:
+        """Mount one more LiDAR, of the catalogue's model or of the file's."""
+        self._do(edits.added, model, **pose)
+
+    def remove(self, number: int) -> None:
+        """Take a LiDAR away."""
+        self._do(edits.removed, number)
+
+    def duplicate(self, number: int) -> None:
+        """Mount the same LiDAR once more, to its left."""
+        self._do(edits.duplicated, number)
+
+    def mirror(self, number: int) -> None:
+        """Mount its mirror image on the other side. Raises ValueError for one in the middle."""
+        self._do(edits.mirrored, number)
+
+    def enable(self, number: int, works: bool) -> None:
+        """Let a LiDAR work, or be dead."""
+        self._do(edits.enabled, number, works)
+
+    def model(self, number: int, name: str | None) -> None:
+        """Take another model of the catalogue; None: the file's. Raises ValueError without one."""
+        self._do(edits.of_model, number, name)
+
+    def snap(self, number: int) -> None:
+        """Move a LiDAR to the nearest point of the nearest zone.
+
+        Raises:
+            ValueError: the file has no zones.
+        """
+        if not self.file.zones:
+            raise ValueError(f"{self.file.path}: has no zones")
+        mount = self.rig.mounts[number]
+        zone = min(self.file.zones, key=lambda z: distance(z, mount.x, mount.y, mount.z))
+        x, y = nearest(zone.polygon, mount.x, mount.y)
+        z = min(max(mount.z, zone.z[0]), zone.z[1])
+        self.pose(number, x=round(x, GRID_DIGITS), y=round(y, GRID_DIGITS), z=z)
+
+    def undo(self) -> bool:
+        """Go a step back; whether there was one."""
+        return self._history.undo()
+
+    def redo(self) -> bool:
+        """Go a step forward again; whether there was one."""
+        return self._history.redo()
+
+    def _do(self, edit: Callable[..., Rig], *arguments: object, **pose: float) -> None:
+        self._history.do(self._with(edit(self.rig, *arguments, **pose)))
+
+    def _with(self, rig: Rig) -> Draft:
+        draft = self._history.value
+        rigs = [*draft.rigs]
+        rigs[draft.current] = rig
+        return replace(draft, rigs=tuple(rigs))
+
+    # What the rig is worth.
+
+    @property
+    def placement(self) -> Placement | None:
+        """The LiDARs that work; None if there is none, or if two are in one place."""
+        return self._placement(self.rig)
+
+    def _placement(self, rig: Rig) -> Placement | None:
+        try:
+            return rig.placement(self.lidar)
+        except ValueError:  # told among the violations
+            return None
+
+    def numbers(self, exact: bool = True) -> Numbers:
+        """Of the rig as it is now."""
+        return self.meter.measure(self.placement, exact)
+
+    def numbers_begun(self, exact: bool = True) -> Numbers:
+        """Of the rig as it was in the file."""
+        return self.meter.measure(self._placement(self.begun[self.rig.name]), exact)
+
+    @property
+    def price(self) -> float:
+        """Of all LiDARs; NaN where the file does not say it."""
+        return price_of(self.rig, self.file)
+
+    def violations(self) -> tuple[Violation, ...]:
+        """What the rig does not keep of what the file says."""
+        return violations(self.rig, self.file)
+
+    def blind_ground(self, height: float) -> BlindGround:
+        """Where somebody of that height is not seen around the vehicle."""
+        return blind_ground(self.placement, self.file.body, height)
+
+    # Questions.
+
+    def improve(self, number: int) -> Improved:
+        """Move one LiDAR to where the rig finds most, all others staying where they are.
+
+        Raises:
+            ValueError: the LiDAR is disabled, or two are in one place.
+        """
+        placement = self.placement
+        if placement is None or not self.rig.lidars[number].enabled:
+            raise ValueError(f"LiDAR {number} does not work; enable it first")
+        working = [n for n, lidar in enumerate(self.rig.lidars) if lidar.enabled]
+        found = improved(placement, working.index(number), self.file, self.meter)
+        mount = found.mount
+        turn = {name: round(math.degrees(getattr(mount, name)), 6) for name in edits.ANGLES}
+        if found.after > found.before:
+            self.pose(number, x=mount.x, y=mount.y, z=mount.z, **turn)
+        return found
+
+    def why_unseen(self, object_id: str) -> tuple[AimedRays, ...]:
+        """What becomes of the rays that the working LiDARs aim at an object of the frame.
+
+        Raises:
+            ValueError: there is no such object, or no LiDAR.
+        """
+        if self.placement is None:
+            raise ValueError("no LiDAR works")
+        return why_unseen(self.view.frame, object_id, self.placement)
+
+    # Files.
+
+    def save(self, path: Path | None = None, overwrite: bool = False) -> Path:
+        """Write all rigs, in the file's own words; returns the path.
+
+        Args:
+            path: of the file; the one that was read by default.
+            overwrite: whether it may take the place of another.
+
+        Raises:
+            FileExistsError: it is there, and may not be overwritten.
+            OSError: it cannot be written.
+        """
+        self.drop()
+        path = self.file.path if path is None else path
+        write_rigs(path, self.file.text_with(self.rigs), overwrite)
+        return path
+
+    def sweep(self, path: Path, log: Path, overwrite: bool = False) -> str:
+        """Write the configuration of a sweep over the rigs that have LiDARs; its command.
+
+        Args:
+            path: of the configuration.
+            log: folder of the box log, with frames to train and to test.
+
+        Raises:
+            ValueError: no rig has a LiDAR.
+            FileExistsError: the file is there, and may not be overwritten.
+        """
+        rigs = {rig.name: rig.written for rig in self.rigs if rig.lidars}
+        if not rigs:
+            raise ValueError("no rig has a LiDAR; a sweep needs one")
+        content: Mapping[str, object] = {
+            "scene": {"source": "log", "folder": str(log)},
+            "roi": {axis: list(getattr(self.roi, axis)) for axis in "xyz"},
+            "classes": list(self.classes),
+            "lidar": self.file.content.get("lidar", {}),
+            "surrogate": {"resolution": self.roi.resolution},
+            "placements": rigs,
+            "grid": {"placement": list(rigs)},
+        }
+        text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100)
+        write_rigs(path, text, overwrite)
+        return f"python -m sweeps.run {path}"

@@ -1,0 +1,100 @@
+"""Why is an object not seen, or hardly: what becomes of the rays that aim at it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from lidarplace.lidar.raycast import EVERYWHERE, OWN_BODY, Hits, beams_of, cast_compiled
+from lidarplace.lidar.shapes import BODY, BUILDING, SIGN, Parts
+from lidarplace.lidar.surroundings import Surroundings
+from lidarplace.placement import Mount, Placement
+from lidarplace.sensor import Lidar
+from lidarplace.viewing.frame import Frame
+
+
+@dataclass(frozen=True)
+class AimedRays:
+    """What becomes of the rays of one LiDAR that meet the object when it is alone in the world.
+
+    Attributes:
+        aimed: number of these rays.
+        returned: those whose light comes back from it.
+        dark: those that meet it, too near or too dark to return light.
+        stopped: those that something else stops, by what it is: the id of an object, "a building"
+            or "the vehicle itself".
+    """
+
+    aimed: int
+    returned: int
+    dark: int
+    stopped: dict[str, int]
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        if not self.aimed:
+            return "no ray aims at it: it is between the rings, or out of view or range"
+        parts = [f"{self.aimed:,} rays aim at it", f"{self.returned:,} return"]
+        if self.dark:
+            parts.append(f"{self.dark:,} meet it too near or too dark to return")
+        parts += [f"{number:,} stopped by {what}" for what, number in self.stopped.items()]
+        return ", ".join(parts)
+
+
+def why_unseen(frame: Frame, object_id: str, placement: Placement) -> tuple[AimedRays, ...]:
+    """What becomes of the rays that each LiDAR aims at an object of the frame.
+
+    Raises:
+        ValueError: there is no such object in the frame.
+    """
+    number = int(frame.row["frame"])
+    surroundings = Surroundings(frame.log)
+    ids = frame.log.boxes["object_id"].iloc[surroundings.rows(number)].astype(str).tolist()
+    if object_id not in ids:
+        raise ValueError(f"no object {object_id!r} in frame {number}; there are {', '.join(ids)}")
+    own = ids.index(object_id)
+    everything = OWN_BODY.and_(surroundings.parts(number, np.inf))
+    return tuple(
+        _aimed(mount, lidar, everything, own, ids)
+        for mount, lidar in zip(placement.mounts, placement.lidars, strict=True)
+    )
+
+
+def _aimed(mount: Mount, lidar: Lidar, parts: Parts, own: int, ids: list[str]) -> AimedRays:
+    mine = parts.owner == own
+    alone = Parts(parts.geometry[mine], parts.owner[mine], parts.reflectivity[mine])
+    aimed = _cast(mount, lidar, alone).target == own
+    met = _cast(mount, lidar, parts)
+    names = {BODY: "the vehicle itself", BUILDING: "a building", SIGN: "a sign"} | dict(
+        enumerate(ids)
+    )
+    targets = Counter(met.target[aimed].tolist())
+    reached = aimed & (met.target == own)
+    bright = lidar.sight(met.reflected[reached])
+    returned = (met.range[reached] >= lidar.min_range) & (met.range[reached] <= bright)
+    stopped = Counter[str]()
+    for target, rays in targets.items():
+        if target != own:
+            stopped[names.get(target, "the ground")] += rays
+    number = int(returned.sum())
+    return AimedRays(
+        int(aimed.sum()), number, int(reached.sum()) - number, dict(stopped.most_common())
+    )
+
+
+def _cast(mount: Mount, lidar: Lidar, parts: Parts) -> Hits:
+    hits = Hits(np.empty(lidar.rays), np.empty(lidar.rays, np.int32), np.empty(lidar.rays))
+    cast_compiled(
+        mount.position,
+        mount.rotation,
+        beams_of(lidar),
+        parts.geometry,
+        parts.owner,
+        parts.reflectivity,
+        np.array(EVERYWHERE, np.float64),
+        hits,
+    )
+    return hits

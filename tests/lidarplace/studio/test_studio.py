@@ -1,0 +1,251 @@
+"""The studio as a Python object."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lidarplace import ExpectedRecall, Lidar, Mount, OccupancyGrid, Placement, Roi, evaluate
+from lidarplace.configuration.placement import read_placement
+from lidarplace.configuration.yaml import parse_yaml
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.studio.blind_ground import EDGE_M, LOWEST_M, blind_ground
+from lidarplace.studio.improve import ROUNDS
+from lidarplace.studio.numbers import RECALL_FRAMES, thinned
+from lidarplace.studio.rigs_file import read_rigs
+from lidarplace.studio.studio import Studio
+from sweeps.plan.plan import read_plan
+from tests.lidarplace.studio.rigs import TEXT, log_of, written
+from tests.sweeps.small_log import write_small_log
+
+ROI = Roi((-16, 16), (-8, 8), (0, 4), 0.4)
+
+
+@pytest.fixture
+def studio(tmp_path):
+    return Studio(read_rigs(written(tmp_path)), log_of([(8.0, 1.0), (-9.0, -2.0), (6.0, 5.0)]), ROI)
+
+
+def test_the_numbers_are_those_of_evaluate(studio):
+    studio.pose(0, x=0.5, yaw=30.0)
+    studio.add(x=-0.5, z=1.9, pitch=5.0)
+    found = studio.numbers()
+    grid = OccupancyGrid.from_boxes(studio.log.boxes, ROI, "Car", frames=len(studio.log.frames))
+    expected = evaluate(grid, studio.placement)
+    recall = ExpectedRecall.from_log(studio.log, ROI, ["Car"], frames=RECALL_FRAMES)
+    assert found.s_mig["Car"] == expected.s_mig
+    assert found.covered_entropy["Car"] == expected.covered_entropy
+    assert found.expected_recall["Car"] == recall.of(studio.placement)["expected_recall"]["Car"]
+    assert len(studio.placement.mounts) == 3
+
+
+def test_moving_is_coarser_in_rays_alone(studio):
+    many = replace(studio.lidar, azimuth_steps=36_000)
+    rig = Placement("many", studio.rig.mounts, lidar=many)
+    assert {lidar.rays for lidar in thinned(rig, 40_000).lidars} == {40_000}
+    assert thinned(rig, 10**6) == rig
+    coarse, exact = (studio.meter.measure(rig, exact) for exact in (False, True))
+    assert coarse.s_mig == exact.s_mig
+    assert coarse.expected_recall["Car"] < exact.expected_recall["Car"]
+
+
+def test_without_a_lidar_nothing_is_seen(tmp_path):
+    studio = Studio(read_rigs(written(tmp_path, "")), log_of([(8.0, 1.0)]), ROI)
+    assert studio.rig.name == "mine"
+    assert studio.placement is None
+    assert studio.numbers().s_mig == {"Car": 0.0}
+    assert studio.numbers().expected_recall == {"Car": 0.0}
+    assert studio.view.objects(None)["points"].tolist() == [0]
+    assert len(studio.view.cloud(None, 1000).points) == 0
+    assert studio.blind_ground(1.5).share == 1.0
+
+
+def test_what_a_frame_shows(studio):
+    rig = studio.placement
+    table = studio.view.objects(rig)
+    assert table["points"].min() > 0
+    cloud = studio.view.cloud(rig, 10**6)
+    assert set(cloud.lidar.tolist()) == {0, 1}
+    assert len(cloud.points) == len(cloud.lidar)
+    low, high = np.array([ROI.x, ROI.y, (-0.5, 4)]).T
+    assert (cloud.points >= low).all()
+    assert (cloud.points <= high).all()
+    assert 0 < len(studio.view.cloud(rig, 2000).points) <= 2000
+    studio.show_frame(2)
+    assert studio.view.number == 2
+    with pytest.raises(ValueError, match="no frame 7"):
+        studio.show_frame(7)
+
+
+def test_violations_say_where_and_by_how_much(tmp_path):
+    text = TEXT.replace("{distance: 0.2}", "{distance: 0.5, price: 3, body_share: 0.01}")
+    text += "keep_out: {hatch: {x: [-0.2, 0.2], y: [-0.9, -0.3], z: [1.6, 1.85]}}\n"
+    studio = Studio(read_rigs(written(tmp_path, text)), log_of([(8.0, 0.0)]), ROI)
+    studio.pose(0, y=1.0, z=2.1)  # 0.3 m and 0.1 m outside of the zone
+    found = {(v.constraint, v.lidars): v.excess for v in studio.violations()}
+    assert found["zone", (0,)] == pytest.approx(math.hypot(0.3, 0.1))
+    assert found["keep_out", (1,)] == pytest.approx(0.05)
+    assert math.isnan(found["price", ()])  # the file's own LiDAR has no price
+    assert found["body_share", (1,)] > 0.1  # what is kept out hides the view as the body does
+    studio.pose(0, x=0.0, y=-0.2, z=1.8)
+    assert {v.constraint: v.excess for v in studio.violations()}["distance"] == pytest.approx(0.1)
+    studio.pose(1, x=0.0, y=0.0, z=1.0)
+    assert {v.constraint: v.excess for v in studio.violations()}["body"] == pytest.approx(0.5)
+    for number in (0, 1):
+        studio.model(number, "vlp16")
+    assert studio.price == 8
+    assert {v.constraint: v.excess for v in studio.violations()}["price"] == 5
+    assert all(v.text for v in studio.violations())
+
+
+def test_two_in_one_place_are_told_and_not_measured(studio):
+    studio.pose(1, x=0.1, y=0.6)
+    assert studio.placement is None
+    assert "in one place" in studio.violations()[0].text
+    assert studio.undo()
+    assert studio.placement is not None
+
+
+def test_a_lidar_snaps_onto_its_zone(studio):
+    studio.pose(0, x=3.0, y=0.2, z=1.0)
+    studio.snap(0)
+    assert studio.rig.pose(0) | {"x": 1.0, "y": 0.2, "z": 1.6} == studio.rig.pose(0)
+    assert not [v for v in studio.violations() if v.constraint == "zone"]
+
+
+def test_several_rigs_stand_side_by_side(studio):
+    studio.choose("left handed")
+    assert studio.rig.pose(0)["y"] == -0.5
+    studio.pose(0, y=0.25)
+    assert studio.rig.written["mounts"][0]["y"] == -0.25
+    studio.copy_rig("other")
+    assert [rig.name for rig in studio.rigs] == ["roof", "left handed", "other"]
+    assert studio.numbers_begun() != studio.numbers()
+    with pytest.raises(ValueError, match="a name of its own"):
+        studio.copy_rig("roof")
+    with pytest.raises(ValueError, match="no rig 'x'"):
+        studio.choose("x")
+
+
+@given(pose=st.fixed_dictionaries({}, optional={n: st.floats(-9, 9) for n in ("x", "z", "yaw")}))
+def test_a_saved_file_is_the_same_rigs(tmp_path_factory, pose):
+    folder = tmp_path_factory.mktemp("saved")
+    file = read_rigs(written(folder))
+    studio = Studio(file, log_of([(8.0, 0.0)], frames=1), ROI)
+    studio.pose(0, **pose)
+    path = studio.save(folder / "new.yaml")
+    assert read_rigs(path).rigs == studio.rigs
+    assert (
+        parse_yaml(path.read_text())["placements"]["left handed"]
+        == parse_yaml(TEXT)["placements"]["left handed"]
+    )
+    rest = [
+        {k: v for k, v in f.content.items() if k != "placements"} for f in (file, read_rigs(path))
+    ]
+    assert rest[0] == rest[1]
+
+
+def test_save_never_overwrites_unasked(studio):
+    before = studio.file.path.read_text()
+    studio.pose(0, x=0.7)
+    with pytest.raises(FileExistsError, match=r"rigs\.yaml: is there already"):
+        studio.save()
+    assert studio.file.path.read_text() == before
+    studio.save(overwrite=True)
+    assert read_rigs(studio.file.path).rigs[0].pose(0)["x"] == 0.7
+
+
+def test_the_file_of_one_placement_stays_one(tmp_path):
+    path = written(tmp_path, "mounts: [{z: 2.0, yaw_deg: 7.5}]\n")
+    studio = Studio(read_rigs(path), log_of([(8.0, 0.0)]), ROI)
+    studio.duplicate(0)
+    studio.save(overwrite=True)
+    rig = read_placement(path, Lidar.paper())
+    assert rig.mounts == (Mount.degrees(z=2.0, yaw=7.5), Mount.degrees(y=0.3, z=2.0, yaw=7.5))
+
+
+def test_a_sweep_of_the_rigs_can_be_planned(studio, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_small_log(tmp_path / "log")
+    command = studio.sweep(tmp_path / "sweep.yaml", tmp_path / "log")
+    assert command == f"python -m sweeps.run {tmp_path / 'sweep.yaml'}"
+    _, plan = read_plan(tmp_path / "sweep.yaml")
+    assert {trial.grid_point.point.placement for trial in plan.trials} == {"roof", "left handed"}
+    with pytest.raises(FileExistsError):
+        studio.sweep(tmp_path / "sweep.yaml", tmp_path / "log")
+
+
+def test_mistakes_name_the_file_and_the_key(tmp_path):
+    for text, told in (
+        ("zones: {roof: {x: [0, 1], z: 2}}", "zones.roof: a zone needs x, y and z"),
+        ("placements: {}", "placements"),
+        ("placements: {a: {mounts: [{x: 1}]}}", r"placements.a.mounts\[0\].z: is missing"),
+        ("colour: red", "colour: unknown key"),
+        ("[1, 2]", "rigs.yaml"),
+        ("mounts: [{z: high}]", r"mounts\[0\].z"),
+    ):
+        with pytest.raises(ValueError, match=told) as error:
+            read_rigs(written(tmp_path, text))
+        assert "rigs.yaml" in str(error.value)
+
+
+def test_why_an_object_is_not_seen(tmp_path):
+    text = "lidar: {beams: 32, azimuth_steps: 1800}\nmounts: [{z: 1.7}]\n"
+    text = text.replace("mounts", "placements: {a: {mounts").strip() + "}}\n"
+    in_line = [(8.0, 0.0), (14.0, 0.0), (-9.0, 0.0)]
+    studio = Studio(read_rigs(written(tmp_path, text)), log_of(in_line, frames=1), ROI)
+    table = studio.view.objects(studio.placement).set_index("object_id")
+    (hidden,) = studio.why_unseen("car 1")
+    assert hidden.stopped.get("car 0", 0) > 0.5 * hidden.aimed
+    assert hidden.returned == table["points"]["car 1"]
+    assert hidden.aimed == hidden.returned + hidden.dark + sum(hidden.stopped.values())
+    (free,) = studio.why_unseen("car 2")
+    assert "stopped by car 0" in hidden.text
+    assert free.returned == table["points"]["car 2"]
+    with pytest.raises(ValueError, match="no object 'car 9'"):
+        studio.why_unseen("car 9")
+    studio.pose(0, pitch=-60.0)
+    (away,) = studio.why_unseen("car 0")
+    assert away.aimed == 0
+    assert "no ray aims at it" in away.text
+
+
+def test_blind_ground_is_where_no_ray_passes():
+    """Points along dense rays, none of which may be over a cell that is said to be blind."""
+    vehicle = Vehicle("van", np.array([[[-2.0, -1.0, 0.0], [2.0, 1.0, 2.0]]]))
+    lidar = Lidar.even(8, (-30.0, 0.0), azimuth_steps=720, range=50.0)
+    rig = Placement("one", [Mount.degrees(x=1.0, y=0.3, z=2.2, pitch=8.0)], lidar=lidar)
+    found = blind_ground(rig, vehicle, 1.5)
+    blind = {tuple(cell) for cell in np.floor(found.middles / EDGE_M).astype(int).tolist()}
+    assert 0.1 < found.share < 0.9
+    far = np.linspace(0.05, 15.0, 1200)
+    points = rig.mounts[0].position + (
+        far[:, None, None] * (lidar.directions() @ rig.mounts[0].rotation.T)
+    )
+    low, high = vehicle.boxes[0]
+    stopped = np.maximum.accumulate(((points > low) & (points < high)).all(axis=2), axis=0)
+    there = points[~stopped & (points[..., 2] > LOWEST_M) & (points[..., 2] < 1.5)]
+    seen = {tuple(cell) for cell in np.floor(there[:, :2] / EDGE_M).astype(int).tolist()}
+    # A voxel is seen by its middle, so what lies behind an edge of the body may be said blind.
+    assert len(seen & blind) < 0.03 * len(seen)
+    behind = [cell for cell in blind if cell[0] * EDGE_M < -2.5 and abs(cell[1]) * EDGE_M < 0.5]
+    assert behind
+
+
+def test_improving_finds_more_within_the_limits(studio):
+    studio.pose(0, x=0.9, y=0.6, z=1.6, roll=0.0, pitch=-30.0, yaw=0.0)
+    before, other = studio.numbers().expected_recall["Car"], studio.rig.pose(1)
+    found = studio.improve(0)
+    assert found.before == before
+    assert found.after == studio.numbers().expected_recall["Car"] > before
+    assert studio.rig.pose(1) == other
+    assert not studio.violations()
+    assert studio.undo()
+    assert studio.rig.pose(0)["pitch"] == -30.0
+    studio.enable(0, False)
+    with pytest.raises(ValueError, match="does not work"):
+        studio.improve(0)
+    assert ROUNDS > 1
