@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from lidarplace.scenes.carla.settings import CarlaScene
+from lidarplace.studio.rigs_file import RigsSettings
 from sweeps.configuration.requirements import RequirementsFile
 from sweeps.configuration.search import SearchFile
 from sweeps.configuration.sweep import SweepFile
@@ -18,8 +19,8 @@ PAGE = Path(__file__).with_suffix(".md")
 
 HEAD = """# Configuration
 
-Every key of the files of sweeps, searches and requirements. A page that is made from the models
-(`python docs/configuration.py`), and so from what a command checks a file against.
+Every key of the files of sweeps, searches, requirements and studios. A page that is made from the
+models (`python docs/configuration.py`), and so from what a command checks a file against.
 
 - A key path such as `scene.density` leads to a key in nested mappings. It can be an axis of `grid`,
   a column of the results, and stand in `--set scene.density=40`.
@@ -33,7 +34,8 @@ Every key of the files of sweeps, searches and requirements. A page that is made
 - `python -m sweeps.run --schema` prints the same as a JSON schema, for editors that complete YAML.
 
 How the keys are used: [long sweeps](sweeps.md), [search](search.md), [data](data.md),
-[detectors](detectors.md), [method](method.md), [requirements](requirements.md).
+[detectors](detectors.md), [method](method.md), [requirements](requirements.md),
+[studio](studio.md).
 """
 
 Schema = dict[str, Any]
@@ -69,6 +71,7 @@ def page() -> str:
         ("A sweep's file", SweepFile, ""),
         ("A search's file", SearchFile, ""),
         ("A file of requirements", RequirementsFile, ""),
+        ("A studio's file", RigsSettings, ""),
         ("A CARLA collection's file", CarlaScene, "scene"),
     ):
         parts.append(f"## {title}\n")

@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from lidarplace.boxes import (
@@ -107,16 +108,30 @@ def write_box_log(folder: Path, log: BoxLog) -> None:
                 table[list(columns)].to_parquet(file, index=False)
 
 
-def read_box_log(folder: Path) -> BoxLog:
+def evenly(frames: pd.DataFrame, most: int | None) -> pd.DataFrame:
+    """At most so many rows of a table, spread evenly over it; all of them for None."""
+    if most is None or most >= len(frames):
+        return frames
+    return frames.iloc[np.linspace(0, len(frames) - 1, most).round().astype(int)]
+
+
+def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
     """Read what `write_box_log` wrote; `buildings.parquet` may be missing.
+
+    Args:
+        most_frames: read at most so many frames, spread evenly over the log; the boxes of others
+            are not kept in memory.
 
     Raises:
         ValueError: a table cannot be read or lacks a column, a value is not of its column's kind
             (a class none of `CLASSES`, a split none of `SPLITS`), or a box is in no frame of
             `frames`; names file and row.
     """
-    boxes = _boxes(folder / "boxes.parquet")
-    frames = read_frames(folder)
+    if most_frames is None:
+        boxes, frames = _boxes(folder / "boxes.parquet"), read_frames(folder)
+    else:
+        frames = evenly(read_frames(folder), most_frames).reset_index(drop=True)
+        boxes = _boxes(folder / "boxes.parquet", frames["frame"].tolist())
     unlisted = ~boxes["frame"].isin(frames["frame"]).to_numpy()
     if unlisted.any():
         row = int(unlisted.argmax())
@@ -150,8 +165,8 @@ def read_frames(folder: Path) -> pd.DataFrame:
     return frames
 
 
-def _boxes(path: Path) -> pd.DataFrame:
-    boxes, source = _table(path, BOX_COLUMNS), str(path)
+def _boxes(path: Path, frames: Sequence[int] | None = None) -> pd.DataFrame:
+    boxes, source = _table(path, BOX_COLUMNS, frames), str(path)
     check_boxes(boxes, source)
     check_classes(boxes, source)
     boxes["frame"] = frame_numbers(boxes, source)
@@ -182,7 +197,7 @@ def _with_texts(table: pd.DataFrame, names: Sequence[str], source: str) -> pd.Da
     return table.assign(**{name: texts(table, name, source) for name in names})
 
 
-def _table(path: Path, columns: Sequence[str]) -> pd.DataFrame:
-    table = read_parquet(path)
+def _table(path: Path, columns: Sequence[str], frames: Sequence[int] | None = None) -> pd.DataFrame:
+    table = read_parquet(path) if frames is None else read_parquet(path, {"frame": frames})
     check_columns(list(table.columns), columns, str(path))
     return table

@@ -16,6 +16,7 @@ EXTRAS = {
     "libsumo": "sumo",
     "sumo": "sumo",
     "sumolib": "sumo",
+    "viser": "studio",
     "carla": "carla",
     "foxglove": "mcap",
     "optuna_dashboard": "dashboard",

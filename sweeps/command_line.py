@@ -48,6 +48,9 @@ VERBS = {
     "sensors": Verb("lidarplace.sensors", "List the LiDARs that are known by name."),
     "describe": Verb("lidarplace.describe", "Print frames and objects per frame of box logs."),
     "view": Verb("lidarplace.view", "Make a page of one frame of a box log."),
+    "studio": Verb(
+        "lidarplace.studio.__main__", "Place LiDARs by hand on a page of the browser.", "studio"
+    ),
     "export": Verb("lidarplace.export", "Write a box log as KITTI does, or for Foxglove."),
     "rig": Verb("lidarplace.rig", "Read and write the rigs of other tools."),
     "pretrain": Verb("sweeps.pretrain", "Train a detector on all placements together.", "sweeps"),

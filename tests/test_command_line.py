@@ -132,6 +132,7 @@ CONFIGURED = {
     "requirements": ("requirements", "FILE", "--dry-run"),
     "accuracy": ("accuracy", "LOG", "--config", "FILE"),
     "carla": ("carla", "FILE", "out"),
+    "studio": ("studio", "FILE", "--log", "LOG"),
 }
 CONTENTS = {
     "empty": b"",
@@ -159,7 +160,8 @@ def words_of(verb, path, folder):
 
 
 MISTAKES = [(verb, content) for verb in CONFIGURED for content in CONTENTS]
-MISTAKES.remove(("carla", "empty"))  # asks for the defaults
+for verb in ("carla", "studio"):
+    MISTAKES.remove((verb, "empty"))  # asks for the defaults
 
 
 @pytest.mark.parametrize(("verb", "content"), MISTAKES)

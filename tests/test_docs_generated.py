@@ -52,6 +52,6 @@ def test_paths_types_limits_and_defaults():
 
 def test_signatures():
     page = api.page()
-    assert "read_box_log(folder: Path) -> BoxLog" in page
+    assert "read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog" in page
     assert "    detection_probability: float = 0.1,\n" in page
     assert "- `.m_sog`: " in page

@@ -33,7 +33,7 @@ MODULES = {
 """What a distribution is imported as, if by another name."""
 
 MAY_IMPORT = {
-    "lidarplace": ["", "sumo", "carla", "mcap"],
+    "lidarplace": ["", "sumo", "carla", "mcap", "studio"],
     "training": ["", "training"],
     "tracking": ["", "sweeps"],
     "sweeps": ["", "training", "sweeps"],
@@ -111,7 +111,7 @@ def test_all_has_what_verbs_need():
     (everything,) = map(Requirement, PROJECT["optional-dependencies"]["all"])
     assert everything.name == PROJECT["name"]
     assert {verb.extra for verb in VERBS.values()} - {"", "carla"} <= everything.extras
-    assert everything.extras == {"training", "sweeps", "sumo"}
+    assert everything.extras == {"training", "sweeps", "sumo", "studio"}
 
 
 @pytest.mark.parametrize("package", sorted(OWN))
@@ -183,6 +183,7 @@ LINES = {
     "record": ("record", "examples/grid.yaml", "logs"),
     "pretrain": ("pretrain", "examples/grid.yaml", "--out", "base.pt"),
     "carla": ("carla", "carla.yaml", "out"),
+    "studio": ("studio", "rigs.yaml"),
 }
 
 

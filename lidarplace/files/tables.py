@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import operator
+from collections.abc import Mapping, Sequence
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 import pyarrow as pa
+import pyarrow.compute as pc
 from pyarrow import feather
 
 from lidarplace.files.atomic import first_line, reading
 from lidarplace.files.columns import check_columns
 
 
-def read_parquet(path: Path) -> pd.DataFrame:
+def read_parquet(path: Path, only: Mapping[str, Sequence[int]] | None = None) -> pd.DataFrame:
     """The table in a Parquet file.
+
+    Args:
+        only: values by column: rows with others are left out, and are never all in memory.
 
     Raises:
         ValueError: the file cannot be read, or is no such table.
@@ -23,10 +29,16 @@ def read_parquet(path: Path) -> pd.DataFrame:
     with reading(path):
         try:
             with path.open("rb") as file:  # pandas would take a path such as http:/… for an address
-                return pd.read_parquet(file)
+                return pd.read_parquet(file, filters=_filters(only))
         # Of pandas: what it notes of a table in the file is JSON, and can be damaged as well.
         except (pa.ArrowException, ValueError, KeyError) as error:
             raise ValueError(f"{path}: is no Parquet file: {first_line(error)}") from None
+
+
+def _filters(only: Mapping[str, Sequence[int]] | None) -> pc.Expression | None:
+    """Of whatever type the columns are: a number that is text is told from a wrong one later."""
+    parts = [pc.field(name).cast("int64").isin(values) for name, values in (only or {}).items()]
+    return reduce(operator.and_, parts) if parts else None
 
 
 def read_csv(path: Path, **options: Any) -> pd.DataFrame:

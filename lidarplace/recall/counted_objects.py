@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.box_log import BoxLog
+from lidarplace.box_log import BoxLog, evenly
 from lidarplace.boxes import GEOMETRY
 from lidarplace.lidar.clouds import Crop
 from lidarplace.lidar.raycast import OWN_BODY
@@ -184,8 +184,6 @@ def _around(
 
 def _some_frames(log: BoxLog, most: int | None) -> BoxLog:
     """At most so many frames of a log, spread evenly; boxes are numbered from 0."""
-    frames = log.frames.reset_index(drop=True)
-    if most is not None and most < len(frames):
-        frames = frames.iloc[np.linspace(0, len(frames) - 1, most).round().astype(int)]
+    frames = evenly(log.frames.reset_index(drop=True), most)
     boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])]
     return BoxLog(boxes.reset_index(drop=True), frames, log.buildings)

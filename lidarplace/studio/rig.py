@@ -169,7 +169,7 @@ def removed(rig: Rig, number: int) -> Rig:
 def duplicated(rig: Rig, number: int) -> Rig:
     """With the same LiDAR once more, `ASIDE_M` to its left."""
     wider = replace(rig, lidars=(*rig.lidars, rig.lidars[number]))
-    return posed(wider, len(rig.lidars), y=rig.pose(number)["y"] + ASIDE_M)
+    return posed(wider, len(rig.lidars), y=round(rig.pose(number)["y"] + ASIDE_M, 6))
 
 
 def mirrored(rig: Rig, number: int) -> Rig:

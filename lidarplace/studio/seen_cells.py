@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from functools import reduce
 
 from cachetools import LRUCache
@@ -21,14 +22,19 @@ class SeenCells:
     def __init__(self, objects: CountedObjects) -> None:
         self.objects = objects
         self._kept: LRUCache[tuple[Mount, Lidar], SurfaceCells] = LRUCache(MOUNTS)
+        self._keeping = threading.Lock()
 
     def of(self, placement: Placement | None) -> SurfaceCells:
         """What a rig hits, None being no LiDAR."""
         if placement is None:
             return SurfaceCells.none(len(self.objects.table))
         pairs = list(zip(placement.mounts, placement.lidars, strict=True))
-        missing = [pair for pair in pairs if pair not in self._kept]
+        with self._keeping:
+            known = {pair: self._kept[pair] for pair in pairs if pair in self._kept}
+        missing = [pair for pair in pairs if pair not in known]
         alone = [Placement("one", [mount], lidar=lidar) for mount, lidar in missing]
         cast = dict(zip(missing, self.objects.seen_by(alone), strict=True))
-        self._kept.update(cast)
-        return reduce(SurfaceCells.and_, (cast.get(pair) or self._kept[pair] for pair in pairs))
+        with self._keeping:
+            self._kept.update(cast)
+        known |= cast
+        return reduce(SurfaceCells.and_, (known[pair] for pair in pairs))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -45,6 +46,8 @@ class Studio:
     A rig is told by its place in `rigs`, a LiDAR by its number in the rig, from 0. Poses are
     coordinates of the ego frame: metres and degrees.
 
+    Several threads may use it: edits come one after the other.
+
     Args:
         file: the rigs, from `read_rigs`.
         log: traffic; all of its frames count.
@@ -66,6 +69,7 @@ class Studio:
         self.lidar = file.settings.lidar.lidar()
         self.begun = {rig.name: rig for rig in file.rigs}
         self._history = History(Draft(file.rigs))
+        self._editing = threading.Lock()
         self.frame_numbers: list[int] = log.frames["frame"].tolist()
         self.show_frame(self.frame_numbers[0])
 
@@ -92,7 +96,8 @@ class Studio:
         names = [rig.name for rig in self.rigs]
         if name not in names:
             raise ValueError(f"no rig {name!r}; there are {', '.join(names)}")
-        self._history.do(replace(self._history.value, current=names.index(name)))
+        with self._editing:
+            self._history.do(replace(self._history.value, current=names.index(name)))
 
     def copy_rig(self, name: str) -> None:
         """A copy of the rig under another name, which is then under the hands.
@@ -104,7 +109,8 @@ class Studio:
             raise ValueError(f"a rig needs a name of its own, found {name!r}")
         self.begun[name] = self.begun.get(self.rig.name, self.rig)
         rigs = (*self.rigs, replace(self.rig, name=name))
-        self._history.do(Draft(rigs, len(rigs) - 1))
+        with self._editing:
+            self._history.do(Draft(rigs, len(rigs) - 1))
 
     def show_frame(self, number: int) -> None:
         """Look at another frame. Raises ValueError if the log does not have it."""
@@ -122,11 +128,13 @@ class Studio:
 
     def drag(self, number: int, /, **pose: float) -> None:
         """The same, as part of one step that `drop` ends. Raises as `pose`."""
-        self._history.try_out(self._with(edits.posed(self.rig, number, **pose)))
+        with self._editing:
+            self._history.try_out(self._with(edits.posed(self.rig, number, **pose)))
 
     def drop(self) -> None:
         """End the step of `drag`."""
-        self._history.keep()
+        with self._editing:
+            self._history.keep()
 
     def add(self, model: str | None = None, **pose: float) -> None:
         """Mount one more LiDAR, of the catalogue's model or of the file's."""
@@ -168,14 +176,17 @@ class Studio:
 
     def undo(self) -> bool:
         """Go a step back; whether there was one."""
-        return self._history.undo()
+        with self._editing:
+            return self._history.undo()
 
     def redo(self) -> bool:
         """Go a step forward again; whether there was one."""
-        return self._history.redo()
+        with self._editing:
+            return self._history.redo()
 
     def _do(self, edit: Callable[..., Rig], *arguments: object, **pose: float) -> None:
-        self._history.do(self._with(edit(self.rig, *arguments, **pose)))
+        with self._editing:
+            self._history.do(self._with(edit(self.rig, *arguments, **pose)))
 
     def _with(self, rig: Rig) -> Draft:
         draft = self._history.value
@@ -209,6 +220,11 @@ class Studio:
         """Of all LiDARs; NaN where the file does not say it."""
         return price_of(self.rig, self.file)
 
+    @property
+    def price_begun(self) -> float:
+        """The same of the rig as it was in the file."""
+        return price_of(self.begun[self.rig.name], self.file)
+
     def violations(self) -> tuple[Violation, ...]:
         """What the rig does not keep of what the file says."""
         return violations(self.rig, self.file)
@@ -223,15 +239,18 @@ class Studio:
         """Move one LiDAR to where the rig finds most, all others staying where they are.
 
         Raises:
-            ValueError: the LiDAR is disabled, or two are in one place.
+            ValueError: the LiDAR is disabled, two are in one place, or somebody has changed the rig
+                meanwhile.
         """
-        placement = self.placement
-        if placement is None or not self.rig.lidars[number].enabled:
+        rig, placement = self.rig, self.placement
+        if placement is None or not rig.lidars[number].enabled:
             raise ValueError(f"LiDAR {number} does not work; enable it first")
-        working = [n for n, lidar in enumerate(self.rig.lidars) if lidar.enabled]
+        working = [n for n, lidar in enumerate(rig.lidars) if lidar.enabled]
         found = improved(placement, working.index(number), self.file, self.meter)
         mount = found.mount
         turn = {name: round(math.degrees(getattr(mount, name)), 6) for name in edits.ANGLES}
+        if self.rig is not rig:
+            raise ValueError("the rig has changed meanwhile; ask again")
         if found.after > found.before:
             self.pose(number, x=mount.x, y=mount.y, z=mount.z, **turn)
         return found

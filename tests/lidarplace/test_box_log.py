@@ -157,3 +157,15 @@ def test_whole_floats_and_numbers_as_names_are_taken(tmp_path):
     assert log.boxes["frame"].dtype == log.frames["frame"].dtype == np.int64
     assert set(log.boxes["scene"]) == set(log.frames["scene"]) == {"3"}
     pd.testing.assert_frame_equal(log.boxes.assign(scene="a"), before.boxes)
+
+
+def test_some_frames_are_those_of_the_whole_log(tmp_path):
+    write_small_log(tmp_path)
+    whole, some = read_box_log(tmp_path), read_box_log(tmp_path, most_frames=2)
+    assert some.frames["frame"].tolist() == [0, 3]
+    kept = whole.boxes[whole.boxes["frame"].isin([0, 3])].reset_index(drop=True)
+    pd.testing.assert_frame_equal(some.boxes, kept)
+    assert len(read_box_log(tmp_path, most_frames=99).boxes) == len(whole.boxes)
+    floats = pd.read_parquet(tmp_path / "boxes.parquet").astype({"frame": float})
+    floats.to_parquet(tmp_path / "boxes.parquet")
+    pd.testing.assert_frame_equal(read_box_log(tmp_path, most_frames=2).boxes, kept)

@@ -35,7 +35,7 @@ def written(folder: Path, text: str = TEXT) -> Path:
 
 
 def log_of(cars: list[tuple[float, float]], frames: int = 3) -> BoxLog:
-    """Cars in the same places in every frame, x and y in metres."""
+    """Cars, x and y in metres, that are 0.7 m farther in each frame."""
     listed = pd.DataFrame({"scene": "a", "frame": range(frames), "route": 0, "split": "train"})
     listed["timestamp_s"] = listed["frame"] / 10
     table = pd.DataFrame(cars, columns=["x", "y"]).assign(
@@ -44,4 +44,5 @@ def log_of(cars: list[tuple[float, float]], frames: int = 3) -> BoxLog:
     )  # fmt: skip
     table["class"] = "Car"
     boxes = listed[["scene", "frame", "timestamp_s"]].merge(table, how="cross")
+    boxes["x"] += 0.7 * boxes["frame"]
     return BoxLog(boxes[list(BOX_COLUMNS)], listed[list(FRAME_COLUMNS)])

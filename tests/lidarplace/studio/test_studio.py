@@ -36,7 +36,7 @@ def test_the_numbers_are_those_of_evaluate(studio):
     grid = OccupancyGrid.from_boxes(studio.log.boxes, ROI, "Car", frames=len(studio.log.frames))
     expected = evaluate(grid, studio.placement)
     recall = ExpectedRecall.from_log(studio.log, ROI, ["Car"], frames=RECALL_FRAMES)
-    assert found.s_mig["Car"] == expected.s_mig
+    assert found.s_mig["Car"] == expected.s_mig < 0
     assert found.covered_entropy["Car"] == expected.covered_entropy
     assert found.expected_recall["Car"] == recall.of(studio.placement)["expected_recall"]["Car"]
     assert len(studio.placement.mounts) == 3

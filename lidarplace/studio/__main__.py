@@ -1,0 +1,82 @@
+"""Place LiDARs on a page of the browser: `python -m lidarplace.studio rigs.yaml`."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lidarplace.box_log import BoxLog, read_box_log
+from lidarplace.command_line.terminal import say
+from lidarplace.command_line.verbs import RoiOption, crop_of, new_app, verb, within, wrong
+from lidarplace.ranges import FRAMES, PORT, RESOLUTION
+from lidarplace.roi import Roi
+from lidarplace.studio.rigs_file import read_rigs
+from lidarplace.studio.studio import PAPER_ROI, Studio
+
+MOST_FRAMES = 400
+
+app = new_app()
+
+
+@verb(app, "rigs.yaml", "rigs.yaml --log logs/town --frames 1000")
+def studio(
+    rigs: Annotated[
+        Path, typer.Argument(help="YAML file of rigs, or of one placement with `mounts`")
+    ],
+    log: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="a box log; a minute of simulated traffic without"),
+    ] = None,
+    frames: Annotated[
+        int,
+        typer.Option(help="at most so many, evenly over the log", callback=within(FRAMES)),
+    ] = MOST_FRAMES,
+    roi: RoiOption = (*PAPER_ROI.x, *PAPER_ROI.y, *PAPER_ROI.z),
+    resolution: Annotated[
+        float, typer.Option(help="edge of a voxel, metres", callback=within(RESOLUTION))
+    ] = PAPER_ROI.resolution,
+    port: Annotated[
+        int | None, typer.Option(help="8080, or the next one that is free", callback=within(PORT))
+    ] = None,
+) -> None:
+    """Open a page on this machine alone on which LiDARs are placed by hand. Ctrl-C ends it.
+
+    What moves changes clouds, blind spots and numbers at once. Nothing is written unless asked.
+    """
+    import viser  # noqa: F401 - whether it is there is told before anything is read
+
+    from lidarplace.studio.page.page import Page
+    from lidarplace.studio.page.server import serving
+
+    try:
+        x0, y0, z0, x1, y1, z1 = crop_of(roi)
+        state = Studio(
+            read_rigs(rigs), _log(log, frames), Roi((x0, x1), (y0, y1), (z0, z1), resolution)
+        )
+        with serving(port, "lidarplace studio") as server:
+            page = Page(state, server, log)
+            try:
+                say(f"http://{server.get_host()}:{server.get_port()}\nCtrl-C ends it.")
+                threading.Event().wait()
+            finally:
+                page.close()
+    except (ValueError, OSError) as error:
+        wrong(error)
+
+
+def _log(folder: Path | None, frames: int) -> BoxLog:
+    """The log, or simulated traffic."""
+    from lidarplace.scenes.sumo.record import record
+    from lidarplace.scenes.sumo.settings import SumoScene
+
+    if folder is not None:
+        return read_box_log(folder, frames)
+    scene = SumoScene(seed=1, routes=2, test_routes=1, frames_per_route=60, frame_stride=10)
+    return record(scene)
+
+
+if __name__ == "__main__":
+    app()

@@ -1,0 +1,103 @@
+"""The fields of a page: which there are, and what they show of a studio."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from lidarplace.catalogue.datasheet import catalogue
+from lidarplace.studio.blind_ground import HEIGHTS_M
+from lidarplace.studio.rig import POSE
+from lidarplace.studio.studio import Studio
+
+if TYPE_CHECKING:
+    import viser
+
+NO_LIDAR = "none yet"
+NOBODY, NO_OBJECT = "nobody", "none"
+FROM_FILE = "as the file says"
+
+UNITS = dict.fromkeys(POSE[:3], "m") | dict.fromkeys(POSE[3:], "°")
+STEPS = dict.fromkeys(POSE[:3], 0.001) | dict.fromkeys(POSE[3:], 0.1)
+"""Of a number field, and what a drag is rounded to."""
+SHOWN_DIGITS = 4
+
+
+class Panel:
+    """Makes the fields on a server; what happens when they change is said elsewhere."""
+
+    def __init__(self, server: viser.ViserServer, studio: Studio) -> None:
+        gui = server.gui
+        names = [rig.name for rig in studio.rigs]
+        self.rig = gui.add_dropdown("rig", names, initial_value=names[0])
+        self.history = gui.add_button_group("history", ("undo", "redo"))
+        self.numbers = gui.add_html("")
+        self.violations = gui.add_html("")
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("LiDAR"):
+            self.lidar = gui.add_dropdown("LiDAR", (NO_LIDAR,))
+            self.pose = {
+                name: gui.add_number(f"{name}, {UNITS[name]}", 0.0, step=STEPS[name])
+                for name in POSE
+            }
+            models = (FROM_FILE, *catalogue())
+            self.model = gui.add_dropdown("model", models)
+            self.works = gui.add_checkbox("works", True)
+            self.change = gui.add_button_group(
+                "change", ("add", "duplicate", "mirror", "remove", "to zone")
+            )
+            self.improve = gui.add_button("improve this LiDAR")
+        with tabs.add_tab("View"):
+            last = len(studio.frame_numbers) - 1
+            self.frame = gui.add_slider("frame", 0, max(1, last), 1, 0, disabled=last == 0)
+            self.play = gui.add_checkbox("play", False)
+            self.cloud = gui.add_checkbox("points", True)
+            self.blind = gui.add_dropdown("blind ground for", (NOBODY, *HEIGHTS_M))
+            self.unseen = gui.add_html("")
+            self.object = gui.add_dropdown("why not seen", (NO_OBJECT,))
+            self.answer = gui.add_html("")
+        with tabs.add_tab("File"):
+            self.new_rig = gui.add_text("new rig", "")
+            self.copy = gui.add_button("copy this rig")
+            self.path = gui.add_text("file", studio.file.path.name)
+            self.save = gui.add_button("save")
+            self.sweep_path = gui.add_text("sweep", f"sweep-of-{studio.file.path.name}")
+            self.sweep = gui.add_button("sweep these rigs")
+            self.overwrite = gui.add_button("overwrite", color="red", visible=False)
+        self.message = gui.add_html("")
+
+    def show(self, studio: Studio, chosen: int | None) -> None:
+        """Bring the fields of rig and LiDAR up to date; what is right already stays."""
+        _choices(self.rig, [rig.name for rig in studio.rigs], studio.rig.name)
+        rig = studio.rig
+        labels = [
+            f"{number}: {lidar.model or studio.file.settings.lidar.name or 'LiDAR'}"
+            for number, lidar in enumerate(rig.lidars)
+        ] or [NO_LIDAR]
+        _choices(self.lidar, labels, labels[chosen or 0])
+        for field in (*self.pose.values(), self.model, self.works, self.improve):
+            if field.disabled != (chosen is None):
+                field.disabled = chosen is None
+        if chosen is None:
+            return
+        for name, value in rig.pose(chosen).items():
+            if round(self.pose[name].value, SHOWN_DIGITS) != round(value, SHOWN_DIGITS):
+                assign(self.pose[name], round(value, SHOWN_DIGITS))
+        assign(self.model, rig.lidars[chosen].model or FROM_FILE)
+        assign(self.works, rig.lidars[chosen].enabled)
+
+    def show_objects(self, ids: Sequence[str]) -> None:
+        """List the objects of a frame."""
+        chosen = self.object.value if self.object.value in ids else NO_OBJECT
+        _choices(self.object, [NO_OBJECT, *ids], chosen)
+
+
+def _choices(field: viser.GuiDropdownHandle[str], choices: Sequence[str], chosen: str) -> None:
+    if tuple(choices) != field.options:
+        field.options = tuple(choices)
+    assign(field, chosen)
+
+
+def assign(field: Any, value: object) -> None:
+    """Give a field of the page a value. Its type has a setter that type checkers do not see."""
+    field.value = value

@@ -1,0 +1,108 @@
+"""What the panel says in HTML: numbers, violations and answers."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from lidarplace.studio.numbers import Numbers
+from lidarplace.studio.violations import Violation
+from lidarplace.studio.why_unseen import AimedRays
+
+DASH = "–"
+
+Row = tuple[str, float, float | None, str]
+"""Label, value, value at the beginning if it is known, and their format."""
+
+_STYLE = "font-size:0.85em; line-height:1.35; padding:0.2em 0.6em"
+_CELL = "text-align:right; white-space:nowrap; padding-left:0.8em"
+
+
+def numbers_table(
+    now: Numbers,
+    begun: Numbers,
+    h_pog: Mapping[str, float],
+    others: Sequence[Row],
+) -> str:
+    """Values, and the difference to the rig as it began.
+
+    Args:
+        h_pog: entropy of the POG by class, nats.
+        others: further rows.
+    """
+    total = sum(h_pog.values()) or math.nan
+    shares = [100 * sum(own.covered_entropy.values()) / total for own in (now, begun)]
+    rows: list[Row] = [
+        ("S-MIG, nats", sum(now.s_mig.values()), sum(begun.s_mig.values()), ",.2f"),
+        ("Covered entropy, %", shares[0], shares[1], ".2f"),
+    ]
+    rows += [
+        (f"Expected recall {name}", value, begun.expected_recall[name], ".4f")
+        for name, value in now.expected_recall.items()
+    ]
+    body = "".join(_row(*row) for row in [*rows, *others])
+    state = "exact" if now.exact else "moving: fewer rays"
+    head = f'<tr><td style="opacity:0.6">{state}</td>' + "".join(
+        f'<td style="{_CELL}; opacity:0.6">{name}</td>' for name in ("now", "change")
+    )
+    return (
+        f'<div style="{_STYLE}" data-exact="{str(now.exact).lower()}">'
+        f'<table style="width:100%; border-collapse:collapse">{head}</tr>{body}</table></div>'
+    )
+
+
+def _row(label: str, now: float, begun: float | None, form: str) -> str:
+    change = DASH if begun is None else _text(now - begun, f"+z{form}")
+    key = label.partition(",")[0].lower().replace(" ", "-")
+    return (
+        f'<tr data-row="{html.escape(key)}"><td>{html.escape(label)}</td>'
+        f'<td style="{_CELL}"><b>{_text(now, f"z{form}")}</b></td>'
+        f'<td style="{_CELL}">{change}</td></tr>'
+    )
+
+
+def _text(value: float, form: str) -> str:
+    return f"{value:{form}}".replace("-", "−") if math.isfinite(value) else DASH
+
+
+def violations_list(found: Sequence[Violation]) -> str:
+    """What is not kept, or that all is."""
+    if not found:
+        return f'<div style="{_STYLE}; color:#2b8a3e">✓ all constraints are kept</div>'
+    lines = "".join(f"<div>✗ {html.escape(one.text)}</div>" for one in found)
+    return f'<div style="{_STYLE}; color:#c92a2a">{lines}</div>'
+
+
+def unseen_list(objects: pd.DataFrame) -> str:
+    """How many of the objects of a frame that count no LiDAR sees, and which."""
+    unseen = objects[objects["points"] == 0]
+    told = f"{len(unseen)} of {len(objects)} objects that count are seen by no LiDAR"
+    if len(unseen):
+        told += ": " + ", ".join(map(str, unseen["object_id"]))
+    return f'<div style="{_STYLE}">{html.escape(told)}</div>'
+
+
+def object_answer(objects: pd.DataFrame, chosen: str, rays: Sequence[AimedRays]) -> str:
+    """What is seen of an object, and what becomes of the rays that aim at it, by LiDAR."""
+    own = objects[objects["object_id"].astype(str) == chosen]
+    lines = ["It does not count: it is hidden from above the vehicle, too, or outside of the ROI."]
+    if len(own):
+        row = own.iloc[0]
+        away = float(np.hypot(row["x"], row["y"]))
+        lines = [
+            f"{row['class']}, {away:.1f} m away: {row['points']:,} points on {row['cells']:,} "
+            f"cells, found with probability {row['probability']:.2f}."
+        ]
+    lines += [f"LiDAR {number}: {one.text}." for number, one in enumerate(rays)]
+    text = "".join(f"<div>{html.escape(line)}</div>" for line in lines)
+    return f'<div style="{_STYLE}">{text}</div>'
+
+
+def message(text: str, good: bool = True) -> str:
+    """A line of the page to the person."""
+    colour = "inherit" if good else "#c92a2a"
+    return f'<div style="{_STYLE}; color:{colour}">{html.escape(text)}</div>'

@@ -1,0 +1,258 @@
+"""The page of the studio: in a browser, and by what its server is told."""
+
+import math
+import re
+import shutil
+import socket
+import threading
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from lidarplace import Mount, OccupancyGrid, Roi, evaluate
+from lidarplace.studio.numbers import Numbers
+from lidarplace.studio.page.redraw import Redraw
+from lidarplace.studio.page.scene import degrees_of, quaternion
+from lidarplace.studio.page.tables import message, numbers_table
+from lidarplace.studio.rigs_file import read_rigs
+from lidarplace.studio.studio import Studio
+from tests.lidarplace.studio.rigs import log_of, written
+
+pytest.importorskip("viser")
+
+from lidarplace.studio.page.page import Page
+from lidarplace.studio.page.panel import assign
+from lidarplace.studio.page.server import serving
+
+ROI = Roi((-16, 16), (-8, 8), (0, 4), 0.4)
+CARS = [(8.0, 1.0), (-9.0, -2.0), (6.0, 5.0)]
+GUARD_MS = 1_800_000
+"""Against hanging alone."""
+
+
+@pytest.fixture
+def page(tmp_path):
+    studio = Studio(read_rigs(written(tmp_path)), log_of(CARS), ROI)
+    with serving(None, "studio") as server:
+        shown = Page(studio, server, None)
+        yield shown
+        shown.close()
+
+
+def address(page):
+    return f"http://{page._server.get_host()}:{page._server.get_port()}"
+
+
+def s_mig_of(studio):
+    grid = OccupancyGrid.from_boxes(studio.log.boxes, ROI, "Car", frames=len(studio.log.frames))
+    return f"{evaluate(grid, studio.placement).s_mig:,.2f}".replace("-", "−")
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="needs chromium")
+def test_a_person_types_undoes_saves_and_reloads(page):
+    playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
+    studio = page.studio
+    assign(page.panel.cloud, False)  # a browser without a GPU draws points for seconds
+    with playwright.sync_playwright() as browsers:
+        browser = browsers.chromium.launch(
+            executable_path=shutil.which("chromium"),
+            args=["--no-sandbox", "--use-gl=swiftshader", "--enable-unsafe-swiftshader"],
+        )
+        asked = []
+        tab = browser.new_page(viewport={"width": 640, "height": 480})
+        tab.set_default_timeout(GUARD_MS)
+        tab.on("request", lambda request: asked.append(request.url))
+        tab.goto(address(page))
+        expect = playwright.expect
+        expect.set_options(timeout=GUARD_MS)
+        shown = tab.locator("[data-exact=true] [data-row=s-mig] b")
+        before = s_mig_of(studio)
+        expect(shown).to_have_text(before)
+
+        field = tab.get_by_label("pitch, °")
+        field.fill("14.5")
+        expect(shown).not_to_have_text(before)
+        expect(shown).to_have_text(s_mig_of(studio))
+        assert studio.rig.pose(0)["pitch"] == 14.5
+
+        tab.get_by_role("button", name="undo").click()
+        expect(shown).to_have_text(before)
+        expect(field).to_have_value("0")
+        tab.get_by_role("button", name="redo").click()
+        expect(field).to_have_value("14.5")
+
+        tab.get_by_role("tab", name="File").click()
+        tab.get_by_role("button", name="save", exact=True).click()
+        expect(tab.get_by_text("is there already")).to_be_visible()
+        assert read_rigs(studio.file.path).rigs == studio.file.rigs
+        tab.get_by_role("button", name="overwrite").click()
+        expect(tab.get_by_text("saved:")).to_be_visible()
+        assert read_rigs(studio.file.path).rigs == studio.rigs
+
+        tab.reload()
+        expect(shown).to_have_text(s_mig_of(studio))
+        expect(tab.get_by_label("pitch, °")).to_have_value("14.5")
+        browser.close()
+    outside = [url for url in asked if not re.match(r"(https?|ws)://127\.0\.0\.1|blob:|data:", url)]
+    assert not outside
+
+
+def settled(page):
+    """Wait until what was asked for is drawn, exactly."""
+    done = threading.Event()
+    numbers = page.panel.numbers
+    while not done.wait(0.01):
+        if page._redraw._wanted is None and 'data-exact="true"' in numbers.content:
+            done.set()
+
+
+def drag(page, phase, position=(0.1, 0.6, 1.8), wxyz=None):
+    """What the browser tells when somebody pulls at the handle."""
+    wxyz = quaternion(page.studio.rig.mounts[page.chosen]) if wxyz is None else wxyz
+    target = SimpleNamespace(position=np.array(position), wxyz=wxyz)
+    coroutine = page._dragged(SimpleNamespace(phase=phase, target=target))
+    with pytest.raises(StopIteration):
+        coroutine.send(None)
+
+
+def test_a_drag_moves_what_was_dragged_and_is_one_step(page):
+    before = page.studio.rig
+    for x in (0.2, 0.31, 0.4004):
+        drag(page, "update", (x, 0.6, 1.8))
+    drag(page, "end")
+    after = page.studio.rig
+    assert after.pose(0) == before.pose(0) | {"x": 0.4}
+    assert after.lidars[0].written == dict(before.lidars[0].written) | {"x": 0.4}
+    assert page.studio.undo()
+    assert page.studio.rig == before
+
+
+def test_a_turn_is_told_in_tenths_of_a_degree(page):
+    turned = quaternion(Mount.degrees(roll=-3.04, pitch=8.27, yaw=100.02))
+    drag(page, "update", wxyz=turned)
+    drag(page, "end")
+    pose = page.studio.rig.pose(0)
+    assert (pose["pitch"], pose["yaw"]) == (8.3, 100.0)
+    assert pose["roll"] == pytest.approx(-3.0)  # the file has radians
+    assert "roll_deg" not in page.studio.rig.lidars[0].written
+
+
+def test_a_drag_without_an_end_is_drawn_at_rest_and_kept_by_the_next_step(page):
+    page.studio.meter.measure(page.studio.placement)
+    drag(page, "update", (0.5, 0.6, 1.8))
+    settled(page)
+    page.studio.pose(0, z=1.9)
+    page.studio.undo()
+    assert page.studio.rig.pose(0)["x"] == 0.5
+
+
+def test_a_lidar_that_goes_while_it_is_dragged_does_no_harm(page):
+    while page.studio.rig.lidars:
+        page.studio.remove(0)
+    coroutine = page._dragged(SimpleNamespace(phase="update", target=None))
+    with pytest.raises(StopIteration):
+        coroutine.send(None)
+    page.refresh()
+    settled(page)
+    assert page.chosen is None
+
+
+def test_every_button_does_what_it_says(page):
+    studio = page.studio
+    for what, number in (
+        ("duplicate", 3),
+        ("mirror", 4),
+        ("add", 5),
+        ("to zone", 5),
+        ("remove", 4),
+    ):
+        page._change(what)
+        assert len(studio.rig.lidars) == number
+    page._model("pandar40p")
+    assert studio.rig.lidars[page._one()].model == "pandar40p"
+    page._choose_rig("left handed")
+    assert studio.rig.name == "left handed"
+    page.panel.blind.value = "a child"
+    page.panel.object.value = "none"
+    page.refresh()
+    settled(page)
+    assert "blind-for-a-child" in page.panel.numbers.content
+
+
+def test_a_page_writes_beside_its_file_alone(page):
+    for name in ("../other.yaml", "/tmp/other.yaml", "", "rigs.txt"):
+        with pytest.raises(ValueError, match="name of a file"):
+            page._beside(name)
+    with pytest.raises(ValueError, match="--log"):
+        page._sweep(False)
+
+
+def test_no_public_address_is_asked_for(page):
+    assert page._server.request_share_url() is None
+    assert page._server.get_host() == "127.0.0.1"
+
+
+def test_a_port_in_use_is_one_line(tmp_path):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with (
+            pytest.raises(ValueError, match=f"--port {port}: Address already in use"),
+            serving(port, "studio"),
+        ):
+            pass
+
+
+def test_mistakes_of_the_command_are_one_line(tmp_path):
+    from lidarplace.studio.__main__ import app
+
+    for name, text, told in (
+        ("none.yaml", "", "none.yaml: No such file"),
+        ("rigs.yaml", "zones: 3", "rigs.yaml: zones"),
+        ("rigs.yaml", "", "parquet: no such file"),
+    ):
+        written(tmp_path, text)
+        arguments = [str(tmp_path / name), "--log", str(tmp_path / "no")]
+        done = CliRunner().invoke(app, arguments, catch_exceptions=False)
+        assert done.exit_code == 2
+        assert told in done.stderr
+        assert done.stderr.count("\n") == 1
+
+
+def test_what_fails_to_be_drawn_is_told_and_the_next_is_drawn():
+    drawn, failed = [], []
+
+    def draw(resting):
+        drawn.append(resting)
+        if len(drawn) == 1:
+            raise ValueError("first")
+
+    redraw = Redraw(draw, failed.append)
+    redraw.ask(resting=False)
+    while len(drawn) < 2:  # at rest it is drawn again, unasked
+        threading.Event().wait(0.01)
+    redraw.end()
+    assert drawn == [False, True]
+    assert [str(error) for error in failed] == ["first"]
+
+
+def test_rotations_go_to_and_fro():
+    random = np.random.default_rng(0)
+    for roll, pitch, yaw in random.uniform([-180, -89, -180], [180, 89, 180], (50, 3)).tolist():
+        mount = Mount.degrees(roll=roll, pitch=pitch, yaw=yaw)
+        assert degrees_of(quaternion(mount)) == pytest.approx((roll, pitch, yaw), abs=1e-9)
+
+
+def test_tables_escape_names_and_say_what_is_not_known():
+    numbers = Numbers({"<b>": -2.0}, {"<b>": 2.0}, {"<b>": math.nan}, exact=False)
+    text = numbers_table(numbers, numbers, {"<b>": 4.0}, [("Price", 3.0, None, "g")])
+    assert "<b>&lt;" not in text
+    assert "Expected recall &lt;b&gt;" in text
+    assert "−2.00" in text
+    assert ">50.00<" in text
+    assert text.count("–") == 3  # recall, its change, and that of the price
+    assert message("<i>") != message("i")
+    assert "&lt;i&gt;" in message("<i>")
