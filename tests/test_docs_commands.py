@@ -36,6 +36,7 @@ NOT_RUN = {
     "sbatch ": "needs Slurm",
     "python -m mlflow server ": "needs PostgreSQL",
     "python -m tracking.dashboard": "a server; tests/tracking/test_dashboard.py starts it",
+    "python -m lidarplace.studio": "a server; tests/lidarplace/studio/test_page.py starts it",
     "python -m pytest": "would test within a test",
     "pytest ": "would test within a test",
     "python benchmarks/": "takes minutes, and an idle machine",

@@ -8,13 +8,14 @@ from typing import Annotated
 
 import typer
 
-from lidarplace.box_log import BoxLog, read_box_log
+from lidarplace.box_log import read_box_log
 from lidarplace.command_line.terminal import say
 from lidarplace.command_line.verbs import RoiOption, crop_of, new_app, verb, within, wrong
 from lidarplace.ranges import FRAMES, PORT, RESOLUTION
 from lidarplace.roi import Roi
 from lidarplace.studio.rigs_file import read_rigs
 from lidarplace.studio.studio import PAPER_ROI, Studio
+from lidarplace.studio.traffic import simulated_traffic
 
 MOST_FRAMES = 400
 
@@ -53,9 +54,10 @@ def studio(
 
     try:
         x0, y0, z0, x1, y1, z1 = crop_of(roi)
-        state = Studio(
-            read_rigs(rigs), _log(log, frames), Roi((x0, x1), (y0, y1), (z0, z1), resolution)
-        )
+        region = Roi((x0, x1), (y0, y1), (z0, z1), resolution)
+        file = read_rigs(rigs)
+        traffic = simulated_traffic() if log is None else read_box_log(log, frames)
+        state = Studio(file, traffic, region)
         with serving(port, "lidarplace studio") as server:
             page = Page(state, server, log)
             try:
@@ -65,17 +67,6 @@ def studio(
                 page.close()
     except (ValueError, OSError) as error:
         wrong(error)
-
-
-def _log(folder: Path | None, frames: int) -> BoxLog:
-    """The log, or simulated traffic."""
-    from lidarplace.scenes.sumo.record import record
-    from lidarplace.scenes.sumo.settings import SumoScene
-
-    if folder is not None:
-        return read_box_log(folder, frames)
-    scene = SumoScene(seed=1, routes=2, test_routes=1, frames_per_route=60, frame_stride=10)
-    return record(scene)
 
 
 if __name__ == "__main__":

@@ -120,6 +120,12 @@ LINES = {
     ),
     "describe": Line("lidarplace.describe", ("log",), ("log",)),
     "view": Line("lidarplace.view", ("log", "--placement", "line"), ("log", "rig.yaml")),
+    "studio": Line(
+        "lidarplace.studio.__main__",
+        ("rig.yaml", "--log", "log", "--resolution", "0.4"),
+        ("rig.yaml", "log"),
+        "lidarplace.studio.page.server.serving",
+    ),
     "export": Line("lidarplace.export", ("log", "out", "--placement", "line"), ("log", "rig.yaml")),
     "requirements": Line("sweeps.requirements", ("needs.yaml",), ("needs.yaml",), codes=(0, 1)),
     "accuracy": Line("sweeps.accuracy", ("log", *QUICK), ("log", "sweep.yaml")),

@@ -11,7 +11,7 @@ from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lidarplace.studio.blind_ground import HEIGHTS_M
+from lidarplace.studio.blind_ground import HEIGHTS_M, BlindGround
 from lidarplace.studio.frame_view import MOVING_POINTS, RESTING_POINTS
 from lidarplace.studio.page.panel import (
     FROM_FILE,
@@ -233,7 +233,8 @@ class Page:
         rig = studio.rig
         if self.chosen is not None and self.chosen >= len(rig.lidars):
             self.chosen = len(rig.lidars) - 1 if rig.lidars else None
-        self._draw_numbers(resting)
+        ground = self._ground()
+        self._draw_numbers(resting, ground)
         self._server.flush()
         self._draw_lidars(resting)
         view, placement = studio.view, studio.placement
@@ -248,8 +249,7 @@ class Page:
         objects = view.objects(placement)
         self._scene.objects(view.frame.objects, objects)
         panel.unseen.content = unseen_list(objects)
-        height = None if panel.blind.value == NOBODY else HEIGHTS_M[panel.blind.value]
-        self._scene.blind(None if height is None else studio.blind_ground(height))
+        self._scene.blind(ground)
         if resting:
             panel.violations.content = violations_list(studio.violations())
             panel.show(studio, self.chosen)
@@ -257,15 +257,20 @@ class Page:
             self._draw_answer()
         self._server.flush()
 
-    def _draw_numbers(self, resting: bool) -> None:
+    def _ground(self) -> BlindGround | None:
+        """What is blind, if somebody wants to see it."""
+        who = self.panel.blind.value
+        return None if who == NOBODY else self.studio.blind_ground(HEIGHTS_M[who])
+
+    def _draw_numbers(self, resting: bool, ground: BlindGround | None) -> None:
         studio = self.studio
         others: list[Row] = []
         if studio.file.settings.prices:
             begun = studio.price_begun
             others.append(("Price", studio.price, begun, ",.6g"))
-        if self.panel.blind.value != NOBODY:
-            share = studio.blind_ground(HEIGHTS_M[self.panel.blind.value]).share
-            others.append((f"Blind for {self.panel.blind.value}, %", 100 * share, None, ".1f"))
+        if ground is not None:
+            label = f"Blind for {self.panel.blind.value}, %"
+            others.append((label, 100 * ground.share, None, ".1f"))
         self.panel.numbers.content = numbers_table(
             studio.numbers(resting), studio.numbers_begun(resting), studio.meter.h_pog, others
         )
@@ -293,7 +298,7 @@ class Page:
         mount = self.studio.rig.mounts[self.chosen]
         if self._handle is None:
             self._handle = self._server.scene.add_transform_controls(
-                "/handle", scale=0.7, line_width=3.0, depth_test=False
+                "/handle", scale=1.0, line_width=3.0, depth_test=False
             )
             self._handle.on_update(self._dragged)
         self._handle.position = mount.position

@@ -57,7 +57,7 @@ class Scene:
         self._cloud = self._scene.add_point_cloud(
             "/cloud", unseen, unseen, point_size=0.03, point_shading="flat", visible=False
         )
-        server.initial_camera.position = (-7.5, 4.5, 5.5)
+        server.initial_camera.position = (-6.0, 4.0, 5.0)
         server.initial_camera.look_at = (1.5, 0.0, 0.8)
 
     def _ground(self, roi: Roi) -> None:
@@ -130,7 +130,7 @@ class Scene:
                 thickness=2.5 if number == chosen else 1.0,
             )  # fmt: skip
             self._scene.add_label(
-                f"{name}/name", str(number) + ("" if works else " (dead)"), position=(0, 0, 0.2)
+                f"{name}/name", str(number) + ("" if works else " (dead)"), position=(0, 0, 0.4)
             )
 
     def move(self, number: int, mount: Mount) -> None:

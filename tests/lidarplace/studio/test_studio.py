@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from lidarplace.studio.improve import ROUNDS
 from lidarplace.studio.numbers import RECALL_FRAMES, thinned
 from lidarplace.studio.rigs_file import read_rigs
 from lidarplace.studio.studio import Studio
+from lidarplace.studio.violations import violations
 from sweeps.plan.plan import read_plan
 from tests.lidarplace.studio.rigs import TEXT, log_of, written
 from tests.sweeps.small_log import write_small_log
@@ -249,3 +251,9 @@ def test_improving_finds_more_within_the_limits(studio):
     with pytest.raises(ValueError, match="does not work"):
         studio.improve(0)
     assert ROUNDS > 1
+
+
+def test_the_example_keeps_its_own_constraints():
+    file = read_rigs(Path(__file__).parents[3] / "examples/studio.yaml")
+    assert [len(rig.lidars) for rig in file.rigs] == [0, 4]
+    assert not [found for rig in file.rigs for found in violations(rig, file)]
