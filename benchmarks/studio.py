@@ -23,8 +23,8 @@ import numpy as np
 from websockets.asyncio.server import ServerConnection
 
 from lidarplace.sensor import Lidar
+from lidarplace.studio.page.dragged import quaternion
 from lidarplace.studio.page.page import Page
-from lidarplace.studio.page.scene import quaternion
 from lidarplace.studio.page.server import serving
 from lidarplace.studio.rigs_file import read_rigs
 from lidarplace.studio.studio import Studio

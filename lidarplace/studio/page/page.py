@@ -13,17 +13,17 @@ from typing import TYPE_CHECKING, Any
 
 from lidarplace.studio.blind_ground import HEIGHTS_M, BlindGround
 from lidarplace.studio.frame_view import MOVING_POINTS, RESTING_POINTS
+from lidarplace.studio.page.dragged import dragged, quaternion
 from lidarplace.studio.page.panel import (
     FROM_FILE,
     NO_LIDAR,
     NO_OBJECT,
     NOBODY,
-    STEPS,
     Panel,
     assign,
 )
 from lidarplace.studio.page.redraw import Redraw
-from lidarplace.studio.page.scene import Scene, degrees_of, quaternion
+from lidarplace.studio.page.scene import Scene
 from lidarplace.studio.page.tables import (
     Row,
     message,
@@ -32,7 +32,6 @@ from lidarplace.studio.page.tables import (
     unseen_list,
     violations_list,
 )
-from lidarplace.studio.rig import POSE
 from lidarplace.studio.studio import Studio
 
 if TYPE_CHECKING:
@@ -161,17 +160,10 @@ class Page:
             self.studio.drop()
             self.refresh()
             return
-        before = self.studio.rig.pose(number)
-        turned = degrees_of(event.target.wxyz)
-        found = dict(zip(POSE, (*event.target.position.tolist(), *turned), strict=True))
-        # What has not moved by half a step is where it was, to the last digit.
-        moved = {
-            name: round(value / STEPS[name]) * STEPS[name]
-            for name, value in found.items()
-            if abs(value - before[name]) > 0.5 * STEPS[name]
-        }
+        handle = event.target
+        moved = dragged(self.studio.rig.pose(number), handle.position, handle.wxyz)
         if moved:
-            self.studio.drag(number, **{name: round(v, 6) for name, v in moved.items()})
+            self.studio.drag(number, **moved)
             self.refresh(resting=False)
 
     def _improve(self) -> None:
@@ -193,7 +185,7 @@ class Page:
         except FileExistsError as error:
             self._overwrite = lambda: write(True)
             self.panel.overwrite.visible = True
-            self._say(f"{error.args[0].partition(';')[0]}", good=False)
+            self._say(str(error), good=False)
 
     def _confirm(self) -> None:
         if self._overwrite is not None:
@@ -239,12 +231,10 @@ class Page:
         self._draw_lidars(resting)
         view, placement = studio.view, studio.placement
         working = [n for n, lidar in enumerate(rig.lidars) if lidar.enabled]
-        if panel.cloud.value:
-            cloud = view.cloud(placement, RESTING_POINTS if resting else MOVING_POINTS)
-            with self._server.atomic():
-                self._scene.cloud(cloud, working)
-        else:
-            self._scene.cloud(view.cloud(None, 1), [])
+        most = RESTING_POINTS if resting else MOVING_POINTS
+        cloud = view.cloud(placement, most) if panel.cloud.value else None
+        with self._server.atomic():
+            self._scene.cloud(cloud, working)
         self._server.flush()
         objects = view.objects(placement)
         self._scene.objects(view.frame.objects, objects)

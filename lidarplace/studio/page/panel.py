@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from lidarplace.catalogue.datasheet import catalogue
 from lidarplace.studio.blind_ground import HEIGHTS_M
+from lidarplace.studio.page.dragged import STEPS
 from lidarplace.studio.rig import POSE
 from lidarplace.studio.studio import Studio
 
@@ -18,8 +19,6 @@ NOBODY, NO_OBJECT = "nobody", "none"
 FROM_FILE = "as the file says"
 
 UNITS = dict.fromkeys(POSE[:3], "m") | dict.fromkeys(POSE[3:], "°")
-STEPS = dict.fromkeys(POSE[:3], 0.001) | dict.fromkeys(POSE[3:], 0.1)
-"""Of a number field, and what a drag is rounded to."""
 SHOWN_DIGITS = 4
 
 

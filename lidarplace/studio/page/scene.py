@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from lidarplace.boxes import GEOMETRY
 from lidarplace.catalogue.datasheet import catalogue
@@ -19,6 +18,7 @@ from lidarplace.roi import Roi
 from lidarplace.sensor import Lidar
 from lidarplace.studio.blind_ground import EDGE_M, BlindGround
 from lidarplace.studio.frame_view import SimulatedCloud
+from lidarplace.studio.page.dragged import quaternion
 from lidarplace.studio.rig import Rig
 from lidarplace.studio.rigs_file import RigsFile
 from lidarplace.viewing import style
@@ -139,10 +139,10 @@ class Scene:
             self._lidars[number].position = mount.position
             self._lidars[number].wxyz = quaternion(mount)
 
-    def cloud(self, cloud: SimulatedCloud, working: list[int]) -> None:
+    def cloud(self, cloud: SimulatedCloud | None, working: list[int]) -> None:
         """Draw points in the colours of their LiDARs; `working` are those of the cloud."""
-        self._cloud.visible = len(cloud.points) > 0
-        if not len(cloud.points):
+        self._cloud.visible = cloud is not None and len(cloud.points) > 0
+        if cloud is None or not len(cloud.points):
             return
         table = np.array([rgb(colour) for colour in style.COLOURS], np.uint8)
         self._cloud.points = cloud.points.astype(np.float16)
@@ -185,18 +185,6 @@ class Scene:
 def rgb(colour: str) -> tuple[int, int, int]:
     """Red, green and blue of `#rrggbb`."""
     return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:], 16)
-
-
-def quaternion(mount: Mount) -> NDArray[np.float64]:
-    """Sensor-to-ego rotation, w first, shape (4,)."""
-    return Rotation.from_matrix(mount.rotation).as_quat(scalar_first=True)
-
-
-def degrees_of(wxyz: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Roll, pitch and yaw of a rotation, degrees."""
-    turned = Rotation.from_quat(wxyz, scalar_first=True)
-    yaw, pitch, roll = turned.as_euler("ZYX", degrees=True).tolist()
-    return roll, pitch, yaw
 
 
 def _view(lidar: Lidar) -> NDArray[np.float32]:

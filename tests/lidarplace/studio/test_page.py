@@ -4,7 +4,7 @@ import math
 import re
 import shutil
 import socket
-import threading
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,9 +13,10 @@ from typer.testing import CliRunner
 
 from lidarplace import Mount, OccupancyGrid, Roi, evaluate
 from lidarplace.studio.numbers import Numbers
+from lidarplace.studio.page.dragged import dragged, quaternion
 from lidarplace.studio.page.redraw import Redraw
-from lidarplace.studio.page.scene import degrees_of, quaternion
 from lidarplace.studio.page.tables import message, numbers_table
+from lidarplace.studio.rig import POSE
 from lidarplace.studio.rigs_file import read_rigs
 from lidarplace.studio.studio import Studio
 from tests.lidarplace.studio.rigs import log_of, written
@@ -99,13 +100,12 @@ def test_a_person_types_undoes_saves_and_reloads(page):
     assert not outside
 
 
-def settled(page):
-    """Wait until what was asked for is drawn, exactly."""
-    done = threading.Event()
-    numbers = page.panel.numbers
-    while not done.wait(0.01):
-        if page._redraw._wanted is None and 'data-exact="true"' in numbers.content:
-            done.set()
+def until(found):
+    """Wait for what the drawing thread will do."""
+    end = time.monotonic() + GUARD_MS / 1000
+    while not found():
+        assert time.monotonic() < end
+        time.sleep(0.01)
 
 
 def drag(page, phase, position=(0.1, 0.6, 1.8), wxyz=None):
@@ -140,9 +140,9 @@ def test_a_turn_is_told_in_tenths_of_a_degree(page):
 
 
 def test_a_drag_without_an_end_is_drawn_at_rest_and_kept_by_the_next_step(page):
-    page.studio.meter.measure(page.studio.placement)
     drag(page, "update", (0.5, 0.6, 1.8))
-    settled(page)
+    numbers, shown = page.panel.numbers, s_mig_of(page.studio)
+    until(lambda: shown in numbers.content and 'data-exact="true"' in numbers.content)
     page.studio.pose(0, z=1.9)
     page.studio.undo()
     assert page.studio.rig.pose(0)["x"] == 0.5
@@ -155,8 +155,7 @@ def test_a_lidar_that_goes_while_it_is_dragged_does_no_harm(page):
     with pytest.raises(StopIteration):
         coroutine.send(None)
     page.refresh()
-    settled(page)
-    assert page.chosen is None
+    until(lambda: page.chosen is None)
 
 
 def test_every_button_does_what_it_says(page):
@@ -177,8 +176,7 @@ def test_every_button_does_what_it_says(page):
     page.panel.blind.value = "a child"
     page.panel.object.value = "none"
     page.refresh()
-    settled(page)
-    assert "blind-for-a-child" in page.panel.numbers.content
+    until(lambda: "blind-for-a-child" in page.panel.numbers.content)
 
 
 def test_a_page_writes_beside_its_file_alone(page):
@@ -232,18 +230,24 @@ def test_what_fails_to_be_drawn_is_told_and_the_next_is_drawn():
 
     redraw = Redraw(draw, failed.append)
     redraw.ask(resting=False)
-    while len(drawn) < 2:  # at rest it is drawn again, unasked
-        threading.Event().wait(0.01)
+    until(lambda: len(drawn) == 2)  # at rest it is drawn again, unasked
     redraw.end()
     assert drawn == [False, True]
     assert [str(error) for error in failed] == ["first"]
 
 
-def test_rotations_go_to_and_fro():
+def test_a_pull_leaves_what_was_not_touched():
+    """Also where two triples of angles are the same rotation."""
     random = np.random.default_rng(0)
-    for roll, pitch, yaw in random.uniform([-180, -89, -180], [180, 89, 180], (50, 3)).tolist():
-        mount = Mount.degrees(roll=roll, pitch=pitch, yaw=yaw)
-        assert degrees_of(quaternion(mount)) == pytest.approx((roll, pitch, yaw), abs=1e-9)
+    for angles in random.uniform(-360, 360, (50, 3)).round(1).tolist():
+        before = dict(zip(POSE, [0.1234567, 0.6, 1.8, *angles], strict=True))
+        wxyz = quaternion(Mount.degrees(**before))
+        assert dragged(before, np.array([0.1234567, 0.6, 1.8]), wxyz) == {}
+        assert dragged(before, np.array([0.1234567, 0.6, 1.9004]), -wxyz) == {"z": 1.9}
+        to = dict(zip(POSE, [0.1234567, 0.6, 1.8, 10.0, -20.0, 100.0], strict=True))
+        there = Mount.degrees(**to)
+        found = before | dragged(before, there.position, quaternion(there))
+        assert Mount.degrees(**found).rotation == pytest.approx(there.rotation, abs=0.003)
 
 
 def test_tables_escape_names_and_say_what_is_not_known():
