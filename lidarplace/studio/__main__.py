@@ -9,7 +9,6 @@ from typing import Annotated
 import typer
 
 from lidarplace.box_log import read_box_log
-from lidarplace.command_line.terminal import say
 from lidarplace.command_line.verbs import RoiOption, crop_of, new_app, verb, within, wrong
 from lidarplace.ranges import FRAMES, PORT, RESOLUTION
 from lidarplace.roi import Roi
@@ -29,7 +28,7 @@ def studio(
     ],
     log: Annotated[
         Path | None,
-        typer.Option(metavar="FOLDER", help="a box log; a minute of simulated traffic without"),
+        typer.Option(metavar="FOLDER", help="a box log; simulated traffic without one"),
     ] = None,
     frames: Annotated[
         int,
@@ -61,7 +60,8 @@ def studio(
         with serving(port, "lidarplace studio") as server:
             page = Page(state, server, log)
             try:
-                say(f"http://{server.get_host()}:{server.get_port()}\nCtrl-C ends it.")
+                address = f"http://{server.get_host()}:{server.get_port()}"
+                print(f"{address}\nCtrl-C ends it.", flush=True)
                 threading.Event().wait()
             finally:
                 page.close()
