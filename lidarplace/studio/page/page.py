@@ -162,9 +162,13 @@ class Page:
             return
         handle = event.target
         moved = dragged(self.studio.rig.pose(number), handle.position, handle.wxyz)
-        if moved:
+        if not moved:
+            return
+        try:
             self.studio.drag(number, **moved)
-            self.refresh(resting=False)
+        except ValueError as error:  # such as below the ground
+            self._say(str(error), good=False)
+        self.refresh(resting=False)
 
     def _improve(self) -> None:
         """On a thread of the server's: the page goes on meanwhile."""

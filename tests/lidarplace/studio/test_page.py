@@ -129,6 +129,13 @@ def test_a_drag_moves_what_was_dragged_and_is_one_step(page):
     assert page.studio.rig == before
 
 
+def test_a_pull_below_the_ground_is_told_and_not_made(page):
+    before = page.studio.rig
+    drag(page, "update", (0.1, 0.6, -1.0))
+    assert page.studio.rig == before
+    assert "z: found -1.0" in page.panel.message.content
+
+
 def test_a_turn_is_told_in_tenths_of_a_degree(page):
     turned = quaternion(Mount.degrees(roll=-3.04, pitch=8.27, yaw=100.02))
     drag(page, "update", wxyz=turned)
