@@ -124,7 +124,7 @@ def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
 
     Raises:
         ValueError: a table cannot be read or lacks a column, a value is not of its column's kind
-            (a class none of `CLASSES`, a split none of `SPLITS`), or a box is in no frame of
+            (a class no name, a split none of `SPLITS`), or a box is in no frame of
             `frames`; names file and row.
     """
     if most_frames is None:

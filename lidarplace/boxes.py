@@ -10,10 +10,12 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from lidarplace.files.columns import check_columns, numbers, one_of, sizes
+from lidarplace.class_names import fault_of_name
+from lidarplace.files.columns import check_columns, numbers, sizes
 
 CLASSES = ("Car", "Cyclist", "Pedestrian")
-"""Object classes. Cyclist is the paper's *Van and Cyclist*: bicycles, motorcycles, box trucks."""
+"""The classes of simulated traffic, and those that are meant unless others are named: KITTI's. Here
+Cyclist is the paper's *Van and Cyclist*: bicycles, motorcycles, box trucks."""
 
 GEOMETRY = ("x", "y", "z", "length", "width", "height", "yaw")
 """A box: centre, size, and yaw about z from the ego x axis."""
@@ -45,9 +47,14 @@ def check_boxes(boxes: pd.DataFrame, source: str = "box log") -> None:
 
 
 def check_classes(boxes: pd.DataFrame, source: str) -> None:
-    """Raise ValueError that names the first row whose class is none of `CLASSES`."""
-    hint = "; convert table --class-map names the class of others"
-    one_of(boxes, "class", CLASSES, source, hint)
+    """Raise ValueError that names the first row whose class is no name of one."""
+    for name in boxes["class"].unique():
+        if (fault := fault_of_name(name)) is not None:
+            own = boxes["class"].isna() if pd.isna(name) else boxes["class"] == name
+            raise ValueError(
+                f"{source}: row {int(np.argmax(own.to_numpy(bool)))}: {fault}; convert table "
+                "--class-map names classes"
+            )
 
 
 def frame_ids(table: pd.DataFrame) -> np.ndarray:

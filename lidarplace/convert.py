@@ -14,12 +14,13 @@ from rich.table import Table
 
 from lidarplace.box_log import BoxLog, write_box_log
 from lidarplace.boxes import CLASSES
+from lidarplace.class_names import counts_of
 from lidarplace.command_line.terminal import output, say
 from lidarplace.command_line.verbs import known, new_app, verb, within, wrong
 from lidarplace.files.atomic import read_text
 from lidarplace.ranges import LIDAR_HEIGHT, SHARE
 from lidarplace.scenes.datasets.argoverse import read_argoverse
-from lidarplace.scenes.datasets.class_maps import read_class_map
+from lidarplace.scenes.datasets.class_maps import PAPER, named_class_map
 from lidarplace.scenes.datasets.nuscenes import read_nuscenes
 from lidarplace.scenes.datasets.openlabel import read_openlabel
 from lidarplace.scenes.datasets.tabular import read_tabular
@@ -41,12 +42,14 @@ app = new_app(
 )
 
 Out = Annotated[Path, typer.Argument(help="folder of the box log to write")]
-ClassMapFile = Annotated[
-    Path | None,
+ClassMapOption = Annotated[
+    str,
     typer.Option(
         "--class-map",
-        help="YAML file of lines `category: class`; class is "
-        f"{', '.join(CLASSES)} or ignore. What it does not name stays as it is.",
+        metavar="paper|own|FILE",
+        help="paper: Car, Cyclist (with trucks) and Pedestrian, as the paper groups them; own: "
+        "road users keep the names of the data set; or a YAML file of lines `category: class`, "
+        "where class is any name, or ignore. What it does not name stays as it is.",
     ),
 ]
 
@@ -62,7 +65,7 @@ def nuscenes(
     test_scenes: Annotated[
         Path | None, typer.Option(help="instead: text file with the name of a test scene a line")
     ] = None,
-    class_map: ClassMapFile = None,
+    class_map: ClassMapOption = PAPER,
 ) -> None:
     """nuScenes v1.0, its annotated key frames."""
 
@@ -70,7 +73,7 @@ def nuscenes(
         return read_nuscenes(
             source,
             version=version,
-            class_map=_class_map(class_map),
+            class_map=named_class_map(class_map),
             test_scenes=read_text(test_scenes).split() if test_scenes else test_share,
             ignored=ignored,
         )
@@ -85,13 +88,13 @@ def argoverse(
     split: Annotated[
         list[str] | None, typer.Option(help="train, val or test; by default train and val")
     ] = None,
-    class_map: ClassMapFile = None,
+    class_map: ClassMapOption = PAPER,
 ) -> None:
     """Argoverse 2 sensor data set; train stays train, val becomes test."""
 
     def read(ignored: Counter[str]) -> BoxLog:
         return read_argoverse(
-            source, splits=split or (), class_map=_class_map(class_map), ignored=ignored
+            source, splits=split or (), class_map=named_class_map(class_map), ignored=ignored
         )
 
     _convert(read, out)
@@ -176,7 +179,7 @@ def table(
     frames: Annotated[
         str | None, typer.Option(help="table of all frames, or their number: empty ones count too")
     ] = None,
-    class_map: ClassMapFile = None,
+    class_map: ClassMapOption = PAPER,
     mapping: Annotated[
         Path | None,
         typer.Option(help="YAML file that says what the columns of a table of other make mean"),
@@ -192,11 +195,13 @@ def table(
 ) -> None:
     """Tables of your own: of the columns of docs/data.md, or of any with a mapping."""
     if propose is not None:
-        if any(given is not None for given in (out, frames, class_map, mapping, preview)):
+        if any(given is not None for given in (out, frames, mapping, preview)) or (
+            class_map != PAPER
+        ):
             wrong("--propose writes a mapping and nothing else: leave out OUT and other options")
         _propose(source, propose)
         return
-    if mapping is not None and (frames is not None or class_map is not None):
+    if mapping is not None and (frames is not None or class_map != PAPER):
         wrong("--mapping tells frames and classes: --frames and --class-map are without it")
     if out is None and preview is None:
         wrong("OUT: name the folder of the box log to write")
@@ -212,7 +217,7 @@ def table(
         return read_tabular(
             source,
             frames=Path(frames) if frames and number is None else number,
-            class_map=_class_map(class_map),
+            class_map=named_class_map(class_map),
             ignored=ignored,
         )
 
@@ -243,7 +248,7 @@ def kitti(
     skip_bad: Annotated[
         bool, typer.Option("--skip-bad", help="leave out what is wrong, and list it")
     ] = False,
-    class_map: ClassMapFile = None,
+    class_map: ClassMapOption = PAPER,
 ) -> None:
     """KITTI's object layout, as `export` writes it; labels are enough."""
     skipped: list[str] = []
@@ -251,7 +256,7 @@ def kitti(
     def read(ignored: Counter[str]) -> BoxLog:
         return read_kitti(
             source,
-            class_map=_class_map(class_map),
+            class_map=named_class_map(class_map),
             standard_calibration=standard_calibration,
             lidar_height=lidar_height,
             ignored=ignored,
@@ -261,10 +266,6 @@ def kitti(
     _convert(read, out)
     if skipped:
         say("\n".join([f"skipped {len(skipped)}:", *map(str, skipped)]))
-
-
-def _class_map(path: Path | None) -> dict[str, str] | None:
-    return None if path is None else read_class_map(path)
 
 
 def _convert(
@@ -349,8 +350,8 @@ def _boxes_table(log: BoxLog, ignored: Counter[str]) -> Table:
     table = Table(title="Boxes")
     table.add_column("class")
     table.add_column("boxes", justify="right")
-    for name in CLASSES:
-        table.add_row(name, f"{(log.boxes['class'] == name).sum():,}")
+    for name, count in (dict.fromkeys(CLASSES, 0) | counts_of(log.boxes["class"])).items():
+        table.add_row(name, f"{count:,}")
     if ignored:
         table.add_section()
     for name, count in ignored.most_common():

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from lidarplace.box_log import BoxLog, read_box_log
 from lidarplace.boxes import CLASSES
+from lidarplace.class_names import counts_of
 from lidarplace.command_line.terminal import output
 from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
 
@@ -30,15 +31,16 @@ def describe(log: BoxLog) -> pd.DataFrame:
     Returns columns scene, split, routes, frames, and for every region and class a mean number of
     objects per frame, `<region> <class>`; the last row is the whole log.
     """
+    classes = list(dict.fromkeys(CLASSES) | counts_of(log.boxes["class"]))
     counts = log.frames[["scene", "split", "route", "frame"]].set_index("frame")
     for region, bounds in REGIONS.items():
         inside = pd.Series(True, index=log.boxes.index)
         for axis, (low, high) in bounds.items():
             inside &= log.boxes[axis].between(low, high)
-        for name in CLASSES:
+        for name in classes:
             of_class = log.boxes[inside & (log.boxes["class"] == name)]
             counts[f"{region} {name}"] = of_class.groupby("frame").size()
-    columns = [f"{region} {name}" for region in REGIONS for name in CLASSES]
+    columns = [f"{region} {name}" for region in REGIONS for name in classes]
     counts[columns] = counts[columns].fillna(0.0)
     groups = counts.groupby(["scene", "split"], sort=False)
     table = groups.agg(routes=("route", "nunique"), frames=("route", "size"))

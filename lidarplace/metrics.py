@@ -6,6 +6,7 @@ Training, configuration, search, statistics and report read it. A new metric is 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -87,3 +88,8 @@ class Overlaps(NamedTuple):
 def kitti_iou(object_class: str) -> Overlaps:
     """KITTI's of a class: 0.7 and 0.5 for Car, 0.5 and 0.25 for others."""
     return Overlaps(0.7, 0.5) if object_class == "Car" else Overlaps(0.5, 0.25)
+
+
+def iou_of(object_class: str, own: Mapping[str, Overlaps]) -> Overlaps:
+    """Those that `own` has of a class, or KITTI's."""
+    return own.get(object_class) or kitti_iou(object_class)

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.class_names import closest
 from lidarplace.pose import from_carla, rotation
 from lidarplace.sensor import Lidar
 from lidarplace.shown import Shown, span
@@ -189,8 +190,19 @@ _PAPER_TABLE: dict[str, tuple[tuple[float, float, float, float, float], ...]] = 
     ),
 }
 
-PAPER_PLACEMENTS: dict[str, Placement] = {
-    name: Placement(name, [Mount(*from_carla(*row)) for row in rows], lidar=Lidar.paper())
-    for name, rows in _PAPER_TABLE.items()
-}
+
+class _ByName(dict[str, Placement]):
+    """Says which name may have been meant."""
+
+    def __missing__(self, name: object) -> Placement:
+        hint = closest(name, self) if isinstance(name, str) else ""
+        raise KeyError(f"no placement {name!r}{hint}; there are {', '.join(self)}")
+
+
+PAPER_PLACEMENTS: dict[str, Placement] = _ByName(
+    {
+        name: Placement(name, [Mount(*from_carla(*row)) for row in rows], lidar=Lidar.paper())
+        for name, rows in _PAPER_TABLE.items()
+    }
+)
 """The paper's eight placements in our right-handed ego frame, with its LiDAR."""

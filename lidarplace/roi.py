@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,15 @@ Interval = tuple[float, float]
 
 MOST_CELLS = 10**9
 """Voxels along one axis."""
+
+
+def _interval(axis: str, found: Any) -> Interval:
+    """Two numbers. Raises ValueError that says so."""
+    try:
+        low, high = (float(value) for value in found if not isinstance(value, str))
+    except (TypeError, ValueError):
+        raise ValueError(f"ROI {axis} is (min, max) in metres, found {found!r}") from None
+    return low, high
 
 
 @dataclass(frozen=True)
@@ -25,7 +35,8 @@ class Roi:
         resolution: edge of a voxel in metres.
 
     Raises:
-        ValueError: an interval is empty or not finite, or no multiple of the resolution.
+        ValueError: an interval is no pair of numbers, empty, not finite, or no multiple of the
+            resolution.
     """
 
     x: Interval
@@ -34,10 +45,12 @@ class Roi:
     resolution: float
 
     def __post_init__(self) -> None:
+        if not isinstance(self.resolution, int | float | np.number):
+            raise ValueError(f"resolution is a length in metres, found {self.resolution!r}")
         if not (math.isfinite(self.resolution) and self.resolution > 0):
             raise ValueError(f"resolution must be a positive length, found {self.resolution}")
         for axis in "xyz":
-            low, high = (float(value) for value in getattr(self, axis))
+            low, high = _interval(axis, getattr(self, axis))
             object.__setattr__(self, axis, (low, high))
             if not (math.isfinite(low) and math.isfinite(high) and low < high):
                 raise ValueError(f"ROI {axis} needs min < max, found [{low}, {high}]")

@@ -12,7 +12,6 @@ import typer
 
 from lidarplace import PAPER_PLACEMENTS, Placement, Roi
 from lidarplace.box_log import BoxLog, read_box_log
-from lidarplace.boxes import CLASSES
 from lidarplace.command_line.options import classes as classes_of_objects
 from lidarplace.command_line.options import paper_placements
 from lidarplace.command_line.terminal import output, say, table
@@ -95,7 +94,7 @@ def accuracy_command(
             found.boxes,
             found.frames,
             roi,
-            [known("class", name, {name: name for name in CLASSES}) for name in class_ or ["Car"]],
+            class_ or ["Car"],
             placements,
             resolutions[1:],
             azimuth_steps or (90, 360, 1440, 5760),

@@ -90,7 +90,13 @@ def pretrain(
         say(f"see {logs.folder}")
         raise typer.Exit(1)
     try:
-        write_checkpoint(out, value["state_dict"], task.params.detector, value["classes"])
+        write_checkpoint(
+            out,
+            value["state_dict"],
+            task.params.detector,
+            value["classes"],
+            task.params.typical,
+        )
     except OSError as error:
         say(f"failed: {error}")
         raise typer.Exit(1) from None

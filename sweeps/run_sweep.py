@@ -58,6 +58,10 @@ def run_sweep(
     Raises:
         as `sweeps.execution.runner.drive`.
     """
+    for typical in plan.typical:
+        console.print(f"anchors of {typical}", highlight=False, soft_wrap=True)
+    for caution in plan.cautions:
+        console.print(f"warning: {caution}", style="yellow", soft_wrap=True)
     work = SweepWork(console, sweep, plan, store, command, rerun_failed)
     run, logged = drive(console, sweep.common, store, work)
     console.print(f"{time.monotonic() - work.started:.0f} s", highlight=False)

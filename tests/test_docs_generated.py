@@ -46,7 +46,7 @@ def test_paths_types_limits_and_defaults():
     assert "| `training.checkpoint` | path or null | `null` |" in page
     assert "| `lidar.drop_off` | number ≥ 0, < 1 | `0` |" in page
     assert "| `search.constraints.near_field.coverage` | number 0 to 1 | needed |" in page
-    assert "| `promote[].class` | `Car`, `Cyclist`, `Pedestrian` or null | `null` |" in page
+    assert "| `promote[].class` | text or null | `null` |" in page
     assert "`placements.NAME.mounts[].yaw`" in page
 
 

@@ -24,7 +24,7 @@ FORBIDDEN = {
 }
 FLOORS = {
     "lidarplace": (
-        "catalogue metrics optional pose ranges rings roi sectors shown start weather",
+        "catalogue class_names metrics optional pose ranges rings roi sectors shown start weather",
         "sensor",
         "placement",
         "coverage",
@@ -43,7 +43,8 @@ FLOORS = {
     ),
     "lidarplace.scenes": ("datasets doubts parts routes", "*", "kinds"),
     "training": (
-        "average_precision by_sector dataset device ops randomness settings vector_math",
+        "average_precision by_sector dataset device ops randomness settings "
+        "typical_objects vector_math",
         "detectors found_objects ground_truth_sampling kitti_labels matches one_cycle",
         "__init__ augment leave_out optimisation",
         "checkpoints",

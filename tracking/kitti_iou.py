@@ -6,17 +6,22 @@ import pandas as pd
 
 from lidarplace.metrics import EVERY_IOU, METRICS, headline_metric, kitti_iou
 
+_OF_AP = [name for name, own in METRICS.items() if own.of_one_iou and not own.of_all]
+
 
 def headline_iou(results: pd.DataFrame, object_class: str, metric: str | None = None) -> float:
-    """KITTI's IoU of the class, or the strictest one evaluated when KITTI's was not.
+    """The strictest IoU at which AP of the class was evaluated; KITTI's of all classes together.
 
     `EVERY_IOU` for a metric that is of no single one.
     """
     if metric in METRICS and not METRICS[metric].of_one_iou:
         return EVERY_IOU
-    evaluated = results.loc[results["class"] == object_class, "iou"].unique()
+    own = results[results["class"] == object_class]
+    evaluated = own.loc[own["metric"].isin(_OF_AP), "iou"]
+    if len(evaluated):
+        return float(evaluated.max())
     wanted = kitti_iou(object_class).strict
-    return wanted if wanted in evaluated or not len(evaluated) else float(max(evaluated))
+    return wanted if own.empty or wanted in set(own["iou"]) else float(own["iou"].max())
 
 
 def judged(

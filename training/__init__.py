@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from training.detectors.build import PRESETS as PRESETS
 from training.detectors.build import build, network_and_preset
+from training.typical_objects import TypicalObject
 
 if TYPE_CHECKING:
     from training.detectors.detector import Detector, PointRange
@@ -31,6 +32,7 @@ def build_detector(
     classes: Sequence[str],
     preset: str | None = None,
     point_range: PointRange | None = None,
+    typical: Sequence[TypicalObject] = (),
 ) -> Detector:
     """An untrained detector.
 
@@ -42,13 +44,15 @@ def build_detector(
         point_range: x, y, z of the lowest and of the highest corner in the ego frame, metres, in
             place of the preset's; its far ends move out to a whole number of cells. In KITTI's
             frame the preset's heights stay, to which the weights belong.
+        typical: of classes that the preset does not know, or that shall have other anchors; see
+            `training.typical_objects`.
 
     Raises:
         ValueError: unknown name, class or preset, no class or one named twice, an empty range.
     """
     if name not in DETECTORS:
         raise ValueError(f"unknown detector {name!r}; choose one of {', '.join(DETECTORS)}")
-    return build(name, classes, preset, point_range)
+    return build(name, classes, preset, point_range, typical)
 
 
 def network_of(detector: str) -> str:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.boxes import GEOMETRY
-from lidarplace.metrics import OF_CLASSES
+from lidarplace.metrics import OF_CLASSES, Overlaps
 from lidarplace.rings import bounds_of, ring_of
 from training.average_precision import FramePairs
 from training.kitti_ap import evaluate_boxes
@@ -23,6 +24,7 @@ def evaluate_by_distance(
     detections: pd.DataFrame,
     frames: Sequence[int],
     classes: Sequence[str],
+    ious: Mapping[str, Overlaps] = MappingProxyType({}),
 ) -> pd.DataFrame:
     """The metrics of single classes by `evaluate_boxes` in every ring around the vehicle.
 
@@ -31,7 +33,7 @@ def evaluate_by_distance(
     20.1 m is found.
 
     Args:
-        ground_truth, detections, frames, classes: as of `evaluate_boxes`.
+        ground_truth, detections, frames, classes, ious: as of `evaluate_boxes`.
 
     Returns:
         Columns class, metric, iou, from_m, to_m (bounds of the ring), value (percent) and
@@ -48,7 +50,7 @@ def evaluate_by_distance(
         rings_found = _rings_of_detections(truths, found, frames)
         for ring in np.unique(rings).tolist():
             table = evaluate_boxes(
-                truths[rings == ring], found[rings_found == ring], frames, [name]
+                truths[rings == ring], found[rings_found == ring], frames, [name], ious=ious
             )
             table = table[(table["class"] == name) & table["metric"].isin(OF_CLASSES)]
             low, high = bounds_of(ring)

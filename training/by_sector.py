@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import pandas as pd
 
-from lidarplace.metrics import kitti_iou
+from lidarplace.metrics import Overlaps, iou_of
 from lidarplace.sectors import SECTORS, bounds_of, sector_of
 
 COLUMNS = ("class", "metric", "iou", "sector", "from_deg", "to_deg", "value", "ground_truths")
 
 
-def recall_by_sector(objects: pd.DataFrame) -> pd.DataFrame:
+def recall_by_sector(
+    objects: pd.DataFrame, ious: Mapping[str, Overlaps] = MappingProxyType({})
+) -> pd.DataFrame:
     """Recall in every sector around the vehicle, at the strict IoU of the class.
 
     Objects are matched as for the recall of all directions, which is the mean of these, weighted by
@@ -18,6 +23,7 @@ def recall_by_sector(objects: pd.DataFrame) -> pd.DataFrame:
 
     Args:
         objects: of an `training.kitti_ap.Evaluation`.
+        ious: by class, where they are not KITTI's.
 
     Returns:
         Columns class, metric ("recall", and "class_recall_3D" of single classes), iou, sector, its
@@ -27,7 +33,7 @@ def recall_by_sector(objects: pd.DataFrame) -> pd.DataFrame:
     placed = objects[["class", "overlap", "found"]].assign(sector=sector_of(objects))
     rows = []
     for name, own in [*placed.groupby("class", sort=False), ("all", placed)]:
-        iou = kitti_iou(str(name)).strict
+        iou = iou_of(str(name), ious).strict
         recalled = own.assign(recalled=own["overlap"] > iou).groupby("sector")
         for sector, group in recalled:
             place = (iou, SECTORS[int(str(sector))], *bounds_of(int(str(sector))))

@@ -18,6 +18,7 @@ from torch import Tensor
 
 from lidarplace.files.atomic import replacing
 from training.detectors.detector import Detector
+from training.typical_objects import TypicalObject, as_plain, from_plain
 
 KITTI_ORDER = ("Car", "Pedestrian", "Cyclist")
 """The classes of OpenPCDet's networks for KITTI, in the order of their labels."""
@@ -91,6 +92,10 @@ def load_checkpoint(model: Detector, path: Path, new_heads: bool = False) -> Loa
                 "file, or train new ones with new_heads: true"
             )
         differing = [key for key in own if _of_head(key)]
+    elif not differing and (other := _other_anchors(path, model, content)) is not None:
+        if not new_heads:
+            raise ValueError(other)
+        differing = [key for key in own if _of_head(key)]
     elif differing and not (new_heads and all(map(_of_head, differing))):
         shapes = "; ".join(
             f"{key} {list(found[key].shape)}, the detector's {list(own[key].shape)}"
@@ -112,15 +117,43 @@ def load_checkpoint(model: Detector, path: Path, new_heads: bool = False) -> Loa
     )
 
 
+def _other_anchors(path: Path, model: Detector, content: Mapping[str, Any]) -> str | None:
+    """What differs, if the heads of the file belong to other anchors than the detector's."""
+    try:
+        kept = from_plain(content)
+    except ValueError as error:
+        raise ValueError(f"checkpoint {path}: {error}") from None
+    ours, its = ({t.name: t for t in typical} for typical in (model.typical, kept))
+    for name in sorted(ours.keys() | its.keys()):
+        if ours.get(name) != its.get(name):
+            found, wanted = (own.get(name, f"{name} as in the preset") for own in (its, ours))
+            return (
+                f"checkpoint {path} has other anchors than the detector: {found} instead of "
+                f"{wanted}; leave the size out, or train new heads with new_heads: true"
+            )
+    return None
+
+
 def write_checkpoint(
-    path: Path, model_state: Mapping[str, Tensor], detector: str, classes: Sequence[str]
+    path: Path,
+    model_state: Mapping[str, Tensor],
+    detector: str,
+    classes: Sequence[str],
+    typical: Sequence[TypicalObject] = (),
 ) -> None:
     """Write a base checkpoint, from which a fine-tuning can start; a reader never meets half of it.
 
     The file is a dict: "model_state", the state_dict; "detector", a name for `build_detector`;
-    "classes", the names of the labels 1, 2, ….
+    "classes", the names of the labels 1, 2, …; and "typical", where there are any, the objects of
+    which the anchors are that are not the preset's.
     """
-    content = {"model_state": dict(model_state), "detector": detector, "classes": list(classes)}
+    content: dict[str, Any] = {
+        "model_state": dict(model_state),
+        "detector": detector,
+        "classes": list(classes),
+    }
+    if typical:
+        content["typical"] = as_plain(typical)
     save_checkpoint(path, content)
 
 

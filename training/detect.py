@@ -19,6 +19,7 @@ from training.detectors.detector import PointRange, Selection
 from training.detectors.folding import fold_batch_norm
 from training.device import device
 from training.settings import TrainingSettings
+from training.typical_objects import TypicalObject
 
 _BATCH = 4
 """Frames at once where the settings leave it open; prediction needs far less memory than a step."""
@@ -45,12 +46,13 @@ def detect(
     clouds: Frames,
     settings: TrainingSettings,
     point_range: PointRange | None = None,
+    typical: Sequence[TypicalObject] = (),
 ) -> Detections:
     """Detections in all frames of `clouds`.
 
     Takes what `finetune` took and returned; `classes` are those of the network.
     """
-    model = build(detector, classes, point_range=point_range)
+    model = build(detector, classes, point_range=point_range, typical=typical)
     model.load_state_dict(state_dict)
     fold_batch_norm(model)
     model.to(device())

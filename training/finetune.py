@@ -13,10 +13,11 @@ import pandas as pd
 import torch
 from torch import Tensor
 
+from lidarplace.boxes import CLASSES, check_boxes
 from lidarplace.lidar.clouds import Clouds
 from training.augment import Augmentation
 from training.batch_size import Memory, batch_size_for
-from training.checkpoints import load_checkpoint
+from training.checkpoints import load_checkpoint, read_checkpoint
 from training.dataset import TrainingFrames, as_tensors
 from training.detectors.build import build
 from training.detectors.detector import Detector, PointRange
@@ -26,6 +27,7 @@ from training.optimisation import Optimisation
 from training.randomness import Purpose, generator, stream
 from training.resume import TrainingFolder, TrainingState, fingerprint
 from training.settings import TrainingSettings
+from training.typical_objects import TypicalObject, as_plain, from_plain, typical_objects
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,7 @@ class FinetuneResult:
         best_state_dict: weights after the epoch with the lowest training loss; None if that is the
             last one, or if no folder was there to keep them.
         earlier_seconds: of the epochs before a stop, not spent in this call.
+        typical: objects of which the anchors are that are not the preset's.
     """
 
     state_dict: dict[str, Tensor]
@@ -54,6 +57,7 @@ class FinetuneResult:
     weights: str
     best_state_dict: dict[str, Tensor] | None
     earlier_seconds: float
+    typical: tuple[TypicalObject, ...]
 
 
 @dataclass(frozen=True)
@@ -82,6 +86,7 @@ def finetune(
     folder: Path | None = None,
     start: StartingWeights = StartingWeights(),
     memory: Memory = Memory(),
+    typical: Sequence[TypicalObject] = (),
 ) -> FinetuneResult:
     """Train `detector` on the frames of `clouds`, on a GPU if there is one.
 
@@ -100,6 +105,8 @@ def finetune(
         start: weights to start from, if they are not at random.
         memory: how many frames of a step it holds. A training that was stopped goes on with the
             frames that it had, unless these are more than are left now.
+        typical: objects of which anchors are, of classes that the preset does not know, or that
+            shall have others. Those of a checkpoint come before those of `ground_truth`.
 
     Raises:
         ValueError: no frames, unknown detector or class, bad ground truth, a checkpoint that does
@@ -109,9 +116,10 @@ def finetune(
     """
     if len(clouds) == 0:
         raise ValueError("training needs at least one frame, found none")
+    typical = _typical(classes, ground_truth, settings, typical)
     with torch.random.fork_rng(range(torch.cuda.device_count())):
         torch.manual_seed(seed)
-        model = build(detector, classes, point_range=point_range)
+        model = build(detector, classes, point_range=point_range, typical=typical)
         weights = _load_weights(model, settings, start)
         model.to(device())
         frames, database = training_data(model, classes, clouds, ground_truth, settings)
@@ -123,6 +131,8 @@ def finetune(
             "point_range": model.point_range,
             "weights": weights,
         }
+        if model.typical:
+            identity["typical"] = as_plain(model.typical)
         kept = TrainingFolder(folder, fingerprint(identity, clouds, ground_truth), model.classes)
         state, batch_size, reduced = _start(kept.load(), memory, model, frames, settings)
         steps = settings.epochs * -(-len(frames) // batch_size)
@@ -159,7 +169,24 @@ def finetune(
         weights,
         None if losses[-1] == min(losses) else kept.best(),
         earlier,
+        model.typical,
     )
+
+
+def _typical(
+    classes: Sequence[str],
+    ground_truth: pd.DataFrame,
+    settings: TrainingSettings,
+    given: Sequence[TypicalObject],
+) -> tuple[TypicalObject, ...]:
+    """Those given, and of classes that nothing knows those of the checkpoint or of the objects."""
+    known = {item.name: item for item in given}
+    if settings.checkpoint is not None:
+        kept = from_plain(read_checkpoint(settings.checkpoint)[0])
+        known = {item.name: item for item in kept if item.name in classes} | known
+    check_boxes(ground_truth, "ground truth")
+    unknown = [name for name in classes if name not in CLASSES and name not in known]
+    return (*known.values(), *typical_objects(ground_truth, unknown))
 
 
 def _start(

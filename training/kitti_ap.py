@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.boxes import GEOMETRY, check_boxes
-from lidarplace.metrics import EVERY_IOU, MEAN_AP_IOU, kitti_iou
+from lidarplace.metrics import EVERY_IOU, MEAN_AP_IOU, Overlaps, iou_of
 from training.average_precision import COUNTS, FramePairs, ap_r11, ap_r40, precision_curve
 from training.kitti_labels import (
     DIFFICULTIES,
@@ -69,13 +70,14 @@ def evaluate_boxes(
     frames: Sequence[int],
     classes: Sequence[str],
     refined: pd.DataFrame | None = None,
+    ious: Mapping[str, Overlaps] = MappingProxyType({}),
 ) -> pd.DataFrame:
     """AP and recall over `frames`; rows of other frames and classes are left out.
 
     All tables have `frame` and x, y, z, length, width, height, yaw in the ego frame, the first two
     also `class`, and detections `score`. Per class:
 
-    - "AP_R40_3D" and "AP_R40_BEV" at KITTI's strict and loose IoU;
+    - "AP_R40_3D" and "AP_R40_BEV" at the strict and the loose IoU of `ious`, or KITTI's;
     - "AP_R40_3D_mean": the mean of the former over the IoUs 0.3, 0.35, …, 0.8;
     - "class_recall_3D" at the same: the share of the ground truths that AP's curve reaches, so by
       detections of their class, each used once;
@@ -97,7 +99,7 @@ def evaluate_boxes(
     Raises:
         ValueError: a column is missing, a box or a score is not a finite number.
     """
-    return evaluation(ground_truth, detections, frames, classes, refined).metrics
+    return evaluation(ground_truth, detections, frames, classes, refined, ious=ious).metrics
 
 
 def evaluation(
@@ -107,6 +109,7 @@ def evaluation(
     classes: Sequence[str],
     refined: pd.DataFrame | None = None,
     routes: pd.DataFrame | None = None,
+    ious: Mapping[str, Overlaps] = MappingProxyType({}),
 ) -> Evaluation:
     """`evaluate_boxes`, the precision over recall behind it, and what hangs on each route.
 
@@ -146,13 +149,13 @@ def evaluation(
             "BEV": _overlaps(own, own_found, pairs, three_d=False),
         }
         of_class = _largest(overlaps["3D"], pairs, len(own))
-        ious = kitti_iou(name)
+        of_name = iou_of(name, ious)
         matches = {
             (view, iou): Matches.of(pairs, values, scores, iou)
             for view, values in overlaps.items()
-            for iou in dict.fromkeys((*ious, *MEAN_AP_IOU) if view == "3D" else ious)
+            for iou in dict.fromkeys((*of_name, *MEAN_AP_IOU) if view == "3D" else of_name)
         }
-        reached[here] = matches["3D", ious.strict].found
+        reached[here] = matches["3D", of_name.strict].found
         if routes is not None and len(own):
             nearest = overlapped_most(pairs, overlaps["BEV"], len(own_found))
             frame = own_found["frame"].to_numpy(np.int64)
@@ -160,11 +163,11 @@ def evaluation(
                 *units_of(own, frame, nearest, routes),
                 *halves_of(own, frame, routes),
             )
-            left_out += ap_without_each(name, matches, units)
+            left_out += ap_without_each(name, of_name, matches, units)
             left_out += recall_without_each(name, RECALL_IOU, best[here], units)
             left_out += mean_without_each(name, "mean_overlap", EVERY_IOU, of_class, units)
         curves = {key: match.precision() for key, match in matches.items()}
-        for iou in ious:
+        for iou in of_name:
             for view in overlaps:
                 metric, curve = f"AP_R40_{view}", curves[view, iou]
                 add(name, metric, iou, float(ap_r40(curve)), len(own))

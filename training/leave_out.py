@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.metrics import EVERY_IOU, MEAN_AP_IOU, kitti_iou
+from lidarplace.metrics import EVERY_IOU, MEAN_AP_IOU, Overlaps
 from training.average_precision import FramePairs
 from training.matches import Matches
 
@@ -124,12 +124,16 @@ def overlapped_most(
 
 
 def ap_without_each(
-    object_class: str, matches: Mapping[tuple[str, float], Matches], either: Sequence[Units]
+    object_class: str,
+    ious: Overlaps,
+    matches: Mapping[tuple[str, float], Matches],
+    either: Sequence[Units],
 ) -> list[pd.DataFrame]:
     """AP and recall of a class without each unit: without routes and individuals AP as an area.
 
     Args:
-        matches: by view, "3D" or "BEV", and IoU: of KITTI's, and in 3D of `MEAN_AP_IOU`.
+        ious: of the class.
+        matches: by view, "3D" or "BEV", and IoU: of `ious`, and in 3D of `MEAN_AP_IOU`.
         either: `units_of` and `halves_of` the boxes.
     """
     tables = []
@@ -139,11 +143,11 @@ def ap_without_each(
             ap = {key: match.ap_without_each(*of_each) for key, match in matches.items()}
         else:
             ap = {key: match.area_without_each(*of_each) for key, match in matches.items()}
-        for view, iou in product(("3D", "BEV"), kitti_iou(object_class)):
+        for view, iou in product(("3D", "BEV"), ious):
             tables.append(units.table(object_class, f"AP_R40_{view}", iou, ap[view, iou]))
         mean = np.mean([ap["3D", iou] for iou in MEAN_AP_IOU], axis=0)
         tables.append(units.table(object_class, "AP_R40_3D_mean", EVERY_IOU, mean))
-    for iou in kitti_iou(object_class):
+    for iou in ious:
         found = matches["3D", iou].found
         tables += mean_without_each(object_class, "class_recall_3D", iou, found, either)
     return tables

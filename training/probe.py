@@ -15,6 +15,7 @@ from training.detectors.detector import PointRange
 from training.device import device
 from training.finetune import training_data
 from training.settings import TrainingSettings
+from training.typical_objects import TypicalObject
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,7 @@ def probe(
     settings: TrainingSettings,
     point_range: PointRange | None = None,
     gpu_share: float = 1.0,
+    typical: Sequence[TypicalObject] = (),
 ) -> Probe:
     """Take one step of a training, on the largest frames, and look at its memory.
 
@@ -47,7 +49,7 @@ def probe(
     the share of a GPU's memory that a training may take.
     """
     torch.manual_seed(0)
-    model = build(detector, classes, point_range=point_range).to(device())
+    model = build(detector, classes, point_range=point_range, typical=typical).to(device())
     frames, database = training_data(model, classes, clouds, ground_truth, settings)
     batch_size = batch_size_for(model, frames, settings, gpu_share)
     taken = step_bytes(model, frames, settings, batch_size)

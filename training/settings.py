@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from lidarplace.boxes import CLASSES
 from lidarplace.configuration.settings import (
     Angle,
+    ClassName,
     Count,
     CountFromOne,
     Factor,
@@ -59,7 +59,7 @@ class TrainingSettings(Settings):
         True, description="16-bit floats in the network where it runs on a GPU"
     )
 
-    sample_groups: dict[Literal[CLASSES], Count] = Field(  # type: ignore[valid-type]
+    sample_groups: dict[ClassName, Count] = Field(
         {"Car": 20, "Pedestrian": 15, "Cyclist": 15},
         description="ground-truth sampling: objects of other frames are pasted until a frame has "
         "so many of a class; {} pastes none",

@@ -19,6 +19,7 @@ from pydantic import (
     ValidationError,
 )
 
+from lidarplace.class_names import fault_of_name
 from lidarplace.ranges import LIDAR_HEIGHT, SEED, SHARE
 
 
@@ -65,8 +66,17 @@ Amount = Annotated[float, Strict(), Field(ge=0, le=1e12, allow_inf_nan=False)]
 Number = Annotated[float, Strict(), Field(ge=-1e12, le=1e12, allow_inf_nan=False)]
 """A number of which no more is known."""
 
+
+def _class_name(name: str) -> str:
+    if (fault := fault_of_name(name)) is not None:
+        raise ValueError(fault)
+    return name
+
+
 Name = Annotated[str, Field(min_length=1, max_length=100)]
 """What something is called: pages, tables and plots have room for it."""
+ClassName = Annotated[str, AfterValidator(_class_name)]
+"""Of a class of objects."""
 Text = Annotated[str, Field(max_length=2000)]
 """An address, or what another program has a name for."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import warnings
 from collections.abc import Collection, Iterable
@@ -14,6 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.boxes import CLASSES, GEOMETRY, check_boxes, frame_ids
+from lidarplace.class_names import closest, counts_of, listed
 from lidarplace.occupancy.box_counts import count_boxes
 from lidarplace.occupancy.entropy import entropy_of_counts
 from lidarplace.occupancy.levels import Levels
@@ -189,13 +189,10 @@ def _check_class(name: str, boxes: pd.DataFrame) -> None:
     """A class that never occurs is empty; one that is neither known nor there is mistyped."""
     if not isinstance(name, str):
         raise ValueError(f"object_class is the name of a class, found {name!r}")
-    there = [str(other) for other in boxes["class"].unique()]
-    if name in CLASSES or name in there:
-        return
-    known = sorted({*there, *CLASSES})
-    close = difflib.get_close_matches(name.lower(), [other.lower() for other in known], n=1)
-    hint = next((f" (did you mean {o}?)" for o in known if close == [o.lower()]), "")
-    raise ValueError(f"no box is of class {name!r}{hint}; classes are {', '.join(known)}")
+    there = counts_of(boxes["class"])
+    if name not in CLASSES and name not in there:
+        hint = closest(name, {*there, *CLASSES})
+        raise ValueError(f"no box is of class {name!r}{hint}; there are {listed(there)}")
 
 
 def _check_frames(frames: int) -> None:

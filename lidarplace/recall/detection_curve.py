@@ -61,6 +61,19 @@ class DetectionCurves(BaseModel):
             raise ValueError(f"there are two curves of {sorted(twice)[0]}")
         return self
 
+    def has(self, object_class: str, iou: float) -> bool:
+        """Whether there is a curve of a class at an overlap."""
+        return any((own.object_class, own.iou) == (object_class, iou) for own in self.curves)
+
+    def lent(self, of: str, to: str, iou: float) -> Self:
+        """With the curve of a class at an overlap for another class, too.
+
+        Raises:
+            ValueError: there is no curve of the class.
+        """
+        curve = self.of(of, iou).model_copy(update={"object_class": to})
+        return self.model_copy(update={"curves": (*self.curves, curve)})
+
     def of(self, object_class: str, iou: float) -> DetectionCurve:
         """The curve of a class at an overlap. Raises ValueError if there is none."""
         for curve in self.curves:

@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
 from lidarplace.box_log import BoxLog, read_box_log, read_frames
 from lidarplace.boxes import SPLITS
-from lidarplace.configuration.settings import FilePath, Seed, Settings
+from lidarplace.class_names import IGNORE
+from lidarplace.configuration.settings import FilePath, Name, Seed, Settings
+from lidarplace.scenes.datasets.class_maps import (
+    PAPER,
+    PAPER_GROUPS,
+    ClassMap,
+    check_class_map,
+)
 from lidarplace.scenes.parts import ScenePart
+
+
+def _is_none(value: object) -> bool:
+    """Scenes without a class map are told as they were before there was one."""
+    return value is None
 
 
 class LogScene(Settings):
@@ -35,6 +47,12 @@ class LogScene(Settings):
         description="simulated: rays are cast at the boxes; recorded: the clouds in "
         "folder/clouds/PLACEMENT, such as CARLA's",
     )
+    class_map: dict[Name, Name] | Literal["paper"] | None = Field(
+        None,
+        exclude_if=_is_none,
+        description="classes of the log that count as others, such as {Truck: Cyclist}, or paper "
+        "for its grouping of the names of data sets; ignore leaves boxes out; null: as they are",
+    )
     seed: Seed = Field(
         default=0, description="of shapes, drop-off and range noise of simulated clouds"
     )
@@ -53,11 +71,24 @@ class LogScene(Settings):
             )
         return folder
 
+    @field_validator("class_map", mode="before")
+    @classmethod
+    def _mapping_or_paper(cls, class_map: Any) -> Any:
+        # Not by the types of the field, whose error would name all of them.
+        if isinstance(class_map, dict):
+            check_class_map(class_map, "class_map")
+        elif class_map not in (None, PAPER):
+            raise ValueError("allowed are paper, and a mapping such as {Truck: Cyclist}")
+        return class_map
+
     @model_validator(mode="after")
     def _of_one_log(self) -> LogScene:
         if self.test_folder is not None and self.clouds == "recorded":
             raise ValueError("test_folder: recorded clouds lie in one folder; allowed is null")
         return self
+
+    def __hash__(self) -> int:
+        return hash(self.model_dump_json())  # a mapping has no hash of its own
 
     @property
     def name(self) -> str:
@@ -83,7 +114,18 @@ class LogScene(Settings):
 
     def read(self) -> BoxLog:
         """The log. Raises ValueError that names the file if something is wrong with it."""
-        return read_box_log(self.folder)
+        log = read_box_log(self.folder)
+        return log if self.class_map is None else regrouped(log, self.groups())
+
+    def groups(self) -> ClassMap:
+        """Which class of the log counts as which; what it does not name stays as it is."""
+        return PAPER_GROUPS if isinstance(self.class_map, str) else self.class_map or {}
+
+
+def regrouped(log: BoxLog, groups: ClassMap) -> BoxLog:
+    """The log with the classes that `groups` has for its own."""
+    boxes = log.boxes.assign(**{"class": log.boxes["class"].map(lambda n: groups.get(n, n))})
+    return replace(log, boxes=boxes[boxes["class"] != IGNORE].reset_index(drop=True))
 
 
 @dataclass(frozen=True)

@@ -75,10 +75,10 @@ def draw_from_above(log: BoxLog, number: int) -> go.Figure:
     low, high = Vehicle.car().boxes[0]
     own = np.concatenate([(low + high) / 2, high - low, [0.0]])[None]
     _add(figure, own, "vehicle", style.OUTLINE, [])
+    colours = style.class_colours(log.boxes["class"].unique())
     for name, of_class in boxes.groupby("class"):
-        colour = style.CLASSES.get(str(name), style.OUTLINE)
         geometry = of_class[list(GEOMETRY)].to_numpy(np.float64)
-        _add(figure, geometry, str(name), colour, of_class["object_id"].tolist())
+        _add(figure, geometry, str(name), colours[str(name)], of_class["object_id"].tolist())
     return figure
 
 

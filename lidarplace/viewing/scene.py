@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from lidarplace.box_log import BoxLog
-from lidarplace.boxes import CLASSES, GEOMETRY
+from lidarplace.boxes import GEOMETRY
 from lidarplace.lidar.clouds import Crop
 from lidarplace.lidar.shapes import OWN_BODY
 from lidarplace.placement import Placement
@@ -78,7 +79,7 @@ def draw_frame(
         hovermode="closest",
     )
     _add_cloud(figure, cloud, placement)
-    _add_objects(figure, frame, cloud)
+    _add_objects(figure, frame, cloud, style.class_colours(log.boxes["class"].unique()))
     _add_surroundings(figure, frame, crop)
     return figure
 
@@ -104,16 +105,15 @@ def _add_cloud(figure: go.Figure, cloud: Cloud, placement: Placement) -> None:
     add_lidars(figure, placement)
 
 
-def _add_objects(figure: go.Figure, frame: Frame, cloud: Cloud) -> None:
+def _add_objects(figure: go.Figure, frame: Frame, cloud: Cloud, colours: Mapping[str, str]) -> None:
     """A trace of lines for each class, and one of marks at the fronts that tell what it is."""
     present = frame.objects["class"]
-    for name in (*CLASSES, *sorted(set(present) - set(CLASSES))):
+    for name, shade in colours.items():
         own = frame.objects[present == name]
         points = cloud.on_objects[present == name]
         boxes = own[list(GEOMETRY)].to_numpy(np.float64)
         if boxes.size == 0:
             continue
-        shade = style.CLASSES.get(name, style.OUTLINE)
         front = headings(boxes)
         figure.add_scatter3d(
             **_xyz(np.concatenate([edges(boxes), front.reshape(-1, 3)])),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from itertools import cycle
 from typing import Any
 
 # Okabe and Ito's colours, which colour-blind readers can tell apart; grey in place of black,
@@ -10,8 +12,15 @@ COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#9
 CLASSES = {"Car": "#D55E00", "Cyclist": "#56B4E9", "Pedestrian": "#B8A800"}
 """Boxes are lines and clouds are points, so a colour may serve a class and a fifth LiDAR. Yellow
 is darkened to be seen on white."""
+_FURTHER = ("#009E73", "#CC79A7", "#0072B2", "#E69F00")
 OUTLINE = "#888888"
 """ROI, vehicle and buildings."""
+
+
+def class_colours(names: Iterable[str]) -> dict[str, str]:
+    """A colour for each class: those of `CLASSES`, and by name in turn for others."""
+    others = sorted(set(names) - set(CLASSES))
+    return CLASSES | dict(zip(others, cycle(_FURTHER)))
 
 
 def theme(dark: bool) -> dict[str, Any]:

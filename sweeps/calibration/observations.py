@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from lidarplace.box_log import BoxLog, join_logs
+from lidarplace.metrics import iou_of
 from lidarplace.recall.baselines import per_object
 from lidarplace.recall.counted_objects import CountedObjects
 from lidarplace.recall.detection_curve import CELL_M
@@ -19,7 +20,6 @@ from sweeps.plan.plan import Trial
 from sweeps.store.open import AnyStore
 from sweeps.tasks.parameters import CollectParams
 from sweeps.tasks.stages import box_log
-from tracking.kitti_iou import kitti_iou
 from training.found_objects import found_objects
 
 COLUMNS = ("rig", "class", "iou", "scene", "object_id", "points", "cells", "found")
@@ -60,7 +60,7 @@ def rigs_of(trials: Sequence[Trial], store: AnyStore) -> list[Rig]:
 def observations(rigs: Sequence[Rig], store: AnyStore) -> pd.DataFrame:
     """A row for every object, rig and overlap, columns `COLUMNS`.
 
-    The objects are those of the test frames that count, the overlaps KITTI's of the class.
+    The objects are those of the test frames that count, the overlaps those of the class.
     `found` is the share of the rig's detectors that found the object, points and cells are what the
     rig hits of it, with the azimuth steps of its clouds.
     """
@@ -100,7 +100,7 @@ def _of_rig(rig: Rig, objects: CountedObjects, store: AnyStore) -> list[pd.DataF
     for name in rig.point.classes:
         of_class = (table["class"] == name).to_numpy()
         own = objects.table[of_class]
-        for iou in kitti_iou(name):
+        for iou in iou_of(name, rig.point.own_ious()):
             found = [found_objects(own, box[box["class"] == name], iou) for box in boxes]
             tables.append(table[of_class].assign(iou=iou, found=np.mean(found, axis=0)))
     return tables

@@ -21,6 +21,7 @@ from lidarplace.configuration.placement import MountSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import (
     Amount,
+    ClassName,
     Count,
     CountFromOne,
     Degrees,
@@ -40,7 +41,6 @@ from lidarplace.metrics import RANKING, Direction, headline_metric
 from lidarplace.surrogates.table import ASKED_OF_POG, SURROGATES
 from sweeps.configuration.requirements import Requirements
 from sweeps.configuration.sweep import (
-    ClassName,
     Common,
     MountingErrorSettings,
     Point,

@@ -15,10 +15,12 @@ from pydantic import (
 )
 
 from lidarplace.boxes import CLASSES
+from lidarplace.class_names import closest
 from lidarplace.configuration.placement import PlacementSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import (
     Amount,
+    ClassName,
     Count,
     CountFromOne,
     Degrees,
@@ -36,7 +38,7 @@ from lidarplace.configuration.settings import (
 from lidarplace.configuration.weather import WeatherSettings
 from lidarplace.coverage import Method
 from lidarplace.lidar.profiles import PROFILES
-from lidarplace.metrics import METRICS, RANKING, Direction
+from lidarplace.metrics import METRICS, RANKING, Direction, Overlaps
 from lidarplace.mounting.errors import MountingErrors
 from lidarplace.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.roi import Roi
@@ -46,10 +48,10 @@ from lidarplace.scenes.routes import KEEP_M
 from lidarplace.scenes.sumo.settings import SumoScene
 from lidarplace.sensor import Lidar
 from lidarplace.surrogates.table import ASKED_FOR, SURROGATES
+from sweeps.configuration.classes import ClassSettings
 from training import DETECTORS
 from training.settings import TrainingSettings
 
-ClassName = Literal["Car", "Cyclist", "Pedestrian"]
 SurrogateName = Literal[ASKED_FOR]  # type: ignore[valid-type]
 
 MOST_VOXELS = 2_000_000_000
@@ -209,7 +211,11 @@ class Point(Settings):
     classes: tuple[ClassName, ...] = Field(
         ("Car", "Cyclist", "Pedestrian"),
         min_length=1,
-        description="what surrogates are computed for and detectors look for",
+        description="what surrogates are computed for and detectors look for, by the names that "
+        "the log has; simulated traffic has these three",
+    )
+    class_settings: dict[ClassName, ClassSettings] = Field(
+        default={}, description="class -> its anchors, IoUs, detection curve, colour"
     )
     lidar: Annotated[LidarSettings, short_for("name")] = Field(
         LidarSettings(), description="the LiDARs, unless a mount has its own"
@@ -233,11 +239,24 @@ class Point(Settings):
         MountingErrorSettings(), description="how far mounts are off in simulated clouds"
     )
 
+    @field_validator("classes", mode="before")
+    @classmethod
+    def _list(cls, classes: Any) -> Any:
+        if isinstance(classes, str):
+            raise ValueError(f"allowed is a list of names, such as [{classes}]")
+        return classes
+
     @field_validator("classes")
     @classmethod
-    def _different(cls, classes: tuple[str, ...]) -> tuple[str, ...]:
+    def _different(cls, classes: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
         if len(set(classes)) < len(classes):
-            raise ValueError(f"each class once, of {', '.join(CLASSES)}")
+            raise ValueError("each class once")
+        strange = [name for name in classes if name not in CLASSES]
+        if strange and isinstance(info.data.get("scene"), SumoScene):
+            raise ValueError(
+                f"simulated traffic has no {strange[0]}{closest(strange[0], CLASSES)}; it has "
+                f"{', '.join(CLASSES)}"
+            )
         return classes
 
     @field_validator("scene")
@@ -248,6 +267,20 @@ class Point(Settings):
             if count == 0 and (split == "train" or tests):
                 raise ValueError(f"no frame is in the {split} split; {scene.remedy(split)}")
         return scene
+
+    @model_validator(mode="after")
+    def _of_known_classes(self) -> Point:
+        for key, named, known in (
+            ("class_settings", self.class_settings, self.classes),
+            ("training.sample_groups", self.training.sample_groups, (*self.classes, *CLASSES)),
+        ):
+            for name in named:
+                if name not in known:
+                    raise ValueError(
+                        f"{key}: {name} is not among classes{closest(name, known)}, which are "
+                        f"{', '.join(self.classes)}"
+                    )
+        return self
 
     @model_validator(mode="after")
     def _fits(self) -> Point:
@@ -266,6 +299,11 @@ class Point(Settings):
                 f"corner of the ROI is {corner:.1f} m away"
             )
         return self
+
+    def own_ious(self) -> dict[str, Overlaps]:
+        """Of the classes whose IoUs are not KITTI's."""
+        own = {name: self.class_settings[name].overlaps for name in self.class_settings}
+        return {name: iou for name, iou in own.items() if iou is not None}
 
     def voxel_roi(self) -> Roi:
         """The ROI with its voxels."""

@@ -19,6 +19,7 @@ from sweeps.store.open import AnyStore
 from sweeps.store.whole_folder import whole_folder
 from tracking.mlflow.content import Model
 from tracking.mlflow.log import SweepLog
+from training.typical_objects import as_plain
 
 _OF_PREDICTION = ("batch_size", "score_threshold", "nms_threshold")
 _POINTS = {"frame": "long"} | dict.fromkeys(("x", "y", "z", "intensity"), "double")
@@ -91,6 +92,7 @@ def _write_parts(trial: Trial, store: AnyStore, folder: Path) -> tuple[Path, Pat
         "detector": params.detector,
         "classes": training["classes"],
         "point_range": params.point_range,
+        "typical": as_plain(params.typical),
         "settings": params.training.model_dump(mode="json", include=set(_OF_PREDICTION)),
     }
     weights, settings = folder / "weights.pt", folder / "detector.json"

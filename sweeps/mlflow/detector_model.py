@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from lidarplace.lidar.clouds import valid_points
 from training.detect import detect
 from training.settings import TrainingSettings
+from training.typical_objects import from_plain
 
 POINT = ["x", "y", "z", "intensity"]
 
@@ -79,6 +80,7 @@ class DetectorModel(PythonModel):
             _Clouds(model_input),
             TrainingSettings.model_validate(about["settings"]),
             point_range=tuple(about["point_range"]),
+            typical=from_plain(about),
         ).boxes
 
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from lidarplace.files.secret_urls import hide_secrets
-from lidarplace.metrics import headline_metric, kitti_iou
+from lidarplace.metrics import Overlaps, headline_metric, iou_of
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.grid import Sweep
 from sweeps.plan.plan import Trial, further_axes
@@ -38,16 +38,17 @@ A sweep over LiDAR placements: one parent run, and a child run for every trained
 def columns(sweep: Sweep) -> list[str]:
     """What the experiment's page shows of every run; the first orders them."""
     point = sweep.points[0].point
-    first = [_column(name) for name in point.classes]
+    ious = point.own_ious()
+    first = [_column(name, ious) for name in point.classes]
     shown = [name for name in _SHOWN_SURROGATES if name in point.surrogate.names]
     surrogates = [f"metrics.surrogate.{name}.{c}" for c in point.classes for name in shown]
     axes = [f"params.{axis}" for axis in further_axes(sweep)]
-    return [*first, _column("all"), *surrogates, *axes, "metrics.seconds"]
+    return [*first, _column("all", ious), *surrogates, *axes, "metrics.seconds"]
 
 
-def _column(object_class: str) -> str:
+def _column(object_class: str, ious: Mapping[str, Overlaps]) -> str:
     """What a class is judged by, as MLflow knows it."""
-    iou = kitti_iou(object_class).strict
+    iou = iou_of(object_class, ious).strict
     return f"metrics.{headline_metric(object_class)}.{object_class}.{iou:.2f}"
 
 

@@ -29,6 +29,7 @@ from lidarplace.surrogates.table import OBJECT_SURROGATES, POG_SURROGATES
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import GridPoint, Sweep, read_sweep
 from sweeps.configuration.sweep import Point
+from sweeps.plan.classes import boxes_by_split, check_classes, typical_of
 from sweeps.tasks.parameters import (
     AccuracyParams,
     CollectParams,
@@ -44,6 +45,7 @@ from sweeps.tasks.parameters import (
     keys_of,
 )
 from sweeps.tasks.task import Task
+from training.typical_objects import TypicalObject, from_plain
 
 ACCURACY_STEPS = (90, 360, 1440, 5760)
 """Azimuth steps at which coverage methods are compared with the exact cones."""
@@ -122,10 +124,21 @@ class Trial:
 
 @dataclass(frozen=True)
 class Plan:
-    """All tasks, each once and after its inputs, and the trials that they make up."""
+    """All tasks, each once and after its inputs, and the trials that they make up.
+
+    Attributes:
+        cautions: what is to be known of the classes of the logs, a sentence each.
+    """
 
     tasks: tuple[Task, ...]
     trials: tuple[Trial, ...]
+    cautions: tuple[str, ...] = ()
+
+    @property
+    def typical(self) -> tuple[TypicalObject, ...]:
+        """Objects of which anchors are, of classes that have not the preset's; each once."""
+        params = (t.params for t in self.tasks if isinstance(t.params, NetworkParams))
+        return tuple(dict.fromkeys(item for own in params for item in own.typical))
 
     def needed_for(self, results: Iterable[Task]) -> list[Task]:
         """The tasks that lead to `results`, and these, in the order of the plan."""
@@ -164,7 +177,7 @@ def make_plan(sweep: Sweep) -> Plan:
                 f"grid: '{labels[trial.key]}' and '{trial.label}' are the same work; exclude one"
             )
         labels[trial.key] = trial.label
-    return Plan(tuple(builder.tasks.values()), tuple(trials))
+    return Plan(tuple(builder.tasks.values()), tuple(trials), tuple(builder.cautions))
 
 
 class _Builder:
@@ -176,8 +189,10 @@ class _Builder:
         self._placements = list(dict.fromkeys(g.point.placement for g in sweep.points))
         self._parts_of = cache(scene_parts)
         self._digest_of = cache(clouds_digest)
-        self._checkpoint_digest = cache(_checkpoint_digest)
+        self._checkpoint = cache(_checkpoint)
         self._curves = cache(_curves)
+        self._boxes_of = cache(boxes_by_split)
+        self.cautions: dict[str, None] = {}
         self._random_rigs = cache(random_rigs)
         self._interleaving = cache(interleaving)
 
@@ -192,6 +207,7 @@ class _Builder:
             parts = self._parts_of(point.scene)
         except ValueError as error:
             raise ConfigError(f"scene: {error}") from None
+        typical = self._typical(point)
         scenes = [
             self._task("scene", grid_point, SceneParams(part.recording), (), part.name)
             for part in parts
@@ -206,8 +222,16 @@ class _Builder:
             interleaving=self._interleaving(rig),
             scenes=tuple(scenes),
             **self._surrogates(grid_point, rig, for_pog),
-            **self._detection(grid_point, rig, parts, scenes),
+            **self._detection(grid_point, rig, parts, scenes, typical),
         )
+
+    def _typical(self, point: Point) -> tuple[TypicalObject, ...]:
+        """Of the classes whose anchors are not the preset's; refuses a class that is not there."""
+        if not isinstance(point.scene, LogScene):
+            return typical_of(point, None)
+        boxes = self._boxes_of(point.scene)
+        self.cautions |= dict.fromkeys(check_classes(point, boxes))
+        return typical_of(point, boxes)
 
     def _task(
         self, stage: str, grid_point: GridPoint, params: Any, inputs: tuple[Task, ...], *names: str
@@ -245,7 +269,7 @@ class _Builder:
                 names=of_objects,
                 roi=roi,
                 classes=point.classes,
-                curves=self._curves(settings.curves, point.classes),
+                curves=self._curves(settings.curves, _curve_names(point)),
                 seed=point.scene.seed,
                 frames=RECALL_FRAMES,
             )
@@ -284,6 +308,7 @@ class _Builder:
         rig: Placement,
         parts: Sequence[ScenePart],
         scenes: Sequence[Task],
+        typical: tuple[TypicalObject, ...],
     ) -> dict[str, Any]:
         """Tasks that a detector needs."""
         point = grid_point.point
@@ -319,12 +344,18 @@ class _Builder:
             ]
 
         test = collected("test", rig)
-        network = NetworkParams(point.detector, point.classes, settings, crop)
         checkpoint = None
         if settings.checkpoint is not None:
-            checkpoint = self._checkpoint_digest(
-                settings.checkpoint, settings.new_heads, point.detector, point.classes, crop
+            checkpoint, typical = self._checkpoint(
+                settings.checkpoint,
+                settings.new_heads,
+                point.detector,
+                point.classes,
+                crop,
+                typical,
+                frozenset(n for n, own in point.class_settings.items() if own.size is not None),
             )
+        network = NetworkParams(point.detector, point.classes, settings, crop, typical=typical)
         training = TrainingParams(**vars(network), seed=point.seed, checkpoint=checkpoint)
         label = _trial_label(point, grid_point.axes)
         before: tuple[Task, ...] = ()
@@ -337,18 +368,19 @@ class _Builder:
             finetune = self._once(
                 Task("finetune", label, training, inputs, gpu=True, resumable=True)
             )
+        judged = replace(network, ious=tuple(point.own_ious().items()))
         pitched = None
         better = self._interleaving(rig) if point.judge == "generalist" else None
         if better is not None:
             inputs = (finetune, *collected("test", better.placement, "pitched"), *truths["test"])
             name = f"{label} · pitched"
-            pitched = self._once(Task("evaluate", name, network, inputs, gpu=True))
+            pitched = self._once(Task("evaluate", name, judged, inputs, gpu=True))
         inputs = (finetune, *test, *truths["test"])
         return {
             "ground_truths": tuple(dict.fromkeys(truths["train"] + truths["test"])),
             "collect_test": tuple(test),
             "finetune": finetune,
-            "evaluate": self._once(Task("evaluate", label, network, inputs, gpu=True)),
+            "evaluate": self._once(Task("evaluate", label, judged, inputs, gpu=True)),
             "evaluate_interleaved": pitched,
         }
 
@@ -505,12 +537,29 @@ def _trial_label(point: Point, axes: Mapping[str, Any]) -> str:
     return " · ".join([point.placement, *detected, *further])
 
 
-def _curves(path: Path | None, classes: Sequence[str]) -> DetectionCurves:
-    """Detection curves, with one for each class."""
+def _curve_names(point: Point) -> tuple[tuple[str, str | None], ...]:
+    """The classes that need a detection curve, each with the one whose curve it may take."""
+    if "expected_recall" not in point.surrogate.names:
+        return ()
+    own = point.class_settings
+    return tuple((name, own[name].curve if name in own else None) for name in point.classes)
+
+
+def _curves(path: Path | None, classes: Sequence[tuple[str, str | None]]) -> DetectionCurves:
+    """Detection curves, with one for each of `classes`: its own, or that of another."""
     try:
         curves = default_curves() if path is None else read_curves(path)
-        for name in classes:
-            curves.of(name, IOU)
+        for name, other in classes:
+            if other is not None and not curves.has(name, IOU):
+                curves = curves.lent(other, name, IOU)
+            if not curves.has(name, IOU):
+                known = ", ".join(curve.object_class for curve in curves.curves if curve.iou == IOU)
+                raise ValueError(
+                    f"expected_recall has no detection curve of {name} at IoU {IOU:g}, only of "
+                    f"{known}; leave expected_recall out of surrogate.names, say whose curve it "
+                    f"takes with class_settings.{name}.curve, or make its own with python -m "
+                    "sweeps.calibrate"
+                )
     except OSError as error:
         raise ConfigError(f"surrogate.curves: {path}: {error.strerror}") from None
     except ValueError as error:
@@ -518,16 +567,31 @@ def _curves(path: Path | None, classes: Sequence[str]) -> DetectionCurves:
     return curves
 
 
-def _checkpoint_digest(
-    path: Path, new_heads: bool, detector: str, classes: Sequence[str], point_range: Crop
-) -> str:
-    """SHA-256 of a checkpoint that fits; better told now than after hours of scenes."""
+def _checkpoint(
+    path: Path,
+    new_heads: bool,
+    detector: str,
+    classes: Sequence[str],
+    point_range: Crop,
+    typical: tuple[TypicalObject, ...],
+    fixed: frozenset[str],
+) -> tuple[str, tuple[TypicalObject, ...]]:
+    """SHA-256 of a checkpoint that fits; better told now than after hours of scenes.
+
+    And the typical objects of the classes: those of the checkpoint, unless `new_heads` are trained,
+    before those of the data. Sizes of the configuration, of the classes `fixed`, stay.
+    """
     from training import build_detector  # torch, which a sweep from scratch need not wait for
-    from training.checkpoints import load_checkpoint
+    from training.checkpoints import load_checkpoint, read_checkpoint
 
     try:
-        model = build_detector(detector, classes, point_range=point_range)
-        return load_checkpoint(model, path, new_heads).digest
+        known = {item.name: item for item in typical}
+        if not new_heads:
+            kept = from_plain(read_checkpoint(path)[0])
+            known |= {t.name: t for t in kept if t.name in classes and t.name not in fixed}
+        typical = tuple(known[name] for name in classes if name in known)
+        model = build_detector(detector, classes, point_range=point_range, typical=typical)
+        return load_checkpoint(model, path, new_heads).digest, typical
     except OSError as error:
         raise ConfigError(f"training.checkpoint: {path}: {error.strerror}") from None
     except ValueError as error:

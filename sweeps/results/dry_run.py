@@ -14,6 +14,7 @@ from sweeps.plan.plan import Plan
 from sweeps.results.promotion import at_most
 from sweeps.results.rig_cautions import rig_cautions
 from sweeps.store.open import AnyStore
+from training.typical_objects import as_plain, from_plain
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,8 @@ class Planned:
         rungs: by, keep and set of each.
         scenes: scene, and its frames of each split.
         trials: key, label and whether it is cached, in the order of the grid.
-        cautions: what is to be known of the rigs.
+        anchors: sizes that detectors start from, of classes that have not the preset's.
+        cautions: what is to be known of the classes and of the rigs.
     """
 
     name: str
@@ -34,6 +36,7 @@ class Planned:
     rungs: list[dict[str, Any]]
     scenes: list[dict[str, Any]]
     trials: list[dict[str, Any]]
+    anchors: list[dict[str, Any]]
     cautions: list[str]
 
 
@@ -63,7 +66,8 @@ def planned(sweep: Sweep, plan: Plan, store: AnyStore) -> Planned:
             }
             for trial in plan.trials
         ],
-        cautions=rig_cautions(plan, store),
+        anchors=as_plain(plan.typical),
+        cautions=[*plan.cautions, *rig_cautions(plan, store)],
     )
 
 
@@ -88,6 +92,8 @@ def print_planned(console: Console, shown: Planned) -> None:
             f"scene {scene['scene']}: {scene['train_frames']} frames to train, "
             f"{scene['test_frames']} to test"
         )
+    for typical in from_plain({"typical": shown.anchors}):
+        console.print(f"anchors of {typical}")
     for trial in shown.trials:
         cached = "  (cached)" if trial["cached"] else ""
         console.print(f"trial {trial['key']}  {trial['label']}{cached}")

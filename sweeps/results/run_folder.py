@@ -43,7 +43,8 @@ from tracking.mlflow.uri import absolute_uri
 from tracking.report.failures import failures_to_show
 from tracking.run_folders import sweep_tables as contract
 from tracking.run_folders.sweep_arrays import FailureFrames
-from tracking.run_folders.sweep_json import Frames, LidarModel, Rung, SweepResult
+from tracking.run_folders.sweep_json import Anchor, Frames, LidarModel, Rung, SweepResult
+from training.typical_objects import as_plain
 
 _VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas")
 
@@ -132,7 +133,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
         if tested:
             one_frame(shown, store).write(folder)
         pictured = axis_values(shown[0], [a for a in axes if a in surrogates.columns])
-    _about(sweep, Frames(**frames), run, pictured, rig_cautions(plan, store)).write(folder)
+    _about(sweep, Frames(**frames), run, pictured, plan, store).write(folder)
     (folder / FailureFrames.FILE).unlink(missing_ok=True)  # of an earlier run
     compared = failures_to_show(folder)
     if compared is not None:
@@ -234,7 +235,7 @@ def _tasks_table(tasks: Sequence[Task], store: AnyStore, run: Run) -> pd.DataFra
 
 
 def _about(
-    sweep: Sweep, frames: Frames, run: Run, pictured: Mapping[str, Any], cautions: list[str]
+    sweep: Sweep, frames: Frames, run: Run, pictured: Mapping[str, Any], plan: Plan, store: AnyStore
 ) -> SweepResult:
     first = sweep.points[0].point
     placements, lidars = {}, {}
@@ -253,9 +254,11 @@ def _about(
         placements=placements,
         lidars=lidars,
         classes=first.classes,
+        anchors=[Anchor.model_validate(own) for own in as_plain(plan.typical)],
+        colours={n: own.colour for n, own in first.class_settings.items() if own.colour},
         roi=first.voxel_roi(),
         frames=frames,
-        cautions=cautions,
+        cautions=[*plan.cautions, *rig_cautions(plan, store)],
         promote=[Rung.model_validate(rung) for rung in rungs],
         judge=first.judge,
         tracking_uri=public_url(absolute_uri(sweep.common.tracking_uri)),

@@ -6,7 +6,7 @@ after the axes of the grid that make a difference to it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
@@ -14,11 +14,13 @@ from typing import Annotated, Any, get_type_hints
 from lidarplace import Placement, Roi
 from lidarplace.coverage import Method
 from lidarplace.lidar.clouds import Crop
+from lidarplace.metrics import Overlaps
 from lidarplace.mounting.errors import MountingErrors
 from lidarplace.recall.detection_curve import DetectionCurves
 from lidarplace.roi import Interval
 from lidarplace.scenes.parts import Recording
 from training.settings import TrainingSettings
+from training.typical_objects import TypicalObject
 
 
 def keys_of(params: Any) -> frozenset[str]:
@@ -156,12 +158,16 @@ class NetworkParams:
 
     Attributes:
         point_range: the crop of the clouds.
+        typical: objects of which anchors are, of classes that have not the preset's.
+        ious: of classes that are judged by others than KITTI's, where detections are judged.
     """
 
     detector: str
     classes: tuple[str, ...]
     training: TrainingSettings
     point_range: Crop
+    typical: tuple[TypicalObject, ...] = field(default=(), kw_only=True)
+    ious: tuple[tuple[str, Overlaps], ...] = field(default=(), kw_only=True)
 
 
 @dataclass(frozen=True)

@@ -135,11 +135,24 @@ def surrogates(params: SurrogateParams, pog: Value) -> Value:
 def recall(params: RecallParams, *logs: Value) -> Value:
     """All surrogates of objects that are asked for, for every class of which an object counts."""
     from lidarplace.recall.baselines import baselines
+    from lidarplace.recall.counted_objects import CountedObjects
 
     start = time.perf_counter()
-    model = objects_of(params, logs)
-    (seen,) = model.objects.seen_by([params.placement])
-    found = model.recall(seen).join(baselines(model.objects, seen), how="inner")
+    if "expected_recall" in params.names:
+        model = objects_of(params, logs)
+        (seen,) = model.objects.seen_by([params.placement])
+        found = model.recall(seen).join(baselines(model.objects, seen), how="inner")
+    else:  # the others need no detection curves
+        objects = CountedObjects.from_log(
+            _training_log(logs),
+            params.roi,
+            params.classes,
+            params.curves.cell,
+            frames=params.frames,
+            seed=params.seed,
+        )
+        (seen,) = objects.seen_by([params.placement])
+        found = baselines(objects, seen)
     table = found[list(params.names)].reset_index().melt("class", var_name="surrogate")
     return {"table": table.assign(method="raycast", seconds=time.perf_counter() - start)}
 
@@ -217,6 +230,7 @@ def probe(params: ProbeParams, *inputs: Value) -> Value:
         params.training,
         point_range=params.point_range,
         gpu_share=params.gpu_share or 1.0,
+        typical=params.typical,
     )
     return {"batch_size": found.batch_size, "gpu_share": found.gpu_share}
 
@@ -280,18 +294,19 @@ def evaluate(params: NetworkParams, weights: Value, *inputs: Value) -> Value:
         clouds,
         params.training,
         point_range=params.point_range,
+        typical=params.typical,
     )
     frames = clouds.frames.tolist()
-    classes = params.classes
+    classes, ious = params.classes, dict(params.ious)
     routes = pd.concat([value["frames"] for value in inputs if "objects" in value])
     routes = routes[routes["frame"].isin(frames)]
-    whole = evaluation(objects, found.boxes, frames, classes, found.refined, routes)
+    whole = evaluation(objects, found.boxes, frames, classes, found.refined, routes, ious)
     return {
         "metrics": whole.metrics,
         "pr_curves": whole.curves,
         "left_out": whole.left_out,
-        "by_distance": evaluate_by_distance(objects, found.boxes, frames, classes),
-        "by_sector": recall_by_sector(whole.objects),
+        "by_distance": evaluate_by_distance(objects, found.boxes, frames, classes, ious),
+        "by_sector": recall_by_sector(whole.objects, ious),
         "detections": found.boxes,
     }
 
@@ -314,6 +329,7 @@ def judge(params: JudgeParams, weights: Value, *inputs: Value) -> Value:
         JoinedClouds(clouds),
         params.training,
         point_range=params.point_range,
+        typical=params.typical,
     )
     frames = np.concatenate([cloud.frames for cloud in clouds])
     return {"detections": found.boxes, "frames": pd.DataFrame({"frame": frames})}
@@ -404,6 +420,7 @@ def _train(
         folder=folder,
         start=StartingWeights(digest=params.checkpoint, generalist=generalist),
         memory=Memory(batch_size, halvings),
+        typical=params.typical,
     )
     value = {
         "state_dict": result.state_dict,

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from lidarplace.box_log import read_box_log, write_box_log
 from lidarplace.boxes import CLASSES, GEOMETRY
 from lidarplace.lidar.clouds import PointClouds
+from lidarplace.scenes.datasets.class_maps import OwnNames
 from lidarplace.scenes.kitti.calibration import STANDARD, calibration_text
 from lidarplace.scenes.kitti.labels import label_lines, to_labels
 from lidarplace.scenes.kitti.read import read_kitti
@@ -180,8 +181,12 @@ def test_types_and_class_map(tmp_path) -> None:
     log = read_kitti(root, class_map={"Bus": "ignore", "Van": "Cyclist"}, ignored=ignored)
     assert log.boxes["class"].tolist() == ["Cyclist", "Cyclist", "Pedestrian"]
     assert ignored == {"Tram": 1, "Bus": 1, "DontCare": 1}
-    with pytest.raises(ValueError, match="Bus: must be Car"):
-        read_kitti(root, class_map={"Bus": "Coach"})
+    log = read_kitti(root, class_map={"Bus": "Coach"})
+    assert log.boxes["class"].tolist() == ["Car", "Cyclist", "Pedestrian", "Coach"]
+    log = read_kitti(root, class_map=OwnNames())
+    assert log.boxes["class"].tolist() == ["Van", "Truck", "Person_sitting", "Tram", "Bus"]
+    with pytest.raises(ValueError, match="Bus: a class has a name of"):
+        read_kitti(root, class_map={"Bus": "my bus"})
 
 
 def test_the_lists_count_too_when_the_folder_below_is_named(tmp_path) -> None:

@@ -200,7 +200,7 @@ MISTAKES = {
     "missing column": ({}, lambda t: t.drop(columns="posX"), "columns.x: no column 'posX'; found"),
     "unknown unit": (units(angle="grad"), None, "units.angle: found 'grad'"),
     "unknown key": ({"colums": {}}, None, "colums: unknown key"),
-    "no class": ({"classes": {"passenger_car": "Lorry"}}, None, "passenger_car: found 'Lorry'"),
+    "no class": ({"classes": {"passenger_car": "a car"}}, None, "passenger_car: a class has a"),
     "an object twice": (
         {},
         lambda t: pd.concat([t, t[:3]]),

@@ -10,7 +10,7 @@ from nuscenes_layout import Box, Sample, Scene, write_nuscenes
 
 from lidarplace.box_log import read_box_log, write_box_log
 from lidarplace.boxes import BOX_COLUMNS, CLASSES, FRAME_COLUMNS, POSE_COLUMNS, check_boxes
-from lidarplace.scenes.datasets.class_maps import IGNORE, NUSCENES
+from lidarplace.scenes.datasets.class_maps import IGNORE, NUSCENES, named_class_map
 from lidarplace.scenes.datasets.nuscenes import ORIGIN, read_nuscenes
 
 AHEAD = 1.294  # half the wheelbase of a Renault Zoe
@@ -170,8 +170,21 @@ def test_classes(tmp_path):
     assert ignored == {name: 1 for name, value in NUSCENES.items() if value == IGNORE}
     own = read_nuscenes(folder, class_map={"vehicle.bus.rigid": "Car", "vehicle.truck": IGNORE})
     assert own.boxes["class"].value_counts()[list(CLASSES)].tolist() == [3, 3, 4]
-    with pytest.raises(ValueError, match=r"class map: vehicle\.car: must be Car, .*found 'car'"):
-        read_nuscenes(folder, class_map={"vehicle.car": "car"})
+    with pytest.raises(ValueError, match=r"class map: vehicle\.car: a class has a name of .*'a b'"):
+        read_nuscenes(folder, class_map={"vehicle.car": "a b"})
+
+
+def test_own_names(tmp_path):
+    boxes = [Box(name, (9.0, 0.0, 1.0), instance=name) for name in sorted(NUSCENES)]
+    scenes = [Scene("scene-0001", [Sample(START, boxes)])]
+    folder = write_nuscenes(tmp_path / "v1.0-mini", scenes, [*NUSCENES, "flat.sidewalk"])
+    ignored = Counter()
+    log = read_nuscenes(folder, class_map=named_class_map("own"), ignored=ignored)
+    kept = {name for name in NUSCENES if name.startswith(("human.", "vehicle."))}
+    assert set(log.boxes["class"]) == kept
+    assert set(ignored) == set(NUSCENES) - kept
+    write_box_log(tmp_path / "log", log)
+    assert set(read_box_log(tmp_path / "log").boxes["class"]) == kept
 
 
 def test_versions(tmp_path):

@@ -127,9 +127,16 @@ def test_the_public_names_and_no_others():
     ("mistake", "told"),
     [
         (lambda: OccupancyGrid.from_boxes(boxes(), ROI, "car", 8), r"'car' \(did you mean Car\?\)"),
-        (lambda: OccupancyGrid.from_boxes(boxes(), ROI, "Tram", 8), "'Tram'; classes are Car"),
+        (lambda: OccupancyGrid.from_boxes(boxes(), ROI, "Tram", 8), "'Tram'; there are Car"),
         (lambda: OccupancyGrid.from_boxes(boxes(), ROI, ["Car"], 8), r"found \['Car'\]"),
         (lambda: OccupancyGrid.by_class(boxes(), ROI, "Car", 8), r"write \['Car'\]"),
+        (lambda: Roi(8, (0, 1), (0, 1), 0.5), r"ROI x is \(min, max\) in metres, found 8"),
+        (lambda: Roi("04", (0, 1), (0, 1), 0.5), "ROI x is .*'04'"),
+        (lambda: Roi((0, 1), (0, 1, 2), (0, 1), 0.5), "ROI y is .*0, 1, 2"),
+        (
+            lambda: Roi((0, 1), (0, 1), (0, 1), "0.5"),
+            "resolution is a length in metres, found '0.5'",
+        ),
         (lambda: Placement("a", Mount(z=2), LINE.lidar), r"is a list of Mount\(…\)"),
         (lambda: Placement("a", "line", LINE.lidar), "found 'line'"),
         (lambda: Placement("a", [(0, 0, 2)], LINE.lidar), r"found \[\(0, 0, 2\)\]"),
@@ -139,6 +146,14 @@ def test_the_public_names_and_no_others():
 def test_mistakes_say_so(mistake, told):
     with pytest.raises(ValueError, match=told):
         mistake()
+
+
+def test_a_mistyped_placement():
+    with pytest.raises(
+        KeyError, match=r"no placement 'lien' \(did you mean line\?\); there are line"
+    ):
+        PAPER_PLACEMENTS["lien"]
+    assert "lien" not in PAPER_PLACEMENTS
 
 
 def test_a_string_of_surrogates(grid):

@@ -87,7 +87,7 @@ def test_tables_and_figure_are_written(files, log):
         ),
         (("boxes.csv", "--frames", 3), "boxes.csv: has boxes of 10 frames, more than 3"),
         (("grid.yaml", "--frames", 12), "grid.yaml: must end in .parquet or .csv"),
-        (("log", "--class", "Dog"), "--class Dog: allowed are Car, Cyclist, Pedestrian"),
+        (("log", "--class", "Dog"), "no box is of class 'Dog'; there are Car"),
         (("log", "--placement", "nix"), "--placement nix: allowed are line, center, square"),
         (("log", "--resolution", 0.3), "no multiple of the resolution 0.3 m"),
         (("log", "--frames-share", 2), r"--frames-share: must be within 0.0 and 1.0, found 2"),

@@ -207,7 +207,28 @@ def test_own_placements_in_both_conventions(config):
             {"lidar": {"elevation_deg": [-100, 5]}},
             r"lidar.elevation_deg\[0\]: found -100; should be .* -90",
         ),
-        ({"classes": ["Bus"]}, r"classes\[0\]: found 'Bus'; should be 'Car', 'Cyclist' or"),
+        (
+            {"classes": ["Bus"]},
+            "classes: found .*; simulated traffic has no Bus; it has Car, Cyclist",
+        ),
+        ({"classes": ["car"]}, r"simulated traffic has no car \(did you mean Car\?\)"),
+        ({"classes": "Car"}, r"classes: found 'Car'; allowed is a list of names, such as \[Car\]"),
+        ({"classes": ["two wheels"]}, r"classes\[0\]: found 'two wheels'; a class has a name of"),
+        ({"classes": ["all"]}, r"classes\[0\]: .*'all' is no name of a class"),
+        ({"class_settings": {"car": {}}}, r"class_settings: car is not among .*mean Car\?"),
+        (
+            {"class_settings": {"Car": {"iou": [0.5, 0.7]}}},
+            r"class_settings.Car.iou: found \[0.5, 0.7\]; allowed is \[strict, loose\]",
+        ),
+        (
+            {"class_settings": {"Car": {"size": [4, 2, 0]}}},
+            r"class_settings.Car.size\[2\]: found 0",
+        ),
+        ({"class_settings": {"Car": {"colour": "red"}}}, "class_settings.Car.colour: found 'red'"),
+        (
+            {"training": {"sample_groups": {"Truk": 3}}},
+            "training.sample_groups: Truk is not among classes",
+        ),
         ({"detector": "yolo"}, "detector: found 'yolo'; should be 'pointpillars'"),
         (
             {"lidar": {"azimuth_deg": [60, -60]}},

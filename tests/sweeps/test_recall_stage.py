@@ -162,4 +162,4 @@ def test_curves_that_are_not_there(log):
     own.write_text("{}")
     assert "curves.json: command: Field required" in refused()
     write_curves(own, "by hand", [curve("Car", 0.9)])
-    assert "no detection curve of Cyclist at IoU 0.5; there are Car at 0.5" in refused()
+    assert "no detection curve of Cyclist at IoU 0.5, only of Car" in refused()

@@ -171,7 +171,7 @@ def test_one_cycle():
         {"epochs": 0}, {"batch_size": 0}, {"lr": 0.0}, {"optimizer": "adam"}, {"rotation": 4.0},
         {"scaling": (1.1, 0.9)}, {"scaling": (0.0, 1.0)}, {"score_threshold": 1.5},
         {"momentum": 1.0}, {"learning_rate": 0.1}, {"batch_size": "many"}, {"frame_share": 0.0},
-        {"batch_size": True}, {"sample_groups": {"Dog": 3}}, {"sample_groups": {"Car": -1}},
+        {"batch_size": True}, {"sample_groups": {"a dog": 3}}, {"sample_groups": {"Car": -1}},
     ],
 )  # fmt: skip
 def test_bad_settings_name_the_field(bad):

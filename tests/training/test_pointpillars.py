@@ -78,7 +78,9 @@ def test_range_in_the_ego_frame_grows_to_whole_cells():
     ("arguments", "message"),
     [
         ({"name": "yolo", "classes": ["Car"]}, "unknown detector 'yolo'.*pointpillars"),
-        ({"name": "pointpillars", "classes": ["Tram"]}, "classes must be.*Car.*found .*Tram"),
+        ({"name": "pointpillars", "classes": ["Tram"]}, "how large a Tram is; known are Car"),
+        ({"name": "pointpillars", "classes": ["car"]}, r"did you mean Car\?"),
+        ({"name": "pointpillars", "classes": "Car"}, "list of names, found 'Car'"),
         ({"name": "pointpillars", "classes": []}, "classes must be"),
         ({"name": "pointpillars", "classes": ["Car", "Car"]}, "different"),
         ({"name": "pointpillars", "classes": ["Car"], "preset": "big"}, "unknown preset 'big'"),

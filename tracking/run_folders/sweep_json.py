@@ -46,6 +46,17 @@ class LidarModel(Part):
     """Firings of a beam in one turn."""
 
 
+class Anchor(Part):
+    """The size that detectors start from, of a class that has not the preset's; metres."""
+
+    name: str
+    """Of the class."""
+    size: tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+    """Length, width, height."""
+    bottom: FiniteFloat
+    """Height of its underside above the ground."""
+
+
 class SweepResult(ResultFile):
     """`sweep.json`; lengths in metres, angles in radians. Older ones lack the last keys."""
 
@@ -64,6 +75,10 @@ class SweepResult(ResultFile):
     """The LiDAR model of every mount, by the placement's name; none where an axis varies it."""
     classes: Annotated[tuple[str, ...], Field(min_length=1)]
     """Of objects, in the order of the configuration."""
+    anchors: tuple[Anchor, ...] = ()
+    """Of classes that have not those of the detector's preset."""
+    colours: dict[str, str] = Field({})
+    """That the configuration names, by class."""
     roi: Roi
     """The region of interest."""
     frames: Frames

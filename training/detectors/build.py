@@ -9,6 +9,8 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from lidarplace.boxes import CLASSES
+from lidarplace.class_names import closest, fault_of_name
+from training.typical_objects import TypicalObject
 
 if TYPE_CHECKING:
     from training.detectors.detector import Detector, PointRange
@@ -22,14 +24,13 @@ def build(
     classes: Sequence[str],
     preset: str | None = None,
     point_range: PointRange | None = None,
+    typical: Sequence[TypicalObject] = (),
 ) -> Detector:
     """As `training.build_detector`, which says more of what is wrong with a name.
 
     It does without the table of networks, so that a further one is no change to a training's code.
     """
-    unknown = [item for item in classes if item not in CLASSES]
-    if unknown or not classes or len(set(classes)) < len(classes):
-        raise ValueError(f"classes must be different ones of {CLASSES}, found {list(classes)}")
+    _check_classes(classes, typical)
     network, own = network_and_preset(name)
     if find_spec(f"training.detectors.{network}") is None:
         raise ValueError(f"unknown detector {name!r}")
@@ -47,7 +48,25 @@ def build(
 
     settle_vector_math()
     module = importlib.import_module(f"training.detectors.{network}")
-    return module.build(classes, own or preset or "openpcdet", point_range)
+    model = module.build(classes, own or preset or "openpcdet", point_range, typical)
+    model.typical = tuple(item for item in typical if item.name in classes)
+    return model
+
+
+def _check_classes(classes: Sequence[str], typical: Sequence[TypicalObject]) -> None:
+    """Raise ValueError unless these are different names of classes whose size is known."""
+    if isinstance(classes, str):
+        raise ValueError(f"classes is a list of names, found {classes!r}; write [{classes!r}]")
+    if not classes or len(set(classes)) < len(classes):
+        raise ValueError(f"classes must be different names, at least one, found {list(classes)}")
+    for name in classes:
+        if (fault := fault_of_name(name)) is not None:
+            raise ValueError(fault)
+        if name not in CLASSES and name not in [item.name for item in typical]:
+            raise ValueError(
+                f"nothing tells how large a {name} is{closest(name, CLASSES)}; known are "
+                f"{', '.join(CLASSES)}, and others by `typical` objects"
+            )
 
 
 def network_and_preset(name: str) -> tuple[str, str | None]:

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
+from training.typical_objects import TypicalObject
+
 PointRange = tuple[float, float, float, float, float, float]
 """x, y, z of the lowest corner, then of the highest, metres."""
 
@@ -42,9 +44,11 @@ class Detector(nn.Module, ABC):
         point_range: the model sees points and boxes in here, in its own frame.
         sensor_height: height of the frame's origin above the ground, metres.
         selection: the preset's way to select boxes.
+        typical: objects of which anchors are, of those classes that have others than the preset's.
     """
 
     global_step: Tensor
+    typical: tuple[TypicalObject, ...] = ()
 
     def __init__(
         self,

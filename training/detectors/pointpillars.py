@@ -18,9 +18,11 @@ from training.detectors.heads.anchors import (
     TINY_ANCHORS,
     AnchorClass,
     anchor_grid,
+    with_typical,
 )
 from training.detectors.one_stage_detector import OneStageDetector
 from training.detectors.point_range import fitted_range
+from training.typical_objects import TypicalObject
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,10 @@ class PointPillarsPreset:
     backbone: BackboneSettings
     anchors: Mapping[str, AnchorClass]
     centred_anchors: bool
+
+    def with_typical(self, typical: Sequence[TypicalObject]) -> PointPillarsPreset:
+        """The preset with anchors like these objects for their classes."""
+        return replace(self, anchors=with_typical(self.anchors, typical, self.sensor_height))
 
 
 OPENPCDET = PointPillarsPreset(
@@ -145,6 +151,11 @@ class PointPillars(OneStageDetector):
         return scatter(self.vfe(batch), batch, self.grid)
 
 
-def build(classes: Sequence[str], preset: str, point_range: PointRange | None) -> PointPillars:
+def build(
+    classes: Sequence[str],
+    preset: str,
+    point_range: PointRange | None,
+    typical: Sequence[TypicalObject],
+) -> PointPillars:
     """The network of `build_detector`."""
-    return PointPillars(classes, PRESETS[preset], point_range)
+    return PointPillars(classes, PRESETS[preset].with_typical(typical), point_range)

@@ -25,6 +25,7 @@ from training.detectors.heads.proposals import Proposals, Suppression
 from training.detectors.heads.roi_head import RoiSettings
 from training.detectors.heads.roi_targets import RoiSampling
 from training.detectors.point_range import fitted_range
+from training.typical_objects import TypicalObject
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,10 @@ class PointRCNNPreset:
     either_way: bool
     second_stage: PointRoiSettings
     selection: Selection
+
+    def with_typical(self, typical: Sequence[TypicalObject]) -> PointRCNNPreset:
+        """The preset with the sizes of these objects for their classes."""
+        return replace(self, sizes={**self.sizes, **{item.name: item.size for item in typical}})
 
 
 OPENPCDET = PointRCNNPreset(
@@ -208,6 +213,11 @@ class PointRCNN(Detector):
         return self.roi_head.detections(refined, proposals, selection or self.selection)
 
 
-def build(classes: Sequence[str], preset: str, point_range: PointRange | None) -> PointRCNN:
+def build(
+    classes: Sequence[str],
+    preset: str,
+    point_range: PointRange | None,
+    typical: Sequence[TypicalObject],
+) -> PointRCNN:
     """The network of `build_detector`."""
-    return PointRCNN(classes, PRESETS[preset], point_range)
+    return PointRCNN(classes, PRESETS[preset].with_typical(typical), point_range)

@@ -11,6 +11,7 @@ from dataclasses import replace
 from training.detectors import pointrcnn
 from training.detectors.detector import PointRange
 from training.detectors.pointrcnn import PointRCNN, PointRCNNPreset
+from training.typical_objects import TypicalObject
 
 
 def _scored_by_iou(preset: PointRCNNPreset) -> PointRCNNPreset:
@@ -24,6 +25,11 @@ def _scored_by_iou(preset: PointRCNNPreset) -> PointRCNNPreset:
 PRESETS = {name: _scored_by_iou(preset) for name, preset in pointrcnn.PRESETS.items()}
 
 
-def build(classes: Sequence[str], preset: str, point_range: PointRange | None) -> PointRCNN:
+def build(
+    classes: Sequence[str],
+    preset: str,
+    point_range: PointRange | None,
+    typical: Sequence[TypicalObject],
+) -> PointRCNN:
     """The network of `build_detector`."""
-    return PointRCNN(classes, PRESETS[preset], point_range)
+    return PointRCNN(classes, PRESETS[preset].with_typical(typical), point_range)

@@ -25,6 +25,7 @@ from training.detectors.heads.roi_head import RoiOutput, RoiSettings
 from training.detectors.heads.roi_targets import RoiSampling
 from training.detectors.two_stage_voxel_detector import TwoStageVoxelDetector
 from training.detectors.voxel_detector import FirstStage, VoxelPreset
+from training.typical_objects import TypicalObject
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,10 @@ class PvRcnnPreset:
     point_head: tuple[int, ...]
     roi_head: PvRcnnHeadSettings
     selection: Selection
+
+    def with_typical(self, typical: Sequence[TypicalObject]) -> PvRcnnPreset:
+        """The preset with anchors like these objects for their classes."""
+        return replace(self, first_stage=self.first_stage.with_typical(typical))
 
 
 OPENPCDET = PvRcnnPreset(
@@ -161,6 +166,11 @@ class PvRcnn(TwoStageVoxelDetector):
         return self.roi_head(seen.keypoints, seen.logits.sigmoid(), rois)
 
 
-def build(classes: Sequence[str], preset: str, point_range: PointRange | None) -> PvRcnn:
+def build(
+    classes: Sequence[str],
+    preset: str,
+    point_range: PointRange | None,
+    typical: Sequence[TypicalObject],
+) -> PvRcnn:
     """The network of `build_detector`."""
-    return PvRcnn(classes, PRESETS[preset], point_range)
+    return PvRcnn(classes, PRESETS[preset].with_typical(typical), point_range)

@@ -15,6 +15,7 @@ from training.detectors.heads.roi_targets import RoiSampling
 from training.detectors.heads.second_iou_head import SecondIouHead, SecondIouLayers
 from training.detectors.two_stage_voxel_detector import TwoStageVoxelDetector
 from training.detectors.voxel_detector import FirstStage, VoxelPreset
+from training.typical_objects import TypicalObject
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,10 @@ class SecondIouPreset:
     first_stage: VoxelPreset
     roi: RoiSettings
     layers: SecondIouLayers
+
+    def with_typical(self, typical: Sequence[TypicalObject]) -> SecondIouPreset:
+        """The preset with anchors like these objects for their classes."""
+        return replace(self, first_stage=self.first_stage.with_typical(typical))
 
 
 OPENPCDET = SecondIouPreset(
@@ -87,6 +92,11 @@ class SecondIou(TwoStageVoxelDetector):
         return self.roi_head(rois, seen.image)
 
 
-def build(classes: Sequence[str], preset: str, point_range: PointRange | None) -> SecondIou:
+def build(
+    classes: Sequence[str],
+    preset: str,
+    point_range: PointRange | None,
+    typical: Sequence[TypicalObject],
+) -> SecondIou:
     """The network of `build_detector`."""
-    return SecondIou(classes, PRESETS[preset], point_range)
+    return SecondIou(classes, PRESETS[preset].with_typical(typical), point_range)

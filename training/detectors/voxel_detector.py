@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 
 import torch
@@ -14,9 +14,10 @@ from training.detectors.backbones.sparse_backbone import STRIDE, VoxelBackBone8x
 from training.detectors.backbones.voxels import VoxelGrid, voxelise
 from training.detectors.detector import Detector, PointRange, Selection
 from training.detectors.heads.anchor_head import AnchorHead, HeadOutput
-from training.detectors.heads.anchors import AnchorClass, anchor_grid
+from training.detectors.heads.anchors import AnchorClass, anchor_grid, with_typical
 from training.detectors.point_range import fitted_range
 from training.ops.sparse_conv import SparseTensor
+from training.typical_objects import TypicalObject
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,10 @@ class VoxelPreset:
     backbone: BackboneSettings
     anchors: Mapping[str, AnchorClass]
     centred_anchors: bool
+
+    def with_typical(self, typical: Sequence[TypicalObject]) -> VoxelPreset:
+        """The preset with anchors like these objects for their classes."""
+        return replace(self, anchors=with_typical(self.anchors, typical, self.sensor_height))
 
     @property
     def image_stride(self) -> int:

@@ -16,6 +16,7 @@ from training.detectors.heads.roi_targets import RoiSampling
 from training.detectors.heads.voxel_rcnn_head import VoxelRcnnHead, VoxelRcnnLayers
 from training.detectors.two_stage_voxel_detector import TwoStageVoxelDetector
 from training.detectors.voxel_detector import FirstStage, VoxelPreset
+from training.typical_objects import TypicalObject
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,10 @@ class VoxelRcnnPreset:
     roi: RoiSettings
     layers: VoxelRcnnLayers
     selection: Selection
+
+    def with_typical(self, typical: Sequence[TypicalObject]) -> VoxelRcnnPreset:
+        """The preset with anchors like these objects for their classes."""
+        return replace(self, first_stage=self.first_stage.with_typical(typical))
 
 
 OPENPCDET = VoxelRcnnPreset(
@@ -118,6 +123,11 @@ class VoxelRcnn(TwoStageVoxelDetector):
         return self.roi_head(rois, seen.scales)
 
 
-def build(classes: Sequence[str], preset: str, point_range: PointRange | None) -> VoxelRcnn:
+def build(
+    classes: Sequence[str],
+    preset: str,
+    point_range: PointRange | None,
+    typical: Sequence[TypicalObject],
+) -> VoxelRcnn:
     """The network of `build_detector`."""
-    return VoxelRcnn(classes, PRESETS[preset], point_range)
+    return VoxelRcnn(classes, PRESETS[preset].with_typical(typical), point_range)

@@ -37,7 +37,7 @@ def object_class(
     size: tuple[float, float, float],
     overrides: Mapping[str, str],
 ) -> str:
-    """Class of an object: "Car", "Cyclist" (the paper's Van and Cyclist) or "Pedestrian".
+    """Class of an object: "Car", "Cyclist" (the paper's Van and Cyclist), "Pedestrian", or any.
 
     `overrides` come first, then `CLASS_OF`. What neither names is Pedestrian if it walks, Cyclist
     on two wheels or over `BOX_TRUCK_M` in all three dimensions, and Car otherwise.

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from lidarplace.boxes import CLASSES
+from lidarplace.class_names import fault_of_name
 from lidarplace.configuration.settings import Count, CountFromOne, Length, Seconds, Seed, Text
 from lidarplace.lidar.clouds import Crop
 from lidarplace.scenes.routes import Part, RouteSettings, seed_of
@@ -84,7 +84,7 @@ class CarlaScene(RouteSettings):
         description="x0, y0, z0, x1, y1, z1 in the ego frame, metres; points outside are left out",
     )
     classes: dict[str, str] = Field(
-        {}, description="blueprint -> Car, Cyclist or Pedestrian, before the built-in rules"
+        {}, description="blueprint -> class, such as Truck, before the built-in rules"
     )
 
     @field_validator("crop")
@@ -98,8 +98,8 @@ class CarlaScene(RouteSettings):
     @classmethod
     def _known(cls, classes: dict[str, str]) -> dict[str, str]:
         for blueprint, name in classes.items():
-            if name not in CLASSES:
-                raise ValueError(f"{blueprint}: class {name!r}; allowed are {', '.join(CLASSES)}")
+            if (fault := fault_of_name(name)) is not None:
+                raise ValueError(f"{blueprint}: {fault}")
         return classes
 
     def plan(self) -> tuple[Route, ...]:

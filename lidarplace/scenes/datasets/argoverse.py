@@ -18,8 +18,8 @@ from lidarplace.scenes.datasets.class_maps import (
     ARGOVERSE,
     IGNORE,
     ClassMap,
-    check_class_map,
     classify,
+    merged,
 )
 from lidarplace.scenes.datasets.se3 import Poses, poses
 
@@ -67,8 +67,7 @@ def read_argoverse(
     for split in splits:
         if split not in SPLITS:
             raise ValueError(f"split {split!r}: allowed are {', '.join(SPLITS)}")
-    class_map = {**ARGOVERSE, **(class_map or {})}
-    check_class_map(class_map)
+    class_map = merged(ARGOVERSE, class_map)
     logs: list[tuple[Path, str]] = []
     for split in splits or [name for name in ("train", "val") if (folder / name).is_dir()]:
         paths = sorted((folder / split).glob("*/"))

@@ -1,15 +1,15 @@
-"""Which category of a data set is which class of the box log, as the paper groups them.
+"""Which category of a data set is which class of the box log: the paper's grouping, or its own.
 
-Car is what is of a car's size: sedans, pickups, SUVs. Cyclist is the paper's *Van and Cyclist*:
-bicycles, motorcycles, box trucks and what is like them. What the paper's towns do not have (buses,
-trailers, construction machines, scooters) is ignored, and so is what is no road user.
+In the paper's grouping Car is what is of a car's size: sedans, pickups, SUVs. Cyclist is its *Van
+and Cyclist*: bicycles, motorcycles, box trucks and what is like them. What its towns do not have
+(buses, trailers, construction machines, scooters) is ignored, and so is what is no road user.
 """
 
 from __future__ import annotations
 
 import reprlib
 from collections import Counter
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
@@ -18,14 +18,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.boxes import CLASSES
+from lidarplace.class_names import IGNORE, fault_of_name
 from lidarplace.configuration.settings import found
 from lidarplace.configuration.yaml import read_yaml_file
 
-IGNORE = "ignore"
-"""What a class map says of a category whose boxes are left out."""
-
 ClassMap = Mapping[str, str]
-"""Category -> one of `CLASSES`, or `IGNORE`."""
+"""Category -> class, or `IGNORE`."""
 
 BOX_LOG: ClassMap = MappingProxyType({name: name for name in CLASSES})
 """A log that already has our classes."""
@@ -109,6 +107,88 @@ WAYMO: ClassMap = MappingProxyType(
 """The types of Waymo's 3D boxes, in the order of their numbers."""
 
 
+NO_ROAD_USERS = frozenset(
+    {
+        "ANIMAL",
+        "BOLLARD",
+        "CONSTRUCTION_BARREL",
+        "CONSTRUCTION_CONE",
+        "DOG",
+        "DontCare",
+        "EGO_VEHICLE",
+        "MOBILE_PEDESTRIAN_CROSSING_SIGN",
+        "MOBILE_PEDESTRIAN_SIGN",
+        "Misc",
+        "SIGN",
+        "STOP_SIGN",
+        "animal",
+        "movable_object.barrier",
+        "movable_object.debris",
+        "movable_object.pushable_pullable",
+        "movable_object.trafficcone",
+        "static_object.bicycle_rack",
+    }
+)
+"""Categories that are ignored where all others keep their own names."""
+
+
+PAPER_GROUPS: ClassMap = MappingProxyType(
+    {
+        **NUSCENES,
+        **ARGOVERSE,
+        "Bicycle": "Cyclist",
+        "Motorcycle": "Cyclist",
+        "Truck": "Cyclist",
+        "Van": "Car",
+    }
+)
+"""The paper's grouping of names that data sets have, and of usual ones."""
+
+PAPER, OWN = "paper", "own"
+"""Class maps that have a name."""
+
+
+class OwnNames(Mapping[str, str]):
+    """Every category whose name can be one of a class keeps it; what is no road user is ignored."""
+
+    def __getitem__(self, category: str) -> str:
+        return IGNORE if category in NO_ROAD_USERS else category
+
+    def __contains__(self, category: object) -> bool:
+        return fault_of_name(category) is None
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(())
+
+    def __len__(self) -> int:
+        return 0
+
+
+def merged(known: ClassMap, class_map: ClassMap | None) -> ClassMap:
+    """The class map of a data set, `known`, with what `class_map` says in its place.
+
+    Raises:
+        ValueError: a category is no text, or a class no name.
+    """
+    if isinstance(class_map, OwnNames):
+        return class_map
+    result = {**known, **(class_map or {})}
+    check_class_map(result)
+    return result
+
+
+def named_class_map(name: str) -> ClassMap | None:
+    """What a user calls a class map: "paper" is None, "own" `OwnNames`, else a YAML file's path.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: the file is no YAML, or no class map.
+    """
+    if name == PAPER:
+        return None
+    return OwnNames() if name == OWN else read_class_map(Path(name))
+
+
 def read_class_map(path: Path) -> dict[str, str]:
     """A class map from a YAML file of lines `category: class`.
 
@@ -124,14 +204,12 @@ def read_class_map(path: Path) -> dict[str, str]:
 
 
 def check_class_map(class_map: ClassMap, source: str = "class map") -> None:
-    """Raise ValueError that names the entry, unless categories are text and classes are known."""
+    """Raise ValueError that names the entry, unless categories are text and classes are names."""
     for category, name in class_map.items():
         if not isinstance(category, str):
             raise ValueError(f"{source}: a category must be text, found {found(category)}")
-        if name not in (*CLASSES, IGNORE):
-            raise ValueError(
-                f"{source}: {category}: must be {', '.join(CLASSES)} or {IGNORE}, found {name!r}"
-            )
+        if name != IGNORE and (fault := fault_of_name(name)) is not None:
+            raise ValueError(f"{source}: {category}: {fault}; {IGNORE} leaves its boxes out")
 
 
 def classify(

@@ -17,8 +17,8 @@ from lidarplace.scenes.datasets.class_maps import (
     IGNORE,
     NUSCENES,
     ClassMap,
-    check_class_map,
     classify,
+    merged,
 )
 from lidarplace.scenes.datasets.nuscenes_tables import Table, read_table
 from lidarplace.scenes.datasets.se3 import Poses, poses
@@ -61,8 +61,7 @@ def read_nuscenes(
         ValueError: a table is missing or wrong, a token leads nowhere, or a category is unknown.
     """
     folder = _tables(folder, version)
-    class_map = {**NUSCENES, **(class_map or {})}
-    check_class_map(class_map)
+    class_map = merged(NUSCENES, class_map)
     scene = read_table(folder / "scene.json", ("name", "log_token"))
     sample = read_table(folder / "sample.json", ("scene_token", "timestamp"))
     frames, frame_of, ego = _frames(folder, scene, sample, test_scenes)

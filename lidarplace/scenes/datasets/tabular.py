@@ -35,8 +35,8 @@ from lidarplace.scenes.datasets.class_maps import (
     BOX_LOG,
     IGNORE,
     ClassMap,
-    check_class_map,
     classify,
+    merged,
 )
 
 SUFFIXES = (".parquet", ".csv")
@@ -71,15 +71,14 @@ def read_tabular(
         source: the table of boxes, or a folder of `boxes` and mostly `frames`, `.parquet` or
             `.csv`.
         frames: the table of frames or their number, where `source` has no table of them.
-        class_map: class by value of `class`, beside `CLASSES` themselves.
+        class_map: class by value of `class`, beside `CLASSES` themselves; `OwnNames` keeps all.
         ignored: gets the number of boxes left out by value of `class`.
 
     Raises:
         OSError: a file cannot be read.
         ValueError: a column is missing, a value is wrong, or nothing tells the frames.
     """
-    class_map = {**BOX_LOG, **(class_map or {})}
-    check_class_map(class_map)
+    class_map = merged(BOX_LOG, class_map)
     buildings = None
     if source.is_dir():
         buildings = _buildings(source / "buildings.parquet")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lidarplace.box_log import BoxLog
 from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS
 from lidarplace.ranges import LIDAR_HEIGHT
-from lidarplace.scenes.datasets.class_maps import IGNORE, ClassMap, check_class_map
+from lidarplace.scenes.datasets.class_maps import IGNORE, ClassMap, merged
 from lidarplace.scenes.kitti.calibration import (
     LIDAR_HEIGHT_M,
     STANDARD,
@@ -77,8 +77,7 @@ def read_kitti(
             missing; names file and line. Or no frame is left, or `lidar_height` is no height.
     """
     LIDAR_HEIGHT.check("the height of the LiDAR", lidar_height)
-    types: Mapping[str, str] = {**KITTI, **(class_map or {})}
-    check_class_map(types)
+    types = merged(KITTI, class_map)
     ignored = Counter() if ignored is None else ignored
     frames = _frames(folder, skipped)
     numbers: list[list[float]] = []

@@ -8,6 +8,7 @@ from typing import Annotated, Literal, Self
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from lidarplace.boxes import CLASSES
+from lidarplace.class_names import fault_of_name
 from lidarplace.configuration.settings import FilePath, Length, Name, Settings, fault, found
 from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.scenes.doubts.doubt import Check
@@ -114,7 +115,7 @@ class TableMapping(Settings):
     origin: Origin = Origin()
     poses: EgoPoses | None = None
     classes: dict[Value, str | None] = Field(
-        description=f"category: one of {', '.join(CLASSES)}, or null to leave it out"
+        description=f"category: class, {', '.join(CLASSES)} or any name, or null to leave it out"
     )
     frames: Frames = Frames()
     drives: Drives = Drives()
@@ -123,11 +124,8 @@ class TableMapping(Settings):
     @model_validator(mode="after")
     def _whole(self) -> Self:
         for category, name in self.classes.items():
-            if name is not None and name not in CLASSES:
-                raise ValueError(
-                    f"classes.{category}: found {found(name)}; allowed are "
-                    f"{', '.join(CLASSES)} and null"
-                )
+            if name is not None and (fault := fault_of_name(name)) is not None:
+                raise ValueError(f"classes.{category}: {fault}; null leaves its boxes out")
         if self.coordinates == "world" and self.poses is None:
             raise ValueError("coordinates: world needs `poses` of the vehicle")
         if self.columns.drive is None and (self.drives.test or self.drives.train):

@@ -148,7 +148,7 @@ class _Proposal:
         yield f"  angle: {angle.unit}   # {angle.why}"
 
     def _classes(self) -> Iterator[str]:
-        yield "classes:   # Car, Cyclist, Pedestrian, or null to leave it out"
+        yield "classes:   # Car, Cyclist, Pedestrian, any name (Truck), or null to leave it out"
         if "category" not in self.columns:
             return
         counts = self.table[self.columns["category"]].astype(str).value_counts()

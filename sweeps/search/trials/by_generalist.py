@@ -16,6 +16,7 @@ import numpy as np
 import optuna
 import pandas as pd
 
+from lidarplace.metrics import Overlaps
 from sweeps.configuration.search import ObjectiveSettings
 from sweeps.execution.backends import Backend
 from sweeps.execution.execute import Listener, execute
@@ -170,6 +171,7 @@ class GeneralistAnswers:
                         _judging(trial, portions),
                         _truths(trial),
                         classes,
+                        self.problem.file.own_ious(),
                     )
                     for trial in tests
                 ]
@@ -193,7 +195,11 @@ class GeneralistAnswers:
 
 
 def judged_metrics(
-    store: AnyStore, portions: Sequence[Task], truths: Sequence[Task], classes: Sequence[str]
+    store: AnyStore,
+    portions: Sequence[Task],
+    truths: Sequence[Task],
+    classes: Sequence[str],
+    ious: Mapping[str, Overlaps],
 ) -> pd.DataFrame:
     """Metrics of one rig from its detections in portions of the frames, see `evaluate_boxes`."""
     from training.kitti_ap import evaluate_boxes
@@ -206,6 +212,7 @@ def judged_metrics(
         pd.concat([value["detections"] for value in found], ignore_index=True),
         frames.tolist(),
         classes,
+        ious=ious,
     )
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 import plotly.graph_objects as go
@@ -18,7 +19,12 @@ POINTS = 8000
 
 
 def point_clouds(
-    frame: Frame, roi: Roi, placements: Sequence[str], first: str, seed: int = 0
+    frame: Frame,
+    roi: Roi,
+    placements: Sequence[str],
+    first: str,
+    seed: int = 0,
+    colours: Mapping[str, str] = MappingProxyType({}),
 ) -> go.Figure:
     """One placement at a time, a menu chooses; a colour a LiDAR, outlines for the ground truth.
 
@@ -26,6 +32,7 @@ def point_clouds(
         placements: those in the menu, keys of `frame.points`.
         first: the one shown at the start.
         seed: of the choice of points.
+        colours: of outlines, by class; grey by default.
     """
     shape = (roi.y[1] - roi.y[0]) / (roi.x[1] - roi.x[0])
     plot = figure(text(first), height=int(np.clip(220 + 450 * shape, 300, 620)))
@@ -50,7 +57,11 @@ def point_clouds(
             x=x,
             y=y,
             mode="lines",
-            line={"color": OUTLINE, "width": 1.5, "dash": _DASHES.get(object_class, "dash")},
+            line={
+                "color": colours.get(object_class, OUTLINE),
+                "width": 1.5,
+                "dash": _DASHES.get(object_class, "dash"),
+            },
             name=text(object_class),
             hoverinfo="skip",
         )

@@ -29,5 +29,7 @@ def clouds_section(run: RunFolder, ranked: list[str]) -> Section | None:
         "8,000 points are drawn."
     )
     for first in dict.fromkeys((shown[0], shown[-1])):
-        section.figures.append(point_clouds(run.frame, run.roi, shown, first))
+        section.figures.append(
+            point_clouds(run.frame, run.roi, shown, first, colours=run.sweep.colours)
+        )
     return section

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +12,7 @@ from torch import Tensor
 
 from training.detectors.detector import PointRange
 from training.detectors.heads.box_coder import limit_period
+from training.typical_objects import TypicalObject
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,36 @@ TINY_ANCHORS = {
     "Cyclist": AnchorClass((1.76, 0.6, 1.73), 0.0, matched=0.35, unmatched=0.2),
 }
 """For coarse cells, in the ego frame."""
+
+
+def with_typical(
+    anchors: Mapping[str, AnchorClass], typical: Sequence[TypicalObject], sensor_height: float
+) -> dict[str, AnchorClass]:
+    """The anchors of a preset, and of `typical` objects, each in place of its class's.
+
+    An anchor learns from the same overlaps as the one of the preset whose area is nearest.
+
+    Args:
+        sensor_height: height of the model's frame above the ground, metres.
+    """
+
+    def nearest(area: float) -> AnchorClass:
+        return min(anchors.values(), key=lambda own: abs(math.log(_area(own.size) / area)))
+
+    return {
+        **anchors,
+        **{
+            item.name: replace(
+                nearest(_area(item.size)), size=item.size, bottom=item.bottom - sensor_height
+            )
+            for item in typical
+        },
+    }
+
+
+def _area(size: tuple[float, float, float]) -> float:
+    """From above, square metres."""
+    return size[0] * size[1]
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,90 @@
+"""The classes of a point and the log that it reads: are they there, and how large are they?"""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from lidarplace.boxes import CLASSES
+from lidarplace.class_names import closest, counts_of, listed
+from lidarplace.scenes.recorded import LogScene
+from sweeps.configuration.file import ConfigError
+from sweeps.configuration.sweep import Point
+from training.typical_objects import TypicalObject, typical_objects
+
+
+def boxes_by_split(scene: LogScene) -> dict[str, pd.DataFrame]:
+    """Boxes of the frames to train on and to test on, with the classes that the scene counts.
+
+    Raises:
+        ConfigError: the log cannot be read.
+    """
+    try:
+        own = scene.read()
+        other = own
+        if scene.test_folder is not None:
+            other = scene.model_copy(update={"folder": scene.test_folder}).read()
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"scene: {error}") from None
+    found = {}
+    for split, log in (("train", own), ("test", other)):
+        frames = log.frames.loc[log.frames["split"] == split, "frame"]
+        found[split] = log.boxes[log.boxes["frame"].isin(frames)]
+    return found
+
+
+def check_classes(point: Point, boxes: dict[str, pd.DataFrame]) -> list[str]:
+    """What is to be known of classes that the training frames of a log lack, a sentence each.
+
+    A class that the configuration names by itself has to be there. Of the three that are meant
+    unless others are named, some may be missing, or all where nothing is there at all.
+
+    Raises:
+        ConfigError: a class is not in the training frames.
+    """
+    assert isinstance(point.scene, LogScene)
+    counts = {split: counts_of(table["class"]) for split, table in boxes.items()}
+    missing = [name for name in point.classes if name not in counts["train"]]
+    none = len(missing) == len(point.classes) and bool(counts["train"])
+    said = []
+    for name in missing:
+        if tests := counts["test"].get(name):
+            why = (
+                f"{name} has {tests:,} boxes in the test frames of {point.scene.name} and none in "
+                "the training frames, from which surrogates are and detectors learn"
+            )
+        else:
+            why = (
+                f"no box of {point.scene.name} is of class {name}{closest(name, counts['train'])}"
+                f"; its training frames have {listed(counts['train'])}"
+            )
+        if none or name not in CLASSES:
+            raise ConfigError(f"classes: {why}")
+        said.append(f"{why}.")
+    return said
+
+
+def typical_of(point: Point, boxes: dict[str, pd.DataFrame] | None) -> tuple[TypicalObject, ...]:
+    """Of the classes whose anchors are not the preset's, in the order of the classes.
+
+    Args:
+        boxes: of a log, see `boxes_by_split`; None: traffic is simulated, and all stand on the
+            ground.
+
+    Raises:
+        ConfigError: the boxes of a class have no size.
+    """
+    found = []
+    for name in point.classes:
+        size = point.class_settings[name].size if name in point.class_settings else None
+        if size is None and name in CLASSES:
+            continue
+        measured = TypicalObject(name, size or (1.0, 1.0, 1.0))
+        if boxes is not None and name in set(boxes["train"]["class"]):
+            try:
+                (measured,) = typical_objects(boxes["train"], [name])
+            except ValueError as error:
+                raise ConfigError(
+                    f"classes: {error}; class_settings.{name}.size names it"
+                ) from None
+        found.append(TypicalObject(name, size or measured.size, measured.bottom))
+    return tuple(found)

@@ -1,0 +1,185 @@
+"""Classes of one's own in a sweep: from a log to AP, and what is said of those that are missing."""
+
+import json
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from four_classes import CLASSES, SIZES, write_four_classes
+
+from lidarplace.box_log import BoxLog, read_box_log, write_box_log
+from lidarplace.scenes.recorded import LogScene
+from lidarplace.surrogates.table import ASKED_FOR
+from sweeps.configuration.file import ConfigError
+from sweeps.configuration.grid import build_sweep
+from sweeps.plan.plan import make_plan
+from tests.forked import run_forked
+from tests.mlflow_database import write_database
+from training.checkpoints import write_checkpoint
+from training.typical_objects import typical_objects
+
+ROOT = Path(__file__).parents[2]
+WITHOUT_CURVES = [name for name in ASKED_FOR if name != "expected_recall"]
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("four") / "log"
+    write_four_classes(folder)
+    return folder
+
+
+def plan_of(log, tmp_path, **changes):
+    scene = {"source": "log", "folder": str(log)} | changes.pop("scene", {})
+    config = {
+        "name": "own",
+        "scene": scene,
+        "classes": list(CLASSES),
+        "surrogate": {"names": WITHOUT_CURVES, "resolution": 0.5},
+        "placement": "line",
+    }
+    return make_plan(build_sweep(config | changes, tmp_path / "own.yaml"))
+
+
+def test_anchors_are_those_of_the_training_frames(log, tmp_path):
+    own = read_box_log(log)
+    train = own.frames.loc[own.frames["split"] == "train", "frame"]
+    boxes = own.boxes[own.boxes["frame"].isin(train)]
+    plan = plan_of(log, tmp_path)
+    assert plan.typical == typical_objects(boxes, ["Truck", "Scooter"])
+    for item in plan.typical:  # by pandas alone
+        first = boxes[boxes["class"] == item.name].drop_duplicates("object_id")
+        assert item.size == pytest.approx(
+            first[["length", "width", "height"]].mean().tolist(), abs=5e-4
+        )
+    fixed = plan_of(log, tmp_path, class_settings={"Car": {"size": [5, 2, 1.5]}})
+    assert [item.name for item in fixed.typical] == ["Car", "Truck", "Scooter"]
+    assert fixed.typical[0].size == (5, 2, 1.5)
+
+
+def test_only_what_judges_depends_on_the_overlaps(log, tmp_path):
+    plain_plan = plan_of(log, tmp_path)
+    other = plan_of(
+        log, tmp_path, class_settings={"Truck": {"iou": [0.7, 0.5], "colour": "#112233"}}
+    )
+    mine, its = plain_plan.trials[0], other.trials[0]
+    assert mine.finetune.key == its.finetune.key
+    assert mine.evaluate.key != its.evaluate.key
+    assert its.evaluate.params.ious == (("Truck", (0.7, 0.5)),)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"classes": ["truck"]},
+            r"no box of log is of class truck \(did you mean Truck\?\); .*Car \(",
+        ),
+        ({"classes": ["Car", "Bus"]}, r"classes: no box of log is of class Bus; .*Truck \(16\)"),
+        ({"classes": ["Cyclist"]}, "classes: no box of log is of class Cyclist; its training"),
+        (
+            {"surrogate": {"names": ["expected_recall"]}},
+            r"surrogate.curves: .*no detection curve of Truck .*class_settings.Truck.curve, .*"
+            "sweeps.calibrate",
+        ),
+        (
+            {"class_settings": {"Truck": {"curve": "Tram"}}, "surrogate": {}},
+            "surrogate.curves: no detection curve of Tram",
+        ),
+    ],
+)
+def test_what_is_missing_is_told_before_anything_runs(log, tmp_path, changes, message):
+    with pytest.raises(ConfigError, match=message):
+        plan_of(log, tmp_path, **changes)
+
+
+def test_a_class_of_test_frames_alone(log, tmp_path):
+    own = read_box_log(log)
+    tests = own.frames.loc[own.frames["split"] == "test", "frame"]
+    gone = (own.boxes["class"] == "Truck") & ~own.boxes["frame"].isin(tests)
+    write_box_log(tmp_path / "log", BoxLog(own.boxes[~gone], own.frames))
+    with pytest.raises(ConfigError, match="Truck has 16 boxes in the test frames of log and none"):
+        plan_of(tmp_path / "log", tmp_path)
+    # Of KITTI's three some may be missing, and the others go on.
+    three = plan_of(tmp_path / "log", tmp_path, classes=["Car", "Cyclist", "Pedestrian"])
+    assert [said.split(";")[0] for said in three.cautions] == ["no box of log is of class Cyclist"]
+
+
+def test_a_curve_that_is_lent(log, tmp_path):
+    lent = {"Truck": {"curve": "Car"}, "Scooter": {"curve": "Cyclist"}}
+    plan = plan_of(log, tmp_path, class_settings=lent, surrogate={"names": ["expected_recall"]})
+    curves = plan.trials[0].recall.params.curves
+    assert curves.of("Truck", 0.5).rate == curves.of("Car", 0.5).rate
+    assert curves.of("Scooter", 0.5).most == curves.of("Cyclist", 0.5).most
+
+
+def test_a_checkpoint_says_how_large_classes_are(log, tmp_path):
+    from training import build_detector
+
+    plan = plan_of(log, tmp_path)
+    larger = [*plan.typical[:1], *plan_of(log, tmp_path).typical[1:]]
+    larger[0] = type(larger[0])("Truck", (9.0, 2.5, 3.5), 0.0)
+    crop = plan.trials[0].evaluate.params.point_range
+    model = build_detector("pointpillars_tiny", CLASSES, point_range=crop, typical=larger)
+    path = tmp_path / "base.pt"
+    write_checkpoint(path, model.state_dict(), "pointpillars_tiny", CLASSES, model.typical)
+    training = {"checkpoint": str(path)}
+    assert plan_of(log, tmp_path, training=training).typical == tuple(larger)
+    with pytest.raises(ConfigError, match=r"training.checkpoint: .*Truck 9.00 × .* Truck 8.00"):
+        plan_of(log, tmp_path, training=training, class_settings={"Truck": {"size": [8, 2.5, 3]}})
+
+
+def test_classes_of_a_log_that_count_as_others(log, tmp_path):
+    before = read_box_log(log).boxes["class"].value_counts()
+    own = {"Truck": "Car", "Scooter": "ignore"}
+    found = LogScene(source="log", folder=log, class_map=own).read().boxes["class"].value_counts()
+    assert found.to_dict() == {
+        "Car": before["Car"] + before["Truck"],
+        "Pedestrian": before["Pedestrian"],
+    }
+    paper = LogScene(source="log", folder=log, class_map="paper").read().boxes["class"]
+    assert paper.value_counts()["Cyclist"] == before["Truck"]
+    plans = [
+        plan_of(log, tmp_path, classes=["Car"], scene=scene) for scene in ({}, {"class_map": own})
+    ]
+    assert len({plan.trials[0].pog.key for plan in plans}) == 2
+    with pytest.raises(ConfigError, match=r"scene\.class_map: found 'papers'; allowed are paper"):
+        plan_of(log, tmp_path, scene={"class_map": "papers"})
+
+
+def test_from_a_log_to_a_decision(log, tmp_path):
+    config = tmp_path / "own.yaml"
+    config.write_text(
+        f"""
+scene: {{source: log, folder: {log}}}
+classes: [Car, Truck, Scooter, Pedestrian]
+class_settings: {{Truck: {{iou: [0.7, 0.5], colour: "#CC79A7"}}}}
+surrogate:
+  {{names: [covered_entropy, log_cells], resolution: 1.0, accuracy: false, sampling_error: false}}
+lidar: {{cloud_share: 0.04}}
+training: {{epochs: 1, frame_share: 0.5}}
+ray: debug
+output: {tmp_path / "runs"}
+grid: {{placement: [line, center]}}
+"""
+    )
+    write_database(tmp_path / "runs" / "mlflow.db")
+    for options in (["--dry-run"], []):
+        done = run_forked(["sweeps.run", str(config), *options], ROOT, tmp_path)
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert "anchors of Truck " in done.stdout
+    run = tmp_path / "runs" / "own"
+    results = pd.read_parquet(run / "results.parquet")
+    ap = results[results["metric"] == "AP_R40_3D"].groupby("class")["iou"].apply(set).to_dict()
+    assert ap == {
+        "Car": {0.7, 0.5},
+        "Truck": {0.7, 0.5},
+        "Scooter": {0.5, 0.25},
+        "Pedestrian": {0.5, 0.25},
+    }
+    surrogates = pd.read_parquet(run / "surrogates.parquet")
+    assert set(surrogates["class"]) >= set(SIZES)
+    kept = json.loads((run / "sweep.json").read_text())
+    assert [own["name"] for own in kept["anchors"]] == ["Truck", "Scooter"]
+    assert "3D AP @ 0.7, Truck" in (run / "decision.html").read_text()
+    assert "#CC79A7" in (run / "report.html").read_text()

@@ -1,0 +1,91 @@
+"""What objects of a class are like: the anchors of classes that a preset does not know."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+
+from lidarplace.boxes import SIZE
+from lidarplace.class_names import closest, counts_of, listed
+
+Size = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class TypicalObject:
+    """An object of the size that a class has in the mean.
+
+    Attributes:
+        name: of the class.
+        size: length, width, height, metres.
+        bottom: height of its underside above the ground, metres.
+    """
+
+    name: str
+    size: Size
+    bottom: float = 0.0
+
+    def __str__(self) -> str:
+        sides = " × ".join(f"{side:.2f}" for side in self.size)
+        return f"{self.name} {sides} m, {self.bottom:+.2f} m off the ground"
+
+
+def typical_objects(boxes: pd.DataFrame, classes: Iterable[str]) -> tuple[TypicalObject, ...]:
+    """The typical object of each of `classes`, to the millimetre.
+
+    Sizes are means, as of SECOND's anchors (Yan et al. 2018), over individuals, of which each
+    counts once; the height above the ground is the median over boxes.
+
+    Args:
+        boxes: class, z, length, width, height, ego frame; where `object_id` is there, boxes with
+            the same (and the same `scene`, where that is there) are of one individual.
+
+    Raises:
+        ValueError: there is no box of a class, or its boxes have no size.
+    """
+    found = []
+    keys = [name for name in ("scene", "object_id") if name in boxes.columns]
+    for name in classes:
+        own = boxes[boxes["class"] == name]
+        if own.empty:
+            there = counts_of(boxes["class"])
+            raise ValueError(
+                f"no box is of class {name!r}{closest(name, there)}, so nothing tells how large "
+                f"one is; there are {listed(there)}"
+            )
+        sizes = own[list(SIZE)]
+        if "object_id" in keys:
+            sizes = sizes.groupby([own[key] for key in keys], observed=True).mean()
+        length, width, height = (round(float(side), 3) for side in sizes.mean())
+        if min(length, width, height) <= 0:
+            raise ValueError(f"boxes of class {name!r} have no size; their anchors need one")
+        bottom = float((own["z"] - own["height"] / 2).median())
+        found.append(TypicalObject(name, (length, width, height), round(bottom, 3) + 0.0))
+    return tuple(found)
+
+
+def as_plain(typical: Sequence[TypicalObject]) -> list[dict[str, Any]]:
+    """What a checkpoint keeps of them."""
+    return [{"name": t.name, "size": list(t.size), "bottom": t.bottom} for t in typical]
+
+
+def from_plain(content: Mapping[str, Any]) -> tuple[TypicalObject, ...]:
+    """Those that a checkpoint holds; none if it was written without.
+
+    Raises:
+        ValueError: they are not what `as_plain` makes.
+    """
+    try:
+        return tuple(
+            TypicalObject(
+                str(item["name"]),
+                (float(item["size"][0]), float(item["size"][1]), float(item["size"][2])),
+                float(item["bottom"]),
+            )
+            for item in content.get("typical", [])
+        )
+    except (TypeError, KeyError, IndexError, ValueError) as error:
+        raise ValueError("typical objects of classes are not what they should be") from error
