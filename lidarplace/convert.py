@@ -108,13 +108,13 @@ def waymo(
         list[str] | None,
         typer.Option(help="training, validation or testing; by default the first two"),
     ] = None,
-    class_map: ClassMapFile = None,
+    class_map: ClassMapOption = PAPER,
 ) -> None:
     """Waymo perception data set v2, tables of Parquet; validation becomes test."""
 
     def read(ignored: Counter[str]) -> BoxLog:
         return read_waymo(
-            source, splits=split or (), class_map=_class_map(class_map), ignored=ignored
+            source, splits=split or (), class_map=named_class_map(class_map), ignored=ignored
         )
 
     _convert(read, out)
@@ -140,7 +140,7 @@ def openlabel(
     test: Annotated[
         list[str] | None, typer.Option(help="drive whose frames are test; repeatable")
     ] = None,
-    class_map: ClassMapFile = None,
+    class_map: ClassMapOption = PAPER,
 ) -> None:
     """ASAM OpenLABEL 1.0, the cuboids in it."""
 
@@ -153,7 +153,7 @@ def openlabel(
                 "time-unit", time_unit, {str(unit): value for unit, value in SECONDS.items()}
             ),
             test=test or (),
-            class_map=_class_map(class_map),
+            class_map=named_class_map(class_map),
             ignored=ignored,
         )
 

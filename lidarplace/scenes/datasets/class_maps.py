@@ -121,6 +121,8 @@ NO_ROAD_USERS = frozenset(
         "Misc",
         "SIGN",
         "STOP_SIGN",
+        "TYPE_SIGN",
+        "TYPE_UNKNOWN",
         "animal",
         "movable_object.barrier",
         "movable_object.debris",

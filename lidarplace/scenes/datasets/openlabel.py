@@ -21,8 +21,8 @@ from lidarplace.scenes.datasets.class_maps import (
     BOX_LOG,
     IGNORE,
     ClassMap,
-    check_class_map,
     classify,
+    merged,
 )
 from lidarplace.scenes.datasets.openlabel_file import (
     VEHICLE,
@@ -62,8 +62,7 @@ def read_openlabel(
         ValueError: a file is missing or wrong, a type is unknown, or no transform leads from a
             cuboid to the vehicle.
     """
-    class_map = {**BOX_LOG, **(class_map or {})}
-    check_class_map(class_map)
+    class_map = merged(BOX_LOG, class_map)
     paths = sorted(source.glob("*.json")) if source.is_dir() else [source]
     if not paths:
         raise ValueError(f"{source}: must hold a file .json for each drive")

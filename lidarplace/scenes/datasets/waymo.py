@@ -23,8 +23,8 @@ from lidarplace.scenes.datasets.class_maps import (
     IGNORE,
     WAYMO,
     ClassMap,
-    check_class_map,
     classify,
+    merged,
 )
 from lidarplace.scenes.datasets.se3 import Poses
 
@@ -77,8 +77,7 @@ def read_waymo(
     for split in splits:
         if split not in SPLITS:
             raise ValueError(f"split {split!r}: allowed are {', '.join(SPLITS)}")
-    class_map = {**WAYMO, **(class_map or {})}
-    check_class_map(class_map)
+    class_map = merged(WAYMO, class_map)
     present = [name for name in ("training", "validation") if (folder / name).is_dir()]
     segments: list[tuple[Path, str]] = []
     for split in splits or present:
