@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 import reprlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import pandas as pd
@@ -34,13 +33,6 @@ def fault_of_name(name: Any) -> str | None:
             f"a class has a name of letters, digits, _, - and ., at most {_LONGEST}, found {shown}"
         )
     return None
-
-
-def closest(name: str, known: Iterable[str]) -> str:
-    """ " (did you mean Truck?)" with what is most like `name`, whatever the case, or nothing."""
-    by_lower = {other.lower(): other for other in known}
-    close = difflib.get_close_matches(name.lower(), by_lower, n=1)
-    return f" (did you mean {by_lower[close[0]]}?)" if close else ""
 
 
 def counts_of(classes: pd.Series) -> dict[str, int]:

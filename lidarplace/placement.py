@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.class_names import closest
+from lidarplace.near_names import did_you_mean
 from lidarplace.pose import from_carla, rotation
 from lidarplace.sensor import Lidar
 from lidarplace.shown import Shown, span
@@ -195,7 +195,7 @@ class _ByName(dict[str, Placement]):
     """Says which name may have been meant."""
 
     def __missing__(self, name: object) -> Placement:
-        hint = closest(name, self) if isinstance(name, str) else ""
+        hint = did_you_mean(name, self) if isinstance(name, str) else ""
         raise KeyError(f"no placement {name!r}{hint}; there are {', '.join(self)}")
 
 

@@ -21,14 +21,14 @@ SETTINGS = {
     "should be 's_mig', 'ig', 'h_pog', 'covered_entropy', 'residual_entropy', 'm_sog', "
     "'expected_points', 'expected_ig', 'expected_recall', 'AP_R40_3D', 'AP_R40_BEV', "
     "'AP_R40_3D_mean', 'recall', 'mean_overlap', 'price', 'power' or 'margin'",
-    "search.objective=recall.car": "search.objective[0].weights.car: found 'car' (did you mean "
-    "Car?); should be 'Car', 'Cyclist' or 'Pedestrian'",
+    "search.objective=generalist.recall.car": "search.objective: generalist.recall.car: car is "
+    "none of the classes Car, Cyclist (did you mean Car?)",
     "search.zones.roof.x=[1,0]": "search.zones.roof.x: found [1, 0]; allowed is a number, or "
     "[min, max] with min <= max",
     "search.sampler=tpee": "search.sampler: found 'tpee' (did you mean tpe?); should be 'tpe', "
     "'gp', 'cmaes', 'nsga2', 'nsga3', 'random' or 'qmc'",
-    "classes=[Cars]": "classes[0]: found 'Cars' (did you mean Car?); should be 'Car', 'Cyclist' or "
-    "'Pedestrian'",
+    "classes=[Cars]": "classes: found ['Cars']; simulated traffic has no Cars (did you mean Car?); "
+    "it has Car, Cyclist, Pedestrian",
     "classes=Car": "classes: found 'Car'; should be a list, such as [Car]",
     "judge=generalst": "judge: found 'generalst' (did you mean generalist?); should be "
     "'specialist', 'generalist' or 'finetuned'",
@@ -66,8 +66,8 @@ MAPPINGS = {
     "in the median: 646 of 646 boxes (100.0%), the first in frame 0 with 0; mend units.time, or "
     "frames.rate_hz of the mapping; if it is meant: accept: [time]",
     "columns.x: posx": f"{LABELS}: columns.x: no column 'posx'; found {COLUMNS}",
-    "classes.lorry: Truck": "map.yaml: classes.lorry: found 'Truck'; allowed are Car, Cyclist, "
-    "Pedestrian and null",
+    "classes.lorry: Tr uck": "map.yaml: classes.lorry: a class has a name of letters, digits, _, - "
+    "and ., at most 64, found 'Tr uck'; null leaves its boxes out",
     "origin.z: 5.0": f"{LABELS}: column posZ: the undersides of near boxes are +4.67 m off the "
     "ground in the median: 571 of 646 boxes (88.4%), the first in frame 0 with 5.49; mend "
     "origin.z, -4.67 m from what it is, or units.position of the mapping; if it is meant: "

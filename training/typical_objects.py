@@ -9,7 +9,8 @@ from typing import Any
 import pandas as pd
 
 from lidarplace.boxes import SIZE
-from lidarplace.class_names import closest, counts_of, listed
+from lidarplace.class_names import counts_of, listed
+from lidarplace.near_names import did_you_mean
 
 Size = tuple[float, float, float]
 
@@ -53,8 +54,8 @@ def typical_objects(boxes: pd.DataFrame, classes: Iterable[str]) -> tuple[Typica
         if own.empty:
             there = counts_of(boxes["class"])
             raise ValueError(
-                f"no box is of class {name!r}{closest(name, there)}, so nothing tells how large "
-                f"one is; there are {listed(there)}"
+                f"no box is of class {name!r}{did_you_mean(name, there)}, so nothing tells how "
+                f"large one is; there are {listed(there)}"
             )
         sizes = own[list(SIZE)]
         if "object_id" in keys:

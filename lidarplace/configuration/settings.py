@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 import reprlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,6 +19,7 @@ from pydantic import (
 )
 
 from lidarplace.class_names import fault_of_name
+from lidarplace.near_names import did_you_mean
 from lidarplace.ranges import LIDAR_HEIGHT, SEED, SHARE
 
 
@@ -134,12 +134,6 @@ def what_is_wrong(mistake: Mapping[str, Any]) -> str:
     if mistake["type"] == "literal_error" and isinstance(value, str):
         hint = did_you_mean(value, re.findall("'([^']+)'", mistake["ctx"]["expected"]))
     return f"found {found(value)}{hint}; {allowed}"
-
-
-def did_you_mean(name: str, names: Iterable[str]) -> str:
-    """A question that names the nearest of some names, "" if none is near."""
-    close = difflib.get_close_matches(name, list(names), n=1)
-    return f" (did you mean {close[0]}?)" if close else ""
 
 
 def found(value: Any) -> str:

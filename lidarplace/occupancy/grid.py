@@ -13,7 +13,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.boxes import CLASSES, GEOMETRY, check_boxes, frame_ids
-from lidarplace.class_names import closest, counts_of, listed
+from lidarplace.class_names import counts_of, listed
+from lidarplace.near_names import did_you_mean
 from lidarplace.occupancy.box_counts import count_boxes
 from lidarplace.occupancy.entropy import entropy_of_counts
 from lidarplace.occupancy.levels import Levels
@@ -191,7 +192,7 @@ def _check_class(name: str, boxes: pd.DataFrame) -> None:
         raise ValueError(f"object_class is the name of a class, found {name!r}")
     there = counts_of(boxes["class"])
     if name not in CLASSES and name not in there:
-        hint = closest(name, {*there, *CLASSES})
+        hint = did_you_mean(name, {*there, *CLASSES})
         raise ValueError(f"no box is of class {name!r}{hint}; there are {listed(there)}")
 
 

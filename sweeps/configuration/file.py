@@ -12,9 +12,10 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from lidarplace.command_line.invocation import command
-from lidarplace.configuration.settings import did_you_mean, key_path, shortened, what_is_wrong
+from lidarplace.configuration.settings import key_path, shortened, what_is_wrong
 from lidarplace.configuration.yaml import YamlError, parse_yaml, read_yaml_file
 from lidarplace.files.secret_urls import hide_secrets_in
+from lidarplace.near_names import did_you_mean
 from lidarplace.scenes.kinds import KINDS
 from sweeps.configuration.sweep import NAME
 

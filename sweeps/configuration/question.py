@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from lidarplace.configuration.placement import read_placement
-from lidarplace.configuration.settings import did_you_mean
 from lidarplace.mounting.vehicle import Vehicle, inside
+from lidarplace.near_names import did_you_mean
 from lidarplace.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.recall.detection_curve import DetectionCurves, default_curves, read_curves
 from lidarplace.requirements.layout import Laid, lay_out

@@ -15,7 +15,6 @@ from pydantic import (
 )
 
 from lidarplace.boxes import CLASSES
-from lidarplace.class_names import closest
 from lidarplace.configuration.placement import PlacementSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import (
@@ -32,7 +31,6 @@ from lidarplace.configuration.settings import (
     Seed,
     Settings,
     Text,
-    did_you_mean,
     short_for,
 )
 from lidarplace.configuration.weather import WeatherSettings
@@ -40,6 +38,7 @@ from lidarplace.coverage import Method
 from lidarplace.lidar.profiles import PROFILES
 from lidarplace.metrics import METRICS, RANKING, Direction, Overlaps
 from lidarplace.mounting.errors import MountingErrors
+from lidarplace.near_names import did_you_mean
 from lidarplace.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.roi import Roi
 from lidarplace.scenes.kinds import Scene
@@ -239,13 +238,6 @@ class Point(Settings):
         MountingErrorSettings(), description="how far mounts are off in simulated clouds"
     )
 
-    @field_validator("classes", mode="before")
-    @classmethod
-    def _list(cls, classes: Any) -> Any:
-        if isinstance(classes, str):
-            raise ValueError(f"allowed is a list of names, such as [{classes}]")
-        return classes
-
     @field_validator("classes")
     @classmethod
     def _different(cls, classes: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
@@ -254,7 +246,7 @@ class Point(Settings):
         strange = [name for name in classes if name not in CLASSES]
         if strange and isinstance(info.data.get("scene"), SumoScene):
             raise ValueError(
-                f"simulated traffic has no {strange[0]}{closest(strange[0], CLASSES)}; it has "
+                f"simulated traffic has no {strange[0]}{did_you_mean(strange[0], CLASSES)}; it has "
                 f"{', '.join(CLASSES)}"
             )
         return classes
@@ -277,7 +269,7 @@ class Point(Settings):
             for name in named:
                 if name not in known:
                     raise ValueError(
-                        f"{key}: {name} is not among classes{closest(name, known)}, which are "
+                        f"{key}: {name} is not among classes{did_you_mean(name, known)}, which are "
                         f"{', '.join(self.classes)}"
                     )
         return self

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pandas as pd
 
 from lidarplace.boxes import CLASSES
-from lidarplace.class_names import closest, counts_of, listed
+from lidarplace.class_names import counts_of, listed
+from lidarplace.near_names import did_you_mean
 from lidarplace.scenes.recorded import LogScene
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.sweep import Point
@@ -54,8 +55,9 @@ def check_classes(point: Point, boxes: dict[str, pd.DataFrame]) -> list[str]:
             )
         else:
             why = (
-                f"no box of {point.scene.name} is of class {name}{closest(name, counts['train'])}"
-                f"; its training frames have {listed(counts['train'])}"
+                f"no box of {point.scene.name} is of class {name}"
+                f"{did_you_mean(name, counts['train'])}; "
+                f"its training frames have {listed(counts['train'])}"
             )
         if none or name not in CLASSES:
             raise ConfigError(f"classes: {why}")

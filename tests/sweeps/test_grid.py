@@ -177,13 +177,19 @@ def test_own_placements_in_both_conventions(config):
         ({"lidar": {"name": "vlp16", "beams": 32}}, "lidar: beams: vlp16 has its own beams; elev"),
         ({"lidar": {"range_80": 90}}, "lidar: range_80 needs range_10"),
         ({"lidar": 16}, "lidar: found 16; should be a valid dictionary"),
-        ({"lidar": {"profile": "papr"}}, "lidar.profile: found 'papr'; should be 'paper' or 'rel"),
+        (
+            {"lidar": {"profile": "papr"}},
+            "lidar.profile: found 'papr' .did you mean paper",
+        ),
         (
             {"placements": {"twins": {"mounts": [{"z": 2}, {"z": 2}]}}},
             "placement 'twins': LiDARs 0 and 1 are both at",
         ),
         ({"placements": {"line": {"mounts": [{"z": 2}]}}}, "'line' is the paper's"),
-        ({"grid": {"placement": ["lime"]}}, "grid.placement: no placement 'lime'; allowed are"),
+        (
+            {"grid": {"placement": ["lime"]}},
+            "grid.placement: no placement 'lime' .did you mean line",
+        ),
         ({"grid": {"seed": [1, -1]}}, r"grid.seed\[1\]: found -1; should be greater than"),
         ({"grid": {"seed": [1, 1]}}, "grid.seed: 1 is given twice"),
         ({"grid": {"scene.densty": [1]}}, r"grid.scene.densty\[0\]: unknown key"),
@@ -212,7 +218,7 @@ def test_own_placements_in_both_conventions(config):
             "classes: found .*; simulated traffic has no Bus; it has Car, Cyclist",
         ),
         ({"classes": ["car"]}, r"simulated traffic has no car \(did you mean Car\?\)"),
-        ({"classes": "Car"}, r"classes: found 'Car'; allowed is a list of names, such as \[Car\]"),
+        ({"classes": "Car"}, r"classes: found 'Car'; should be a list, such as \[Car\]"),
         ({"classes": ["two wheels"]}, r"classes\[0\]: found 'two wheels'; a class has a name of"),
         ({"classes": ["all"]}, r"classes\[0\]: .*'all' is no name of a class"),
         ({"class_settings": {"car": {}}}, r"class_settings: car is not among .*mean Car\?"),
@@ -241,7 +247,10 @@ def test_own_placements_in_both_conventions(config):
         ({"lidar": {"azimuth_deg": [1, 1.01]}}, "lidar: none of the 5625 azimuth steps of a turn"),
         ({"name": "a/b"}, "name: found 'a/b'"),
         ({"seed": "banana"}, "seed: found 'banana'; should be a valid integer"),
-        ({"placement": "lime"}, "placement: no placement 'lime'; allowed are"),
+        (
+            {"placement": "lime"},
+            "placement: no placement 'lime' .did you mean line",
+        ),
         (
             {"scene": {"density": float("nan")}, "grid": {"scene.density": [3, 4]}},
             "scene.density: found nan; ",

@@ -9,7 +9,8 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from lidarplace.boxes import CLASSES
-from lidarplace.class_names import closest, fault_of_name
+from lidarplace.class_names import fault_of_name
+from lidarplace.near_names import did_you_mean
 from training.typical_objects import TypicalObject
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ def _check_classes(classes: Sequence[str], typical: Sequence[TypicalObject]) -> 
             raise ValueError(fault)
         if name not in CLASSES and name not in [item.name for item in typical]:
             raise ValueError(
-                f"nothing tells how large a {name} is{closest(name, CLASSES)}; known are "
+                f"nothing tells how large a {name} is{did_you_mean(name, CLASSES)}; known are "
                 f"{', '.join(CLASSES)}, and others by `typical` objects"
             )
 

@@ -16,6 +16,7 @@ import numpy as np
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement
 from lidarplace.mounting.near_field import near_field_coverage
 from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.near_names import did_you_mean
 from lidarplace.recall.detection_curve import default_curves
 from lidarplace.scenes.sumo.settings import SumoScene
 from lidarplace.surrogates.table import OBJECT_SURROGATES
@@ -310,7 +311,7 @@ def _check_keys(file: SearchFile, source: Mapping[str, Any], path: Path) -> None
         if missing:
             raise ConfigError(
                 f"{path}: search.objective: {objective.name}: {missing[0]} is none of the classes "
-                f"{', '.join(file.classes)}"
+                f"{', '.join(file.classes)}{did_you_mean(missing[0], file.classes)}"
             )
         if objective.measured and file.detector is None:
             raise ConfigError(f"{path}: search.objective: {objective.name} needs a detector")
