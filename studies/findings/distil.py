@@ -30,6 +30,7 @@ TARGETS = (
 """Class, metric, IoU; 0: over all of them."""
 SOURCES = {
     "main": ("generalist", "seed1", "seed2", "seed3", "aside"),
+    "later": ("later",),
     "exact": ("exact",),
     "controlled": ("controlled",),
     "riddle": ("riddle",),

@@ -54,8 +54,11 @@ def set_aside() -> list[str]:
 
 
 def own_detectors(rigs: Sequence[str] | None = None) -> pd.DataFrame:
-    """Rows of detectors trained for their rig: all but those set aside, or those named."""
-    rows = read("main_results")
+    """Rows of detectors trained for their rig: those named, or all of the design not set aside.
+
+    A rig of `later.yaml` is there only where it is named.
+    """
+    rows = _with_later("results") if rigs else read("main_results")
     rows = rows[rows["judge"] == "specialist"]
     kept = rows["placement"].isin(rigs) if rigs else ~rows["placement"].isin(set_aside())
     return rows[kept]
@@ -150,8 +153,12 @@ def behind(results: pd.DataFrame, target: Target, name: str = GENERALIST) -> pd.
     return pd.DataFrame(bounds, others, ["low", "high"])
 
 
+def _with_later(kind: str) -> pd.DataFrame:
+    return pd.concat([read(f"main_{kind}"), read(f"later_{kind}")], ignore_index=True)
+
+
 def _left_out(results: pd.DataFrame) -> pd.DataFrame:
-    rows = read("main_left_out")
+    rows = _with_later("left_out")
     same = rows["judge"].isin(results["judge"].unique())
     return rows[same & rows["placement"].isin(results["placement"].unique())]
 
