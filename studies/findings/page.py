@@ -9,16 +9,13 @@ import re
 import textwrap
 from typing import Any
 
-import mounts
-import numpy as np
 from candidates import FOLDER
 from combining import shares
 from figures import write_figure
 from jinja2 import Environment, StrictUndefined
 from judged import HEADS, SHORT, Judged, label, number, table
-from predicting import PREDICTORS, equal_budget, every_predictor, own_detectors, read, set_aside
+from predicting import equal_budget, every_predictor, own_detectors, read, set_aside
 from properties import properties
-from scipy import stats
 
 DOCS = FOLDER.parents[1] / "docs"
 OPTIMA = (
@@ -70,13 +67,12 @@ def _facts() -> dict[str, Any]:
     return {
         "every": every,
         "four": _four(),
-        "aside": Judged(set_aside()),
+        "told": Judged([name for name in _four().rigs if name != "optimum_m_sog"]),
         "set_aside": ", ".join(f"`{name}`" for name in set_aside()),
-        "mounts": mounts,
+        "aside_number": len(set_aside()),
         "optima_table": _optima_table(),
         "combination_table": _combination_table(_four()),
         "shares_table": _shares_table(_four()),
-        "aside_table": _aside_table(Judged(set_aside())),
         "number": number,
         "counts": _counts(),
     }
@@ -154,25 +150,6 @@ def _shares_table(four: Judged) -> str:
     names = {"redundancy": "rings that coincide", "mean height": "mean height of the LiDARs"}
     heads = [HEADS[list(SHORT).index(target)] for target in ("car07", "car", "recall")]
     return table(["", *heads], [[names.get(row[0], row[0]), *row[1:]] for row in rows.values()])
-
-
-def _aside_table(aside: Judged) -> str:
-    """Spearman's rho over rigs that nobody had looked at, those of four LiDARs alone, too."""
-    four = Judged(equal_budget(aside.rigs))
-    targets = ("car07", "car", "recall")
-    rows = []
-    for name in PREDICTORS:
-        cells = [label(name)]
-        for target in targets:
-            for one in (aside, four):
-                wide, y = every_predictor(SHORT[target]), one.means(target)
-                known = name in wide.columns
-                x = wide[name].loc[y.index] if known else np.full(len(y), np.nan)
-                cells.append(number(stats.spearmanr(x, y).statistic))
-        rows.append(cells)
-    heads = [HEADS[list(SHORT).index(target)] for target in targets]
-    sizes = (len(aside.rigs), len(four.rigs))
-    return table(["", *(f"{head}, {n} rigs" for head in heads for n in sizes)], rows)
 
 
 if __name__ == "__main__":
