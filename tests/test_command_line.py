@@ -305,7 +305,7 @@ def test_a_usage_that_is_wrong(words, told):
         (("view", "LOG", "--placement", "mine"), "mine"),
         (("view", "LOG", "--frame", "9"), "9"),
         (("export", "LOG", "out", "--placement", "line", "--split", "val"), "split val"),
-        (("accuracy", "LOG", "--class", "Bus"), "--class Bus: allowed are"),
+        (("accuracy", "LOG", "--class", "Bus"), "no box is of class 'Bus'; there are"),
         (("accuracy", "LOG", "--placement", "mine"), "--placement mine: allowed are"),
         (("accuracy", "LOG", "--resolution", "0"), "0"),
         (("accuracy", "LOG", "--azimuth-steps", "0"), "0"),
@@ -423,7 +423,7 @@ def config(in_folder, log):
 
 def test_the_plan_as_json(config):
     plan = json.loads(lidarplace("run", config, "--dry-run", "--json").stdout)
-    assert list(plan) == ["name", "stages", "rungs", "scenes", "trials", "cautions"]
+    assert list(plan) == ["name", "stages", "rungs", "scenes", "trials", "anchors", "cautions"]
     assert plan["stages"]["surrogates"] == {"tasks": 2, "cached": 0}
     assert plan["stages"]["finetune"] == {"tasks": 1, "cached": 0}
     assert plan["rungs"] == [{"by": "expected_ig", "keep": 1, "set": {}}]

@@ -15,7 +15,7 @@ def test_a_reader_is_two_files(tmp_path):
     convert = tree / "lidarplace/convert.py"
     (tree / "lidarplace/scenes/datasets/json_lines.py").write_text(reader, encoding="utf-8")
     put(convert, "from lidarplace.scenes.datasets.nuscenes import", f"{imported}\n")
-    put(convert, "def _class_map(", f"{command}\n\n")
+    put(convert, "def _convert(", f"{command}\n\n")
 
     car = {"class": "Car", "object_id": "7", "x": 9.0, "y": 0.0, "z": 0.8}
     car |= {"length": 4.0, "width": 2.0, "height": 1.6, "yaw": 0.0}

@@ -116,7 +116,7 @@ def test_starts_lie_far_apart():
     ("content", "message"),
     [
         ({"scene": {"densty": 3}}, "densty"),
-        ({"scene": {"classes": {"vehicle.a.b": "Truck"}}}, "class 'Truck'; allowed are Car"),
+        ({"scene": {"classes": {"vehicle.a.b": "a truck"}}}, "found 'a truck'"),
         ({"scene": {"crop": [0, 0, 0, 0, 1, 1]}}, "crop needs x0 < x1"),
         ({"placements": {"mine": {"mounts": [{"x": 0, "height": 2}]}}}, "height"),
     ],

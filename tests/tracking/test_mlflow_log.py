@@ -483,4 +483,4 @@ def test_metrics_of_a_trial(made_up_run):
         "placement == 'line' and `class` == 'Pedestrian' and surrogate == 's_mig'"
     )
     assert metrics["surrogate.s_mig.Pedestrian"] == s_mig["value"].item()
-    assert len(metrics) == len(rows) + 3 * 9
+    assert len(metrics) == len(rows) + 3 * 10

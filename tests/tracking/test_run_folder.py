@@ -251,6 +251,7 @@ def test_results_need_no_covered_entropy(copy):
 
 def test_the_headline_iou_is_kittis_where_it_was_evaluated():
     results = pd.DataFrame({"class": ["Car", "Car", "Cyclist"], "iou": [0.5, 0.7, 0.25]})
+    results = results.assign(metric="AP_R40_3D")
     assert headline_iou(results, "Car") == 0.7
     assert headline_iou(results, "Cyclist") == 0.25
     assert headline_iou(results, "Pedestrian") == 0.5
