@@ -1,9 +1,10 @@
 """Does a generalist judge better if its batch norm has the statistics of the rig in question?
 
-Run as `python benchmarks/studies/batch_norm.py CONFIG OUT.csv --rigs A,B [--set KEY=VALUE]`, CONFIG a
-sweep over judges generalist and specialist that has judged these rigs. For each rig the running means and variances of the
-generalist are worked out anew from the rig's own training clouds, without labels. OUT.csv gets AP
-and recall with and without it, beside those of the rig's own detectors.
+Run as `python benchmarks/studies/batch_norm.py CONFIG OUT.csv --rigs A,B [--set KEY=VALUE]`, CONFIG
+a sweep over judges generalist and specialist that has judged these rigs. For each rig the running
+means and variances of the generalist are worked out anew from the rig's own training clouds,
+without labels. OUT.csv gets AP and recall with and without it, beside those of the rig's own
+detectors.
 """
 
 from __future__ import annotations
