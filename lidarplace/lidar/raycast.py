@@ -75,16 +75,26 @@ def cast(
             that meet nothing there the answer is open: parts that cannot matter are skipped.
         into: hits of an earlier call for the same `lidar`, whose memory is used again.
     """
+    return cast_at(mount, lidar, OWN_BODY.and_(parts), crop, into)
+
+
+def cast_at(
+    mount: Mount,
+    lidar: Lidar,
+    parts: Parts,
+    crop: Sequence[float] = EVERYWHERE,
+    into: Hits | None = None,
+) -> Hits:
+    """`cast` at these parts alone, without the vehicle's own body."""
     rays = lidar.rays
     hits = into or Hits(np.empty(rays), np.empty(rays, np.int32), np.empty(rays))
-    everything = OWN_BODY.and_(parts)
     cast_compiled(
         mount.position,
         mount.rotation,
         beams_of(lidar),
-        everything.geometry,
-        everything.owner,
-        everything.reflectivity,
+        parts.geometry,
+        parts.owner,
+        parts.reflectivity,
         np.array(crop, np.float64),
         hits,
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidarplace.lidar.raycast import EVERYWHERE, OWN_BODY, Hits, beams_of, cast_compiled
+from lidarplace.lidar.raycast import OWN_BODY, cast_at
 from lidarplace.lidar.shapes import BODY, BUILDING, SIGN, Parts
 from lidarplace.lidar.surroundings import Surroundings
 from lidarplace.placement import Mount, Placement
@@ -66,8 +66,8 @@ def why_unseen(frame: Frame, object_id: str, placement: Placement) -> tuple[Aime
 def _aimed(mount: Mount, lidar: Lidar, parts: Parts, own: int, ids: list[str]) -> AimedRays:
     mine = parts.owner == own
     alone = Parts(parts.geometry[mine], parts.owner[mine], parts.reflectivity[mine])
-    aimed = _cast(mount, lidar, alone).target == own
-    met = _cast(mount, lidar, parts)
+    aimed = cast_at(mount, lidar, alone).target == own
+    met = cast_at(mount, lidar, parts)
     names = {BODY: "the vehicle itself", BUILDING: "a building", SIGN: "a sign"} | dict(
         enumerate(ids)
     )
@@ -83,18 +83,3 @@ def _aimed(mount: Mount, lidar: Lidar, parts: Parts, own: int, ids: list[str]) -
     return AimedRays(
         int(aimed.sum()), number, int(reached.sum()) - number, dict(stopped.most_common())
     )
-
-
-def _cast(mount: Mount, lidar: Lidar, parts: Parts) -> Hits:
-    hits = Hits(np.empty(lidar.rays), np.empty(lidar.rays, np.int32), np.empty(lidar.rays))
-    cast_compiled(
-        mount.position,
-        mount.rotation,
-        beams_of(lidar),
-        parts.geometry,
-        parts.owner,
-        parts.reflectivity,
-        np.array(EVERYWHERE, np.float64),
-        hits,
-    )
-    return hits

@@ -53,8 +53,6 @@ def main() -> None:
         _write(f"{name}_left_out", left_out)
         if name == "main":
             _write("surrogates", [run.surrogates[_SURROGATES] for run in found[:1]])
-            by_q = found[0].expected_ig_by_q
-            _write("expected_ig_by_q", [] if by_q is None else [by_q])
             _write("individuals", [] if found[0].individuals is None else [found[0].individuals])
         show(f"{name}: {', '.join(run.sweep.name for run in found)}")
     occluded = runs / "findings_occluded"

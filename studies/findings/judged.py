@@ -170,10 +170,6 @@ class Judged:
         heads = [HEADS[list(SHORT).index(target)] for target in targets]
         return table(["", *(part for head in heads for part in (f"{head}: takes", "loses"))], rows)
 
-    def regret(self, predictor: str, target: str) -> str:
-        """Expected, in points."""
-        return number(regret(self.results, SHORT[target]).loc[predictor, "regret"], 1)
-
     def combination(self, target: str, terms: int) -> Combination:
         """Of all predictors that need no detector."""
         x, y = self._known(target)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import textwrap
+from functools import cache
 from typing import Any
 
 from candidates import FOLDER
@@ -82,7 +83,9 @@ def _trained() -> list[str]:
     return [str(name) for name in own_detectors()["placement"].unique()]
 
 
+@cache
 def _four() -> Judged:
+    """The rigs of the same LiDARs."""
     return Judged(equal_budget(_trained()))
 
 
