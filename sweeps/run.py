@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import nullcontext
 from dataclasses import asdict
 from typing import Annotated
 
@@ -12,6 +13,7 @@ from lidarplace.command_line.invocation import called, command
 from lidarplace.command_line.terminal import output
 from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
 from sweeps.configuration.sweep import SweepFile
+from sweeps.execution.backends import backend_for
 from sweeps.execution.interrupted import interruptible
 from sweeps.options import ConfigUnlessSchema, DryRunOption, SchemaOption, SetOption
 from sweeps.plan.plan import read_plan
@@ -24,13 +26,19 @@ app = new_app()
 @verb(
     app,
     "examples/grid.yaml",
-    "examples/grid.yaml --set training.epochs=2 --dry-run",
+    "examples/grid.yaml --set training.epochs=2 --dry-run --probe",
     failed="trials failed, the machine failed the sweep, or MLflow has not got all",
 )
 def run(
     config: ConfigUnlessSchema = None,
     set_: SetOption = None,
     dry_run: DryRunOption = False,
+    probe: Annotated[
+        bool,
+        typer.Option(
+            "--probe", help="with --dry-run: tell time and disk, from tasks on few frames"
+        ),
+    ] = False,
     rerun_failed: Annotated[
         bool, typer.Option("--rerun-failed", help="try again what failed for good")
     ] = False,
@@ -56,8 +64,14 @@ def run(
     except (ValueError, OSError) as error:
         wrong(error)
     console = output()
+    if probe and not dry_run:
+        wrong("--probe: is for --dry-run")
     if dry_run:
-        shown = planned(sweep, plan, store)
+        try:
+            with backend_for(sweep.common.ray) if probe else nullcontext() as backend:
+                shown = planned(sweep, plan, store, backend)
+        except (ValueError, OSError) as error:
+            wrong(error)
         if as_json:
             print_json(asdict(shown))
         else:

@@ -67,7 +67,7 @@ def run_task(task: Task, store: AnyStore, how: Batch) -> None:
     where = {"node": socket.gethostname(), "pid": os.getpid()}
     since = datetime.now().isoformat(" ", timespec="seconds")
     with store.running(task, where | {"since": since}):
-        _reset_peak_memory()
+        reset_peak_memory()
         inputs = [_load(store, needed) for needed in task.inputs]
         start = time.perf_counter()
         function = FUNCTIONS[task.stage]
@@ -98,7 +98,7 @@ def _load(store: AnyStore, task: Task) -> Value:
 
 
 def peak_memory() -> int:
-    """Most bytes that this process held since `_reset_peak_memory`, mapped files not counted."""
+    """Most bytes that this process held since `reset_peak_memory`, mapped files not counted."""
     status = dict(
         line.split(":", 1)
         for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines()
@@ -110,7 +110,7 @@ def peak_memory() -> int:
     return max(0, kib("VmHWM") - kib("RssFile")) * 1024
 
 
-def _reset_peak_memory() -> None:
+def reset_peak_memory() -> None:
     """Linux forgets the peak of earlier tasks of this process, where it lets itself be told so."""
     with suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")

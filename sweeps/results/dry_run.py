@@ -7,9 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from rich.console import Console
+from rich.filesize import decimal
 
 from lidarplace.command_line.terminal import table
 from sweeps.configuration.grid import Sweep
+from sweeps.execution.backends import Backend
+from sweeps.execution.estimate import FRAMES, Estimate, StageEstimate, estimate
+from sweeps.execution.running import about
 from sweeps.plan.plan import Plan
 from sweeps.results.promotion import at_most
 from sweeps.results.rig_cautions import rig_cautions
@@ -29,6 +33,7 @@ class Planned:
         trials: key, label and whether it is cached, in the order of the grid.
         anchors: sizes that detectors start from, of classes that have not the preset's.
         cautions: what is to be known of the classes and of the rigs.
+        estimate: what it would take; None if nothing was tried.
     """
 
     name: str
@@ -38,10 +43,19 @@ class Planned:
     trials: list[dict[str, Any]]
     anchors: list[dict[str, Any]]
     cautions: list[str]
+    estimate: Estimate | None = None
 
 
-def planned(sweep: Sweep, plan: Plan, store: AnyStore) -> Planned:
-    """Look at what is there, and count what is not."""
+def planned(sweep: Sweep, plan: Plan, store: AnyStore, backend: Backend | None = None) -> Planned:
+    """Look at what is there, and count what is not.
+
+    Args:
+        backend: where a task of every kind is tried, to tell what the sweep would take; None: none
+            is.
+
+    Raises:
+        ValueError, OSError: what a task that was tried raised.
+    """
     cached = store.finished(plan.tasks)
     tasks = at_most(sweep, plan)
     total = Counter(task.stage for task in tasks)
@@ -68,6 +82,9 @@ def planned(sweep: Sweep, plan: Plan, store: AnyStore) -> Planned:
         ],
         anchors=as_plain(plan.typical),
         cautions=[*plan.cautions, *rig_cautions(plan, store)],
+        estimate=None
+        if backend is None
+        else estimate(plan.trials, tasks, cached, backend, store.local.folder),
     )
 
 
@@ -76,11 +93,18 @@ def print_planned(console: Console, shown: Planned) -> None:
     title = f"{shown.name}: {len(shown.trials)} trials"
     if shown.rungs:
         title += "; of these at most the tasks that promotion leaves"
-    rows = (
+    head: tuple[str, ...] = ("stage", "tasks", "cached", "to do")
+    rows: list[tuple[object, ...]] = [
         (stage, own["tasks"], own["cached"], own["tasks"] - own["cached"])
         for stage, own in shown.stages.items()
-    )
-    console.print(table(title, ("stage", "tasks", "cached", "to do"), rows))
+    ]
+    if shown.estimate is not None:
+        head += ("takes", "on disk")
+        own = shown.estimate.stages
+        rows = [row + _taken(own.get(str(row[0]))) for row in rows]
+    console.print(table(title, head, rows))
+    if shown.estimate is not None:
+        console.print(_in_all(shown.estimate), soft_wrap=True)
     for number, rung in enumerate(shown.rungs):
         changed = ", ".join(f"{key}={value}" for key, value in rung["set"].items())
         console.print(
@@ -99,3 +123,22 @@ def print_planned(console: Console, shown: Planned) -> None:
         console.print(f"trial {trial['key']}  {trial['label']}{cached}")
     for caution in shown.cautions:
         console.print(f"warning: {caution}", style="yellow", soft_wrap=True)
+
+
+def _taken(own: StageEstimate | None) -> tuple[str, str]:
+    """Two cells: time and disk of a stage."""
+    return ("", "") if own is None else (about(own.seconds), _amount(own.bytes))
+
+
+def _amount(size: float) -> str:
+    return decimal(round(size))
+
+
+def _in_all(found: Estimate) -> str:
+    """What a sweep takes, and what of it the machine may not have."""
+    short = "" if found.bytes < found.free_bytes else ": too little"
+    return (
+        f"about {about(found.seconds)}, {found.at_once} tasks at once, by a task of every kind "
+        f"tried on {FRAMES} frames; a task held up to {_amount(found.task_memory)} of memory; "
+        f"{_amount(found.bytes)} on disk, {_amount(found.free_bytes)} are free{short}"
+    )
