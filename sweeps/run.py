@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from lidarplace.command_line.invocation import called, command
-from lidarplace.command_line.terminal import output
+from lidarplace.command_line.terminal import output, say
 from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
 from sweeps.configuration.sweep import SweepFile
 from sweeps.execution.backends import backend_for
@@ -18,6 +18,7 @@ from sweeps.execution.interrupted import interruptible
 from sweeps.options import ConfigUnlessSchema, DryRunOption, SchemaOption, SetOption
 from sweeps.plan.plan import read_plan
 from sweeps.results.dry_run import planned, print_planned
+from sweeps.results.rigs_page import write_rigs_page
 from sweeps.store.of_sweep import check_writable, store_of
 
 app = new_app()
@@ -76,6 +77,7 @@ def run(
             print_json(asdict(shown))
         else:
             print_planned(console, shown)
+            say(f"rigs drawn: {write_rigs_page(sweep, shown.cautions)}")
         return
     os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"  # before anything imports it
     from sweeps.run_sweep import run_sweep

@@ -5,7 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from lidarplace import Placement
+from lidarplace.coverage import count_covered
+from lidarplace.lidar.raycast import OWN_BODY, cast_at
+from lidarplace.lidar.shapes import BODY
 from lidarplace.metrics import headline_metric
+from lidarplace.mounting.body_share import AZIMUTH_STEPS
 from lidarplace.mounting.random_rigs import outside
 from lidarplace.mounting.ring_overlap import Interleaving
 from sweeps.plan.plan import Plan, Trial
@@ -17,9 +22,17 @@ from tracking.numbers import digits
 MOST_NAMED = 8
 """Of rigs whose rings coincide; those with the most."""
 
+LEAST_COVERED = 0.01
+"""Share of the ROI's voxels; a level LiDAR of 16 beams on the roof covers 30 % of those of 0.2 m in
+front of the car."""
+
+MOST_STOPPED = 0.25
+"""Share of a LiDAR's rays; of the paper's at most 3 % meet the vehicle, as clouds have it."""
+
 
 def rig_cautions(plan: Plan, store: AnyStore) -> list[str]:
-    """Rings that coincide, with what a generalist says of others; rigs that it cannot know."""
+    """Rings that coincide, with what a generalist says of others; LiDARs that see little; rigs that
+    the generalist cannot know."""
     by_rig: dict[str, list[Trial]] = {}
     for trial in plan.trials:
         by_rig.setdefault(trial.grid_point.point.placement, []).append(trial)
@@ -35,7 +48,30 @@ def rig_cautions(plan: Plan, store: AnyStore) -> list[str]:
     if more:
         least = 100 * coincide[worst[MOST_NAMED]].before
         said.append(f"So do rings of {more} rigs more, of each at most {least:.0f} %.")
-    return [*said, *filter(None, (_outside(name, trials) for name, trials in by_rig.items()))]
+    for name, trials in by_rig.items():
+        outside_of = _outside(name, trials)
+        said += [*_wasted(name, trials[0]), *([outside_of] if outside_of else [])]
+    return said
+
+
+def _wasted(name: str, trial: Trial) -> list[str]:
+    """Which LiDARs see next to nothing of the ROI, or mostly the vehicle itself."""
+    placement, roi = trial.surrogates.params.placement, trial.pog.params.roi
+    said = []
+    for number, (mount, lidar) in enumerate(
+        zip(placement.mounts, placement.lidars, strict=True), start=1
+    ):
+        alone = Placement(name, (mount,), lidar)
+        covered = count_covered(alone, roi, "cone") / math.prod(roi.shape)
+        if covered < LEAST_COVERED:
+            said.append(f"{name}: LiDAR {number} covers {100 * covered:.2g} % of the ROI.")
+        few = lidar.thinned(min(1.0, AZIMUTH_STEPS / lidar.azimuth_steps))
+        stopped = float((cast_at(mount, few, OWN_BODY).target == BODY).mean())
+        if stopped > MOST_STOPPED:
+            said.append(
+                f"{name}: {100 * stopped:.0f} % of what LiDAR {number} fires meets the vehicle."
+            )
+    return said
 
 
 def coinciding(name: str, found: Interleaving) -> str:

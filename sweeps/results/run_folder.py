@@ -12,16 +12,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from lidarplace.catalogue.datasheet import datasheet
 from lidarplace.files.secret_urls import hide_secrets, public_url
 from lidarplace.lidar.points_by_distance import points_by_distance
-from lidarplace.placement import Placement
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.grid import Sweep
-from sweeps.configuration.sweep import Point
 from sweeps.execution.execute import Outcome
 from sweeps.plan.plan import Plan, Trial, further_axes
 from sweeps.results.failure_frames import failure_frames
+from sweeps.results.lidar_models import lidar_models
 from sweeps.results.object_tables import object_tables
 from sweeps.results.pictures import drawn, maps, one_frame
 from sweeps.results.promotion import Promotion
@@ -43,7 +41,7 @@ from tracking.mlflow.uri import absolute_uri
 from tracking.report.failures import failures_to_show
 from tracking.run_folders import sweep_tables as contract
 from tracking.run_folders.sweep_arrays import FailureFrames
-from tracking.run_folders.sweep_json import Anchor, Frames, LidarModel, Rung, SweepResult
+from tracking.run_folders.sweep_json import Anchor, Frames, Rung, SweepResult
 from training.typical_objects import as_plain
 
 _VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas")
@@ -238,21 +236,16 @@ def _about(
     sweep: Sweep, frames: Frames, run: Run, pictured: Mapping[str, Any], plan: Plan, store: AnyStore
 ) -> SweepResult:
     first = sweep.points[0].point
-    placements, lidars = {}, {}
-    varied = any(axis.partition(".")[0] == "lidar" for axis in sweep.axes)
-    for grid_point in sweep.points:
-        point = grid_point.point
-        rig = sweep.common.rig_named(point.placement, point)
-        placements[point.placement] = [astuple(mount) for mount in rig.mounts]
-        if not varied:
-            lidars[point.placement] = _models(sweep, point, rig)
+    rigs = {
+        p.point.placement: sweep.common.rig_named(p.point.placement, p.point) for p in sweep.points
+    }
     rungs = [rung.model_dump(mode="json", by_alias=True) for rung in sweep.common.promote]
     return SweepResult(
         name=sweep.common.name,
         command=hide_secrets(run.command, *sweep.common.urls),
         axes=further_axes(sweep),
-        placements=placements,
-        lidars=lidars,
+        placements={n: [astuple(mount) for mount in rig.mounts] for n, rig in rigs.items()},
+        lidars=lidar_models(sweep),
         classes=first.classes,
         anchors=[Anchor.model_validate(own) for own in as_plain(plan.typical)],
         colours={n: own.colour for n, own in first.class_settings.items() if own.colour},
@@ -267,22 +260,3 @@ def _about(
         versions={"python": platform.python_version()} | {n: version(n) for n in _VERSIONS},
         pictured=pictured,
     )
-
-
-def _models(sweep: Sweep, point: Point, rig: Placement) -> list[LidarModel]:
-    settings = sweep.common.placements.get(point.placement)
-    own = [mount.lidar for mount in settings.mounts] if settings else [None] * len(rig.mounts)
-    models = []
-    for sensor, lidar in zip(own, rig.lidars, strict=True):
-        low, high = np.degrees([min(lidar.elevations), max(lidar.elevations)]).round(9)
-        name = (sensor or point.lidar).name
-        models.append(
-            LidarModel(
-                name=name,
-                price_usd=datasheet(name).price_usd if name else None,
-                beams=lidar.beams,
-                elevation_deg=(low, high),
-                azimuth_steps=lidar.azimuth_steps,
-            )
-        )
-    return models

@@ -56,7 +56,7 @@ def test_disk_and_stages_are_those_of_the_sweep(config, tmp_path):
     store = Store(tmp_path / "store")
     execute(plan.tasks, store, InProcess(), Loud())
     # The log is as short as what is tried, so that nothing but notes on the results differ.
-    real = {stage: 0.0 for stage in found.stages}
+    real = dict.fromkeys(found.stages, 0.0)
     for task in plan.tasks:
         real[task.stage] += written(store, task)
     assert {stage: own.bytes for stage, own in found.stages.items()} == pytest.approx(real, rel=0.1)
@@ -78,9 +78,9 @@ def test_what_is_done_is_not_tried(config, tmp_path):
     found = estimate(plan.trials, plan.tasks, done, Listening(), tmp_path)
     assert set(found.stages) == {"scene", "pog", "surrogates", "recall", "ground_truth", "collect"}
     assert set(tried) == set(found.stages)
-    assert estimate(plan.trials, plan.tasks, {t.key for t in plan.tasks}, InProcess(), tmp_path) == (
-        module.Estimate({}, 0.0, 1, 0.0, 0.0, pytest.approx(found.free_bytes, rel=0.1))
-    )
+    assert estimate(
+        plan.trials, plan.tasks, {t.key for t in plan.tasks}, InProcess(), tmp_path
+    ) == (module.Estimate({}, 0.0, 1, 0.0, 0.0, pytest.approx(found.free_bytes, rel=0.1)))
 
 
 def test_seconds_follow_frames_and_epochs(config, tmp_path):
@@ -120,5 +120,6 @@ def test_the_command_tells_it(config):
     told = json.loads(done.stdout)["estimate"]
     assert told["stages"]["finetune"]["seconds"] > 0
     lines = CliRunner().invoke(app, [str(config), "--dry-run", "--probe"]).stdout
-    assert "on disk" in lines and "1 tasks at once" in lines
+    assert "on disk" in lines
+    assert "1 tasks at once" in lines
     assert CliRunner().invoke(app, [str(config), "--probe"]).exit_code == 2

@@ -428,6 +428,21 @@ def test_cautions_name_rigs_beyond_what_the_generalist_has_seen(tmp_path):
     )
 
 
+def test_cautions_name_lidars_that_see_little_or_the_vehicle(tmp_path):
+    """The ROI is in front: a view of 60 degrees to the rear meets its first half metre alone."""
+    rear = {"beams": 16, "elevation_deg": [-25, 5], "azimuth_deg": [-30, 30]}
+    mounts = {
+        "roof": [{"x": 0, "y": 0, "z": 2.2}, {"x": 0, "y": 0, "z": 1.52}],
+        "back": [{"x": 0, "y": 0, "z": 2.2}, {"x": -1, "y": 0, "z": 2.8, "yaw_deg": 180}],
+    }
+    mounts["back"][1]["lidar"] = rear
+    own = {name: {"mounts": own} for name, own in mounts.items()}
+    plan = plan_of(tmp_path, placements=own, grid={"placement": list(own)}, detector=None)
+    roof, back = rig_cautions(plan, Empty())
+    assert roof == "roof: 75 % of what LiDAR 2 fires meets the vehicle."
+    assert back == "back: LiDAR 2 covers 0 % of the ROI."
+
+
 def test_of_many_rigs_whose_rings_coincide_those_with_the_most_are_named(tmp_path):
     rigs = {
         f"apart_{n}": {"mounts": [{"x": 0, "y": 0.4 * i, "z": 2 + 0.004 * n * i} for i in range(4)]}

@@ -148,6 +148,10 @@ def test_the_plan_shows_what_is_cached(folder, first):
     assert rows["collect"] == [4, 4, 0]
     assert rows["finetune"] == [4, 2, 2]
     assert "line · pointpillars_tiny · seed 1  (cached)" in plan.stdout
+    page = (folder / "runs/tiny/rigs.html").read_text(encoding="utf-8")
+    assert "runs/tiny/rigs.html" in plan.stdout
+    assert "4 LiDARs" in page
+    assert "center" in page
 
 
 def test_the_same_command_does_nothing_twice(folder, first):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from lidarplace.placement import Mount
 from tracking.figures.kit.style import text
 from tracking.figures.of_sweeps.rig_views import ViewedRig, rig_views
 from tracking.numbers import digits
@@ -25,21 +26,32 @@ def rigs_section(run: RunFolder, found: Recommendation) -> Section:
     if left:
         more = f"{left} more {'is' if left == 1 else 'are'} in the report"
         section.notes.append(f"Drawn are the {len(found.shown)} best, {more}.")
+    lidars = run.sweep.lidars
     section.figures = rig_views(
-        [_viewed(run, name, found.best.equal == [name]) for name in found.shown]
+        [
+            viewed_rig(name, run.placements[name], lidars.get(name, ()), found.best.equal == [name])
+            for name in found.shown
+        ]
     )
     return section
 
 
-def _viewed(run: RunFolder, name: str, best: bool) -> ViewedRig:
-    mounts = run.placements[name]
-    words = [model_words(model) for model in run.sweep.lidars.get(name, ())]
+def viewed_rig(
+    name: str, mounts: Sequence[Mount], models: Sequence[LidarModel], best: bool = False
+) -> ViewedRig:
+    """A rig to be drawn, with what is told of its LiDARs.
+
+    Args:
+        models: of every mount; none if they are not known.
+        best: whether it is recommended.
+    """
+    words = [model_words(model) for model in models]
     same = len(set(words)) == 1
     said = f"{len(mounts)} LiDAR{'s' * (len(mounts) != 1)}" + (f" · {words[0]}" if same else "")
-    said += _price(run.sweep.lidars.get(name, ()))
+    said += _price(models)
     mark = " · recommended" if best else ""
     return ViewedRig(
-        mounts,
+        tuple(mounts),
         f"<b>{text(name)}</b>{mark}<br><span style='font-size:12px'>{said}</span>",
         tuple(words) if words and not same else ("",) * len(mounts),
     )

@@ -1,0 +1,38 @@
+"""Which LiDARs the rigs of a sweep carry, as its pages tell of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lidarplace.catalogue.datasheet import datasheet
+from sweeps.configuration.grid import Sweep
+from sweeps.configuration.sweep import Point
+from tracking.run_folders.sweep_json import LidarModel
+
+
+def lidar_models(sweep: Sweep) -> dict[str, tuple[LidarModel, ...]]:
+    """The model of every mount, by the placement's name; none where an axis varies it."""
+    if any(axis.partition(".")[0] == "lidar" for axis in sweep.axes):
+        return {}
+    points = {own.point.placement: own.point for own in sweep.points}
+    return {name: _models(sweep, point) for name, point in points.items()}
+
+
+def _models(sweep: Sweep, point: Point) -> tuple[LidarModel, ...]:
+    rig = sweep.common.rig_named(point.placement, point)
+    settings = sweep.common.placements.get(point.placement)
+    own = [mount.lidar for mount in settings.mounts] if settings else [None] * len(rig.mounts)
+    models = []
+    for sensor, lidar in zip(own, rig.lidars, strict=True):
+        low, high = np.degrees([min(lidar.elevations), max(lidar.elevations)]).round(9)
+        name = (sensor or point.lidar).name
+        models.append(
+            LidarModel(
+                name=name,
+                price_usd=datasheet(name).price_usd if name else None,
+                beams=lidar.beams,
+                elevation_deg=(low, high),
+                azimuth_steps=lidar.azimuth_steps,
+            )
+        )
+    return tuple(models)
