@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import pandas as pd
 from judged import HEADS, SHORT, Judged, label, number, table
@@ -11,6 +9,8 @@ from predicting import PREDICTORS, equal_budget, every_predictor
 from scipy import stats
 
 TARGETS = ("car", "recall")
+FORETOLD = ("generalist", "expected_recall", "log_cells", "covered_entropy", "expected_points")
+"""Predictors by which values are foretold."""
 
 
 def aside_table(seen: Judged, aside: Judged) -> str:
@@ -23,30 +23,25 @@ def aside_table(seen: Judged, aside: Judged) -> str:
         [label(name), *(number(_rho(group, name, t)) for t in TARGETS for group in groups)]
         for name in PREDICTORS
     ]
-    words = ("looked at", "set aside", "looked at, same LiDARs", "set aside, same LiDARs")
+    words = ("looked at", "aside", "same LiDARs, looked at", "same LiDARs, aside")
     heads = [HEADS[list(SHORT).index(target)] for target in TARGETS]
-    sizes = [f"{word} ({len(own.rigs)})" for word, own in zip(words, groups, strict=True)]
-    return table(["", *(f"{head}: {size}" for head in heads for size in sizes)], rows)
+    sizes = [f"{len(own.rigs)} {word}" for word, own in zip(words, groups, strict=True)]
+    return table(["", *(f"{head}, {size}" for head in heads for size in sizes)], rows)
 
 
-def errors_table(seen: Judged, aside: Judged, names: Sequence[str]) -> str:
+def errors_table(seen: Judged, aside: Judged) -> str:
     """What rigs set aside would reach, by a straight line through those looked at: errors.
 
     Mean absolute, in points; the first row takes the mean of those looked at for all.
     """
-    rows = [["the mean of all looked at"], *([label(name)] for name in names)]
+    rows = [["the mean of all looked at"], *([label(name)] for name in FORETOLD)]
     for target in TARGETS:
         y, new = seen.means(target), aside.means(target)
         rows[0].append(number(float((new - y.mean()).abs().mean()), 1))
         wide = every_predictor(SHORT[target])
-        for row, name in zip(rows[1:], names, strict=True):
+        for row, name in zip(rows[1:], FORETOLD, strict=True):
             row.append(number(_error(wide[name], y, new), 1))
     return table(["", *(HEADS[list(SHORT).index(target)] for target in TARGETS)], rows)
-
-
-def rho(group: Judged, name: str, target: str) -> str:
-    """Spearman's with 95 %, as of every other set of rigs."""
-    return group.interval(name, target)
 
 
 def _error(x: pd.Series, y: pd.Series, new: pd.Series) -> float:

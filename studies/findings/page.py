@@ -10,6 +10,7 @@ import textwrap
 from functools import cache
 from typing import Any
 
+from aside import aside_table, errors_table
 from candidates import FOLDER
 from combining import shares
 from figures import write_figure
@@ -64,13 +65,16 @@ def _wrapped(block: str) -> str:
 
 def _facts() -> dict[str, Any]:
     """What the words may use, by name."""
-    every = Judged(_trained())
+    every, aside = Judged(_trained()), Judged(set_aside())
     return {
         "every": every,
         "four": _four(),
         "told": Judged([name for name in _four().rigs if name != "optimum_m_sog"]),
-        "set_aside": ", ".join(f"`{name}`" for name in set_aside()),
-        "aside_number": len(set_aside()),
+        "aside": aside,
+        "aside_four": Judged(equal_budget(set_aside())),
+        "whole": Judged(equal_budget([*every.rigs, *aside.rigs])),
+        "aside_table": aside_table(every, aside),
+        "errors_table": errors_table(every, aside),
         "optima_table": _optima_table(),
         "combination_table": _combination_table(_four()),
         "shares_table": _shares_table(_four()),
@@ -93,7 +97,7 @@ def _counts() -> dict[str, int]:
     """Of the test frames, and of what was trained."""
     individuals = read("individuals").query("split == 'test'")
     results = read("main_results")
-    own = results[results["judge"] == "specialist"]
+    own = own_detectors()
     return {
         "boxes": int(individuals["boxes"].sum()),
         "individuals": len(individuals),
