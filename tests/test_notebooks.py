@@ -37,6 +37,17 @@ def test_it_is_committed_without_outputs(name):
         assert (cell["outputs"], cell["execution_count"]) == ([], None)
 
 
+def test_the_quick_start_is_what_a_sweep_computes(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    found = run("quickstart.ipynb")
+    ranking, swept = found["ranking"], found["wide"]
+    assert set(ranking.index) == {*PAPER_PLACEMENTS, "mine"}
+    assert list(swept.index) == ["center", "line", "mine"]
+    for name in ("covered_entropy", "expected_recall"):
+        assert swept[name].to_dict() == pytest.approx(ranking[name][swept.index].to_dict())
+    assert (tmp_path / "runs/first/report.html").exists()
+
+
 def test_a_box_log(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     ranking = run("box_log.ipynb")["ranking"]
