@@ -10,6 +10,8 @@ import textwrap
 from functools import cache
 from typing import Any
 
+import exact
+import lidars
 from aside import aside_table, errors_table
 from candidates import FOLDER
 from combining import shares
@@ -75,6 +77,9 @@ def _facts() -> dict[str, Any]:
         "whole": Judged(equal_budget([*every.rigs, *aside.rigs])),
         "aside_table": aside_table(every, aside),
         "errors_table": errors_table(every, aside),
+        "exact": exact,
+        "lidars": lidars,
+        "reference": REFERENCE,
         "optima_table": _optima_table(),
         "combination_table": _combination_table(_four()),
         "shares_table": _shares_table(_four()),
