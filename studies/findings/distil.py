@@ -37,9 +37,11 @@ SOURCES = {
     "exact": ("exact",),
     "controlled": ("controlled",),
     "riddle": ("riddle",),
-    "finetuned": ("finetuned",),
+    "second": ("second",),
 }
 """Of each table the run folders, `findings_` before their names."""
+MEANS_ALONE = ("exact", "second")
+"""Tables whose values without a route or an individual nothing asks for."""
 _ONLY_OF_RUNS = ("trial", "detector", "difficulty")
 
 
@@ -51,14 +53,18 @@ def main() -> None:
         found = [RunFolder.read(f) for f in folders if (f / "results.parquet").exists()]
         if not found:
             continue
+        show(f"{name}: {', '.join(run.sweep.name for run in found)}")
         wanted = [*TARGETS, *ONLY_IN.get(name, ())]
         _write(f"{name}_results", [_wanted(_judged(run, run.results), wanted) for run in found])
+        if name in MEANS_ALONE:
+            continue
         left_out = [_of_units(_wanted(_judged(run, run.left_out), wanted)) for run in found]
         _write(f"{name}_left_out", left_out)
         if name == "main":
             _write("surrogates", [run.surrogates[_SURROGATES] for run in found[:1]])
+            by_q = [run.expected_ig_by_q for run in found[:1] if run.expected_ig_by_q is not None]
+            _write("expected_ig_by_q", by_q)
             _write("individuals", [] if found[0].individuals is None else [found[0].individuals])
-        show(f"{name}: {', '.join(run.sweep.name for run in found)}")
     occluded = runs / "findings_occluded"
     if (occluded / "surrogates.parquet").exists():
         own = RunFolder.read(occluded).surrogates[_SURROGATES]

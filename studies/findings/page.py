@@ -16,6 +16,7 @@ from aside import aside_table, errors_table
 from candidates import FOLDER
 from combining import shares
 from figures import write_figure
+from fitted import fitted_table
 from jinja2 import Environment, StrictUndefined
 from judged import HEADS, SHORT, Judged, label, number, table
 from predicting import equal_budget, every_predictor, own_detectors, read, set_aside
@@ -68,15 +69,17 @@ def _wrapped(block: str) -> str:
 def _facts() -> dict[str, Any]:
     """What the words may use, by name."""
     every, aside = Judged(_trained()), Judged(set_aside())
+    told = [name for name in _four().rigs if name != "optimum_m_sog"]
     return {
         "every": every,
         "four": _four(),
-        "told": Judged([name for name in _four().rigs if name != "optimum_m_sog"]),
+        "told": Judged(told),
         "aside": aside,
         "aside_four": Judged(equal_budget(set_aside())),
         "whole": Judged(equal_budget([*every.rigs, *aside.rigs])),
         "aside_table": aside_table(every, aside),
         "errors_table": errors_table(every, aside),
+        "fitted_table": fitted_table(Judged(told)),
         "exact": exact,
         "lidars": lidars,
         "reference": REFERENCE,
