@@ -28,7 +28,7 @@ from lidarplace.studio.page.page import Page
 from lidarplace.studio.page.server import serving
 from lidarplace.studio.rigs_file import read_rigs
 from lidarplace.studio.studio import Studio
-from lidarplace.studio.traffic import simulated_traffic
+from lidarplace.studio.traffic import scene_of, simulated_traffic
 
 CLIENT = """
 import sys, viser
@@ -95,7 +95,7 @@ def measure(studio: Studio, moves: int) -> None:
         address = f"ws://{server.get_host()}:{server.get_port()}"
         client = subprocess.Popen([sys.executable, "-c", CLIENT, address])
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-        page = Page(studio, server, None)
+        page = Page(studio, server, scene_of(None))
         sent.after(0.0, CLOUD_BYTES)
         time.sleep(2.0)
         random = np.random.default_rng(0)
@@ -107,7 +107,7 @@ def measure(studio: Studio, moves: int) -> None:
             )
             event = SimpleNamespace(phase="update", target=target)
             start = time.perf_counter()
-            asyncio.run_coroutine_threadsafe(page._dragged(event), server.get_event_loop())
+            asyncio.run_coroutine_threadsafe(page._pulled(event), server.get_event_loop())
             first, cloud = sent.after(start, 0), sent.after(start, CLOUD_BYTES)
             time.sleep(0.1)  # what is drawn after the cloud
             if move >= 0:  # the first compile

@@ -16,6 +16,7 @@ EXTRAS = {
     "libsumo": "sumo",
     "sumo": "sumo",
     "sumolib": "sumo",
+    "imageio": "studio",
     "viser": "studio",
     "carla": "carla",
     "foxglove": "mcap",

@@ -14,7 +14,7 @@ from lidarplace.ranges import FRAMES, PORT, RESOLUTION
 from lidarplace.roi import Roi
 from lidarplace.studio.rigs_file import read_rigs
 from lidarplace.studio.studio import PAPER_ROI, Studio
-from lidarplace.studio.traffic import simulated_traffic
+from lidarplace.studio.traffic import scene_of, simulated_traffic
 
 MOST_FRAMES = 400
 
@@ -58,7 +58,7 @@ def studio(
         traffic = simulated_traffic() if log is None else read_box_log(log, frames)
         state = Studio(file, traffic, region)
         with serving(port, "lidarplace studio") as server:
-            page = Page(state, server, log)
+            page = Page(state, server, scene_of(log))
             try:
                 address = f"http://{server.get_host()}:{server.get_port()}"
                 print(f"{address}\nCtrl-C ends it.", flush=True)

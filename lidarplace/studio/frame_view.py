@@ -52,9 +52,9 @@ class FrameView:
     """
 
     def __init__(self, log: BoxLog, number: int, roi: Roi, classes: Sequence[str]) -> None:
-        crop: Crop = (roi.x[0], roi.y[0], roi.z[0], roi.x[1], roi.y[1], roi.z[1])
+        self.crop: Crop = (roi.x[0], roi.y[0], roi.z[0], roi.x[1], roi.y[1], roi.z[1])
         self.number = number
-        self.frame: Frame = read_frame(log, number, crop)
+        self.frame: Frame = read_frame(log, number, self.crop)
         self.recall = ExpectedRecall.from_log(self.frame.log, roi, classes)
         self._roi = roi
         self._seen = SeenCells(self.recall.objects)

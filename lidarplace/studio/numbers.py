@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from statistics import fmean
 
 import numpy as np
 
@@ -35,6 +37,12 @@ class Numbers:
     covered_entropy: Mapping[str, float]
     expected_recall: Mapping[str, float]
     exact: bool
+
+    @property
+    def mean_recall(self) -> float:
+        """Mean of `expected_recall` over the classes that there are; NaN without objects."""
+        there = [value for value in self.expected_recall.values() if not math.isnan(value)]
+        return fmean(there) if there else math.nan
 
 
 class Meter:

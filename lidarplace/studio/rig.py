@@ -191,6 +191,11 @@ def enabled(rig: Rig, number: int, works: bool) -> Rig:
     return rig._with(number, replace(rig.lidars[number], enabled=works))
 
 
+def working(rig: Rig) -> Rig:
+    """Without the LiDARs that are disabled."""
+    return replace(rig, lidars=tuple(lidar for lidar in rig.lidars if lidar.enabled))
+
+
 def of_model(rig: Rig, number: int, model: str | None) -> Rig:
     """With another model of the catalogue on a mount; None: the default one.
 

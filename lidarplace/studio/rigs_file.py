@@ -107,11 +107,7 @@ class RigsFile:
         else:
             rest = {} if self.single else self.content
             content = {**rest, "placements": {rig.name: rig.written for rig in rigs}}
-        return str(
-            yaml.safe_dump(
-                content, sort_keys=False, default_flow_style=None, allow_unicode=True, width=100
-            )
-        )
+        return as_yaml(content)
 
 
 def read_rigs(path: Path) -> RigsFile:
@@ -131,6 +127,15 @@ def read_rigs(path: Path) -> RigsFile:
         return RigsFile(path, content, RigsSettings.model_validate(content))
     except ValidationError as error:
         raise ValueError(f"{path}: {fault(error)}") from None
+
+
+def as_yaml(content: Mapping[str, Any]) -> str:
+    """The text of a file with this content."""
+    return str(
+        yaml.safe_dump(
+            dict(content), sort_keys=False, default_flow_style=None, allow_unicode=True, width=100
+        )
+    )
 
 
 def write_rigs(path: Path, text: str, overwrite: bool) -> None:

@@ -8,25 +8,30 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-
-import yaml
+from typing import TYPE_CHECKING, Any
 
 from lidarplace.box_log import BoxLog
 from lidarplace.boxes import CLASSES
+from lidarplace.command_line.invocation import command
+from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.mounting.polygon import GRID_DIGITS, nearest
 from lidarplace.mounting.zone import distance
-from lidarplace.placement import Placement
+from lidarplace.placement import Mount, Placement
 from lidarplace.roi import Roi
 from lidarplace.studio import rig as edits
+from lidarplace.studio.best_pose import BestPose, best_addition, improved
 from lidarplace.studio.blind_ground import BlindGround, blind_ground
 from lidarplace.studio.frame_view import FrameView
 from lidarplace.studio.history import History
-from lidarplace.studio.improve import Improved, improved
 from lidarplace.studio.numbers import Meter, Numbers
 from lidarplace.studio.rig import Rig
-from lidarplace.studio.rigs_file import RigsFile, write_rigs
+from lidarplace.studio.rigs_file import RigsFile, as_yaml, write_rigs
+from lidarplace.studio.sweep_files import RUNS, evaluation_of, sweep_of
 from lidarplace.studio.violations import Violation, price_of, violations
 from lidarplace.studio.why_unseen import AimedRays, why_unseen
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
 
 PAPER_ROI = Roi((-40, 40), (-20, 20), (0, 4), 0.2)
 """The paper's region, all around the vehicle."""
@@ -235,25 +240,44 @@ class Studio:
 
     # Questions.
 
-    def improve(self, number: int) -> Improved:
+    def improve(self, number: int) -> BestPose:
         """Move one LiDAR to where the rig finds most, all others staying where they are.
 
         Raises:
-            ValueError: the LiDAR is disabled, two are in one place, or somebody has changed the rig
-                meanwhile.
+            ValueError: the LiDAR is disabled, two are in one place, no object counts, or somebody
+                has changed the rig meanwhile.
         """
-        rig, placement = self.rig, self.placement
-        if placement is None or not rig.lidars[number].enabled:
+        rig = self.rig
+        if not rig.lidars[number].enabled:
             raise ValueError(f"LiDAR {number} does not work; enable it first")
-        working = [n for n, lidar in enumerate(rig.lidars) if lidar.enabled]
-        found = improved(placement, working.index(number), self.file, self.meter)
-        mount = found.mount
-        turn = {name: round(math.degrees(getattr(mount, name)), 6) for name in edits.ANGLES}
+        others = edits.removed(rig, number).placement(self.lidar)
+        lidar, old = rig.models(self.lidar)[number], rig.mounts[number]
+        found = improved(lidar, old, others, self.file, self.meter)
+        self._as_it_was(rig)
+        if found.after > found.before:
+            self.pose(number, **_pose_of(found.mount))
+        return found
+
+    def add_best(self, model: str | None = None) -> BestPose:
+        """Mount one more LiDAR where the rig then finds most, in any zone.
+
+        Args:
+            model: of the catalogue; the file's by default.
+
+        Raises:
+            ValueError: there is no such model, two LiDARs are in one place, no zone has room, no
+                object counts, or somebody has changed the rig meanwhile.
+        """
+        rig = self.rig
+        lidar = edits.added(rig, model).models(self.lidar)[-1]
+        found = best_addition(lidar, rig.placement(self.lidar), self.file, self.meter)
+        self._as_it_was(rig)
+        self.add(model, **_pose_of(found.mount))
+        return found
+
+    def _as_it_was(self, rig: Rig) -> None:
         if self.rig is not rig:
             raise ValueError("the rig has changed meanwhile; ask again")
-        if found.after > found.before:
-            self.pose(number, x=mount.x, y=mount.y, z=mount.z, **turn)
-        return found
 
     def why_unseen(self, object_id: str) -> tuple[AimedRays, ...]:
         """What becomes of the rays that the working LiDARs aim at an object of the frame.
@@ -264,6 +288,18 @@ class Studio:
         if self.placement is None:
             raise ValueError("no LiDAR works")
         return why_unseen(self.view.frame, object_id, self.placement)
+
+    def plot(self) -> go.Figure:
+        """The frame as the rig sees it, in 3D, for a notebook or a page.
+
+        Raises:
+            ValueError: no LiDAR works, or two are in one place.
+        """
+        from lidarplace.viewing.scene import draw_frame
+
+        if self.placement is None:
+            raise ValueError("no LiDAR works")
+        return draw_frame(self.log, self.view.number, self.placement, self.view.crop)
 
     # Files.
 
@@ -283,29 +319,45 @@ class Studio:
         write_rigs(path, self.file.text_with(self.rigs), overwrite)
         return path
 
-    def sweep(self, path: Path, log: Path, overwrite: bool = False) -> str:
+    def sweep(self, path: Path, scene: Mapping[str, Any], overwrite: bool = False) -> str:
         """Write the configuration of a sweep over the rigs that have LiDARs; its command.
 
         Args:
             path: of the configuration.
-            log: folder of the box log, with frames to train and to test.
+            scene: the traffic as a configuration has it, with frames to train and to test.
 
         Raises:
             ValueError: no rig has a LiDAR.
             FileExistsError: the file is there, and may not be overwritten.
         """
-        rigs = {rig.name: rig.written for rig in self.rigs if rig.lidars}
-        if not rigs:
-            raise ValueError("no rig has a LiDAR; a sweep needs one")
-        content: Mapping[str, object] = {
-            "scene": {"source": "log", "folder": str(log)},
-            "roi": {axis: list(getattr(self.roi, axis)) for axis in "xyz"},
-            "classes": list(self.classes),
-            "lidar": self.file.content.get("lidar", {}),
-            "surrogate": {"resolution": self.roi.resolution},
-            "placements": rigs,
-            "grid": {"placement": list(rigs)},
-        }
-        text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100)
-        write_rigs(path, text, overwrite)
-        return f"python -m sweeps.run {path}"
+        content = sweep_of(self.rigs, self.file, scene, self.roi, self.classes)
+        write_rigs(path, as_yaml(content), overwrite)
+        return command("sweeps.run", str(path))
+
+    def evaluation(self, path: Path, scene: Mapping[str, Any]) -> Path:
+        """Write the configuration of a sweep in which a generalist judges the rigs as they work.
+
+        One of the same name is brought up to date, see `evaluation_of`.
+
+        Args:
+            path, scene: as of `sweep`.
+
+        Returns:
+            The run folder of the sweep, for `found_by_sweep`.
+
+        Raises:
+            ValueError: no rig has a LiDAR that works, or the file is there and no such sweep.
+        """
+        before = read_yaml_file(path) if path.exists() else None
+        if before is not None and not (isinstance(before, dict) and "generalist" in before):
+            raise ValueError(f"{path}: is there already and is no evaluation; name another file")
+        rigs = [edits.working(rig) for rig in self.rigs]
+        sweep = sweep_of(rigs, self.file, scene, self.roi, self.classes)
+        write_rigs(path, as_yaml(evaluation_of(sweep, self.file, before)), overwrite=True)
+        return RUNS / path.stem
+
+
+def _pose_of(mount: Mount) -> dict[str, float]:
+    """By the names of `POSE`, metres and degrees, without what radians have added."""
+    turn = {name: round(math.degrees(getattr(mount, name)), 6) for name in edits.ANGLES}
+    return {"x": mount.x, "y": mount.y, "z": mount.z} | turn

@@ -46,6 +46,7 @@ class Panel:
                 "change", ("add", "duplicate", "mirror", "remove", "to zone")
             )
             self.improve = gui.add_button("improve this LiDAR")
+            self.add_best = gui.add_button("add one where it finds most")
         with tabs.add_tab("View"):
             last = len(studio.frame_numbers) - 1
             self.frame = gui.add_slider("frame", 0, max(1, last), 1, 0, disabled=last == 0)
@@ -55,6 +56,17 @@ class Panel:
             self.unseen = gui.add_html("")
             self.object = gui.add_dropdown("why not seen", (NO_OBJECT,))
             self.answer = gui.add_html("")
+            self.picture = gui.add_button("save a picture")
+        with tabs.add_tab("Ask"):
+            self.evaluate = gui.add_button("evaluate all rigs")
+            self.cancel = gui.add_button("cancel", visible=False)
+            self.progress = gui.add_html("")
+            self.found = gui.add_html("")
+            self.compared = (
+                gui.add_dropdown("what finds", names, initial_value=names[0]),
+                gui.add_dropdown("and misses", names, initial_value=names[-1]),
+            )
+            self.compare = gui.add_button("compare these two")
         with tabs.add_tab("File"):
             self.new_rig = gui.add_text("new rig", "")
             self.copy = gui.add_button("copy this rig")
@@ -67,14 +79,16 @@ class Panel:
 
     def show(self, studio: Studio, chosen: int | None) -> None:
         """Bring the fields of rig and LiDAR up to date; what is right already stays."""
-        _choices(self.rig, [rig.name for rig in studio.rigs], studio.rig.name)
-        rig = studio.rig
+        rig, names = studio.rig, [rig.name for rig in studio.rigs]
+        _choices(self.rig, names, rig.name)
+        for compared in self.compared:
+            _choices(compared, names, compared.value)
         labels = [
             f"{number}: {lidar.model or studio.file.settings.lidar.name or 'LiDAR'}"
             for number, lidar in enumerate(rig.lidars)
         ] or [NO_LIDAR]
         _choices(self.lidar, labels, labels[chosen or 0])
-        for field in (*self.pose.values(), self.model, self.works, self.improve):
+        for field in (*self.pose.values(), self.works, self.improve):
             if field.disabled != (chosen is None):
                 field.disabled = chosen is None
         if chosen is None:

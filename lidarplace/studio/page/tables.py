@@ -102,6 +102,33 @@ def object_answer(objects: pd.DataFrame, chosen: str, rays: Sequence[AimedRays])
     return f'<div style="{_STYLE}">{text}</div>'
 
 
+def evaluation_tables(found: Mapping[str, pd.DataFrame]) -> str:
+    """AP and recall of every rig with the ends of their intervals.
+
+    Args:
+        found: of `lidarplace.studio.sweep_files.found_by_sweep`.
+    """
+    rows = []
+    for metric, table in found.items():
+        rows.append(f'<tr><td colspan="2" style="opacity:0.6">{html.escape(metric)}, %</td></tr>')
+        for name, row in table.sort_values("mean", ascending=False).iterrows():
+            mean, low, high = (_text(float(row[end]), ".1f") for end in ("mean", "low", "high"))
+            rows.append(
+                f"<tr><td>{html.escape(str(name))}</td>"
+                f'<td style="{_CELL}"><b>{mean}</b> ({low} to {high})</td></tr>'
+            )
+    return (
+        f'<div style="{_STYLE}"><table style="width:100%; border-collapse:collapse">'
+        f"{''.join(rows)}</table></div>"
+    )
+
+
+def progress(lines: Sequence[str]) -> str:
+    """What a command has printed last."""
+    text = "".join(f"<div>{html.escape(line)}</div>" for line in lines or ["starts …"])
+    return f'<div style="{_STYLE}; font-family:monospace; overflow-wrap:anywhere">{text}</div>'
+
+
 def message(text: str, good: bool = True) -> str:
     """A line of the page to the person."""
     colour = "inherit" if good else "#c92a2a"

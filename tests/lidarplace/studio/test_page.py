@@ -26,6 +26,7 @@ pytest.importorskip("viser")
 from lidarplace.studio.page.page import Page
 from lidarplace.studio.page.panel import assign
 from lidarplace.studio.page.server import serving
+from tests.lidarplace.studio.browsers import Browser
 
 ROI = Roi((-16, 16), (-8, 8), (0, 4), 0.4)
 CARS = [(8.0, 1.0), (-9.0, -2.0), (6.0, 5.0)]
@@ -37,7 +38,7 @@ GUARD_MS = 1_800_000
 def page(tmp_path):
     studio = Studio(read_rigs(written(tmp_path)), log_of(CARS), ROI)
     with serving(None, "studio") as server:
-        shown = Page(studio, server, None)
+        shown = Page(studio, server, {"source": "log", "folder": "logs/mine"})
         yield shown
         shown.close()
 
@@ -54,6 +55,7 @@ def s_mig_of(studio):
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="needs chromium")
 def test_a_person_types_undoes_saves_and_reloads(page):
     playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
+    Image = pytest.importorskip("PIL.Image", reason="needs Pillow")
     studio = page.studio
     assign(page.panel.cloud, False)  # a browser without a GPU draws points for seconds
     with playwright.sync_playwright() as browsers:
@@ -84,6 +86,13 @@ def test_a_person_types_undoes_saves_and_reloads(page):
         tab.get_by_role("button", name="redo").click()
         expect(field).to_have_value("14.5")
 
+        tab.get_by_role("tab", name="View").click()
+        with tab.expect_download() as download:
+            tab.get_by_role("button", name="save a picture").click()
+        width, height = Image.open(download.value.path()).size
+        assert 200 < width <= 640
+        assert 200 < height <= 480
+
         tab.get_by_role("tab", name="File").click()
         tab.get_by_role("button", name="save", exact=True).click()
         expect(tab.get_by_text("is there already")).to_be_visible()
@@ -110,9 +119,9 @@ def until(found):
 
 def drag(page, phase, position=(0.1, 0.6, 1.8), wxyz=None):
     """What the browser tells when somebody pulls at the handle."""
-    wxyz = quaternion(page.studio.rig.mounts[page.chosen]) if wxyz is None else wxyz
+    wxyz = quaternion(page.studio.rig.mounts[page.editing.chosen]) if wxyz is None else wxyz
     target = SimpleNamespace(position=np.array(position), wxyz=wxyz)
-    coroutine = page._dragged(SimpleNamespace(phase=phase, target=target))
+    coroutine = page._pulled(SimpleNamespace(phase=phase, target=target))
     with pytest.raises(StopIteration):
         coroutine.send(None)
 
@@ -155,14 +164,42 @@ def test_a_drag_without_an_end_is_drawn_at_rest_and_kept_by_the_next_step(page):
     assert page.studio.rig.pose(0)["x"] == 0.5
 
 
+def test_ten_browsers_see_the_same_rig_and_half_of_them_leave_in_the_midst_of_a_pull(page):
+    browsers = [Browser(address(page)) for _ in range(10)]
+    exact = 'data-exact="true"'
+
+    def all_show(text, among):
+        return all(any(text in one and exact in one for one in b.content.values()) for b in among)
+
+    until(lambda: all_show(s_mig_of(page.studio), browsers))
+    for n, browser in enumerate(browsers):
+        browser.pull((0.2 + 0.05 * n, 0.6, 1.8))
+        until(lambda x=round(0.2 + 0.05 * n, 3): page.studio.rig.pose(0)["x"] == x)
+        if n % 2:
+            browser.close()
+    left = browsers[::2]
+    until(lambda: all_show(s_mig_of(page.studio), left))
+    left[0].type("pitch, °", 7.5)
+    until(lambda: page.studio.rig.pose(0)["pitch"] == 7.5)
+    until(lambda: all(b.values["pitch, °"] == 7.5 for b in left[1:]))
+    until(lambda: all_show(s_mig_of(page.studio), left))
+    page.studio.undo()
+    assert page.studio.rig.pose(0)["x"] == 0.65  # where the last one has let go
+    late = Browser(address(page))
+    page.refresh()
+    until(lambda: all_show(s_mig_of(page.studio), [late]))
+    for browser in (*left, late):
+        browser.close()
+
+
 def test_a_lidar_that_goes_while_it_is_dragged_does_no_harm(page):
     while page.studio.rig.lidars:
         page.studio.remove(0)
-    coroutine = page._dragged(SimpleNamespace(phase="update", target=None))
+    coroutine = page._pulled(SimpleNamespace(phase="update", target=None))
     with pytest.raises(StopIteration):
         coroutine.send(None)
     page.refresh()
-    until(lambda: page.chosen is None)
+    until(lambda: page.editing.chosen is None)
 
 
 def test_every_button_does_what_it_says(page):
@@ -174,11 +211,12 @@ def test_every_button_does_what_it_says(page):
         ("to zone", 5),
         ("remove", 4),
     ):
-        page._change(what)
+        page.editing.change(what)
         assert len(studio.rig.lidars) == number
-    page._model("pandar40p")
-    assert studio.rig.lidars[page._one()].model == "pandar40p"
-    page._choose_rig("left handed")
+    assign(page.panel.model, "pandar40p")
+    page.editing.model()
+    assert studio.rig.lidars[page.editing.one()].model == "pandar40p"
+    page.editing.choose_rig("left handed")
     assert studio.rig.name == "left handed"
     page.panel.blind.value = "a child"
     page.panel.object.value = "none"
@@ -189,9 +227,13 @@ def test_every_button_does_what_it_says(page):
 def test_a_page_writes_beside_its_file_alone(page):
     for name in ("../other.yaml", "/tmp/other.yaml", "", "rigs.txt"):
         with pytest.raises(ValueError, match="name of a file"):
-            page._beside(name)
-    with pytest.raises(ValueError, match="--log"):
-        page._sweep(False)
+            page.files.beside(name)
+    assert page.files.sweep().startswith("python -m sweeps.run ")
+    with pytest.raises(FileExistsError):
+        page.files.sweep()
+    assert page.panel.overwrite.visible
+    assert page.files.confirm().startswith("python -m sweeps.run ")
+    assert page.files.confirm() == ""
 
 
 def test_no_public_address_is_asked_for(page):

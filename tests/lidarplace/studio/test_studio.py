@@ -10,14 +10,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarplace import ExpectedRecall, Lidar, Mount, OccupancyGrid, Placement, Roi, evaluate
-from lidarplace.configuration.placement import read_placement
-from lidarplace.configuration.yaml import parse_yaml
+from lidarplace.configuration.placement import PlacementSettings, read_placement
+from lidarplace.configuration.yaml import parse_yaml, read_yaml_file
 from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.scenes.sumo.settings import SumoScene
+from lidarplace.studio.best_pose import ROUNDS
 from lidarplace.studio.blind_ground import EDGE_M, LOWEST_M, blind_ground
-from lidarplace.studio.improve import ROUNDS
 from lidarplace.studio.numbers import RECALL_FRAMES, thinned
 from lidarplace.studio.rigs_file import read_rigs
 from lidarplace.studio.studio import Studio
+from lidarplace.studio.sweep_files import found_by_sweep
+from lidarplace.studio.traffic import scene_of, simulated_scene
 from lidarplace.studio.violations import violations
 from sweeps.plan.plan import read_plan
 from tests.lidarplace.studio.rigs import TEXT, log_of, written
@@ -173,12 +176,77 @@ def test_the_file_of_one_placement_stays_one(tmp_path):
 def test_a_sweep_of_the_rigs_can_be_planned(studio, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_small_log(tmp_path / "log")
-    command = studio.sweep(tmp_path / "sweep.yaml", tmp_path / "log")
-    assert command == f"python -m sweeps.run {tmp_path / 'sweep.yaml'}"
-    _, plan = read_plan(tmp_path / "sweep.yaml")
+    path, scene = tmp_path / "sweep.yaml", scene_of(tmp_path / "log")
+    assert studio.sweep(path, scene) == f"python -m sweeps.run {path}"
+    _, plan = read_plan(path)
     assert {trial.grid_point.point.placement for trial in plan.trials} == {"roof", "left handed"}
     with pytest.raises(FileExistsError):
-        studio.sweep(tmp_path / "sweep.yaml", tmp_path / "log")
+        studio.sweep(path, scene)
+
+
+def trained(path):
+    """What is trained in a sweep, and who is judged by it."""
+    _, plan = read_plan(path)
+    judged = {trial.grid_point.point.placement: trial.finetune.key for trial in plan.trials}
+    (generalist,) = {*judged.values()}
+    return generalist, {*judged}
+
+
+def test_one_generalist_judges_the_rigs_however_they_are_edited(studio, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_small_log(tmp_path / "log")
+    path, scene = tmp_path / "evaluation.yaml", scene_of(tmp_path / "log")
+    assert studio.evaluation(path, scene) == Path("runs/evaluation")
+    first, judged = trained(path)
+    assert judged == {"roof", "left handed"}
+    content = read_yaml_file(path)
+    rigs = [content["placements"][name] for name in content["generalist"]["rigs"]]
+    farthest = max(mount.x for rig in rigs for mount in PlacementSettings(**rig).mounts)
+    assert farthest > 0.6  # around the rigs alone 0.4: the zone ends at x = 1
+    path.write_text(path.read_text() + "training: {epochs: 3}\n")
+    studio.pose(0, x=0.3)
+    studio.enable(1, False)
+    studio.evaluation(path, scene)
+    again = read_yaml_file(path)
+    assert trained(path)[0] == first
+    assert len(again["placements"]["roof"]["mounts"]) == 1  # the rig as it works
+    assert again["training"] == {"epochs": 3}
+    studio.model(0, "pandar40p")  # which the generalist has not seen
+    studio.evaluation(path, scene)
+    assert trained(path)[0] != first
+    with pytest.raises(ValueError, match="is no evaluation"):
+        studio.evaluation(studio.file.path, scene)
+
+
+def test_the_simulated_traffic_is_told_to_a_sweep():
+    scene = scene_of(None)
+    assert scene["source"] == "sumo"
+    assert SumoScene(**scene) == simulated_scene()
+
+
+def test_what_a_sweep_has_found_is_read_from_its_folder(tmp_path):
+    tables = tmp_path / "tables"
+    tables.mkdir()
+    (tables / "best-recall-0.5-all.csv").write_text(
+        "placement,mean,low,high,sd\na,50,40,60,\nb,30,,,\n"
+    )
+    (tables / "other.csv").write_text("x\n1\n")
+    found = found_by_sweep(tmp_path)
+    assert list(found) == ["recall 0.5 all"]
+    assert found["recall 0.5 all"].loc["a"].tolist() == [50, 40, 60]
+    assert math.isnan(found["recall 0.5 all"].loc["b", "low"])
+    (tables / "best-ap.csv").write_text("placement,mean\na,1\n")
+    with pytest.raises(ValueError, match=r"best-ap\.csv: no column low, high"):
+        found_by_sweep(tmp_path)
+
+
+def test_the_frame_is_plotted_as_the_rig_sees_it(studio):
+    names = [trace.name for trace in studio.plot().data]
+    assert any("Car" in str(name) for name in names)
+    studio.enable(0, False)
+    studio.enable(1, False)
+    with pytest.raises(ValueError, match="no LiDAR works"):
+        studio.plot()
 
 
 def test_mistakes_name_the_file_and_the_key(tmp_path):
@@ -252,6 +320,46 @@ def test_improving_finds_more_within_the_limits(studio):
     with pytest.raises(ValueError, match="does not work"):
         studio.improve(0)
     assert ROUNDS > 1
+
+
+def test_one_more_goes_where_it_finds_most(studio):
+    """At least as much as at any level pose of a grid in the zone; all rays are compared here."""
+    before = studio.numbers().mean_recall
+    levels = [
+        Mount(x, y, z)
+        for x in np.linspace(-1, 1, 5)
+        for y in np.linspace(-0.7, 0.7, 5)
+        for z in (1.6, 2.0)
+        if math.hypot(x - 0.1, y - 0.6) > 0.2 < math.hypot(x, y + 0.6)
+    ]
+    rigs = [Placement("level", [*studio.rig.mounts, mount], studio.lidar) for mount in levels]
+    best = max(studio.meter.measure(rig).mean_recall for rig in rigs)
+    found = studio.add_best()
+    assert found.before == before
+    assert found.after == studio.numbers().mean_recall >= best > before
+    assert len(studio.rig.lidars) == 3
+    assert not [v for v in studio.violations() if v.constraint != "price"]
+    assert studio.undo()
+    assert len(studio.rig.lidars) == 2
+    studio.add_best("vlp16")
+    assert studio.rig.lidars[2].model == "vlp16"
+
+
+def test_the_best_place_is_within_the_limits_or_there_is_none(tmp_path):
+    far = "zones: {roof: {x: 0, y: 0, z: 2}}\n"
+    studio = Studio(read_rigs(written(tmp_path, far)), log_of([(8.0, 1.0)]), ROI)
+    studio.add_best()
+    assert (studio.rig.mounts[0].position == [0, 0, 2]).all()
+    with pytest.raises(ValueError, match="no pose was found"):
+        studio.add_best()
+    nobody = Studio(read_rigs(written(tmp_path, far)), log_of([(90.0, 1.0)]), ROI)
+    with pytest.raises(ValueError, match="no object counts"):
+        nobody.add_best()
+    free = Studio(read_rigs(written(tmp_path, "")), log_of([(8.0, 1.0)]), ROI)
+    free.add_best("at128")  # looks forward alone, and there the car is
+    assert free.numbers().mean_recall > 0
+    assert abs(free.rig.pose(0)["yaw"]) < 90
+    assert not free.violations()
 
 
 def test_the_example_keeps_its_own_constraints():

@@ -1,0 +1,129 @@
+"""How a page shows what a studio has become, in the order in which a hand wants to see it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from lidarplace.studio.blind_ground import HEIGHTS_M, BlindGround
+from lidarplace.studio.frame_view import MOVING_POINTS, RESTING_POINTS
+from lidarplace.studio.page.dragged import quaternion
+from lidarplace.studio.page.editing import Editing
+from lidarplace.studio.page.panel import NO_OBJECT, NOBODY, Panel
+from lidarplace.studio.page.scene import Scene
+from lidarplace.studio.page.tables import (
+    Row,
+    numbers_table,
+    object_answer,
+    unseen_list,
+    violations_list,
+)
+from lidarplace.studio.studio import Studio
+
+if TYPE_CHECKING:
+    import viser
+
+
+class Drawing:
+    """Draws a studio on a server and its panel.
+
+    Args:
+        pulled: is told of each pull at the handle.
+    """
+
+    def __init__(
+        self,
+        studio: Studio,
+        server: viser.ViserServer,
+        panel: Panel,
+        editing: Editing,
+        pulled: Any,
+    ) -> None:
+        self._studio, self._server, self._panel, self._editing = studio, server, panel, editing
+        self._scene = Scene(server, studio.file, studio.roi)
+        self._pulled = pulled
+        self._handle: viser.TransformControlsHandle | None = None
+        self._drawn: object = None  # rig and LiDAR whose solids stand in the scene
+
+    def draw(self, resting: bool) -> None:
+        """Draw all that is shown; coarsely unless it rests."""
+        studio, panel = self._studio, self._panel
+        rig = studio.rig
+        self._editing.still_there()
+        ground = self._ground()
+        self._draw_numbers(resting, ground)
+        self._server.flush()
+        self._draw_lidars(resting)
+        view, placement = studio.view, studio.placement
+        working = [n for n, lidar in enumerate(rig.lidars) if lidar.enabled]
+        most = RESTING_POINTS if resting else MOVING_POINTS
+        cloud = view.cloud(placement, most) if panel.cloud.value else None
+        with self._server.atomic():
+            self._scene.cloud(cloud, working)
+        self._server.flush()
+        objects = view.objects(placement)
+        self._scene.objects(view.frame.objects, objects)
+        panel.unseen.content = unseen_list(objects)
+        self._scene.blind(ground)
+        if resting:
+            panel.violations.content = violations_list(studio.violations())
+            panel.show(studio, self._editing.chosen)
+            panel.show_objects(view.frame.objects["object_id"].astype(str).tolist())
+            self._draw_answer()
+        self._server.flush()
+
+    def _ground(self) -> BlindGround | None:
+        """What is blind, if somebody wants to see it."""
+        who = self._panel.blind.value
+        return None if who == NOBODY else self._studio.blind_ground(HEIGHTS_M[who])
+
+    def _draw_numbers(self, resting: bool, ground: BlindGround | None) -> None:
+        studio = self._studio
+        others: list[Row] = []
+        if studio.file.settings.prices:
+            begun = studio.price_begun
+            others.append(("Price", studio.price, begun, ",.6g"))
+        if ground is not None:
+            label = f"Blind for {self._panel.blind.value}, %"
+            others.append((label, 100 * ground.share, None, ".1f"))
+        self._panel.numbers.content = numbers_table(
+            studio.numbers(resting), studio.numbers_begun(resting), studio.meter.h_pog, others
+        )
+
+    def _draw_lidars(self, resting: bool) -> None:
+        """While one is dragged its own solid alone moves: the rest is as it was."""
+        rig, chosen = self._studio.rig, self._editing.chosen
+        if not resting and chosen is not None:
+            self._scene.move(chosen, rig.mounts[chosen])
+            return
+        drawn = (rig, chosen)
+        if drawn == self._drawn:
+            return
+        self._drawn = drawn
+        with self._server.atomic():
+            self._scene.lidars(rig, rig.models(self._studio.lidar), chosen)
+            self._draw_handle(chosen)
+
+    def _draw_handle(self, chosen: int | None) -> None:
+        """The handle of the chosen LiDAR; it is one for all of them."""
+        if chosen is None:
+            if self._handle is not None:
+                self._handle.visible = False
+            return
+        mount = self._studio.rig.mounts[chosen]
+        if self._handle is None:
+            self._handle = self._server.scene.add_transform_controls(
+                "/handle", scale=1.0, line_width=3.0, depth_test=False
+            )
+            self._handle.on_update(self._pulled)
+        self._handle.position = mount.position
+        self._handle.wxyz = quaternion(mount)
+        self._handle.visible = True
+
+    def _draw_answer(self) -> None:
+        chosen = self._panel.object.value
+        if chosen == NO_OBJECT or self._studio.placement is None:
+            self._panel.answer.content = ""
+            return
+        rays = self._studio.why_unseen(chosen)
+        objects = self._studio.view.objects(self._studio.placement)
+        self._panel.answer.content = object_answer(objects, chosen, rays)

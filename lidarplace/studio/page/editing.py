@@ -1,0 +1,100 @@
+"""What a person does to the rig on a page: which LiDAR is chosen, and how it changes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from lidarplace.studio.page.dragged import dragged
+from lidarplace.studio.page.panel import FROM_FILE, NO_LIDAR, Panel
+from lidarplace.studio.studio import Studio
+
+if TYPE_CHECKING:
+    import viser
+
+ABOVE_M = 0.3
+"""How far above the body a LiDAR is added."""
+
+
+class Editing:
+    """Changes the rig of a studio; mistakes are ValueErrors.
+
+    Attributes:
+        chosen: number of the LiDAR under the hands; somebody else may have taken it away.
+    """
+
+    def __init__(self, studio: Studio, panel: Panel) -> None:
+        self._studio, self._panel = studio, panel
+        self.chosen: int | None = 0 if studio.rig.lidars else None
+
+    def one(self) -> int:
+        """The chosen LiDAR. Raises ValueError without any."""
+        number = len(self._studio.rig.lidars)
+        if self.chosen is None or not number:
+            raise ValueError("there is no LiDAR; add one")
+        return min(self.chosen, number - 1)
+
+    def still_there(self) -> None:
+        """Choose another LiDAR if the chosen one is gone."""
+        number = len(self._studio.rig.lidars)
+        if self.chosen is not None and self.chosen >= number:
+            self.chosen = number - 1 if number else None
+
+    def choose_last(self) -> None:
+        """Choose the LiDAR that was mounted last."""
+        self.chosen = len(self._studio.rig.lidars) - 1
+
+    def choose_rig(self, name: str) -> None:
+        """Take another rig into the hands."""
+        self._studio.choose(name)
+        self.chosen = 0 if self._studio.rig.lidars else None
+
+    def choose_lidar(self, label: str) -> None:
+        """Choose the LiDAR of that label."""
+        self.chosen = None if label == NO_LIDAR else int(label.partition(":")[0])
+
+    def typed(self, name: str, value: float) -> None:
+        """Give the chosen LiDAR another coordinate."""
+        self._studio.pose(self.one(), **{name: float(value)})
+
+    def model_to_add(self) -> str | None:
+        """The model that the field shows; None: the file's."""
+        name = self._panel.model.value
+        return None if name == FROM_FILE else name
+
+    def model(self) -> None:
+        """Give the chosen LiDAR the model that the field shows; without one it is for `add`."""
+        if self.chosen is not None:
+            self._studio.model(self.one(), self.model_to_add())
+
+    def works(self, works: bool) -> None:
+        """Let the chosen LiDAR work, or be dead."""
+        self._studio.enable(self.one(), works)
+
+    def change(self, what: str) -> None:
+        """Press one of the buttons that change which LiDARs there are."""
+        studio = self._studio
+        if what == "add":
+            top = round(studio.file.vehicle.height + ABOVE_M, 3)
+            studio.add(self.model_to_add(), x=0.0, y=0.0, z=top)
+        elif what == "remove":
+            studio.remove(self.one())
+        elif what == "to zone":
+            studio.snap(self.one())
+        else:
+            getattr(studio, what)(self.one())
+        if what in ("add", "duplicate", "mirror"):
+            self.choose_last()
+
+    def pulled(self, event: viser.TransformControlsEvent) -> bool:
+        """Follow the handle of the chosen LiDAR; whether the pull goes on."""
+        studio, number = self._studio, self.chosen
+        if number is None or number >= len(studio.rig.lidars):
+            return True
+        if event.phase == "end":
+            studio.drop()
+            return False
+        handle = event.target
+        moved = dragged(studio.rig.pose(number), handle.position, handle.wxyz)
+        if moved:
+            studio.drag(number, **moved)
+        return True

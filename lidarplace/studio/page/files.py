@@ -1,0 +1,65 @@
+"""What a page writes: rigs, configurations and pictures, beside the file of the rigs alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from lidarplace.studio.page.panel import Panel
+from lidarplace.studio.studio import Studio
+
+YAML = (".yaml", ".yml")
+
+
+class Files:
+    """Writes what the fields of a panel name; what is there already is asked for first.
+
+    Args:
+        scene: the traffic as a configuration of a sweep has it.
+    """
+
+    def __init__(self, studio: Studio, panel: Panel, scene: Mapping[str, Any]) -> None:
+        self._studio, self._panel, self._scene = studio, panel, scene
+        self._overwrite: Callable[[], str] | None = None
+
+    def save(self) -> str:
+        """Save the rigs, or ask; what to tell."""
+        path = self.beside(self._panel.path.value)
+
+        def write(overwrite: bool) -> str:
+            return f"saved: {self._studio.save(path, overwrite)}"
+
+        return self._asking(write)
+
+    def sweep(self) -> str:
+        """Write a sweep of the rigs, or ask; its command."""
+        path = self.beside(self._panel.sweep_path.value)
+        return self._asking(lambda over: self._studio.sweep(path, self._scene, over))
+
+    def evaluation(self) -> tuple[Path, Path]:
+        """Write the evaluation of the rigs; its configuration and its run folder."""
+        path = self.beside(f"evaluation-of-{self._studio.file.path.stem}.yaml")
+        return path, self._studio.evaluation(path, self._scene)
+
+    def confirm(self) -> str:
+        """Overwrite what was asked for last; what to tell."""
+        overwrite, self._overwrite = self._overwrite, None
+        return "" if overwrite is None else overwrite()
+
+    def beside(self, name: str, endings: tuple[str, ...] = YAML) -> Path:
+        """A file in the folder of the rigs. Raises ValueError for one that is not."""
+        if not name or Path(name).name != name or not name.endswith(endings):
+            ending = endings[0]
+            raise ValueError(
+                f"the name of a file ends in {ending} and has no folder, found {name!r}"
+            )
+        return self._studio.file.path.parent / name
+
+    def _asking(self, write: Callable[[bool], str]) -> str:
+        try:
+            return write(False)
+        except FileExistsError:
+            self._overwrite = lambda: write(True)
+            self._panel.overwrite.visible = True
+            raise

@@ -1,0 +1,84 @@
+"""What a browser says to viser's server and hears from it, without a browser: many at a time."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import msgspec.msgpack
+import viser
+import zstandard
+from viser import _messages
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+
+class Browser:
+    """A connection to a page; a thread of its own reads what comes.
+
+    Attributes:
+        content: HTML by the id of its field, as it was told last.
+        values: of the fields in which something is typed or chosen, by label.
+    """
+
+    def __init__(self, address: str) -> None:
+        protocol = f"viser-v{viser.__version__}"
+        self._socket = connect(
+            address.replace("http", "ws"), subprotocols=[protocol], max_size=None
+        )
+        self.content: dict[str, str] = {}
+        self.values: dict[str, Any] = {}
+        self._label: dict[str, str] = {}
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+        camera = _messages.ViewerCameraMessage(
+            (1.0, 0.0, 0.0, 0.0), (-6.0, 4.0, 5.0), 1.0, 0.1, 100.0, 480, 640,
+            (1.5, 0.0, 0.8), (0.0, 0.0, 1.0),
+        )  # fmt: skip
+        self._say(camera)
+
+    @property
+    def labels(self) -> set[str]:
+        """Of the fields and buttons that there are."""
+        return set(self._label.values())
+
+    def type(self, label: str, value: object) -> None:
+        """Type into the field of that label, choose in it, or press it."""
+        uuid = next(uuid for uuid, known in self._label.items() if known == label)
+        self._say(_messages.GuiUpdateMessage(uuid, {"value": value}))
+
+    def pull(self, position: tuple[float, float, float]) -> None:
+        """Pull at the handle, and hold it."""
+        self._say(_messages.TransformControlsDragStartMessage("/handle"))
+        turn = (1.0, 0.0, 0.0, 0.0)
+        self._say(_messages.TransformControlsUpdateMessage("/handle", turn, position))
+
+    def close(self) -> None:
+        """Close the tab."""
+        self._socket.close()
+        self._reader.join()
+
+    def _say(self, message: _messages.Message) -> None:
+        self._socket.send(msgspec.msgpack.encode(message.as_serializable_dict()))
+
+    def _read(self) -> None:
+        try:
+            for raw in self._socket:
+                assert isinstance(raw, bytes)
+                end = 16 + int.from_bytes(raw[8:16], "little")
+                inner = zstandard.ZstdDecompressor().decompress(raw[16:end])
+                for message in msgspec.msgpack.decode(inner)["messages"]:
+                    self._hear(message)
+        except ConnectionClosed:
+            pass
+
+    def _hear(self, message: dict[str, Any]) -> None:
+        uuid = message.get("uuid", "")
+        told = message.get("props", {}) | message.get("updates", {})
+        if "label" in told:
+            self._label[uuid] = told["label"]
+        if "content" in told:
+            self.content[uuid] = told["content"]
+        for source in (message, told):
+            if "value" in source and uuid in self._label:
+                self.values[self._label[uuid]] = source["value"]

@@ -1,0 +1,116 @@
+"""What takes a page long: commands of a stand-in for `sweeps`, which runs as a process."""
+
+import pytest
+
+from lidarplace import Roi
+from lidarplace.studio.rigs_file import read_rigs
+from lidarplace.studio.studio import Studio
+from tests.lidarplace.studio.rigs import log_of, written
+
+pytest.importorskip("viser")
+
+from lidarplace.studio.page.page import Page
+from lidarplace.studio.page.panel import assign
+from lidarplace.studio.page.server import serving
+from tests.lidarplace.studio.browsers import Browser
+from tests.lidarplace.studio.test_page import address, until
+
+RUN = r"""
+import signal, sys, time
+from pathlib import Path
+signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+config = Path(sys.argv[1])
+print("scene: 1 done", flush=True)
+if Path("fails").exists():
+    sys.exit("no frame is in the test split")
+while Path("waits").exists():
+    time.sleep(0.01)
+tables = Path("runs", config.stem, "tables")
+tables.mkdir(parents=True)
+(tables / "best-recall-0.5-all.csv").write_text("placement,mean,low,high\nroof,61.2,55,67\n")
+"""
+FAILURES = """
+import sys
+from pathlib import Path
+Path("asked").write_text(" ".join(sys.argv[1:]))
+print("3 objects are found by roof alone")
+"""
+
+
+@pytest.fixture
+def page(tmp_path, monkeypatch):
+    """In a folder in which `python -m sweeps.run` is a stand-in."""
+    (tmp_path / "sweeps").mkdir()
+    (tmp_path / "sweeps/__init__.py").touch()
+    (tmp_path / "sweeps/run.py").write_text(RUN)
+    (tmp_path / "sweeps/failures.py").write_text(FAILURES)
+    monkeypatch.chdir(tmp_path)
+    studio = Studio(
+        read_rigs(written(tmp_path)), log_of([(8.0, 1.0)]), Roi((-16, 16), (-8, 8), (0, 4), 0.4)
+    )
+    with serving(None, "studio") as server:
+        shown = Page(studio, server, {"source": "log", "folder": "logs/mine"})
+        yield shown
+        shown.close()
+
+
+def test_an_evaluation_is_shown_with_its_intervals_and_two_rigs_compared(page, tmp_path):
+    with pytest.raises(ValueError, match="evaluate first"):
+        page.asking.compare()
+    page.asking.evaluate()
+    assert "<b>61.2</b> (55.0 to 67.0)" in page.panel.found.content
+    assert "scene: 1 done" in page.panel.progress.content
+    assert "runs/evaluation-of-rigs/decision.html" in page.panel.message.content
+    assert not page.panel.cancel.visible
+    assign(page.panel.compared[1], "left handed")
+    page.asking.compare()
+    expected = (
+        "runs/evaluation-of-rigs --rigs roof,left handed --out runs/evaluation-of-rigs/compared"
+    )
+    assert (tmp_path / "asked").read_text() == expected
+    assert "found by roof alone" in page.panel.progress.content
+    assign(page.panel.compared[1], "roof")
+    with pytest.raises(ValueError, match="two different rigs"):
+        page.asking.compare()
+
+
+def test_the_page_goes_on_while_something_runs_which_can_be_cancelled(page, tmp_path):
+    (tmp_path / "waits").touch()
+    browser = Browser(address(page))
+    until(lambda: "evaluate all rigs" in browser.labels)
+    browser.type("evaluate all rigs", True)
+    until(lambda: "scene: 1 done" in page.panel.progress.content)
+    assert page.panel.cancel.visible
+    with pytest.raises(ValueError, match="runs already"):
+        page.asking.evaluate()
+    browser.type("pitch, °", 3.0)
+    until(lambda: page.studio.rig.pose(0)["pitch"] == 3.0)
+    browser.type("cancel", True)
+    until(lambda: "cancelled" in page.panel.message.content)
+    assert not page.panel.cancel.visible
+    (tmp_path / "waits").unlink()
+    (tmp_path / "fails").touch()
+    browser.type("evaluate all rigs", True)
+    until(lambda: "no frame is in the test split" in page.panel.message.content)
+    browser.close()
+
+
+def test_what_runs_ends_with_the_page(page, tmp_path):
+    (tmp_path / "waits").touch()
+    browser = Browser(address(page))
+    until(lambda: "evaluate all rigs" in browser.labels)
+    browser.type("evaluate all rigs", True)
+    until(lambda: "scene: 1 done" in page.panel.progress.content)
+    page.asking.close()
+    until(lambda: "cancelled" in page.panel.message.content)
+    browser.close()
+
+
+def test_one_more_lidar_is_mounted_where_it_finds_most(page):
+    assign(page.panel.model, "vlp16")
+    page.asking.add_best()
+    assert [lidar.model for lidar in page.studio.rig.lidars] == [None, None, "vlp16"]
+    assert page.editing.chosen == 2
+    assert "→" in page.panel.message.content
+    page.asking.improve()
+    assert page.editing.chosen == 2
