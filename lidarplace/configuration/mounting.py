@@ -97,3 +97,4 @@ class LimitSettings(Settings):
         None, description="largest share of a LiDAR's rays that may meet the vehicle's own body"
     )
     price: Amount | None = Field(None, description="most that all LiDARs may cost together")
+    power: Amount | None = Field(None, description="most that all LiDARs may take together, watts")

@@ -27,7 +27,7 @@ from lidarplace.studio.numbers import Meter, Numbers
 from lidarplace.studio.rig import Rig
 from lidarplace.studio.rigs_file import RigsFile, as_yaml, write_rigs
 from lidarplace.studio.sweep_files import RUNS, evaluation_of, sweep_of
-from lidarplace.studio.violations import Violation, price_of, violations
+from lidarplace.studio.violations import Violation, powers_of, prices_of, violations
 from lidarplace.studio.why_unseen import AimedRays, why_unseen
 
 if TYPE_CHECKING:
@@ -221,14 +221,19 @@ class Studio:
         return self.meter.measure(self._placement(self.begun[self.rig.name]), exact)
 
     @property
-    def price(self) -> float:
-        """Of all LiDARs; NaN where the file does not say it."""
-        return price_of(self.rig, self.file)
+    def totals(self) -> dict[str, float]:
+        """What all LiDARs add up to: price where the file has prices, and power in watts; NaN
+        where that of one is not known."""
+        return self._totals(self.rig)
 
     @property
-    def price_begun(self) -> float:
+    def totals_begun(self) -> dict[str, float]:
         """The same of the rig as it was in the file."""
-        return price_of(self.begun[self.rig.name], self.file)
+        return self._totals(self.begun[self.rig.name])
+
+    def _totals(self, rig: Rig) -> dict[str, float]:
+        price = {"Price": math.fsum(prices_of(rig, self.file))} if self.file.settings.prices else {}
+        return price | {"Power, W": math.fsum(powers_of(rig, self.file))}
 
     def violations(self) -> tuple[Violation, ...]:
         """What the rig does not keep of what the file says."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
+from lidarplace.catalogue.datasheet import datasheet
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.vehicle import depth_in
 from lidarplace.mounting.zone import distance
@@ -26,9 +27,9 @@ class Violation:
     """A constraint that is not kept.
 
     Attributes:
-        constraint: zone, body, keep_out, distance, body_share or price.
+        constraint: zone, body, keep_out, distance, body_share, price or power.
         lidars: numbers of those concerned; none if it is the rig.
-        excess: by how much: metres, a share, or money; NaN where it is not known.
+        excess: by how much: metres, a share, money or watts; NaN where it is not known.
         text: the same for people.
     """
 
@@ -38,32 +39,46 @@ class Violation:
     text: str
 
 
-def price_of(rig: Rig, file: RigsFile) -> float:
-    """Of all LiDARs, disabled or not; NaN if one of them has no price."""
+def prices_of(rig: Rig, file: RigsFile) -> list[float]:
+    """Of its LiDARs, disabled or not, in the file's currency; NaN where the file does not say."""
+    prices = file.settings.prices
+    return [prices.get(name or "", math.nan) for name in _models(rig, file)]
+
+
+def powers_of(rig: Rig, file: RigsFile) -> list[float]:
+    """The same in watts, by their data sheets."""
+    sheets = [None if name is None else datasheet(name).power_w for name in _models(rig, file)]
+    return [math.nan if watts is None else watts for watts in sheets]
+
+
+def _models(rig: Rig, file: RigsFile) -> list[str | None]:
+    """Names of the LiDARs in the catalogue."""
     default = file.settings.lidar.name
-    names = (lidar.model if "lidar" in lidar.written else default for lidar in rig.lidars)
-    return math.fsum(file.settings.prices.get(name or "", math.nan) for name in names)
+    return [lidar.model if "lidar" in lidar.written else default for lidar in rig.lidars]
 
 
 def violations(rig: Rig, file: RigsFile) -> tuple[Violation, ...]:
     """All that the rig does not keep of what the file says."""
     found = [*_outside(rig, file), *_inside(rig, file), *_close(rig, file), *_blocked(rig, file)]
-    limit, price = file.settings.constraints.price, price_of(rig, file)
-    if limit is not None and not price <= limit + ROUNDING:
-        text = f"price {price:g}: {price - limit:g} above {limit:g}"
-        if math.isnan(price):
-            text = f"price: of {', '.join(_without_price(rig, file))} it is not known"
-        found.append(Violation("price", (), price - limit, text))
-    return tuple(found)
+    return (*found, *_above(rig, file))
 
 
-def _without_price(rig: Rig, file: RigsFile) -> list[str]:
-    default = file.settings.lidar.name
-    names = Counter(
-        (lidar.model if "lidar" in lidar.written else default) or "a LiDAR without a name"
-        for lidar in rig.lidars
-    )
-    return [name for name in names if name not in file.settings.prices]
+def _above(rig: Rig, file: RigsFile) -> Iterator[Violation]:
+    """Of what LiDARs add up to, what is more than allowed, or not known."""
+    limits = file.settings.constraints
+    for name, values, limit, unit in (
+        ("price", prices_of(rig, file), limits.price, ""),
+        ("power", powers_of(rig, file), limits.power, " W"),
+    ):
+        total = math.fsum(values)
+        if limit is None or total <= limit + ROUNDING:
+            continue
+        text = f"{name} {total:g}{unit}: {total - limit:g}{unit} above {limit:g}{unit}"
+        if math.isnan(total):
+            known = zip(_models(rig, file), values, strict=True)
+            strange = {model or "a LiDAR without a name" for model, one in known if one != one}
+            text = f"{name}: of {', '.join(sorted(strange))} it is not known"
+        yield Violation(name, (), total - limit, text)
 
 
 def _outside(rig: Rig, file: RigsFile) -> list[Violation]:

@@ -132,7 +132,6 @@ class NearFieldSettings(Settings):
 class ConstraintSettings(LimitSettings):
     """What a placement has to keep."""
 
-    power: Amount | None = Field(None, description="most that all LiDARs may take together, watts")
     near_field: NearFieldSettings | None = Field(
         None, description="what has to be seen close to the vehicle"
     )

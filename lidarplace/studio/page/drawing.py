@@ -78,10 +78,10 @@ class Drawing:
 
     def _draw_numbers(self, resting: bool, ground: BlindGround | None) -> None:
         studio = self._studio
-        others: list[Row] = []
-        if studio.file.settings.prices:
-            begun = studio.price_begun
-            others.append(("Price", studio.price, begun, ",.6g"))
+        begun = studio.totals_begun
+        others: list[Row] = [
+            (name, total, begun[name], ",.6g") for name, total in studio.totals.items()
+        ]
         if ground is not None:
             label = f"Blind for {self._panel.blind.value}, %"
             others.append((label, 100 * ground.share, None, ".1f"))

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarplace import ExpectedRecall, Lidar, Mount, OccupancyGrid, Placement, Roi, evaluate
+from lidarplace.catalogue.datasheet import datasheet
 from lidarplace.configuration.placement import PlacementSettings, read_placement
 from lidarplace.configuration.yaml import parse_yaml, read_yaml_file
 from lidarplace.mounting.vehicle import Vehicle
@@ -86,7 +87,8 @@ def test_what_a_frame_shows(studio):
 
 
 def test_violations_say_where_and_by_how_much(tmp_path):
-    text = TEXT.replace("{distance: 0.2}", "{distance: 0.5, price: 3, body_share: 0.01}")
+    limits = "{distance: 0.5, price: 3, power: 10, body_share: 0.01}"
+    text = TEXT.replace("{distance: 0.2}", limits)
     text += "keep_out: {hatch: {x: [-0.2, 0.2], y: [-0.9, -0.3], z: [1.6, 1.85]}}\n"
     studio = Studio(read_rigs(written(tmp_path, text)), log_of([(8.0, 0.0)]), ROI)
     studio.pose(0, y=1.0, z=2.1)  # 0.3 m and 0.1 m outside of the zone
@@ -101,8 +103,15 @@ def test_violations_say_where_and_by_how_much(tmp_path):
     assert {v.constraint: v.excess for v in studio.violations()}["body"] == pytest.approx(0.5)
     for number in (0, 1):
         studio.model(number, "vlp16")
-    assert studio.price == 8
-    assert {v.constraint: v.excess for v in studio.violations()}["price"] == 5
+    assert studio.totals["Price"] == 8
+    excess = {v.constraint: v.excess for v in studio.violations()}
+    assert excess["price"] == 5
+    watts = 2 * datasheet("vlp16").power_w
+    assert studio.totals["Power, W"] == watts
+    assert excess["power"] == watts - 10
+    studio.model(1, "hdl64e")  # of which the file tells no price
+    (price,) = [v.text for v in studio.violations() if v.constraint == "price"]
+    assert price == "price: of hdl64e it is not known"
     assert all(v.text for v in studio.violations())
 
 
