@@ -36,6 +36,7 @@ def page() -> str:
         (
             HEAD,
             "## A sweep\n",
+            "`rigs.yaml` has its placements and their LiDARs, for the [studio](studio.md).\n",
             *_of_json(SweepResult),
             *(line for table in sweep_tables.TABLES for line in _of_table(table)),
             *_of_arrays(Maps),

@@ -20,7 +20,7 @@ app = new_app()
 def init(
     folder: Annotated[Path, typer.Argument(help="where they are written")] = Path("examples"),
 ) -> None:
-    """Write files to begin with: a sweep, a search, requirements, the paper's experiment.
+    """Write files to begin with: a sweep, a search, requirements, a studio, the paper's experiment.
 
     They are the examples that the help of other verbs names. What is there already stays, unless
     you say yes to the question.

@@ -232,6 +232,9 @@ def test_init_writes_the_examples(tmp_path):
 
 
 def test_init_writes_what_help_names():
-    text = "".join(path.read_text("utf-8") for path in (ROOT / "sweeps").rglob("*.py"))
+    modules = [
+        path for package in ("sweeps", "lidarplace") for path in (ROOT / package).rglob("*.py")
+    ]
+    text = "".join(path.read_text("utf-8") for path in modules)
     named = set(re.findall(r"examples/(\w+\.yaml)", text))
     assert named == {path.name for path in (ROOT / "sweeps/examples").iterdir()}

@@ -49,11 +49,11 @@ def _mount(lidar: MountedLidar) -> dict[str, Any]:
         for name in ("roll", "pitch", "yaw")
         if (degrees := round(float(np.degrees(getattr(mount, name))), DIGITS))
     }
-    model = {} if lidar.model is None else {"lidar": _model(lidar.model)}
+    model = {} if lidar.model is None else {"lidar": as_written(lidar.model)}
     return {"name": lidar.name, **place, **turned, **model}
 
 
-def _model(model: SensorSettings) -> Any:
+def as_written(model: SensorSettings) -> Any:
     """As one would write it: the name alone where nothing was changed of the catalogue's."""
     if model.name is None:
         return model.model_dump(mode="json", exclude_defaults=True)

@@ -21,7 +21,7 @@ MOST_FRAMES = 400
 app = new_app()
 
 
-@verb(app, "rigs.yaml", "rigs.yaml --log logs/town --frames 1000")
+@verb(app, "examples/studio.yaml", "examples/studio.yaml --log logs/town --frames 1000")
 def studio(
     rigs: Annotated[
         Path, typer.Argument(help="YAML file of rigs, or of one placement with `mounts`")

@@ -18,6 +18,7 @@ from sweeps.configuration.file import public_yaml
 from sweeps.configuration.grid import Sweep
 from sweeps.execution.execute import Outcome
 from sweeps.plan.plan import Plan, Trial, further_axes
+from sweeps.results import rigs_file
 from sweeps.results.failure_frames import failure_frames
 from sweeps.results.lidar_models import lidar_models
 from sweeps.results.object_tables import object_tables
@@ -98,6 +99,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
     surrogates = _stack([gathered(stage, "table", known) for stage in ("surrogates", "recall")])
     with_rays = [t for t in known if "expected_ig" in t.grid_point.point.surrogate.names]
     write_text(folder / "config.yaml", public_yaml(sweep.source))
+    write_text(folder / rigs_file.FILE, rigs_file.rigs_yaml(sweep))
     for table, frame in (
         (contract.TRIALS, trials_table(plan, store, run, axes)),
         (contract.RESULTS, of_trials("metrics")),

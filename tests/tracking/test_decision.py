@@ -84,6 +84,16 @@ def test_it_is_one_file_whose_links_lead_to_files(folder, page):
     assert all((folder / link).is_file() for link in page.links)
 
 
+def test_it_names_the_command_that_opens_its_rigs_in_the_studio(folder, page, tmp_path):
+    assert "in the studio" not in page.text  # a run folder of before there were rigs.yaml
+    shutil.copytree(folder, tmp_path / "run")
+    (tmp_path / "run/rigs.yaml").write_text("placements: {a: {mounts: [{z: 2}]}}")
+    build_report(tmp_path / "run")
+    assert (
+        f"python -m lidarplace.studio {tmp_path / 'run/rigs.yaml'}" in read(tmp_path / "run").text
+    )
+
+
 def test_it_says_where_the_recommended_rig_is_furthest_behind(folder, page):
     best = page.words[page.words.index("Recommended") + 2]
     table = pd.read_parquet(folder / "sector.parquet").query("`class` == 'Car' and iou == 0.7")

@@ -50,6 +50,7 @@ def write_decision(
     first, *others = found
     sections = [recall_and_ap_section(run, first, means), rigs_section(run, first)]
     blind = where_blind_section(run, first)
+    rigs = run.path / "rigs.yaml"  # which older run folders do not have
     return write_page(
         target,
         Path(__file__).with_name("decision.html"),
@@ -64,6 +65,7 @@ def write_decision(
         warnings=warnings,
         tables=_tables(run.path / FOLDER),
         dashboard=command("tracking.dashboard", str(run.path)),
+        studio=command("lidarplace.studio", str(rigs)) if rigs.exists() else None,
     )
 
 

@@ -1,0 +1,43 @@
+"""The rigs of a sweep, opened in the studio."""
+
+import pytest
+import yaml
+from small_log import write_small_log
+
+from lidarplace.studio.rigs_file import read_rigs
+from sweeps.configuration.grid import read_sweep
+from sweeps.results.rigs_file import FILE, rigs_yaml
+
+OWN = {"convention": "carla", "mounts": [{"x": 0.1, "z": 2.0, "yaw_deg": 12.5, "lidar": "at128"}]}
+
+
+@pytest.mark.parametrize(
+    ("lidar", "told"),
+    [
+        ("vlp16", "vlp16"),
+        ({"name": "vlp16", "range": 80, "cloud_share": 0.5}, {"name": "vlp16", "range": 80.0}),
+        ({"beams": 8, "cloud_share": 0.5}, {"beams": 8}),
+        ({"profile": "released-code"}, {"azimuth_steps": 250}),
+    ],
+)
+def test_the_rigs_of_a_sweep_are_the_same_in_the_studio(tmp_path, monkeypatch, lidar, told):
+    monkeypatch.chdir(tmp_path)
+    write_small_log(tmp_path / "log")
+    config = {
+        "scene": {"source": "log", "folder": "log"},
+        "detector": None,
+        "lidar": lidar,
+        "placements": {"mine": OWN, "unused": {"mounts": [{"z": 1}]}},
+        "grid": {"placement": ["mine", "line_roll"]},
+    }
+    (tmp_path / "sweep.yaml").write_text(yaml.safe_dump(config))
+    sweep = read_sweep(tmp_path / "sweep.yaml")
+    (tmp_path / FILE).write_text(rigs_yaml(sweep))
+    file = read_rigs(tmp_path / FILE)
+    assert file.content["lidar"] == told
+    assert file.content["placements"]["mine"] == OWN
+    opened = {rig.name: rig.placement(file.settings.lidar.lidar()) for rig in file.rigs}
+    wanted = {
+        p.point.placement: sweep.common.rig_named(p.point.placement, p.point) for p in sweep.points
+    }
+    assert opened == wanted
