@@ -1,4 +1,4 @@
-"""Where on the ground around the vehicle somebody can stand whom no LiDAR sees any part of."""
+"""Where on the ground around the vehicle somebody can stand of whom too little is seen."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from lidarplace.mounting.near_field import seen_in_columns
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Placement
+from lidarplace.requirements.judge import Outcome
 from lidarplace.roi import Roi
 
 EDGE_M = 0.25
@@ -25,19 +26,23 @@ car are as tall as an adult."""
 
 @dataclass(frozen=True)
 class BlindGround:
-    """Cells of the ground.
+    """Cells of the ground in which too little is seen.
 
     Attributes:
-        middles: x, y in metres, shape (cells, 2): those in which nothing is seen up to the height.
-        share: of all cells outside of the body.
+        middles: x, y in metres, shape (cells, 2).
+        share: of all cells that are asked for.
+        edge: of a cell, metres.
     """
 
     middles: NDArray[np.float64]
     share: float
+    edge: float = EDGE_M
 
 
 def blind_ground(placement: Placement | None, vehicle: Vehicle, height: float) -> BlindGround:
     """The cells around the vehicle over which no voxel below `height` is seen past the body.
+
+    The share is of all cells outside of the body.
 
     Args:
         placement: None for no LiDAR, by which all is blind.
@@ -55,3 +60,10 @@ def blind_ground(placement: Placement | None, vehicle: Vehicle, height: float) -
     rows, columns = np.nonzero(blind)
     middles = np.stack([roi.centres(0)[rows], roi.centres(1)[columns]], axis=1)
     return BlindGround(middles, float(blind.sum() / cells))
+
+
+def failing_ground(outcome: Outcome) -> BlindGround:
+    """The positions of a requirement that have too little in any of its cases."""
+    fails = outcome.least_of < outcome.requirement.least
+    points = outcome.positions.points[fails]
+    return BlindGround(points, float(fails.mean()), outcome.requirement.step)

@@ -22,6 +22,9 @@ from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.files.atomic import replacing
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.mounting.zone import Zone
+from lidarplace.recall.detection_curve import default_curves
+from lidarplace.requirements.layout import Laid, lay_out
+from lidarplace.requirements.settings import Requirements
 from lidarplace.studio.rig import Rig
 
 
@@ -53,6 +56,7 @@ class RigsSettings(Settings):
         default={}, description="of LiDARs by their name in the catalogue, in any currency"
     )
     constraints: LimitSettings = Field(LimitSettings(), description="what a rig has to keep")
+    requirements: Requirements = Field((), description="what has to be seen around the vehicle")
 
 
 @dataclass(frozen=True)
@@ -99,6 +103,21 @@ class RigsFile:
     def body(self) -> Vehicle:
         """What stops rays: the body, and what is kept free of LiDARs."""
         return Vehicle("vehicle", np.concatenate([self.vehicle.boxes, self.keep_out]))
+
+    @cached_property
+    def laid(self) -> tuple[Laid, ...]:
+        """The requirements, laid out around the body.
+
+        Raises:
+            ValueError: one cannot be; names file and requirement.
+        """
+        laid, curves = [], default_curves()
+        for own in self.settings.requirements:
+            try:
+                laid.append(lay_out(own.requirement(self.body, curves), self.body))
+            except ValueError as error:
+                raise ValueError(f"{self.path}: requirements {own.name!r}: {error}") from None
+        return tuple(laid)
 
     def text_with(self, rigs: Sequence[Rig]) -> str:
         """The file with these rigs in place of its own; comments are lost."""

@@ -17,17 +17,18 @@ from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.mounting.polygon import GRID_DIGITS, nearest
 from lidarplace.mounting.zone import distance
 from lidarplace.placement import Mount, Placement
+from lidarplace.requirements.judge import Outcome, judge
 from lidarplace.roi import Roi
 from lidarplace.studio import rig as edits
 from lidarplace.studio.best_pose import BestPose, best_addition, improved
-from lidarplace.studio.blind_ground import BlindGround, blind_ground
+from lidarplace.studio.blind_ground import BlindGround, blind_ground, failing_ground
 from lidarplace.studio.frame_view import FrameView
 from lidarplace.studio.history import History
 from lidarplace.studio.numbers import Meter, Numbers
 from lidarplace.studio.rig import Rig
 from lidarplace.studio.rigs_file import RigsFile, as_yaml, write_rigs
 from lidarplace.studio.sweep_files import RUNS, evaluation_of, sweep_of
-from lidarplace.studio.violations import Violation, powers_of, prices_of, violations
+from lidarplace.studio.violations import Violation, powers_of, prices_of, unasked, unmet, violations
 from lidarplace.studio.why_unseen import AimedRays, why_unseen
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ class Studio:
         classes: of objects; those of the log by default.
 
     Raises:
-        ValueError: the log has no frame, or a box is bad.
+        ValueError: the log has no frame, a box is bad, or a requirement cannot be laid out.
     """
 
     def __init__(
@@ -69,6 +70,7 @@ class Studio:
         if log.frames.empty:
             raise ValueError("the log has no frame")
         there = set(log.boxes["class"])
+        file.laid  # noqa: B018 - what is wrong with a requirement is told at the beginning
         self.file, self.log, self.roi = file, log, roi
         self.classes = tuple(classes) or tuple(c for c in CLASSES if c in there) or CLASSES
         self.lidar = file.settings.lidar.lidar()
@@ -77,6 +79,7 @@ class Studio:
         self._editing = threading.Lock()
         self.frame_numbers: list[int] = log.frames["frame"].tolist()
         self.show_frame(self.frame_numbers[0])
+        self._judged: tuple[Placement | None, Sequence[Outcome]] = (None, ())
 
     @cached_property
     def meter(self) -> Meter:
@@ -237,11 +240,27 @@ class Studio:
 
     def violations(self) -> tuple[Violation, ...]:
         """What the rig does not keep of what the file says."""
-        return violations(self.rig, self.file)
+        needs = unmet(self.outcomes()) if self.placement else unasked(self.file.laid)
+        return (*violations(self.rig, self.file), *needs)
+
+    def outcomes(self) -> Sequence[Outcome]:
+        """What becomes of the requirements; nothing without a LiDAR that works."""
+        placement, (known, found) = self.placement, self._judged
+        if placement is None:
+            return ()
+        if placement != known:
+            found = judge(self.file.laid, placement, self.file.body)
+            self._judged = placement, found
+        return found
 
     def blind_ground(self, height: float) -> BlindGround:
         """Where somebody of that height is not seen around the vehicle."""
         return blind_ground(self.placement, self.file.body, height)
+
+    def failing_ground(self, requirement: str) -> BlindGround | None:
+        """Where a requirement has too little; None without a LiDAR that works."""
+        found = (one for one in self.outcomes() if one.requirement.name == requirement)
+        return next(map(failing_ground, found), None)
 
     # Questions.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -13,6 +13,9 @@ from lidarplace.catalogue.datasheet import datasheet
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.vehicle import depth_in
 from lidarplace.mounting.zone import distance
+from lidarplace.requirements.judge import Outcome
+from lidarplace.requirements.layout import Laid
+from lidarplace.requirements.requirement import AS_BUILT
 from lidarplace.studio.rig import Rig
 from lidarplace.studio.rigs_file import RigsFile
 
@@ -27,9 +30,10 @@ class Violation:
     """A constraint that is not kept.
 
     Attributes:
-        constraint: zone, body, keep_out, distance, body_share, price or power.
+        constraint: zone, body, keep_out, distance, body_share, price, power or requirement.
         lidars: numbers of those concerned; none if it is the rig.
-        excess: by how much: metres, a share, money or watts; NaN where it is not known.
+        excess: by how much: metres, a share, money, watts, or what a requirement lacks in its own
+            measure; NaN where it is not known.
         text: the same for people.
     """
 
@@ -131,3 +135,29 @@ def _blocked(rig: Rig, file: RigsFile) -> list[Violation]:
             )
             found.append(Violation("body_share", (number,), share - limit, text))
     return found
+
+
+def unmet(outcomes: Sequence[Outcome]) -> tuple[Violation, ...]:
+    """The requirements that are not met, where and by how much."""
+    return tuple(_unmet(outcome) for outcome in outcomes if not outcome.met)
+
+
+def unasked(laid: Sequence[Laid]) -> tuple[Violation, ...]:
+    """All requirements, of a rig without a LiDAR that works."""
+    return tuple(
+        Violation(
+            "requirement", (), own.requirement.least, f"{own.requirement.name}: no LiDAR works"
+        )
+        for own in laid
+    )
+
+
+def _unmet(outcome: Outcome) -> Violation:
+    wanted, worst = outcome.requirement, outcome.worst
+    lacks = wanted.least - worst.value
+    case = "" if worst.case == AS_BUILT else f", {worst.case}"
+    text = (
+        f"{wanted.name}: {worst.value:.3g} {wanted.measure}, {lacks:.3g} short of "
+        f"{wanted.least:g}{case}; worst at x {worst.x:.2f}, y {worst.y:.2f}"
+    )
+    return Violation("requirement", (), lacks, text)

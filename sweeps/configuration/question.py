@@ -14,9 +14,10 @@ from lidarplace.near_names import did_you_mean
 from lidarplace.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.recall.detection_curve import DetectionCurves, default_curves, read_curves
 from lidarplace.requirements.layout import Laid, lay_out
+from lidarplace.requirements.settings import RequirementSettings
 from sweeps.configuration.file import ConfigError, override, read_yaml
 from sweeps.configuration.file import check as check_file
-from sweeps.configuration.requirements import RequirementSettings, RequirementsFile
+from sweeps.configuration.requirements_file import RequirementsFile
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from lidarplace.configuration.mounting import (
     number_as_interval,
     ordered,
 )
+from lidarplace.configuration.mounting_errors import MountingErrorSettings
 from lidarplace.configuration.placement import MountSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import (
@@ -38,11 +39,10 @@ from lidarplace.configuration.settings import (
 )
 from lidarplace.configuration.vehicle import VehicleBoxes
 from lidarplace.metrics import RANKING, Direction, headline_metric
+from lidarplace.requirements.settings import Requirements
 from lidarplace.surrogates.table import ASKED_OF_POG, SURROGATES
-from sweeps.configuration.requirements import Requirements
 from sweeps.configuration.sweep import (
     Common,
-    MountingErrorSettings,
     Point,
     best_of,
 )

@@ -15,6 +15,7 @@ from pydantic import (
 )
 
 from lidarplace.boxes import CLASSES
+from lidarplace.configuration.mounting_errors import MountingErrorSettings
 from lidarplace.configuration.placement import PlacementSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import (
@@ -22,7 +23,6 @@ from lidarplace.configuration.settings import (
     ClassName,
     Count,
     CountFromOne,
-    Degrees,
     Distance,
     FilePath,
     Length,
@@ -37,7 +37,6 @@ from lidarplace.configuration.weather import WeatherSettings
 from lidarplace.coverage import Method
 from lidarplace.lidar.profiles import PROFILES
 from lidarplace.metrics import METRICS, RANKING, Direction, Overlaps
-from lidarplace.mounting.errors import MountingErrors
 from lidarplace.near_names import did_you_mean
 from lidarplace.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.roi import Roi
@@ -144,30 +143,6 @@ class SurrogateSettings(Settings):
         description="of how many placements, spread over the grid, accuracy and sampling_error are "
         "worked out; with promote of all that are trained",
     )
-
-
-class MountingErrorSettings(Settings):
-    """How far mounts are off in simulated clouds: each frame is of another vehicle of a fleet."""
-
-    offset: Distance = Field(0.0, description="metres at most, along each axis")
-    angle_deg: Annotated[Degrees, Field(ge=0)] = Field(
-        0.0, description="degrees at most, of roll, pitch and yaw"
-    )
-    vehicle: Count | None = Field(
-        None,
-        description="test frames are all of this vehicle of the fleet; trainings do not depend on "
-        "it",
-    )
-
-    @model_validator(mode="after")
-    def _differ(self) -> MountingErrorSettings:
-        if self.vehicle is not None and not self.errors():
-            raise ValueError("vehicle: all are alike without offset or angle_deg")
-        return self
-
-    def errors(self) -> MountingErrors:
-        """In the terms of `lidarplace`."""
-        return MountingErrors(self.offset, math.radians(self.angle_deg))
 
 
 class GeneralistSettings(Settings):

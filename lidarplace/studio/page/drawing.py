@@ -42,6 +42,7 @@ class Drawing:
         self._scene = Scene(server, studio.file, studio.roi)
         self._pulled = pulled
         self._handle: viser.TransformControlsHandle | None = None
+        self._ground: BlindGround | None = None  # on which too little is seen
         self._drawn: object = None  # rig and LiDAR whose solids stand in the scene
 
     def draw(self, resting: bool) -> None:
@@ -49,7 +50,7 @@ class Drawing:
         studio, panel = self._studio, self._panel
         rig = studio.rig
         self._editing.still_there()
-        ground = self._ground()
+        ground = self._ground = self._too_little(resting)
         self._draw_numbers(resting, ground)
         self._server.flush()
         self._draw_lidars(resting)
@@ -71,10 +72,17 @@ class Drawing:
             self._draw_answer()
         self._server.flush()
 
-    def _ground(self) -> BlindGround | None:
-        """What is blind, if somebody wants to see it."""
-        who = self._panel.blind.value
-        return None if who == NOBODY else self._studio.blind_ground(HEIGHTS_M[who])
+    def _too_little(self, resting: bool) -> BlindGround | None:
+        """Where too little is seen, if somebody wants to see it.
+
+        What a requirement finds takes longer than a hand waits: while something moves it stays.
+        """
+        asked = self._panel.ground.value
+        if asked == NOBODY:
+            return None
+        if asked in HEIGHTS_M:
+            return self._studio.blind_ground(HEIGHTS_M[asked])
+        return self._studio.failing_ground(asked) if resting else self._ground
 
     def _draw_numbers(self, resting: bool, ground: BlindGround | None) -> None:
         studio = self._studio
@@ -83,7 +91,8 @@ class Drawing:
             (name, total, begun[name], ",.6g") for name, total in studio.totals.items()
         ]
         if ground is not None:
-            label = f"Blind for {self._panel.blind.value}, %"
+            asked = self._panel.ground.value
+            label = f"Blind for {asked}, %" if asked in HEIGHTS_M else f"Fails: {asked}, %"
             others.append((label, 100 * ground.share, None, ".1f"))
         self._panel.numbers.content = numbers_table(
             studio.numbers(resting), studio.numbers_begun(resting), studio.meter.h_pog, others

@@ -77,7 +77,7 @@ class Page:
         panel.works.on_update(self._edit(editing.works))
         panel.change.on_click(self._edit(editing.change))
         panel.frame.on_update(self._edit(lambda n: studio.show_frame(studio.frame_numbers[n])))
-        for shown in (panel.cloud, panel.blind, panel.object):
+        for shown in (panel.cloud, panel.ground, panel.object):
             shown.on_update(self._edit(lambda _: None))
         panel.copy.on_click(self._edit(lambda _: studio.copy_rig(panel.new_rig.value)))
         panel.save.on_click(self._edit(lambda _: self._say(self.files.save())))

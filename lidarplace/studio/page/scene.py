@@ -16,7 +16,7 @@ from lidarplace.mounting.zone import Zone
 from lidarplace.placement import Mount
 from lidarplace.roi import Roi
 from lidarplace.sensor import Lidar
-from lidarplace.studio.blind_ground import EDGE_M, BlindGround
+from lidarplace.studio.blind_ground import BlindGround
 from lidarplace.studio.frame_view import SimulatedCloud
 from lidarplace.studio.page.dragged import quaternion
 from lidarplace.studio.rig import Rig
@@ -166,11 +166,11 @@ class Scene:
         self._boxes_as_lines("/objects/unseen", rows, UNSEEN, 3.0)
 
     def blind(self, ground: BlindGround | None) -> None:
-        """Draw the cells of the ground over which nobody is seen."""
+        """Draw the cells of the ground in which too little is seen."""
         if ground is None or not len(ground.middles):
             self._scene.remove_by_name("/blind")
             return
-        half = 0.5 * EDGE_M
+        half = 0.5 * ground.edge
         corners = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
         flat = (ground.middles[:, None] + corners).reshape(-1, 2)
         vertices = np.concatenate([flat, np.full((len(flat), 1), 0.02)], axis=1)

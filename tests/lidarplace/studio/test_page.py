@@ -19,7 +19,7 @@ from lidarplace.studio.page.tables import message, numbers_table
 from lidarplace.studio.rig import POSE
 from lidarplace.studio.rigs_file import read_rigs
 from lidarplace.studio.studio import Studio
-from tests.lidarplace.studio.rigs import log_of, written
+from tests.lidarplace.studio.rigs import TEXT, log_of, written
 
 pytest.importorskip("viser")
 
@@ -218,10 +218,26 @@ def test_every_button_does_what_it_says(page):
     assert studio.rig.lidars[page.editing.one()].model == "pandar40p"
     page.editing.choose_rig("left handed")
     assert studio.rig.name == "left handed"
-    page.panel.blind.value = "a child"
+    page.panel.ground.value = "a child"
     page.panel.object.value = "none"
     page.refresh()
     until(lambda: "blind-for-a-child" in page.panel.numbers.content)
+
+
+def test_what_a_requirement_lacks_is_told_and_painted_at_rest(tmp_path):
+    needs = """
+requirements:
+  - {name: near, where: {distance: [0.2, 1]}, what: Pedestrian, at_least: {points: 900}, step: 1}
+"""
+    studio = Studio(read_rigs(written(tmp_path, TEXT + needs)), log_of(CARS), ROI)
+    with serving(None, "studio") as server:
+        page = Page(studio, server, {})
+        assign(page.panel.ground, "near")
+        page.refresh()
+        until(lambda: "fails:-near" in page.panel.numbers.content)
+        until(lambda: "short of 900; worst at x" in page.panel.violations.content)
+        assert "<b>100.0</b>" in page.panel.numbers.content  # nowhere are so many
+        page.close()
 
 
 def test_a_page_writes_beside_its_file_alone(page):

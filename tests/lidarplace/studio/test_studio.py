@@ -24,6 +24,7 @@ from lidarplace.studio.sweep_files import found_by_sweep
 from lidarplace.studio.traffic import scene_of, simulated_scene
 from lidarplace.studio.violations import violations
 from sweeps.plan.plan import read_plan
+from tests.lidarplace.requirements.brute_force import hits_of
 from tests.lidarplace.studio.rigs import TEXT, log_of, written
 from tests.sweeps.small_log import write_small_log
 
@@ -113,6 +114,48 @@ def test_violations_say_where_and_by_how_much(tmp_path):
     (price,) = [v.text for v in studio.violations() if v.constraint == "price"]
     assert price == "price: of hdl64e it is not known"
     assert all(v.text for v in studio.violations())
+
+
+def test_a_requirement_that_fails_says_where_and_the_ground_shows_it(tmp_path):
+    text = (
+        """
+lidar: {beams: 5, elevation_deg: [-50, -10], azimuth_steps: 90, range: 30}
+mounts: [{x: 0.6, y: 0.4, z: 1.8}]
+""".replace("mounts", "placements: {a: {mounts").strip()
+        + "}}\n"
+        + """
+requirements:
+  - name: somebody near
+    where: {distance: [0.2, 1.4]}
+    what: {length: 0.5, width: 0.5, height: 1.6, headings: 1}
+    at_least: {points: 4}
+    step: 0.9
+"""
+    )
+    studio = Studio(read_rigs(written(tmp_path, text)), log_of([(8.0, 0.0)]), ROI)
+    (outcome,) = studio.outcomes()
+    few = []
+    for x, y in outcome.positions.points.tolist():
+        (hits,) = hits_of(studio.placement, studio.file.body, [x, y, 0.8, 0.5, 0.5, 1.6, 0.0])
+        few += [(x, y)] if len(hits) < 4 else []
+    ground = studio.failing_ground("somebody near")
+    assert sorted(map(tuple, ground.middles.tolist())) == sorted(few)
+    assert 0 < len(few) < len(outcome.positions.points)
+    assert ground.share == len(few) / len(outcome.positions.points)
+    assert ground.edge == 0.9
+    (found,) = studio.violations()
+    assert (found.constraint, found.excess) == ("requirement", 4 - outcome.worst.value)
+    assert "somebody near: 0 points, 4 short of 4; worst at x" in found.text
+    assert studio.outcomes() is studio.outcomes()  # is worked out once a rig
+    studio.enable(0, False)
+    assert [v.text for v in studio.violations()] == ["somebody near: no LiDAR works"]
+    assert studio.failing_ground("somebody near") is None
+
+
+def test_a_requirement_that_cannot_be_is_told_at_the_start(tmp_path):
+    text = "requirements: [{name: far, where: {x: [0, 9]}, what: Car, at_least: {points: 1}}]"
+    with pytest.raises(ValueError, match=r"rigs.yaml: requirements 'far': where: has no end"):
+        Studio(read_rigs(written(tmp_path, text)), log_of([(8.0, 0.0)]), ROI)
 
 
 def test_two_in_one_place_are_told_and_not_measured(studio):
@@ -375,3 +418,7 @@ def test_the_example_keeps_its_own_constraints():
     file = read_rigs(Path(__file__).parents[3] / "examples/studio.yaml")
     assert [len(rig.lidars) for rig in file.rigs] == [0, 4]
     assert not [found for rig in file.rigs for found in violations(rig, file)]
+    assert [own.requirement.name for own in file.laid] == [
+        "a child ahead",
+        "cyclists in the next lanes",
+    ]

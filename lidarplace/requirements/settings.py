@@ -1,4 +1,4 @@
-"""The configuration of `sweeps.requirements`: rigs, their vehicle, and what has to be seen."""
+"""Requirements in a configuration: what has to be seen where, and how much of it."""
 
 from __future__ import annotations
 
@@ -6,19 +6,16 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from lidarplace.configuration.placement import PlacementSettings
-from lidarplace.configuration.sensor import SensorSettings
+from lidarplace.configuration.mounting_errors import MountingErrorSettings
 from lidarplace.configuration.settings import (
     CountFromOne,
     Degrees,
     Distance,
-    FilePath,
     Length,
     Name,
     Probability,
     Settings,
 )
-from lidarplace.configuration.vehicle import VehicleBoxes
 from lidarplace.configuration.weather import WeatherSettings
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.detection_curve import IOU, DetectionCurves
@@ -27,7 +24,6 @@ from lidarplace.requirements.placed_object import STANDARD, PlacedObject
 from lidarplace.requirements.presets import PRESETS, preset
 from lidarplace.requirements.requirement import AlsoWhen, Measure, Requirement
 from lidarplace.sectors import SECTORS, bounds_of
-from sweeps.configuration.sweep import MountingErrorSettings
 
 LANES = ("right", "own", "left")
 
@@ -280,26 +276,3 @@ def _each_once(
 
 Requirements = Annotated[tuple[RequirementSettings, ...], AfterValidator(_each_once)]
 """Each has a name of its own."""
-
-
-class RequirementsFile(Settings):
-    """The file as a whole."""
-
-    lidar: SensorSettings = Field(
-        SensorSettings(), description="the LiDARs, unless a mount has its own"
-    )
-    vehicle: VehicleBoxes = None  # type: ignore[assignment]
-    placements: dict[Name, PlacementSettings] = Field(
-        default={}, description="own placements by name"
-    )
-    rigs: tuple[Name, ...] = Field(
-        (),
-        description="which are asked: own placements, the paper's by name, FILE.yaml with mounts, "
-        "run folders of searches; by default all own ones, or else the paper's eight",
-    )
-    curves: FilePath | None = Field(
-        None,
-        description="detection curves, a file of python -m sweeps.calibrate; those of the package "
-        "if null",
-    )
-    requirements: Requirements = Field(min_length=1, description="what has to be seen")

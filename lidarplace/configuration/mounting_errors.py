@@ -1,0 +1,35 @@
+"""How far mounts are off, in the configuration of a sweep, a search or a requirement."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from lidarplace.configuration.settings import Count, Degrees, Distance, Settings
+from lidarplace.mounting.errors import MountingErrors
+
+
+class MountingErrorSettings(Settings):
+    """How far mounts are off in simulated clouds: each frame is of another vehicle of a fleet."""
+
+    offset: Distance = Field(0.0, description="metres at most, along each axis")
+    angle_deg: Annotated[Degrees, Field(ge=0)] = Field(
+        0.0, description="degrees at most, of roll, pitch and yaw"
+    )
+    vehicle: Count | None = Field(
+        None,
+        description="test frames are all of this vehicle of the fleet; trainings do not depend on "
+        "it",
+    )
+
+    @model_validator(mode="after")
+    def _differ(self) -> MountingErrorSettings:
+        if self.vehicle is not None and not self.errors():
+            raise ValueError("vehicle: all are alike without offset or angle_deg")
+        return self
+
+    def errors(self) -> MountingErrors:
+        """In the terms of `lidarplace`."""
+        return MountingErrors(self.offset, math.radians(self.angle_deg))

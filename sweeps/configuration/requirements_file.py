@@ -1,0 +1,34 @@
+"""The configuration of `sweeps.requirements`: rigs, their vehicle, and what has to be seen."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from lidarplace.configuration.placement import PlacementSettings
+from lidarplace.configuration.sensor import SensorSettings
+from lidarplace.configuration.settings import FilePath, Name, Settings
+from lidarplace.configuration.vehicle import VehicleBoxes
+from lidarplace.requirements.settings import Requirements
+
+
+class RequirementsFile(Settings):
+    """The file as a whole."""
+
+    lidar: SensorSettings = Field(
+        SensorSettings(), description="the LiDARs, unless a mount has its own"
+    )
+    vehicle: VehicleBoxes = None  # type: ignore[assignment]
+    placements: dict[Name, PlacementSettings] = Field(
+        default={}, description="own placements by name"
+    )
+    rigs: tuple[Name, ...] = Field(
+        (),
+        description="which are asked: own placements, the paper's by name, FILE.yaml with mounts, "
+        "run folders of searches; by default all own ones, or else the paper's eight",
+    )
+    curves: FilePath | None = Field(
+        None,
+        description="detection curves, a file of python -m sweeps.calibrate; those of the package "
+        "if null",
+    )
+    requirements: Requirements = Field(min_length=1, description="what has to be seen")
