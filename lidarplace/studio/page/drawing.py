@@ -18,6 +18,7 @@ from lidarplace.studio.page.tables import (
     violations_list,
 )
 from lidarplace.studio.studio import Studio
+from lidarplace.studio.violations import violations
 
 if TYPE_CHECKING:
     import viser
@@ -108,8 +109,9 @@ class Drawing:
         if drawn == self._drawn:
             return
         self._drawn = drawn
+        wrong = {number for own in violations(rig, self._studio.file) for number in own.lidars}
         with self._server.atomic():
-            self._scene.lidars(rig, rig.models(self._studio.lidar), chosen)
+            self._scene.lidars(rig, rig.models(self._studio.lidar), chosen, wrong)
             self._draw_handle(chosen)
 
     def _draw_handle(self, chosen: int | None) -> None:

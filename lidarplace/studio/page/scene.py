@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -105,8 +106,18 @@ class Scene:
         pairs = np.stack([line[:-1], line[1:]], axis=1)
         self._lines(name, pairs[np.isfinite(pairs).all(axis=(1, 2))], colour, width)
 
-    def lidars(self, rig: Rig, models: tuple[Lidar, ...], chosen: int | None) -> None:
-        """Draw all LiDARs in their size, with what they have in view; the chosen one larger."""
+    def lidars(
+        self,
+        rig: Rig,
+        models: tuple[Lidar, ...],
+        chosen: int | None,
+        wrong: Collection[int],
+    ) -> None:
+        """Draw all LiDARs in their size, with what they have in view.
+
+        Lines of the chosen one are thicker; those in `wrong`, which do not keep a constraint, have
+        a cross at their number.
+        """
         for node in self._lidars:
             node.remove()
         self._lidars = []
@@ -129,9 +140,8 @@ class Scene:
                 f"{name}/view", _view(lidar), colour, thickness_units="screen",
                 thickness=2.5 if number == chosen else 1.0,
             )  # fmt: skip
-            self._scene.add_label(
-                f"{name}/name", str(number) + ("" if works else " (dead)"), position=(0, 0, 0.4)
-            )
+            label = f"{number}{' ✗' if number in wrong else ''}{'' if works else ' (dead)'}"
+            self._scene.add_label(f"{name}/name", label, position=(0, 0, 0.4))
 
     def move(self, number: int, mount: Mount) -> None:
         """Put a LiDAR elsewhere, nothing else having changed."""

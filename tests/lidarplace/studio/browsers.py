@@ -19,6 +19,7 @@ class Browser:
     Attributes:
         content: HTML by the id of its field, as it was told last.
         values: of the fields in which something is typed or chosen, by label.
+        texts: of the labels in the scene, by their name.
     """
 
     def __init__(self, address: str) -> None:
@@ -28,6 +29,7 @@ class Browser:
         )
         self.content: dict[str, str] = {}
         self.values: dict[str, Any] = {}
+        self.texts: dict[str, str] = {}
         self._label: dict[str, str] = {}
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -75,6 +77,8 @@ class Browser:
     def _hear(self, message: dict[str, Any]) -> None:
         uuid = message.get("uuid", "")
         told = message.get("props", {}) | message.get("updates", {})
+        if "text" in told:
+            self.texts[message["name"]] = told["text"]
         if "label" in told:
             self._label[uuid] = told["label"]
         if "content" in told:

@@ -224,6 +224,17 @@ def test_every_button_does_what_it_says(page):
     until(lambda: "blind-for-a-child" in page.panel.numbers.content)
 
 
+def test_a_lidar_that_breaks_a_constraint_is_marked_in_the_scene(page):
+    browser = Browser(address(page))
+    until(lambda: browser.texts.get("/lidars/0/name") == "0")
+    browser.type("x, m", 3.0)  # outside of its zone
+    until(lambda: browser.texts["/lidars/0/name"] == "0 ✗")
+    assert browser.texts["/lidars/1/name"] == "1"
+    browser.type("works", False)
+    until(lambda: browser.texts["/lidars/0/name"] == "0 ✗ (dead)")
+    browser.close()
+
+
 def test_what_a_requirement_lacks_is_told_and_painted_at_rest(tmp_path):
     needs = """
 requirements:
@@ -267,6 +278,11 @@ def test_a_port_in_use_is_one_line(tmp_path):
             serving(port, "studio"),
         ):
             pass
+
+
+def test_a_second_studio_has_a_port_of_its_own():
+    with serving(None, "one") as one, serving(None, "another") as another:
+        assert one.get_port() != another.get_port()
 
 
 def test_mistakes_of_the_command_are_one_line(tmp_path):
