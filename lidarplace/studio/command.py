@@ -22,9 +22,13 @@ class Command:
     Args:
         arguments: the module, and what follows it.
         told: called after each line, and at the end, by a thread of its own.
+
+    Attributes:
+        cancelled: whether it was asked to end.
     """
 
     def __init__(self, arguments: Sequence[str], told: Callable[[], None] = lambda: None) -> None:
+        self.cancelled = False
         self._told = told
         self._lines: deque[str] = deque(maxlen=LINES)
         self._process = subprocess.Popen(
@@ -51,7 +55,8 @@ class Command:
         return self._process.poll()
 
     def cancel(self) -> None:
-        """Ask it to end, as commands do that can go on later; `wait` tells when it has."""
+        """Ask it to end, from which it can go on later; `wait` tells when it has."""
+        self.cancelled = True
         self._process.send_signal(signal.SIGTERM)
 
     def wait(self) -> int:

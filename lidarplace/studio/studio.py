@@ -27,7 +27,7 @@ from lidarplace.studio.history import History
 from lidarplace.studio.numbers import Meter, Numbers
 from lidarplace.studio.rig import Rig
 from lidarplace.studio.rigs_file import RigsFile, as_yaml, write_rigs
-from lidarplace.studio.sweep_files import RUNS, evaluation_of, sweep_of
+from lidarplace.studio.sweep_files import RUNS, evaluation_of, is_evaluation, sweep_of
 from lidarplace.studio.violations import Violation, powers_of, prices_of, unasked, unmet, violations
 from lidarplace.studio.why_unseen import AimedRays, why_unseen
 
@@ -373,8 +373,8 @@ class Studio:
             ValueError: no rig has a LiDAR that works, or the file is there and no such sweep.
         """
         before = read_yaml_file(path) if path.exists() else None
-        if before is not None and not (isinstance(before, dict) and "generalist" in before):
-            raise ValueError(f"{path}: is there already and is no evaluation; name another file")
+        if before is not None and not is_evaluation(before):
+            raise ValueError(f"{path}: is there already and is no evaluation; rename it")
         rigs = [edits.working(rig) for rig in self.rigs]
         sweep = sweep_of(rigs, self.file, scene, self.roi, self.classes)
         write_rigs(path, as_yaml(evaluation_of(sweep, self.file, before)), overwrite=True)

@@ -77,10 +77,13 @@ def evaluation_of(sweep: Content, file: RigsFile, before: Content | None = None)
         before: an earlier evaluation, which is brought up to date: how it judges stays, and so does
             its generalist, unless a rig has a LiDAR model that this one has not seen.
     """
-    content = JUDGE | {"output": str(RUNS)} | (before or {})
+    content = JUDGE | (before or {})
     content["surrogate"] = content["surrogate"] | sweep["surrogate"]
     settings = content["generalist"]
-    known = {name: content["placements"][name] for name in settings.get("rigs", ())}
+    named, there = settings.get("rigs"), content.get("placements", {})
+    known = (
+        {name: there[name] for name in named if name in there} if isinstance(named, list) else {}
+    )
     trained = _placements(known, file)
     judged = _placements(sweep["placements"], file)
     if not trained or any(has_other_lidar(rig, trained) for rig in judged):
@@ -91,7 +94,16 @@ def evaluation_of(sweep: Content, file: RigsFile, before: Content | None = None)
         "placements": sweep["placements"] | known,
         "generalist": settings | {"rigs": list(known)},
         "grid": content.get("grid", {}) | sweep["grid"],
+        "output": str(RUNS),
     }
+
+
+def is_evaluation(content: Any) -> bool:
+    """Whether a file's content can be brought up to date by `evaluation_of`."""
+    if not isinstance(content, dict) or content.get("judge") != JUDGE["judge"]:
+        return False
+    mappings = (content.get(key, {}) for key in ("placements", "generalist", "surrogate", "grid"))
+    return all(isinstance(own, dict) for own in mappings)
 
 
 def _placements(written: Mapping[str, Content], file: RigsFile) -> list[Placement]:

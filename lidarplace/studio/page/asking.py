@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 from lidarplace.studio.best_pose import BestPose
 from lidarplace.studio.command import Command
@@ -14,9 +13,6 @@ from lidarplace.studio.page.panel import Panel
 from lidarplace.studio.page.tables import evaluation_tables, progress
 from lidarplace.studio.studio import Studio
 from lidarplace.studio.sweep_files import found_by_sweep
-
-STOPPED = 143
-"""Exit code of a command that was cancelled."""
 
 
 class Asking:
@@ -36,7 +32,6 @@ class Asking:
     ) -> None:
         self._studio, self._panel, self._editing, self._files = studio, panel, editing, files
         self._say = say
-        self._run: Path | None = None
         self._command: Command | None = None
         self._starting = threading.Lock()
 
@@ -58,22 +53,25 @@ class Asking:
         """Let a generalist judge all rigs, beside the page."""
         with self._starting:
             self._idle()
-            path, self._run = self._files.evaluation()
+            path, run = self._files.evaluation()
             self._start(["sweeps.run", str(path)])
         if self._ended():
-            self._panel.found.content = evaluation_tables(found_by_sweep(self._run))
-            self._say(f"evaluated: {self._run.absolute() / 'decision.html'}", True)
+            self._panel.found.content = evaluation_tables(found_by_sweep(run))
+            self._say(f"evaluated: {run.absolute() / 'decision.html'}", True)
 
     def compare(self) -> None:
         """Count the objects that one of two evaluated rigs finds and the other one misses."""
         with self._starting:
             self._idle()
             one, other = (field.value for field in self._panel.compared)
-            if self._run is None or one == other:
-                raise ValueError("evaluate first, and name two different rigs")
-            out = self._run / "compared"
+            if one == other:
+                raise ValueError("name two different rigs")
+            _, run = self._files.evaluated
+            if not run.is_dir():
+                raise ValueError("evaluate the rigs first")
+            out = run / "compared"
             rigs = ["--rigs", f"{one},{other}", "--out", str(out)]
-            self._start(["sweeps.failures", str(self._run), *rigs])
+            self._start(["sweeps.failures", str(run), *rigs])
         if self._ended():
             self._say(f"compared: {out.absolute() / 'failures.html'}", True)
 
@@ -106,7 +104,7 @@ class Asking:
         """Wait for the command; whether it has done its work. Says what it did not."""
         assert self._command is not None
         code = self._command.wait()
-        if code == STOPPED:
+        if code and self._command.cancelled:
             self._say("cancelled; the next time it goes on from there", True)
         elif code:
             last = self._command.lines[-1:] or (f"exit code {code}",)

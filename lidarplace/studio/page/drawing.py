@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Coroutine
 from typing import TYPE_CHECKING, Any
 
 from lidarplace.studio.blind_ground import HEIGHTS_M, BlindGround
@@ -37,7 +38,7 @@ class Drawing:
         server: viser.ViserServer,
         panel: Panel,
         editing: Editing,
-        pulled: Any,
+        pulled: Callable[[Any], Coroutine[Any, Any, None]],
     ) -> None:
         self._studio, self._server, self._panel, self._editing = studio, server, panel, editing
         self._scene = Scene(server, studio.file, studio.roi)

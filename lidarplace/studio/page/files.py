@@ -8,8 +8,7 @@ from typing import Any
 
 from lidarplace.studio.page.panel import Panel
 from lidarplace.studio.studio import Studio
-
-YAML = (".yaml", ".yml")
+from lidarplace.studio.sweep_files import RUNS
 
 
 class Files:
@@ -37,23 +36,27 @@ class Files:
         path = self.beside(self._panel.sweep_path.value)
         return self._asking(lambda over: self._studio.sweep(path, self._scene, over))
 
+    @property
+    def evaluated(self) -> tuple[Path, Path]:
+        """The evaluation of the rigs: its configuration and its run folder."""
+        name = f"evaluation-of-{self._studio.file.path.stem}"
+        return self.beside(f"{name}.yaml"), RUNS / name
+
     def evaluation(self) -> tuple[Path, Path]:
-        """Write the evaluation of the rigs; its configuration and its run folder."""
-        path = self.beside(f"evaluation-of-{self._studio.file.path.stem}.yaml")
-        return path, self._studio.evaluation(path, self._scene)
+        """Write the evaluation of the rigs as they are; what `evaluated` says."""
+        path, run = self.evaluated
+        self._studio.evaluation(path, self._scene)
+        return path, run
 
     def confirm(self) -> str:
         """Overwrite what was asked for last; what to tell."""
         overwrite, self._overwrite = self._overwrite, None
         return "" if overwrite is None else overwrite()
 
-    def beside(self, name: str, endings: tuple[str, ...] = YAML) -> Path:
+    def beside(self, name: str) -> Path:
         """A file in the folder of the rigs. Raises ValueError for one that is not."""
-        if not name or Path(name).name != name or not name.endswith(endings):
-            ending = endings[0]
-            raise ValueError(
-                f"the name of a file ends in {ending} and has no folder, found {name!r}"
-            )
+        if not name or Path(name).name != name or not name.endswith((".yaml", ".yml")):
+            raise ValueError(f"the name of a file ends in .yaml and has no folder, found {name!r}")
         return self._studio.file.path.parent / name
 
     def _asking(self, write: Callable[[bool], str]) -> str:

@@ -55,7 +55,7 @@ def page(tmp_path, monkeypatch):
 
 
 def test_an_evaluation_is_shown_with_its_intervals_and_two_rigs_compared(page, tmp_path):
-    with pytest.raises(ValueError, match="evaluate first"):
+    with pytest.raises(ValueError, match="evaluate the rigs first"):
         page.asking.compare()
     page.asking.evaluate()
     assert "<b>61.2</b> (55.0 to 67.0)" in page.panel.found.content

@@ -266,8 +266,13 @@ def test_one_generalist_judges_the_rigs_however_they_are_edited(studio, tmp_path
     studio.model(0, "pandar40p")  # which the generalist has not seen
     studio.evaluation(path, scene)
     assert trained(path)[0] != first
-    with pytest.raises(ValueError, match="is no evaluation"):
-        studio.evaluation(studio.file.path, scene)
+    for broken in ("placements: 3", "generalist: [1]", "surrogate: null", "judge: specialist"):
+        path.write_text(f"judge: generalist\n{broken}\n" if "judge" not in broken else broken)
+        with pytest.raises(ValueError, match=r"evaluation.yaml: is there .* no evaluation"):
+            studio.evaluation(path, scene)
+    path.write_text("judge: generalist\ngeneralist: {rigs: 5}\n")
+    studio.evaluation(path, scene)
+    assert trained(path)[1] == judged
 
 
 def test_the_simulated_traffic_is_told_to_a_sweep():
