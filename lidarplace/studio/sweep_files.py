@@ -36,7 +36,7 @@ JUDGE: Content = {
     "judge": "generalist",
     "generalist": {"rigs_per_frame": 4, "epochs": 4},
     "mounting_errors": {"offset": 0.01, "angle_deg": 0.5},
-    "surrogate": {"accuracy": False, "sampling_error": False},
+    "surrogate": {"names": ["covered_entropy"], "accuracy": False, "sampling_error": False},
 }
 """An evaluation, where its file does not say otherwise."""
 INTERVAL = ("mean", "low", "high")
