@@ -43,7 +43,7 @@ class Asking:
         self._say(_told(found) if found.after > found.before else "no better pose was found", True)
 
     def add_best(self) -> None:
-        """Mount one more LiDAR of the model that the field shows where the rig then finds most."""
+        """Mount one more LiDAR where the rig then finds most."""
         self._say("looking for the best pose of one more LiDAR …", True)
         found = self._studio.add_best(self._editing.model_to_add())
         self._editing.choose_last()

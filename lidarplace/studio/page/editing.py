@@ -56,15 +56,13 @@ class Editing:
         """Give the chosen LiDAR another coordinate."""
         self._studio.pose(self.one(), **{name: float(value)})
 
-    def model_to_add(self) -> str | None:
-        """The model that the field shows; None: the file's."""
-        name = self._panel.model.value
-        return None if name == FROM_FILE else name
+    def model(self, name: str) -> None:
+        """Give the chosen LiDAR another model."""
+        self._studio.model(self.one(), _model(name))
 
-    def model(self) -> None:
-        """Give the chosen LiDAR the model that the field shows; without one it is for `add`."""
-        if self.chosen is not None:
-            self._studio.model(self.one(), self.model_to_add())
+    def model_to_add(self) -> str | None:
+        """Of a LiDAR that is added; None: the file's."""
+        return _model(self._panel.to_add.value)
 
     def works(self, works: bool) -> None:
         """Let the chosen LiDAR work, or be dead."""
@@ -98,3 +96,7 @@ class Editing:
         if moved:
             studio.drag(number, **moved)
         return True
+
+
+def _model(name: str) -> str | None:
+    return None if name == FROM_FILE else name

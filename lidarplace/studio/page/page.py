@@ -73,7 +73,7 @@ class Page:
         panel.rig.on_update(self._edit(editing.choose_rig))
         panel.lidar.on_update(self._edit(editing.choose_lidar))
         panel.history.on_click(self._edit(lambda value: getattr(studio, value)()))
-        panel.model.on_update(self._edit(lambda _: editing.model()))
+        panel.model.on_update(self._edit(editing.model))
         panel.works.on_update(self._edit(editing.works))
         panel.change.on_click(self._edit(editing.change))
         panel.frame.on_update(self._edit(lambda n: studio.show_frame(studio.frame_numbers[n])))

@@ -42,6 +42,7 @@ class Panel:
             models = (FROM_FILE, *catalogue())
             self.model = gui.add_dropdown("model", models)
             self.works = gui.add_checkbox("works", True)
+            self.to_add = gui.add_dropdown("to add", models)
             self.change = gui.add_button_group(
                 "change", ("add", "duplicate", "mirror", "remove", "to zone")
             )
@@ -89,7 +90,7 @@ class Panel:
             for number, lidar in enumerate(rig.lidars)
         ] or [NO_LIDAR]
         _choices(self.lidar, labels, labels[chosen or 0])
-        for field in (*self.pose.values(), self.works, self.improve):
+        for field in (*self.pose.values(), self.model, self.works, self.improve):
             if field.disabled != (chosen is None):
                 field.disabled = chosen is None
         if chosen is None:

@@ -107,7 +107,7 @@ def test_what_runs_ends_with_the_page(page, tmp_path):
 
 
 def test_one_more_lidar_is_mounted_where_it_finds_most(page):
-    assign(page.panel.model, "vlp16")
+    assign(page.panel.to_add, "vlp16")
     page.asking.add_best()
     assert [lidar.model for lidar in page.studio.rig.lidars] == [None, None, "vlp16"]
     assert page.editing.chosen == 2

@@ -213,9 +213,12 @@ def test_every_button_does_what_it_says(page):
     ):
         page.editing.change(what)
         assert len(studio.rig.lidars) == number
-    assign(page.panel.model, "pandar40p")
-    page.editing.model()
+    page.editing.model("pandar40p")
     assert studio.rig.lidars[page.editing.one()].model == "pandar40p"
+    assign(page.panel.to_add, "bpearl")
+    page.editing.change("add")
+    models = [lidar.model for lidar in studio.rig.lidars]
+    assert models.count("bpearl") == models.count("pandar40p") == 1
     page.editing.choose_rig("left handed")
     assert studio.rig.name == "left handed"
     page.panel.ground.value = "a child"
