@@ -122,8 +122,8 @@ def _drawn(written: Mapping[str, Content], file: RigsFile) -> dict[str, Content]
     by_models: dict[tuple[Lidar, ...], list[Placement]] = {}
     for placement in _placements(written, file):
         by_models.setdefault(placement.lidars, []).extend([placement, *_elsewhere(placement, file)])
-    number = max(LEAST_OF_MODELS, TRAINED_ON // len(by_models))
-    drawn = [rig for around in by_models.values() for rig in random_rigs(around, number, seed=0)]
+    of_each = max(LEAST_OF_MODELS, TRAINED_ON // len(by_models))
+    drawn = [rig for around in by_models.values() for rig in random_rigs(around, of_each, seed=0)]
     return {
         f"trained_{number}": {
             "mounts": [

@@ -1,4 +1,4 @@
-"""What a page writes: rigs, configurations and pictures, beside the file of the rigs alone."""
+"""What a page writes: rigs and configurations, beside the file of the rigs alone."""
 
 from __future__ import annotations
 
