@@ -10,10 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 from lidarplace.box_log import BoxLog
 from lidarplace.lidar.clouds import Crop, PointClouds, as_kept
 from lidarplace.lidar.droplets import scatter_back
-from lidarplace.lidar.raycast import Hits, cast
+from lidarplace.lidar.own_body import body_parts
+from lidarplace.lidar.raycast import Hits, cast_at
 from lidarplace.lidar.returns import LARGEST_ERROR, sample_points
 from lidarplace.lidar.surroundings import Surroundings
 from lidarplace.mounting.errors import MountingErrors
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Placement
 from lidarplace.roi import Interval
 
@@ -42,6 +44,7 @@ def collect(
     seed: int = 0,
     misaligned_heights: bool = False,
     errors: MountingErrors = MountingErrors(),
+    vehicle: Vehicle | None = None,
 ) -> PointClouds:
     """Simulate the merged clouds of all LiDARs of `placement` in the given frames.
 
@@ -57,12 +60,15 @@ def collect(
         misaligned_heights: merge the clouds as if every LiDAR were as high as the first: those of
             higher ones sink, those of lower ones rise. They are cut after that.
         errors: of the mounts, drawn anew for every frame: a fleet, whose vehicles differ.
+        vehicle: carries the LiDARs; None: a sedan.
 
     Raises:
         ValueError: a box is bad, a frame is not in the log, the crop is empty, or there are more
             than 256 LiDARs.
     """
-    simulated = SimulatedClouds(log, frames, placement, crop, seed, misaligned_heights, errors)
+    simulated = SimulatedClouds(
+        log, frames, placement, crop, seed, misaligned_heights, errors, vehicle
+    )
     return simulated.kept()
 
 
@@ -86,6 +92,7 @@ class SimulatedClouds:
         seed: int = 0,
         misaligned_heights: bool = False,
         errors: MountingErrors = MountingErrors(),
+        vehicle: Vehicle | None = None,
     ) -> None:
         if not all(low < high for low, high in zip(crop[:3], crop[3:], strict=True)):
             raise ValueError(f"crop needs x0 < x1, y0 < y1, z0 < z1, found {crop}")
@@ -95,6 +102,7 @@ class SimulatedClouds:
         self.frames = np.asarray(frames, np.int64)
         self._surroundings = Surroundings(log, seed)
         self._placement, self._errors = placement, errors
+        self._body = body_parts(vehicle)
         self._crop, self._seed = crop, seed
         self._lifts = [mounts[0].z - mount.z if misaligned_heights else 0.0 for mount in mounts]
         # A point may err into the crop from outside, so what is cast is a little larger.
@@ -127,7 +135,7 @@ class SimulatedClouds:
         The points' memory is used again by the next call.
         """
         frame = int(self.frames[index])
-        parts = self._surroundings.parts(frame, self._reach)
+        parts = self._body.and_(self._surroundings.parts(frame, self._reach))
         ground = self._surroundings.ground(frame)
         rig = self._placement
         if self._errors:
@@ -136,7 +144,7 @@ class SimulatedClouds:
         views = zip(rig.mounts, rig.lidars, self._lifts, strict=True)
         for m, (mount, lidar, lift) in enumerate(views):
             wide = (*(self._low - [0, 0, lift]), *(self._high - [0, 0, lift]))
-            hits = cast(mount, lidar, parts, wide, into=self._hits.get(lidar.rays))
+            hits = cast_at(mount, lidar, parts, wide, into=self._hits.get(lidar.rays))
             self._hits[lidar.rays] = hits
             free, key = self._points[counts.sum() :], (self._seed, frame, m)
             scatter_back(lidar, hits, key)

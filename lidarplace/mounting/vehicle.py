@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
+
+from lidarplace.mounting.zone import Zone, position
 
 _HAIR = 1e-9  # a sensor mounted on a face is outside, and a ray along a face passes
 
@@ -54,6 +56,10 @@ class Vehicle:
         cabin = [[-1.75, -0.8, 0.0], [0.9, 0.8, 1.5]]
         return cls("car", np.array([hull, cabin]))
 
+    def with_boxes(self, boxes: NDArray[np.float64]) -> Vehicle:
+        """The same with further boxes, shape (n, 2, 3)."""
+        return replace(self, boxes=np.concatenate([self.boxes, boxes]))
+
     @property
     def height(self) -> float:
         """Of the highest top above the ground, metres; 0 without boxes."""
@@ -66,10 +72,31 @@ class Vehicle:
         return shrunk[(shrunk[:, 0] < shrunk[:, 1]).all(axis=1)]
 
 
-def inside(vehicle: Vehicle, point: Sequence[float]) -> bool:
-    """Whether the point (x, y, z) is within the body; its surface is not."""
-    low, high = vehicle.interior[:, 0], vehicle.interior[:, 1]
-    return bool(((low < point) & (point < high)).all(axis=1).any())
+def depth_in_body(vehicle: Vehicle, places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How far each place is inside of the body, 0 outside and on its surface.
+
+    Args:
+        places: shape (places, 3), metres.
+
+    Returns:
+        Metres, shape (places,).
+    """
+    return depth_in(vehicle.interior, places)
+
+
+def zone_in_body(zone: Zone, vehicle: Vehicle) -> tuple[bool, bool]:
+    """Whether some of a zone may be inside of the body, and whether all of it seems to be.
+
+    The first by the boxes around both, the second by some points of the zone.
+    """
+    (x0, x1), (z0, z1) = zone.x, zone.z
+    ys = [y for _, y in zone.polygon]
+    low, high = np.array([x0, min(ys), z0]), np.array([x1, max(ys), z1])
+    boxes = vehicle.interior
+    some = bool(((boxes[:, 0] < high) & (low < boxes[:, 1])).all(axis=1).any())
+    shares = np.linspace(0.0, 1.0, 5).tolist()
+    points = np.array([position(zone, *at) for at in product(shares, repeat=3)]) if some else low
+    return some, some and bool((depth_in_body(vehicle, points) > 0).all())
 
 
 def depth_in(boxes: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:

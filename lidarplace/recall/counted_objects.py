@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 from lidarplace.box_log import BoxLog, evenly
 from lidarplace.boxes import GEOMETRY
 from lidarplace.lidar.clouds import Crop
-from lidarplace.lidar.raycast import OWN_BODY
+from lidarplace.lidar.own_body import body_parts
 from lidarplace.lidar.shapes import BUILDING
 from lidarplace.lidar.surroundings import Surroundings
 from lidarplace.lidar.visibility import ground_truth
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Placement
 from lidarplace.recall.surface_cells import Frames, SurfaceCells, slices_of, surface_cells
 from lidarplace.roi import Roi
@@ -41,11 +42,13 @@ class CountedObjects:
             the log's boxes.
         cell: edge of a cell of their surfaces, metres.
         azimuth_share: share of the azimuth steps of a LiDAR that are cast.
+        vehicle: carries the LiDARs; None: a sedan.
     """
 
     table: pd.DataFrame
     cell: float
     azimuth_share: float
+    vehicle: Vehicle | None
     _surroundings: Surroundings
     _crop: Crop
 
@@ -60,6 +63,7 @@ class CountedObjects:
         frames: int | None = None,
         azimuth_share: float = 1.0,
         seed: int = 0,
+        vehicle: Vehicle | None = None,
     ) -> CountedObjects:
         """Find the objects that count; casts no ray yet.
 
@@ -71,6 +75,7 @@ class CountedObjects:
             frames: at most so many frames, spread evenly over those of the log; None: all.
             azimuth_share: share of the azimuth steps, as of the clouds that a detector gets.
             seed: of the shapes of the objects.
+            vehicle: carries the LiDARs; None: a sedan.
 
         Raises:
             ValueError: a box is bad, `frames` is below 1, or `azimuth_share` not within (0, 1].
@@ -86,6 +91,7 @@ class CountedObjects:
             table=table,
             cell=cell,
             azimuth_share=azimuth_share,
+            vehicle=vehicle,
             _surroundings=Surroundings(log, seed),
             _crop=(roi.x[0], roi.y[0], roi.z[0], roi.x[1], roi.y[1], roi.z[1]),
         )
@@ -144,9 +150,9 @@ class CountedObjects:
         geometry = self.geometry
         numbers, first = np.unique(self.table["frame"], return_index=True)
         row_of = pd.Series(np.arange(len(self.table)), self.table.index)
-        parts, owners = [], []
+        body, parts, owners = body_parts(self.vehicle), [], []
         for number in numbers.tolist():
-            parts.append(OWN_BODY.and_(self._surroundings.parts(number, reach)))
+            parts.append(body.and_(self._surroundings.parts(number, reach)))
             owner = parts[-1].owner
             # What does not count hides like a building.
             rows = row_of.reindex(self._surroundings.rows(number), fill_value=BUILDING)

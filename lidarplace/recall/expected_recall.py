@@ -13,6 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.box_log import BoxLog
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Placement
 from lidarplace.recall.counted_objects import CountedObjects
 from lidarplace.recall.detection_curve import IOU, DetectionCurves, default_curves
@@ -49,13 +50,14 @@ class ExpectedRecall:
         frames: int | None = None,
         azimuth_share: float = 1.0,
         seed: int = 0,
+        vehicle: Vehicle | None = None,
     ) -> ExpectedRecall:
         """Find the objects that count and their curves; casts no ray yet.
 
         Args:
-            log, roi, classes, frames, azimuth_share, seed: as of `CountedObjects.from_log`. An
-                object in neighbouring frames tells little new, so some of the frames will do: see
-                `recall`.
+            log, roi, classes, frames, azimuth_share, seed, vehicle: as of
+                `CountedObjects.from_log`. An object in neighbouring frames tells little new, so
+                some of the frames will do: see `recall`.
             curves: detection curves; those of the package by default.
             iou: overlap that a detection must exceed; there is a curve for it.
 
@@ -72,6 +74,7 @@ class ExpectedRecall:
             frames=frames,
             azimuth_share=azimuth_share,
             seed=seed,
+            vehicle=vehicle,
         )
         own = [of_class[name] for name in objects.table["class"]]
         return cls(

@@ -17,7 +17,7 @@ from lidarplace.configuration.mounting import KeepOutSettings, LimitSettings, Pl
 from lidarplace.configuration.placement import MOST_MOUNTS, MountSettings, PlacementSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import Amount, Name, Settings, fault, short_for
-from lidarplace.configuration.vehicle import VehicleBoxes
+from lidarplace.configuration.vehicle import OwnVehicle, vehicle_of
 from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.files.atomic import replacing
 from lidarplace.mounting.vehicle import Vehicle
@@ -42,7 +42,7 @@ class RigsSettings(Settings):
     lidar: Annotated[SensorSettings, short_for("name")] = Field(
         SensorSettings(), description="the LiDARs, unless a mount has its own"
     )
-    vehicle: VehicleBoxes = None  # type: ignore[assignment]
+    vehicle: OwnVehicle = Field(None, description="the body of the vehicle; a car by default")
     placements: dict[Name, RigSettings] = Field(
         default={"mine": RigSettings()}, min_length=1, description="rigs by name"
     )
@@ -97,12 +97,12 @@ class RigsFile:
     @cached_property
     def vehicle(self) -> Vehicle:
         """The body alone."""
-        return Vehicle("vehicle", np.array(self.settings.vehicle))
+        return vehicle_of(self.settings.vehicle)
 
     @cached_property
     def body(self) -> Vehicle:
         """What stops rays: the body, and what is kept free of LiDARs."""
-        return Vehicle("vehicle", np.concatenate([self.vehicle.boxes, self.keep_out]))
+        return self.vehicle.with_boxes(self.keep_out)
 
     @cached_property
     def laid(self) -> tuple[Laid, ...]:

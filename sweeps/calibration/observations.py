@@ -69,7 +69,7 @@ def observations(rigs: Sequence[Rig], store: AnyStore) -> pd.DataFrame:
     for rig in rigs:
         first, point = rig.trials[0], rig.point
         scenes = tuple(task.key for task in first.scenes)
-        key = (scenes, point.scene.seed, point.voxel_roi(), point.classes)
+        key = (scenes, point.scene.seed, point.voxel_roi(), point.classes, point.vehicle)
         if key not in counted:
             counted[key] = _test_objects(first, store)
         tables += _of_rig(rig, counted[key], store)
@@ -87,6 +87,7 @@ def _test_objects(trial: Trial, store: AnyStore) -> CountedObjects:
         point.classes,
         CELL_M,
         seed=point.scene.seed,
+        vehicle=point.body(),
     )
 
 

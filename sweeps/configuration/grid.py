@@ -11,7 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from lidarplace.configuration.settings import found, shortened
+from lidarplace.lidar.own_body import check_mounts
 from lidarplace.metrics import RANKING
+from lidarplace.scenes.recorded import LogScene
 from lidarplace.sensor import Lidar
 from sweeps.configuration.file import (
     ConfigError,
@@ -69,7 +71,9 @@ def read_sweep(path: Path, overrides: Sequence[str] = ()) -> Sweep:
     Raises:
         ConfigError: anything wrong with the file, a key or a value.
     """
-    return build_sweep(read_named(path, overrides, SweepFile), path)
+    sweep = build_sweep(read_named(path, overrides, SweepFile), path)
+    _check_mounts(sweep, path)
+    return sweep
 
 
 def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
@@ -119,6 +123,26 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
     if not points:
         raise ConfigError(f"{path}: exclude: no point of the grid is left")
     return Sweep(checked_common, tuple(points), tuple(points[0].axes), raw)
+
+
+def _check_mounts(sweep: Sweep, path: Path) -> None:
+    """Refuse rigs with a LiDAR inside of the vehicle that carries them, where clouds are simulated.
+
+    A sweep that a search makes is not asked: beside its own rigs, which keep out of the body, it
+    has the paper's for comparison, whatever vehicle they are on.
+    """
+    checked = set()
+    for own in sweep.points:
+        point = own.point
+        if isinstance(point.scene, LogScene) and point.scene.clouds == "recorded":
+            continue
+        if (point.placement, point.vehicle) in checked:
+            continue
+        checked.add((point.placement, point.vehicle))
+        try:
+            check_mounts(sweep.common.rig_named(point.placement, point), point.body())
+        except ValueError as error:
+            raise ConfigError(f"{path}: placement {error}") from None
 
 
 def _check_own_values(

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from lidarplace.configuration.placement import read_placement
-from lidarplace.mounting.vehicle import Vehicle, inside
+from lidarplace.configuration.vehicle import vehicle_of
+from lidarplace.lidar.own_body import check_mounts
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.near_names import did_you_mean
 from lidarplace.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.recall.detection_curve import DetectionCurves, default_curves, read_curves
@@ -48,10 +48,10 @@ def read_question(path: Path, overrides: Sequence[str] = ()) -> Question:
     file = check_file(RequirementsFile, raw, path)
     curves = default_curves() if file.curves is None else read_curves(file.curves)
     try:
-        vehicle = Vehicle("vehicle", np.array(file.vehicle))
+        vehicle = vehicle_of(file.vehicle)
         rigs = _rigs(file)
         for rig in rigs:
-            _check_mounts(rig, vehicle)
+            check_mounts(rig, vehicle)
     except ValueError as error:
         raise ConfigError(f"{path}: {error}") from None
     return Question(rigs, vehicle, laid_out(file.requirements, vehicle, curves, f"{path}: "))
@@ -98,12 +98,3 @@ def _rigs(file: RequirementsFile) -> tuple[Placement, ...]:
                 f"{', '.join(known)}, a FILE.yaml, a run folder"
             )
     return tuple(rigs)
-
-
-def _check_mounts(rig: Placement, vehicle: Vehicle) -> None:
-    for number, mount in enumerate(rig.mounts):
-        if inside(vehicle, mount.position.tolist()):
-            raise ValueError(
-                f"rig {rig.name!r}: LiDAR {number + 1} at ({mount.x:g}, {mount.y:g}, {mount.z:g}) "
-                "is inside the vehicle's body"
-            )

@@ -7,7 +7,7 @@ from pydantic import Field
 from lidarplace.configuration.placement import PlacementSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import FilePath, Name, Settings
-from lidarplace.configuration.vehicle import VehicleBoxes
+from lidarplace.configuration.vehicle import OwnVehicle
 from lidarplace.requirements.settings import Requirements
 
 
@@ -17,7 +17,7 @@ class RequirementsFile(Settings):
     lidar: SensorSettings = Field(
         SensorSettings(), description="the LiDARs, unless a mount has its own"
     )
-    vehicle: VehicleBoxes = None  # type: ignore[assignment]
+    vehicle: OwnVehicle = Field(None, description="the body of the vehicle; a car by default")
     placements: dict[Name, PlacementSettings] = Field(
         default={}, description="own placements by name"
     )

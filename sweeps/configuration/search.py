@@ -37,7 +37,7 @@ from lidarplace.configuration.settings import (
     Text,
     short_for,
 )
-from lidarplace.configuration.vehicle import VehicleBoxes
+from lidarplace.configuration.vehicle import OwnVehicle
 from lidarplace.metrics import RANKING, Direction, headline_metric
 from lidarplace.requirements.settings import Requirements
 from lidarplace.surrogates.table import ASKED_OF_POG, SURROGATES
@@ -311,7 +311,7 @@ class SearchSettings(Settings):
     start: tuple[Name, ...] = Field(
         (), description="placements to begin with, the paper's or own ones: the rig that you have"
     )
-    vehicle: VehicleBoxes = None  # type: ignore[assignment]
+    vehicle: OwnVehicle = Field(None, description="the body of the vehicle; a car by default")
     keep_out: dict[Name, KeepOutSettings] = Field(
         default={}, description="by name: where no LiDAR may sit, and what hides what is behind it"
     )

@@ -33,10 +33,12 @@ from lidarplace.configuration.settings import (
     Text,
     short_for,
 )
+from lidarplace.configuration.vehicle import OwnVehicle
 from lidarplace.configuration.weather import WeatherSettings
 from lidarplace.coverage import Method
 from lidarplace.lidar.profiles import PROFILES
 from lidarplace.metrics import METRICS, RANKING, Direction, Overlaps
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.near_names import did_you_mean
 from lidarplace.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.roi import Roi
@@ -194,6 +196,11 @@ class Point(Settings):
     lidar: Annotated[LidarSettings, short_for("name")] = Field(
         LidarSettings(), description="the LiDARs, unless a mount has its own"
     )
+    vehicle: OwnVehicle = Field(
+        None,
+        description="the body that stops rays of clouds, and in which no LiDAR may sit; a sedan "
+        "by default, of none is []",
+    )
     weather: WeatherSettings = Field(
         WeatherSettings(),
         description="fog and rain, in clouds and for surrogates; clear by default",
@@ -271,6 +278,10 @@ class Point(Settings):
         """Of the classes whose IoUs are not KITTI's."""
         own = {name: self.class_settings[name].overlaps for name in self.class_settings}
         return {name: iou for name, iou in own.items() if iou is not None}
+
+    def body(self) -> Vehicle | None:
+        """The vehicle that carries the LiDARs; None for a sedan."""
+        return None if self.vehicle is None else self.vehicle.vehicle()
 
     def voxel_roi(self) -> Roi:
         """The ROI with its voxels."""

@@ -16,6 +16,7 @@ from lidarplace import Placement, Roi
 from lidarplace.configuration.weather import WeatherSettings
 from lidarplace.lidar.clouds import Crop
 from lidarplace.lidar.collect import crop_for
+from lidarplace.lidar.own_body import check_mounts
 from lidarplace.lidar.profiles import with_tilt_in_degrees
 from lidarplace.lidar.recorded import check_rig, clouds_digest
 from lidarplace.mounting.errors import MountingErrors
@@ -272,6 +273,7 @@ class _Builder:
                 curves=self._curves(settings.curves, _curve_names(point)),
                 seed=point.scene.seed,
                 frames=RECALL_FRAMES,
+                vehicle=point.body(),
             )
             found["recall"] = self._task("recall", grid_point, seen, logs)
         chosen = spread(self._placements, settings.studied_placements)
@@ -423,6 +425,8 @@ class _Builder:
             if judged:
                 raise ValueError(f"{judged[0]} is judged, so it cannot be trained on")
             named = [common.rig_named(name, point) for name in rigs]
+            for rig in named:
+                check_mounts(rig, point.body())
             if has_other_lidar(common.rig_named(point.placement, point), named):
                 raise ValueError(
                     f"none of {', '.join(rigs)} has a LiDAR of {point.placement}: name rigs of the "
@@ -465,7 +469,15 @@ class _Builder:
         errors, vehicle = point.mounting_errors.errors(), point.mounting_errors.vehicle
         if split == "test" and vehicle is not None:
             placement, errors = errors.drawn(placement, scene.seed, vehicle), MountingErrors()
-        return CollectParams(placement, lidar.misaligned_heights, scene.seed, split, crop, errors)
+        return CollectParams(
+            placement,
+            lidar.misaligned_heights,
+            scene.seed,
+            split,
+            crop,
+            errors,
+            vehicle=point.body(),
+        )
 
     def _as_collected(self, point: Point, placement: Placement) -> Placement:
         """A rig as clouds are simulated: with the quirk of its angles and fewer azimuth steps."""

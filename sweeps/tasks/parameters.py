@@ -16,6 +16,7 @@ from lidarplace.coverage import Method
 from lidarplace.lidar.clouds import Crop
 from lidarplace.metrics import Overlaps
 from lidarplace.mounting.errors import MountingErrors
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.detection_curve import DetectionCurves
 from lidarplace.roi import Interval
 from lidarplace.scenes.parts import Recording
@@ -83,6 +84,7 @@ class RecallParams:
         curves: of `expected_recall`.
         seed: of the shapes of the objects.
         frames: at most so many, spread over those of the training split.
+        vehicle: carries the LiDARs; None: a sedan.
     """
 
     placement: Annotated[Placement, "placement", "lidar", "weather"]
@@ -92,6 +94,7 @@ class RecallParams:
     curves: Annotated[DetectionCurves, "surrogate.curves"]
     seed: Annotated[int, "scene"]
     frames: int
+    vehicle: Annotated[Vehicle | None, "vehicle"] = None
 
 
 @dataclass(frozen=True)
@@ -130,6 +133,7 @@ class CollectParams:
         seed: of shapes, drop-off, range noise and mounting errors.
         errors: of the mounts.
         first, every: which frames of the split are collected; all by default.
+        vehicle: carries the LiDARs; None: a sedan.
     """
 
     placement: Annotated[Placement, "placement", "lidar", "weather"]
@@ -140,6 +144,7 @@ class CollectParams:
     errors: Annotated[MountingErrors, "mounting_errors"]
     first: int = 0
     every: int = 1
+    vehicle: Annotated[Vehicle | None, "vehicle"] = None
 
 
 @dataclass(frozen=True)

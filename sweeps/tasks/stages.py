@@ -150,6 +150,7 @@ def recall(params: RecallParams, *logs: Value) -> Value:
             params.curves.cell,
             frames=params.frames,
             seed=params.seed,
+            vehicle=params.vehicle,
         )
         (seen,) = objects.seen_by([params.placement])
         found = baselines(objects, seen)
@@ -383,6 +384,7 @@ def _simulated(params: CollectParams, log: BoxLog) -> SimulatedClouds:
         seed=params.seed,
         misaligned_heights=params.misaligned_heights,
         errors=params.errors,
+        vehicle=params.vehicle,
     )
 
 
@@ -450,6 +452,7 @@ def objects_of(
         frames=params.frames,
         azimuth_share=azimuth_share,
         seed=params.seed,
+        vehicle=params.vehicle,
     )
 
 

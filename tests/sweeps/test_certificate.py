@@ -40,7 +40,7 @@ COUNTED = {
     "roof": {"x": [-0.5, 0.5], "y": 0, "z": [1.8, 2.0], "lidars": [0, 2], "models": ["spinning"]},
     "side": {
         "x": [0.6, 1.2],
-        "y": 0.9,
+        "y": 1.0,
         "z": 0.8,
         "lidars": [0, 1],
         "models": ["flash"],
@@ -101,7 +101,7 @@ def best_of_all(problem, traffic):
         {"lidars": 2, "constraints": {"distance": 0.7}},
         {"lidars": 2, "objective": "expected_recall"},
         {"lidars": [1, 3], "symmetric": True, "roll_deg": 0, "objective": "expected_recall.Car"},
-        {"lidars": 2, "fixed": [{"x": 2.3, "z": 0.6}], "roll_deg": 0},
+        {"lidars": 2, "fixed": [{"x": 2.4, "z": 0.6}], "roll_deg": 0},
         {"lidars": [2, 3], "symmetric": True},
         {
             "lidars": 3,
@@ -113,7 +113,7 @@ def best_of_all(problem, traffic):
             "lidars": [1, 2],
             "roll_deg": 0,
             "models": {"only": {"beams": 4, "azimuth_steps": 90, "price": 5}},
-            "fixed": [{"x": 2.3, "z": 0.6}],
+            "fixed": [{"x": 2.4, "z": 0.6}],
             "constraints": {"price": 12},
         },
         {

@@ -345,15 +345,15 @@ def test_a_generalist_is_shared_by_sweeps_and_by_those_who_start_from_it(tmp_pat
 
 
 def test_a_generalist_s_rigs_can_be_named_but_not_judged(tmp_path):
-    own = {f"own_{z}": {"mounts": [{"x": 0, "y": 0, "z": z}]} for z in (1, 2)}
+    own = {f"own_{z}": {"mounts": [{"x": 0, "y": 0, "z": z}]} for z in (2, 3)}
     changes = {"placements": own, "judge": "generalist"}
     plan = plan_of(tmp_path, generalist={"rigs": list(own)}, **changes)
     (training,) = [task for task in plan.tasks if task.stage == "pretrain"]
     found = [task.params for task in training.inputs if task.stage == "collect"]
-    assert {params.placement.mounts[0].z for params in found} == {1, 2}
+    assert {params.placement.mounts[0].z for params in found} == {2, 3}
     assert {params.every for params in found} == {1}
-    with pytest.raises(ConfigError, match=r"generalist\.rigs: own_1 is judged"):
-        plan_of(tmp_path, generalist={"rigs": list(own)}, **changes | {"placement": "own_1"})
+    with pytest.raises(ConfigError, match=r"generalist\.rigs: own_2 is judged"):
+        plan_of(tmp_path, generalist={"rigs": list(own)}, **changes | {"placement": "own_2"})
     with pytest.raises(ConfigError, match=r"generalist\.rigs: no placement 'other'"):
         plan_of(tmp_path, generalist={"rigs": ["other"]}, **changes)
 
@@ -419,6 +419,7 @@ def test_cautions_name_rigs_beyond_what_the_generalist_has_seen(tmp_path):
         placement="high",
         judge="generalist",
         generalist={"rigs": list(named)},
+        vehicle=[],
     )
     coincide, outside = rig_cautions(plan, Empty())
     assert coincide.startswith("high: ")

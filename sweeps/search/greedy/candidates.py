@@ -32,8 +32,8 @@ from sweeps.search.problem.space import Slot, Space
 def candidates_of(problem: Problem) -> list[Choices]:
     """The grid: one LiDAR or mirrored pair each, and the fixed LiDARs as one candidate.
 
-    Those that can be part of no rig are left out: too much of their own body in view, or the two
-    of a pair, or one of the fixed LiDARs, too near.
+    Those that can be part of no rig are left out: inside of the body, too much of it in view, or
+    the two of a pair, or one of the fixed LiDARs, too near.
     """
     space = problem.space
     fixed = ordered(space.fixed)
@@ -119,7 +119,7 @@ def _may_be(rig: Choices, fixed: Choices, problem: Problem) -> bool:
     if least_distance(placement_of(both, problem.models)) < limits.distance - ROUNDING:
         return False
     carrier = problem.question.carrier
-    if carrier.depth_of(rig) > 0:
+    if max(carrier.depths_of(rig).values()) > 0:
         return False
     return limits.body_share is None or all(
         body_share(lidar.mount, problem.models[lidar.model], carrier.vehicle) <= limits.body_share

@@ -31,6 +31,12 @@ def placement_settings(rig: Choices, search: SearchFile) -> dict[str, Any]:
     return {"mounts": [mount_settings(lidar, search) for lidar in rig]}
 
 
+def own_vehicle(source: Mapping[str, Any]) -> dict[str, Any]:
+    """The key `vehicle` of a sweep, as the configuration of a search has it; none without."""
+    told = source["search"].get("vehicle")
+    return {} if told is None else {"vehicle": copy.deepcopy(told)}
+
+
 def sweep_settings(
     source: Mapping[str, Any], search: SearchFile, rigs: Mapping[str, Choices], name: str
 ) -> dict[str, Any]:
@@ -44,6 +50,7 @@ def sweep_settings(
     config = {k: copy.deepcopy(v) for k, v in source.items() if k not in _OWN}
     own = {key: placement_settings(rig, search) for key, rig in rigs.items()}
     config["placements"] = config.get("placements", {}) | own
+    config |= own_vehicle(source)
     # A sweep has other defaults.
     config["mounting_errors"] = search.mounting_errors.model_dump(mode="json", exclude_none=True)
     return config | {"name": name}

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace import Lidar, Roi
+from lidarplace.configuration.vehicle import vehicle_of
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.near_field import near_field_coverage
 from lidarplace.mounting.spacing import least_distance
-from lidarplace.mounting.vehicle import Vehicle, depth_in
+from lidarplace.mounting.vehicle import Vehicle, depth_in, depth_in_body, zone_in_body
 from lidarplace.requirements.judge import judge
 from lidarplace.requirements.layout import Laid
 from sweeps.configuration.search import TOTALS, SearchSettings
@@ -48,6 +49,8 @@ class Constraint:
 def constraints_of(search: SearchSettings) -> tuple[Constraint, ...]:
     """The constraints that are asked for."""
     settings, found = search.constraints, []
+    if _may_be_in_body(search):
+        found.append(Constraint("body", "m", 0.0, at_least=False))
     if search.keep_out:
         found.append(Constraint("keep_out", "m", 0.0, at_least=False))
     if settings.distance > 0:
@@ -66,6 +69,18 @@ def constraints_of(search: SearchSettings) -> tuple[Constraint, ...]:
     return tuple(found)
 
 
+def _may_be_in_body(search: SearchSettings) -> bool:
+    """Whether the zones, or the images of those with mirrored pairs, reach into the vehicle."""
+    zones = [zone.zone(name) for name, zone in search.zones.items()]
+    zones += [
+        replace(zone, polygon=tuple((x, -y) for x, y in zone.polygon))
+        for zone, own in zip(zones, search.zones.values(), strict=True)
+        if own.mirrored or search.symmetric
+    ]
+    vehicle = vehicle_of(search.vehicle)
+    return any(zone_in_body(zone, vehicle)[0] for zone in zones)
+
+
 def requirement_name(name: str) -> str:
     """Of the constraint that a requirement is."""
     return f"requirement.{name}"
@@ -79,6 +94,7 @@ class Carrier:
         models: by name.
         totals: price and power, by name of the model; NaN where it is not known.
         mount_prices: by name of the zone.
+        body: of the vehicle, without a LiDAR.
         vehicle: its body, and what hides what is behind it.
         keep_out: boxes without a LiDAR, lower and upper corners, metres, shape (n, 2, 3).
         near_field: the zone around it that has to be seen; None if none has.
@@ -88,6 +104,7 @@ class Carrier:
     models: Mapping[str, Lidar]
     totals: Mapping[str, Mapping[str, float]]
     mount_prices: Mapping[str, float]
+    body: Vehicle
     vehicle: Vehicle
     keep_out: NDArray[np.float64]
     near_field: Roi | None
@@ -99,7 +116,8 @@ class Carrier:
     ) -> Carrier:
         """As the configuration has it; `models` by name."""
         near = settings.constraints.near_field
-        boxes = [box.box for box in settings.keep_out.values()]
+        boxes = np.array([box.box for box in settings.keep_out.values()]).reshape(-1, 2, 3)
+        body = vehicle_of(settings.vehicle)
         # The rig that one has without `search.models` costs nothing more.
         unknown = math.nan if settings.models else 0.0
         own = {name: (model.price, model.watts) for name, model in settings.models.items()}
@@ -111,8 +129,9 @@ class Carrier:
                 for total, values in zip(TOTALS, zip(*totals, strict=True), strict=True)
             },
             {name: zone.price for name, zone in settings.zones.items()},
-            Vehicle("vehicle", np.array([*settings.vehicle, *boxes])),
-            np.array(boxes, np.float64).reshape(-1, 2, 3),
+            body,
+            body.with_boxes(boxes),
+            boxes,
             None if near is None else Roi(near.x, near.y, near.z, near.resolution),
             tuple(requirements),
         )
@@ -122,10 +141,13 @@ class Carrier:
         mounts = self.mount_prices if total == "price" else {}
         return math.fsum(self.totals[total][c.model] + mounts.get(c.zone, 0.0) for c in rig)
 
-    def depth_of(self, rig: Choices) -> float:
-        """How far the deepest LiDAR is inside of what is kept out, metres; 0 for none."""
+    def depths_of(self, rig: Choices) -> dict[str, float]:
+        """How far the deepest LiDAR is inside of the body and of what is kept out, metres."""
         places = np.array([lidar.mount.position for lidar in rig]).reshape(-1, 3)
-        return float(depth_in(self.keep_out, places).max(initial=0.0))
+        return {
+            "body": float(depth_in_body(self.body, places).max(initial=0.0)),
+            "keep_out": float(depth_in(self.keep_out, places).max(initial=0.0)),
+        }
 
 
 def margin_of(rig: Choices, carrier: Carrier) -> float:
@@ -156,8 +178,8 @@ def measures_of(
             continue
         if constraint.name in TOTALS:
             found[constraint.name] = carrier.total_of(constraint.name, rig)
-        elif constraint.name == "keep_out":
-            found["keep_out"] = carrier.depth_of(rig)
+        elif constraint.name in ("body", "keep_out"):
+            found[constraint.name] = carrier.depths_of(rig)[constraint.name]
         elif constraint.name == "distance":
             found["distance"] = least_distance(placement) if placement else 0.0
         elif constraint.name == "body_share":

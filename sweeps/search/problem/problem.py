@@ -11,11 +11,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement
+from lidarplace.configuration.vehicle import vehicle_of
+from lidarplace.lidar.own_body import check_mounts
 from lidarplace.mounting.near_field import near_field_coverage
-from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.mounting.vehicle import Vehicle, zone_in_body
 from lidarplace.near_names import did_you_mean
 from lidarplace.recall.detection_curve import default_curves
 from lidarplace.scenes.sumo.settings import SumoScene
@@ -32,7 +32,7 @@ from sweeps.configuration.question import laid_out
 from sweeps.configuration.search import RangeSettings, SearchFile, Tests, TrafficSettings
 from sweeps.configuration.sweep import Common, Point
 from sweeps.plan.plan import Trial, make_plan
-from sweeps.search.problem.as_sweep import sweep_of, sweep_settings, verify_settings
+from sweeps.search.problem.as_sweep import own_vehicle, sweep_of, sweep_settings, verify_settings
 from sweeps.search.problem.assess import Question
 from sweeps.search.problem.choice import Choice, Choices, ordered, placement_of
 from sweeps.search.problem.constraints import Carrier, constraints_of
@@ -175,6 +175,7 @@ class Problem:
         if self.question.needs_objects:
             names = tuple(dict.fromkeys([*names, "expected_recall"]))
         base = {k: v for k, v in self.source.items() if k in type(self.file).model_fields}
+        base |= own_vehicle(self.source)
         point = _point(base, scene or {}, self.path)
         common = Common.model_validate({k: getattr(self.file, k) for k in Common.model_fields})
         surrogate = point.surrogate.model_copy(update={"names": names})
@@ -237,7 +238,8 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
     except ValueError as error:
         raise ConfigError(f"{path}: {error}") from None
     models = chosen | {OWN_MODEL: own}
-    vehicle = Vehicle("vehicle", np.array(settings.vehicle))
+    vehicle = vehicle_of(settings.vehicle)
+    _check_body(file, space, vehicle, path)
     laid = laid_out(settings.requirements, vehicle, default_curves(), f"{path}: search.")
     try:
         carrier = Carrier.of(settings, models, laid)
@@ -282,6 +284,8 @@ def _check_keys(file: SearchFile, source: Mapping[str, Any], path: Path) -> None
             f"{path}: judge: is for sweeps; a search says it in its objective, such as "
             "generalist.recall"
         )
+    if "vehicle" in source:
+        raise ConfigError(f"{path}: vehicle: is for sweeps; a search has search.vehicle")
     if settings.zones and "placement" in source:
         raise ConfigError(f"{path}: placement: is for searches without search.zones; see start")
     for key in ("models", "start", "fixed"):
@@ -320,6 +324,21 @@ def _check_keys(file: SearchFile, source: Mapping[str, Any], path: Path) -> None
                 f"{path}: search.objective: {objective.name} is of mounts as they are; leave out "
                 "lidar.tilt_in_degrees"
             )
+
+
+def _check_body(file: SearchFile, space: Space, vehicle: Vehicle, path: Path) -> None:
+    """Refuse fixed LiDARs inside of the body, and zones that are. Raises ConfigError."""
+    for zone in space.zones:
+        if zone_in_body(zone, vehicle)[1]:
+            raise ConfigError(f"{path}: search.zones.{zone.name}: is inside the vehicle's body")
+    if not space.fixed:
+        return
+    try:
+        fixed = Placement("fixed", [own.mount for own in space.fixed], file.lidar.lidar())
+        check_mounts(fixed, vehicle)
+    except ValueError as error:
+        key = "fixed" if space.zones else f"placement {file.placement}"
+        raise ConfigError(f"{path}: search: {key}: {error}") from None
 
 
 def _check_what_comes_later(problem: Problem) -> None:

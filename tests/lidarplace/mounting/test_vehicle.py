@@ -5,7 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from lidarplace.mounting.vehicle import Vehicle, inside
+from lidarplace.mounting.vehicle import Vehicle, depth_in_body
+
+
+def inside(vehicle, point):
+    return bool(depth_in_body(vehicle, np.array([point], np.float64))[0] > 0)
 
 
 def test_the_car():

@@ -1,0 +1,180 @@
+"""A LiDAR inside of the vehicle is refused, and the vehicle of a file is that of its clouds."""
+
+import numpy as np
+import pytest
+import yaml
+from search_files import write_search
+from small_log import write_small_log
+
+from lidarplace import Mount, Placement
+from lidarplace.mounting.vehicle import Vehicle
+from sweeps.configuration.file import ConfigError
+from sweeps.configuration.grid import read_sweep
+from sweeps.plan.plan import make_plan
+from sweeps.search.greedy.candidates import candidates_of
+from sweeps.search.problem.as_sweep import verify_settings
+from sweeps.search.problem.choice import Choice
+from sweeps.search.problem.constraints import measures_of
+from sweeps.search.problem.problem import read_problem
+from sweeps.tasks.task import plain
+
+NOSE = {"x": 2.25, "z": 0.6}
+TRUCK = [[[-4.0, -1.2, 0.3], [4.0, 1.2, 3.0]]]
+
+
+def sweep_file(folder, **changes):
+    if not (folder / "log").exists():
+        write_small_log(folder / "log")
+    path = folder / "grid.yaml"
+    base = {
+        "scene": {"source": "log", "folder": str(folder / "log")},
+        "placements": {"nose": {"mounts": [{"z": 2.0}, NOSE]}},
+        "placement": "nose",
+        "classes": ["Car"],
+        "detector": "pointpillars_tiny",
+        "surrogate": {"resolution": 0.8, "accuracy": False, "sampling_error": False},
+    }
+    path.write_text(yaml.safe_dump(base | changes))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("mount", "vehicle", "held"),
+    [
+        ({"x": 2.0, "z": 0.5}, None, True),
+        ({"x": 2.25, "z": 0.6}, None, False),  # before the bonnet's slope, at 2.189 there
+        ({"x": 2.18, "z": 0.6}, None, True),
+        ({"x": 2.25, "z": 0.22}, None, True),
+        ({"z": 1.499}, None, True),
+        ({"z": 1.5}, None, False),
+        ({"z": 2.0}, TRUCK, True),
+        ({"z": 3.0}, TRUCK, False),
+        ({"z": 3.001}, TRUCK, False),
+        ({"z": 2.999}, TRUCK, True),
+        ({"x": 4.0, "z": 1.0}, TRUCK, False),
+        ({"x": 2.0, "z": 0.5}, [], False),
+    ],
+)
+def test_of_a_sweep(tmp_path, mount, vehicle, held):
+    rigs = {"mine": {"mounts": [{"z": 5.0}, mount]}}
+    path = sweep_file(tmp_path, placements=rigs, placement="mine", vehicle=vehicle)
+    if not held:
+        read_sweep(path)
+        return
+    with pytest.raises(ConfigError) as refused:
+        read_sweep(path)
+    at = tuple(mount.get(axis, 0) for axis in "xyz")
+    place = ", ".join(f"{value:g}" for value in at)
+    assert str(refused.value) == (
+        f"{path}: placement 'mine': LiDAR 2 at ({place}) is inside the vehicle's body, which the "
+        "key vehicle describes"
+    )
+
+
+def test_an_axis_of_vehicles_names_the_one_in_which_it_is(tmp_path):
+    path = sweep_file(tmp_path, grid={"vehicle": [None, [], TRUCK]})
+    with pytest.raises(ConfigError, match=r"'nose': LiDAR 1 at \(0, 0, 2\) is inside the vehicle"):
+        read_sweep(path)
+    assert len(read_sweep(sweep_file(tmp_path, grid={"vehicle": [None, []]})).points) == 2
+
+
+def test_a_mistyped_body(tmp_path):
+    for vehicle, message in (
+        ([[[1, 0, 0], [0, 1, 1]]], "vehicle: .*box 0 needs finite corners, the lower one first"),
+        ({"box": []}, "vehicle.box: unknown key .*boxes"),
+        ([[[0, 0], [1, 1]]], r"vehicle.boxes\[0\]\[0\]\[2\]: is missing"),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            read_sweep(sweep_file(tmp_path, vehicle=vehicle))
+
+
+def test_recorded_clouds_and_the_paper_s_rigs_of_a_search_are_not_asked(tmp_path):
+    problem = read_problem(write_search(tmp_path, search={"vehicle": TRUCK, "zones": high()}))
+    settings = verify_settings(problem.source, problem.file, {}, ["line"], {})
+    assert settings["vehicle"] == TRUCK
+    low = {"mounts": [{"x": 2.0, "z": 0.5}]}
+    scene = {"source": "log", "folder": str(tmp_path / "log"), "clouds": "recorded"}
+    read_sweep(sweep_file(tmp_path, scene=scene, placements={"low": low}, placement="low"))
+
+
+def high():
+    return {"roof": {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [3.1, 3.3]}}
+
+
+def test_clouds_and_expected_recall_have_the_vehicle_and_their_keys_know_it(tmp_path):
+    def keys(**changes):
+        plan = make_plan(read_sweep(sweep_file(tmp_path, **changes)))
+        return {task.stage: task.key for task in plan.tasks}
+
+    sedan, none = keys(), keys(vehicle=[])
+    for stage in ("collect", "recall", "finetune", "evaluate"):
+        assert sedan[stage] != none[stage]
+    for stage in ("pog", "surrogates", "ground_truth"):
+        assert sedan[stage] == none[stage]
+    assert keys(vehicle=TRUCK[:0]) == none
+    other = [[[-4.0, -1.2, 0.301], [4.0, 1.2, 3.0]]]
+    tall = {"placements": {"nose": {"mounts": [{"z": 3.2}]}}}
+    assert keys(vehicle=TRUCK, **tall)["collect"] != keys(vehicle=other, **tall)["collect"]
+    assert plain(np.zeros(3)) != plain(np.zeros((3, 1)))
+
+
+def test_of_a_search(tmp_path):
+    def problem(**search):
+        return read_problem(write_search(tmp_path, search=search))
+
+    assert "body" not in {own.name for own in problem().question.constraints}
+    into = {"front": {"x": [2.2, 2.6], "y": [-0.5, 0.5], "z": 0.5}}
+    found = problem(zones=into, lidars=1, greedy={"position_step": 0.1})
+    (body,) = [own for own in found.question.constraints if own.name == "body"]
+
+    def violation(x):
+        rig = (Choice("lidar", "front", Mount(x=x, z=0.5)),)
+        return body.violation(measures_of(rig, [body], found.question.carrier)["body"])
+
+    assert violation(2.25) == pytest.approx(0.1)
+    assert violation(2.35) == violation(2.6) == 0
+    offered = [rig[0].mount.x for rig in candidates_of(found)]
+    assert min(offered) == pytest.approx(2.4)
+    for search, message in (
+        ({"fixed": [NOSE]}, r"search: fixed: 'fixed': LiDAR 1 at \(2.25, 0, 0.6\) is inside the"),
+        ({"zones": into | {"in": {"x": 0, "y": 0, "z": [0.2, 1.4]}}}, r"zones\.in: is inside the"),
+        (
+            {"zones": high(), "vehicle": [[[-9, -9, 0], [9, 9, 9]]]},
+            r"zones\.roof",
+        ),
+    ):
+        with pytest.raises(ConfigError, match=message):
+            problem(**search)
+    with pytest.raises(ConfigError, match=r"vehicle: is for sweeps; a search has search\.vehicle"):
+        read_problem(write_search(tmp_path, vehicle=[]))
+
+
+def test_a_mirrored_zone_reaches_into_what_is_on_the_other_side(tmp_path):
+    right = [[[-1.0, -1.5, 0.0], [1.0, -0.5, 2.0]]]
+    zone = {"x": 0, "y": [0.8, 1.2], "z": [1.0, 1.5]}
+    for symmetric in (False, True):
+        search = {"vehicle": right, "zones": {"side": zone}, "symmetric": symmetric}
+        found = read_problem(write_search(tmp_path, search=search))
+        assert ("body" in {own.name for own in found.question.constraints}) == symmetric
+
+
+def test_a_search_of_objects_has_its_vehicle(tmp_path):
+    search = {"vehicle": TRUCK, "zones": high(), "objective": "expected_recall.Car"}
+    problem = read_problem(write_search(tmp_path, search=search))
+    _, trial = problem.pog_tasks(problem.sweep())
+    np.testing.assert_array_equal(trial.recall.params.vehicle.boxes, TRUCK)
+    plain_car = read_problem(write_search(tmp_path, search=search | {"vehicle": None}))
+    _, trial = plain_car.pog_tasks(plain_car.sweep())
+    assert trial.recall.params.vehicle is None
+    assert Vehicle.car().height == plain_car.question.carrier.vehicle.height
+
+
+def test_the_paper_s_rigs_are_above_the_car():
+    from lidarplace import PAPER_PLACEMENTS
+    from lidarplace.lidar.own_body import check_mounts
+
+    for rig in PAPER_PLACEMENTS.values():
+        check_mounts(rig, None)
+        check_mounts(rig, Vehicle.car())
+    with pytest.raises(ValueError, match="'low': LiDAR 1 at"):
+        check_mounts(Placement("low", [Mount(z=0.5)], PAPER_PLACEMENTS["line"].lidars[0]), None)
