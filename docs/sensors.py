@@ -64,6 +64,9 @@ own = Lidar.even(beams=16, elevation_deg=(-25, 5), azimuth_steps=1800, azimuth_d
   `expected_recall`, `log_cells`, `log_points` and `enough_points`. Surrogates of the POG
   (`expected_points`, `expected_ig` and those of coverage) know `range` alone, since a voxel has no
   material; so do CARLA's own LiDARs.
+- By its size a LiDAR hides what is behind it from the others of a rig, in clouds, constraints and
+  requirements: as an upright cylinder where length and width are equal, else as a box, with the
+  sensor in its middle. `size_mm` says it of LiDARs of your own; without it nothing is hidden.
 - A range is one of clear air; `weather` and `window` shorten it, see below.
 - Patterns that do not repeat (Livox) do not fit a table of beams and azimuths and are not here. Nor
   is a LiDAR of 1,550 nm: of none the beams were found.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lidarplace.catalogue.datasheet import datasheet
+from lidarplace.catalogue.datasheet import datasheet, metres
 from lidarplace.ranges import AZIMUTH_STEPS
 from lidarplace.weather import Weather, shortened
 
@@ -38,6 +38,9 @@ class Lidar:
         wavelength: of its light, metres.
         extinction: rate at which the air takes light, 1/m; see `in_weather`.
         window: share of the light that passes its front window, on either way; 1: as new.
+        size: length, width and height of the housing around the origin of the sensor's frame,
+            metres, by which it hides what is behind it from other LiDARs; equal length and width
+            are the diameter of a cylinder. None: not known, nothing is hidden.
 
     Raises:
         ValueError: a value is out of its bounds, no azimuth step is in the field of view, or light
@@ -56,6 +59,7 @@ class Lidar:
     wavelength: float = 905e-9
     extinction: float = 0.0
     window: float = 1.0
+    size: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "elevations", tuple(float(e) for e in self.elevations))
@@ -92,6 +96,10 @@ class Lidar:
                 f"range_80 is range_10, {self.range_10}: light makes no difference to this LiDAR, "
                 "so nobody knows what it sees where light is lost"
             )
+        if self.size is not None:
+            object.__setattr__(self, "size", tuple(float(side) for side in self.size))
+            if len(self.size) != 3 or not all(0 < side < math.inf for side in self.size):
+                raise ValueError(f"size needs length, width and height > 0, found {self.size}")
         low, high = (float(angle) for angle in self.azimuth)
         object.__setattr__(self, "azimuth", (low, high))
         if not (math.isfinite(low) and math.isfinite(high) and 0 < high - low <= FULL_TURN):
@@ -161,6 +169,7 @@ class Lidar:
             range_10=sheet.range_10,
             range_80=sheet.range_80,
             wavelength=1e-9 * (sheet.wavelength_nm or 905.0),
+            size=sheet.size_mm and metres(sheet.size_mm),
         )
 
     def in_weather(self, weather: Weather) -> Lidar:

@@ -74,6 +74,12 @@ class Datasheet(BaseModel):
         return len(self.elevations_deg) * round(self.azimuth_steps * (high - low) / 360)
 
 
+def metres(size_mm: tuple[float, float, float]) -> tuple[float, float, float]:
+    """A size in metres."""
+    length, width, height = size_mm
+    return 1e-3 * length, 1e-3 * width, 1e-3 * height
+
+
 @cache
 def catalogue() -> Mapping[str, Datasheet]:
     """All data sheets by name, in the order of the file."""

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, Strict, field_validator, model_validator
 
-from lidarplace.catalogue.datasheet import datasheet
+from lidarplace.catalogue.datasheet import datasheet, metres
 from lidarplace.configuration.settings import (
     CountFromOne,
     Degrees,
@@ -19,6 +19,9 @@ from lidarplace.configuration.settings import (
     Settings,
 )
 from lidarplace.sensor import Lidar
+
+Side = Annotated[float, Strict(), Field(ge=1, le=2000, allow_inf_nan=False)]
+"""Of a LiDAR, millimetres; metres are below."""
 
 MOST_BEAMS = 10_000
 MOST_RAYS = 20_000_000
@@ -60,6 +63,11 @@ class SensorSettings(Settings):
     window: Probability = Field(
         1.0, gt=0, description="share of the light that a soiled front window lets pass, each way"
     )
+    size_mm: tuple[Side, Side, Side] | None = Field(
+        None,
+        description="length, width and height of the housing, by which it hides what is behind it "
+        "from other LiDARs, millimetres; the diameter twice for a cylinder; null: it hides nothing",
+    )
     azimuth_deg: tuple[Degrees, Degrees] = Field(
         (-180.0, 180.0),
         description="horizontal field of view in the sensor's frame, degrees, from min up to, not "
@@ -86,6 +94,7 @@ class SensorSettings(Settings):
             "min_range": sheet.min_range or 0.0,
             "range_noise": sheet.range_noise or 0.0,
             "wavelength_nm": sheet.wavelength_nm or 905.0,
+            "size_mm": sheet.size_mm,
         }
         return known | data
 
@@ -135,4 +144,5 @@ class SensorSettings(Settings):
             self.range_80,
             1e-9 * self.wavelength_nm,
             window=self.window,
+            size=self.size_mm and metres(self.size_mm),
         )

@@ -13,6 +13,7 @@ from lidarplace.lidar.droplets import scatter_back
 from lidarplace.lidar.own_body import body_parts
 from lidarplace.lidar.raycast import Hits, cast_at
 from lidarplace.lidar.returns import LARGEST_ERROR, sample_points
+from lidarplace.lidar.shade import ends_in_rig
 from lidarplace.lidar.surroundings import Surroundings
 from lidarplace.mounting.errors import MountingErrors
 from lidarplace.mounting.vehicle import Vehicle
@@ -102,7 +103,7 @@ class SimulatedClouds:
         self.frames = np.asarray(frames, np.int64)
         self._surroundings = Surroundings(log, seed)
         self._placement, self._errors = placement, errors
-        self._body = body_parts(vehicle)
+        self._body, self._ends = body_parts(vehicle), ends_in_rig(placement)
         self._crop, self._seed = crop, seed
         self._lifts = [mounts[0].z - mount.z if misaligned_heights else 0.0 for mount in mounts]
         # A point may err into the crop from outside, so what is cast is a little larger.
@@ -137,14 +138,16 @@ class SimulatedClouds:
         frame = int(self.frames[index])
         parts = self._body.and_(self._surroundings.parts(frame, self._reach))
         ground = self._surroundings.ground(frame)
-        rig = self._placement
+        rig, ends = self._placement, self._ends
         if self._errors:
             rig = self._errors.drawn(rig, self._seed, frame)
+            ends = ends_in_rig(rig)
         counts = np.zeros(len(rig.mounts), np.int32)
-        views = zip(rig.mounts, rig.lidars, self._lifts, strict=True)
-        for m, (mount, lidar, lift) in enumerate(views):
+        views = zip(rig.mounts, rig.lidars, self._lifts, ends, strict=True)
+        for m, (mount, lidar, lift, own) in enumerate(views):
             wide = (*(self._low - [0, 0, lift]), *(self._high - [0, 0, lift]))
-            hits = cast_at(mount, lidar, parts, wide, into=self._hits.get(lidar.rays))
+            into = self._hits.get(lidar.rays)
+            hits = cast_at(mount, lidar, parts, wide, into, own)
             self._hits[lidar.rays] = hits
             free, key = self._points[counts.sum() :], (self._seed, frame, m)
             scatter_back(lidar, hits, key)

@@ -31,12 +31,15 @@ from lidarplace.lidar.convex import (
     shorter_turn,
     window,
 )
-from lidarplace.lidar.shapes import Parts, own_body
+from lidarplace.lidar.shapes import BODY, Parts, own_body
 from lidarplace.placement import Mount
 from lidarplace.sensor import Lidar
 
 GROUND, NOTHING = -1, -5
 """What a ray hit when it was no part; parts have owners above and between."""
+
+NO_ENDS = np.empty(0)
+"""No ray ends at the rig of its LiDAR."""
 
 EVERYWHERE = (-math.inf, -math.inf, -math.inf, math.inf, math.inf, math.inf)
 
@@ -84,8 +87,13 @@ def cast_at(
     parts: Parts,
     crop: Sequence[float] = EVERYWHERE,
     into: Hits | None = None,
+    ends: NDArray[np.float64] = NO_ENDS,
 ) -> Hits:
-    """`cast` at these parts alone, without the vehicle's own body."""
+    """`cast` at these parts alone, without the vehicle's own body.
+
+    Args:
+        ends: inverse distances at which rays end at the rig, of `lidarplace.lidar.shade`.
+    """
     rays = lidar.rays
     hits = into or Hits(np.empty(rays), np.empty(rays, np.int32), np.empty(rays))
     cast_compiled(
@@ -96,6 +104,7 @@ def cast_at(
         parts.owner,
         parts.reflectivity,
         np.array(crop, np.float64),
+        ends,
         hits,
     )
     return hits
@@ -153,6 +162,17 @@ def beams_of(lidar: Lidar) -> Beams:
     )
 
 
+@inner
+def runs(beams, middle, below, above):  # pragma: no cover - compiled
+    """First and last azimuth of the two runs that a window spans; it may go on at the start."""
+    steps, per_step = beams.azimuths.shape[1], 2 * np.pi / beams.turn
+    # One step wider than the interval on both sides, so that rounding costs nothing.
+    start = int(np.floor((middle - below) / per_step))
+    count = min(int(np.ceil((middle + above) / per_step)) - start + 1, beams.turn)
+    start = (start - beams.first_step) % beams.turn
+    return (start, min(start + count, steps)), (0, min(start + count - beams.turn, steps))
+
+
 def visible_share(
     viewpoint: tuple[float, float, float], parts: Parts, objects: int, grid: tuple[int, int]
 ) -> NDArray[np.float64]:
@@ -188,9 +208,11 @@ def returns_light(distance, reflected, beams):  # pragma: no cover - compiled
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def cast_compiled(
-    origin, rotation, fired, parts, owners, reflectivities, crop, hits
+    origin, rotation, fired, parts, owners, reflectivities, crop, ends, hits
 ):  # pragma: no cover - compiled
     """Fill the `hits` of the `Beams` that are fired; exact for what lies within `crop`.
+
+    `ends` are inverse distances at which rays end at the rig itself; or it is empty.
 
     Parts apart from the hull of crop and sensor are skipped: the hull is convex, so it holds every
     ray up to a point in `crop`, and they cannot stand before one.
@@ -212,6 +234,10 @@ def cast_compiled(
             ground = a * cosines[n] + b * sines[n] + c
             best[n] = ground if ground > farthest else farthest
             which[n] = GROUND if ground > farthest else NOTHING
+        for n in range(steps if len(ends) else 0):
+            end = ends[beam * steps + n]
+            if end > best[n]:
+                best[n], which[n] = end, BODY
 
     number = len(parts)
     planes = np.empty((number, 6, 5))
@@ -269,6 +295,9 @@ def cast_compiled(
                 ranges[ray], reflected[ray] = np.inf, 0.0
                 continue
             ranges[ray] = 1.0 / inverse
+            if p == BODY:
+                reflected[ray] = 0.0
+                continue
             if p == GROUND:
                 reflected[ray] = min(inverse * high, 1.0)
                 continue

@@ -6,7 +6,9 @@ import math
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
+from lidarplace.mounting.housing import NO_HOUSINGS, behind_housing
 from lidarplace.mounting.sight import stopped
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Mount
@@ -16,13 +18,18 @@ AZIMUTH_STEPS = 360
 
 
 def body_share(
-    mount: Mount, lidar: Lidar, vehicle: Vehicle, azimuth_steps: int = AZIMUTH_STEPS
+    mount: Mount,
+    lidar: Lidar,
+    vehicle: Vehicle,
+    azimuth_steps: int = AZIMUTH_STEPS,
+    others: NDArray[np.float64] = NO_HOUSINGS,
 ) -> float:
-    """Share of the LiDAR's rays that meet the body within its range, in [0, 1].
+    """Share of the LiDAR's rays that meet the body, or another LiDAR, within its range, in [0, 1].
 
     1 for a mount inside the body; 0 on the roof of a box for rays that do not point down.
 
     Args:
+        others: housings of the other LiDARs, rows of `lidarplace.mounting.housing`.
         azimuth_steps: so many of the fired azimuths are looked at, evenly spread over the field of
             view; all if it has no more. With 360 of 5,625 the share of the paper's LiDAR is off by
             at most 0.2 percent points.
@@ -37,15 +44,17 @@ def body_share(
     steps = lidar.first_step + (2 * np.arange(number) + 1) * fired // (2 * number)
     azimuths = steps * (2 * math.pi / lidar.azimuth_steps)
     elevations, boxes = np.array(lidar.elevations), vehicle.interior
-    hits = _count_hits(mount.position, mount.rotation, azimuths, elevations, lidar.reach, boxes)
+    hits = _count_hits(
+        mount.position, mount.rotation, azimuths, elevations, lidar.reach, boxes, others
+    )
     return hits / (number * lidar.beams)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _count_hits(
-    origin, rotation, azimuths, elevations, reach, boxes
+    origin, rotation, azimuths, elevations, reach, boxes, others
 ):  # pragma: no cover - compiled
-    """Number of rays that pass the inside of a box closer than `reach`."""
+    """Number of rays that pass the inside of a box or of another LiDAR closer than `reach`."""
     hits = 0
     flat = np.empty((len(azimuths), 3))
     for j in range(len(azimuths)):
@@ -57,5 +66,7 @@ def _count_hits(
         ux, uy, uz = s * rotation[0, 2], s * rotation[1, 2], s * rotation[2, 2]
         for j in range(len(flat)):
             dx, dy, dz = c * flat[j, 0] + ux, c * flat[j, 1] + uy, c * flat[j, 2] + uz
-            hits += stopped(origin, dx, dy, dz, reach, boxes)
+            hits += stopped(origin, dx, dy, dz, reach, boxes) or behind_housing(
+                origin, dx, dy, dz, reach, others, -1
+            )
     return hits

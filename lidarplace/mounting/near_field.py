@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from lidarplace.coverage.cone import sensor_bits
 from lidarplace.coverage.tiles import Tiles
+from lidarplace.mounting.housing import behind_housing, housings_of
 from lidarplace.mounting.sight import stopped
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Placement
@@ -19,7 +22,7 @@ def near_field_coverage(placement: Placement, vehicle: Vehicle, roi: Roi) -> flo
 
     A voxel counts if its centre lies outside of the body. It is seen if some LiDAR covers it, by
     the exact cones of `lidarplace.coverage.cone`, and the straight line from that LiDAR to its
-    centre does not pass through the body.
+    centre does not pass through the body or another LiDAR.
 
     Args:
         roi: the near field; it may hold the vehicle.
@@ -37,26 +40,28 @@ def near_field_coverage(placement: Placement, vehicle: Vehicle, roi: Roi) -> flo
 
 
 def seen_in_columns(
-    placement: Placement, vehicle: Vehicle, roi: Roi
+    placement: Placement, vehicle: Vehicle, roi: Roi, dead: int | None = None
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Voxels of every column that count, as in `near_field_coverage`: those seen, and all.
+
+    Args:
+        dead: number of a LiDAR that sees nothing; it still hides what is behind it.
 
     Returns two arrays of shape (nx, ny).
     """
     tiles = Tiles.whole(roi.shape)
-    bits = np.stack(
-        [
-            sensor_bits(lidar, mount, roi, tiles)
-            for lidar, mount in zip(placement.lidars, placement.mounts, strict=True)
-        ]
-    )
-    origins = np.array([mount.position for mount in placement.mounts])
+    working = [number for number in range(len(placement.mounts)) if number != dead]
+    bits = np.zeros((len(working), math.ceil(roi.shape[2] / 64), *roi.shape[:2]), np.uint64)
+    for row, number in enumerate(working):
+        bits[row] = sensor_bits(placement.lidars[number], placement.mounts[number], roi, tiles)
+    origins = np.array([placement.mounts[number].position for number in working]).reshape(-1, 3)
     xs, ys, zs = map(roi.centres, range(3))
-    return _count_seen(bits, origins, xs, ys, zs, vehicle.interior)
+    numbers, housings = np.array(working, np.int64), housings_of(placement.mounts, placement.lidars)
+    return _count_seen(bits, numbers, origins, xs, ys, zs, vehicle.interior, housings)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _count_seen(bits, origins, xs, ys, zs, boxes):  # pragma: no cover - compiled
+def _count_seen(bits, numbers, origins, xs, ys, zs, boxes, housings):  # pragma: no cover - compiled
     """Voxels that are covered and in sight of a sensor, and voxels outside of the boxes."""
     seen = np.zeros((len(xs), len(ys)), np.int64)
     outside = np.zeros((len(xs), len(ys)), np.int64)
@@ -78,7 +83,9 @@ def _count_seen(bits, origins, xs, ys, zs, boxes):  # pragma: no cover - compile
                     covered = bits[s, k >> 6, i, j] >> np.uint64(k & 63) & np.uint64(1)
                     origin = origins[s]
                     dx, dy, dz = x - origin[0], y - origin[1], z - origin[2]
-                    if covered and not stopped(origin, dx, dy, dz, 1.0, boxes):
+                    if not covered or stopped(origin, dx, dy, dz, 1.0, boxes):
+                        continue
+                    if not behind_housing(origin, dx, dy, dz, 1.0, housings, numbers[s]):
                         seen[i, j] += 1
                         break
     return seen, outside

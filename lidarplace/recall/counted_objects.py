@@ -21,16 +21,39 @@ from lidarplace.box_log import BoxLog, evenly
 from lidarplace.boxes import GEOMETRY
 from lidarplace.lidar.clouds import Crop
 from lidarplace.lidar.own_body import body_parts
+from lidarplace.lidar.shade import ends_of, in_view
 from lidarplace.lidar.shapes import BUILDING
 from lidarplace.lidar.surroundings import Surroundings
 from lidarplace.lidar.visibility import ground_truth
+from lidarplace.mounting.housing import COLUMNS, housings_of, without
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.placement import Placement
+from lidarplace.placement import Mount, Placement
 from lidarplace.recall.surface_cells import Frames, SurfaceCells, slices_of, surface_cells
 from lidarplace.roi import Roi
+from lidarplace.sensor import Lidar
 
 _HAIR_M = 1e-6
 """Rounding of a surface, metres, and far more."""
+
+
+@dataclass(frozen=True)
+class InRig:
+    """A LiDAR, and what of its rig is in its way.
+
+    Attributes:
+        lidar: with the azimuth steps that are cast.
+        others: housings that it may meet, the rest of their rows behind the number of the LiDAR.
+    """
+
+    mount: Mount
+    lidar: Lidar
+    others: tuple[tuple[float, ...], ...]
+
+    @property
+    def housings(self) -> NDArray[np.float64]:
+        """Rows of `lidarplace.mounting.housing`."""
+        rows = np.array(self.others, np.float64).reshape(-1, COLUMNS - 1)
+        return np.concatenate([np.zeros((len(rows), 1)), rows], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,32 +127,38 @@ class CountedObjects:
     def seen_by(self, placements: Sequence[Placement]) -> list[SurfaceCells]:
         """What each placement hits of the objects, in their order; cast in numba's threads.
 
-        A mount that several of them have is cast once. Placements of one LiDAR make the tables of
-        a grid of candidates: `SurfaceCells.and_` joins them to rigs.
+        A mount that several of them have is cast once, if the same LiDARs stand in its way.
+        Placements of one LiDAR make the tables of a grid of candidates: `SurfaceCells.and_` joins
+        them to rigs, whose LiDARs then do not hide each other.
 
         Raises:
             ValueError: a LiDAR has no ray in its field of view at this `azimuth_share`.
         """
-        share = self.azimuth_share
-        rigs = [
-            list(
-                zip(
-                    placement.mounts,
-                    (lidar.thinned(share) for lidar in placement.lidars),
-                    strict=True,
-                )
-            )
-            for placement in placements
-        ]
-        mounts = list(dict.fromkeys(mount for rig in rigs for mount in rig))
-        away = max((math.hypot(mount.x, mount.y) for mount, _ in mounts), default=0.0)
+        rigs = [self.in_rig(placement) for placement in placements]
+        lidars = list(dict.fromkeys(lidar for rig in rigs for lidar in rig))
+        of_lidar = dict(zip(lidars, self.cells_of(lidars), strict=True))
+        return [reduce(SurfaceCells.and_, [of_lidar[lidar] for lidar in rig]) for rig in rigs]
+
+    def in_rig(self, placement: Placement) -> list[InRig]:
+        """The LiDARs of a rig as they are cast. Raises ValueError as `seen_by` does."""
+        housings, own = housings_of(placement.mounts, placement.lidars), []
+        for number, mount in enumerate(placement.mounts):
+            lidar = placement.lidars[number].thinned(self.azimuth_share)
+            others = in_view(mount, lidar, without(housings, number))[:, 1:]
+            own.append(InRig(mount, lidar, tuple(map(tuple, others.tolist()))))
+        return own
+
+    def cells_of(self, lidars: Sequence[InRig]) -> list[SurfaceCells]:
+        """What each LiDAR hits; cast in numba's threads."""
+        away = max((math.hypot(own.mount.x, own.mount.y) for own in lidars), default=0.0)
         frames = self.frames if away <= self._reach else self._frames(away)
+
+        def cells(own: InRig) -> SurfaceCells:
+            ends = ends_of(own.mount, own.lidar, own.housings)
+            return surface_cells(own.mount, own.lidar, frames, self._crop, self.cell, ends)
+
         with ThreadPoolExecutor(numba.get_num_threads()) as threads:
-            found = threads.map(
-                lambda one: surface_cells(one[0], one[1], frames, self._crop, self.cell), mounts
-            )
-            of_mount = dict(zip(mounts, found, strict=True))
-        return [reduce(SurfaceCells.and_, [of_mount[mount] for mount in rig]) for rig in rigs]
+            return list(threads.map(cells, lidars))
 
     @cached_property
     def frames(self) -> Frames:

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from lidarplace.lidar.raycast import beams_of, cast_compiled, returns_light
+from lidarplace.lidar.raycast import NO_ENDS, beams_of, cast_compiled, returns_light
 from lidarplace.placement import Mount
 from lidarplace.sensor import Lidar
 
@@ -99,7 +99,12 @@ def slices_of(geometry: NDArray[np.float64], cell: float) -> NDArray[np.int64]:
 
 
 def surface_cells(
-    mount: Mount, lidar: Lidar, frames: Frames, crop: Sequence[float], cell: float
+    mount: Mount,
+    lidar: Lidar,
+    frames: Frames,
+    crop: Sequence[float],
+    cell: float,
+    ends: NDArray[np.float64] = NO_ENDS,
 ) -> SurfaceCells:
     """The objects of all frames from which one LiDAR gets light within `crop`.
 
@@ -108,9 +113,16 @@ def surface_cells(
         frames: the objects, and what hides them.
         crop: x0, y0, z0, x1, y1, z1 in the ego frame, metres; the faces belong to it.
         cell: edge of a cell, metres.
+        ends: as of `lidarplace.lidar.raycast.cast_at`.
     """
     found = _cells_in_frames(
-        mount.position, mount.rotation, beams_of(lidar), frames, np.array(crop, np.float64), cell
+        mount.position,
+        mount.rotation,
+        beams_of(lidar),
+        frames,
+        np.array(crop, np.float64),
+        cell,
+        ends,
     )
     return SurfaceCells(*found)
 
@@ -122,7 +134,9 @@ def _slice(position, size, cell, number):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _cells_in_frames(origin, rotation, beams, frames, crop, cell):  # pragma: no cover - compiled
+def _cells_in_frames(
+    origin, rotation, beams, frames, crop, cell, ends
+):  # pragma: no cover - compiled
     """Offsets, cells and points of `SurfaceCells`."""
     elevations, azimuths = beams.elevations, beams.azimuths
     geometry, slices = frames.geometry, frames.slices
@@ -144,6 +158,7 @@ def _cells_in_frames(origin, rotation, beams, frames, crop, cell):  # pragma: no
             frames.owner[first:last],
             frames.reflectivity[first:last],
             frames.near[frame],
+            ends,
             (ranges, targets, reflected),
         )
         first, last = frames.first_object[frame], frames.first_object[frame + 1]

@@ -7,7 +7,7 @@ met if enough positions have enough, as the rig is built and in every case that 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -154,27 +154,15 @@ def _may_fail(share: float, positions: int) -> int:
 def _of_volume(
     own: Laid, roi: Roi, rig: Placement, vehicle: Vehicle, dead: bool
 ) -> Iterator[Found]:
-    rigs: Mapping[str, Placement | None] = {"": rig}
-    if dead:
-        rigs = {"": rig} | {
-            f"without LiDAR {number + 1}": _without(rig, number)
-            for number in range(len(rig.mounts))
-        }
-    for label, left in rigs.items():
-        seen, outside = seen_in_columns(rig if left is None else left, vehicle, roi)
+    cases: dict[str, int | None] = {"": None}
+    for number in range(len(rig.mounts) if dead else 0):
+        cases[f"without LiDAR {number + 1}"] = number
+    for label, unseeing in cases.items():
+        seen, outside = seen_in_columns(rig, vehicle, roi, unseeing)
         seen, outside = seen[own.positions.held], outside[own.positions.held]
-        if left is None:  # nothing is left
-            seen = np.zeros_like(seen)
         shares = np.divide(seen, outside, out=np.full(len(seen), np.inf), where=outside > 0)
         worst = int(shares.argmin())
         x, y = own.positions.points[worst].tolist()
         share = int(seen.sum()) / int(outside.sum())
         at_worst = float(shares[worst])
         yield label, Finding("", share, share, x, y, None, at_worst), shares
-
-
-def _without(rig: Placement, number: int) -> Placement | None:
-    """The rig without one LiDAR; None if it has no other."""
-    mounts, lidars = list(rig.mounts), list(rig.lidars)
-    del mounts[number], lidars[number]
-    return Placement(rig.name, mounts, lidars) if mounts else None

@@ -1,4 +1,4 @@
-"""How many rays of every LiDAR hit each of many objects, past the vehicle's own body.
+"""How many rays of every LiDAR hit each of many objects, past its vehicle and other LiDARs.
 
 Each object is alone there: others hide nothing. Exact, every ray is tested that can meet it.
 """
@@ -16,7 +16,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from lidarplace.lidar.convex import enter_along, fill_corners, fill_planes, inner, window
-from lidarplace.lidar.raycast import Beams, beams_of
+from lidarplace.lidar.raycast import Beams, beams_of, runs
+from lidarplace.lidar.shade import ends_in_rig
 from lidarplace.lidar.shapes import bricks
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Placement
@@ -38,8 +39,8 @@ class Sight(NamedTuple):
     Attributes:
         origin, rotation: of the mount.
         beams: its rays.
-        least: of every ray the inverse of the distance at which it ends, at the body or for want
-            of range, 1/m, shape (rays,).
+        least: of every ray the inverse of the distance at which it ends, at the body, at another
+            LiDAR or for want of range, 1/m, shape (rays,).
     """
 
     origin: NDArray[np.float64]
@@ -53,9 +54,12 @@ def sights_of(placement: Placement, vehicle: Vehicle) -> list[Sight]:
     low, high = vehicle.interior[:, 0], vehicle.interior[:, 1]
     body = bricks(np.concatenate([(low + high) / 2, high - low, np.zeros((len(low), 1))], 1), 0)
     sights = []
-    for mount, lidar in zip(placement.mounts, placement.lidars, strict=True):
+    lidars = zip(placement.mounts, placement.lidars, ends_in_rig(placement), strict=True)
+    for mount, lidar, ends in lidars:
         beams = beams_of(lidar)
         least = np.full(lidar.rays, 1.0 / lidar.reach * (1.0 - 4e-16))
+        if len(ends):
+            np.maximum(least, ends, out=least)
         sights.append(Sight(mount.position, mount.rotation, beams, least))
         _shade(sights[-1], body.geometry)
     return sights
@@ -124,17 +128,6 @@ def _in_threads(
         return list(threads.map(work, parts))
 
 
-@inner
-def _runs(beams, middle, below, above):  # pragma: no cover - compiled
-    """First and last azimuth of the two runs that a window spans; it may go on at the start."""
-    steps, per_step = beams.azimuths.shape[1], 2 * np.pi / beams.turn
-    # One step wider than the interval on both sides, so that rounding costs nothing.
-    start = int(np.floor((middle - below) / per_step))
-    count = min(int(np.ceil((middle + above) / per_step)) - start + 1, beams.turn)
-    start = (start - beams.first_step) % beams.turn
-    return (start, min(start + count, steps)), (0, min(start + count - beams.turn, steps))
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def _shade(sight, body):  # pragma: no cover - compiled
     """Let rays end where they enter a part of the body."""
@@ -152,7 +145,7 @@ def _shade(sight, body):  # pragma: no cover - compiled
             if not lowest <= beams.elevations[beam, 0] <= highest:
                 continue
             ce, se = beams.elevations[beam, 1], beams.elevations[beam, 2]
-            for first, last in _runs(beams, middle, below, above):
+            for first, last in runs(beams, middle, below, above):
                 if first < last and facing > 0:
                     enter_along(
                         cosines[first:last], sines[first:last], planes, facing, ce, se, enter
@@ -190,7 +183,7 @@ def _hit(sight, parts, number, cell, owners):  # pragma: no cover - compiled
             if not lowest <= beams.elevations[beam, 0] <= highest:
                 continue
             ce, se = beams.elevations[beam, 1], beams.elevations[beam, 2]
-            for first, last in _runs(beams, middle, below, above):
+            for first, last in runs(beams, middle, below, above):
                 if first >= last:
                     continue
                 enter_along(cosines[first:last], sines[first:last], planes, facing, ce, se, enter)

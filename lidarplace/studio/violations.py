@@ -11,6 +11,7 @@ import numpy as np
 
 from lidarplace.catalogue.datasheet import datasheet
 from lidarplace.mounting.body_share import body_share
+from lidarplace.mounting.housing import housings_of, without
 from lidarplace.mounting.vehicle import depth_in
 from lidarplace.mounting.zone import distance
 from lidarplace.requirements.judge import Outcome
@@ -126,8 +127,9 @@ def _blocked(rig: Rig, file: RigsFile) -> list[Violation]:
     if limit is None:
         return []
     models = rig.models(file.settings.lidar.lidar())
+    housings = housings_of(rig.mounts, models)
     for number, (mount, lidar) in enumerate(zip(rig.mounts, models, strict=True)):
-        share = body_share(mount, lidar, file.body)
+        share = body_share(mount, lidar, file.body, others=without(housings, number))
         if share > limit + ROUNDING:
             text = (
                 f"LiDAR {number}: {100 * share:.3g} % of its rays meet the vehicle, "

@@ -6,8 +6,10 @@ from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lidarplace.lidar.raycast import OWN_BODY, cast_at
+from lidarplace.lidar.shade import ends_in_rig
 from lidarplace.lidar.shapes import BODY, BUILDING, SIGN, Parts
 from lidarplace.lidar.surroundings import Surroundings
 from lidarplace.placement import Mount, Placement
@@ -24,7 +26,7 @@ class AimedRays:
         returned: those whose light comes back from it.
         dark: those that meet it, too near or too dark to return light.
         stopped: those that something else stops, by what it is: the id of an object, "a building"
-            or "the vehicle itself".
+            or "the vehicle itself", which its other LiDARs belong to.
     """
 
     aimed: int
@@ -57,17 +59,22 @@ def why_unseen(frame: Frame, object_id: str, placement: Placement) -> tuple[Aime
         raise ValueError(f"no object {object_id!r} in frame {number}; there are {', '.join(ids)}")
     own = ids.index(object_id)
     everything = OWN_BODY.and_(surroundings.parts(number, np.inf))
-    return tuple(
-        _aimed(mount, lidar, everything, own, ids)
-        for mount, lidar in zip(placement.mounts, placement.lidars, strict=True)
-    )
+    lidars = zip(placement.mounts, placement.lidars, ends_in_rig(placement), strict=True)
+    return tuple(_aimed(mount, lidar, everything, own, ids, ends) for mount, lidar, ends in lidars)
 
 
-def _aimed(mount: Mount, lidar: Lidar, parts: Parts, own: int, ids: list[str]) -> AimedRays:
+def _aimed(
+    mount: Mount,
+    lidar: Lidar,
+    parts: Parts,
+    own: int,
+    ids: list[str],
+    ends: NDArray[np.float64],
+) -> AimedRays:
     mine = parts.owner == own
     alone = Parts(parts.geometry[mine], parts.owner[mine], parts.reflectivity[mine])
     aimed = cast_at(mount, lidar, alone).target == own
-    met = cast_at(mount, lidar, parts)
+    met = cast_at(mount, lidar, parts, ends=ends)
     names = {BODY: "the vehicle itself", BUILDING: "a building", SIGN: "a sign"} | dict(
         enumerate(ids)
     )

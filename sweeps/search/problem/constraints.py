@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lidarplace import Lidar, Roi
 from lidarplace.configuration.vehicle import vehicle_of
 from lidarplace.mounting.body_share import body_share
+from lidarplace.mounting.housing import housings_of, without
 from lidarplace.mounting.near_field import near_field_coverage
 from lidarplace.mounting.spacing import least_distance
 from lidarplace.mounting.vehicle import Vehicle, depth_in, depth_in_body, zone_in_body
@@ -183,9 +184,11 @@ def measures_of(
         elif constraint.name == "distance":
             found["distance"] = least_distance(placement) if placement else 0.0
         elif constraint.name == "body_share":
+            mounts, lidars = [c.mount for c in rig], [carrier.models[c.model] for c in rig]
+            housings = housings_of(mounts, lidars)
             shares = (
-                body_share(lidar.mount, carrier.models[lidar.model], carrier.vehicle)
-                for lidar in rig
+                body_share(mount, lidar, carrier.vehicle, others=without(housings, number))
+                for number, (mount, lidar) in enumerate(zip(mounts, lidars, strict=True))
             )
             found["body_share"] = max(shares, default=0.0)
         else:

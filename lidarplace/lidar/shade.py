@@ -1,0 +1,112 @@
+"""Where rays of a LiDAR end at other parts of its own rig, the same in every frame.
+
+What hides a LiDAR from the world moves with it, so it is looked for once for a rig and not once for
+each frame.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from lidarplace.lidar.raycast import NO_ENDS, Beams, beams_of, runs
+from lidarplace.mounting.housing import enter_housing, housings_of, without
+from lidarplace.placement import Mount, Placement
+from lidarplace.sensor import Lidar
+
+_HAIR = 1e-9  # rounding of an angle
+
+
+def in_view(mount: Mount, lidar: Lidar, housings: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Those of the housings that rays of a LiDAR may meet, and perhaps others nearby.
+
+    Args:
+        housings: rows of `lidarplace.mounting.housing`, without the LiDAR's own.
+    """
+    if not len(housings):
+        return housings
+    return housings[_windows(mount.position, mount.rotation, beams_of(lidar), housings)[:, 0] > 0]
+
+
+def ends_of(mount: Mount, lidar: Lidar, housings: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The inverse distance at which each ray of a LiDAR ends at one of the housings.
+
+    0 where it meets none, infinite for a ray that starts inside of one. Only rays that point close
+    to a housing are tested.
+
+    Args:
+        housings: rows of `lidarplace.mounting.housing`, without the LiDAR's own.
+
+    Returns:
+        1/m, in the order of `Lidar.directions()`, shape (rays,); or NO_ENDS.
+    """
+    near = in_view(mount, lidar, housings)
+    if not len(near):
+        return NO_ENDS
+    ends = np.zeros(lidar.rays)
+    _end_at_housings(mount.position, mount.rotation, beams_of(lidar), near, ends)
+    return ends
+
+
+def ends_in_rig(placement: Placement) -> list[NDArray[np.float64]]:
+    """`ends_of` every LiDAR of a rig at the others."""
+    housings, lidars = housings_of(placement.mounts, placement.lidars), enumerate(placement.lidars)
+    return [ends_of(placement.mounts[n], own, without(housings, n)) for n, own in lidars]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _windows(origin, rotation, beams: Beams, housings):  # pragma: no cover - compiled
+    """Whether the sphere around each housing meets a beam, its azimuth and half width, its least
+    and greatest elevation, radians, in the sensor's frame; shape (n, 5)."""
+    found = np.zeros((len(housings), 5))
+    lowest, highest = beams.elevations[:, 0].min(), beams.elevations[:, 0].max()
+    for n in range(len(housings)):
+        row = housings[n]
+        radius = math.sqrt(row[13] ** 2 + row[14] ** 2 + row[15] ** 2)
+        seen = rotation.T @ (row[1:4] - origin)
+        away = math.sqrt(seen[0] ** 2 + seen[1] ** 2 + seen[2] ** 2)
+        if away - radius > beams.reach:
+            continue
+        half, low, high = math.pi, -math.pi, math.pi
+        if away > radius:
+            wide, up = math.asin(radius / away), math.asin(min(max(seen[2] / away, -1.0), 1.0))
+            low, high = up - wide - _HAIR, up + wide + _HAIR
+            if abs(up) + wide < 0.5 * math.pi - _HAIR:
+                half = math.asin(min(math.sin(wide) / math.cos(up), 1.0)) + _HAIR
+        found[n, 1], found[n, 2] = math.atan2(seen[1], seen[0]), half
+        found[n, 3], found[n, 4] = low, high
+        one, other = runs(beams, found[n, 1], half, half)
+        met = one[0] < one[1] or other[0] < other[1]
+        found[n, 0] = met and low <= highest and high >= lowest
+    return found
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _end_at_housings(origin, rotation, beams, housings, ends):  # pragma: no cover - compiled
+    windows = _windows(origin, rotation, beams, housings)
+    steps = beams.azimuths.shape[1]
+    for n in range(len(housings)):
+        housing = housings[n]
+        into = housing[4:13].copy().reshape(3, 3).T  # from the ego frame to that of the housing
+        place, turn = into @ (origin - housing[1:4]), into @ rotation
+        for beam in range(len(beams.elevations)):
+            elevation, ce, se = beams.elevations[beam]
+            if not windows[n, 3] <= elevation <= windows[n, 4]:
+                continue
+            for first, last in runs(beams, windows[n, 1], windows[n, 2], windows[n, 2]):
+                for step in range(first, last):
+                    x, y = ce * beams.azimuths[0, step], ce * beams.azimuths[1, step]
+                    t = enter_housing(
+                        place[0],
+                        place[1],
+                        place[2],
+                        turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * se,
+                        turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * se,
+                        turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * se,
+                        housing,
+                    )
+                    ray = beam * steps + step
+                    ends[ray] = max(ends[ray], 1.0 / t)
