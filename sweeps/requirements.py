@@ -206,7 +206,7 @@ def _sections(question: Question, outcomes: Sequence[Sequence[Outcome]]) -> list
         notes=[
             f"{failed} of {len(every)} verdicts are failures. An object stands alone on level "
             "ground at each position, in the worst of its headings; what hides it is the body of "
-            "the vehicle."
+            "the vehicle, and its other LiDARs where their size is known."
         ],
         tables=[verdicts],
     )

@@ -33,7 +33,7 @@ MODULES = {
 """What a distribution is imported as, if by another name."""
 
 MAY_IMPORT = {
-    "lidarplace": ["", "sumo", "carla", "mcap", "studio"],
+    "lidarplace": ["", "sumo", "carla", "mcap", "mesh", "studio"],
     "training": ["", "training"],
     "tracking": ["", "sweeps"],
     "sweeps": ["", "training", "sweeps"],

@@ -2,35 +2,101 @@
 
 from __future__ import annotations
 
+import math
+from functools import lru_cache
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    Strict,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
-from lidarplace.configuration.settings import Length, Settings
+from lidarplace.configuration.settings import Degrees, FilePath, Length, Settings
+from lidarplace.mounting.mesh import Mesh
+from lidarplace.mounting.mesh_file import read_mesh
 from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.optional import needs
+from lidarplace.pose import rotation
 
 Corner = tuple[Length, Length, Length]
 
 
 class VehicleSettings(Settings):
-    """A body that stops rays, and in which no LiDAR may sit; a list is short for `boxes`."""
+    """A body that stops rays, and in which no LiDAR may sit: boxes, a mesh, or both; a list is
+    short for `boxes`, a text for `mesh`."""
 
     boxes: tuple[tuple[Corner, Corner], ...] = Field(
         (), description="[[x0, y0, z0], [x1, y1, z1]]: lower and upper corner, metres, ego frame"
     )
+    mesh: FilePath | None = Field(
+        None,
+        description="file of triangles: STL, OBJ, PLY, glTF; relative to the folder of the "
+        "configuration",
+    )
+    scale: Annotated[float, Strict(), Field(gt=0, le=1000, allow_inf_nan=False)] = Field(
+        1.0, description="metres of a unit of the mesh: 0.001 for millimetres"
+    )
+    roll_deg: Degrees = Field(
+        0.0, description="from the axes of the mesh to ours, as of a mount; 90: its y axis is up"
+    )
+    pitch_deg: Degrees = Field(0.0, description="the same, after roll")
+    yaw_deg: Degrees = Field(0.0, description="the same, after pitch; 180: its x axis is back")
+    origin: Corner = Field(
+        (0.0, 0.0, 0.0), description="where the origin of the mesh is in the ego frame, metres"
+    )
+
+    @field_validator("mesh")
+    @classmethod
+    def _beside_the_file(cls, mesh: FilePath | None, info: ValidationInfo) -> FilePath | None:
+        folder = (info.context or {}).get("folder")
+        return mesh if mesh is None or folder is None else (folder / mesh).absolute()
 
     @model_validator(mode="after")
     def _possible(self) -> VehicleSettings:
+        if self.mesh is None and self.model_fields_set - {"boxes", "mesh"}:
+            key = min(self.model_fields_set - {"boxes", "mesh"})
+            raise ValueError(f"{key}: is of a mesh, and there is none")
         self.vehicle()
         return self
 
     def vehicle(self) -> Vehicle:
-        """In the terms of `lidarplace`. Raises ValueError as `Vehicle` does."""
-        return Vehicle("vehicle", np.array(self.boxes))
+        """In the terms of `lidarplace`.
+
+        Raises:
+            ValueError: as `Vehicle` and `read_mesh`; also if the file cannot be read.
+        """
+        if self.mesh is None:
+            return _vehicle(self, 0, 0)
+        try:
+            told = self.mesh.stat()
+            return _vehicle(self, told.st_mtime_ns, told.st_size)
+        except OSError as error:
+            raise ValueError(f"mesh: {self.mesh}: {error.strerror}") from None
+        except ModuleNotFoundError as error:
+            raise ValueError(f"mesh: {needs(error) or error}") from None
+
+
+@lru_cache(maxsize=8)
+def _vehicle(settings: VehicleSettings, changed: int, size: int) -> Vehicle:
+    """The vehicle, read again when the file of its mesh was changed."""
+    return Vehicle("vehicle", np.array(settings.boxes), _mesh(settings))
+
+
+def _mesh(settings: VehicleSettings) -> Mesh | None:
+    if settings.mesh is None:
+        return None
+    angles = map(math.radians, (settings.roll_deg, settings.pitch_deg, settings.yaw_deg))
+    return read_mesh(settings.mesh, settings.scale, rotation(*angles), settings.origin)
 
 
 def _short(value: Any) -> Any:
+    if isinstance(value, str):
+        return {"mesh": value}
     return {"boxes": value} if isinstance(value, (list, tuple)) else value
 
 

@@ -103,7 +103,8 @@ class SimulatedClouds:
         self.frames = np.asarray(frames, np.int64)
         self._surroundings = Surroundings(log, seed)
         self._placement, self._errors = placement, errors
-        self._body, self._ends = body_parts(vehicle), ends_in_rig(placement)
+        self._vehicle, self._body = vehicle, body_parts(vehicle)
+        self._ends = [] if errors else ends_in_rig(placement, vehicle)
         self._crop, self._seed = crop, seed
         self._lifts = [mounts[0].z - mount.z if misaligned_heights else 0.0 for mount in mounts]
         # A point may err into the crop from outside, so what is cast is a little larger.
@@ -141,7 +142,7 @@ class SimulatedClouds:
         rig, ends = self._placement, self._ends
         if self._errors:
             rig = self._errors.drawn(rig, self._seed, frame)
-            ends = ends_in_rig(rig)
+            ends = ends_in_rig(rig, self._vehicle)
         counts = np.zeros(len(rig.mounts), np.int32)
         views = zip(rig.mounts, rig.lidars, self._lifts, ends, strict=True)
         for m, (mount, lidar, lift, own) in enumerate(views):

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from lidarplace.lidar.raycast import NO_ENDS, Beams, beams_of, runs
 from lidarplace.mounting.housing import enter_housing, housings_of, without
+from lidarplace.mounting.mesh import first_hit
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Mount, Placement
 from lidarplace.sensor import Lidar
 
@@ -31,30 +33,52 @@ def in_view(mount: Mount, lidar: Lidar, housings: NDArray[np.float64]) -> NDArra
     return housings[_windows(mount.position, mount.rotation, beams_of(lidar), housings)[:, 0] > 0]
 
 
-def ends_of(mount: Mount, lidar: Lidar, housings: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The inverse distance at which each ray of a LiDAR ends at one of the housings.
+def ends_of(
+    mount: Mount, lidar: Lidar, housings: NDArray[np.float64], vehicle: Vehicle | None = None
+) -> NDArray[np.float64]:
+    """The inverse distance at which each ray of a LiDAR ends at a housing or the vehicle's mesh.
 
-    0 where it meets none, infinite for a ray that starts inside of one. Only rays that point close
-    to a housing are tested.
+    0 where it meets none, infinite for a ray that starts inside of a housing. Of the housings only
+    those rays are tested that point close to one.
 
     Args:
         housings: rows of `lidarplace.mounting.housing`, without the LiDAR's own.
+        vehicle: carries it; its boxes are no matter here.
 
     Returns:
         1/m, in the order of `Lidar.directions()`, shape (rays,); or NO_ENDS.
     """
     near = in_view(mount, lidar, housings)
-    if not len(near):
+    mesh = None if vehicle is None else vehicle.mesh
+    if mesh is None and not len(near):
         return NO_ENDS
     ends = np.zeros(lidar.rays)
     _end_at_housings(mount.position, mount.rotation, beams_of(lidar), near, ends)
+    if mesh is not None:
+        _end_at_mesh(mount.position, mount.rotation, beams_of(lidar), mesh.tree, ends)
     return ends
 
 
-def ends_in_rig(placement: Placement) -> list[NDArray[np.float64]]:
-    """`ends_of` every LiDAR of a rig at the others."""
+def ends_in_rig(placement: Placement, vehicle: Vehicle | None = None) -> list[NDArray[np.float64]]:
+    """`ends_of` every LiDAR of a rig."""
     housings, lidars = housings_of(placement.mounts, placement.lidars), enumerate(placement.lidars)
-    return [ends_of(placement.mounts[n], own, without(housings, n)) for n, own in lidars]
+    return [ends_of(placement.mounts[n], own, without(housings, n), vehicle) for n, own in lidars]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _end_at_mesh(origin, rotation, beams, tree, ends):  # pragma: no cover - compiled
+    steps = beams.azimuths.shape[1]
+    for beam in range(len(beams.elevations)):
+        _, ce, se = beams.elevations[beam]
+        for step in range(steps):
+            x, y = ce * beams.azimuths[0, step], ce * beams.azimuths[1, step]
+            dx = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * se
+            dy = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * se
+            dz = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * se
+            t = first_hit(origin, dx, dy, dz, beams.reach, tree)
+            if t < beams.reach:
+                ray = beam * steps + step
+                ends[ray] = max(ends[ray], 1.0 / t)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from lidarplace.mounting.housing import NO_HOUSINGS, behind_housing
-from lidarplace.mounting.sight import stopped
+from lidarplace.mounting.housing import NO_HOUSINGS
+from lidarplace.mounting.sight import obstacles_of, stopped
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Mount
 from lidarplace.sensor import Lidar
@@ -43,18 +43,16 @@ def body_share(
     number = min(fired, azimuth_steps)
     steps = lidar.first_step + (2 * np.arange(number) + 1) * fired // (2 * number)
     azimuths = steps * (2 * math.pi / lidar.azimuth_steps)
-    elevations, boxes = np.array(lidar.elevations), vehicle.interior
-    hits = _count_hits(
-        mount.position, mount.rotation, azimuths, elevations, lidar.reach, boxes, others
-    )
+    elevations, obstacles = np.array(lidar.elevations), obstacles_of(vehicle, others)
+    hits = _count_hits(mount.position, mount.rotation, azimuths, elevations, lidar.reach, obstacles)
     return hits / (number * lidar.beams)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _count_hits(
-    origin, rotation, azimuths, elevations, reach, boxes, others
+    origin, rotation, azimuths, elevations, reach, obstacles
 ):  # pragma: no cover - compiled
-    """Number of rays that pass the inside of a box or of another LiDAR closer than `reach`."""
+    """Number of rays that are stopped closer than `reach`."""
     hits = 0
     flat = np.empty((len(azimuths), 3))
     for j in range(len(azimuths)):
@@ -66,7 +64,5 @@ def _count_hits(
         ux, uy, uz = s * rotation[0, 2], s * rotation[1, 2], s * rotation[2, 2]
         for j in range(len(flat)):
             dx, dy, dz = c * flat[j, 0] + ux, c * flat[j, 1] + uy, c * flat[j, 2] + uz
-            hits += stopped(origin, dx, dy, dz, reach, boxes) or behind_housing(
-                origin, dx, dy, dz, reach, others, -1
-            )
+            hits += stopped(origin, dx, dy, dz, reach, obstacles, -1)
     return hits

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from lidarplace.coverage.cone import sensor_bits
 from lidarplace.coverage.tiles import Tiles
-from lidarplace.mounting.housing import behind_housing, housings_of
-from lidarplace.mounting.sight import stopped
-from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.mounting.housing import housings_of
+from lidarplace.mounting.sight import obstacles_of, stopped
+from lidarplace.mounting.vehicle import Vehicle, voxels_in_body
 from lidarplace.placement import Placement
 from lidarplace.roi import Roi
 
@@ -57,35 +57,30 @@ def seen_in_columns(
     origins = np.array([placement.mounts[number].position for number in working]).reshape(-1, 3)
     xs, ys, zs = map(roi.centres, range(3))
     numbers, housings = np.array(working, np.int64), housings_of(placement.mounts, placement.lidars)
-    return _count_seen(bits, numbers, origins, xs, ys, zs, vehicle.interior, housings)
+    inside = voxels_in_body(vehicle, roi)
+    obstacles = obstacles_of(vehicle, housings)
+    return _count_seen(bits, numbers, origins, xs, ys, zs, inside, obstacles)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _count_seen(bits, numbers, origins, xs, ys, zs, boxes, housings):  # pragma: no cover - compiled
-    """Voxels that are covered and in sight of a sensor, and voxels outside of the boxes."""
+def _count_seen(
+    bits, numbers, origins, xs, ys, zs, inside, obstacles
+):  # pragma: no cover - compiled
+    """Voxels that are covered and in sight of a sensor, and voxels outside of the body."""
     seen = np.zeros((len(xs), len(ys)), np.int64)
     outside = np.zeros((len(xs), len(ys)), np.int64)
     for i in range(len(xs)):
         for j in range(len(ys)):
             for k in range(len(zs)):
                 x, y, z = xs[i], ys[j], zs[k]
-                inside = False
-                for box in boxes:
-                    inside |= (
-                        box[0, 0] < x < box[1, 0]
-                        and box[0, 1] < y < box[1, 1]
-                        and box[0, 2] < z < box[1, 2]
-                    )
-                if inside:
+                if inside[i, j, k]:
                     continue
                 outside[i, j] += 1
                 for s in range(len(origins)):
                     covered = bits[s, k >> 6, i, j] >> np.uint64(k & 63) & np.uint64(1)
                     origin = origins[s]
                     dx, dy, dz = x - origin[0], y - origin[1], z - origin[2]
-                    if not covered or stopped(origin, dx, dy, dz, 1.0, boxes):
-                        continue
-                    if not behind_housing(origin, dx, dy, dz, 1.0, housings, numbers[s]):
+                    if covered and not stopped(origin, dx, dy, dz, 1.0, obstacles, numbers[s]):
                         seen[i, j] += 1
                         break
     return seen, outside

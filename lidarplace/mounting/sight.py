@@ -1,19 +1,48 @@
-"""Whether a box stands in the way of a ray: the slab test."""
+"""Whether something of a vehicle and its rig stands in the way of a ray."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+from lidarplace.mounting.housing import behind_housing
+from lidarplace.mounting.mesh import NO_TREE, Tree, first_hit
+from lidarplace.mounting.vehicle import Vehicle
+
+
+class Obstacles(NamedTuple):
+    """What stops rays, as compiled code takes it.
+
+    Attributes:
+        boxes: lower and upper corners, metres, shape (n, 2, 3).
+        housings: rows of `lidarplace.mounting.housing`.
+        mesh: the tree over its triangles.
+    """
+
+    boxes: NDArray[np.float64]
+    housings: NDArray[np.float64]
+    mesh: Tree
+
+
+def obstacles_of(vehicle: Vehicle, housings: NDArray[np.float64]) -> Obstacles:
+    """The body of a vehicle, and LiDARs on it."""
+    mesh = NO_TREE if vehicle.mesh is None else vehicle.mesh.tree
+    return Obstacles(vehicle.interior, housings, mesh)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def stopped(origin, dx, dy, dz, reach, boxes):  # pragma: no cover - compiled
-    """Whether the ray origin + t (dx, dy, dz) is inside a box for some t in (0, reach).
+def stopped(origin, dx, dy, dz, reach, obstacles: Obstacles, own):  # pragma: no cover - compiled
+    """Whether the ray origin + t (dx, dy, dz) is inside an obstacle for some t in (0, reach).
 
     Args:
         origin: metres, shape (3,).
-        boxes: lower and upper corners, metres, shape (n, 2, 3). A touch of a face does not count.
+        obstacles: a touch of a box's face does not count; a surface of triangles is met.
+        own: number of the LiDAR whose housing does not count.
     """
-    for box in boxes:
+    for box in obstacles.boxes:
         near, far = 0.0, reach
         for axis, d in enumerate((dx, dy, dz)):
             low, high = box[0, axis] - origin[axis], box[1, axis] - origin[axis]
@@ -25,4 +54,6 @@ def stopped(origin, dx, dy, dz, reach, boxes):  # pragma: no cover - compiled
                 near, far = max(near, min(t0, t1)), min(far, max(t0, t1))
         if near < far:
             return True
-    return False
+    if behind_housing(origin, dx, dy, dz, reach, obstacles.housings, own):
+        return True
+    return first_hit(origin, dx, dy, dz, reach, obstacles.mesh) < reach

@@ -1,14 +1,17 @@
-"""The body of the vehicle that carries the LiDARs, made of boxes."""
+"""The body of the vehicle that carries the LiDARs, made of boxes, of a mesh, or of both."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.mounting.mesh import Mesh, depths
 from lidarplace.mounting.zone import Zone, position
+from lidarplace.roi import Roi
 
 _HAIR = 1e-9  # a sensor mounted on a face is outside, and a ray along a face passes
 
@@ -22,6 +25,7 @@ class Vehicle:
         boxes: lower and upper corners in the ego frame, metres, shape (n, 2, 3); n may be 0. A box
             without volume stops no ray. Between boxes that only touch rays pass along the common
             face: let boxes overlap.
+        mesh: a surface that stops rays from both sides; None: none.
 
     Raises:
         ValueError: another shape, a coordinate that is not finite, or a lower corner above the
@@ -30,6 +34,7 @@ class Vehicle:
 
     name: str
     boxes: NDArray[np.float64]
+    mesh: Mesh | None = None
 
     def __post_init__(self) -> None:
         boxes = np.array(self.boxes, np.float64)
@@ -61,9 +66,17 @@ class Vehicle:
         return replace(self, boxes=np.concatenate([self.boxes, boxes]))
 
     @property
+    def extents(self) -> NDArray[np.float64]:
+        """The boxes, and the one around the mesh, shape (n, 2, 3)."""
+        if self.mesh is None:
+            return self.boxes
+        around = [self.mesh.triangles.min(axis=(0, 1)), self.mesh.triangles.max(axis=(0, 1))]
+        return np.concatenate([self.boxes, [around]])
+
+    @property
     def height(self) -> float:
-        """Of the highest top above the ground, metres; 0 without boxes."""
-        return float(self.boxes[:, 1, 2].max(initial=0.0))
+        """Of the highest top above the ground, metres; 0 without a body."""
+        return float(self.extents[:, 1, 2].max(initial=0.0))
 
     @property
     def interior(self) -> NDArray[np.float64]:
@@ -75,13 +88,37 @@ class Vehicle:
 def depth_in_body(vehicle: Vehicle, places: NDArray[np.float64]) -> NDArray[np.float64]:
     """How far each place is inside of the body, 0 outside and on its surface.
 
+    Inside of a mesh is what its surface goes around, see `winding_numbers`.
+
     Args:
         places: shape (places, 3), metres.
 
     Returns:
         Metres, shape (places,).
     """
-    return depth_in(vehicle.interior, places)
+    found = depth_in(vehicle.interior, places)
+    if vehicle.mesh is not None:
+        found = np.maximum(found, depths(vehicle.mesh, places))
+    return found
+
+
+@lru_cache(maxsize=16)
+def voxels_in_body(vehicle: Vehicle, roi: Roi) -> NDArray[np.bool_]:
+    """Whether the centre of each voxel is inside of the body, shape of the ROI; read-only."""
+    x, y, z = np.ix_(*map(roi.centres, range(3)))
+    inside = np.zeros(roi.shape, np.bool_)
+    for low, high in vehicle.interior:
+        in_x, in_y, in_z = ((low[a] < c) & (c < high[a]) for a, c in enumerate((x, y, z)))
+        inside |= in_x & in_y & in_z
+    if vehicle.mesh is not None:
+        low, high = vehicle.extents[-1]
+        centres = [roi.centres(axis) for axis in range(3)]
+        near = [(low[a] < c) & (c < high[a]) for a, c in enumerate(centres)]
+        grid = np.meshgrid(*(c[held] for c, held in zip(centres, near, strict=True)), indexing="ij")
+        places = np.stack([axis.ravel() for axis in grid], axis=1)
+        inside[np.ix_(*near)] |= (depths(vehicle.mesh, places) > 0).reshape(grid[0].shape)
+    inside.flags.writeable = False  # shared by all callers
+    return inside
 
 
 def zone_in_body(zone: Zone, vehicle: Vehicle) -> tuple[bool, bool]:
@@ -92,7 +129,7 @@ def zone_in_body(zone: Zone, vehicle: Vehicle) -> tuple[bool, bool]:
     (x0, x1), (z0, z1) = zone.x, zone.z
     ys = [y for _, y in zone.polygon]
     low, high = np.array([x0, min(ys), z0]), np.array([x1, max(ys), z1])
-    boxes = vehicle.interior
+    boxes = vehicle.extents
     some = bool(((boxes[:, 0] < high) & (low < boxes[:, 1])).all(axis=1).any())
     shares = np.linspace(0.0, 1.0, 5).tolist()
     points = np.array([position(zone, *at) for at in product(shares, repeat=3)]) if some else low

@@ -154,7 +154,7 @@ class CountedObjects:
         frames = self.frames if away <= self._reach else self._frames(away)
 
         def cells(own: InRig) -> SurfaceCells:
-            ends = ends_of(own.mount, own.lidar, own.housings)
+            ends = ends_of(own.mount, own.lidar, own.housings, self.vehicle)
             return surface_cells(own.mount, own.lidar, frames, self._crop, self.cell, ends)
 
         with ThreadPoolExecutor(numba.get_num_threads()) as threads:

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.mounting.mesh import depths, distances
+from lidarplace.mounting.slices import meets_slices, slices_of
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.roi import Interval
 
@@ -47,11 +49,11 @@ class Area:
         if self.y:
             y = (min(low for low, _ in self.y), max(high for _, high in self.y))
         if self.distance is not None:
-            if not len(vehicle.boxes):
+            if not len(vehicle.extents):
                 raise ValueError(
                     "where.distance: is from the vehicle's body, and the vehicle has none"
                 )
-            low, high = vehicle.boxes[:, 0].min(axis=0), vehicle.boxes[:, 1].max(axis=0)
+            low, high = vehicle.extents[:, 0].min(axis=0), vehicle.extents[:, 1].max(axis=0)
             far = self.distance[1]
             x = max(x[0], low[0] - far), min(x[1], high[0] + far)
             y = max(y[0], low[1] - far), min(y[1], high[1] + far)
@@ -127,15 +129,18 @@ def distance_from(
     vehicle: Vehicle, x: NDArray[np.float64], y: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """From points to the vehicle's body as seen from above, metres; 0 within it."""
-    return np.minimum.reduce(
-        [
-            np.hypot(
-                np.maximum(np.maximum(low[0] - x, x - high[0]), 0.0),
-                np.maximum(np.maximum(low[1] - y, y - high[1]), 0.0),
-            )
-            for low, high in vehicle.boxes
-        ]
-    )
+    found = [
+        np.hypot(
+            np.maximum(np.maximum(low[0] - x, x - high[0]), 0.0),
+            np.maximum(np.maximum(low[1] - y, y - high[1]), 0.0),
+        )
+        for low, high in vehicle.boxes
+    ]
+    if vehicle.mesh is not None:
+        x, y = np.broadcast_arrays(x, y)
+        places = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+        found.append(distances(vehicle.mesh.ground_plan, places).reshape(x.shape))
+    return np.minimum.reduce(found)
 
 
 def in_the_way(
@@ -143,7 +148,8 @@ def in_the_way(
 ) -> NDArray[np.bool_]:
     """Whether a box that stands there would be within the vehicle's body; a touch is not.
 
-    By the theorem of the separating axis.
+    By the theorem of the separating axis, of the body's boxes, and of what its triangles have at
+    the heights of the box.
 
     Args:
         points: its middle, metres, shape (P, 2).
@@ -162,6 +168,13 @@ def in_the_way(
         along = np.abs(c * dx + s * dy) < 0.5 * size[0] + abs(c) * half[0] + abs(s) * half[1]
         aside = np.abs(c * dy - s * dx) < 0.5 * size[1] + abs(s) * half[0] + abs(c) * half[1]
         met |= (np.abs(dx) < half_x + half[0]) & (np.abs(dy) < half_y + half[1]) & along & aside
+    if vehicle.mesh is not None:
+        free = np.flatnonzero(~met)
+        slices = slices_of(vehicle.mesh.triangles, 0.0, size[2])
+        met[free] = meets_slices(points[free], 0.5 * size[0], 0.5 * size[1], heading, *slices)
+        free = np.flatnonzero(~met)
+        middles = np.column_stack([points[free], np.full(len(free), 0.5 * size[2])])
+        met[free] = depths(vehicle.mesh, middles) > 0  # all of it is inside
     return met
 
 

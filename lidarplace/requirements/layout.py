@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.mounting.vehicle import Vehicle, voxels_in_body
 from lidarplace.requirements.area import Positions, grid_over, in_the_way
 from lidarplace.requirements.requirement import Requirement
 from lidarplace.roi import Roi
@@ -89,16 +89,6 @@ def _columns(requirement: Requirement, vehicle: Vehicle) -> Laid:
     held = requirement.area.holds(x[:, None], y[None, :], vehicle)
     if not held.any():
         raise ValueError("where: is empty: no place is within all of its limits")
-    if not _outside(vehicle, roi)[held].any():
+    if voxels_in_body(vehicle, roi)[held].all():
         raise ValueError("where: lies inside the vehicle")
     return Laid(requirement, Positions(x, y, held), np.empty((0, 0, 7)), roi)
-
-
-def _outside(vehicle: Vehicle, roi: Roi) -> NDArray[np.bool_]:
-    """Columns with a voxel whose centre is outside of the body."""
-    x, y, z = np.ix_(*map(roi.centres, range(3)))
-    outside = np.ones(roi.shape, np.bool_)
-    for low, high in vehicle.interior:
-        in_x, in_y, in_z = ((low[a] < c) & (c < high[a]) for a, c in enumerate((x, y, z)))
-        outside &= ~(in_x & in_y & in_z)
-    return np.asarray(outside.any(axis=2), np.bool_)

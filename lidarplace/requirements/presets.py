@@ -31,12 +31,12 @@ def preset(name: str, vehicle: Vehicle) -> Area:
     """
     if name not in PRESETS:
         raise ValueError(f"where.preset: found {name!r}; allowed are {', '.join(PRESETS)}")
-    if not len(vehicle.boxes):
+    if not len(vehicle.extents):
         raise ValueError(
             f"where.preset: {name} lies around the vehicle's body, and the vehicle has none"
         )
-    rear, right, _ = vehicle.boxes[:, 0].min(axis=0).tolist()
-    front, left, _ = vehicle.boxes[:, 1].max(axis=0).tolist()
+    rear, right, _ = vehicle.extents[:, 0].min(axis=0).tolist()
+    front, left, _ = vehicle.extents[:, 1].max(axis=0).tolist()
     if name == "un_r151":
         return Area(x=(rear, front), y=((right - 4.25, right - 0.9),))
     if name == "un_r158":

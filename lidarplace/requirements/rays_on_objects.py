@@ -54,7 +54,7 @@ def sights_of(placement: Placement, vehicle: Vehicle) -> list[Sight]:
     low, high = vehicle.interior[:, 0], vehicle.interior[:, 1]
     body = bricks(np.concatenate([(low + high) / 2, high - low, np.zeros((len(low), 1))], 1), 0)
     sights = []
-    lidars = zip(placement.mounts, placement.lidars, ends_in_rig(placement), strict=True)
+    lidars = zip(placement.mounts, placement.lidars, ends_in_rig(placement, vehicle), strict=True)
     for mount, lidar, ends in lidars:
         beams = beams_of(lidar)
         least = np.full(lidar.rays, 1.0 / lidar.reach * (1.0 - 4e-16))

@@ -48,8 +48,8 @@ def blind_ground(placement: Placement | None, vehicle: Vehicle, height: float) -
         placement: None for no LiDAR, by which all is blind.
         height: metres, a multiple of EDGE_M above LOWEST_M.
     """
-    low = vehicle.boxes[:, 0, :2].min(axis=0, initial=0.0) - REACH_M
-    high = vehicle.boxes[:, 1, :2].max(axis=0, initial=0.0) + REACH_M
+    low = vehicle.extents[:, 0, :2].min(axis=0, initial=0.0) - REACH_M
+    high = vehicle.extents[:, 1, :2].max(axis=0, initial=0.0) + REACH_M
     (x0, y0), (x1, y1) = np.floor(low / EDGE_M) * EDGE_M, np.ceil(high / EDGE_M) * EDGE_M
     roi = Roi((x0, x1), (y0, y1), (LOWEST_M, height), EDGE_M)
     blind = np.ones(roi.shape[:2], bool)

@@ -143,7 +143,9 @@ def read_rigs(path: Path) -> RigsFile:
         if isinstance(content, dict) and "mounts" in content:
             RigSettings.model_validate(content)
             return RigsFile(path, content, RigsSettings(), single=True)
-        return RigsFile(path, content, RigsSettings.model_validate(content))
+        return RigsFile(
+            path, content, RigsSettings.model_validate(content, context={"folder": path.parent})
+        )
     except ValidationError as error:
         raise ValueError(f"{path}: {fault(error)}") from None
 

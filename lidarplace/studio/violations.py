@@ -12,7 +12,7 @@ import numpy as np
 from lidarplace.catalogue.datasheet import datasheet
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.housing import housings_of, without
-from lidarplace.mounting.vehicle import depth_in
+from lidarplace.mounting.vehicle import depth_in, depth_in_body
 from lidarplace.mounting.zone import distance
 from lidarplace.requirements.judge import Outcome
 from lidarplace.requirements.layout import Laid
@@ -99,11 +99,11 @@ def _outside(rig: Rig, file: RigsFile) -> list[Violation]:
 def _inside(rig: Rig, file: RigsFile) -> list[Violation]:
     found = []
     places = np.array([mount.position for mount in rig.mounts]).reshape(-1, 3)
-    for constraint, boxes, what in (
-        ("body", file.vehicle.interior, "the vehicle's body"),
-        ("keep_out", file.keep_out, "what is kept out"),
+    for constraint, depths, what in (
+        ("body", depth_in_body(file.vehicle, places), "the vehicle's body"),
+        ("keep_out", depth_in(file.keep_out, places), "what is kept out"),
     ):
-        for number, depth in enumerate(depth_in(boxes, places).tolist()):
+        for number, depth in enumerate(depths.tolist()):
             if depth > 0:
                 text = f"LiDAR {number}: {depth:.3g} m inside of {what}"
                 found.append(Violation(constraint, (number,), depth, text))

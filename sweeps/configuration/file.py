@@ -169,7 +169,7 @@ def check(
     `names` maps a key path to what the user wrote it as; the empty path is the model as a whole.
     """
     try:
-        return model.model_validate(data)
+        return model.model_validate(data, context={"folder": path.parent})
     except ValidationError as error:
         first = error.errors()[0]
         loc = _without_tags(first["loc"])

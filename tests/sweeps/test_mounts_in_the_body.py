@@ -91,7 +91,7 @@ def test_a_mistyped_body(tmp_path):
 def test_recorded_clouds_and_the_paper_s_rigs_of_a_search_are_not_asked(tmp_path):
     problem = read_problem(write_search(tmp_path, search={"vehicle": TRUCK, "zones": high()}))
     settings = verify_settings(problem.source, problem.file, {}, ["line"], {})
-    assert settings["vehicle"] == TRUCK
+    assert settings["vehicle"] == {"boxes": TRUCK}
     low = {"mounts": [{"x": 2.0, "z": 0.5}]}
     scene = {"source": "log", "folder": str(tmp_path / "log"), "clouds": "recorded"}
     read_sweep(sweep_file(tmp_path, scene=scene, placements={"low": low}, placement="low"))

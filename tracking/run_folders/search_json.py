@@ -69,6 +69,13 @@ class Zone(Part):
     yaw_deg: tuple[float, float]
 
 
+class Triangles(Part):
+    """A surface: corners in metres, and which three of them a triangle has."""
+
+    vertices: tuple[Point, ...]
+    faces: tuple[tuple[int, int, int], ...]
+
+
 class Model(Part):
     """A LiDAR model that the search could choose; `price` is None where it is not known."""
 
@@ -210,6 +217,8 @@ class SearchResult(ResultFile):
     """Where LiDARs may sit."""
     vehicle: tuple[tuple[Point, Point], ...]
     """Boxes, lowest and highest corner."""
+    vehicle_mesh: Triangles | None = None
+    """Its mesh, if it has one, in so few triangles that it can be drawn."""
     models: dict[str, Model]
     """LiDAR models that the search could choose, by name."""
     bound: Bound | None

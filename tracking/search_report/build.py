@@ -137,7 +137,8 @@ def _picture(run: SearchFolder) -> Section | None:
         "0.3 m long."
     )
     pictured = {name: PicturedRig.found(rig) for name, rig in menu.items()}
-    section.figures.append(rig_picture(pictured, run.search.vehicle, run.search.zones))
+    search = run.search
+    section.figures.append(rig_picture(pictured, search.vehicle, search.zones, search.vehicle_mesh))
     return section
 
 

@@ -16,6 +16,7 @@ from lidarplace.command_line.invocation import command
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.files.secret_urls import public_url
 from lidarplace.metrics import METRICS
+from lidarplace.mounting.mesh import Mesh
 from lidarplace.surrogates.table import RAY_SURROGATES, SURROGATES
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.search import ObjectiveSettings
@@ -42,12 +43,16 @@ from tracking.run_folders.search_json import (
     Objective,
     SearchResult,
     Stride,
+    Triangles,
     Zone,
 )
 from tracking.run_folders.search_json import Rig as JudgedRig
 from tracking.run_folders.search_tables import BOUND, CHOSEN, GREEDY, ROBUSTNESS, TABLES
 
 _VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas", "optuna")
+
+MOST_DRAWN, FINEST_M = 5000, 0.02
+"""Triangles of a mesh in a picture, and how far corners are moved at first to have no more."""
 
 _OPTIONAL = [table.file for table in TABLES if not table.needed]
 _OPTIONAL += ["placement.yaml", "sweep.yaml", UnseenMaps.FILE]
@@ -164,6 +169,7 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> Sear
             for zone in problem.space.zones
         ],
         vehicle=question.carrier.vehicle.boxes.tolist(),
+        vehicle_mesh=_drawn(question.carrier.vehicle.mesh),
         models={
             name: Model(
                 price=question.carrier.totals["price"][name],
@@ -235,6 +241,16 @@ def _rig(own: Judged) -> JudgedRig:
         measures=own.assessment.measures,
         params=dict(own.values_beside),
     )
+
+
+def _drawn(mesh: Mesh | None) -> Triangles | None:
+    """What a picture shows of a mesh."""
+    if mesh is None:
+        return None
+    edge = FINEST_M
+    while len(mesh.faces) > MOST_DRAWN and edge < 1.0:
+        mesh, edge = mesh.coarse(edge), 2 * edge
+    return Triangles(vertices=mesh.vertices.round(3).tolist(), faces=mesh.faces.tolist())
 
 
 def _bound(found: Found, problem: Problem) -> Bound:

@@ -31,10 +31,12 @@ def placement_settings(rig: Choices, search: SearchFile) -> dict[str, Any]:
     return {"mounts": [mount_settings(lidar, search) for lidar in rig]}
 
 
-def own_vehicle(source: Mapping[str, Any]) -> dict[str, Any]:
-    """The key `vehicle` of a sweep, as the configuration of a search has it; none without."""
-    told = source["search"].get("vehicle")
-    return {} if told is None else {"vehicle": copy.deepcopy(told)}
+def own_vehicle(search: SearchFile) -> dict[str, Any]:
+    """The key `vehicle` of a sweep for the vehicle of a search; none if it does not say it."""
+    told = search.search.vehicle
+    if told is None:
+        return {}
+    return {"vehicle": told.model_dump(mode="json", exclude_defaults=True)}
 
 
 def sweep_settings(
@@ -50,7 +52,7 @@ def sweep_settings(
     config = {k: copy.deepcopy(v) for k, v in source.items() if k not in _OWN}
     own = {key: placement_settings(rig, search) for key, rig in rigs.items()}
     config["placements"] = config.get("placements", {}) | own
-    config |= own_vehicle(source)
+    config |= own_vehicle(search)
     # A sweep has other defaults.
     config["mounting_errors"] = search.mounting_errors.model_dump(mode="json", exclude_none=True)
     return config | {"name": name}

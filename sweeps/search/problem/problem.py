@@ -175,7 +175,7 @@ class Problem:
         if self.question.needs_objects:
             names = tuple(dict.fromkeys([*names, "expected_recall"]))
         base = {k: v for k, v in self.source.items() if k in type(self.file).model_fields}
-        base |= own_vehicle(self.source)
+        base |= own_vehicle(self.file)
         point = _point(base, scene or {}, self.path)
         common = Common.model_validate({k: getattr(self.file, k) for k in Common.model_fields})
         surrogate = point.surrogate.model_copy(update={"names": names})

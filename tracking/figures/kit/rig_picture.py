@@ -15,7 +15,7 @@ from lidarplace.placement import Mount
 from lidarplace.viewing.axes import equal_axes
 from lidarplace.viewing.solids import edges, triangles
 from tracking.figures.kit.style import OUTLINE, add_menu, figure, lidar_colour, text
-from tracking.run_folders.search_json import Point, Rig, Zone
+from tracking.run_folders.search_json import Point, Rig, Triangles, Zone
 
 _CAR = tuple((tuple(low), tuple(high)) for low, high in Vehicle.car().boxes.tolist())
 
@@ -56,6 +56,7 @@ def rig_picture(
     rigs: Mapping[str, PicturedRig],
     vehicle: Sequence[tuple[Point, Point]] = _CAR,
     zones: Sequence[Zone] = (),
+    mesh: Triangles | None = None,
 ) -> go.Figure:
     """The first of `rigs` at the start; the others by the menu.
 
@@ -63,11 +64,15 @@ def rig_picture(
         rigs: by the name in the menu.
         vehicle: boxes, lowest and highest corner, metres; a car by default.
         zones: where LiDARs may sit.
+        mesh: of the vehicle, beside its boxes.
     """
     plot = figure("LiDARs on the vehicle", height=550, margin={"l": 0, "r": 0, "t": 70, "b": 32})
     boxes = _boxes(vehicle)
     if len(boxes):
-        _add_vehicle(plot, boxes)
+        _add_surface(plot, *triangles(boxes))
+        _add_edges(plot, boxes)
+    if mesh is not None:
+        _add_surface(plot, np.array(mesh.vertices), np.array(mesh.faces))
     if zones:
         lines = np.concatenate([_prism(zone) for zone in zones])
         plot.add_scatter3d(
@@ -101,8 +106,9 @@ def _boxes(vehicle: Sequence[tuple[Point, Point]]) -> NDArray[np.float64]:
     return np.concatenate([(low + high) / 2, high - low, np.zeros((len(low), 1))], axis=1)
 
 
-def _add_vehicle(plot: go.Figure, boxes: NDArray[np.float64]) -> None:
-    vertices, faces = triangles(boxes)
+def _add_surface(
+    plot: go.Figure, vertices: NDArray[np.floating], faces: NDArray[np.integer]
+) -> None:
     i, j, k = faces.T.copy()
     plot.add_mesh3d(
         **_xyz(vertices),
@@ -116,6 +122,9 @@ def _add_vehicle(plot: go.Figure, boxes: NDArray[np.float64]) -> None:
         showlegend=True,
         hoverinfo="skip",
     )
+
+
+def _add_edges(plot: go.Figure, boxes: NDArray[np.float64]) -> None:
     plot.add_scatter3d(
         **_xyz(edges(boxes)),
         mode="lines",

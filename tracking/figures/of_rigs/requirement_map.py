@@ -7,6 +7,7 @@ import html
 import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Placement
@@ -73,7 +74,9 @@ def requirement_map(outcome: Outcome, placement: Placement, vehicle: Vehicle) ->
         hoverinfo="text",
         showlegend=False,
     )
-    reach = np.concatenate([vehicle.boxes[:, :, :2].reshape(-1, 2), [[x[0], y[0]], [x[-1], y[-1]]]])
+    reach = np.concatenate(
+        [vehicle.extents[:, :, :2].reshape(-1, 2), [[x[0], y[0]], [x[-1], y[-1]]]]
+    )
     (x0, y0), (x1, y1) = reach.min(axis=0) - 0.3, reach.max(axis=0) + 0.3
     plot.update_xaxes(title="x, forward (m)", range=[x0, x1], constrain="domain", showgrid=False)
     plot.update_yaxes(
@@ -115,6 +118,12 @@ def _add_vehicle(plot: go.Figure, vehicle: Vehicle) -> None:
             y=[y0, y0, y1, y1, y0],
             **VEHICLE_OUTLINE,
         )
+    if vehicle.mesh is not None:
+        from_above = vehicle.mesh.vertices[:, :2]
+        # What is a line from above has a hull, too, if its points are jiggled.
+        outline = from_above[ConvexHull(from_above, qhull_options="QJ").vertices]
+        x, y = np.concatenate([outline, outline[:1]]).T
+        plot.add_scatter(x=x, y=y, **VEHICLE_OUTLINE)
 
 
 def _add_lidars(plot: go.Figure, placement: Placement) -> None:

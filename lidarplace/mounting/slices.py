@@ -1,0 +1,114 @@
+"""What triangles have between two heights, as seen from above, and which rectangles meet it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+_HAIR = 1e-9  # metres: a touch does not count
+_MOST = 5  # corners of a triangle that two planes cut
+
+
+def slices_of(
+    triangles: NDArray[np.float64], low: float, high: float
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """The part of each triangle between two heights, without those that have none.
+
+    A box that stands upright between the heights meets a triangle if its rectangle meets that part
+    from above: no other height matters then.
+
+    Args:
+        triangles: corners, shape (T, 3, 3), metres.
+
+    Returns:
+        Corners x and y of convex polygons, shape (n, 5, 2), and how many each has, shape (n,).
+    """
+    heights = triangles[:, :, 2]
+    some = (heights.min(axis=1) < high - _HAIR) & (heights.max(axis=1) > low + _HAIR)
+    return _cut(np.ascontiguousarray(triangles[some]), low, high)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _cut(triangles, low, high):  # pragma: no cover - compiled
+    """Clip by Sutherland and Hodgman."""
+    polygons = np.zeros((len(triangles), _MOST, 2))
+    corners = np.zeros(len(triangles), np.int64)
+    before, after = np.empty((_MOST + 1, 3)), np.empty((_MOST + 1, 3))
+    for t in range(len(triangles)):
+        before[:3], number = triangles[t], 3
+        for sign, height in ((1.0, low), (-1.0, high)):
+            kept = 0
+            for k in range(number):
+                a, b = before[k], before[(k + 1) % number]
+                above_a, above_b = sign * (a[2] - height), sign * (b[2] - height)
+                if above_a >= 0.0:
+                    after[kept] = a
+                    kept += 1
+                if (above_a > 0.0 and above_b < 0.0) or (above_a < 0.0 and above_b > 0.0):
+                    after[kept] = a + above_a / (above_a - above_b) * (b - a)
+                    kept += 1
+            before[:kept], number = after[:kept], kept
+        polygons[t, :number], corners[t] = before[:number, :2], number
+    return polygons, corners
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def meets_slices(
+    points, half_length, half_width, heading, polygons, corners
+):  # pragma: no cover - compiled
+    """Whether the rectangle at each point meets one of the polygons; a touch is not.
+
+    Args:
+        points: middles of the rectangles, metres, shape (P, 2).
+        heading: of their length, radians.
+        polygons, corners: of `slices_of`.
+    """
+    c, s = math.cos(heading), math.sin(heading)
+    # In the frame of the rectangles, where these are upright.
+    turned = np.empty_like(polygons)
+    bounds = np.empty((len(polygons), 4))
+    for n in range(len(polygons)):
+        bounds[n, :2], bounds[n, 2:] = np.inf, -np.inf
+        for k in range(corners[n]):
+            x, y = polygons[n, k]
+            turned[n, k, 0], turned[n, k, 1] = c * x + s * y, c * y - s * x
+            for axis in range(2):
+                bounds[n, axis] = min(bounds[n, axis], turned[n, k, axis])
+                bounds[n, axis + 2] = max(bounds[n, axis + 2], turned[n, k, axis])
+    met = np.zeros(len(points), np.bool_)
+    for p in range(len(points)):
+        x, y = c * points[p, 0] + s * points[p, 1], c * points[p, 1] - s * points[p, 0]
+        for n in range(len(polygons)):
+            if (
+                bounds[n, 0] < x + half_length - _HAIR
+                and bounds[n, 2] > x - half_length + _HAIR
+                and bounds[n, 1] < y + half_width - _HAIR
+                and bounds[n, 3] > y - half_width + _HAIR
+                and not _apart(turned[n], corners[n], x, y, half_length, half_width)
+            ):
+                met[p] = True
+                break
+    return met
+
+
+@njit(cache=True, error_model="numpy")
+def _apart(polygon, number, x, y, half_length, half_width):  # pragma: no cover - compiled
+    """Whether a side of a convex polygon parts it from an upright rectangle."""
+    for k in range(number):
+        px, py = polygon[k]
+        nx, ny = polygon[(k + 1) % number, 1] - py, px - polygon[(k + 1) % number, 0]
+        length = math.hypot(nx, ny)
+        if length == 0.0:
+            continue
+        low, high = np.inf, -np.inf
+        for j in range(number):
+            along = ((polygon[j, 0] - px) * nx + (polygon[j, 1] - py) * ny) / length
+            low, high = min(low, along), max(high, along)
+        middle = ((x - px) * nx + (y - py) * ny) / length
+        reach = (abs(nx) * half_length + abs(ny) * half_width) / length
+        if middle - reach >= high - _HAIR or middle + reach <= low + _HAIR:
+            return True
+    return False

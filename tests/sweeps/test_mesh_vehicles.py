@@ -1,0 +1,283 @@
+"""A vehicle as a mesh file: read, refused in a line, and in all that a sweep or a search does."""
+
+import pickle
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from search_files import write_search
+from small_log import write_small_log
+from typer.testing import CliRunner
+
+from lidarplace import Lidar, Mount, Placement
+from lidarplace.box_log import read_box_log
+from lidarplace.lidar.collect import collect
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.studio.rigs_file import read_rigs
+from lidarplace.studio.violations import violations
+from sweeps.configuration.file import ConfigError
+from sweeps.configuration.grid import read_sweep
+from sweeps.configuration.question import read_question
+from sweeps.plan.plan import make_plan
+from sweeps.requirements import app as requirements
+from sweeps.search.problem.problem import read_problem
+
+trimesh = pytest.importorskip("trimesh")
+
+LOW, HIGH = (-2.0, -0.9, 0.2), (2.0, 0.9, 1.5)
+BOX = Vehicle("vehicle", np.array([[LOW, HIGH]]))
+
+
+def solid():
+    return trimesh.creation.box(bounds=[LOW, HIGH])
+
+
+@pytest.fixture
+def folder(tmp_path):
+    write_small_log(tmp_path / "log")
+    solid().export(tmp_path / "body.stl")
+    return tmp_path
+
+
+def sweep_file(folder, name="grid.yaml", **changes):
+    base = {
+        "scene": {"source": "log", "folder": str(folder / "log")},
+        "placement": "line",
+        "classes": ["Car"],
+        "vehicle": {"mesh": "body.stl"},
+        "surrogate": {"resolution": 0.8, "accuracy": False, "sampling_error": False},
+    }
+    (folder / name).write_text(yaml.safe_dump(base | changes))
+    return folder / name
+
+
+def body_of(folder, vehicle):
+    return read_sweep(sweep_file(folder, vehicle=vehicle)).points[0].point.body()
+
+
+@pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "glb", "off"])
+def test_formats(folder, suffix):
+    solid().export(folder / f"other.{suffix}")
+    body = body_of(folder, f"other.{suffix}")
+    np.testing.assert_allclose(body.extents, [[LOW, HIGH]], atol=1e-6)
+    assert len(body.mesh.faces) == 12
+
+
+def test_units_axes_and_origin(folder):
+    file = solid()
+    file.apply_translation([0, 0, -0.2])
+    # Millimetres, x to the back, y up: turned back by 90 degrees of roll and 180 of yaw.
+    file.apply_transform(trimesh.transformations.rotation_matrix(-np.pi, [0, 0, 1]))
+    file.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, [1, 0, 0]))
+    file.apply_scale(1000)
+    file.export(folder / "cad.obj")
+    told = {
+        "mesh": "cad.obj",
+        "scale": 0.001,
+        "roll_deg": 90,
+        "yaw_deg": 180,
+        "origin": [0, 0, 0.2],
+    }
+    np.testing.assert_allclose(body_of(folder, told).extents, [[LOW, HIGH]], atol=1e-6)
+
+
+def broken(folder):
+    """Files that are wrong, the vehicle that names each, and the end of the line."""
+    huge = solid()
+    huge.apply_scale(1000)
+    huge.export(folder / "mm.stl")
+    tiny = solid()
+    tiny.apply_scale(0.001)
+    tiny.export(folder / "tiny.stl")
+    low = solid()
+    low.apply_translation([0, 0, -0.85])
+    low.export(folder / "low.stl")
+    away = solid()
+    away.apply_translation([60, 0, 0])
+    away.export(folder / "away.stl")
+    (folder / "empty.stl").write_bytes(b"")
+    (folder / "text.obj").write_text("hello\n")
+    (folder / "cut.stl").write_bytes((folder / "body.stl").read_bytes()[:300])
+    (folder / "body.xyz").write_text("1 2 3\n")
+    (folder / "line.obj").write_text("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n")
+    (folder / "nan.obj").write_text("v 0 0 0\nv 1 0 nan\nv 0 2 0\nf 1 2 3\n")
+    return [
+        ("none.stl", "none.stl: No such file or directory"),
+        ("log", "log: Is a directory"),
+        ("mm.stl", "is 4e+03 by 1.8e+03 by 1.3e+03 m; a vehicle has 0.5 to 40 m; scale is"),
+        ("tiny.stl", "is 0.004 by 0.0018 by 0.0013 m; a vehicle has 0.5 to 40 m"),
+        ("low.stl", "reaches 0.65 m under the ground; origin is where"),
+        ("away.stl", "is up to 62 m from the middle of the vehicle; origin is where"),
+        ("empty.stl", "empty.stl: "),
+        ("text.obj", "text.obj: "),
+        ("cut.stl", "cut.stl: "),
+        ("body.xyz", "body.xyz: "),
+        ("line.obj", "a mesh needs triangles that have an area, found none"),
+        ("nan.obj", "nan.obj: "),
+        ({"mesh": "body.stl", "scale": 0}, "vehicle.scale: found 0; should be greater than 0"),
+        ({"scale": 2.0}, "scale: is of a mesh, and there is none"),
+        ({"mash": "body.stl"}, "vehicle.mash: unknown key (did you mean mesh?)"),
+    ]
+
+
+def test_wrong_files_are_one_line(folder):
+    for vehicle, message in broken(folder):
+        path = sweep_file(folder, vehicle=vehicle)
+        with pytest.raises(ConfigError) as refused:
+            read_sweep(path)
+        line = str(refused.value)
+        assert "\n" not in line
+        assert line.startswith(f"{path}: vehicle"), line
+        assert message in line, line
+
+
+def test_too_many_triangles(folder, monkeypatch):
+    monkeypatch.setattr("lidarplace.mounting.mesh_file.MOST_TRIANGLES", 11)
+    with pytest.raises(ConfigError, match=r"body\.stl: 12 triangles, allowed are 11; simplify it"):
+        read_sweep(sweep_file(folder))
+
+
+def test_without_trimesh_the_line_says_what_to_install(folder, monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "trimesh", None)
+    (folder / "another.stl").write_bytes((folder / "body.stl").read_bytes())
+    with pytest.raises(ConfigError, match=r"pip install 'lidarplace\[mesh\]'"):
+        read_sweep(sweep_file(folder, vehicle="another.stl"))
+
+
+def test_an_open_mesh_is_read_and_stops_rays(folder):
+    file = solid()
+    file.update_faces(np.arange(12) > 1)
+    assert not file.is_watertight
+    file.export(folder / "open.stl")
+    assert len(body_of(folder, "open.stl").mesh.faces) == 10
+
+
+def test_the_path_is_beside_the_file_and_content_decides_the_keys(folder, monkeypatch, tmp_path):
+    def collected(path):
+        plan = make_plan(read_sweep(path))
+        return {task.stage: task.key for task in plan.tasks}
+
+    here = collected(sweep_file(folder))
+    monkeypatch.chdir("/")
+    assert collected(folder / "grid.yaml") == here
+    other = folder / "moved"
+    other.mkdir()
+    shutil.move(folder / "body.stl", other / "renamed.stl")
+    moved = collected(sweep_file(folder, "moved/grid.yaml", vehicle="renamed.stl"))
+    assert moved == here
+    taller = solid()
+    taller.apply_scale([1, 1, 1.01])
+    taller.export(other / "renamed.stl")
+    changed = collected(other / "grid.yaml")
+    assert {stage for stage in here if changed[stage] != here[stage]} == {
+        *("collect", "recall", "finetune", "evaluate"),
+    }
+
+
+def test_a_task_has_the_triangles_with_it(folder):
+    plan = make_plan(read_sweep(sweep_file(folder)))
+    (task,) = [task for task in plan.tasks if task.stage == "recall"]
+    key = task.key
+    (folder / "body.stl").unlink()
+    params = pickle.loads(pickle.dumps(task.params))
+    np.testing.assert_array_equal(params.vehicle.mesh.triangles, task.params.vehicle.mesh.triangles)
+    assert type(task)("recall", "", params, task.inputs).key == key
+
+
+def test_clouds_are_those_of_the_box(folder):
+    mesh = body_of(folder, "body.stl")
+    lidar = Lidar(tuple(np.radians(np.linspace(-60, 5, 24))), 720)
+    rig = Placement("two", [Mount(0.31, 0.2, 1.9, 0.1, 0.05), Mount(2.3, -0.5, 0.7)], lidar)
+    log = read_box_log(folder / "log")
+    frames = log.frames["frame"].to_numpy()[:2]
+    crop = (-40.0, -20.0, -0.5, 40.0, 20.0, 4.0)
+    own, other, none = (
+        collect(log, frames, rig, crop, vehicle=vehicle)
+        for vehicle in (mesh, BOX, Vehicle("none", np.empty((0, 2, 3))))
+    )
+    np.testing.assert_array_equal(own.counts, other.counts)
+    for number in range(2):
+        np.testing.assert_array_equal(own[number], other[number])
+    assert (none.counts > own.counts).all()
+
+
+def test_mounts_inside_are_refused(folder):
+    inside = {"mine": {"mounts": [{"z": 2.0}, {"x": 1.9, "z": 0.6}]}}
+    with pytest.raises(ConfigError, match=r"LiDAR 2 at \(1.9, 0, 0.6\) is inside the vehicle's"):
+        read_sweep(sweep_file(folder, placements=inside, placement="mine"))
+    outside = {"mine": {"mounts": [{"z": 1.501}, {"x": 2.001, "z": 0.6}]}}
+    read_sweep(sweep_file(folder, placements=outside, placement="mine"))
+
+
+def test_searches_with_a_mesh_measure_as_with_the_box(folder):
+    zones = {"front": {"x": [1.5, 2.6], "y": [-0.5, 0.5], "z": 0.7}}
+    requirement = {
+        "name": "people",
+        "where": {"distance": [0.5, 2]},
+        "what": "Pedestrian",
+        "at_least": {"points": 3},
+        "step": 0.5,
+    }
+    search = {
+        "lidars": 1,
+        "zones": zones,
+        "constraints": {"body_share": 0.6, "near_field": {"coverage": 0.1}},
+        "requirements": [requirement],
+        "greedy": None,
+    }
+    from sweeps.search.problem.choice import Choice
+    from sweeps.search.problem.constraints import measures_of
+
+    rig = (Choice("lidar", "front", Mount(2.31, 0.1, 0.7)),)
+    found = []
+    for vehicle in ({"mesh": "body.stl"}, [[LOW, HIGH]]):
+        problem = read_problem(write_search(folder, search=search | {"vehicle": vehicle}))
+        question = problem.question
+        names = {own.name for own in question.constraints}
+        assert {"body", "body_share", "near_field", "requirement.people"} <= names
+        found.append(measures_of(rig, question.constraints, question.carrier))
+    assert found[0] == pytest.approx(found[1], abs=1e-9)
+
+
+def test_requirements_and_their_page(folder):
+    file = {
+        "lidar": {"beams": 8, "azimuth_steps": 180},
+        "vehicle": "body.stl",
+        "placements": {"mine": {"mounts": [{"z": 1.8}, {"x": 0.5, "z": 1.8}]}},
+        "requirements": [
+            {
+                "name": "people",
+                "where": {"distance": [0.5, 2]},
+                "what": "Pedestrian",
+                "at_least": {"points": 1},
+                "step": 0.5,
+            }
+        ],
+    }
+    path = folder / "needs.yaml"
+    path.write_text(yaml.safe_dump(file))
+    assert len(read_question(path).vehicle.mesh.faces) == 12
+    result = CliRunner().invoke(requirements, [str(path), "--out", str(folder / "out")])
+    assert result.exit_code in (0, 1), result.output
+    boxes = CliRunner().invoke(
+        requirements,
+        [str(path), "--out", str(folder / "boxes"), "--set", f"vehicle=[[{[*LOW]}, {[*HIGH]}]]"],
+    )
+    assert boxes.exit_code == result.exit_code
+    own, other = (pd.read_csv(folder / f"{name}.csv") for name in ("out", "boxes"))
+    pd.testing.assert_frame_equal(own, other, rtol=1e-5)
+
+
+def test_a_studio_s_file(folder):
+    path = folder / "rigs.yaml"
+    rig = {"mounts": [{"z": 2.0}, {"x": 1.9, "z": 0.6}]}
+    path.write_text(yaml.safe_dump({"vehicle": "body.stl", "placements": {"mine": rig}}))
+    file = read_rigs(path)
+    assert file.vehicle.height == 1.5
+    (inside,) = [own for own in violations(file.rigs[0], file) if own.constraint == "body"]
+    assert inside.lidars == (1,)
+    assert inside.excess == pytest.approx(0.1, abs=1e-6)
