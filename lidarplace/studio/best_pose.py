@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from lidarplace.mounting.body_share import body_share
-from lidarplace.mounting.vehicle import depth_in
+from lidarplace.mounting.vehicle import depth_in_body
 from lidarplace.mounting.zone import Zone, distance, position
 from lidarplace.placement import Mount, Placement
 from lidarplace.recall.choice import RecallChoice
@@ -95,8 +95,8 @@ def best_addition(lidar: Lidar, others: Placement | None, file: RigsFile, meter:
 
 def _above(file: RigsFile) -> Zone:
     """On and above the middle of the body."""
-    low = file.vehicle.boxes[:, 0].min(axis=0, initial=0.0).tolist()
-    high = file.vehicle.boxes[:, 1].max(axis=0, initial=0.0).tolist()
+    low = file.vehicle.extents[:, 0].min(axis=0, initial=0.0).tolist()
+    high = file.vehicle.extents[:, 1].max(axis=0, initial=0.0).tolist()
     return Zone.box("above", (low[0], high[0]), (low[1], high[1]), (high[2], high[2] + AROUND_M))
 
 
@@ -138,7 +138,7 @@ class _Search:
 
     def _allowed(self, pose: Mount) -> bool:
         limits, at = self.file.settings.constraints, pose.position
-        if depth_in(self.file.body.interior, at[None])[0] > 0:
+        if depth_in_body(self.file.body, at[None])[0] > 0:
             return False
         others = () if self.others is None else self.others.mounts
         apart = min((math.dist(at, other.position) for other in others), default=math.inf)

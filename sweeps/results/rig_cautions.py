@@ -7,10 +7,13 @@ from collections.abc import Sequence
 
 from lidarplace import Placement
 from lidarplace.coverage import count_covered
-from lidarplace.lidar.raycast import OWN_BODY, cast_at
+from lidarplace.lidar.own_body import body_parts
+from lidarplace.lidar.raycast import cast_at
+from lidarplace.lidar.shade import ends_of
 from lidarplace.lidar.shapes import BODY
 from lidarplace.metrics import headline_metric
 from lidarplace.mounting.body_share import AZIMUTH_STEPS
+from lidarplace.mounting.housing import NO_HOUSINGS
 from lidarplace.mounting.random_rigs import outside
 from lidarplace.mounting.ring_overlap import Interleaving
 from sweeps.plan.plan import Plan, Trial
@@ -57,7 +60,7 @@ def rig_cautions(plan: Plan, store: AnyStore) -> list[str]:
 def _wasted(name: str, trial: Trial) -> list[str]:
     """Which LiDARs see next to nothing of the ROI, or mostly the vehicle itself."""
     placement, roi = trial.surrogates.params.placement, trial.pog.params.roi
-    said = []
+    body, said = trial.grid_point.point.body(), []
     for number, (mount, lidar) in enumerate(
         zip(placement.mounts, placement.lidars, strict=True), start=1
     ):
@@ -66,7 +69,9 @@ def _wasted(name: str, trial: Trial) -> list[str]:
         if covered < LEAST_COVERED:
             said.append(f"{name}: LiDAR {number} covers {100 * covered:.2g} % of the ROI.")
         few = lidar.thinned(min(1.0, AZIMUTH_STEPS / lidar.azimuth_steps))
-        stopped = float((cast_at(mount, few, OWN_BODY).target == BODY).mean())
+        ends = ends_of(mount, few, NO_HOUSINGS, body)
+        met = cast_at(mount, few, body_parts(body), ends=ends)
+        stopped = float((met.target == BODY).mean())
         if stopped > MOST_STOPPED:
             said.append(
                 f"{name}: {100 * stopped:.0f} % of what LiDAR {number} fires meets the vehicle."

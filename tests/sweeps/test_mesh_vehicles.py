@@ -22,6 +22,7 @@ from sweeps.configuration.grid import read_sweep
 from sweeps.configuration.question import read_question
 from sweeps.plan.plan import make_plan
 from sweeps.requirements import app as requirements
+from sweeps.results.rig_cautions import rig_cautions
 from sweeps.search.problem.problem import read_problem
 
 trimesh = pytest.importorskip("trimesh")
@@ -241,6 +242,17 @@ def test_searches_with_a_mesh_measure_as_with_the_box(folder):
         assert {"body", "body_share", "near_field", "requirement.people"} <= names
         found.append(measures_of(rig, question.constraints, question.carrier))
     assert found[0] == pytest.approx(found[1], abs=1e-9)
+
+
+def test_a_caution_says_how_much_a_mesh_stops(folder):
+    rigs = {"low": {"mounts": [{"z": 2.0}, {"z": 1.52}]}}
+    changes = {"placements": rigs, "placement": "low", "detector": None}
+    own, other = (
+        rig_cautions(make_plan(read_sweep(sweep_file(folder, vehicle=vehicle, **changes))), None)
+        for vehicle in ("body.stl", [[LOW, HIGH]])
+    )
+    assert own == other
+    assert any("what LiDAR 2 fires meets the vehicle" in line for line in own)
 
 
 def test_requirements_and_their_page(folder):

@@ -83,11 +83,23 @@ class Scene:
             if len(boxes):
                 middles, sizes = boxes.mean(axis=1), boxes[:, 1] - boxes[:, 0]
                 rows = np.concatenate([middles, sizes, np.zeros((len(boxes), 1))], axis=1)
-                vertices, faces = triangles(rows)
-                self._scene.add_mesh_simple(
-                    name, vertices, faces, color=colour, opacity=opacity, flat_shading=True,
-                    side="double", cast_shadow=False,
-                )  # fmt: skip
+                self._surface(name, *triangles(rows), colour, opacity)
+        mesh = file.vehicle.mesh
+        if mesh is not None:
+            self._surface("/vehicle_mesh", mesh.vertices, mesh.faces, (120, 130, 142), 1.0)
+
+    def _surface(
+        self,
+        name: str,
+        vertices: NDArray[np.floating],
+        faces: NDArray[np.integer],
+        colour: tuple[int, int, int],
+        opacity: float,
+    ) -> None:
+        self._scene.add_mesh_simple(
+            name, vertices.astype(np.float32), faces, color=colour, opacity=opacity,
+            flat_shading=True, side="double", cast_shadow=False,
+        )  # fmt: skip
 
     def _lines(self, name: str, segments: NDArray[np.floating], colour: str, width: float) -> None:
         """Segments of shape (n, 2, 3)."""
