@@ -40,7 +40,7 @@ from sweeps.search.problem.slots import Placed, placed_in
 from sweeps.search.problem.space import Space
 from sweeps.search.problem.training_rigs import training_rigs
 from sweeps.tasks.code_version import code_version
-from sweeps.tasks.task import Task, code_of
+from sweeps.tasks.task import Task, code_of, plain
 
 _ANSWERING = {
     *("lidar", "weather", "surrogate", "placement", "placements"),
@@ -86,13 +86,18 @@ class Problem:
             "pog": trial.pog.key,
             "code": self._code(),
             "recall": trial.recall.key if self.question.needs_objects and trial.recall else None,
-            "search": self.file.search.model_dump(mode="json", exclude={"trials", "storage"}),
+            "search": self.file.search.model_dump(
+                mode="json", exclude={"trials", "storage", "vehicle"}
+            ),
+            "vehicle": self.question.carrier.body,  # a mesh by its triangles, not by its path
             "file": self.file.model_dump(
                 mode="json",
                 include=_ANSWERING,
             ),
         }
-        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
+        return hashlib.sha256(
+            json.dumps(content, sort_keys=True, default=plain).encode()
+        ).hexdigest()[:12]
 
     def _code(self) -> list[str]:
         """Versions of the code that answers trials, but for scenes: the POG's key has that."""
