@@ -16,7 +16,6 @@ from lidarplace import Placement, Roi
 from lidarplace.configuration.weather import WeatherSettings
 from lidarplace.lidar.clouds import Crop
 from lidarplace.lidar.collect import crop_for
-from lidarplace.lidar.own_body import check_mounts
 from lidarplace.lidar.profiles import with_tilt_in_degrees
 from lidarplace.lidar.recorded import check_rig, clouds_digest
 from lidarplace.mounting.errors import MountingErrors
@@ -425,8 +424,6 @@ class _Builder:
             if judged:
                 raise ValueError(f"{judged[0]} is judged, so it cannot be trained on")
             named = [common.rig_named(name, point) for name in rigs]
-            for rig in named:
-                check_mounts(rig, point.body())
             if has_other_lidar(common.rig_named(point.placement, point), named):
                 raise ValueError(
                     f"none of {', '.join(rigs)} has a LiDAR of {point.placement}: name rigs of the "
