@@ -48,12 +48,13 @@ and meanings; new ones may come. `run --schema` and `search --schema` print the 
 file.
 
 - `run --dry-run`: `name`; `stages`, by stage `tasks` and `cached`; `rungs`, each with `by`, `keep`,
-  `set`; `scenes`, each with `scene`, `train_frames`, `test_frames`; `trials`, each with `key`,
-  `label`, `cached`; `anchors`; `cautions`; `estimate`, null without `--probe`: `stages`, by stage
-  `seconds` and `bytes`, `seconds`, `at_once`, `task_memory`, `bytes`, `free_bytes`.
+  `set`; `scenes`, each with `scene`, `train_frames`, `test_frames`; `requirements`, as
+  `requirements --dry-run`; `trials`, each with `key`, `label`, `cached`; `anchors`; `cautions`;
+  `estimate`, null without `--probe`: `stages`, by stage `seconds` and `bytes`, `seconds`,
+  `at_once`, `task_memory`, `bytes`, `free_bytes`.
 - `search --dry-run`: `name`, `lidars` (least, most), `zones`, `parameters`, `objectives` (`name`,
-  `best`), `constraints` (`name`, `unit`, `limit`, `at_least`), `trials`, `sampler`, `batch_size`,
-  `seed`, `warnings`.
+  `best`), `constraints` (`name`, `unit`, `limit`, `at_least`), `no_bound` (why there is none, or
+  null), `trials`, `sampler`, `batch_size`, `seed`, `warnings`.
 - `status` of a sweep: `kind` (`sweep`), `name`, `alive` (a driver runs); `stages`, by stage the
   number of tasks by status; `trials`, each with `label`, `status`, `detail`, `log`. A status is
   `done`, `running`, `stopped`, `waiting`, `failed` or `pruned`.

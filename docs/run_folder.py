@@ -8,6 +8,7 @@ from pathlib import Path
 
 from tracking.run_folders import search_tables, sweep_tables
 from tracking.run_folders.array_file import ArrayFile
+from tracking.run_folders.grounds import Grounds
 from tracking.run_folders.json_file import ResultFile
 from tracking.run_folders.search_arrays import UnseenMaps
 from tracking.run_folders.search_json import SearchResult
@@ -42,12 +43,14 @@ def page() -> str:
             *_of_arrays(Maps),
             *_of_arrays(Frame),
             *_of_arrays(FailureFrames),
+            *_of_arrays(Grounds),
             "## A search\n",
             "`placement.yaml` is the best rig and `sweep.yaml` a sweep of the winners, see",
             "[search](search.md#what-comes-out).\n",
             *_of_json(SearchResult),
             *(line for table in search_tables.TABLES for line in _of_table(table)),
             *_of_arrays(UnseenMaps),
+            f"`{Grounds.FILE}` is as that of a sweep.",
         )
     )
 

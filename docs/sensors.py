@@ -61,9 +61,9 @@ own = Lidar.even(beams=16, elevation_deg=(-25, 5), azimuth_steps=1800, azimuth_d
   (reflectivity times the cosine of incidence), up to `range`; by the inverse square law where only
   `range_10` is known. Without it all surfaces return from up to `range`.
 - This, and the least range, is in simulated clouds, and so in all that detectors learn from, and in
-  `expected_recall`, `log_cells`, `log_points` and `enough_points`. Surrogates of the POG
-  (`expected_points`, `expected_ig` and those of coverage) know `range` alone, since a voxel has no
-  material; so do CARLA's own LiDARs.
+  `expected_recall`, `log_cells`, `log_points`, `enough_points` and requirements. Surrogates of the
+  POG (`expected_points`, `expected_ig` and those of coverage) know `range` alone, since a voxel has
+  no material; so do CARLA's own LiDARs.
 - By its size a LiDAR hides what is behind it from the others of a rig, in clouds, constraints and
   requirements: as an upright cylinder where length and width are equal, else as a box, with the
   sensor in its middle. `size_mm` says it of LiDARs of your own; without it nothing is hidden.
@@ -87,8 +87,8 @@ grid:
 - A surface returns if as much light comes back as at the end of its range in clear air:
   reflectivity, what air and window leave of it, and the loss by distance that `range_10` and
   `range_80` tell, the inverse square where they do not.
-- Surrogates of the POG and requirements, which know no reflectivity, get a shorter `range`: where
-  as much light comes back as from `range` in clear air.
+- Surrogates of the POG and the coverage of requirements, which know no reflectivity, get a shorter
+  `range`: where as much light comes back as from `range` in clear air.
 - In clouds, rays end early at drops near the sensor (`lidarplace/lidar/droplets.py`), and
   intensities fall. `expected_recall` and the other surrogates of objects know the light that is
   lost, not the rays that end early.

@@ -176,6 +176,11 @@ class Lidar:
         """The same LiDAR in that weather, whatever air it was in."""
         return replace(self, extinction=weather.extinction(self.wavelength))
 
+    def nearsighted(self, factor: float) -> Lidar:
+        """The same LiDAR that sees so much of its ranges, whatever reflects."""
+        known = {name: getattr(self, name) for name in ("range", "range_10", "range_80")}
+        return replace(self, **{n: factor * own for n, own in known.items() if own is not None})
+
     @property
     def beams(self) -> int:
         """Number of beams."""
@@ -217,7 +222,7 @@ class Lidar:
     def reach(self) -> float:
         """How far is seen what is seen up to `range` in clear air through a clean window, metres.
 
-        For who knows no reflectivity: surrogates of the POG, requirements.
+        For who knows no reflectivity: surrogates of the POG, coverage.
         """
         clean = self.range * self.window ** (2.0 * self.falloff)
         return float(shortened(clean, self.fading))

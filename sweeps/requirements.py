@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,7 +15,7 @@ from sweeps.options import DryRunOption, SetOption
 if TYPE_CHECKING:
     import pandas as pd
 
-    from lidarplace.requirements.judge import Finding, Outcome
+    from lidarplace.requirements.judge import Outcome
     from sweeps.configuration.question import Question
     from tracking.pages.section import Section
 
@@ -49,7 +48,9 @@ def requirements(
     from rich.progress import track
 
     from lidarplace.requirements.judge import judge
+    from lidarplace.requirements.tables import worst_cases
     from sweeps.configuration.question import read_question
+    from tracking.pages.requirements import verdict_table
 
     try:
         question = read_question(config, set_ or [])
@@ -59,88 +60,38 @@ def requirements(
         console = Terminal(stderr=True)
         rigs = track(question.rigs, "rigs", console=console, disable=not console.is_terminal)
         outcomes = [judge(question.laid, rig, question.vehicle) for rig in rigs]
-        paths = _write(question, outcomes, out)
+        cases = _cases(question, outcomes)
+        worst = worst_cases(cases, ["rig"])
+        paths = _write(question, outcomes, cases, worst, out)
     except (ValueError, OSError) as error:
         wrong(error)
-    every = [outcome for of_rig in outcomes for outcome in of_rig]
     if as_json:
-        print_json({"files": paths, "outcomes": [_as_json(outcome) for outcome in every]})
+        told = [_as_json(outcome) for of_rig in outcomes for outcome in of_rig]
+        print_json({"files": paths, "outcomes": told})
     else:
-        output().print(_verdicts(every))
-        failed = sum(not outcome.met for outcome in every)
-        say(f"{failed} of {len(every)} fail; {', '.join(paths.values())}")
-    if not all(outcome.met for outcome in every):
+        shown = verdict_table(worst, ["rig"])
+        words = {shown.head[i] for i in shown.words}
+        output().print(table(None, shown.head, shown.rows, words=words))
+        say(f"{(~worst['met']).sum()} of {len(worst)} fail; {', '.join(paths.values())}")
+    if not worst["met"].all():
         raise typer.Exit(1)
 
 
 def _print_plan(question: Question, as_json: bool) -> None:
-    plan = [
-        {
-            "requirement": laid.requirement.name,
-            "measure": laid.requirement.measure,
-            "positions": int(laid.positions.held.sum()),
-            "objects": 0 if laid.roi is not None else int((laid.boxes[:, :, 0] < math.inf).sum()),
-        }
-        for laid in question.laid
-    ]
+    from lidarplace.requirements.tables import extents
+    from sweeps.results.dry_run import extent_table
+
+    plan = extents(question.laid)
     if as_json:
         print_json({"rigs": [rig.name for rig in question.rigs], "requirements": plan})
         return
     say(f"rigs: {', '.join(rig.name for rig in question.rigs)}")
-    head = tuple(plan[0])
-    output().print(table(None, head, [row.values() for row in plan], words={"measure"}))
-
-
-HEAD = (
-    *("rig", "requirement", "verdict", "needed", "found", "short by", "enough at"),
-    *("worst place", "when"),
-)
-WORDS = frozenset(HEAD) - {"needed", "found", "short by", "enough at"}
-
-
-def _cells(outcome: Outcome) -> tuple[str, ...]:
-    """A row of the table of verdicts."""
-    from tracking.numbers import digits
-
-    wanted, worst = outcome.requirement, outcome.worst
-    share = "" if wanted.share == 1.0 else f", {100 * wanted.share:g} %"
-    short = wanted.least - worst.value
-    place = f"x {digits(worst.x, 'z.2f')}, y {digits(worst.y, 'z.2f')}"
-    if worst.heading is not None:
-        place += f", {math.degrees(worst.heading):.0f}°"
-    return (
-        outcome.rig,
-        wanted.name,
-        "pass" if outcome.met else "FAIL",
-        f"{wanted.least:g} {wanted.measure}{share}",
-        f"{worst.value:.4g}",
-        f"{short:.4g}" if short > 0 else "",
-        f"{100 * worst.enough:.4g} %",
-        place,
-        worst.case,
-    )
-
-
-def _verdicts(outcomes: Sequence[Outcome]) -> Any:
-    return table(None, HEAD, map(_cells, outcomes), words=WORDS)
-
-
-def _row(outcome: Outcome, finding: Finding) -> dict[str, Any]:
-    wanted = outcome.requirement
-    return {
-        "case": finding.case,
-        "met": finding.value >= wanted.least,
-        "value": finding.value,
-        "short_by": max(0.0, wanted.least - finding.value),
-        "enough": finding.enough,
-        "x": finding.x,
-        "y": finding.y,
-        "heading_deg": None if finding.heading is None else math.degrees(finding.heading),
-        "at_worst": finding.at_worst,
-    }
+    output().print(extent_table(plan))
 
 
 def _as_json(outcome: Outcome) -> dict[str, Any]:
+    from lidarplace.requirements.tables import case_row
+
     wanted = outcome.requirement
     return {
         "rig": outcome.rig,
@@ -149,29 +100,25 @@ def _as_json(outcome: Outcome) -> dict[str, Any]:
         "measure": wanted.measure,
         "at_least": wanted.least,
         "for": wanted.share,
-        "cases": [_row(outcome, finding) for finding in outcome.findings],
+        "cases": [case_row(outcome, finding) for finding in outcome.findings],
     }
 
 
-def _rows(outcomes: Sequence[Outcome]) -> pd.DataFrame:
+def _cases(question: Question, outcomes: Sequence[Sequence[Outcome]]) -> pd.DataFrame:
     """A row for each rig, requirement and case."""
-    import pandas as pd
+    from lidarplace.requirements.tables import by_rig, case_table
 
-    return pd.DataFrame(
-        {
-            "rig": outcome.rig,
-            "requirement": outcome.requirement.name,
-            "measure": outcome.requirement.measure,
-            "at_least": outcome.requirement.least,
-            "for": outcome.requirement.share,
-            **_row(outcome, finding),
-        }
-        for outcome in outcomes
-        for finding in outcome.findings
-    )
+    names = (rig.name for rig in question.rigs)
+    return by_rig(dict(zip(names, map(case_table, outcomes), strict=True)))
 
 
-def _write(question: Question, outcomes: Sequence[Sequence[Outcome]], out: Path) -> dict[str, str]:
+def _write(
+    question: Question,
+    outcomes: Sequence[Sequence[Outcome]],
+    cases: pd.DataFrame,
+    worst: pd.DataFrame,
+    out: Path,
+) -> dict[str, str]:
     """The table of all cases, and a page of pictures. Returns the paths by suffix."""
     from lidarplace.files.atomic import replacing
     from lidarplace.files.csv import write_csv
@@ -180,54 +127,43 @@ def _write(question: Question, outcomes: Sequence[Sequence[Outcome]], out: Path)
     paths = {suffix: out.with_name(f"{out.name}.{suffix}") for suffix in ("csv", "html")}
     out.parent.mkdir(parents=True, exist_ok=True)
     with replacing(paths["csv"]) as partial:
-        write_csv(_rows([outcome for of_rig in outcomes for outcome in of_rig]), partial)
-    write_page(paths["html"], SECTIONS_ALONE, _sections(question, outcomes), name=out.name)
+        write_csv(cases, partial)
+    sections = list(_sections(question, outcomes, worst))
+    write_page(paths["html"], SECTIONS_ALONE, sections, name=out.name)
     return {suffix: str(path) for suffix, path in paths.items()}
 
 
-def _sections(question: Question, outcomes: Sequence[Sequence[Outcome]]) -> list[Section]:
+def _sections(
+    question: Question, outcomes: Sequence[Sequence[Outcome]], worst: pd.DataFrame
+) -> Iterator[Section]:
     """The verdicts, and for each requirement the ground around every rig."""
+    from lidarplace.mounting.outline import outline
+    from lidarplace.requirements.ground import Ground
     from tracking.figures.of_rigs.requirement_map import requirement_map
+    from tracking.pages.requirements import ALONE, COLOURS, counted, verdict_table
     from tracking.pages.section import Section
-    from tracking.pages.tables import Table
 
-    every = [
-        (outcome, rig)
-        for rig, of_rig in zip(question.rigs, outcomes, strict=True)
-        for outcome in of_rig
-    ]
-    rows = tuple(_cells(outcome) for outcome, _ in every)
-    stressed = frozenset((i, 2) for i, (outcome, _) in enumerate(every) if not outcome.met)
-    failed = len(stressed)
-    words = frozenset(i for i, name in enumerate(HEAD) if name in WORDS)
-    verdicts = Table("Each in its worst case", HEAD, rows, best=stressed, words=words)
-    first = Section(
-        "Requirements",
-        notes=[
-            f"{failed} of {len(every)} verdicts are failures. An object stands alone on level "
-            "ground at each position, in the worst of its headings; what hides it is the body of "
-            "the vehicle, and its other LiDARs where their size is known."
-        ],
-        tables=[verdicts],
-    )
-    shown = sorted(every, key=lambda pair: pair[0].met)[:MOST_FIGURES]
-    if len(shown) < len(every):
+    rigs = {rig.name: rig for rig in question.rigs}
+    found = {(own.rig, own.requirement.name): own for of_rig in outcomes for own in of_rig}
+    shown = worst.sort_values("met", kind="stable").head(MOST_FIGURES)
+    first = Section("Requirements", [counted(worst), ALONE], tables=[verdict_table(worst, ["rig"])])
+    if len(shown) < len(worst):
         first.notes.append(f"Pictures of {len(shown)} of them, those that fail first.")
-    sections = [first]
+    yield first
     for laid in question.laid:
+        name = laid.requirement.name
         figures = [
-            requirement_map(outcome, rig, question.vehicle)
-            for outcome, rig in shown
-            if outcome.requirement is laid.requirement
+            requirement_map(
+                row,
+                Ground.of(found[row["rig"], name]),
+                row["rig"],
+                rigs[row["rig"]].mounts,
+                outline(question.vehicle),
+            )
+            for row in shown[shown["requirement"] == name].to_dict("records")
         ]
         if figures:
-            note = (
-                "What is at each position, in the worst of all cases, in terms of what is needed: "
-                "orange is too little, blue is enough. The cross is the worst place; diamonds are "
-                "LiDARs."
-            )
-            sections.append(Section(laid.requirement.name, notes=[note], figures=figures))
-    return sections
+            yield Section(name, notes=[COLOURS], figures=figures)
 
 
 if __name__ == "__main__":

@@ -191,7 +191,7 @@ def of_kind(block: Block) -> str:
     keys = set(re.findall(r"^([\w.]+):", block.text, re.M))
     if block.page == "carla.md":
         return "collection"
-    if "requirements" in keys:
+    if "requirements" in keys and "grid" not in keys:
         return "requirements"
     if "columns" in keys:
         return "mapping"

@@ -110,13 +110,14 @@ Found = tuple[str, Finding, NDArray[np.float64]]
 
 
 def _of_objects(own: Laid, sights: list[Sight], dead: bool) -> Iterator[Found]:
-    wanted = own.requirement
+    wanted, placed = own.requirement, own.requirement.placed
+    assert placed is not None
     there = ~np.isnan(own.boxes[:, :, 0])
     boxes = own.boxes[there]
     if wanted.measure == "points":
-        counts = count_points(sights, boxes)
+        counts = count_points(sights, boxes, placed.reflectivity)
     else:
-        counts = count_cells(sights, boxes, wanted.cell)
+        counts = count_cells(sights, boxes, wanted.cell, placed.reflectivity)
     cases = {"": counts.all}
     for number in range(len(sights) if dead else 0):
         cases[f"without LiDAR {number + 1}"] = counts.all - counts.alone[:, number]

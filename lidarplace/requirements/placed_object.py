@@ -7,6 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+DARK = 0.1
+"""Reflectivity of which data sheets tell a range: dark clothes, black paint less."""
+
 
 @dataclass(frozen=True)
 class PlacedObject:
@@ -16,6 +19,7 @@ class PlacedObject:
         length, width, height: metres.
         headings: so many, evenly over half a turn; after it a box looks the same.
         object_class: whose detection curve it has; None if it has none.
+        reflectivity: share of the light that it sends back, of a LiDAR whose range depends on it.
     """
 
     length: float
@@ -23,6 +27,7 @@ class PlacedObject:
     height: float
     headings: int = 4
     object_class: str | None = None
+    reflectivity: float = DARK
 
     @property
     def size(self) -> tuple[float, float, float]:

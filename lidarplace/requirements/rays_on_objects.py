@@ -16,12 +16,13 @@ from numba import njit
 from numpy.typing import NDArray
 
 from lidarplace.lidar.convex import enter_along, fill_corners, fill_planes, inner, window
-from lidarplace.lidar.raycast import Beams, beams_of, runs
+from lidarplace.lidar.raycast import Beams, beams_of, returns_light, runs
 from lidarplace.lidar.shade import ends_in_rig
 from lidarplace.lidar.shapes import bricks
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Placement
 from lidarplace.recall.surface_cells import slices_of
+from lidarplace.requirements.placed_object import DARK
 
 MOST_CELLS = 10_000_000
 """Of one object."""
@@ -57,7 +58,7 @@ def sights_of(placement: Placement, vehicle: Vehicle) -> list[Sight]:
     lidars = zip(placement.mounts, placement.lidars, ends_in_rig(placement, vehicle), strict=True)
     for mount, lidar, ends in lidars:
         beams = beams_of(lidar)
-        least = np.full(lidar.rays, 1.0 / lidar.reach * (1.0 - 4e-16))
+        least = np.full(lidar.rays, 1.0 / beams.reach * (1.0 - 4e-16))
         if len(ends):
             np.maximum(least, ends, out=least)
         sights.append(Sight(mount.position, mount.rotation, beams, least))
@@ -78,23 +79,35 @@ class Counts:
     alone: NDArray[np.int64]
 
 
-def count_points(sights: list[Sight], boxes: NDArray[np.float64]) -> Counts:
-    """Rays that hit each box; rows of `lidarplace.boxes.GEOMETRY`, shape (B, 7)."""
+def count_points(
+    sights: list[Sight], boxes: NDArray[np.float64], reflectivity: float = DARK
+) -> Counts:
+    """Rays that hit each box and return.
+
+    Args:
+        boxes: rows of `lidarplace.boxes.GEOMETRY`, shape (B, 7).
+        reflectivity: of the boxes, for LiDARs whose `range_10` is known; see `Lidar.sight`.
+    """
 
     def points(part: NDArray[np.float64]) -> NDArray[np.int64]:
         owners = np.empty((len(part), 0), np.int16)
-        return np.stack([_hit(sight, part, 0, 1.0, owners) for sight in sights], axis=1)
+        return np.stack(
+            [_hit(sight, part, reflectivity, 0, 1.0, owners) for sight in sights], axis=1
+        )
 
     alone = np.concatenate(_in_threads(points, boxes, _PORTION))
     return Counts(alone.sum(axis=1), alone)
 
 
-def count_cells(sights: list[Sight], boxes: NDArray[np.float64], cell: float) -> Counts:
+def count_cells(
+    sights: list[Sight], boxes: NDArray[np.float64], cell: float, reflectivity: float = DARK
+) -> Counts:
     """Cells of the surface of each box that are hit, as `lidarplace.recall.surface_cells` has them.
 
     Args:
         boxes: of one size; rows of `GEOMETRY`, shape (B, 7).
         cell: edge, metres.
+        reflectivity: as of `count_points`.
 
     Raises:
         ValueError: a box has too many cells.
@@ -109,7 +122,7 @@ def count_cells(sights: list[Sight], boxes: NDArray[np.float64], cell: float) ->
     def shares(part: NDArray[np.float64]) -> NDArray[np.int64]:
         owners = np.full((len(part), cells), _NOBODY, np.int16)
         for number, sight in enumerate(sights):
-            _hit(sight, part, number, cell, owners)
+            _hit(sight, part, reflectivity, number, cell, owners)
         return _tally(owners, len(sights))
 
     portion = max(1, min(_PORTION, _MOST_BYTES // (2 * cells)))
@@ -156,7 +169,7 @@ def _shade(sight, body):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _hit(sight, parts, number, cell, owners):  # pragma: no cover - compiled
+def _hit(sight, parts, reflectivity, number, cell, owners):  # pragma: no cover - compiled
     """Rays of one LiDAR that hit each of `parts`; who hits which cell is kept in `owners`.
 
     Args:
@@ -188,6 +201,9 @@ def _hit(sight, parts, number, cell, owners):  # pragma: no cover - compiled
                     continue
                 enter_along(cosines[first:last], sines[first:last], planes, facing, ce, se, enter)
                 ends = least[beam * steps + first : beam * steps + last]
+                if beams.sight_10 < np.inf:
+                    along = cosines[first:last], sines[first:last]
+                    _put_out(enter, ends, along, planes, facing, ce, se, reflectivity, beams)
                 met = 0
                 for n in range(len(ends)):
                     enter[n] = enter[n] if enter[n] <= most else 0.0
@@ -198,14 +214,14 @@ def _hit(sight, parts, number, cell, owners):  # pragma: no cover - compiled
                 if not framed:
                     nx, ny, nz = _frame(sight, parts[p], cell, frame)
                     framed = True
-                along = ce * cosines[first:last], ce * sines[first:last]
+                level = ce * cosines[first:last], ce * sines[first:last]
                 x0, x1, x2 = frame[0, 0], frame[0, 1], frame[0, 2] * se
                 y0, y1, y2 = frame[1, 0], frame[1, 1], frame[1, 2] * se
                 z0, z1, z2 = frame[2, 0], frame[2, 1], frame[2, 2] * se
                 for n in range(len(ends)):
                     if enter[n] <= ends[n]:
                         continue
-                    reach, dx, dy = 1.0 / enter[n], along[0][n], along[1][n]
+                    reach, dx, dy = 1.0 / enter[n], level[0][n], level[1][n]
                     i = _slice(frame[0, 3] + reach * (x0 * dx + x1 * dy + x2), nx)
                     j = _slice(frame[1, 3] + reach * (y0 * dx + y1 * dy + y2), ny)
                     k = _slice(frame[2, 3] + reach * (z0 * dx + z1 * dy + z2), nz)
@@ -216,6 +232,27 @@ def _hit(sight, parts, number, cell, owners):  # pragma: no cover - compiled
                     elif owner != number:
                         owners[p, here] = _SEVERAL
     return counts
+
+
+@inner
+def _put_out(
+    enter, ends, along, planes, facing, ce, se, reflectivity, beams
+):  # pragma: no cover - compiled
+    """Let rays miss that meet too little light; Lambert's law at the face that each enters.
+
+    `along` has cosines and sines of their azimuths, `ce` and `se` are of the elevation.
+    """
+    for n in range(len(ends)):
+        if enter[n] <= ends[n]:
+            continue
+        least, cosine = np.inf, 0.0
+        for k in range(facing):
+            a, b, c = ce * planes[k, 0], ce * planes[k, 1], se * planes[k, 2] + planes[k, 3]
+            here = a * along[0][n] + b * along[1][n] + c
+            cosine = here * planes[k, 4] if here < least else cosine
+            least = min(least, here)
+        if not returns_light(1.0 / enter[n], reflectivity * min(cosine, 1.0), beams):
+            enter[n] = 0.0
 
 
 @inner

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 from lidarplace.mounting.errors import MountingErrors
@@ -41,7 +41,7 @@ class AlsoWhen:
         found = {AS_BUILT: placement}
         if self.range_factor is not None:
             factor = self.range_factor
-            shorter = [replace(lidar, range=factor * lidar.range) for lidar in placement.lidars]
+            shorter = [lidar.nearsighted(factor) for lidar in placement.lidars]
             found[f"range × {factor:g}"] = placement.with_lidar(shorter)
         if self.weather is not None:
             found[str(self.weather)] = placement.in_weather(self.weather)

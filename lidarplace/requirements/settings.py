@@ -20,7 +20,7 @@ from lidarplace.configuration.weather import WeatherSettings
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.detection_curve import IOU, DetectionCurves
 from lidarplace.requirements.area import Area
-from lidarplace.requirements.placed_object import STANDARD, PlacedObject
+from lidarplace.requirements.placed_object import DARK, STANDARD, PlacedObject
 from lidarplace.requirements.presets import PRESETS, preset
 from lidarplace.requirements.requirement import AlsoWhen, Measure, Requirement
 from lidarplace.sectors import SECTORS, bounds_of
@@ -107,6 +107,12 @@ class WhatSettings(Settings):
     length: Distance | None = Field(None, gt=0, description="metres")
     width: Distance | None = Field(None, gt=0, description="metres")
     height: Distance | None = Field(None, gt=0, description="metres")
+    reflectivity: Probability | None = Field(
+        None,
+        gt=0,
+        description="share of the light that it sends back, 0.1 if null; every LiDAR has to have a "
+        "range_10 then",
+    )
     headings: Annotated[CountFromOne, Field(le=360)] = Field(
         4, description="so many, evenly over half a turn; the worst one counts"
     )
@@ -127,6 +133,7 @@ class WhatSettings(Settings):
             known.height if self.height is None else self.height,
             self.headings,
             known.object_class,
+            DARK if self.reflectivity is None else self.reflectivity,
         )
 
 
@@ -181,7 +188,7 @@ class AlsoWhenSettings(Settings):
 
     one_lidar_dead: bool = Field(False, description="any one of the LiDARs sees nothing")
     range_factor: Probability | None = Field(
-        None, gt=0, description="every LiDAR reaches so much of its range"
+        None, gt=0, description="every LiDAR reaches so much of its range, range_10 and range_80"
     )
     weather: WeatherSettings | None = Field(
         None, description="fog or rain, which shorten the range of every LiDAR"
@@ -239,6 +246,11 @@ class RequirementSettings(Settings):
         if self.at_least.measure == "probability" and self.what.object_class is None:
             raise ValueError("what: a probability needs a class, which has a detection curve")
         return self
+
+    @property
+    def of_light(self) -> bool:
+        """Whether it says what the object reflects."""
+        return self.what is not None and self.what.reflectivity is not None
 
     def requirement(self, vehicle: Vehicle, curves: DetectionCurves) -> Requirement:
         """In the terms of `lidarplace`.

@@ -51,7 +51,7 @@ def read_question(path: Path, overrides: Sequence[str] = ()) -> Question:
         vehicle = vehicle_of(file.vehicle)
         rigs = _rigs(file)
         for rig in rigs:
-            check_mounts(rig, vehicle)
+            check_asked(rig, vehicle, file.requirements)
     except ValueError as error:
         raise ConfigError(f"{path}: {error}") from None
     return Question(rigs, vehicle, laid_out(file.requirements, vehicle, curves, f"{path}: "))
@@ -98,3 +98,35 @@ def _rigs(file: RequirementsFile) -> tuple[Placement, ...]:
                 f"{', '.join(known)}, a FILE.yaml, a run folder"
             )
     return tuple(rigs)
+
+
+def check_asked(
+    rig: Placement, vehicle: Vehicle, requirements: Sequence[RequirementSettings]
+) -> None:
+    """Refuse a rig that cannot be asked.
+
+    Raises:
+        ValueError: a LiDAR is inside of the vehicle's body, or as `check_lidars`.
+    """
+    check_lidars(rig, requirements)
+    check_mounts(rig, vehicle)
+
+
+def check_lidars(rig: Placement, requirements: Sequence[RequirementSettings]) -> None:
+    """Refuse LiDARs that cannot be asked.
+
+    Raises:
+        ValueError: a requirement says what an object reflects, and nobody knows how far a LiDAR
+            sees by that; or a case of `also_when` leaves a LiDAR no range.
+    """
+    for own in requirements:
+        for number, lidar in enumerate(rig.lidars):
+            if own.of_light and lidar.range_10 is None:
+                raise ValueError(
+                    f"{own.name!r}: what.reflectivity: LiDAR {number + 1} of {rig.name!r} has no "
+                    "range_10, by which light counts; give it one, or leave this key out"
+                )
+        try:
+            own.also_when.cases().variants(rig)
+        except ValueError as error:
+            raise ValueError(f"{own.name!r}: also_when: a LiDAR of {rig.name!r}: {error}") from None

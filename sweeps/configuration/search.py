@@ -144,6 +144,10 @@ GENERALIST = "generalist"
 """What stands before a metric that one detector for all rigs measures: generalist.recall."""
 
 
+ONE_DEAD = "one_lidar_dead"
+"""What stands before what is left when the LiDAR is dead whose loss costs most."""
+
+
 TOTALS = ("price", "power")
 """What LiDARs add up to: bounds and objectives."""
 OF_RIG = (*TOTALS, "margin")
@@ -166,6 +170,11 @@ class ObjectiveSettings(Settings):
     weights: dict[ClassName, Annotated[Factor, Field(gt=0)]] | None = Field(
         None, description="class -> weight in the sum; by default all classes, each once"
     )
+    one_lidar_dead: bool = Field(
+        False,
+        description="the least value that any one dead LiDAR leaves, of expected_recall or by a "
+        "generalist; one_lidar_dead.expected_recall is short for it",
+    )
     direction: Direction | None = Field(
         None, description="maximize, but minimize for residual_entropy, price and power"
     )
@@ -186,12 +195,20 @@ class ObjectiveSettings(Settings):
             raise ValueError(
                 f"{self.by} is not measured by a detector; allowed are {', '.join(RANKING)}"
             )
+        if self.one_lidar_dead and not (self.judged or self.by == "expected_recall"):
+            raise ValueError(
+                "one_lidar_dead: is for expected_recall, and for what a generalist measures, such "
+                f"as {ONE_DEAD}.{GENERALIST}.{DEFAULT_METRIC}"
+            )
+        if self.one_lidar_dead and self.best == "minimize":
+            raise ValueError("one_lidar_dead: is the least value, which is to be large")
         return self
 
     @property
     def name(self) -> str:
         """Such as `expected_ig.Car`, or `expected_ig` for a sum over classes."""
         by = f"{GENERALIST}.{self.by}" if self.judged else str(self.by)
+        by = f"{ONE_DEAD}.{by}" if self.one_lidar_dead else by
         if self.weights is not None and len(self.weights) == 1:
             return f"{by}.{next(iter(self.weights))}"
         return by
@@ -226,12 +243,15 @@ class ObjectiveSettings(Settings):
 def _objective(value: Any) -> Any:
     if not isinstance(value, str):
         return value
-    judge = {}
+    how: dict[str, Any] = {}
+    if value.partition(".")[0] == ONE_DEAD:
+        how |= {ONE_DEAD: True}
+        value = value.partition(".")[2]
     if value.partition(".")[0] == GENERALIST:
-        judge = {"judge": GENERALIST}
+        how |= {"judge": GENERALIST}
         value = value.partition(".")[2] or DEFAULT_METRIC
     by, _, object_class = value.partition(".")
-    return {"by": by} | judge | ({"weights": {object_class: 1.0}} if object_class else {})
+    return {"by": by} | how | ({"weights": {object_class: 1.0}} if object_class else {})
 
 
 def _several(value: Any) -> Any:
@@ -409,6 +429,10 @@ class SearchSettings(Settings):
                 if getattr(self, key) != type(self).model_fields[key].default:
                     raise ValueError(f"{key}: is for an objective that a generalist measures")
         self._check_zones()
+        if any(o.one_lidar_dead for o in self.objective) and self._most_lidars < 2:
+            raise ValueError(
+                "objective: one_lidar_dead: of a single LiDAR nothing is left; allow two or more"
+            )
         if self.space and not any(measured):
             raise ValueError(
                 "space: surrogates know the placement alone; choose a measured objective such as "
@@ -437,6 +461,12 @@ class SearchSettings(Settings):
     def counted(self) -> bool:
         """Whether zones say how many LiDARs they have."""
         return any(zone.lidars is not None for zone in self.zones.values())
+
+    @property
+    def _most_lidars(self) -> int:
+        """How many a rig has at most, those that are fixed and mirror images with them."""
+        own = [(2 if z.mirrored else 1) * z.lidars[1] for z in self.zones.values() if z.lidars]
+        return (sum(own) if self.counted else self.lidars[1]) + len(self.fixed)
 
     def _check_zones(self) -> None:
         """Zones that count their LiDARs: all or none, and then nothing else counts them."""

@@ -41,6 +41,7 @@ from lidarplace.metrics import METRICS, RANKING, Direction, Overlaps
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.near_names import did_you_mean
 from lidarplace.placement import PAPER_PLACEMENTS, Placement
+from lidarplace.requirements.settings import Requirements
 from lidarplace.roi import Roi
 from lidarplace.scenes.kinds import Scene
 from lidarplace.scenes.recorded import LogScene
@@ -399,6 +400,11 @@ class Common(Settings):
     promote: tuple[Rung, ...] = Field(
         default=(),
         description="cheap values of all placements first, full trainings for the best alone",
+    )
+    requirements: Requirements = Field(
+        (),
+        description="what every placement has to see around the vehicle (a car by default), as in "
+        "a file of requirements; nothing is left out for it",
     )
 
     @field_validator("placements")

@@ -225,7 +225,8 @@ def _in_small(trial: Trial) -> list[Task]:
     def small(task: Task) -> Task | None:
         if task.key not in made:
             inputs = tuple(filter(None, map(small, task.inputs)))
-            gone = not inputs if task.inputs else task.key not in scenes
+            other = task.stage == "scene" and task.key not in scenes
+            gone = other or bool(task.inputs and not inputs)
             made[task.key] = None if gone else replace(task, inputs=inputs, params=_brief(task))
         return made[task.key]
 

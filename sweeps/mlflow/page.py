@@ -25,7 +25,8 @@ ABOUT = """\
 A sweep over LiDAR placements: one parent run, and a child run for every trained detector.
 
 - Metrics: `surrogate.NAME.CLASS` of the placement; `AP_R40_3D.CLASS.IOU`, `AP_R40_BEV.CLASS.IOU`
-  and `recall.CLASS.IOU` in percent on test frames; `seconds` of training and evaluation.
+  and `recall.CLASS.IOU` in percent on test frames; `seconds` of training and evaluation;
+  `requirement.NAME`, what there is of it in terms of what is needed, and `requirements_failed`.
 - Tags to filter by: `tags.placement = 'line'`, `tags.detector`, `tags.seed`, `tags.density`,
   `tags.scene`, and the axes of the grid, in backquotes: ``tags.`scene.density` = '80'``.
 - The parent run has the command, the configuration, the report and the tables; a child run has the
@@ -43,7 +44,8 @@ def columns(sweep: Sweep) -> list[str]:
     shown = [name for name in _SHOWN_SURROGATES if name in point.surrogate.names]
     surrogates = [f"metrics.surrogate.{name}.{c}" for c in point.classes for name in shown]
     axes = [f"params.{axis}" for axis in further_axes(sweep)]
-    return [*first, _column("all", ious), *surrogates, *axes, "metrics.seconds"]
+    required = ["metrics.requirements_failed"] if sweep.common.requirements else []
+    return [*first, _column("all", ious), *required, *surrogates, *axes, "metrics.seconds"]
 
 
 def _column(object_class: str, ious: Mapping[str, Overlaps]) -> str:

@@ -22,7 +22,7 @@ from sweeps.results.trial_results import (
 )
 from sweeps.store.open import AnyStore
 from sweeps.tasks.task import Task
-from tracking.mlflow.content import EndedTrial, TrialRun, trial_metrics
+from tracking.mlflow.content import EndedTrial, TrialRun, requirement_metrics, trial_metrics
 
 
 class TrialLog:
@@ -121,7 +121,11 @@ class TrialLog:
         )
 
     def _metrics(self, trial: Trial, results: pd.DataFrame) -> dict[str, float]:
-        return trial_metrics(results, surrogate_table(trial, self._store))
+        named = trial_metrics(results, surrogate_table(trial, self._store))
+        required = trial.requirements
+        if required is None or not self._store.has(required):
+            return named
+        return named | requirement_metrics(self._store.load(required, ("table",))["table"])
 
     def _params(self, trial: Trial) -> dict[str, object]:
         point = trial.grid_point.point

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from lidarplace import Placement, Roi
+from lidarplace.configuration.vehicle import VehicleSettings, vehicle_of
 from lidarplace.configuration.weather import WeatherSettings
 from lidarplace.lidar.clouds import Crop
 from lidarplace.lidar.collect import crop_for
@@ -22,12 +23,14 @@ from lidarplace.mounting.errors import MountingErrors
 from lidarplace.mounting.random_rigs import has_other_lidar, random_rigs
 from lidarplace.mounting.ring_overlap import Interleaving, interleaving
 from lidarplace.recall.detection_curve import IOU, DetectionCurves, default_curves, read_curves
+from lidarplace.requirements.layout import Laid
 from lidarplace.scenes.kinds import scene_parts
 from lidarplace.scenes.parts import ScenePart
 from lidarplace.scenes.recorded import LogScene
 from lidarplace.surrogates.table import OBJECT_SURROGATES, POG_SURROGATES
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import GridPoint, Sweep, read_sweep
+from sweeps.configuration.question import check_asked, laid_out
 from sweeps.configuration.sweep import Point
 from sweeps.plan.classes import boxes_by_split, check_classes, typical_of
 from sweeps.tasks.parameters import (
@@ -38,6 +41,7 @@ from sweeps.tasks.parameters import (
     PogParams,
     RecallParams,
     RecordedParams,
+    RequirementsParams,
     SamplingErrorParams,
     SceneParams,
     SurrogateParams,
@@ -75,6 +79,7 @@ class Trial:
             test frames for the last.
         pog, surrogates, recall: its cheap tasks, by which `promote` may rank; recall is None if no
             surrogate of objects is asked for.
+        requirements: what becomes of them; None if there are none.
         accuracy, sampling_error: None if they are not asked for, or of other placements.
         finetune, evaluate: the training whose weights tell of the placement, which is shared where
             a generalist does; None without a detector.
@@ -91,6 +96,7 @@ class Trial:
     pog: Task
     surrogates: Task
     recall: Task | None
+    requirements: Task | None
     accuracy: Task | None
     sampling_error: Task | None
     finetune: Task | None
@@ -102,7 +108,8 @@ class Trial:
     def key(self) -> str:
         """Names the trial: the same for the same work under the same name of the placement."""
         last = (self.evaluate or self.pog).key
-        parts = (self.grid_point.point.placement, last, *(task.key for task in self.scores))
+        found = (*self.scores, *filter(None, [self.requirements]))
+        parts = (self.grid_point.point.placement, last, *(task.key for task in found))
         return hashlib.sha256("/".join(parts).encode()).hexdigest()[:12]
 
     @property
@@ -118,7 +125,7 @@ class Trial:
     def results(self) -> tuple[Task, ...]:
         """The tasks whose results the trial reports."""
         detected = (self.finetune, self.evaluate, self.evaluate_interleaved)
-        further = (self.accuracy, self.sampling_error, *detected)
+        further = (self.requirements, self.accuracy, self.sampling_error, *detected)
         return (self.pog, *self.scores, *filter(None, further))
 
 
@@ -127,11 +134,13 @@ class Plan:
     """All tasks, each once and after its inputs, and the trials that they make up.
 
     Attributes:
+        laid: what is required, around the vehicle; by the curves of the first trial.
         cautions: what is to be known of the classes of the logs, a sentence each.
     """
 
     tasks: tuple[Task, ...]
     trials: tuple[Trial, ...]
+    laid: tuple[Laid, ...] = ()
     cautions: tuple[str, ...] = ()
 
     @property
@@ -166,7 +175,8 @@ def make_plan(sweep: Sweep) -> Plan:
 
     Raises:
         ConfigError: a checkpoint to start from, a map or recorded clouds are not there or do not
-            fit; or two points of the grid are the same work.
+            fit; a requirement cannot be asked of the vehicle, or of a rig with a LiDAR inside of
+            it; or two points of the grid are the same work.
     """
     builder = _Builder(sweep)
     trials = [builder.trial(grid_point) for grid_point in sweep.points]
@@ -177,7 +187,8 @@ def make_plan(sweep: Sweep) -> Plan:
                 f"grid: '{labels[trial.key]}' and '{trial.label}' are the same work; exclude one"
             )
         labels[trial.key] = trial.label
-    return Plan(tuple(builder.tasks.values()), tuple(trials), tuple(builder.cautions))
+    laid = builder.laid(sweep.points[0].point)
+    return Plan(tuple(builder.tasks.values()), tuple(trials), laid, tuple(builder.cautions))
 
 
 class _Builder:
@@ -191,6 +202,7 @@ class _Builder:
         self._digest_of = cache(clouds_digest)
         self._checkpoint = cache(_checkpoint)
         self._curves = cache(_curves)
+        self._laid = cache(self._lay_out)
         self._boxes_of = cache(boxes_by_split)
         self.cautions: dict[str, None] = {}
         self._random_rigs = cache(random_rigs)
@@ -221,6 +233,7 @@ class _Builder:
             scene_label=_label(grid_point, scenes[0].uses),
             interleaving=self._interleaving(rig),
             scenes=tuple(scenes),
+            requirements=self._requirements(grid_point, rig),
             **self._surrogates(grid_point, rig, for_pog),
             **self._detection(grid_point, rig, parts, scenes, typical),
         )
@@ -302,6 +315,29 @@ class _Builder:
             )
             found["sampling_error"] = self._task("sampling_error", grid_point, drawn, logs)
         return found
+
+    def laid(self, point: Point) -> tuple[Laid, ...]:
+        """What is required of the placement of a point, laid out around the vehicle."""
+        return self._laid(point.surrogate.curves, point.vehicle)
+
+    def _lay_out(self, curves: Path | None, body: VehicleSettings | None) -> tuple[Laid, ...]:
+        if not self._common.requirements:
+            return ()
+        known = self._curves(curves, ())
+        return laid_out(self._common.requirements, vehicle_of(body), known, "")
+
+    def _requirements(self, grid_point: GridPoint, rig: Placement) -> Task | None:
+        laid = self.laid(grid_point.point)
+        if not laid:
+            return None
+        vehicle = vehicle_of(grid_point.point.vehicle)
+        try:
+            check_asked(rig, vehicle, self._common.requirements)
+        except ValueError as error:
+            raise ConfigError(f"requirements: {error}") from None
+        asked = tuple(own.requirement for own in laid)
+        params = RequirementsParams(_nameless(rig), vehicle, asked)
+        return self._task("requirements", grid_point, params, ())
 
     def _detection(
         self,

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from rich.console import Console
 from rich.filesize import decimal
+from rich.table import Table as RichTable
 
 from lidarplace.command_line.terminal import table
+from lidarplace.requirements.tables import extents
 from sweeps.configuration.grid import Sweep
 from sweeps.execution.backends import Backend
 from sweeps.execution.estimate import FRAMES, Estimate, StageEstimate, estimate
@@ -31,6 +34,7 @@ class Planned:
         rungs: by, keep and set of each.
         scenes: scene, and its frames of each split.
         trials: key, label and whether it is cached, in the order of the grid.
+        requirements: what each asks of every placement: `lidarplace.requirements.tables.extents`.
         anchors: sizes that detectors start from, of classes that have not the preset's.
         cautions: what is to be known of the classes and of the rigs.
         estimate: what it would take; None if nothing was tried.
@@ -41,6 +45,7 @@ class Planned:
     rungs: list[dict[str, Any]]
     scenes: list[dict[str, Any]]
     trials: list[dict[str, Any]]
+    requirements: list[dict[str, Any]]
     anchors: list[dict[str, Any]]
     cautions: list[str]
     estimate: Estimate | None = None
@@ -80,12 +85,19 @@ def planned(sweep: Sweep, plan: Plan, store: AnyStore, backend: Backend | None =
             }
             for trial in plan.trials
         ],
+        requirements=extents(plan.laid),
         anchors=as_plain(plan.typical),
         cautions=[*plan.cautions, *rig_cautions(plan, store)],
         estimate=None
         if backend is None
         else estimate(plan.trials, tasks, cached, backend, store.local.folder),
     )
+
+
+def extent_table(requirements: Sequence[Mapping[str, Any]]) -> RichTable:
+    """What requirements ask of a rig, for a terminal; rows of `extents`."""
+    rows = (own.values() for own in requirements)
+    return table(None, tuple(requirements[0]), rows, words={"measure"})
 
 
 def print_planned(console: Console, shown: Planned) -> None:
@@ -116,6 +128,8 @@ def print_planned(console: Console, shown: Planned) -> None:
             f"scene {scene['scene']}: {scene['train_frames']} frames to train, "
             f"{scene['test_frames']} to test"
         )
+    if shown.requirements:
+        console.print(extent_table(shown.requirements))
     for typical in from_plain({"typical": shown.anchors}):
         console.print(f"anchors of {typical}")
     for trial in shown.trials:

@@ -1,4 +1,4 @@
-"""What the report draws of a sweep: maps from above, and one frame as every placement sees it."""
+"""What the report draws of a sweep: maps from above, the ground around the vehicle, one frame."""
 
 from __future__ import annotations
 
@@ -9,13 +9,17 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.boxes import GEOMETRY
+from lidarplace.configuration.vehicle import vehicle_of
 from lidarplace.coverage import coverage
 from lidarplace.lidar.clouds import PointClouds
+from lidarplace.mounting.outline import outline
 from lidarplace.occupancy.entropy import entropy_of_counts
+from lidarplace.requirements.ground import Ground
 from lidarplace.surrogates.table import DECIDING
 from sweeps.configuration.grid import Sweep
-from sweeps.plan.plan import Trial
+from sweeps.plan.plan import Plan, Trial
 from sweeps.store.open import AnyStore
+from tracking.run_folders.grounds import Grounds
 from tracking.run_folders.sweep_arrays import Frame, Maps
 
 MOST_UNTESTED = 12
@@ -57,6 +61,20 @@ def maps(sweep: Sweep, trials: Sequence[Trial], store: AnyStore) -> Maps:
         found.residual[point.placement] = residual.sum(axis=2)
         found.residual_side[point.placement] = residual.sum(axis=1)
     return found
+
+
+def grounds(plan: Plan, trials: Sequence[Trial], store: AnyStore) -> Grounds:
+    """The ground around the vehicle under each requirement and the trials' placements."""
+    names = [own.requirement.name for own in plan.laid]
+    by_rig = {}
+    for trial in trials:
+        if trial.requirements is not None and store.has(trial.requirements):
+            value = store.load(trial.requirements)
+            by_rig[trial.grid_point.point.placement] = [
+                Ground(*(value[f"{array}_{number}"] for array in ("x", "y", "least")))
+                for number in range(len(names))
+            ]
+    return Grounds.of(outline(vehicle_of(trials[0].grid_point.point.vehicle)), names, by_rig)
 
 
 def _entropy(counts: NDArray[np.int32], frames: int) -> NDArray[np.float32]:

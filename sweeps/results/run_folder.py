@@ -22,7 +22,7 @@ from sweeps.results import rigs_file
 from sweeps.results.failure_frames import failure_frames
 from sweeps.results.lidar_models import lidar_models
 from sweeps.results.object_tables import object_tables
-from sweeps.results.pictures import drawn, maps, one_frame
+from sweeps.results.pictures import drawn, grounds, maps, one_frame
 from sweeps.results.promotion import Promotion
 from sweeps.results.rig_cautions import rig_cautions
 from sweeps.results.trial_results import (
@@ -41,6 +41,7 @@ from sweeps.tasks.task import Task
 from tracking.mlflow.uri import absolute_uri
 from tracking.report.failures import failures_to_show
 from tracking.run_folders import sweep_tables as contract
+from tracking.run_folders.grounds import Grounds
 from tracking.run_folders.sweep_arrays import FailureFrames
 from tracking.run_folders.sweep_json import Anchor, Frames, Rung, SweepResult
 from training.typical_objects import as_plain
@@ -117,10 +118,12 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
         (contract.ACCURACY, gathered("accuracy", "table", known)),
         (contract.SAMPLING_ERROR, gathered("sampling_error", "estimates", known)),
         (contract.POG_RESAMPLES, gathered("sampling_error", "resamples", known)),
+        (contract.REQUIREMENTS, _requirements(known, store, axes)),
         (contract.PROMOTIONS, run.promotion.table()),
         (contract.TASKS, _tasks_table([*plan.tasks, *run.outcome.probes.values()], store, run)),
     ):
         table.write(frame, folder)
+    (folder / Grounds.FILE).unlink(missing_ok=True)  # of an earlier run
     frames = {"train": 0, "test": 0}
     pictured: Mapping[str, Any] = {}
     if known:
@@ -130,6 +133,8 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
                 frames[str(split)] += int(count)
         shown = drawn(known, tested, surrogates)
         maps(sweep, shown, store).write(folder)
+        if plan.laid:
+            grounds(plan, shown, store).write(folder)
         if tested:
             one_frame(shown, store).write(folder)
         pictured = axis_values(shown[0], [a for a in axes if a in surrogates.columns])
@@ -202,6 +207,21 @@ def _individuals(trials: Sequence[Trial], store: AnyStore, axes: Sequence[str]) 
         frames = pd.concat([value["frames"] for value in values])
         counts = objects.merge(frames[["frame", "route", "split"]], on="frame").value_counts(keys)
         found[place] = with_columns(counts.sort_index().reset_index(name="boxes"), setting)
+    return _stack(list(found.values()))
+
+
+def _requirements(trials: Sequence[Trial], store: AnyStore, axes: Sequence[str]) -> pd.DataFrame:
+    """What becomes of requirements under every placement; once for what trials share."""
+    own = contract.REQUIREMENTS.axes_of(axes)
+    found: dict[tuple[object, ...], pd.DataFrame] = {}
+    for trial in trials:
+        task = trial.requirements
+        if task is None or not store.has(task):
+            continue
+        columns = {"placement": trial.grid_point.point.placement} | axis_values(trial, own)
+        place = (task.key, *columns.values())
+        if place not in found:
+            found[place] = with_columns(store.load(task, ("table",))["table"], columns)
     return _stack(list(found.values()))
 
 

@@ -18,6 +18,7 @@ from lidarplace.metrics import Overlaps
 from lidarplace.mounting.errors import MountingErrors
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.detection_curve import DetectionCurves
+from lidarplace.requirements.requirement import Requirement
 from lidarplace.roi import Interval
 from lidarplace.scenes.parts import Recording
 from training.settings import TrainingSettings
@@ -95,6 +96,15 @@ class RecallParams:
     seed: Annotated[int, "scene"]
     frames: int
     vehicle: Annotated[Vehicle | None, "vehicle"] = None
+
+
+@dataclass(frozen=True)
+class RequirementsParams:
+    """What is required of the rig, and the vehicle that carries it."""
+
+    placement: Annotated[Placement, "placement", "lidar", "weather"]
+    vehicle: Annotated[Vehicle, "vehicle"]
+    requirements: Annotated[tuple[Requirement, ...], "surrogate.curves"]
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ hashed; a result is a dictionary of tables, arrays and plain data, which can be 
 
 scene -> ground_truth, pog -> surrogates
 scene -> recall, accuracy, sampling_error
+requirements, which need no scene
 scene -> collect -> finetune -> evaluate
 scene -> collect -> pretrain (-> finetune) -> evaluate
 scene -> judge, by a trained detector: collect and evaluate without anything kept between them
@@ -46,6 +47,7 @@ from sweeps.tasks.parameters import (
     ProbeParams,
     RecallParams,
     RecordedParams,
+    RequirementsParams,
     SamplingErrorParams,
     SceneParams,
     SurrogateParams,
@@ -156,6 +158,23 @@ def recall(params: RecallParams, *logs: Value) -> Value:
         found = baselines(objects, seen)
     table = found[list(params.names)].reset_index().melt("class", var_name="surrogate")
     return {"table": table.assign(method="raycast", seconds=time.perf_counter() - start)}
+
+
+def requirements(params: RequirementsParams) -> Value:
+    """What becomes of each requirement under a rig, and by its number the ground of `Ground`."""
+    from lidarplace.requirements.ground import Ground
+    from lidarplace.requirements.judge import judge
+    from lidarplace.requirements.layout import lay_out
+    from lidarplace.requirements.tables import case_table
+
+    laid = [lay_out(own, params.vehicle) for own in params.requirements]
+    outcomes = judge(laid, params.placement, params.vehicle)
+    value: Value = {"table": case_table(outcomes)}
+    for number, outcome in enumerate(outcomes):
+        ground = Ground.of(outcome)
+        value |= {f"x_{number}": ground.x, f"y_{number}": ground.y}
+        value[f"least_{number}"] = ground.least.astype(np.float32)
+    return value
 
 
 def accuracy(params: AccuracyParams, *logs: Value) -> Value:
@@ -342,6 +361,7 @@ FUNCTIONS: dict[str, Callable[..., Value]] = {
     "pog": pog,
     "surrogates": surrogates,
     "recall": recall,
+    "requirements": requirements,
     "accuracy": accuracy,
     "sampling_error": sampling_error,
     "collect": collect,

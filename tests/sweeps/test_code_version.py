@@ -267,7 +267,7 @@ def test_figures_converters_and_the_command_line_leave_all_stages_as_they_are(co
             "lidarplace/coverage/cone_kernels.py",
             "_HAIR = 1e-9",
             "_HAIR = 1e-8",
-            {"surrogates", "accuracy", "sampling_error"},
+            {"surrogates", "requirements", "accuracy", "sampling_error"},
         ),
         (
             "lidarplace/lidar/returns.py",

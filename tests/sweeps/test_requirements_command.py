@@ -103,6 +103,16 @@ def test_rigs_by_name_file_and_run_folder():
     assert len(json.loads(run(papers, "--dry-run", "--json").stdout)["rigs"]) == 8
 
 
+def test_the_dark_are_seen_less():
+    def points(reflectivity):
+        lidar = SMALL["lidar"] | {"range_10": 3.0}
+        what = {"class": "Pedestrian", "reflectivity": reflectivity}
+        done = run(small(what=what) | {"lidar": lidar}, "--json")
+        return json.loads(done.stdout)["outcomes"][0]["cases"][0]["at_worst"]
+
+    assert points(0.02) < points(0.9) == points(1.0)
+
+
 def test_overrides():
     done = run(SMALL, "--set", "lidar.beams=1", "--set", "lidar.elevation_deg=[89, 89]")
     assert done.exit_code == 1, "it looks at the sky"
@@ -121,6 +131,14 @@ WRONG = {
     "zone without end": (small(where={"sectors": ["front"]}), "where: has no end"),
     "unknown class": (small(what="Dog"), "requirements[0].what.class: found 'Dog'"),
     "half a size": (small(what={"length": 1.0}), "what: name a class, or width, height, too"),
+    "light without a range for it": (
+        small(what={"class": "child", "reflectivity": 0.3}),
+        "'people': what.reflectivity: LiDAR 1 of 'mine' has no range_10",
+    ),
+    "no range left": (
+        small(also_when={"range_factor": 0.01}) | {"lidar": SMALL["lidar"] | {"min_range": 2}},
+        "'people': also_when: a LiDAR of 'mine': min_range must be within [0, range)",
+    ),
     "nothing to place": (small(what=None), "what: is missing"),
     "zero step": (small(step=0), "requirements[0].step: found 0"),
     "tiny step": (small(step=1e-5), "step: 1e-05 m makes"),

@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 from search_files import write_search
 from typer.testing import CliRunner
@@ -99,6 +100,16 @@ def test_rigs_that_are_found_meet_all_requirements(tmp_path):
     carrier = problem.question.carrier
     outcomes = judge(carrier.requirements, placement_of(rig, problem.models), carrier.vehicle)
     assert all(outcome.met for outcome in outcomes)
+    cases = folder.requirements[folder.requirements["rig"] == folder.search.best[0]]
+    assert cases["value"].tolist() == [f.value for own in outcomes for f in own.findings]
+    assert cases["met"].all()
+    ground = folder.grounds.under(folder.search.best[0], LEFT["name"])
+    assert np.nanmin(ground.least) == outcomes[1].least_of.min()
+    failed = folder.requirements[~folder.requirements["met"]]
+    page = (tmp_path / "runs/small/search.html").read_text(encoding="utf-8")
+    assert '<details class="folded"><summary><h2 id="requirements">' in page
+    for rig, name in failed[["rig", "requirement"]].drop_duplicates().head(3).to_numpy():
+        assert f"{rig} · {name}: FAILED" in page
 
 
 def test_a_front_of_margin_and_price(tmp_path):

@@ -94,7 +94,9 @@ def test_the_plan_of_a_sweep():
     trials = [{"key": "k", "label": name, "cached": False} for name in NAMES]
     scenes = [{"scene": OBEYED, "train_frames": 1, "test_frames": 1}]
     stages = {"train": {"tasks": 6, "cached": 0}}
-    assert_shown(printed(print_planned, Planned(OBEYED, stages, [], scenes, trials, [], [OBEYED])))
+    asked = [{"requirement": name, "measure": "points"} for name in NAMES]
+    plan = Planned(OBEYED, stages, [], scenes, trials, asked, [], [OBEYED])
+    assert_shown(printed(print_planned, plan))
 
 
 @pytest.mark.parametrize("terminal", [False, True])

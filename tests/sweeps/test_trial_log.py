@@ -38,6 +38,11 @@ def finish(store, *tasks):
 
 @pytest.fixture
 def sweep(tmp_path):
+    return planned(tmp_path)
+
+
+def planned(tmp_path, **keys):
+    """A plan, its store, and a function that makes its log; `keys` of the configuration."""
     write_small_log(tmp_path / "log")
     path = tmp_path / "grid.yaml"
     path.write_text(
@@ -47,6 +52,7 @@ def sweep(tmp_path):
                 "classes": ["Car"],
                 "surrogate": {"accuracy": False, "sampling_error": False},
                 "grid": {"placement": ["line", "center", "square"]},
+                **keys,
             }
         )
     )
@@ -142,3 +148,21 @@ def test_failures_have_their_reason_and_the_surrogates_that_are_known(sweep):
     finish(store, plan.trials[0].surrogates)
     log.end({plan.trials[0].finetune.key: Failure("the loss is nan")})
     assert told(log) == [(plan.trials[0].label, {"surrogate.s_mig.Car": -2.0}, "the loss is nan")]
+
+
+def test_what_is_required_is_told_in_terms_of_what_is_needed(tmp_path):
+    wanted = {"name": "near", "where": {"x": [3, 4], "y": [0, 1]}, "what": "Car", "step": 1.0}
+    needs = [wanted | {"at_least": {"points": 10}}]
+    plan, store, listener = planned(tmp_path, requirements=needs)
+    trial = plan.trials[0]
+    cases = [
+        {"requirement": "near", "case": case, "value": value, "at_least": 10.0, "met": value >= 10}
+        for case, value in (("as built", 25.0), ("without LiDAR 1", 4.0))
+    ]
+    finish(store, *(task for task in trial.results if task is not trial.requirements))
+    assert not list(listener().ended()), "the trial has not all of its results"
+    store.save(trial.requirements, {"table": pd.DataFrame(cases)}, 1.0, peak_memory=1_000)
+    (ended,) = listener().ended()
+    metrics = ended.describe().metrics
+    assert metrics["requirement.near"] == 0.4
+    assert metrics["requirements_failed"] == 1

@@ -41,6 +41,10 @@ def folder(tmp_path_factory):
     scene = {"source": "log", "folder": str(path / "log")}
     own = {"scene": scene, "grid": grid, "output": str(path / "runs")}
     own["surrogate"] = {"resolution": SWEEP["surrogate"]["resolution"]}  # all that can be studied
+    near = {"x": [3, 5], "y": [-1, 1]}
+    own["requirements"] = [
+        {"name": "near", "where": near, "what": "Car", "at_least": {"points": 1}, "step": 1.0}
+    ]
     config.write_text(yaml.safe_dump(SWEEP | own))
     sweep = read_sweep(config)
     plan, store, outcome = make_plan(sweep), Store(path / "runs" / "store"), Outcome()

@@ -3,10 +3,13 @@
 import numpy as np
 
 from lidarplace import PAPER_PLACEMENTS
+from lidarplace.mounting.outline import outline
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.requirements.area import Area, Positions
+from lidarplace.requirements.ground import Ground
 from lidarplace.requirements.judge import Finding, Outcome
 from lidarplace.requirements.requirement import Requirement
+from lidarplace.requirements.tables import case_table, worst_cases
 from tracking.figures.of_rigs.requirement_map import requirement_map
 
 
@@ -16,7 +19,9 @@ def drawn(numbers, held, needed):
     wanted = Requirement("<who>", Area(), "points", needed)
     worst = Finding("as built", 0.0, 0.5, 3.0, 0.0, 0.0, 0.0)
     found = Outcome("a<b", wanted, (worst,), positions, numbers[held])
-    plot = requirement_map(found, PAPER_PLACEMENTS["line"], Vehicle.car())
+    (row,) = worst_cases(case_table([found]), []).to_dict("records")
+    mounts = PAPER_PLACEMENTS["line"].mounts
+    plot = requirement_map(row, Ground.of(found), "a<b", mounts, outline(Vehicle.car()))
     assert plot.layout.title.text == "a&lt;b · &lt;who&gt;: FAILED"
     return plot.data[0]
 

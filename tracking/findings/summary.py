@@ -12,6 +12,7 @@ from lidarplace.metrics import EVERY_IOU, HEADLINE_METRIC, METRICS, RANKING, hea
 from lidarplace.surrogates.table import DECIDING, SURROGATES
 from tracking.findings.groups import GENERALIST, judges
 from tracking.findings.paired import group_columns
+from tracking.findings.requirements import met, verdicts
 from tracking.kitti_iou import headline_iou
 from tracking.labels import in_order, surrogate_short
 from tracking.run_folders.sweep import RunFolder
@@ -189,7 +190,7 @@ def summary_table(run: RunFolder) -> pd.DataFrame:
     S-MIG and expected IG of the first class; `covered entropy`, summed over classes; of the first
     class 3D AP at its KITTI IoU (which orders the rows), its `sd` over seeds, BEV AP at every IoU,
     3D AP over IoUs and mean overlap; BEV AP of the other classes at their IoU; `recall` of all
-    objects. Percent, means over seeds.
+    objects; how many `requirements` are met. Percent, means over seeds.
     A column that the sweep has no number for is left out.
     """
     if run.results.empty:
@@ -230,6 +231,7 @@ def summary_table(run: RunFolder) -> pd.DataFrame:
             row[title] = group.loc[match, "value"].mean()
             if title == columns[0][0]:
                 row["sd"] = group.loc[match, "value"].std()
+        row["requirements"] = met(verdicts(run, setting)).get(row["placement"])
         rows.append(row)
     table = pd.DataFrame(rows).dropna(axis="columns", how="all")
     best = columns[0][0]
@@ -276,6 +278,7 @@ def _surrogate_summary(run: RunFolder) -> pd.DataFrame:
             of_classes = pd.DataFrame(known, index=order)
             total = of_classes.sum(axis=1, min_count=1)
             columns[title] = of_classes.mean(axis=1) if SURROGATES[surrogate].of_objects else total
+        columns["requirements"] = met(verdicts(run, setting)).reindex(order)
         table = pd.DataFrame(columns).dropna(axis="columns", how="all")
         best = surrogate_short(decides)
         table = table.sort_values(best, ascending=False, kind="stable")

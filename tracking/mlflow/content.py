@@ -12,6 +12,7 @@ from typing import Literal
 import pandas as pd
 
 from lidarplace.metrics import EVERY_IOU
+from lidarplace.requirements.tables import worst_cases
 
 
 @dataclass(frozen=True)
@@ -145,6 +146,23 @@ def trial_metrics(results: pd.DataFrame, surrogates: pd.DataFrame) -> dict[str, 
         f"surrogate.{name}.{object_class}": float(value)
         for name, object_class, value in zip(*columns, strict=True)
     }
+
+
+def requirement_metrics(cases: pd.DataFrame) -> dict[str, float]:
+    """Metrics of what is required of a placement, by their names in MLflow.
+
+    `requirement.NAME` is what there is in the worst case, in terms of what is needed: 1 is just
+    enough; `requirements_failed` counts those that have less. Characters of a name that MLflow
+    takes in none are underscores.
+
+    Args:
+        cases: rows of `lidarplace.requirements.tables.case_table`.
+    """
+    worst = worst_cases(cases, [])
+    shares = (worst["value"] / worst["at_least"]).tolist()
+    names = (re.sub(r"[^\w .-]", "_", name) for name in worst["requirement"])
+    found = {f"requirement.{name}": share for name, share in zip(names, shares, strict=True)}
+    return found | {"requirements_failed": float((~worst["met"]).sum())}
 
 
 def _at(iou: float) -> str:

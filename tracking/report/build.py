@@ -53,6 +53,7 @@ from tracking.report.sections.promotion import promotion_section
 from tracking.report.sections.published import published_section
 from tracking.report.sections.regret import regret_section
 from tracking.report.sections.reliability import reliability_section
+from tracking.report.sections.requirements import requirements_section
 from tracking.report.sections.sampling_error import sampling_error_section
 from tracking.report.sections.tilts import tilts_section
 from tracking.report.sections.training_cost import training_cost_section
@@ -177,6 +178,7 @@ def _sections(
     run, means, order = found.run, found.means, found.order
     yield best_section(run, found.rankings, means)
     yield placements_section(run, found.groups, means)
+    yield requirements_section(run, order)
     yield agreement_section(run, found.groups)
     if run.promotions is not None and not run.promotions.empty:
         yield promotion_section(whole, run.promotions)

@@ -13,9 +13,18 @@ from numpy.typing import NDArray
 
 from lidarplace.files.atomic import read_text
 from lidarplace.roi import Roi
+from tracking.run_folders.grounds import Grounds
 from tracking.run_folders.search_arrays import UnseenMaps
 from tracking.run_folders.search_json import Rig, SearchResult
-from tracking.run_folders.search_tables import BOUND, CHOSEN, GREEDY, ROBUSTNESS, TRIALS, VERIFIED
+from tracking.run_folders.search_tables import (
+    BOUND,
+    CHOSEN,
+    GREEDY,
+    REQUIREMENTS,
+    ROBUSTNESS,
+    TRIALS,
+    VERIFIED,
+)
 
 
 @dataclass(frozen=True)
@@ -33,6 +42,7 @@ class SearchFolder:
             `possible` where two LiDARs would sit in one place.
         bound: how the upper bound fell with the seconds; greedy: its steps.
         robustness: values of rigs in other cases.
+        requirements: what becomes of them under rigs; grounds: where they fail.
         chosen: what a generalist measured on other traffic; verified: what detectors measured that
             were trained for each rig.
         pog: by class, the entropy of each column of voxels, nats, shape (nx, ny), float32.
@@ -48,10 +58,12 @@ class SearchFolder:
     bound: pd.DataFrame | None
     greedy: pd.DataFrame | None
     robustness: pd.DataFrame | None
+    requirements: pd.DataFrame | None
     chosen: pd.DataFrame | None
     verified: pd.DataFrame | None
     pog: dict[str, NDArray[np.float32]]
     unseen: dict[str, dict[str, NDArray[np.float32]]]
+    grounds: Grounds | None
     optuna: dict[str, go.Figure]
 
     @property
@@ -112,10 +124,12 @@ class SearchFolder:
             bound=BOUND.read_if_there(path),
             greedy=GREEDY.read_if_there(path),
             robustness=ROBUSTNESS.read_if_there(path),
+            requirements=REQUIREMENTS.read_if_there(path),
             chosen=CHOSEN.read_if_there(path),
             verified=VERIFIED.read_if_there(path),
             pog=maps.pog,
             unseen=maps.unseen,
+            grounds=Grounds.read(path),
             optuna={
                 file.stem.replace("_", " ").capitalize(): _read_figure(file)
                 for file in sorted((path / "optuna").glob("*.json"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
+from tracking.run_folders.sweep_tables import REQUIREMENTS as OF_SWEEPS
 from tracking.run_folders.table import Column, Table
 
 _RIG = Column("rig", "str", "its name")
@@ -95,7 +96,14 @@ CHOSEN = replace(
     "columns as `verified`, and as `surrogate` what the search took it to be worth",
 )
 
-TABLES = (TRIALS, BOUND, GREEDY, ROBUSTNESS, CHOSEN, VERIFIED)
+REQUIREMENTS = replace(
+    OF_SWEEPS,
+    doc="a requirement under a rig in one case, as built first",
+    columns=(_RIG, *OF_SWEEPS.columns[1:]),
+    axes=(),
+)
+
+TABLES = (TRIALS, BOUND, GREEDY, ROBUSTNESS, REQUIREMENTS, CHOSEN, VERIFIED)
 """All of them."""
 
 

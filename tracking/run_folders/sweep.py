@@ -12,6 +12,7 @@ from lidarplace.command_line.invocation import command
 from lidarplace.files.atomic import read_text
 from lidarplace.placement import Mount
 from lidarplace.roi import Roi
+from tracking.run_folders.grounds import Grounds
 from tracking.run_folders.sweep_arrays import FailureFrames, Frame, Maps
 from tracking.run_folders.sweep_json import SweepResult
 from tracking.run_folders.sweep_tables import RESULTS, SURROGATES, TABLES, TRIALS
@@ -58,9 +59,11 @@ class RunFolder:
     promotions: pd.DataFrame | None
     objects: pd.DataFrame | None
     found: pd.DataFrame | None
+    requirements: pd.DataFrame | None
     maps: Maps | None
     frame: Frame | None
     failures: FailureFrames | None
+    grounds: Grounds | None
 
     @property
     def classes(self) -> tuple[str, ...]:
@@ -123,4 +126,5 @@ class RunFolder:
             maps=Maps.read(path),
             frame=Frame.read(path),
             failures=FailureFrames.read(path),
+            grounds=Grounds.read(path),
         )

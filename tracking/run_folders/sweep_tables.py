@@ -9,7 +9,7 @@ from tracking.run_folders.table import Column, Table
 
 _EVERY_AXIS = ("",)
 _SCENE_AXES = ("scene", "roi")
-_SURROGATE_AXES = ("scene", "roi", "lidar", "surrogate")
+_SURROGATE_AXES = ("scene", "roi", "lidar", "vehicle", "weather", "surrogate")
 
 _TRIAL = Column("trial", "str", "its key, as in `--dry-run` and MLflow")
 _PLACEMENT = Column("placement", "str", "its name")
@@ -263,6 +263,27 @@ POG_RESAMPLES = Table(
     ),
     axes=_SURROGATE_AXES,
 )
+REQUIREMENTS = Table(
+    "requirements",
+    "a requirement under a placement in one case, as built first",
+    (
+        _PLACEMENT,
+        Column("requirement", "str", "its name"),
+        Column("measure", "str", "`points`, `cells`, `probability` or `coverage`"),
+        Column("at_least", "float64", "so much is needed"),
+        Column("for", "float64", "at so large a share of the positions"),
+        Column("case", "str", "`as built`, a dead LiDAR, a shorter range, weather, mounts off"),
+        Column("met", "bool", "whether there is enough in this case; all cases have to have it"),
+        Column("value", "float64", "what that share of the positions has at least"),
+        Column("short_by", "float64", "what is missing of `at_least`; 0 for nothing"),
+        Column("enough", "float64", "share of the positions that have enough"),
+        Column("x", "float64", "of the worst position, m"),
+        Column("y", "float64", "of the worst position, m"),
+        Column("heading_deg", "float64", "of the object there, degrees; none for a coverage"),
+        Column("at_worst", "float64", "what is there"),
+    ),
+    axes=("lidar", "vehicle", "weather", "surrogate"),
+)
 PROMOTIONS = Table(
     "promotions",
     "a placement on a rung of `promote`",
@@ -298,5 +319,5 @@ TASKS = Table(
 
 TABLES: tuple[Table, ...] = (RESULTS, SURROGATES, TRIALS, EXPECTED_IG_BY_Q, CURVES, PR_CURVES)
 TABLES += (DISTANCE, SECTOR, LEFT_OUT, POINTS, INDIVIDUALS, ACCURACY, SAMPLING_ERROR, POG_RESAMPLES)
-TABLES += (OBJECTS, FOUND, PROMOTIONS, TASKS)
+TABLES += (OBJECTS, FOUND, REQUIREMENTS, PROMOTIONS, TASKS)
 """All of them."""

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lidarplace.requirements.tables import worst_cases
 from tracking.figures.kit.rig_picture import PicturedRig, rig_picture
 from tracking.figures.kit.style import text
 from tracking.figures.of_searches.from_optuna import from_optuna
@@ -18,8 +19,9 @@ from tracking.figures.of_searches.verified import verified_figure
 from tracking.labels import metric_label
 from tracking.numbers import digits, number
 from tracking.pages.page import write_page
+from tracking.pages.requirements import ALONE, counted, draw_failures, verdict_table
 from tracking.pages.section import Section
-from tracking.pages.tables import Table
+from tracking.pages.tables import MOST_ROWS, Table
 from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_json import Rig
 from tracking.search_report.cautions import cautions
@@ -62,6 +64,7 @@ def build_search_report(folder: Path) -> Path:
         _history(run),
         _pareto(run),
         _constraints(run),
+        _requirements(run),
         _robustness(run),
         _verified(run),
         _optuna(run),
@@ -225,6 +228,18 @@ def _pareto(run: SearchFolder) -> Section | None:
         notes.append(f"All values here are as searched, with {rays}.")
     plots = pareto_fronts(run.evaluated, search.objectives, search.rigs, search.best)
     return Section("Pareto front", notes, plots, columns=2)
+
+
+def _requirements(run: SearchFolder) -> Section | None:
+    cases, rigs = run.requirements, run.search.rigs
+    if cases is None or cases.empty:
+        return None
+    worst = worst_cases(cases, ["rig"])
+    table = verdict_table(worst, ["rig"]).first(MOST_ROWS)
+    section = Section("Requirements", [counted(worst), ALONE], tables=[table], folded=True)
+    mounts = {name: rig.placed for name, rig in rigs.items()}
+    draw_failures(section, worst, "rig", worst["rig"].unique(), mounts, run.grounds)
+    return section
 
 
 def _constraints(run: SearchFolder) -> Section | None:

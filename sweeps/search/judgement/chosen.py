@@ -18,7 +18,8 @@ from sweeps.results.trial_results import identity, with_columns
 from sweeps.search.judgement.found import baseline_of
 from sweeps.search.judgement.verify import verified_table
 from sweeps.search.judgement.winners import Judged, ranked
-from sweeps.search.problem.judged_sweep import generalists, judged_rigs
+from sweeps.search.problem.judged_sweep import JudgedRig, generalists, judged_rigs
+from sweeps.search.problem.one_dead import cases_of, value_of, worst_case
 from sweeps.search.problem.problem import Problem
 from sweeps.search.trials.by_detectors import weighted_value
 from sweeps.search.trials.over_tests import (
@@ -45,7 +46,8 @@ def choose(
 
     Returns:
         The rigs with what they are worth there, those that were found in their new order and
-        names, then the others; and the table of `verified_table`.
+        names, then the others; and the table of `verified_table`, of each rig in the case that
+        decides the first of the measured objectives.
 
     Raises:
         BackendLost: a rig could not be judged.
@@ -55,33 +57,41 @@ def choose(
     names = [*found, *(name for name, own in judged.items() if own.role != "found")]
     # Names of the paper's placements are taken.
     aliases = {f"judged_{number}": name for number, name in enumerate(names, start=1)}
+    measured = [o for o in problem.file.search.objective if o.measured]
+    cases = {alias: cases_of(judged[name].rig, measured) for alias, name in aliases.items()}
     rigs = judged_rigs(
         problem,
         generalists(problem),
-        {alias: judged[name].rig for alias, name in aliases.items()},
+        {f"{alias}{case}": rig for alias, own in cases.items() for case, rig in own.items()},
         problem.tests.choice,
     )
-    trials = {aliases[alias]: own for alias, own in rigs.items()}
-    every = (trial for own in trials.values() for tests in own for trial in tests)
+    every = (trial for own in rigs.values() for tests in own for trial in tests)
     tasks = with_inputs(trial.evaluate for trial in every if trial.evaluate is not None)
     store.refer(reference(problem.sweep(), "choice"), [task.key for task in tasks])
     with StageProgress(console, tasks, store.finished(tasks)) as progress:
         outcome = execute(tasks, store, backend, progress)
     for failure in outcome.failures.values():
         raise BackendLost(f"the best rigs could not be judged: {failure.reason}")
-    results = [
-        _results(name, tests, store, problem.file.search.over)
-        for name, own in trials.items()
-        for tests in own
-    ]
+    values, deciding = {}, []
+    for alias, name in aliases.items():
+        results = {
+            case: _over_generalists(name, rigs[f"{alias}{case}"], store, problem.file.search.over)
+            for case in cases[alias]
+        }
+        by_case = {
+            o.name: {
+                case: _value(o, problem.file.classes, metrics)
+                for case, (metrics, _) in results.items()
+            }
+            for o in measured
+        }
+        values[name] = {o.name: value_of(o, by_case[o.name]) for o in measured}
+        decides = worst_case(measured[0], by_case[measured[0].name])
+        if decides is not None:
+            deciding.append(results[decides])
     metrics, left_out = (
-        pd.concat(tables, ignore_index=True) for tables in zip(*results, strict=True)
+        pd.concat(tables, ignore_index=True) for tables in zip(*deciding, strict=True)
     )
-    measured = [o for o in problem.file.search.objective if o.measured]
-    values = {
-        name: {o.name: _value(o, problem.file.classes, rows) for o in measured}
-        for name, rows in metrics.groupby("placement", sort=False)
-    }
     own = {name: replace(judged[name], chosen=values[name]) for name in names}
     best = ranked({name: own[name] for name in found}, first)
     others = ranked({name: own[name] for name in names if name not in found}, first)
@@ -102,6 +112,14 @@ def choose(
         generalist=True,
     )
     return chosen, compared
+
+
+def _over_generalists(
+    name: str, judged: JudgedRig, store: AnyStore, over: Over
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Metrics of a rig by all generalists; the same without each unit."""
+    metrics, left_out = zip(*(_results(name, tests, store, over) for tests in judged), strict=True)
+    return pd.concat(metrics, ignore_index=True), pd.concat(left_out, ignore_index=True)
 
 
 def _results(

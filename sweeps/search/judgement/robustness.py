@@ -13,6 +13,7 @@ from lidarplace import Mount
 from sweeps.configuration.search import RobustnessSettings
 from sweeps.search.problem.assess import Question
 from sweeps.search.problem.choice import Choice, Choices, ordered
+from sweeps.search.problem.one_dead import without_each
 from sweeps.search.trials.pool import Pool
 
 AS_DESIGNED = "as designed"
@@ -94,9 +95,8 @@ def _cases(
         random = np.random.default_rng(seed)
         yield "mounts off", [_off(rig, settings, random) for _ in range(settings.draws)]
     if len(rig) > 1:
-        for i in range(len(rig)):
-            left = rig[:i] + rig[i + 1 :]
-            yield f"LiDAR {i + 1} fails", [left]
+        for number, left in enumerate(without_each(rig), start=1):
+            yield f"LiDAR {number} fails", [left]
 
 
 def _off(rig: Choices, settings: RobustnessSettings, random: np.random.Generator) -> Choices:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
+from sweeps.search.greedy.certificate import why_none
 from sweeps.search.output.terminal import warnings_of
 from sweeps.search.problem.problem import Problem
 
@@ -21,6 +22,7 @@ def planned(problem: Problem) -> dict[str, Any]:
         "judged_on": [dict(changes) for changes in problem.tests.search] if problem.judged else [],
         "over": settings.over,
         "constraints": [asdict(constraint) for constraint in problem.question.constraints],
+        "no_bound": why_none(problem),
         "trials": settings.trials,
         "sampler": settings.sampler,
         "batch_size": settings.batch_size,

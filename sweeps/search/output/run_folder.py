@@ -17,6 +17,10 @@ from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.files.secret_urls import public_url
 from lidarplace.metrics import METRICS
 from lidarplace.mounting.mesh import Mesh
+from lidarplace.mounting.outline import outline
+from lidarplace.requirements.ground import Ground
+from lidarplace.requirements.judge import judge
+from lidarplace.requirements.tables import by_rig, case_table
 from lidarplace.surrogates.table import RAY_SURROGATES, SURROGATES
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.search import ObjectiveSettings
@@ -24,16 +28,17 @@ from sweeps.search.judgement.found import Found
 from sweeps.search.judgement.winners import Judged, stride_error
 from sweeps.search.output.optuna_figures import importances, write_optuna_figures
 from sweeps.search.output.tables import greedy_table, trials_table
-from sweeps.search.output.terminal import rig_warnings
+from sweeps.search.output.terminal import greedy_warnings, rig_warnings
 from sweeps.search.output.uncovered import maps
 from sweeps.search.problem.as_sweep import placement_settings, verify_settings
-from sweeps.search.problem.choice import Choices
+from sweeps.search.problem.choice import Choices, placement_of
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.slots import rig_of
 from sweeps.search.trials.by_detectors import class_weights
 from sweeps.search.trials.study import assessment_of, candidate_of, finished_trials, journal_path
 from sweeps.store.local import write_text
 from tracking.mlflow.uri import absolute_uri
+from tracking.run_folders.grounds import Grounds
 from tracking.run_folders.search_arrays import UnseenMaps
 from tracking.run_folders.search_json import (
     Bound,
@@ -47,7 +52,14 @@ from tracking.run_folders.search_json import (
     Zone,
 )
 from tracking.run_folders.search_json import Rig as JudgedRig
-from tracking.run_folders.search_tables import BOUND, CHOSEN, GREEDY, ROBUSTNESS, TABLES
+from tracking.run_folders.search_tables import (
+    BOUND,
+    CHOSEN,
+    GREEDY,
+    REQUIREMENTS,
+    ROBUSTNESS,
+    TABLES,
+)
 
 _VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas", "optuna")
 
@@ -55,7 +67,7 @@ MOST_DRAWN, FINEST_M = 5000, 0.02
 """Triangles of a mesh in a picture, and how far corners are moved at first to have no more."""
 
 _OPTIONAL = [table.file for table in TABLES if not table.needed]
-_OPTIONAL += ["placement.yaml", "sweep.yaml", UnseenMaps.FILE]
+_OPTIONAL += ["placement.yaml", "sweep.yaml", UnseenMaps.FILE, Grounds.FILE]
 """Files that not every search has."""
 
 
@@ -75,6 +87,8 @@ def write_search(
         CHOSEN.write(found.chosen, folder)
     if found.robustness is not None:
         ROBUSTNESS.write(found.robustness, folder)
+    if problem.question.carrier.requirements:
+        _write_requirements(folder, problem, found)
     write_text(folder / "config.yaml", public_yaml(problem.source))
     if found.trials:
         write_text(folder / "placement.yaml", _placement(problem, found))
@@ -85,6 +99,22 @@ def write_search(
     names = [objective.name for objective in problem.file.search.objective]
     write_optuna_figures(found.study, names, folder / "optuna")
     about.write(folder)
+
+
+def _write_requirements(folder: Path, problem: Problem, found: Found) -> None:
+    """What becomes of each requirement under every rig that is known, and where it fails."""
+    carrier = problem.question.carrier
+    outcomes = {
+        name: judge(
+            carrier.requirements, placement_of(own.rig, problem.models, name), carrier.vehicle
+        )
+        for name, own in found.judged.items()
+    }
+    tables = {name: case_table(own) for name, own in outcomes.items()}
+    REQUIREMENTS.write(by_rig(tables), folder)
+    names = [own.requirement.name for own in carrier.requirements]
+    grounds = {name: [Ground.of(one) for one in own] for name, own in outcomes.items()}
+    Grounds.of(outline(carrier.vehicle), names, grounds).write(folder)
 
 
 def _placement(problem: Problem, found: Found) -> str:
@@ -191,11 +221,14 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> Sear
         rigs={name: _rig(own) for name, own in found.judged.items()},
         importance=importances(found.study) or None,
         stride=_stride(problem, found),
-        cautions=rig_warnings(
-            {name: found.judged[name].rig for name in (*found.best[:1], found.baseline)}
-            | {name: rig_of(placed, problem.space) for name, placed in problem.start.items()},
-            problem,
-        ),
+        cautions=[
+            *greedy_warnings(problem),
+            *rig_warnings(
+                {name: found.judged[name].rig for name in (*found.best[:1], found.baseline)}
+                | {name: rig_of(placed, problem.space) for name, placed in problem.start.items()},
+                problem,
+            ),
+        ],
         linear_share=found.linear_share,
         tracking_uri=public_url(absolute_uri(file.tracking_uri)),
         versions={"python": platform.python_version()} | {n: version(n) for n in _VERSIONS},

@@ -12,6 +12,7 @@ from lidarplace.mounting.random_rigs import outside
 from lidarplace.mounting.ring_overlap import interleaving
 from lidarplace.surrogates.table import RAY_SURROGATES, SURROGATES
 from sweeps.results.rig_cautions import beyond_what_is_seen, coinciding
+from sweeps.search.greedy.certificate import why_none
 from sweeps.search.judgement.found import Found
 from sweeps.search.judgement.winners import Judged
 from sweeps.search.output.tables import mount_columns
@@ -31,6 +32,13 @@ _TO_THE_LETTER = (
 )
 
 
+_NOT_SUBMODULAR = (
+    "objective {name}: is not submodular in the LiDARs. Greedy choice is that of what all of them "
+    "find, without a guarantee; the bound is what one LiDAR less finds at most, or, where LiDARs "
+    "come in mirrored pairs, what all of them find; refinement is of the objective itself."
+)
+
+
 def warnings_of(problem: Problem) -> list[str]:
     """What a user should know about this configuration."""
     contested = [
@@ -41,7 +49,15 @@ def warnings_of(problem: Problem) -> list[str]:
         and objective.best == "maximize"
     ]
     begun_with = {name: rig_of(placed, problem.space) for name, placed in problem.start.items()}
-    return contested + rig_warnings(begun_with, problem)
+    return contested + greedy_warnings(problem) + rig_warnings(begun_with, problem)
+
+
+def greedy_warnings(problem: Problem) -> list[str]:
+    """What greedy choice and its bound are where the objective is not submodular."""
+    first = problem.file.search.objective[0]
+    if not first.one_lidar_dead or why_none(problem) is not None:
+        return []
+    return [_NOT_SUBMODULAR.format(name=first.name)]
 
 
 def rig_warnings(rigs: Mapping[str, Choices], problem: Problem) -> list[str]:
@@ -80,6 +96,8 @@ def print_problem(console: Console, problem: Problem) -> None:
         f"{settings.trials} trials by {settings.sampler}, {settings.batch_size} at a time, "
         f"seed {settings.seed}",
     )
+    if none := why_none(problem):
+        console.print(f"no bound: {none}")
     for warning in warnings_of(problem):
         console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
 

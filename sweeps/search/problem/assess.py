@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from lidarplace import evaluate_classes, expected_ig_by_q
@@ -12,6 +13,7 @@ from lidarplace.surrogates.table import OBJECT_SURROGATES, RAY_SURROGATES
 from sweeps.configuration.search import TOTALS, ObjectiveSettings
 from sweeps.search.problem.choice import Choices, is_possible, placement_of
 from sweeps.search.problem.constraints import Carrier, Constraint, margin_of, measures_of
+from sweeps.search.problem.one_dead import cases_of, value_of
 from sweeps.search.problem.traffic import Traffic
 
 
@@ -77,29 +79,50 @@ def assess(rig: Choices, question: Question, traffic: Traffic) -> Assessment:
 
 def _values(rig: Choices, question: Question, traffic: Traffic) -> dict[str, float]:
     found = {}
-    by_class = _by_class(rig, question, traffic) if question.needs_pog else {}
+    recalls = _recalls(rig, question, traffic)
+    by_class = _of_pog(rig, question, traffic) if question.needs_pog else {}
     for objective in question.objectives:
         if objective.by in TOTALS:
             found[objective.name] = question.carrier.total_of(objective.by, rig)
         elif objective.by == "margin":
             found[objective.name] = margin_of(rig, question.carrier)
         elif objective.of_traffic:
-            found[objective.name] = math.fsum(
-                weight * by_class[name][objective.by]
-                for name, weight in objective.weights_of(traffic.grids).items()
-            )
+            weights = objective.weights_of(traffic.grids)
+            if objective.by in OBJECT_SURROGATES:
+                sums = {case: _weighed(weights, own) for case, own in recalls.items()}
+                found[objective.name] = value_of(objective, sums)
+            else:
+                own = {name: by_class[name][objective.by] for name in weights}
+                found[objective.name] = _weighed(weights, own)
     return found
 
 
-def _by_class(rig: Choices, question: Question, traffic: Traffic) -> dict[str, dict[str, float]]:
-    """The surrogates that are asked for, by class."""
+def _weighed(weights: Mapping[str, float], values: Mapping[str, float]) -> float:
+    """The weighted sum over classes."""
+    return math.fsum(weight * values[name] for name, weight in weights.items())
+
+
+def _recalls(rig: Choices, question: Question, traffic: Traffic) -> dict[str, dict[str, float]]:
+    """`expected_recall` by class in each case that objectives look at; a mount is cast once."""
+    model = traffic.objects
+    if model is None:
+        return {}
+    asked = [o for o in question.objectives if o.by in OBJECT_SURROGATES]
+    cases = cases_of(rig, asked)
+    seen = model.objects.seen_by(
+        [placement_of(own, question.carrier.models) for own in cases.values()]
+    )
+    return {
+        case: {str(k): float(v) for k, v in model.recall(own)["expected_recall"].items()}
+        for case, own in zip(cases, seen, strict=True)
+    }
+
+
+def _of_pog(rig: Choices, question: Question, traffic: Traffic) -> dict[str, dict[str, float]]:
+    """The surrogates of the POG that are asked for, by class."""
     wanted = {o.by for o in question.objectives if o.of_traffic}
     placement = placement_of(rig, question.carrier.models)
     found: dict[str, dict[str, float]] = {name: {} for name in traffic.grids}
-    if traffic.objects is not None:
-        recall = traffic.objects.of(placement)["expected_recall"]
-        for name in recall.index:
-            found[name]["expected_recall"] = float(recall[name])
     of_pog = wanted - set(OBJECT_SURROGATES)
     if of_pog == {"expected_ig"} and not question.occlusion and question.method != "bresenham":
         # The default, for which no cone has to be covered.

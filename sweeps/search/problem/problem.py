@@ -17,7 +17,8 @@ from lidarplace.lidar.own_body import check_mounts
 from lidarplace.mounting.near_field import near_field_coverage
 from lidarplace.mounting.vehicle import Vehicle, zone_in_body
 from lidarplace.near_names import did_you_mean
-from lidarplace.recall.detection_curve import default_curves
+from lidarplace.recall.detection_curve import default_curves, read_curves
+from lidarplace.requirements.layout import Laid
 from lidarplace.scenes.sumo.settings import SumoScene
 from lidarplace.surrogates.table import OBJECT_SURROGATES
 from sweeps.configuration.file import (
@@ -28,7 +29,7 @@ from sweeps.configuration.file import (
     refuse_overlaps,
 )
 from sweeps.configuration.grid import GridPoint, Sweep, build_sweep
-from sweeps.configuration.question import laid_out
+from sweeps.configuration.question import check_lidars, laid_out
 from sweeps.configuration.search import RangeSettings, SearchFile, Tests, TrafficSettings
 from sweeps.configuration.sweep import Common, Point
 from sweeps.plan.plan import Trial, make_plan
@@ -38,7 +39,7 @@ from sweeps.search.problem.choice import Choice, Choices, ordered, placement_of
 from sweeps.search.problem.constraints import Carrier, constraints_of
 from sweeps.search.problem.slots import Placed, placed_in
 from sweeps.search.problem.space import Space
-from sweeps.search.problem.training_rigs import training_rigs
+from sweeps.search.problem.training_rigs import some_dead, training_rigs
 from sweeps.tasks.code_version import code_version
 from sweeps.tasks.task import Task, code_of, plain
 
@@ -122,7 +123,9 @@ class Problem:
         number = self.file.generalist.rigs
         if not isinstance(number, int):
             return {}
-        return training_rigs(self.space, self.models, number, self.file.search.seed)
+        rigs = training_rigs(self.space, self.models, number, self.file.search.seed)
+        dead = any(o.judged and o.one_lidar_dead for o in self.file.search.objective)
+        return some_dead(rigs) if dead else rigs
 
     @property
     def seen_rigs(self) -> list[Placement]:
@@ -245,7 +248,7 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
     models = chosen | {OWN_MODEL: own}
     vehicle = vehicle_of(settings.vehicle)
     _check_body(file, space, vehicle, path)
-    laid = laid_out(settings.requirements, vehicle, default_curves(), f"{path}: search.")
+    laid = _laid(file, chosen, vehicle, path)
     try:
         carrier = Carrier.of(settings, models, laid)
         if carrier.near_field is not None:
@@ -278,12 +281,35 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
     return problem
 
 
+def _laid(
+    file: SearchFile, models: Mapping[str, Lidar], vehicle: Vehicle, path: Path
+) -> tuple[Laid, ...]:
+    """The requirements around the vehicle. Raises ConfigError."""
+    asked, curves = file.search.requirements, file.surrogate.curves
+    if not asked:
+        return ()
+    try:
+        for name, lidar in models.items():
+            check_lidars(Placement(name, [Mount()], lidar), asked)
+    except ValueError as error:
+        raise ConfigError(f"{path}: search.requirements: {error}") from None
+    try:
+        known = default_curves() if curves is None else read_curves(curves)
+    except (ValueError, OSError) as error:
+        raise ConfigError(f"{path}: surrogate.curves: {error}") from None
+    return laid_out(asked, vehicle, known, f"{path}: search.")
+
+
 def _check_keys(file: SearchFile, source: Mapping[str, Any], path: Path) -> None:
     """Refuse keys that say nothing here, or contradict each other. Raises ConfigError."""
     settings = file.search
-    for key in ("seed", "promote"):
+    for key, own in (
+        ("seed", "search.seed"),
+        ("promote", "search.rungs"),
+        ("requirements", "search.requirements"),
+    ):
         if key in source:
-            raise ConfigError(f"{path}: {key}: is for sweeps; a search has search.seed and rungs")
+            raise ConfigError(f"{path}: {key}: is for sweeps; a search has {own}")
     if "judge" in source:
         raise ConfigError(
             f"{path}: judge: is for sweeps; a search says it in its objective, such as "

@@ -16,6 +16,7 @@ from lidarplace import Lidar
 from lidarplace.mounting.random_rigs import CANDIDATES
 from lidarplace.mounting.ring_overlap import spread_by_overlap
 from sweeps.search.problem.choice import Choices, is_possible, placement_of
+from sweeps.search.problem.one_dead import without_each
 from sweeps.search.problem.space import Space
 
 _LEVEL = 2
@@ -52,6 +53,18 @@ def training_rigs(
         placements = [placement_of(rig, models) for rig in drawn]
         for rig in spread_by_overlap(drawn, placements, wanted):
             found[f"generalist_{len(found) + 1}"] = rig
+    return found
+
+
+def some_dead(rigs: Mapping[str, Choices]) -> dict[str, Choices]:
+    """Every second rig without one of its LiDARs, in turn the first, the second, and so on.
+
+    For who judges rigs with a dead LiDAR; one of a single LiDAR stays as it is.
+    """
+    found = dict(rigs)
+    for place, name in enumerate(list(rigs)[1::2]):
+        left = without_each(rigs[name])
+        found[name] = left[place % len(left)] or rigs[name]
     return found
 
 

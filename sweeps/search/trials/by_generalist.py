@@ -23,6 +23,7 @@ from sweeps.execution.execute import Listener, execute
 from sweeps.plan.judging import judge_task
 from sweeps.plan.plan import Trial
 from sweeps.search.problem.judged_sweep import JudgedRig, generalists, judged_rigs
+from sweeps.search.problem.one_dead import cases_of, value_of
 from sweeps.search.problem.problem import Problem
 from sweeps.search.trials.by_detectors import all_values, weighted_value
 from sweeps.search.trials.over_tests import metrics_over_tests
@@ -92,14 +93,17 @@ class GeneralistAnswers:
         measured = [o for o in self.problem.file.search.objective if o.measured]
         if not candidates:
             return {}, {}
-        names = {f"trial_{candidate.number}": candidate for candidate in candidates}
+        cases = {c.number: cases_of(c.rig, measured) for c in candidates}
         judged = judged_rigs(
             self.problem,
             self._generalists,
-            {name: candidate.rig for name, candidate in names.items()},
+            {f"trial_{n}{case}": rig for n, own in cases.items() for case, rig in own.items()},
             self.problem.tests.search,
         )
-        by_number = {names[name].number: trials for name, trials in judged.items()}
+        by_number = {
+            number: {case: judged[f"trial_{number}{case}"] for case in own}
+            for number, own in cases.items()
+        }
         if len(measured) > 1:
             return self._values(by_number, measured, range(PORTIONS))
         first, failed = self._values(by_number, measured, range(1))
@@ -133,15 +137,20 @@ class GeneralistAnswers:
 
     def _values(
         self,
-        by_number: Mapping[int, JudgedRig],
+        by_number: Mapping[int, Mapping[str, JudgedRig]],
         objectives: Sequence[ObjectiveSettings],
         portions: range,
     ) -> tuple[dict[int, list[float]], dict[int, str]]:
-        """Values on portions of the frames, mean over the generalists; and failures."""
+        """Values on portions of the frames, mean over the generalists; and failures.
+
+        Args:
+            by_number: cases of `cases_of` by number of the trial.
+        """
         needed = {
             number: [
                 task
-                for tests in own
+                for judged in own.values()
+                for tests in judged
                 for trial in tests
                 for task in (*_judging(trial, portions), *_truths(trial))
             ]
@@ -163,28 +172,34 @@ class GeneralistAnswers:
             if reasons:
                 failed[number] = reasons[0]
                 continue
-            jobs[number] = [
-                [
-                    self.backend.submit(
-                        judged_metrics,
-                        self.store,
-                        _judging(trial, portions),
-                        _truths(trial),
-                        classes,
-                        self.problem.file.own_ious(),
-                    )
-                    for trial in tests
+            jobs[number] = {
+                case: [
+                    [
+                        self.backend.submit(
+                            judged_metrics,
+                            self.store,
+                            _judging(trial, portions),
+                            _truths(trial),
+                            classes,
+                            self.problem.file.own_ious(),
+                        )
+                        for trial in tests
+                    ]
+                    for tests in judged
                 ]
-                for tests in own
-            ]
+                for case, judged in own.items()
+            }
         values = {}
         over = self.problem.file.search.over
-        for number, of_seeds in jobs.items():
-            tables = [
-                metrics_over_tests([job.result() for job in tests], over) for tests in of_seeds
-            ]
+        for number, of_cases in jobs.items():
+            tables = {
+                case: [
+                    metrics_over_tests([job.result() for job in tests], over) for tests in of_seeds
+                ]
+                for case, of_seeds in of_cases.items()
+            }
             found = [
-                math.fsum(weighted_value(o, classes, table) for table in tables) / len(tables)
+                value_of(o, {c: _mean(o, classes, own) for c, own in tables.items()})
                 for o in objectives
             ]
             if any(map(math.isnan, found)):
@@ -214,6 +229,13 @@ def judged_metrics(
         classes,
         ious=ious,
     )
+
+
+def _mean(
+    objective: ObjectiveSettings, classes: Sequence[str], tables: Sequence[pd.DataFrame]
+) -> float:
+    """An objective over the generalists."""
+    return math.fsum(weighted_value(objective, classes, own) for own in tables) / len(tables)
 
 
 def _judging(trial: Trial, portions: range) -> list[Task]:

@@ -24,7 +24,15 @@ def entered(origin, direction, low, high):
     return near if 0 < near <= far else math.inf
 
 
-def hits_of(placement: Placement, vehicle: Vehicle, box):
+def incidence(local, direction, reach, size):
+    """Cosine between a ray and the normal of the face that it meets: the one nearest to it."""
+    at = local + reach * direction
+    return min(
+        (min(abs(at[axis]), abs(at[axis] - size[axis])), abs(direction[axis])) for axis in range(3)
+    )[1]
+
+
+def hits_of(placement: Placement, vehicle: Vehicle, box, reflectivity=0.1):
     """Of every LiDAR the points on a box where its rays end, in the box's own frame.
 
     box: a row of GEOMETRY. Measured from the rear lower right corner.
@@ -45,7 +53,11 @@ def hits_of(placement: Placement, vehicle: Vehicle, box):
                 default=math.inf,
             )
             away = reach * math.exp(lidar.extinction * reach)  # of equal light in clear air
-            if lidar.min_range <= reach < body and away < lidar.range:
+            far = away if lidar.range_10 is None else reach
+            if not (lidar.min_range <= reach < body and far < lidar.range):
+                continue
+            cosine = incidence(local, to_box @ direction, reach, size)
+            if reach <= lidar.sight(reflectivity * cosine):
                 own.append(local + reach * (to_box @ direction))
         found.append(own)
     return found

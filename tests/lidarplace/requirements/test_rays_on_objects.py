@@ -24,6 +24,8 @@ PART = Lidar(
     min_range=2.5,
     azimuth=(math.radians(100), 4.0),
 )
+DIM = replace(FULL, range=30.0, range_10=6.0, range_80=11.0, window=0.9)
+DIM = DIM.in_weather(Weather(visibility=200.0))
 FOGGY = replace(FULL, range=11.0).in_weather(Weather(visibility=70.0))
 CELL = 0.2
 
@@ -38,7 +40,7 @@ mounts = st.builds(
     yaw=angle,
 )
 rigs = st.lists(
-    st.tuples(mounts, st.sampled_from([FULL, PART, FOGGY])),
+    st.tuples(mounts, st.sampled_from([FULL, PART, FOGGY, DIM])),
     min_size=1,
     max_size=3,
     unique_by=lambda pair: (pair[0].x, pair[0].y, pair[0].z),
@@ -58,14 +60,14 @@ vehicles = st.sampled_from([CAR, NOTHING])
 
 
 @settings(max_examples=60, deadline=None)
-@given(rig=rigs, box=boxes, vehicle=vehicles)
-def test_counts_are_those_of_single_rays(rig, box, vehicle):
-    hits = hits_of(rig, vehicle, box[0])
+@given(rig=rigs, box=boxes, vehicle=vehicles, reflectivity=st.floats(0.01, 1.0))
+def test_counts_are_those_of_single_rays(rig, box, vehicle, reflectivity):
+    hits = hits_of(rig, vehicle, box[0], reflectivity)
     sights = sights_of(rig, vehicle)
-    points = count_points(sights, box)
+    points = count_points(sights, box, reflectivity)
     assert points.alone[0].tolist() == [len(own) for own in hits]
     assert points.all[0] == sum(map(len, hits))
-    cells = count_cells(sights, box, CELL)
+    cells = count_cells(sights, box, CELL, reflectivity)
     of_lidar = [cells_of(own, box[0, 3:6], CELL) for own in hits]
     assert cells.all[0] == len(set().union(*of_lidar))
     for number, own in enumerate(of_lidar):
@@ -97,6 +99,27 @@ def test_a_lidar_that_looks_level_at_a_wall():
     assert count_points(sights, wall + np.array([100.0, 0, 0, 0, 0, 0, 0])).all.tolist() == [0], (
         "too far"
     )
+
+
+def test_what_is_dark_is_seen_up_to_the_range_for_its_light():
+    """A LiDAR of 10 m at 10 % sees 40 % twice as far, if it faces the ray; else by the cosine."""
+    lidar = Lidar((0.0,), azimuth_steps=360, range=100.0, range_10=10.0)
+    sights = sights_of(Placement("one", [Mount(z=1.0)], lidar), NOTHING)
+
+    def seen(distance, reflectivity):
+        wall = np.array([[distance + 0.5, 0.0, 1.0, 1.0, 0.1, 2.0, 0.0]])
+        return int(count_points(sights, wall, reflectivity).all[0])
+
+    assert [seen(d, 0.1) for d in (9.99, 10.01)] == [1, 0]
+    assert [seen(d, 0.4) for d in (19.99, 20.01)] == [1, 0]
+    assert [seen(d, 0.025) for d in (4.99, 5.01)] == [1, 0]
+    turned = np.array([[7.0, 0.0, 1.0, 0.01, 4.0, 2.0, math.pi / 3]])
+    assert count_points(sights, turned, 0.1).all[0] > 0, "at 60 degrees up to 7.07 m"
+    turned[0, 0] = 7.3
+    ahead = Lidar((0.0,), 360, 100.0, range_10=10.0, azimuth=(-0.001, 0.001))
+    sights = sights_of(Placement("one", [Mount(z=1.0)], ahead), NOTHING)
+    assert count_points(sights, turned, 0.1).all.tolist() == [0]
+    assert count_points(sights, turned, 0.12).all.tolist() == [1]
 
 
 def test_the_body_hides_what_is_behind_it():

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
-from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.placement import Placement
-from lidarplace.requirements.judge import Outcome
+from lidarplace.placement import Mount
+from lidarplace.requirements.ground import Ground
 from tracking.figures.kit.style import VEHICLE_OUTLINE, figure, lidar_colour, text
-
-_MOST_CELLS = 160
-"""Along an axis; of more positions a cell shows the worst one."""
 
 _ENOUGH = 0.5
 _COLOURS = (
@@ -27,21 +24,32 @@ _COLOURS = (
 """Orange is too little, the darker the less; blue is enough, the darker the more."""
 
 
-def requirement_map(outcome: Outcome, placement: Placement, vehicle: Vehicle) -> go.Figure:
-    """What every position has, in terms of what it needs, in the worst of all cases.
+def requirement_map(
+    worst: Mapping[Any, Any],
+    ground: Ground,
+    rig: str,
+    mounts: Sequence[Mount],
+    body: NDArray[np.float64],
+) -> go.Figure:
+    """What every place has, in terms of what it needs, in the worst of all cases.
 
     The colours end at nothing and at twice the need. A cross marks the worst position of the worst
     case.
+
+    Args:
+        worst: the worst case, a row of `lidarplace.requirements.tables.worst_cases`.
+        rig: its name.
+        body: `lidarplace.mounting.outline.outline` of the vehicle.
     """
-    wanted, worst = outcome.requirement, outcome.worst
-    x, y, least = _cells(outcome)
-    verdict = "met" if outcome.met else "FAILED"
-    title = f"{text(outcome.rig)} · {text(wanted.name)}: {verdict}"
+    needed, measure = float(worst["at_least"]), worst["measure"]
+    x, y, least = ground.x, ground.y, ground.least.astype(np.float64)
+    verdict = "met" if worst["met"] else "FAILED"
+    title = f"{text(rig)} · {text(worst['requirement'])}: {verdict}"
     plot = figure(title, height=_height(x, y))
     plot.add_heatmap(
         x=x,
         y=y,
-        z=np.clip(least.T / wanted.least, 0.0, 2.0).astype(np.float32),
+        z=np.clip(least.T / needed, 0.0, 2.0).astype(np.float32),
         customdata=least.T.astype(np.float32),
         zmin=0.0,
         zmax=2.0,
@@ -55,14 +63,14 @@ def requirement_map(outcome: Outcome, placement: Placement, vehicle: Vehicle) ->
             "len": 1.0,
         },
         hovertemplate="x %{x:.2f}, y %{y:.2f} m<br>"
-        f"%{{customdata:.3g}} {wanted.measure} of {wanted.least:g}<extra></extra>",
+        f"%{{customdata:.3g}} {measure} of {needed:g}<extra></extra>",
         hoverongaps=False,
     )
-    _add_vehicle(plot, vehicle)
-    _add_lidars(plot, placement)
+    plot.add_scatter(x=body[:, 0], y=body[:, 1], **VEHICLE_OUTLINE)
+    _add_lidars(plot, mounts)
     plot.add_scatter(
-        x=[worst.x],
-        y=[worst.y],
+        x=[worst["x"]],
+        y=[worst["y"]],
         mode="markers",
         marker={
             "symbol": "x",
@@ -70,14 +78,12 @@ def requirement_map(outcome: Outcome, placement: Placement, vehicle: Vehicle) ->
             "color": "#ffffff",
             "line": {"color": "#000000", "width": 1.5},
         },
-        hovertext=f"worst: {worst.at_worst:.3g} {wanted.measure}, {text(worst.case)}",
+        hovertext=f"worst: {worst['at_worst']:.3g} {measure}, {text(worst['case'])}",
         hoverinfo="text",
         showlegend=False,
     )
-    reach = np.concatenate(
-        [vehicle.extents[:, :, :2].reshape(-1, 2), [[x[0], y[0]], [x[-1], y[-1]]]]
-    )
-    (x0, y0), (x1, y1) = reach.min(axis=0) - 0.3, reach.max(axis=0) + 0.3
+    reach = np.concatenate([body, [[x[0], y[0]], [x[-1], y[-1]]]])
+    (x0, y0), (x1, y1) = np.nanmin(reach, axis=0) - 0.3, np.nanmax(reach, axis=0) + 0.3
     plot.update_xaxes(title="x, forward (m)", range=[x0, x1], constrain="domain", showgrid=False)
     plot.update_yaxes(
         title="y, left (m)",
@@ -89,57 +95,24 @@ def requirement_map(outcome: Outcome, placement: Placement, vehicle: Vehicle) ->
     return plot
 
 
-def _cells(
-    outcome: Outcome,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Middles of the cells along both axes, and the least in each; NaN where nothing is asked."""
-    positions = outcome.positions
-    least = np.full(positions.held.shape, np.nan)
-    least[positions.held] = np.where(np.isfinite(outcome.least_of), outcome.least_of, np.nan)
-    middles = []
-    for axis, line in enumerate((positions.x, positions.y)):
-        step = -(-len(line) // _MOST_CELLS)
-        starts = np.arange(0, len(line), step)
-        least = np.fmin.reduceat(least, starts, axis=axis)
-        middles.append(np.add.reduceat(line, starts) / np.diff(np.append(starts, len(line))))
-    return middles[0], middles[1], least
-
-
 def _height(x: NDArray[np.float64], y: NDArray[np.float64]) -> int:
     """What fits the shape of the ground in a narrow column."""
     shape = (np.ptp(y) + 2.0) / (np.ptp(x) + 4.0)
     return int(np.clip(98 + 265 * shape, 220, 560))
 
 
-def _add_vehicle(plot: go.Figure, vehicle: Vehicle) -> None:
-    for (x0, y0, _), (x1, y1, _) in vehicle.boxes.tolist():
-        plot.add_scatter(
-            x=[x0, x1, x1, x0, x0],
-            y=[y0, y0, y1, y1, y0],
-            **VEHICLE_OUTLINE,
-        )
-    if vehicle.mesh is not None:
-        from_above = vehicle.mesh.vertices[:, :2]
-        # What is a line from above has a hull, too, if its points are jiggled.
-        outline = from_above[ConvexHull(from_above, qhull_options="QJ").vertices]
-        x, y = np.concatenate([outline, outline[:1]]).T
-        plot.add_scatter(x=x, y=y, **VEHICLE_OUTLINE)
-
-
-def _add_lidars(plot: go.Figure, placement: Placement) -> None:
+def _add_lidars(plot: go.Figure, mounts: Sequence[Mount]) -> None:
     plot.add_scatter(
-        x=[mount.x for mount in placement.mounts],
-        y=[mount.y for mount in placement.mounts],
+        x=[mount.x for mount in mounts],
+        y=[mount.y for mount in mounts],
         mode="markers",
         marker={
             "symbol": "diamond",
             "size": 8,
-            "color": [lidar_colour(number) for number in range(len(placement.mounts))],
+            "color": [lidar_colour(number) for number in range(len(mounts))],
             "line": {"color": "#ffffff", "width": 1},
         },
-        hovertext=[
-            f"LiDAR {number + 1}, {mount.z:g} m up" for number, mount in enumerate(placement.mounts)
-        ],
+        hovertext=[f"LiDAR {number + 1}, {mount.z:g} m up" for number, mount in enumerate(mounts)],
         hoverinfo="text",
         showlegend=False,
     )

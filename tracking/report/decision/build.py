@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from tracking.report.decision.recall_and_ap import recall_and_ap_section
 from tracking.report.decision.recommendation import not_known, recommendations
 from tracking.report.decision.rigs import rigs_section
 from tracking.report.decision.where_blind import where_blind_section
+from tracking.report.sections.requirements import rigs_requirements_section
 from tracking.run_folders.sweep import RunFolder
 
 FILE = "decision.html"
@@ -51,16 +53,19 @@ def write_decision(
     sections = [recall_and_ap_section(run, first, means), rigs_section(run, first)]
     blind = where_blind_section(run, first)
     rigs = run.path / "rigs.yaml"  # which older run folders do not have
+    required = rigs_requirements_section(run, first.shown, first.group.setting)
+    further = (required, blind, _in_short(failures))
     return write_page(
         target,
         Path(__file__).with_name("decision.html"),
-        [*sections, *(own for own in (blind, _in_short(failures)) if own is not None)],
+        [*sections, *(own for own in further if own is not None)],
         name=run.sweep.name,
         extent=extent,
         verdicts=first.verdicts(run),
         alone=len(first.best.equal) == 1,
         metric=first.metric(run),
         others=[other.verdicts(run)[0] for other in others],
+        required=first.required(run),
         not_known=not_known(run, first),
         warnings=warnings,
         tables=_tables(run.path / FOLDER),
@@ -78,5 +83,7 @@ def _in_short(failures: Section | None) -> Section | None:
 
 def _tables(folder: Path) -> list[str]:
     """Names of the CSV files that hold what the page tells."""
-    starts = ("best-", "placements-", "recall-by-direction", "ap-by-distance", "failures")
-    return sorted(file.name for file in folder.glob("*.csv") if file.name.startswith(starts))
+    known = re.compile(
+        r"(best|placements|recall-by-direction|ap-by-distance|failures|requirements)"
+    )
+    return sorted(file.name for file in folder.glob("*.csv") if known.match(file.name))

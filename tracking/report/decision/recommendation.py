@@ -11,8 +11,9 @@ from lidarplace.metrics import headline_metric
 from tracking.findings.best_placement import BestPlacement
 from tracking.findings.groups import GENERALIST, Group
 from tracking.findings.individuals import count_individuals
+from tracking.findings.requirements import verdicts as verdicts_of
 from tracking.kitti_iou import headline_iou
-from tracking.labels import metric_label
+from tracking.labels import metric_label, some
 from tracking.report.headline import Verdict, class_label, verdicts
 from tracking.run_folders.sweep import RunFolder
 
@@ -55,6 +56,17 @@ class Recommendation:
         label = metric_label(headline_metric(self.by), headline_iou(run.results, self.by))
         of = f" of {class_label(self.by)}" if len(self.ranked) > 1 else ""
         return f"{label[0].upper()}{label[1:]}{of}"
+
+    def required(self, run: RunFolder) -> str:
+        """Which requirements the best placement fails, a sentence; "" if there are none."""
+        found = verdicts_of(run, self.group.setting)
+        own = found[found["placement"] == self.best.best]
+        if own.empty:
+            return ""
+        failed = own.loc[~own["met"], "requirement"].tolist()
+        if not failed:
+            return f"{self.best.best} meets all {len(own)} requirements."
+        return f"{self.best.best} fails {len(failed)} of {len(own)} requirements: {some(failed)}."
 
     def verdicts(self, run: RunFolder) -> list[Verdict]:
         """That of the deciding class first, then those of the others."""

@@ -9,10 +9,11 @@ import pandas as pd
 
 from lidarplace.metrics import headline_metric
 from tracking.findings.groups import Group
+from tracking.findings.requirements import met, verdicts
 from tracking.findings.summary import by_surrogate, deciding_surrogate, surrogates_of
 from tracking.kitti_iou import headline_iou
 from tracking.labels import in_order, metric_label, surrogate_label, surrogate_name
-from tracking.numbers import number, plus_minus
+from tracking.numbers import DASH, number, plus_minus
 from tracking.pages.section import Section
 from tracking.pages.tables import MOST_ROWS, Table, slug
 from tracking.report.headline import class_label
@@ -62,6 +63,12 @@ def placement_table(
     names = [name for name in in_sequence if name in known]
     columns: list[tuple[str, list[str], np.ndarray]] = []
     data: dict[str, object] = {"placement": names}
+    required = met(verdicts(run, group.setting)).reindex(names)
+    if required.notna().any():
+        columns.append(
+            ("requirements met", required.fillna(DASH).tolist(), np.full(len(names), np.nan))
+        )
+        data["requirements met"] = required.to_numpy()
     order = None
     headline = (headline_metric(object_class), headline_iou(run.results, object_class))
     for metric, iou in metrics.itertuples(index=False):

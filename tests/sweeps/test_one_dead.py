@@ -1,0 +1,174 @@
+"""The worst case over dead LiDARs as an objective: against brute force."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from search_files import write_search
+from test_search_generalist import written
+from test_search_recall import objects_of, run
+from typer.testing import CliRunner
+
+from lidarplace import Lidar, Mount, Placement
+from lidarplace.recall.one_dead import OneDeadChoice
+from lidarplace.selection import Limits
+from sweeps.search.__main__ import app
+from sweeps.search.greedy.worth import OneDeadWorth
+from sweeps.search.problem.problem import read_problem
+from sweeps.search.trials import by_generalist
+from tests.mlflow_database import write_database
+from tests.sweeps.small_log import write_small_log
+from tracking.run_folders.search_json import SearchResult
+
+OBJECTIVE = "one_lidar_dead.expected_recall.Car"
+
+
+def worst(objects, rig):
+    """The least expected recall of cars without one LiDAR, by the library; 0 of a single one."""
+    values = []
+    for dead in range(len(rig.mounts)):
+        kept = [n for n in range(len(rig.mounts)) if n != dead]
+        mounts, lidars = ([own[n] for n in kept] for own in (rig.mounts, rig.lidars))
+        if kept:
+            found = objects.of(Placement("left", mounts, lidars))
+            values.append(float(found.loc["Car", "expected_recall"]))
+    return min(values, default=0.0)
+
+
+@pytest.mark.parametrize("pairs", [False, True])
+def test_values_and_bound_of_all_subsets(tmp_path, pairs):
+    write_small_log(tmp_path / "log")
+    objects = objects_of(tmp_path)
+    lidar = Lidar.even(4, (-20, 4), 120)
+    spots = [(0.6, 0.5), (-0.3, 0.2), (0.1, 0.7), (1.2, 0.4), (0.9, 0.1), (-0.8, 0.6)]
+    groups = [[Mount(x, y, 1.6 + 0.1 * i, pitch=0.03 * i)] for i, (x, y) in enumerate(spots)]
+    if pairs:
+        groups = [[*own, Mount(own[0].x, -own[0].y, own[0].z)] for own in groups[:4]]
+    alone = [Placement("one", [mount], lidar) for own in groups for mount in own]
+    seen = iter(objects.objects.seen_by(alone))
+    choice = OneDeadChoice.of(objects, [[next(seen) for _ in own] for own in groups], {"Car": 1.0})
+    sizes = np.array([[float(len(own)) for own in groups]])
+    limits = Limits(sizes, np.array([4.0 if pairs else 3.0]))
+    most = 2 if pairs else 3
+    known = {}
+    for size in range(1, most + 1):
+        for some in itertools.combinations(range(len(groups)), size):
+            rig = Placement("rig", [mount for n in some for mount in groups[n]], lidar)
+            known[some] = worst(objects, rig)
+            assert choice.value(some) == pytest.approx(known[some], rel=1e-12)
+    first = (0,)
+    expected = [choice.value([0, n]) - choice.value(first) for n in range(1, len(groups))]
+    np.testing.assert_allclose(choice.gains(first)[1:], expected, atol=1e-12)
+    worth, best = OneDeadWorth(choice), max(known.values())
+    greedy = worth.greedy(limits)
+    assert greedy.value == pytest.approx(known[tuple(sorted(greedy.chosen))], rel=1e-9)
+    assert greedy.gains.sum() == pytest.approx(greedy.value)
+    bound = worth.upper_bound(limits, greedy.chosen, 5.0)
+    assert best <= bound.value * (1 + 1e-9)
+    whole = choice.whole.upper_bound(limits, greedy.chosen, 5.0)
+    assert bound.value < whole.value or pairs, "a LiDAR less"
+
+
+def test_a_search_for_the_worst_case(tmp_path):
+    search = {"objective": OBJECTIVE, "lidars": [2, 3], "trials": 4, "greedy": {"refine": 1}}
+    search["greedy"] |= {"position_step": 0.5}
+    result = run(tmp_path, search=search, robustness=None)
+    assert result.exit_code == 0, result.output
+    assert f"objective {OBJECTIVE}: is not submodular" in " ".join(result.stdout.split())
+    about = SearchResult.read(tmp_path / "runs/small")
+    assert any("not submodular" in caution for caution in about.cautions)
+    objects = objects_of(tmp_path)
+    problem = read_problem(tmp_path / "small.yaml")
+    for name in ("found_1", "line", "greedy"):
+        own = about.rigs[name]
+        mounts = [Mount(*pose) for pose in own.mounts]
+        rig = Placement("rig", mounts, [problem.models[model] for model in own.models])
+        assert own.values[OBJECTIVE] == pytest.approx(worst(objects, rig), rel=1e-9)
+    assert about.rigs["refined"].searched[OBJECTIVE] >= about.bound.greedy * (1 - 1e-9)
+    assert about.rigs["found_1"].searched[OBJECTIVE] >= about.bound.greedy * (1 - 1e-9)
+
+
+def test_a_front_of_price_against_the_worst_case(tmp_path):
+    models = {
+        "small": {"beams": 4, "azimuth_steps": 200, "price": 1},
+        "large": {"beams": 16, "azimuth_steps": 400, "price": 9},
+    }
+    objective = ["price", OBJECTIVE, "expected_recall.Car"]
+    search = {"objective": objective, "models": models, "sampler": "nsga2", "trials": 6}
+    search["lidars"] = [1, 3]
+    result = run(tmp_path, search=search, robustness=None)
+    assert result.exit_code == 0, result.output
+    assert "no bound: several objectives" in result.stdout
+    trials = pd.read_parquet(tmp_path / "runs/small/trials.parquet")
+    dead, whole = (trials[f"value.{name}"] for name in objective[1:])
+    assert (dead <= whole).all()
+    single = trials["value.price"].isin([1.0, 9.0])
+    assert (dead[single] == 0).all()
+    dry = CliRunner().invoke(app, [str(tmp_path / "small.yaml"), "--dry-run"])
+    assert "no bound: several objectives" in dry.stdout
+
+
+def test_a_generalist_judges_every_rig_without_each_lidar(tmp_path, monkeypatch):
+    """A made-up metric: ten times the height of the lowest LiDAR, and one for each LiDAR."""
+
+    def metrics(store, portions, truths, classes, ious):
+        table = real(store, portions, truths, classes, ious)
+        mounts = portions[0].params.collection.placement.mounts
+        return table.assign(value=10 * min(mount.z for mount in mounts) + len(mounts))
+
+    real = by_generalist.judged_metrics
+    monkeypatch.setattr(by_generalist, "judged_metrics", metrics)
+    objective = ["one_lidar_dead.generalist.recall", "price"]
+    models = {"one": {"beams": 4, "azimuth_steps": 60, "price": 2}}
+    search = {"objective": objective, "models": models, "trials": 2, "sampler": "nsga2"}
+    write_database(tmp_path / "m.db")
+    path = written(tmp_path, tracking={"uri": f"sqlite:///{tmp_path / 'm.db'}"}, search=search)
+    result = CliRunner().invoke(app, [str(path)], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    trained = [len(rig) for rig in read_problem(path).training_rigs.values()]
+    assert trained == [max(trained), max(trained) - 1] * 2, "it knows rigs with a dead LiDAR"
+    trials = pd.read_parquet(tmp_path / "runs/small/trials.parquet")
+    heights = trials[[c for c in trials.columns if c.endswith(".z_m")]]
+    left = heights.shape[1] - 1  # without the highest, the lowest is left
+    expected = 10 * heights.min(axis=1) + left
+    value = trials["value.one_lidar_dead.generalist.recall"]
+    np.testing.assert_allclose(value, expected, atol=1e-6)
+    about = SearchResult.read(tmp_path / "runs/small")
+    assert "one_lidar_dead.generalist.recall" in about.rigs["found_1"].values
+
+
+@pytest.mark.parametrize(
+    ("objective", "message"),
+    [
+        ("one_lidar_dead.covered_entropy", "one_lidar_dead: is for expected_recall, and for what"),
+        ("one_lidar_dead.price", "one_lidar_dead: is for expected_recall, and for what"),
+        ("one_lidar_dead.recall", "one_lidar_dead: is for expected_recall, and for what"),
+        ("one_lidar_dead", "by: found ''"),
+        (
+            {"by": "expected_recall", "one_lidar_dead": True, "direction": "minimize"},
+            "one_lidar_dead: is the least value, which is to be large",
+        ),
+    ],
+)
+def test_mistakes_are_one_line(tmp_path, objective, message):
+    path = write_search(tmp_path, search={"objective": objective})
+    result = CliRunner().invoke(app, [str(path)])
+    assert result.exit_code == 2, result.output
+    (line,) = result.stderr.splitlines()
+    assert message in line
+    assert Path(path).name in line
+    assert yaml.safe_load(path.read_text())["search"]["objective"] == objective
+
+
+def test_a_single_lidar_leaves_nothing(tmp_path):
+    search = {"objective": OBJECTIVE, "lidars": 1}
+    result = CliRunner().invoke(app, [str(write_search(tmp_path, search=search))])
+    assert result.exit_code == 2
+    assert "one_lidar_dead: of a single LiDAR nothing is left" in result.stderr
+    fixed = search | {"fixed": [{"x": 0.0, "y": 0.0, "z": 1.9}]}
+    assert read_problem(write_search(tmp_path, search=fixed)).question.objectives[0].one_lidar_dead

@@ -1,0 +1,178 @@
+"""Requirements of a sweep: the verdicts of `sweeps.requirements`, in tables and on pages."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from lidarplace import PAPER_PLACEMENTS
+from sweeps import requirements as verb
+from sweeps import run
+from tests.mlflow_database import write_database
+from tests.sweeps.small_log import write_small_log
+from tracking.run_folders.sweep import RunFolder
+
+NEEDS = [
+    {
+        "name": "people / near",
+        "where": {"distance": [0.5, 2]},
+        "what": "Pedestrian",
+        "at_least": {"points": 5},
+        "also_when": {"one_lidar_dead": True, "range_factor": 0.02},
+        "step": 1.0,
+    },
+    {
+        "name": "found",
+        "where": {"x": [5, 9], "y": [-2, 2]},
+        "what": "Car",
+        "at_least": {"probability": 0.01},
+        "for": 0.5,
+        "step": 2.0,
+    },
+    {
+        "name": "ground",
+        "where": {"distance": [0, 1], "z": [0, 1]},
+        "at_least": {"coverage": 0.9},
+        "step": 0.5,
+    },
+]
+LIDAR = {"beams": 4, "azimuth_steps": 90}
+SWEEP = {
+    "scene": {"source": "log", "folder": "log"},
+    "classes": ["Car"],
+    "lidar": LIDAR,
+    "detector": None,
+    "surrogate": {
+        "resolution": 0.8,
+        "names": ["s_mig"],
+        "accuracy": False,
+        "sampling_error": False,
+    },
+    "requirements": NEEDS,
+    "vehicle": [[[-2, -1, 0], [2, 1, 1]]],
+    "grid": {"placement": ["line", "center"]},
+    "ray": "debug",
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder in which the sweep has run."""
+    folder = tmp_path_factory.mktemp("needs")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        write_small_log(Path("log"))
+        write_database(Path("runs/mlflow.db"))
+        done = sweep(SWEEP)
+    assert done.exit_code == 0, done.output
+    assert "requirements" in done.stdout
+    assert "of 3" in done.stdout, "a column of the summary"
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def in_folder(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+
+
+def sweep(content, *arguments):
+    Path("small.yaml").write_text(yaml.safe_dump(content))
+    return CliRunner().invoke(run.app, ["small.yaml", *arguments], env={"COLUMNS": "160"})
+
+
+def test_a_sweep_has_the_verdicts_of_the_verb():
+    table = pd.read_parquet("runs/small/requirements.parquet")
+    file = {key: SWEEP[key] for key in ("lidar", "vehicle", "requirements")}
+    Path("needs.yaml").write_text(yaml.safe_dump(file | {"rigs": ["line", "center"]}))
+    told = CliRunner().invoke(verb.app, ["needs.yaml", "--json"])
+    assert told.exit_code == 1, told.output
+    expected = pd.read_csv("requirements.csv")
+    pd.testing.assert_frame_equal(
+        table.rename(columns={"placement": "rig"}), expected, check_dtype=False, atol=1e-9
+    )
+    own = table[table["requirement"] == "people / near"].groupby("placement")["case"].nunique()
+    lidars = {name: len(PAPER_PLACEMENTS[name].mounts) for name in own.index}
+    assert own.to_dict() == {name: 2 + number for name, number in lidars.items()}
+
+
+def test_the_report_folds_them_and_draws_what_fails():
+    page = Path("runs/small/report.html").read_text(encoding="utf-8")
+    assert '<details class="folded"><summary><h2 id="requirements">Requirements</h2>' in page
+    run_folder = RunFolder.read(Path("runs/small"))
+    worst = run_folder.requirements.groupby(["placement", "requirement"])["value"].min()
+    failed = {
+        key for key, value in worst.items() if value < {"ground": 0.9, "found": 0.01}.get(key[1], 5)
+    }
+    for name in ("line", "center"):
+        for own in NEEDS:
+            drawn = f"{name} · {own['name']}: FAILED" in page
+            assert drawn == ((name, own["name"]) in failed)
+            ground = run_folder.grounds.under(name, own["name"])
+            if own["name"] != "ground":  # whose columns have shares, and whose value is the mean
+                lowest = run_folder.requirements.query("placement == @name")
+                lowest = lowest[lowest["requirement"] == own["name"]]["at_worst"].min()
+                assert np.nanmin(ground.least) == pytest.approx(lowest, rel=1e-6)
+    markdown = Path("runs/small/report.md").read_text(encoding="utf-8")
+    assert "people / near" in markdown
+    assert "requirements met" in markdown
+    assert Path("runs/small/tables/requirements.csv").exists()
+
+
+def test_axes_of_lidar_and_weather_have_verdicts_of_their_own():
+    axes = {"lidar.range": [3.0, 60.0], "weather.visibility": [4.0, 1000.0]}
+    done = sweep(SWEEP | {"name": "axes", "grid": {"placement": ["line"], **axes}})
+    assert done.exit_code == 0, done.output
+    table = pd.read_parquet("runs/axes/requirements.parquet")
+    own = table[(table["requirement"] == "found") & (table["case"] == "as built")]
+    values = own.set_index(["lidar.range", "weather.visibility"])["value"]
+    assert len(values) == 4
+    assert values[3.0, 4.0] < values[60.0, 1000.0]
+    assert values[60.0, 4.0] < values[60.0, 1000.0]
+
+
+def test_a_dry_run_says_what_is_asked_and_what_is_there():
+    planned = json.loads(sweep(SWEEP, "--dry-run", "--json").stdout)
+    assert planned["stages"]["requirements"] == {"tasks": 2, "cached": 2}
+    names = [own["requirement"] for own in planned["requirements"]]
+    assert names == [own["name"] for own in NEEDS]
+    assert planned["requirements"][0]["objects"] > planned["requirements"][0]["positions"] > 0
+    assert "people / near" in sweep(SWEEP, "--dry-run").stdout
+    changed = SWEEP | {"requirements": NEEDS[:1]}
+    planned = json.loads(sweep(changed, "--dry-run", "--probe", "--json").stdout)
+    assert planned["estimate"]["stages"]["requirements"]["seconds"] > 0
+    assert planned["stages"]["requirements"] == {"tasks": 2, "cached": 0}
+    assert planned["stages"]["surrogates"] == {"tasks": 2, "cached": 2}
+
+
+WRONG = {
+    "nowhere": (
+        {"requirements": [NEEDS[0] | {"where": {"sectors": ["front"]}}]},
+        "requirements[0] 'people / near': where: has no end",
+    ),
+    "a mount in the body": (
+        {"vehicle": [[[-2, -1, 0], [2, 1, 3]]]},
+        "LiDAR 1 at (0, 0.6, 2.2) is inside the vehicle's body",
+    ),
+    "a body upside down": (
+        {"vehicle": [[[-2, -1, 0], [2, 1, -3]]]},
+        "needs finite corners, the lower one first",
+    ),
+    "no such curve": (
+        {"requirements": [NEEDS[1] | {"at_least": {"probability": 0.1, "iou": 0.123}}]},
+        "no detection curve of Car at IoU 0.123",
+    ),
+}
+
+
+@pytest.mark.parametrize("mistake", WRONG)
+def test_a_mistake_is_one_line(mistake):
+    changes, message = WRONG[mistake]
+    done = sweep(SWEEP | changes)
+    assert done.exit_code == 2, done.output
+    (line,) = done.stderr.splitlines()
+    assert message in line
+    assert "small.yaml" in line

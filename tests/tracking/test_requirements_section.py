@@ -1,0 +1,118 @@
+"""Requirements on the pages of a run folder, and in MLflow."""
+
+from __future__ import annotations
+
+import html
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from tracking.findings.requirements import met, verdicts
+from tracking.mlflow.content import requirement_metrics
+from tracking.report.build import build_report
+from tracking.run_folders.grounds import Grounds
+from tracking.run_folders.sweep import RunFolder
+
+NEAR, FAR = "near / left", "far <3 m>"
+
+
+def case(placement, requirement, name, value, at_least):
+    return {
+        "placement": placement,
+        "requirement": requirement,
+        "measure": "points",
+        "at_least": at_least,
+        "for": 0.9,
+        "case": name,
+        "met": value >= at_least,
+        "value": value,
+        "short_by": max(0.0, at_least - value),
+        "enough": 0.5,
+        "x": 1.0,
+        "y": -2.0,
+        "heading_deg": 45.0,
+        "at_worst": 0.0,
+    }
+
+
+@pytest.fixture(scope="module")
+def folder(made_up_run, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("required") / "grid"
+    shutil.copytree(made_up_run, folder)
+    rows, least = [], {}
+    for number, name in enumerate(RunFolder.read(folder).placements):
+        rows += [
+            case(name, NEAR, "as built", 20.0, 10.0),
+            case(name, NEAR, "without LiDAR 1", 2.0 * number, 10.0),
+            case(name, FAR, "as built", 7.0, 5.0),
+        ]
+        least |= {f"{i}/{name}": np.full((2, 3), number, np.float32) for i in range(2)}
+    pd.DataFrame(rows).to_parquet(folder / "requirements.parquet")
+    line = {"0": np.arange(2.0), "1": np.arange(2.0)}
+    other = {"0": np.arange(3.0), "1": np.arange(3.0)}
+    body = np.array([[-2.0, -1.0], [2.0, -1.0], [2.0, 1.0], [-2.0, -1.0], [np.nan, np.nan]])
+    Grounds(body, np.array([NEAR, FAR]), line, other, least).write(folder)
+    build_report(folder)
+    return folder
+
+
+def test_the_worst_case_decides(folder):
+    run = RunFolder.read(folder)
+    found = verdicts(run, {})
+    assert len(found) == 2 * len(run.placements)
+    number = {name: i for i, name in enumerate(run.placements)}
+    near = found[found["requirement"] == NEAR].set_index("placement")
+    for name, row in near.iterrows():
+        dead = 2.0 * number[name] < 20.0
+        assert row["case"] == ("without LiDAR 1" if dead else "as built")
+        assert row["met"] == (number[name] >= 5)
+        assert met(found)[name] == ("2 of 2" if number[name] >= 5 else "1 of 2")
+
+
+def test_grounds_are_read_as_they_were_written(folder):
+    grounds = RunFolder.read(folder).grounds
+    name = next(iter(RunFolder.read(folder).placements))
+    assert grounds.under("nobody", NEAR) is None
+    assert grounds.under(name, "nothing") is None
+    assert grounds.under(name, FAR).least.tolist() == [[0.0] * 3] * 2
+
+
+@pytest.mark.parametrize("page", ["report.html", "decision.html"])
+def test_the_pages_fold_them_and_draw_what_fails(folder, page):
+    text = (folder / page).read_text(encoding="utf-8")
+    section = text.split('<h2 id="requirements">Requirements</h2>')[1].split("</section>")[0]
+    names = list(RunFolder.read(folder).placements)
+    assert '<details class="folded"><summary><h2 id="requirements">' in text
+    assert "FAIL" in section
+    assert f"{html.escape(FAR)}: FAILED" not in section, "it is met"
+    assert "without LiDAR 1" in section
+    if page == "report.html":
+        assert f"{min(5, len(names))} of {2 * len(names)} verdicts are failures." in section
+        assert "requirements met" in text
+        return
+    assert 'href="#requirements"' in text
+    first = text.split('<h2 id="requirements">')[0]
+    assert "requirements: near / left." in first or "meets all 2 requirements" in first
+
+
+def test_a_wrong_file_is_told_by_name(folder, tmp_path):
+    grounds = RunFolder.read(folder).grounds
+    Grounds(grounds.body, grounds.names, grounds.x, grounds.x, grounds.least).write(tmp_path)
+    with pytest.raises(ValueError, match=r"requirements\.npz: least/0/.* is no grid of x and y"):
+        Grounds.read(tmp_path)
+    Grounds(grounds.body[0], grounds.names, grounds.x, grounds.y, grounds.least).write(tmp_path)
+    with pytest.raises(ValueError, match=r"requirements\.npz: body must hold numbers, 2 axes"):
+        Grounds.read(tmp_path)
+
+
+def test_metrics_of_mlflow(folder):
+    cases = pd.read_parquet(folder / "requirements.parquet")
+    own = cases[cases["placement"] == cases["placement"].iloc[0]]
+    assert requirement_metrics(own) == {
+        "requirement.near _ left": 0.0,
+        "requirement.far _3 m_": 1.4,
+        "requirements_failed": 1.0,
+    }

@@ -1,0 +1,74 @@
+"""The section of the requirements: which rig meets which, and the ground where one fails."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from lidarplace.requirements.tables import worst_cases
+from tracking.findings.groups import pictured
+from tracking.findings.requirements import verdicts
+from tracking.pages.requirements import ALONE, counted, draw_failures, in_short, verdict_table
+from tracking.pages.section import Section
+from tracking.pages.tables import MOST_ROWS, Table
+from tracking.run_folders.sweep import RunFolder
+
+
+def requirements_section(run: RunFolder, order: Sequence[str]) -> Section | None:
+    """Every rig and requirement, and pictures of what fails; None if nothing was required.
+
+    Args:
+        order: placements, those to draw first in front.
+    """
+    cases = run.requirements
+    if cases is None or cases.empty:
+        return None
+    rig = ["placement", *(axis for axis in run.axes if axis in cases.columns)]
+    worst = worst_cases(cases, rig)
+    table = verdict_table(worst, rig, name="requirements", data=cases)
+    section = Section("Requirements", [counted(worst), ALONE], folded=True)
+    section.tables = [table.first(MOST_ROWS)]
+    _draw(section, run, order)
+    return section
+
+
+def rigs_requirements_section(
+    run: RunFolder, rigs: Sequence[str], setting: Mapping[str, object]
+) -> Section | None:
+    """A table of rigs in rows and requirements in columns, and where the first one fails.
+
+    None if nothing was required. `setting` is of the axes.
+    """
+    found = verdicts(run, setting)
+    found = found[found["placement"].isin(rigs)]
+    if found.empty:
+        return None
+    by_rig = found.set_index(["placement", "requirement"])
+    names = list(dict.fromkeys(found["requirement"]))
+    shown = [name for name in rigs if name in by_rig.index.get_level_values(0)]
+    rows = tuple(
+        (rig, *(in_short(by_rig.loc[(rig, name)].to_dict()) for name in names)) for rig in shown
+    )
+    failed = frozenset(
+        (i, j + 1)
+        for i, rig in enumerate(shown)
+        for j, name in enumerate(names)
+        if not by_rig.loc[(rig, name), "met"]
+    )
+    table = Table(
+        "What is required, in the worst case",
+        ("placement", *names),
+        rows,
+        best=failed,
+        words=frozenset(range(len(names) + 1)),
+    )
+    section = Section("Requirements", [counted(found)], tables=[table], folded=True)
+    _draw(section, run, shown[:1])
+    return section
+
+
+def _draw(section: Section, run: RunFolder, order: Sequence[str]) -> None:
+    """What placements fail, in their order, at the setting that is pictured."""
+    found = verdicts(run, run.sweep.pictured)
+    draw_failures(section, found, "placement", order, run.placements, run.grounds)
+    if section.figures and pictured(run):
+        section.notes.append(f"Pictures are {pictured(run)}.")
