@@ -56,7 +56,11 @@ def sweep_of(
     placements = {rig.name: rig.written for rig in rigs if rig.lidars}
     if not placements:
         raise ValueError("no rig has a LiDAR; a sweep needs one")
+    vehicle = file.settings.model_dump(mode="json", include={"vehicle"}, exclude_unset=True)
+    required = {"requirements": file.content["requirements"]} if file.settings.requirements else {}
     return {
+        **vehicle,
+        **required,
         "scene": dict(scene),
         "roi": {axis: list(getattr(roi, axis)) for axis in "xyz"},
         "classes": list(classes),
@@ -90,7 +94,7 @@ def evaluation_of(sweep: Content, file: RigsFile, before: Content | None = None)
         known = _drawn(sweep["placements"], file)
     return {
         **content,
-        **{key: sweep[key] for key in ("scene", "roi", "classes", "lidar")},
+        **{key: own for key, own in sweep.items() if key not in ("surrogate", "grid")},
         "placements": sweep["placements"] | known,
         "generalist": settings | {"rigs": list(known)},
         "grid": content.get("grid", {}) | sweep["grid"],

@@ -16,16 +16,21 @@ FILE = "rigs.yaml"
 
 
 def rigs_yaml(sweep: Sweep) -> str:
-    """Its placements and their LiDARs; own placements in the words of the configuration.
+    """Its placements, their LiDARs, the vehicle and its requirements.
 
-    Where an axis varies the LiDARs they are those of the first point.
+    Own placements are in the words of the configuration. Where an axis varies LiDARs or vehicle,
+    they are those of the first point.
     """
     own = sweep.source.get("placements", {})
     names = dict.fromkeys(point.point.placement for point in sweep.points)
     sensor = sweep.points[0].point.lidar.model_dump(
         mode="json", include={*SensorSettings.model_fields}, exclude_unset=True
     )
+    vehicle = sweep.points[0].point.model_dump(mode="json", include={"vehicle"}, exclude_unset=True)
+    required = {key: own for key, own in sweep.source.items() if key == "requirements"}
     content = {
+        **vehicle,
+        **required,
         "lidar": as_written(SensorSettings.model_validate(sensor)),
         "placements": {name: own[name] if name in own else _of_paper(name) for name in names},
     }

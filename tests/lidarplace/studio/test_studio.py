@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -18,12 +19,13 @@ from lidarplace.scenes.sumo.settings import SumoScene
 from lidarplace.studio.best_pose import ROUNDS
 from lidarplace.studio.blind_ground import EDGE_M, LOWEST_M, blind_ground
 from lidarplace.studio.numbers import RECALL_FRAMES, thinned
-from lidarplace.studio.rigs_file import read_rigs
+from lidarplace.studio.rigs_file import RigsSettings, read_rigs
 from lidarplace.studio.studio import Studio
 from lidarplace.studio.sweep_files import found_by_sweep
 from lidarplace.studio.traffic import scene_of, simulated_scene
 from lidarplace.studio.violations import violations
 from sweeps.plan.plan import read_plan
+from sweeps.results.rigs_file import rigs_yaml
 from tests.lidarplace.requirements.brute_force import hits_of
 from tests.lidarplace.studio.rigs import TEXT, log_of, written
 from tests.sweeps.small_log import write_small_log
@@ -234,6 +236,34 @@ def test_a_sweep_of_the_rigs_can_be_planned(studio, tmp_path, monkeypatch):
     assert {trial.grid_point.point.placement for trial in plan.trials} == {"roof", "left handed"}
     with pytest.raises(FileExistsError):
         studio.sweep(path, scene)
+
+
+def test_a_sweep_has_the_vehicle_and_the_requirements_of_the_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_small_log(tmp_path / "log")
+    content = {
+        "vehicle": [[[-2, -1, 0], [2, 1, 1.4]]],
+        "placements": {"roof": {"mounts": [{"z": 2.0}]}},
+        "requirements": [
+            {
+                "name": "cars ahead",
+                "where": {"x": [5, 10], "y": [-2, 2]},
+                "what": {"class": "Car"},
+                "at_least": {"points": 10},
+            }
+        ],
+    }
+    (tmp_path / "rigs").mkdir()
+    file = written(tmp_path / "rigs", yaml.safe_dump(content))
+    studio = Studio(read_rigs(file), log_of([(8.0, 0.0)]), ROI)
+    studio.sweep(tmp_path / "sweep.yaml", scene_of(tmp_path / "log"))
+    swept = read_yaml_file(tmp_path / "sweep.yaml")
+    assert swept["requirements"] == content["requirements"]
+    sweep, _ = read_plan(tmp_path / "sweep.yaml")
+    assert sweep.points[0].point.body().boxes.tolist() == content["vehicle"]
+    opened = yaml.safe_load(rigs_yaml(sweep))
+    assert opened["requirements"] == content["requirements"]
+    assert RigsSettings(**opened).vehicle == RigsSettings(**content).vehicle
 
 
 def trained(path):
