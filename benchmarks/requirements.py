@@ -17,11 +17,11 @@ import pandas as pd
 
 from lidarplace import PAPER_PLACEMENTS
 from lidarplace.boxes import CLASSES, GEOMETRY
-from lidarplace.lidar.raycast import cast
+from lidarplace.lidar.raycast import OWN_BODY
 from lidarplace.lidar.shapes import shapes_of
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.detection_curve import CELL_M, IOU, default_curves
-from lidarplace.recall.surface_cells import Surface, SurfaceCells, slices_of, surface_cells
+from lidarplace.recall.surface_cells import Frames, SurfaceCells, slices_of, surface_cells
 from lidarplace.requirements.area import Area
 from lidarplace.requirements.judge import judge
 from lidarplace.requirements.layout import lay_out
@@ -99,16 +99,23 @@ def boxes_and_shapes(number: int = 200) -> None:
             object_id=[f"{name} {n}" for n in range(number)], **{"class": name}
         )
         shapes = shapes_of(table)
-        seen = np.zeros(2)
-        for row in range(number):
-            box = boxes[[row]]
-            surface = Surface(box, slices_of(box, CELL_M), np.zeros(1, np.int64))
-            parts = shapes.parts(np.array([row]), box)
-            found = SurfaceCells.none(1)
-            for mount, lidar in zip(rig.mounts, rig.lidars, strict=True):
-                hits = cast(mount, lidar, parts)
-                found = found.and_(surface_cells(mount, lidar, hits, surface, everywhere, CELL_M))
-            seen += found.points[0], found.counts()[0]
+        parts = [shapes.parts(np.array([row]), boxes[[row]]) for row in range(number)]
+        alone = Frames(
+            parts=np.concatenate([OWN_BODY.and_(one).geometry for one in parts]),
+            owner=np.concatenate(
+                [np.append(OWN_BODY.owner, one.owner + row) for row, one in enumerate(parts)]
+            ).astype(np.int32),
+            reflectivity=np.concatenate([OWN_BODY.and_(one).reflectivity for one in parts]),
+            first_part=np.cumsum([0, *(len(OWN_BODY) + len(one) for one in parts)]),
+            first_object=np.arange(number + 1),
+            near=np.tile(everywhere, (number, 1)),
+            geometry=boxes,
+            slices=slices_of(boxes, CELL_M),
+        )
+        found = SurfaceCells.none(number)
+        for mount, lidar in zip(rig.mounts, rig.lidars, strict=True):
+            found = found.and_(surface_cells(mount, lidar, alone, everywhere, CELL_M))
+        seen = found.points.sum(), found.counts().sum()
         of_boxes = (
             count_points(sights, boxes).all.sum(),
             count_cells(sights, boxes, CELL_M).all.sum(),
