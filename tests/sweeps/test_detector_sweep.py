@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import yaml
 from small_log import write_small_log
+from toy import Loud
 
 from sweeps.configuration.grid import read_sweep
 from sweeps.execution.backends import InProcess
@@ -24,13 +25,6 @@ SWEEP = {
     "grid": {"placement": ["center"], "detector": [f"{name}_tiny" for name in NETWORKS]},
     "ray": "debug",
 }
-
-
-class Loud:
-    def started(self, task): ...
-    def finished(self, task): ...
-    def failed(self, task, failure):
-        raise AssertionError(f"{task.label}: {failure.reason}\n{failure.log}")
 
 
 def test_every_network_trains_and_is_evaluated(tmp_path):

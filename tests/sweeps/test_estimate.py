@@ -7,6 +7,7 @@ import json
 import pytest
 import yaml
 from small_log import write_small_log
+from toy import Loud
 from typer.testing import CliRunner
 
 from sweeps.configuration.grid import read_sweep
@@ -28,13 +29,6 @@ SWEEP = {
     "grid": {"placement": ["center", "line"], "seed": [1, 2]},
     "ray": "debug",
 }
-
-
-class Loud:
-    def started(self, task): ...
-    def finished(self, task): ...
-    def failed(self, task, failure):
-        raise AssertionError(f"{task.label}: {failure.reason}\n{failure.log}")
 
 
 @pytest.fixture
