@@ -109,8 +109,6 @@ def estimate(
         if not fresh:
             break
         chosen += [task for task in with_inputs(_in_small(trial)) if _kind(task) in fresh]
-        small = _in_small(trial)
-        chosen += with_inputs(task for task in small if _kind(task) in fresh)
     gpus = backend.room.gpus if math.isfinite(backend.room.gpus) else 0
     need = Need(gpu_share=1.0) if gpus else Need()
     copies = 1 if gpus else min(backend.cores, _COPIES)
