@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import trimesh
 import yaml
 from typer.testing import CliRunner, Result
 
@@ -94,6 +95,7 @@ def make_world(folder: Path) -> None:
     for log in ("small", "logs/mine", "logs/b", "logs/c"):
         write_small_log(folder / log)
     write_database(folder / "runs/mlflow.db")
+    trimesh.creation.box((4500, 1500, 1800)).export(folder / "body.stl")  # its y axis is up
     shutil.copytree(ROOT / "examples/labels", folder / "examples/labels")
     _tables(folder)
     _data_sets(folder / "data")
