@@ -35,12 +35,10 @@ SOURCES = {
     "main": ("generalist", "seed1", "seed2", "seed3", "aside"),
     "later": ("later",),
     "exact": ("exact",),
-    "controlled": ("controlled",),
     "riddle": ("riddle",),
-    "second": ("second",),
 }
 """Of each table the run folders, `findings_` before their names."""
-MEANS_ALONE = ("exact", "second")
+MEANS_ALONE = ("exact",)
 """Tables whose values without a route or an individual nothing asks for."""
 _ONLY_OF_RUNS = ("trial", "detector", "difficulty")
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import exact
 import lidars
+import riddle_table
 from aside import aside_table, errors_table
 from candidates import FOLDER
 from combining import shares
@@ -81,6 +82,7 @@ def _facts() -> dict[str, Any]:
         "errors_table": errors_table(every, aside),
         "fitted_table": fitted_table(Judged(told)),
         "exact": exact,
+        "riddle": riddle_table,
         "lidars": lidars,
         "reference": REFERENCE,
         "optima_table": _optima_table(),

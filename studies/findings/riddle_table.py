@@ -52,11 +52,6 @@ def widest(pairs: tuple[tuple[str, str], ...] = PAIRS) -> float:
     return float(max(halves))
 
 
-def agreeing(combination: tuple[object, ...]) -> int:
-    """How many of the pairs have the sign that they have in print."""
-    return sum(_lead(combination, pair, CAR_3D)["difference"] < 0 for pair in PAIRS)
-
-
 def combinations() -> list[tuple[object, ...]]:
     """Values of AXES that were tried, as the paper's text has them first."""
     found = read("riddle_results")[list(AXES)].drop_duplicates()
