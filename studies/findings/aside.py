@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from judged import HEADS, SHORT, Judged, label, number, table
+from judged import SHORT, Judged, head_of, label, number, table
 from predicting import PREDICTORS, equal_budget, every_predictor
 from scipy import stats
 
@@ -24,7 +24,7 @@ def aside_table(seen: Judged, aside: Judged) -> str:
         for name in PREDICTORS
     ]
     words = ("looked at", "aside", "same LiDARs, looked at", "same LiDARs, aside")
-    heads = [HEADS[list(SHORT).index(target)] for target in TARGETS]
+    heads = [head_of(target) for target in TARGETS]
     sizes = [f"{len(own.rigs)} {word}" for word, own in zip(words, groups, strict=True)]
     return table(["", *(f"{head}, {size}" for head in heads for size in sizes)], rows)
 
@@ -41,7 +41,7 @@ def errors_table(seen: Judged, aside: Judged) -> str:
         wide = every_predictor(SHORT[target])
         for row, name in zip(rows[1:], FORETOLD, strict=True):
             row.append(number(_error(wide[name], y, new), 1))
-    return table(["", *(HEADS[list(SHORT).index(target)] for target in TARGETS)], rows)
+    return table(["", *(head_of(target) for target in TARGETS)], rows)
 
 
 def _error(x: pd.Series, y: pd.Series, new: pd.Series) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 import pandas as pd
-from judged import HEADS, SHORT, label, number, table
+from judged import SHORT, head_of, label, number, table
 from predicting import GENERALIST, PREDICTORS, every_predictor, of, read
 from properties import properties
 from scipy import stats
@@ -28,7 +28,7 @@ def exact_table() -> str:
             cells += [number(exact, 1), number(real, 1), number(real - exact, 1, sign=True)]
         rows.append(cells)
     heads = [
-        f"{_head(target)}, {kind}" for target in TARGETS for kind in ("exact", "real", "change")
+        f"{head_of(target)}, {kind}" for target in TARGETS for kind in ("exact", "real", "change")
     ]
     return table(["", "rings that coincide", *heads], rows)
 
@@ -40,7 +40,7 @@ def seen_table() -> str:
         for name in PREDICTORS
         if name != GENERALIST
     ]
-    heads = [f"{_head(target)}, {kind}" for target in TARGETS for kind in ("exact", "real")]
+    heads = [f"{head_of(target)}, {kind}" for target in TARGETS for kind in ("exact", "real")]
     return table(["", *heads], rows)
 
 
@@ -82,7 +82,3 @@ def _goes_with(name: str, target: str, kind: str) -> str:
     if name not in wide.columns:
         return "–"
     return number(stats.spearmanr(wide[name].loc[own.index], own[kind]).statistic)
-
-
-def _head(target: str) -> str:
-    return HEADS[list(SHORT).index(target)]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from judged import HEADS, SHORT, Judged, label
+from judged import SHORT, Judged, head_of, label
 from matplotlib.axes import Axes
 from predicting import PREDICTORS, named
 
@@ -40,7 +40,7 @@ def _panel(panel: Axes, judged: Judged, target: str, order: list[str]) -> None:
             [found["spearman_low"], found["spearman_high"]], [row] * 2, color=_BAND, linewidth=6
         )
         panel.plot(found["spearman"], row, "o", color=_ACCENT, markersize=6)
-    panel.set_title(HEADS[list(SHORT).index(target)], fontsize=11, color=_INK)
+    panel.set_title(head_of(target), fontsize=11, color=_INK)
     panel.set_xlim(-1, 1.02)
     panel.tick_params(colors=_INK, length=0)
     for side in ("top", "right", "left"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pandas as pd
-from judged import HEADS, SHORT, Judged, number, table
+from judged import SHORT, Judged, head_of, number, table
 from predicting import read
 from scipy import stats
 
@@ -24,7 +24,7 @@ def fitted_table(rigs: Judged) -> str:
         said = found.placements["predicted"]
         rows.append(
             [
-                HEADS[list(SHORT).index(target)],
+                head_of(target),
                 number(found.q, 4),
                 number(stats.spearmanr(said, measured.loc[said.index]).statistic),
                 number(stats.spearmanr(gains[CUSTOMARY], measured).statistic),

@@ -66,6 +66,21 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join(f"| {line} |" for line in [*lines, *(" | ".join(row) for row in rows)])
 
 
+def head_of(target: str) -> str:
+    """What a column of a target is called."""
+    return HEADS[list(SHORT).index(target)]
+
+
+def spread(row: pd.Series) -> str:
+    """Interval of a difference in points."""
+    return f"{number(row['low'], 1, sign=True)} to {number(row['high'], 1, sign=True)}"
+
+
+def led(row: pd.Series) -> str:
+    """A difference in points, and its interval."""
+    return f"{number(row['difference'], 1, sign=True)} ({spread(row)})"
+
+
 def number(value: float, digits: int = 2, sign: bool = False) -> str:
     """Rounded, with a minus that is one; a dash where it is unknown."""
     if not np.isfinite(value):
@@ -143,7 +158,7 @@ class Judged:
         """Few targets, with intervals, and whether a predictor is told from the generalist."""
         head = [""]
         for target in targets:
-            head += [HEADS[list(SHORT).index(target)], "generalist's lead in \\|ρ\\|"]
+            head += [head_of(target), "generalist's lead in \\|ρ\\|"]
         leads = {target: behind(self.results, SHORT[target]) for target in targets}
         rows = []
         for name in PREDICTORS:
@@ -167,7 +182,7 @@ class Judged:
                 row = own.loc[name] if name in own.index else None
                 cells += ["–", "–"] if row is None else [str(row["choice"]), _lost(row)]
             rows.append(cells)
-        heads = [HEADS[list(SHORT).index(target)] for target in targets]
+        heads = [head_of(target) for target in targets]
         return table(["", *(part for head in heads for part in (f"{head}: takes", "loses"))], rows)
 
     def combination(self, target: str, terms: int) -> Combination:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import pandas as pd
-from judged import HEADS, SHORT, Judged, number, table
+from judged import Judged, head_of, led, number, spread, table
 
 TARGETS = ("car", "recall")
 ARRANGED = {
@@ -32,18 +31,13 @@ def lidars_table(reference: str) -> str:
     for name, words in ARRANGED.items():
         cells = [f"`{name}`: {words}"]
         for target, lead in leads.items():
-            own = "" if name == reference else _spread(lead.loc[name])
+            own = "" if name == reference else spread(lead.loc[name])
             cells += [number(found.means(target)[name], 1), own]
         rows.append(cells)
-    heads = [HEADS[list(SHORT).index(target)] for target in TARGETS]
+    heads = [head_of(target) for target in TARGETS]
     return table(["", *(part for head in heads for part in (head, f"less *{reference}*"))], rows)
 
 
 def lead(one: str, other: str, target: str) -> str:
     """Own detectors of one of ARRANGED less those of another, 95 % as in the table."""
-    row = Judged(list(ARRANGED)).best(target).differences(other).loc[one]
-    return f"{number(row['difference'], 1, sign=True)} ({_spread(row)})"
-
-
-def _spread(row: pd.Series) -> str:
-    return f"{number(row['low'], 1, sign=True)} to {number(row['high'], 1, sign=True)}"
+    return led(Judged(list(ARRANGED)).best(target).differences(other).loc[one])

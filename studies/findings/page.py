@@ -19,7 +19,7 @@ from combining import shares
 from figures import write_figure
 from fitted import fitted_table
 from jinja2 import Environment, StrictUndefined
-from judged import HEADS, SHORT, Judged, label, number, table
+from judged import SHORT, Judged, head_of, label, number, spread, table
 from predicting import equal_budget, every_predictor, own_detectors, read, set_aside
 from properties import properties
 
@@ -129,11 +129,10 @@ def _optima_table() -> str:
         cells = [label(name.removeprefix("optimum_"))]
         for target, lead in leads.items():
             row = lead.loc[name]
-            spread = f"{number(row['low'], 1, sign=True)} to {number(row['high'], 1, sign=True)}"
             cells.append(number(found.means(target)[name], 1))
-            cells.append("" if name == REFERENCE else spread)
+            cells.append("" if name == REFERENCE else spread(row))
         rows.append(cells)
-    heads = [HEADS[list(SHORT).index(target)] for target in targets]
+    heads = [head_of(target) for target in targets]
     return table(
         ["best rig by", *(part for head in heads for part in (head, f"less *{REFERENCE}*"))], rows
     )
@@ -148,7 +147,7 @@ def _combination_table(four: Judged) -> str:
             found = four.combination(target, terms)
             cells += [number(found.rho), ", ".join(label(name) for name in found.terms)]
         rows.append(cells)
-    heads = [HEADS[list(SHORT).index(target)] for target in targets]
+    heads = [head_of(target) for target in targets]
     return table(["terms", *(part for head in heads for part in (f"{head}: ρ", "terms"))], rows)
 
 
@@ -165,7 +164,7 @@ def _shares_table(four: Judged) -> str:
             rows.setdefault(str(name), [label(str(name))]).append(f"{share:.0%}".replace("%", " %"))
         rows.setdefault("", ["all five"]).append(f"{found.sum():.0%}".replace("%", " %"))
     names = {"redundancy": "rings that coincide", "mean height": "mean height of the LiDARs"}
-    heads = [HEADS[list(SHORT).index(target)] for target in ("car07", "car", "recall")]
+    heads = [head_of(target) for target in ("car07", "car", "recall")]
     return table(["", *heads], [[names.get(row[0], row[0]), *row[1:]] for row in rows.values()])
 
 

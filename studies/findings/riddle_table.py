@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pandas as pd
-from judged import number, table
+from judged import led, number, table
 from predicting import of, read
 
 from tracking.findings.best_placement import BestPlacement, best_placement
@@ -32,7 +32,8 @@ def riddle_table() -> str:
     """AP of the first of each pair less that of the second: in print, and for each combination."""
     rows = [["*in print*, mean over its detectors", *_printed()]]
     for combination in combinations():
-        differences = [_difference(combination, pair, CAR_3D) for pair in PAIRS]
+        found = _judged(combination, CAR_3D)
+        differences = [led(found.differences(other).loc[one]) for one, other in PAIRS]
         rows.append([words(combination), *differences])
     return table(["", *(f"{one} − {other}" for one, other in PAIRS)], rows)
 
@@ -42,11 +43,11 @@ def center_wins(target: tuple[str, str, float] = CAR_3D) -> int:
     return sum(_judged(one, target).best == "center" for one in combinations())
 
 
-def widest(pairs: tuple[tuple[str, str], ...] = PAIRS) -> float:
+def widest() -> float:
     """Half of the widest interval of a difference, points: what the experiment cannot see."""
     halves = []
     for combination in combinations():
-        for one, other in pairs:
+        for one, other in PAIRS:
             row = _judged(combination, CAR_3D).differences(other).loc[one]
             halves.append((row["high"] - row["low"]) / 2)
     return float(max(halves))
@@ -77,21 +78,6 @@ def _printed() -> list[str]:
         index="detector", columns="placement", values="value", aggfunc="first"
     )
     return [number(float((wide[one] - wide[other]).mean()), 1, sign=True) for one, other in PAIRS]
-
-
-def _difference(
-    combination: tuple[object, ...], pair: tuple[str, str], target: tuple[str, str, float]
-) -> str:
-    row = _lead(combination, pair, target)
-    low, high = number(row["low"], 1, sign=True), number(row["high"], 1, sign=True)
-    return f"{number(row['difference'], 1, sign=True)} ({low} to {high})"
-
-
-def _lead(
-    combination: tuple[object, ...], pair: tuple[str, str], target: tuple[str, str, float]
-) -> pd.Series:
-    one, other = pair
-    return _judged(combination, target).differences(other).loc[one]
 
 
 @cache
