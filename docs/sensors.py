@@ -68,8 +68,24 @@ own = Lidar.even(beams=16, elevation_deg=(-25, 5), azimuth_steps=1800, azimuth_d
   requirements: as an upright cylinder where length and width are equal, else as a box, with the
   sensor in its middle. `size_mm` says it of LiDARs of your own; without it nothing is hidden.
 - A range is one of clear air; `weather` and `window` shorten it, see below.
-- Patterns that do not repeat (Livox) do not fit a table of beams and azimuths and are not here. Nor
-  is a LiDAR of 1,550 nm: of none the beams were found.
+- A LiDAR of 1,550 nm is not here: of none the beams were found.
+
+## A pattern that does not repeat
+
+Livox's LiDARs have no beams that turn. Their rays are a table in the order of firing: a CSV file
+with columns `azimuth_deg` and `elevation_deg`, or `Azimuth/deg` and `Zenith/deg` as in the files
+`scan_mode` of [Livox's simulation](https://github.com/Livox-SDK/livox_laser_simulation).
+
+```yaml
+lidar: {pattern: mid360.csv, pattern_rays: 20000, range: 70, range_10: 40, range_80: 70}
+```
+
+`pattern_rays` are those of a frame. In simulated clouds each LiDAR shows another part of the table
+in every frame, drawn by the scene's seed, since real ones are not in step. All else takes the first
+frame of the table: surrogates, `expected_recall`, requirements and the share of rays on the body.
+Exact coverage (`surrogate.method: cone`) walks the rays of a table one by one, as `dda` does. Rings
+that coincide, CARLA's LiDARs and its files know no patterns. `mid70` below has the rosette of two
+turning prisms.
 
 ## Weather, and a soiled window
 

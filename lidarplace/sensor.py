@@ -1,26 +1,43 @@
-"""A LiDAR model: its beam table, its azimuth steps and what limits and disturbs its returns."""
+"""A LiDAR model: its beams, its azimuth steps and what limits and disturbs its returns."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import InstanceOf
 
-from lidarplace.catalogue.datasheet import datasheet, metres
+from lidarplace.catalogue.datasheet import FRAMES_PER_S, Datasheet, datasheet, metres
 from lidarplace.ranges import AZIMUTH_STEPS
+from lidarplace.scan_pattern import ScanPattern
 from lidarplace.weather import Weather, shortened
 
 # Ends of a field of view, and a whole turn, are meant up to the rounding of degrees to radians.
 HAIR = 1e-12
 FULL_TURN = 2 * math.pi + HAIR
 
+PATTERN_FRAMES = 20
+"""Of a rosette, until it begins anew."""
+
+
+@lru_cache(maxsize=8)
+def pattern_in(sheet: Datasheet) -> ScanPattern | None:
+    """The pattern of a LiDAR of the catalogue; None for one whose beams turn."""
+    if sheet.rosette is None:
+        return None
+    first, second = (rpm / 60.0 / FRAMES_PER_S for rpm in sheet.rosette.rpm)
+    angle = math.radians(sheet.rosette.field_of_view_deg)
+    return ScanPattern.of_prisms((first, second), angle, sheet.rays, PATTERN_FRAMES)
+
 
 @dataclass(frozen=True)
 class Lidar:
-    """A spinning LiDAR that fires every beam at every azimuth step within its field of view.
+    """A LiDAR that fires every beam at every azimuth step within its field of view; or each of
+    the rays of a pattern, which are beams that fire once in a frame, at an azimuth of their own.
 
     Attributes:
         elevations: elevation of every beam above the sensor's xy plane, radians, in [-pi/2, pi/2].
@@ -41,10 +58,14 @@ class Lidar:
         size: length, width and height of the housing around the origin of the sensor's frame,
             metres, by which it hides what is behind it from other LiDARs; equal length and width
             are the diameter of a cylinder. None: not known, nothing is hidden.
+        pattern: of rays, for a LiDAR without beams that turn; it decides `elevations` and
+            `azimuth`, whatever is given for them, and there is one azimuth step. See `patterned`.
+        frame: of the pattern that is fired.
 
     Raises:
-        ValueError: a value is out of its bounds, no azimuth step is in the field of view, or light
-            is lost by a LiDAR that sees surfaces of 10 % as far as those of 80 %.
+        ValueError: a value is out of its bounds, no azimuth step is in the field of view, light
+            is lost by a LiDAR that sees surfaces of 10 % as far as those of 80 %, or a LiDAR with a
+            pattern has azimuth steps.
     """
 
     elevations: tuple[float, ...]
@@ -60,12 +81,21 @@ class Lidar:
     extinction: float = 0.0
     window: float = 1.0
     size: tuple[float, float, float] | None = None
+    pattern: InstanceOf[ScanPattern] | None = None
+    frame: int = 0
 
     def __post_init__(self) -> None:
+        if self.pattern is not None:
+            if self.azimuth_steps != 1:
+                raise ValueError(
+                    f"a LiDAR with a pattern has 1 azimuth step, found {self.azimuth_steps}"
+                )
+            object.__setattr__(self, "elevations", self.pattern.of_frame(self.frame)[1].tolist())
+            object.__setattr__(self, "azimuth", self.pattern.field_of_view)
         object.__setattr__(self, "elevations", tuple(float(e) for e in self.elevations))
         if not self.elevations:
             raise ValueError("a LiDAR needs at least one beam")
-        if not all(abs(e) <= math.pi / 2 for e in self.elevations):
+        if self.pattern is None and not all(abs(e) <= math.pi / 2 for e in self.elevations):
             raise ValueError(
                 f"elevations must lie within [-pi/2, pi/2] radians, found {self.elevations}"
             )
@@ -117,9 +147,15 @@ class Lidar:
         low, high = np.degrees([min(self.elevations), max(self.elevations)])
         left, right = np.degrees(self.azimuth)
         view = "" if self.full_turn else f", azimuth {left:.6g} to {right:.6g} degrees"
+        steps = f"{self.azimuth_steps} azimuth steps a turn"
+        beams, steps = (
+            (f"{self.beams} beams", f", {steps}")
+            if self.pattern is None
+            else (f"pattern of {self.beams:,} rays a frame", "")
+        )
         return (
-            f"Lidar({self.beams} beams, {low:.6g} to {high:.6g} degrees, {self.azimuth_steps} "
-            f"azimuth steps a turn{view}, range {self.range:.6g} m)"
+            f"Lidar({beams}, {low:.6g} to {high:.6g} degrees{steps}{view}, "
+            f"range {self.range:.6g} m)"
         )
 
     @classmethod
@@ -165,12 +201,28 @@ class Lidar:
             sheet.range,
             sheet.range_noise or 0.0,
             azimuth=(math.radians(sheet.azimuth_deg[0]), math.radians(sheet.azimuth_deg[1])),
+            pattern=pattern_in(sheet),
             min_range=sheet.min_range or 0.0,
             range_10=sheet.range_10,
             range_80=sheet.range_80,
             wavelength=1e-9 * (sheet.wavelength_nm or 905.0),
             size=sheet.size_mm and metres(sheet.size_mm),
         )
+
+    @classmethod
+    def patterned(cls, pattern: ScanPattern, **limits: Any) -> Lidar:
+        """A LiDAR that fires the rays of `pattern`.
+
+        Args:
+            limits: the other attributes by name, `range` and so on.
+        """
+        return cls((), 1, pattern=pattern, **limits)
+
+    def in_frame(self, number: int) -> Lidar:
+        """As it fires in a frame of that number: the same but for a pattern that goes on."""
+        if self.pattern is None or number % self.pattern.frames == self.frame:
+            return self
+        return replace(self, frame=number % self.pattern.frames)
 
     def in_weather(self, weather: Weather) -> Lidar:
         """The same LiDAR in that weather, whatever air it was in."""
@@ -183,7 +235,7 @@ class Lidar:
 
     @property
     def beams(self) -> int:
-        """Number of beams."""
+        """Number of beams; of a pattern the rays in a frame."""
         return len(self.elevations)
 
     @property
@@ -194,14 +246,14 @@ class Lidar:
     @property
     def first_step(self) -> int:
         """The first azimuth step that is fired, in [0, azimuth_steps); the next ones follow it."""
-        if self.full_turn:
+        if self.full_turn or self.pattern is not None:
             return 0
         return math.ceil((self.azimuth[0] - HAIR) / self._step) % self.azimuth_steps
 
     @property
     def fired_steps(self) -> int:
         """Number of azimuth steps that are fired."""
-        if self.full_turn:
+        if self.full_turn or self.pattern is not None:
             return self.azimuth_steps
         low, high = (math.ceil((end - HAIR) / self._step) for end in self.azimuth)
         return high - low
@@ -258,37 +310,49 @@ class Lidar:
     def thinned(self, share: float) -> Lidar:
         """The same LiDAR with `share` of its azimuth steps, rounded, at least one in a turn.
 
+        Of a pattern a share of the rays.
+
         Raises:
             ValueError: `share` is not within (0, 1], or none of the steps that are left is in the
                 field of view.
         """
         if not 0 < share <= 1:
             raise ValueError(f"share must be within (0, 1], found {share}")
+        if self.pattern is not None:
+            return replace(self, pattern=self.pattern.thinned(share))
         return replace(self, azimuth_steps=max(1, round(share * self.azimuth_steps)))
 
     def azimuths(self) -> NDArray[np.float64]:
-        """Fired azimuths in the order of firing, shape (fired_steps,), radians in [0, 2 pi).
+        """Azimuths at which beams fire, in this order, radians, in [0, 2 pi) for those that turn.
 
-        Multiples of a step, `2 pi / azimuth_steps`: from 0 for a full turn, else from the first
-        one in the field of view.
+        Multiples of a step, `2 pi / azimuth_steps`, from 0 for a full turn, else from the first
+        one in the field of view: the same for all beams, shape (fired_steps,). Of a pattern one
+        of each beam, ascending in [-pi, pi), shape (beams, 1).
         """
+        if self.pattern is not None:
+            return self.pattern.of_frame(self.frame)[0][:, None]
         steps = (self.first_step + np.arange(self.fired_steps)) % self.azimuth_steps
         return steps.astype(np.float64) * self._step
 
     def directions(self) -> NDArray[np.float64]:
         """Unit vectors of all rays in the sensor's frame, shape (beams * fired_steps, 3).
 
-        Rays of one beam are contiguous; azimuth 0 is the sensor's x axis and grows towards y.
+        Rays of one beam are contiguous.
         """
-        azimuth = self.azimuths()
-        elevation = np.asarray(self.elevations)[:, None]
-        horizontal = np.cos(elevation)
-        rays = np.stack(
-            [
-                horizontal * np.cos(azimuth),
-                horizontal * np.sin(azimuth),
-                np.broadcast_to(np.sin(elevation), (self.beams, len(azimuth))),
-            ],
-            axis=-1,
-        )
-        return rays.reshape(-1, 3)
+        return unit_vectors(np.asarray(self.elevations), self.azimuths())
+
+
+def unit_vectors(
+    elevations: NDArray[np.float64], azimuths: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Directions of rays, shape (beams * steps, 3); those of one beam are contiguous.
+
+    Args:
+        elevations: above the xy plane, radians, shape (beams,).
+        azimuths: from the x axis towards y, radians, of all beams, shape (steps,), or of each,
+            shape (beams, steps).
+    """
+    up = elevations[:, None]
+    level = np.cos(up)
+    x, y = level * np.cos(azimuths), level * np.sin(azimuths)
+    return np.stack([x, y, np.broadcast_to(np.sin(up), x.shape)], axis=-1).reshape(-1, 3)

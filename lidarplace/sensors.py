@@ -52,18 +52,25 @@ def main(
 
 def row(sheet: Datasheet) -> tuple[str, ...]:
     """The cells of `HEAD`."""
-    low, high = sheet.azimuth_deg
     return (
         sheet.name,
         f"{sheet.maker} {sheet.model}",
-        str(len(sheet.elevations_deg)),
-        f"{sheet.elevations_deg[0]:.1f} to {sheet.elevations_deg[-1]:.1f}",
-        f"{high - low:g}",
+        *_view(sheet),
         f"{sheet.rays:,}",
         f"{sheet.range:g}",
         *map(_number, (sheet.range_10, sheet.range_80, sheet.min_range, sheet.range_noise)),
         *map(_number, (sheet.wavelength_nm, sheet.mass_kg, sheet.power_w)),
     )
+
+
+def _view(sheet: Datasheet) -> tuple[str, str, str]:
+    """Beams, elevations and width in azimuth."""
+    if sheet.rosette is not None:
+        half = sheet.rosette.field_of_view_deg / 2
+        return "rosette", f"{-half:.1f} to {half:.1f}", f"{2 * half:g}"
+    low, high = sheet.azimuth_deg
+    beams = sheet.elevations_deg
+    return str(len(beams)), f"{beams[0]:.1f} to {beams[-1]:.1f}", f"{high - low:g}"
 
 
 def more(sheet: Datasheet) -> Iterator[str]:

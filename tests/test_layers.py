@@ -24,8 +24,8 @@ FORBIDDEN = {
 }
 FLOORS = {
     "lidarplace": (
-        "catalogue class_names metrics near_names optional pose ranges rings roi sectors "
-        "shown start weather",
+        "catalogue class_names metrics near_names optional pose ranges rings roi scan_pattern "
+        "sectors shown start weather",
         "sensor",
         "placement",
         "coverage",

@@ -9,7 +9,9 @@ from functools import cache
 from importlib.resources import files
 
 import yaml
-from pydantic import BaseModel, ConfigDict, PositiveFloat, PositiveInt
+from pydantic import BaseModel, ConfigDict, PositiveFloat, PositiveInt, model_validator
+
+FRAMES_PER_S = 10
 
 
 class Source(BaseModel):
@@ -21,15 +23,30 @@ class Source(BaseModel):
     url: str
 
 
+class Rosette(BaseModel):
+    """What draws a pattern that does not repeat: two turning prisms.
+
+    Attributes:
+        rpm: turns of either prism a minute, signed.
+        field_of_view_deg: of the cone that they fill, degrees.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    rpm: tuple[float, float]
+    field_of_view_deg: PositiveFloat
+
+
 class Datasheet(BaseModel):
     """A LiDAR model; None where no source told.
 
     Attributes:
         name: in settings and for `Lidar.named`.
         maker, model: as it is sold.
-        elevations_deg: of every beam above the horizon, ascending, degrees.
+        elevations_deg: of every beam above the horizon, ascending, degrees; none of a rosette.
         azimuth_deg: horizontal field of view [min, max), 0 ahead, degrees.
-        azimuth_steps: firings of a beam in a turn of 360 degrees, at 10 frames a second.
+        azimuth_steps: firings of a beam in a turn of 360 degrees, at FRAMES_PER_S.
+        rosette: in place of beams that turn.
         range: farthest return of any surface, metres.
         range_10, range_80: of a surface that reflects 10 % and 80 %, metres.
         min_range: of the nearest return, metres.
@@ -49,9 +66,10 @@ class Datasheet(BaseModel):
     name: str
     maker: str
     model: str
-    elevations_deg: tuple[float, ...]
+    elevations_deg: tuple[float, ...] = ()
     azimuth_deg: tuple[float, float] = (-180.0, 180.0)
-    azimuth_steps: PositiveInt
+    azimuth_steps: PositiveInt = 1
+    rosette: Rosette | None = None
     range: PositiveFloat
     range_10: PositiveFloat | None = None
     range_80: PositiveFloat | None = None
@@ -67,9 +85,19 @@ class Datasheet(BaseModel):
     sources: tuple[Source, ...]
     approximate: tuple[str, ...] = ()
 
+    @model_validator(mode="after")
+    def _beams_or_rosette(self) -> Datasheet:
+        if bool(self.elevations_deg) == (self.rosette is not None):
+            raise ValueError(f"{self.name}: either beams or a rosette")
+        if self.rosette is not None and self.points_per_second is None:
+            raise ValueError(f"{self.name}: a rosette needs points_per_second")
+        return self
+
     @property
     def rays(self) -> int:
         """Of a frame."""
+        if not self.elevations_deg:
+            return (self.points_per_second or 0) // FRAMES_PER_S
         low, high = self.azimuth_deg
         return len(self.elevations_deg) * round(self.azimuth_steps * (high - low) / 360)
 

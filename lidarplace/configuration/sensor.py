@@ -6,19 +6,22 @@ import math
 from itertools import pairwise
 from typing import Annotated, Any
 
-from pydantic import Field, Strict, field_validator, model_validator
+from pydantic import Field, Strict, ValidationInfo, field_validator, model_validator
 
 from lidarplace.catalogue.datasheet import datasheet, metres
+from lidarplace.configuration.pattern_file import read_pattern
 from lidarplace.configuration.settings import (
     CountFromOne,
     Degrees,
     Distance,
     Elevation,
+    FilePath,
     Name,
     Probability,
     Settings,
 )
-from lidarplace.sensor import Lidar
+from lidarplace.scan_pattern import ScanPattern
+from lidarplace.sensor import Lidar, pattern_in
 
 Side = Annotated[float, Strict(), Field(ge=1, le=2000, allow_inf_nan=False)]
 """Of a LiDAR, millimetres; metres are below."""
@@ -26,6 +29,10 @@ Side = Annotated[float, Strict(), Field(ge=1, le=2000, allow_inf_nan=False)]
 MOST_BEAMS = 10_000
 MOST_RAYS = 20_000_000
 """Of a turn: two hundred times the paper's, beyond which a mistyped number is likelier."""
+
+
+BEAM_KEYS = {"beams", "elevation_deg", "elevations_deg", "azimuth_steps", "azimuth_deg"}
+"""Of a LiDAR whose beams turn."""
 
 
 class SensorSettings(Settings):
@@ -74,6 +81,22 @@ class SensorSettings(Settings):
         "with, max; 0 is its x axis, growing to the left, and the interval may cross 180",
     )
 
+    pattern: FilePath | None = Field(
+        None,
+        description="CSV file of the rays in the order of firing, for a LiDAR whose pattern does "
+        "not repeat, in place of beams and azimuths: columns azimuth_deg and elevation_deg, or "
+        "Azimuth/deg and Zenith/deg; relative to the folder of the configuration",
+    )
+    pattern_rays: Annotated[CountFromOne, Field(le=MOST_RAYS)] | None = Field(
+        None, description="rays of a frame; the next frame goes on in the file; null: all of it"
+    )
+
+    @field_validator("pattern")
+    @classmethod
+    def _beside_the_file(cls, pattern: FilePath | None, info: ValidationInfo) -> FilePath | None:
+        folder = (info.context or {}).get("folder")
+        return pattern if pattern is None or folder is None else (folder / pattern).absolute()
+
     @model_validator(mode="before")
     @classmethod
     def _fill_from_catalogue(cls, data: Any) -> Any:
@@ -81,13 +104,19 @@ class SensorSettings(Settings):
         if not isinstance(name, str):
             return data
         sheet = datasheet(name)
+        if sheet.rosette is not None:
+            for key in BEAM_KEYS & data.keys():
+                raise ValueError(f"{key}: {name} has a pattern of its own and no beams")
         for key in ("beams", "elevation_deg"):
             if key in data:
                 raise ValueError(f"{key}: {name} has its own beams; elevations_deg replaces them")
-        known = {
+        beams = {
             "elevations_deg": sheet.elevations_deg,
             "azimuth_deg": sheet.azimuth_deg,
             "azimuth_steps": sheet.azimuth_steps,
+        }
+        known = {} if sheet.rosette is not None else beams
+        known |= {
             "range": sheet.range,
             "range_10": sheet.range_10,
             "range_80": sheet.range_80,
@@ -114,6 +143,11 @@ class SensorSettings(Settings):
 
     @model_validator(mode="after")
     def _build(self) -> SensorSettings:
+        if self.pattern is None and self.pattern_rays is not None:
+            raise ValueError("pattern_rays: is of a pattern's file, and there is none")
+        if self.pattern is not None:
+            for key in BEAM_KEYS & self.model_fields_set:
+                raise ValueError(f"{key}: a pattern has it for every ray; leave one of the two out")
         if self.elevations_deg is not None and (self.model_fields_set & {"beams", "elevation_deg"}):
             raise ValueError("elevations_deg replaces beams and elevation_deg; name one or the two")
         beams = len(self.elevations_deg) if self.elevations_deg is not None else self.beams
@@ -126,7 +160,12 @@ class SensorSettings(Settings):
         return self
 
     def lidar(self) -> Lidar:
-        """The sensor in radians."""
+        """The sensor in radians.
+
+        Raises:
+            ValueError: the file of the pattern is wrong or cannot be read.
+        """
+        pattern = self._pattern()
         degrees = self.elevations_deg
         if degrees is None:
             low, high = self.elevation_deg
@@ -134,7 +173,7 @@ class SensorSettings(Settings):
             degrees = tuple(low + i * step for i in range(self.beams))
         return Lidar(
             tuple(math.radians(e) for e in degrees),
-            self.azimuth_steps,
+            self.azimuth_steps if pattern is None else 1,
             self.range,
             self.range_noise,
             self.drop_off,
@@ -145,4 +184,10 @@ class SensorSettings(Settings):
             1e-9 * self.wavelength_nm,
             window=self.window,
             size=self.size_mm and metres(self.size_mm),
+            pattern=pattern,
         )
+
+    def _pattern(self) -> ScanPattern | None:
+        if self.pattern is not None:
+            return read_pattern(self.pattern, self.pattern_rays)
+        return None if self.name is None else pattern_in(datasheet(self.name))

@@ -14,6 +14,8 @@ Two algorithms agree to the last voxel:
 Where range or field of view end within a tile, its voxels are tested against the part of the
 cone that is seen.
 
+A pattern that does not repeat sweeps no cones; its rays are walked one by one.
+
 "Closed" is meant up to rounding: cubes are grown by 1e-9 of their edge. So a cube that a cone
 touches in exact arithmetic is covered, though its corner is not representable in binary.
 """
@@ -27,8 +29,9 @@ import numpy as np
 from cachetools import LRUCache, cached
 from numpy.typing import NDArray
 
-from lidarplace.coverage.bits import Bits, empty, turned, unpack
+from lidarplace.coverage.bits import Bits, empty, pack, turned, unpack
 from lidarplace.coverage.cone_kernels import Columns, Sensor, cover_tiles, cover_voxels, keep_seen
+from lidarplace.coverage.rays import covered_by_rays
 from lidarplace.coverage.tiles import Tiles
 from lidarplace.placement import Mount, Placement
 from lidarplace.roi import Roi
@@ -41,7 +44,7 @@ _AXES = {0: (1, 2, 0), 1: (0, 2, 1), 2: (0, 1, 2)}  # axes of the grid whose col
 
 
 def covered_by_cones(placement: Placement, roi: Roi) -> NDArray[np.bool_]:
-    """Voxels that the beams of `placement` cover, shape (nx, ny, nz)."""
+    """Voxels that the beams of `placement` cover, shape (nx, ny, nz); of a pattern, its rays."""
     bits = cone_bits(placement, roi, Tiles.whole(roi.shape))
     return unpack(bits, roi.shape[2])
 
@@ -55,7 +58,8 @@ def cone_bits(placement: Placement, roi: Roi, tiles: Tiles) -> Bits:
 
 
 def _key(lidar: Lidar, mount: Mount, roi: Roi, tiles: Tiles) -> tuple[Any, ...]:
-    seen = (lidar.elevations, lidar.azimuth, lidar.reach)
+    beams = lidar.elevations if lidar.pattern is None else (lidar.pattern, lidar.frame)
+    seen = (beams, lidar.azimuth, lidar.reach)
     return (seen, mount, roi, tiles.lowest.tobytes(), tiles.highest.tobytes())
 
 
@@ -69,6 +73,10 @@ def sensor_bits(lidar: Lidar, mount: Mount, roi: Roi, tiles: Tiles) -> Bits:
 
     Kept for the next call with the same beams, mount, ROI and tiles.
     """
+    if lidar.pattern is not None:
+        bits = pack(covered_by_rays(Placement("one", [mount], lidar), roi, "dda"))
+        bits.flags.writeable = False
+        return bits
     sensor = _sensor(lidar, mount)
     run = int(np.argmax(np.abs(sensor.frame[2])))
     axes = list(_AXES[run])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import cache
 from typing import Literal
 
@@ -80,17 +79,14 @@ def log_miss(
 def thinned(placement: Placement, azimuth_stride: int) -> Placement:
     """Every LiDAR with `round(azimuth_steps / azimuth_stride)` azimuth steps, at least one.
 
+    Of a pattern, so many rays.
+
     Raises:
         ValueError: the stride is below 1, or none of the remaining steps is in the field of view.
     """
     if azimuth_stride < 1:
         raise ValueError(f"azimuth_stride must be at least 1, found {azimuth_stride}")
-    return placement.with_lidar(
-        [
-            replace(lidar, azimuth_steps=max(1, round(lidar.azimuth_steps / azimuth_stride)))
-            for lidar in placement.lidars
-        ]
-    )
+    return placement.with_lidar([lidar.thinned(1 / azimuth_stride) for lidar in placement.lidars])
 
 
 def ray_weight(placement: Placement, azimuth_stride: int) -> float:

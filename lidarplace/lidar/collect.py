@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from lidarplace.box_log import BoxLog
 from lidarplace.lidar.clouds import Crop, PointClouds, as_kept
 from lidarplace.lidar.droplets import scatter_back
+from lidarplace.lidar.hashed import key_of
 from lidarplace.lidar.own_body import body_parts
 from lidarplace.lidar.raycast import Hits, cast_at
 from lidarplace.lidar.returns import LARGEST_ERROR, sample_points
@@ -50,7 +51,8 @@ def collect(
     """Simulate the merged clouds of all LiDARs of `placement` in the given frames.
 
     Every placement sees the same objects and buildings. Drop-off and range noise of a ray depend on
-    seed, frame number, LiDAR and ray only, so frames may be collected in any portions.
+    seed, frame number, LiDAR and ray only, so frames may be collected in any portions. So does what
+    a LiDAR with a pattern fires of it: real ones are not in step.
 
     Args:
         log: a box log; its other frames are ignored.
@@ -104,7 +106,8 @@ class SimulatedClouds:
         self._surroundings = Surroundings(log, seed)
         self._placement, self._errors = placement, errors
         self._vehicle, self._body = vehicle, body_parts(vehicle)
-        self._ends = [] if errors else ends_in_rig(placement, vehicle)
+        self._patterns = any(lidar.pattern is not None for lidar in lidars)
+        self._ends = [] if errors or self._patterns else ends_in_rig(placement, vehicle)
         self._crop, self._seed = crop, seed
         self._lifts = [mounts[0].z - mount.z if misaligned_heights else 0.0 for mount in mounts]
         # A point may err into the crop from outside, so what is cast is a little larger.
@@ -142,6 +145,9 @@ class SimulatedClouds:
         rig, ends = self._placement, self._ends
         if self._errors:
             rig = self._errors.drawn(rig, self._seed, frame)
+        if self._patterns:
+            rig = _in_frame(rig, self._seed, frame)
+        if rig is not self._placement:
             ends = ends_in_rig(rig, self._vehicle)
         counts = np.zeros(len(rig.mounts), np.int32)
         views = zip(rig.mounts, rig.lidars, self._lifts, ends, strict=True)
@@ -154,3 +160,13 @@ class SimulatedClouds:
             scatter_back(lidar, hits, key)
             counts[m] = sample_points(mount, lidar, hits, ground, self._crop, key, free, lift)
         return self._points[: counts.sum()], counts
+
+
+def _in_frame(placement: Placement, seed: int, frame: int) -> Placement:
+    """The rig with the part of its patterns that each LiDAR fires in a frame."""
+    drawn = [
+        int(np.random.default_rng(key_of(seed, frame, number)).integers(2**32))
+        for number in range(len(placement.mounts))
+    ]
+    lidars = zip(placement.lidars, drawn, strict=True)
+    return placement.with_lidar([lidar.in_frame(number) for lidar, number in lidars])

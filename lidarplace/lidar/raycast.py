@@ -41,6 +41,9 @@ GROUND, NOTHING = -1, -5
 NO_ENDS = np.empty(0)
 """No ray ends at the rig of its LiDAR."""
 
+HAIR = 1e-9
+"""Rounding of an angle, radians."""
+
 EVERYWHERE = (-math.inf, -math.inf, -math.inf, math.inf, math.inf, math.inf)
 
 
@@ -119,7 +122,10 @@ class Beams(NamedTuple):
 
     Attributes:
         elevations: angle, cosine and sine, shape (beams, 3).
-        azimuths: cosine and sine of those fired, shape (2, fired_steps).
+        azimuths: cosine and sine of those fired, shape (1, 2, fired_steps); of a pattern each
+            beam's own, shape (beams, 2, 1).
+        aimed: azimuth of each beam of a pattern, ascending in [-pi, pi), shape (beams,); else
+            empty.
         first_step, turn: the first azimuth fired, and the steps of a full turn.
         reach: metres.
         nearest: return, metres.
@@ -129,6 +135,7 @@ class Beams(NamedTuple):
 
     elevations: NDArray[np.float64]
     azimuths: NDArray[np.float64]
+    aimed: NDArray[np.float64]
     first_step: int
     turn: int
     reach: float
@@ -142,14 +149,16 @@ class Beams(NamedTuple):
 def beams_of(lidar: Lidar) -> Beams:
     """The rays of `lidar`, in read-only arrays."""
     elevation = np.asarray(lidar.elevations)
-    azimuth = lidar.azimuths()
+    azimuth = np.atleast_2d(lidar.azimuths())
     elevations = np.stack([elevation, np.cos(elevation), np.sin(elevation)], axis=1)
-    azimuths = np.stack([np.cos(azimuth), np.sin(azimuth)])
-    for table in (elevations, azimuths):
+    azimuths = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+    aimed = np.empty(0) if lidar.pattern is None else azimuth[:, 0].copy()
+    for table in (elevations, azimuths, aimed):
         table.flags.writeable = False  # shared by all callers
     return Beams(
         elevations,
         azimuths,
+        aimed,
         lidar.first_step,
         lidar.azimuth_steps,
         lidar.reach if lidar.range_10 is None else lidar.range,
@@ -163,9 +172,31 @@ def beams_of(lidar: Lidar) -> Beams:
 
 
 @inner
-def runs(beams, middle, below, above):  # pragma: no cover - compiled
-    """First and last azimuth of the two runs that a window spans; it may go on at the start."""
-    steps, per_step = beams.azimuths.shape[1], 2 * np.pi / beams.turn
+def along(beams, beam):  # pragma: no cover - compiled
+    """Cosines and sines of the azimuths at which a beam fires."""
+    own = beams.azimuths[beam if len(beams.aimed) else 0]
+    return own[0], own[1]
+
+
+@inner
+def beams_in(beams, middle, below, above):  # pragma: no cover - compiled
+    """First and last of the beams that may fire within a window of azimuths."""
+    low, high = middle - below - HAIR, middle + above + HAIR
+    if len(beams.aimed) == 0 or low < -math.pi or high > math.pi:
+        return 0, len(beams.elevations)
+    return np.searchsorted(beams.aimed, low), np.searchsorted(beams.aimed, high, "right")
+
+
+@inner
+def runs(beams, beam, middle, below, above):  # pragma: no cover - compiled
+    """First and last azimuth step of a beam in the two runs that a window of azimuths spans.
+
+    It may go on at the start of the turn.
+    """
+    if len(beams.aimed):
+        turn = shorter_turn(middle, beams.aimed[beam])
+        return (0, int(-below - HAIR <= turn <= above + HAIR)), (0, 0)
+    steps, per_step = beams.azimuths.shape[2], 2 * np.pi / beams.turn
     # One step wider than the interval on both sides, so that rounding costs nothing.
     start = int(np.floor((middle - below) / per_step))
     count = min(int(np.ceil((middle + above) / per_step)) - start + 1, beams.turn)
@@ -217,16 +248,15 @@ def cast_compiled(
     Parts apart from the hull of crop and sensor are skipped: the hull is convex, so it holds every
     ray up to a point in `crop`, and they cannot stand before one.
     """
-    elevations, azimuths, reach = fired.elevations, fired.azimuths, fired.reach
-    first_step, turn = fired.first_step, fired.turn
+    elevations, reach = fired.elevations, fired.reach
     ranges, targets, reflected = hits
-    beams, steps = len(elevations), azimuths.shape[1]
-    cosines, sines = azimuths[0], azimuths[1]
+    beams, steps = len(elevations), fired.azimuths.shape[2]
     # Until the end `ranges` holds inverse distances and `targets` rows of `parts`.
     farthest = 1.0 / reach * (1.0 - 4e-16)
     high = origin[2] if origin[2] > 0.0 else np.nan  # at or below the ground there is none
     for beam in range(beams):
         ce, se = elevations[beam, 1], elevations[beam, 2]
+        cosines, sines = along(fired, beam)
         a, b = -rotation[2, 0] * ce / high, -rotation[2, 1] * ce / high
         c = -rotation[2, 2] * se / high
         best, which = ranges[beam * steps :], targets[beam * steps :]
@@ -244,7 +274,6 @@ def cast_compiled(
     facing = np.zeros(number, np.int64)
     enter = np.empty(steps)
     corners = np.empty((8, 3))
-    per_step = 2 * math.pi / turn
     for p in range(number):
         fill_corners(parts[p], corners)
         apart = False
@@ -255,23 +284,23 @@ def cast_compiled(
             continue
         middle, below, above, lowest, highest, near, _ = window(corners, origin, rotation)
         met = False  # what is thin, as a plate is, mostly lies between two beams
-        for beam in range(beams):
+        start, end = beams_in(fired, middle, below, above)
+        for beam in range(start, end):
             met |= lowest <= elevations[beam, 0] <= highest
         if near > reach or not met:
             continue
         facing[p] = fill_planes(parts[p], origin, rotation, planes[p])
         if facing[p] == 0:
             continue
-        # One step wider than the interval on both sides, so that rounding costs nothing.
-        start = math.floor((middle - below) / per_step)
-        count = min(math.ceil((middle + above) / per_step) - start + 1, turn)
-        start = (start - first_step) % turn
-        for beam in range(beams):
+        spans = runs(fired, start, middle, below, above)
+        for beam in range(start, end):
             if not lowest <= elevations[beam, 0] <= highest:
                 continue
-            # The run may go on at the start of the turn; further steps make whole vectors.
-            for first, last in ((start, start + count), (0, start + count - turn)):
-                first &= ~7
+            cosines, sines = along(fired, beam)
+            if len(fired.aimed):  # else those of one beam are those of all
+                spans = runs(fired, beam, middle, below, above)
+            for first, last in spans:
+                first &= ~7  # further steps make whole vectors
                 last = min((last + 7) & ~7, steps)
                 if first >= last:
                     continue
@@ -288,6 +317,7 @@ def cast_compiled(
 
     for beam in range(beams):
         ce, se = elevations[beam, 1], elevations[beam, 2]
+        cosines, sines = along(fired, beam)
         for n in range(steps):
             ray = beam * steps + n
             p, inverse = targets[ray], ranges[ray]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import reprlib
 from collections.abc import Iterator
-from dataclasses import asdict, astuple
+from dataclasses import asdict, astuple, fields
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -43,12 +44,13 @@ def check_rig(folder: Path, placement: Placement) -> None:
     if len(mounts) != len(own) or not np.allclose(mounts, own, rtol=0, atol=1e-9):
         raise ValueError(f"{path}: clouds of other mounts than those of {placement.name}")
     for n, (model, asked) in enumerate(zip(recorded.models, placement.lidars, strict=True)):
-        for key, value in asdict(asked).items():
+        for key in (item.name for item in fields(asked)):
             if key == "size":  # what it hid of others was recorded, whatever is known of it
                 continue
-            found = getattr(model, key)
+            found, value = getattr(model, key), getattr(asked, key)
             if not _alike(found, value):
-                raise ValueError(f"{path}: LiDAR {n} was one with {key} {found}, not {value}")
+                was, wanted = reprlib.repr(found), reprlib.repr(value)
+                raise ValueError(f"{path}: LiDAR {n} was one with {key} {was}, not {wanted}")
 
 
 def _alike(found: Any, value: Any) -> bool:

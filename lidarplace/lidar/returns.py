@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lidarplace.lidar.ground import CELL_M, Ground
 from lidarplace.lidar.hashed import key_of, stream_of, uniform
-from lidarplace.lidar.raycast import GROUND, Hits, beams_of, returns_light
+from lidarplace.lidar.raycast import GROUND, Hits, along, beams_of, returns_light
 from lidarplace.lidar.shapes import SIGN
 from lidarplace.placement import Mount
 from lidarplace.sensor import Lidar
@@ -155,7 +155,7 @@ def _sample(
     Beam by beam, in short loops over arrays without branches.
     """
     faintest, ground = codes
-    elevations, azimuths = beams.elevations, beams.azimuths
+    elevations = beams.elevations
     ranges, targets, reflected = hits
     cells, cell_x, cell_y, cell_c, cell_s = ground_cells
     range_noise, drop_off, key = chance
@@ -163,8 +163,7 @@ def _sample(
     last_row, last_column = cells.shape[0] - 1, cells.shape[1] - 1
     stream = stream_of(key)
     attenuation, window = dimmed
-    cosines, sines = azimuths[0], azimuths[1]
-    steps = len(cosines)
+    steps = beams.azimuths.shape[2]
     # Not read again from arrays within the loops, which write to others.
     left, right, near, far = crop[0], crop[3], crop[1], crop[4]
     floor, roof = crop[2], crop[5]
@@ -177,6 +176,7 @@ def _sample(
     count = 0
     for beam in range(len(elevations)):
         ce, se = elevations[beam, 1], elevations[beam, 2]
+        cosines, sines = along(beams, beam)
         ax, bx, cx = ce * rotation[0, 0], ce * rotation[0, 1], se * rotation[0, 2]
         ay, by, cy = ce * rotation[1, 0], ce * rotation[1, 1], se * rotation[1, 2]
         az, bz, cz = ce * rotation[2, 0], ce * rotation[2, 1], se * rotation[2, 2]

@@ -12,14 +12,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from lidarplace.lidar.raycast import NO_ENDS, Beams, beams_of, runs
+from lidarplace.lidar.raycast import HAIR, NO_ENDS, Beams, along, beams_in, beams_of, runs
 from lidarplace.mounting.housing import enter_housing, housings_of, without
 from lidarplace.mounting.mesh import first_hit
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Mount, Placement
 from lidarplace.sensor import Lidar
-
-_HAIR = 1e-9  # rounding of an angle
 
 
 def in_view(mount: Mount, lidar: Lidar, housings: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -67,11 +65,12 @@ def ends_in_rig(placement: Placement, vehicle: Vehicle | None = None) -> list[ND
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _end_at_mesh(origin, rotation, beams, tree, ends):  # pragma: no cover - compiled
-    steps = beams.azimuths.shape[1]
+    steps = beams.azimuths.shape[2]
     for beam in range(len(beams.elevations)):
         _, ce, se = beams.elevations[beam]
+        cosines, sines = along(beams, beam)
         for step in range(steps):
-            x, y = ce * beams.azimuths[0, step], ce * beams.azimuths[1, step]
+            x, y = ce * cosines[step], ce * sines[step]
             dx = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * se
             dy = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * se
             dz = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * se
@@ -97,32 +96,38 @@ def _windows(origin, rotation, beams: Beams, housings):  # pragma: no cover - co
         half, low, high = math.pi, -math.pi, math.pi
         if away > radius:
             wide, up = math.asin(radius / away), math.asin(min(max(seen[2] / away, -1.0), 1.0))
-            low, high = up - wide - _HAIR, up + wide + _HAIR
-            if abs(up) + wide < 0.5 * math.pi - _HAIR:
-                half = math.asin(min(math.sin(wide) / math.cos(up), 1.0)) + _HAIR
+            low, high = up - wide - HAIR, up + wide + HAIR
+            if abs(up) + wide < 0.5 * math.pi - HAIR:
+                half = math.asin(min(math.sin(wide) / math.cos(up), 1.0)) + HAIR
         found[n, 1], found[n, 2] = math.atan2(seen[1], seen[0]), half
         found[n, 3], found[n, 4] = low, high
-        one, other = runs(beams, found[n, 1], half, half)
-        met = one[0] < one[1] or other[0] < other[1]
-        found[n, 0] = met and low <= highest and high >= lowest
+        if low > highest or high < lowest:
+            continue
+        if len(beams.aimed):
+            first, last = beams_in(beams, found[n, 1], half, half)
+            found[n, 0] = first < last
+            continue
+        one, other = runs(beams, 0, found[n, 1], half, half)  # all beams fire at equal azimuths
+        found[n, 0] = one[0] < one[1] or other[0] < other[1]
     return found
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _end_at_housings(origin, rotation, beams, housings, ends):  # pragma: no cover - compiled
     windows = _windows(origin, rotation, beams, housings)
-    steps = beams.azimuths.shape[1]
+    steps = beams.azimuths.shape[2]
     for n in range(len(housings)):
         housing = housings[n]
         into = housing[4:13].copy().reshape(3, 3).T  # from the ego frame to that of the housing
         place, turn = into @ (origin - housing[1:4]), into @ rotation
-        for beam in range(len(beams.elevations)):
+        for beam in range(*beams_in(beams, windows[n, 1], windows[n, 2], windows[n, 2])):
             elevation, ce, se = beams.elevations[beam]
             if not windows[n, 3] <= elevation <= windows[n, 4]:
                 continue
-            for first, last in runs(beams, windows[n, 1], windows[n, 2], windows[n, 2]):
+            cosines, sines = along(beams, beam)
+            for first, last in runs(beams, beam, windows[n, 1], windows[n, 2], windows[n, 2]):
                 for step in range(first, last):
-                    x, y = ce * beams.azimuths[0, step], ce * beams.azimuths[1, step]
+                    x, y = ce * cosines[step], ce * sines[step]
                     t = enter_housing(
                         place[0],
                         place[1],

@@ -97,7 +97,8 @@ def interleaving(placement: Placement) -> Interleaving | None:
     it, in the order of the mounts.
     """
     number = len(placement.mounts)
-    gaps = [np.diff(np.sort(lidar.elevations)) for lidar in placement.lidars]
+    turning = [lidar for lidar in placement.lidars if lidar.pattern is None]
+    gaps = [np.diff(np.sort(lidar.elevations)) for lidar in turning]
     gap = float(np.median(np.concatenate(gaps))) if any(map(len, gaps)) else 0.0
     pitches = tuple((i - (number - 1) / 2) / number * gap for i in range(number))
     mounts = [
@@ -115,6 +116,7 @@ def _cells(mount: Mount, lidar: Lidar) -> NDArray[np.bool_]:
     """Which cells of the strips a beam meets, shape (strips, cells).
 
     A beam meets a cell if its elevation lies between those of the cell's ends, seen by the sensor.
+    A pattern has no rings.
     """
     edges = np.arange(0.0, TOP_M + CELL_M / 2, CELL_M)
     foot = np.array([(r * math.cos(a), r * math.sin(a)) for r in DISTANCES_M for a in AZIMUTHS])
@@ -133,5 +135,6 @@ def _cells(mount: Mount, lidar: Lidar) -> NDArray[np.bool_]:
     azimuth = np.arctan2(middle[..., 1], middle[..., 0])
     in_view = (azimuth - start) % (2 * math.pi) <= end - start
     near = np.linalg.norm(middle, axis=-1) <= lidar.reach
-    inside: NDArray[np.bool_] = met & near & (in_view | lidar.full_turn)
+    turns = lidar.pattern is None
+    inside: NDArray[np.bool_] = met & near & (in_view | lidar.full_turn) & turns
     return inside

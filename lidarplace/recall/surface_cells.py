@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from lidarplace.lidar.raycast import NO_ENDS, beams_of, cast_compiled, returns_light
+from lidarplace.lidar.raycast import NO_ENDS, along, beams_of, cast_compiled, returns_light
 from lidarplace.placement import Mount
 from lidarplace.sensor import Lidar
 
@@ -138,9 +138,9 @@ def _cells_in_frames(
     origin, rotation, beams, frames, crop, cell, ends
 ):  # pragma: no cover - compiled
     """Offsets, cells and points of `SurfaceCells`."""
-    elevations, azimuths = beams.elevations, beams.azimuths
+    elevations = beams.elevations
     geometry, slices = frames.geometry, frames.slices
-    steps = azimuths.shape[1]
+    steps = beams.azimuths.shape[2]
     rays = len(elevations) * steps
     ranges, targets, reflected = np.empty(rays), np.empty(rays, np.int32), np.empty(rays)
     cells_of = slices[:, 0] * slices[:, 1] * slices[:, 2]
@@ -170,13 +170,13 @@ def _cells_in_frames(
             if b < 0 or not returns_light(ranges[ray], reflected[ray], beams):
                 continue
             beam, step = ray // steps, ray % steps
-            dx = elevations[beam, 1] * azimuths[0, step]
-            dy = elevations[beam, 1] * azimuths[1, step]
+            cosines, sines = along(beams, beam)
+            dx, dy = elevations[beam, 1] * cosines[step], elevations[beam, 1] * sines[step]
             dz = elevations[beam, 2]
             inside = True
             for axis in range(3):
-                along = rotation[axis, 0] * dx + rotation[axis, 1] * dy + rotation[axis, 2] * dz
-                here[axis] = origin[axis] + ranges[ray] * along
+                away = rotation[axis, 0] * dx + rotation[axis, 1] * dy + rotation[axis, 2] * dz
+                here[axis] = origin[axis] + ranges[ray] * away
                 inside &= crop[axis] <= here[axis] <= crop[axis + 3]
             if not inside:
                 continue

@@ -16,7 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from lidarplace.lidar.convex import enter_along, fill_corners, fill_planes, inner, window
-from lidarplace.lidar.raycast import Beams, beams_of, returns_light, runs
+from lidarplace.lidar.raycast import Beams, along, beams_in, beams_of, returns_light, runs
 from lidarplace.lidar.shade import ends_in_rig
 from lidarplace.lidar.shapes import bricks
 from lidarplace.mounting.vehicle import Vehicle
@@ -145,8 +145,7 @@ def _in_threads(
 def _shade(sight, body):  # pragma: no cover - compiled
     """Let rays end where they enter a part of the body."""
     origin, rotation, beams, least = sight
-    steps = beams.azimuths.shape[1]
-    cosines, sines = beams.azimuths[0], beams.azimuths[1]
+    steps = beams.azimuths.shape[2]
     corners, planes, enter = np.empty((8, 3)), np.empty((6, 5)), np.empty(steps)
     for part in body:
         fill_corners(part, corners)
@@ -154,11 +153,12 @@ def _shade(sight, body):  # pragma: no cover - compiled
         facing = fill_planes(part, origin, rotation, planes)
         if facing == 0:  # it sits inside
             least[:] = np.inf
-        for beam in range(len(beams.elevations)):
+        for beam in range(*beams_in(beams, middle, below, above)):
             if not lowest <= beams.elevations[beam, 0] <= highest:
                 continue
             ce, se = beams.elevations[beam, 1], beams.elevations[beam, 2]
-            for first, last in runs(beams, middle, below, above):
+            cosines, sines = along(beams, beam)
+            for first, last in runs(beams, beam, middle, below, above):
                 if first < last and facing > 0:
                     enter_along(
                         cosines[first:last], sines[first:last], planes, facing, ce, se, enter
@@ -178,8 +178,7 @@ def _hit(sight, parts, reflectivity, number, cell, owners):  # pragma: no cover 
             points are all that is asked for.
     """
     origin, rotation, beams, least = sight
-    steps = beams.azimuths.shape[1]
-    cosines, sines = beams.azimuths[0], beams.azimuths[1]
+    steps = beams.azimuths.shape[2]
     corners, planes, enter = np.empty((8, 3)), np.empty((6, 5)), np.empty(steps)
     counts, frame = np.zeros(len(parts), np.int64), np.empty((3, 4))
     most = 1.0 / beams.nearest if beams.nearest > 0.0 else np.inf  # nearer there is no return
@@ -192,18 +191,19 @@ def _hit(sight, parts, reflectivity, number, cell, owners):  # pragma: no cover 
         facing = fill_planes(parts[p], origin, rotation, planes)
         if facing == 0:
             continue
-        for beam in range(len(beams.elevations)):
+        for beam in range(*beams_in(beams, middle, below, above)):
             if not lowest <= beams.elevations[beam, 0] <= highest:
                 continue
             ce, se = beams.elevations[beam, 1], beams.elevations[beam, 2]
-            for first, last in runs(beams, middle, below, above):
+            cosines, sines = along(beams, beam)
+            for first, last in runs(beams, beam, middle, below, above):
                 if first >= last:
                     continue
                 enter_along(cosines[first:last], sines[first:last], planes, facing, ce, se, enter)
                 ends = least[beam * steps + first : beam * steps + last]
                 if beams.sight_10 < np.inf:
-                    along = cosines[first:last], sines[first:last]
-                    _put_out(enter, ends, along, planes, facing, ce, se, reflectivity, beams)
+                    fired = cosines[first:last], sines[first:last]
+                    _put_out(enter, ends, fired, planes, facing, ce, se, reflectivity, beams)
                 met = 0
                 for n in range(len(ends)):
                     enter[n] = enter[n] if enter[n] <= most else 0.0
@@ -236,11 +236,11 @@ def _hit(sight, parts, reflectivity, number, cell, owners):  # pragma: no cover 
 
 @inner
 def _put_out(
-    enter, ends, along, planes, facing, ce, se, reflectivity, beams
+    enter, ends, fired, planes, facing, ce, se, reflectivity, beams
 ):  # pragma: no cover - compiled
     """Let rays miss that meet too little light; Lambert's law at the face that each enters.
 
-    `along` has cosines and sines of their azimuths, `ce` and `se` are of the elevation.
+    `fired` has cosines and sines of their azimuths, `ce` and `se` are of the elevation.
     """
     for n in range(len(ends)):
         if enter[n] <= ends[n]:
@@ -248,7 +248,7 @@ def _put_out(
         least, cosine = np.inf, 0.0
         for k in range(facing):
             a, b, c = ce * planes[k, 0], ce * planes[k, 1], se * planes[k, 2] + planes[k, 3]
-            here = a * along[0][n] + b * along[1][n] + c
+            here = a * fired[0][n] + b * fired[1][n] + c
             cosine = here * planes[k, 4] if here < least else cosine
             least = min(least, here)
         if not returns_light(1.0 / enter[n], reflectivity * min(cosine, 1.0), beams):

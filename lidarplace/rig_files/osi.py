@@ -78,8 +78,9 @@ def read_osi(path: Path, only: Sequence[str]) -> list[MountedLidar]:
 
 
 def write_osi(path: Path, lidars: Sequence[MountedLidar]) -> None:
-    """Write a configuration; ids count from 1. Rays are given for LiDARs that have a model.
+    """Write a configuration; ids count from 1.
 
+    Rays are given for LiDARs that have a model, and their numbers for those without a pattern.
     OSI's fields of view are even about the sensor's axis: the smallest that holds all beams.
     """
     views = [
@@ -104,9 +105,13 @@ def _rays(mounted: MountedLidar) -> dict[str, Any]:
     if mounted.model is None:
         return {}
     lidar = mounted.model.lidar()
-    return {
+    view = {
         "fieldOfViewHorizontal": 2 * max(abs(end) for end in lidar.azimuth),
         "fieldOfViewVertical": 2 * max(abs(elevation) for elevation in lidar.elevations),
+    }
+    if lidar.pattern is not None:
+        return view
+    return view | {
         "numberOfRaysHorizontal": lidar.fired_steps,
         "numberOfRaysVertical": lidar.beams,
     }

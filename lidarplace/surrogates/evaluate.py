@@ -48,7 +48,8 @@ def evaluate(
 
     Args:
         method: how coverage is computed, see `lidarplace.coverage.coverage`.
-        azimuth_steps: rays of a beam in one turn instead of the LiDAR's own number.
+        azimuth_steps: rays of a beam in one turn instead of the LiDAR's own number; a pattern
+            stays as it is.
         surrogates: names from RAY_SURROGATES to compute as well; the others always are. With
             `method="cone"` their ray counts come from `dda`.
         detection_probability: q, the chance that a ray which crosses an occupied voxel detects it.
@@ -123,7 +124,10 @@ def evaluate_classes(
     roi = _common_roi(grids)
     if azimuth_steps is not None:
         placement = placement.with_lidar(
-            [replace(lidar, azimuth_steps=azimuth_steps) for lidar in placement.lidars]
+            [
+                replace(lidar, azimuth_steps=azimuth_steps) if lidar.pattern is None else lidar
+                for lidar in placement.lidars
+            ]
         )
     tiles = occupied_tiles(grids)
     for grid in grids.values():

@@ -51,7 +51,8 @@ def draw_rig(path: Path, title: str, mounts: Sequence[Mount], lidars: Sequence[L
         axis.margins(0.12)
         if across == 1:
             axis.invert_xaxis()  # y is to the left of who looks ahead
-    beams = ", ".join(sorted({f"{lidar.beams} beams" for lidar in lidars}))
+    kinds = {(own.beams, "rays of a pattern" if own.pattern else "beams") for own in lidars}
+    beams = ", ".join(f"{number:,} {kind}" for number, kind in sorted(kinds))
     figure.suptitle(f"{title}: {len(mounts)} LiDARs, {beams}", fontsize=11)
     _save(figure, path)
 

@@ -44,7 +44,8 @@ class Collection(Settings):
     )
 
     def rigs(self) -> dict[str, Placement]:
-        """The placements. Raises ValueError for a name without mounts that is not the paper's."""
+        """The placements. Raises ValueError for a name without mounts that is not the paper's,
+        and for LiDARs with a pattern."""
         lidar = self.lidar or Lidar.paper()
         rigs = {}
         for name, settings in self.placements.items():
@@ -56,6 +57,10 @@ class Collection(Settings):
                 raise ValueError(
                     f"placements: {name} has no mounts; allowed without are "
                     f"{', '.join(PAPER_PLACEMENTS)}"
+                )
+            if any(own.pattern is not None for own in rigs[name].lidars):
+                raise ValueError(
+                    f"placements: {name}: a LiDAR has a pattern of rays; beams of CARLA's turn"
                 )
         return rigs
 

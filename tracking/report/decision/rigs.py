@@ -66,5 +66,6 @@ def _price(models: Sequence[LidarModel]) -> str:
 def model_words(model: LidarModel) -> str:
     """A LiDAR model in a few words."""
     low, high = (f"{digits(angle, 'z.3g')}°" for angle in model.elevation_deg)
-    beams = f"{model.beams} beams, {low} to {high}"
+    kind = "beams" if model.azimuth_steps > 1 else "rays of a pattern"
+    beams = f"{model.beams:,} {kind}, {low} to {high}"
     return f"{text(model.name)}, {beams}" if model.name else beams

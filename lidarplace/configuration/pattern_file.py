@@ -1,0 +1,77 @@
+"""The file of a pattern that does not repeat: a row for each ray, in the order of firing."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from lidarplace.scan_pattern import ScanPattern
+
+MOST_ROWS = 20_000_000
+OURS = ("azimuth_deg", "elevation_deg")
+LIVOX = ("Azimuth/deg", "Zenith/deg")
+"""Columns of the files of Livox's simulation; zenith counts down from straight up."""
+
+
+def read_pattern(path: Path, rays_per_frame: int | None) -> ScanPattern:
+    """The pattern in a CSV file; read again when the file was changed.
+
+    Args:
+        path: with the columns OURS or LIVOX; others are ignored.
+        rays_per_frame: None: all rows are one frame.
+
+    Raises:
+        ValueError: the file cannot be read, has neither columns, not one frame of rows, or an
+            angle that is no number or out of bounds; the message names file, row and column.
+    """
+    try:
+        told = path.stat()
+        return _read(path, rays_per_frame, told.st_mtime_ns, told.st_size)
+    except OSError as error:
+        raise ValueError(f"pattern: {path}: {error.strerror}") from None
+
+
+@lru_cache(maxsize=8)
+def _read(path: Path, rays_per_frame: int | None, changed: int, size: int) -> ScanPattern:
+    try:
+        table = pd.read_csv(path, nrows=MOST_ROWS + 1, skipinitialspace=True)
+    except (ValueError, pd.errors.ParserError) as error:
+        raise ValueError(f"pattern: {path}: no CSV file: {error}") from None
+    names = next((names for names in (OURS, LIVOX) if set(names) <= set(table.columns)), None)
+    if names is None:
+        found = ", ".join(map(str, table.columns[:10]))
+        raise ValueError(
+            f"pattern: {path}: needs columns {' and '.join(OURS)}, or {' and '.join(LIVOX)}; "
+            f"found {found}"
+        )
+    if not (rays_per_frame or 1) <= len(table) <= MOST_ROWS:
+        raise ValueError(
+            f"pattern: {path}: needs {rays_per_frame or 1:,} rows, one frame, to {MOST_ROWS:,}; "
+            f"found {len(table):,}"
+        )
+    azimuth, other = (_degrees(table, name, path) for name in names)
+    elevation = other if names is OURS else 90.0 - other
+    if (np.abs(elevation) > 90.0).any():
+        row = int(np.argmax(np.abs(elevation) > 90.0))
+        raise ValueError(
+            f"pattern: {path}: row {row + 1}: {names[1]} {other[row]:g} is no angle above or below "
+            "the horizon"
+        )
+    return ScanPattern(
+        np.radians(azimuth % 360.0), np.radians(elevation), rays_per_frame or len(table)
+    )
+
+
+def _degrees(table: pd.DataFrame, name: str, path: Path) -> np.ndarray:
+    """A column of finite numbers within two turns."""
+    angles = pd.to_numeric(table[name], errors="coerce").to_numpy(np.float64)
+    bad = ~(np.abs(angles) <= 720.0)
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise ValueError(
+            f"pattern: {path}: row {row + 1}: {name} must be degrees, found {table[name][row]}"
+        )
+    return angles

@@ -1,0 +1,132 @@
+"""Rays of a LiDAR whose pattern does not repeat, as a table in the order of firing."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+ENDS = {"azimuths": 2 * math.pi + 1e-9, "elevations": math.pi / 2}
+"""Greatest angles, either way, radians."""
+
+
+@dataclass(frozen=True, eq=False)
+class ScanPattern:
+    """Rays that are fired one after the other; each frame shows the next part of the table.
+
+    After the last whole frame it begins anew. Patterns of equal content are equal.
+
+    Attributes:
+        azimuths, elevations: of every ray in the sensor's frame, as those of a `Lidar`, radians,
+            shape (rays of all frames,), float64, read-only.
+        rays_per_frame: how many of them a frame shows.
+
+    Raises:
+        ValueError: shapes differ, an angle is out of bounds, or there is not one frame of rays.
+    """
+
+    azimuths: NDArray[np.float64]
+    elevations: NDArray[np.float64]
+    rays_per_frame: int
+
+    def __post_init__(self) -> None:
+        for name, most in ENDS.items():
+            angles = np.array(getattr(self, name), np.float64)
+            if angles.ndim != 1 or not (np.abs(angles) <= most).all():
+                raise ValueError(f"{name} must be radians within ±{most:.4g}, in a row")
+            angles.flags.writeable = False
+            object.__setattr__(self, name, angles)
+        if len(self.azimuths) != len(self.elevations):
+            raise ValueError(
+                f"{len(self.azimuths)} azimuths for {len(self.elevations)} elevations of rays"
+            )
+        if not 1 <= self.rays_per_frame <= len(self.azimuths):
+            raise ValueError(
+                f"rays_per_frame must be within 1 and the {len(self.azimuths):,} rays of the "
+                f"pattern, found {self.rays_per_frame}"
+            )
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ScanPattern) and self.digest == other.digest
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
+
+    def __repr__(self) -> str:
+        return f"ScanPattern({self.frames} frames of {self.rays_per_frame:,} rays)"
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of the content."""
+        found = hashlib.sha256(str(self.rays_per_frame).encode())
+        for angles in (self.azimuths, self.elevations):
+            found.update(angles.tobytes())
+        return found.hexdigest()
+
+    @property
+    def frames(self) -> int:
+        """Whole frames in the table."""
+        return len(self.azimuths) // self.rays_per_frame
+
+    def of_frame(self, number: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Azimuths, in [-pi, pi) and ascending, and elevations of the rays of a frame.
+
+        Args:
+            number: of the frame; `frames` follows `frames - 1` as 0 does.
+        """
+        first = number % self.frames * self.rays_per_frame
+        rows = slice(first, first + self.rays_per_frame)
+        azimuths = (self.azimuths[rows] + math.pi) % (2 * math.pi) - math.pi
+        order = np.argsort(azimuths, kind="stable")
+        return azimuths[order], self.elevations[rows][order]
+
+    def thinned(self, share: float) -> ScanPattern:
+        """Of every frame a share of the rays, rounded, at least one, evenly spread in time.
+
+        Args:
+            share: in (0, 1].
+        """
+        few = max(1, round(share * self.rays_per_frame))
+        kept = (2 * np.arange(few) + 1) * self.rays_per_frame // (2 * few)
+        rows = (np.arange(self.frames)[:, None] * self.rays_per_frame + kept).reshape(-1)
+        return ScanPattern(self.azimuths[rows], self.elevations[rows], few)
+
+    @cached_property
+    def field_of_view(self) -> tuple[float, float]:
+        """The narrowest interval of azimuths that holds all rays; a turn if its gap is below 5
+        degrees. Radians, [min, max)."""
+        turned = np.unique(self.azimuths % (2 * math.pi))
+        gaps = np.diff(turned, append=turned[0] + 2 * math.pi)
+        widest = int(gaps.argmax())
+        if gaps[widest] < math.radians(5.0):
+            return -math.pi, math.pi
+        low = float(turned[(widest + 1) % len(turned)])
+        low -= 2 * math.pi * (low >= math.pi)
+        return low, low + max(2 * math.pi - float(gaps[widest]), 1e-9)
+
+    @classmethod
+    def of_prisms(
+        cls, turns: tuple[float, float], field_of_view: float, rays_per_frame: int, frames: int
+    ) -> ScanPattern:
+        """The rosette of two turning prisms about the sensor's x axis.
+
+        Each prism bends the ray by a quarter of the field of view towards where its thick side
+        is, and bends add up: the paraxial model of Risley prisms (Marshall 1999, Risley prism scan
+        patterns, Proc. SPIE 3787, 74).
+
+        Args:
+            turns: of either prism in a frame, signed.
+            field_of_view: of the whole pattern, a cone, radians.
+            rays_per_frame: evenly spread in time.
+            frames: to compute.
+        """
+        time = np.arange(frames * rays_per_frame) / rays_per_frame
+        bent = sum(np.exp(2j * math.pi * (own * time % 1.0)) for own in turns)
+        bent = 0.25 * field_of_view * np.asarray(bent)
+        away, clock = np.abs(bent), np.angle(bent)
+        side, up = np.sin(away) * np.cos(clock), np.sin(away) * np.sin(clock)
+        return cls(np.arctan2(side, np.cos(away)), np.arcsin(up), rays_per_frame)
