@@ -90,9 +90,11 @@ class Lidar:
                 raise ValueError(
                     f"a LiDAR with a pattern has 1 azimuth step, found {self.azimuth_steps}"
                 )
-            object.__setattr__(self, "elevations", self.pattern.of_frame(self.frame)[1].tolist())
+            elevations = tuple(self.pattern.of_frame(self.frame)[1].tolist())
+            object.__setattr__(self, "elevations", elevations)
             object.__setattr__(self, "azimuth", self.pattern.field_of_view)
-        object.__setattr__(self, "elevations", tuple(float(e) for e in self.elevations))
+        else:
+            object.__setattr__(self, "elevations", tuple(float(e) for e in self.elevations))
         if not self.elevations:
             raise ValueError("a LiDAR needs at least one beam")
         if self.pattern is None and not all(abs(e) <= math.pi / 2 for e in self.elevations):
@@ -222,7 +224,7 @@ class Lidar:
         """As it fires in a frame of that number: the same but for a pattern that goes on."""
         if self.pattern is None or number % self.pattern.frames == self.frame:
             return self
-        return replace(self, frame=number % self.pattern.frames)
+        return _in_frame(self, number % self.pattern.frames)
 
     def in_weather(self, weather: Weather) -> Lidar:
         """The same LiDAR in that weather, whatever air it was in."""
@@ -340,6 +342,11 @@ class Lidar:
         Rays of one beam are contiguous.
         """
         return unit_vectors(np.asarray(self.elevations), self.azimuths())
+
+
+@lru_cache(maxsize=64)
+def _in_frame(lidar: Lidar, number: int) -> Lidar:
+    return replace(lidar, frame=number)
 
 
 def unit_vectors(

@@ -145,7 +145,7 @@ class Beams(NamedTuple):
     fading: float
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=64)
 def beams_of(lidar: Lidar) -> Beams:
     """The rays of `lidar`, in read-only arrays."""
     elevation = np.asarray(lidar.elevations)
