@@ -36,10 +36,20 @@ SOURCES = {
     "later": ("later",),
     "exact": ("exact",),
     "riddle": ("riddle",),
+    "controlled": ("controlled",),
+    "second": ("second",),
+    "finetuned": ("finetuned",),
+    "longer": ("longer",),
+    "carla": ("carla",),
+    "sparse": ("sparse",),
 }
 """Of each table the run folders, `findings_` before their names."""
-MEANS_ALONE = ("exact",)
+MEANS_ALONE = ("exact", "second", "finetuned", "longer", "carla", "sparse")
 """Tables whose values without a route or an individual nothing asks for."""
+BY_DISTANCE = ("controlled",)
+"""Tables of which Car AP over IoU is asked for by distance, too."""
+OTHER_SCENES = ("carla", "sparse")
+"""Whose surrogates are their own."""
 _ONLY_OF_RUNS = ("trial", "detector", "difficulty")
 
 
@@ -54,6 +64,11 @@ def main() -> None:
         show(f"{name}: {', '.join(run.sweep.name for run in found)}")
         wanted = [*TARGETS, *ONLY_IN.get(name, ())]
         _write(f"{name}_results", [_wanted(_judged(run, run.results), wanted) for run in found])
+        if name in BY_DISTANCE:
+            rings = [_wanted(_judged(run, run.distance), TARGETS[2:3]) for run in found]
+            _write(f"{name}_distance", rings)
+        if name in OTHER_SCENES:
+            _write(f"{name}_surrogates", [run.surrogates[_SURROGATES] for run in found])
         if name in MEANS_ALONE:
             continue
         left_out = [_of_units(_wanted(_judged(run, run.left_out), wanted)) for run in found]

@@ -1,0 +1,116 @@
+"""Do rigs keep their order with another network, in other scenes, after other trainings?"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import pandas as pd
+from distil import OTHER_SCENES
+from judged import SHORT, head_of, label, number, table
+from predicting import (
+    GENERALIST,
+    PREDICTORS,
+    equal_budget,
+    every_predictor,
+    of,
+    own_detectors,
+    read,
+)
+from scipy import stats
+
+from tracking.findings.paired import with_sums
+from tracking.findings.summary import surrogates_of
+
+TARGETS = ("car", "recall")
+COLLAPSED = "optimum_m_sog"
+"""The rig that every judge puts last: with it all agree."""
+WAYS = {
+    GENERALIST: "generalists, three seeds",
+    "finetuned": "fine-tuned from a generalist, two seeds",
+    "longer": "own detectors, trained longer, one seed",
+    "second": "a generalist of `second_tiny`",
+    "sparse": "a generalist in half the traffic",
+    "carla": "a generalist on CARLA's maps",
+}
+"""How rigs were judged."""
+_JUDGED_ALL = (GENERALIST, "second", "sparse", "carla")
+
+
+def order_table() -> str:
+    """Spearman's rho of each way with the rigs' own detectors, and what it gives more, points.
+
+    First, of one seed of their own detectors with the mean of the others, mean over seeds.
+    """
+    heads = ["", "rigs"]
+    for target in TARGETS:
+        heads += [f"{head_of(target)}: ρ", "more than own"]
+    cells = [part for target in TARGETS for part in (seed_with_others(target), "–")]
+    rows = [["own detectors, one seed", str(len(_own(TARGETS[0]))), *cells]]
+    for way, words in WAYS.items():
+        cells = [words, str(len(_shared(way, TARGETS[0])))]
+        for target in TARGETS:
+            cells += [rho(way, target), "–" if way in OTHER_SCENES else more(way, target)]
+        rows.append(cells)
+    return table(heads, rows)
+
+
+def rho(way: str, target: str) -> str:
+    """Spearman's, over the rigs with the same LiDARs that were judged in that way."""
+    both = _shared(way, target)
+    return number(stats.spearmanr(both[way], both["mean"]).statistic)
+
+
+def seed_with_others(target: str) -> str:
+    """Spearman's rho of one seed of own detectors with the mean of the others, mean over seeds."""
+    seeds = _own(target)
+    found = [
+        stats.spearmanr(seeds[seed], seeds.drop(columns=seed).mean(axis=1)).statistic
+        for seed in seeds.columns
+    ]
+    return number(sum(found) / len(found))
+
+
+def more(way: str, target: str) -> str:
+    """What a way gives more than own detectors, mean over rigs, points."""
+    both = _shared(way, target)
+    return number(float((both[way] - both["mean"]).mean()), 1, sign=True)
+
+
+def predicted_table() -> str:
+    """Spearman's rho of each predictor, in its scene, with what generalists give there."""
+    heads = [""]
+    heads += [f"{head_of(target)}, {WAYS[way]}" for target in TARGETS for way in _JUDGED_ALL]
+    rows = []
+    for name in PREDICTORS:
+        if name not in (GENERALIST, "expected_ig, occluded"):
+            cells = [predicted(name, way, target) for target in TARGETS for way in _JUDGED_ALL]
+            rows.append([label(name), *cells])
+    return table(heads, rows)
+
+
+def predicted(name: str, way: str, target: str) -> str:
+    """Spearman's rho of a predictor with a way, over the rigs of `order_table`."""
+    judged = _shared(way, target)[way]
+    wide = every_predictor(SHORT[target])
+    if way in OTHER_SCENES and name != "mean height":
+        wide = surrogates_of(with_sums(read(f"{way}_surrogates")), {}, SHORT[target][0])
+    if name not in wide.columns:
+        return "–"
+    return number(stats.spearmanr(wide[name].loc[judged.index], judged).statistic)
+
+
+@cache
+def _shared(way: str, target: str) -> pd.DataFrame:
+    """A way and the mean of own detectors, by rig."""
+    main = read("main_results")
+    rows = main[main["judge"] == GENERALIST] if way == GENERALIST else read(f"{way}_results")
+    found = of(rows, SHORT[target]).groupby("placement")["value"].mean()
+    return pd.DataFrame({way: found, "mean": _own(target).mean(axis=1)}).dropna()
+
+
+def _own(target: str) -> pd.DataFrame:
+    """Own detectors, a row a rig and a column a seed."""
+    own = of(own_detectors(), SHORT[target])
+    rigs = equal_budget([str(one) for one in own["placement"].unique()])
+    rigs.remove(COLLAPSED)
+    return own.pivot(index="placement", columns="seed", values="value").loc[rigs]
