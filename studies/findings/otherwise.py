@@ -26,14 +26,10 @@ COLLAPSED = "optimum_m_sog"
 """The rig that every judge puts last: with it all agree."""
 WAYS = {
     GENERALIST: "generalists, three seeds",
-    "finetuned": "fine-tuned from a generalist, two seeds",
-    "longer": "own detectors, trained longer, one seed",
     "second": "a generalist of `second_tiny`",
-    "sparse": "a generalist in half the traffic",
-    "carla": "a generalist on CARLA's maps",
 }
 """How rigs were judged."""
-_JUDGED_ALL = (GENERALIST, "second", "sparse", "carla")
+_JUDGED_ALL = (GENERALIST, "second")
 
 
 def order_table() -> str:
@@ -58,6 +54,17 @@ def rho(way: str, target: str) -> str:
     """Spearman's, over the rigs with the same LiDARs that were judged in that way."""
     both = _shared(way, target)
     return number(stats.spearmanr(both[way], both["mean"]).statistic)
+
+
+def networks_agree(target: str) -> str:
+    """Spearman's rho of generalists of the two networks, over all rigs that both judged."""
+    main = read("main_results")
+    both = [
+        of(rows, SHORT[target]).groupby("placement")["value"].mean()
+        for rows in (main[main["judge"] == GENERALIST], read("second_results"))
+    ]
+    found = pd.concat(both, axis=1, join="inner")
+    return number(stats.spearmanr(found.iloc[:, 0], found.iloc[:, 1]).statistic)
 
 
 def seed_with_others(target: str) -> str:

@@ -12,6 +12,7 @@ from typing import Any
 
 import exact
 import lidars
+import otherwise
 import riddle_table
 from aside import aside_table, errors_table
 from candidates import FOLDER
@@ -82,6 +83,7 @@ def _facts() -> dict[str, Any]:
         "errors_table": errors_table(every, aside),
         "fitted_table": fitted_table(Judged(told)),
         "exact": exact,
+        "otherwise": otherwise,
         "riddle": riddle_table,
         "lidars": lidars,
         "reference": REFERENCE,
