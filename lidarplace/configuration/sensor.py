@@ -105,7 +105,7 @@ class SensorSettings(Settings):
             return data
         sheet = datasheet(name)
         if sheet.rosette is not None:
-            for key in BEAM_KEYS & data.keys():
+            for key in sorted(BEAM_KEYS & data.keys()):
                 raise ValueError(f"{key}: {name} has a pattern of its own and no beams")
         for key in ("beams", "elevation_deg"):
             if key in data:
@@ -115,7 +115,7 @@ class SensorSettings(Settings):
             "azimuth_deg": sheet.azimuth_deg,
             "azimuth_steps": sheet.azimuth_steps,
         }
-        known = {} if sheet.rosette is not None else beams
+        known = beams if sheet.rosette is None and data.get("pattern") is None else {}
         known |= {
             "range": sheet.range,
             "range_10": sheet.range_10,
@@ -146,7 +146,7 @@ class SensorSettings(Settings):
         if self.pattern is None and self.pattern_rays is not None:
             raise ValueError("pattern_rays: is of a pattern's file, and there is none")
         if self.pattern is not None:
-            for key in BEAM_KEYS & self.model_fields_set:
+            for key in sorted(BEAM_KEYS & self.model_fields_set):
                 raise ValueError(f"{key}: a pattern has it for every ray; leave one of the two out")
         if self.elevations_deg is not None and (self.model_fields_set & {"beams", "elevation_deg"}):
             raise ValueError("elevations_deg replaces beams and elevation_deg; name one or the two")

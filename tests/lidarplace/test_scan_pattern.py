@@ -272,6 +272,13 @@ def test_a_name_of_the_catalogue_has_its_pattern_and_takes_other_keys():
     assert lidar == replace(Lidar.named("mid70"), range=50.0)
 
 
+def test_a_pattern_of_ones_own_takes_the_rest_of_a_name(tmp_path):
+    own = tmp_path / "own.csv"
+    own.write_text("azimuth_deg,elevation_deg\n0,5\n10,6\n")
+    lidar = SensorSettings(name="vlp16", pattern=own).lidar()
+    assert (lidar.rays, lidar.range) == (2, Lidar.named("vlp16").range)
+
+
 @pytest.mark.parametrize(
     ("keys", "text", "told"),
     [
