@@ -175,7 +175,8 @@ def _points(trials: Sequence[Trial], store: AnyStore, axes: Sequence[str]) -> pd
     """Points per object of the test frames by distance; once for what several trials share."""
     found: dict[tuple[object, ...], pd.DataFrame] = {}
     for trial in trials:
-        own = surrogate_identity(trial, axes)
+        setting = axis_values(trial, contract.POINTS.axes_of(axes))
+        own = {"placement": trial.grid_point.point.placement} | setting
         place = (*(task.key for task in trial.collect_test), *own.values())
         if place in found:
             continue

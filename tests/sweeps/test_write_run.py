@@ -24,8 +24,16 @@ from sweeps.results.promotion import Promotion
 from sweeps.results.run_folder import Run, write_run
 from sweeps.store.local import Store
 from sweeps.store.of_sweep import store_of
+from sweeps.tasks.parameters import (
+    CollectParams,
+    RecallParams,
+    RequirementsParams,
+    SurrogateParams,
+    keys_of,
+)
 from tracking.findings.failures import failures
 from tracking.findings.groups import groups
+from tracking.run_folders import sweep_tables
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_tables import TABLES
 
@@ -62,6 +70,21 @@ def test_tables_have_the_columns_that_their_models_tell(folder):
             continue
         check_columns(written, table)
         assert len(written.columns) == len(table.columns), table.file
+
+
+@pytest.mark.parametrize(
+    ("table", "stages"),
+    [
+        (sweep_tables.POINTS, [CollectParams]),
+        (sweep_tables.SURROGATES, [SurrogateParams, RecallParams]),
+        (sweep_tables.REQUIREMENTS, [RequirementsParams]),
+    ],
+    ids=lambda value: getattr(value, "name", ""),
+)
+def test_rows_of_settings_that_differ_are_told_apart(table, stages):
+    """Of all keys that decide what a row says, the axes are columns; or rows were there twice."""
+    keys = {key.partition(".")[0] for stage in stages for key in keys_of(object.__new__(stage))}
+    assert keys - {"placement", "classes"} <= set(table.axes)
 
 
 def test_individuals_of_both_splits_are_counted_once(folder):

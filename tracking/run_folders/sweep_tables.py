@@ -10,6 +10,7 @@ from tracking.run_folders.table import Column, Table
 _EVERY_AXIS = ("",)
 _SCENE_AXES = ("scene", "roi")
 _SURROGATE_AXES = ("scene", "roi", "lidar", "vehicle", "weather", "surrogate")
+_CLOUD_AXES = ("scene", "roi", "lidar", "vehicle", "weather", "mounting_errors")
 
 _TRIAL = Column("trial", "str", "its key, as in `--dry-run` and MLflow")
 _PLACEMENT = Column("placement", "str", "its name")
@@ -172,7 +173,7 @@ POINTS = Table(
         Column("p10", "float64", "points that a tenth of the objects do not exceed"),
         Column("unseen", "float64", "share of the objects without a point"),
     ),
-    axes=_SURROGATE_AXES,
+    axes=_CLOUD_AXES,
 )
 INDIVIDUALS = Table(
     "individuals",
