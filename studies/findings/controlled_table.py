@@ -56,6 +56,12 @@ def pair(name: str, target: str, angle: float = REAL) -> str:
     return led(_judged(target, angle).differences("base").loc[name])
 
 
+def lost(name: str, target: str) -> str:
+    """What a rig has less than `base` with real mounts, points."""
+    found = _judged(target, REAL).differences("base").loc[name]
+    return number(-float(found["difference"]), 1)
+
+
 def value(name: str, target: str, angle: float = REAL) -> float:
     """What the generalist gives a rig, percent."""
     found = _judged(target, angle)

@@ -10,6 +10,7 @@ import textwrap
 from functools import cache
 from typing import Any
 
+import controlled_table
 import exact
 import lidars
 import otherwise
@@ -82,6 +83,7 @@ def _facts() -> dict[str, Any]:
         "aside_table": aside_table(every, aside),
         "errors_table": errors_table(every, aside),
         "fitted_table": fitted_table(Judged(told)),
+        "controlled": controlled_table,
         "exact": exact,
         "otherwise": otherwise,
         "riddle": riddle_table,
