@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 from pydantic import Field
 
 from lidarplace.configuration.placement import PlacementSettings
 from lidarplace.configuration.sensor import SensorSettings
-from lidarplace.configuration.settings import FilePath, Name, Settings
+from lidarplace.configuration.settings import FilePath, Name, Settings, short_for
 from lidarplace.configuration.vehicle import OwnVehicle
 from lidarplace.requirements.settings import Requirements
 
@@ -14,7 +16,7 @@ from lidarplace.requirements.settings import Requirements
 class RequirementsFile(Settings):
     """The file as a whole."""
 
-    lidar: SensorSettings = Field(
+    lidar: Annotated[SensorSettings, short_for("name")] = Field(
         SensorSettings(), description="the LiDARs, unless a mount has its own"
     )
     vehicle: OwnVehicle = Field(None, description="the body of the vehicle; a car by default")

@@ -81,6 +81,16 @@ def test_verdicts_and_exit_codes():
     assert Path("found/it.html").exists()
 
 
+@pytest.mark.parametrize("name", ["vlp16", "mid70"])
+def test_a_lidar_by_its_name_alone(name):
+    values = []
+    for lidar in (name, {"name": name}):
+        done = run(SMALL | {"lidar": lidar}, "--json")
+        assert done.exit_code in (0, 1), done.output
+        values.append(json.loads(done.stdout)["outcomes"])
+    assert values[0] == values[1]
+
+
 def test_a_dry_run_writes_nothing():
     done = run(SMALL, "--dry-run", "--json")
     plan = json.loads(done.stdout)
