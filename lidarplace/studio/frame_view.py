@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lidarplace.box_log import BoxLog
 from lidarplace.lidar.clouds import Crop
 from lidarplace.lidar.collect import SimulatedClouds, crop_for
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Placement
 from lidarplace.recall.expected_recall import ExpectedRecall
 from lidarplace.roi import Roi
@@ -46,17 +47,25 @@ class FrameView:
         log, number: the frame.
         roi: what is shown of it.
         classes: of objects that count.
+        vehicle: carries the LiDARs; None: a sedan.
 
     Raises:
         ValueError: there is no such frame, or a box is bad.
     """
 
-    def __init__(self, log: BoxLog, number: int, roi: Roi, classes: Sequence[str]) -> None:
+    def __init__(
+        self,
+        log: BoxLog,
+        number: int,
+        roi: Roi,
+        classes: Sequence[str],
+        vehicle: Vehicle | None = None,
+    ) -> None:
         self.crop: Crop = (roi.x[0], roi.y[0], roi.z[0], roi.x[1], roi.y[1], roi.z[1])
         self.number = number
         self.frame: Frame = read_frame(log, number, self.crop)
-        self.recall = ExpectedRecall.from_log(self.frame.log, roi, classes)
-        self._roi = roi
+        self.recall = ExpectedRecall.from_log(self.frame.log, roi, classes, vehicle=vehicle)
+        self._roi, self._vehicle = roi, vehicle
         self._seen = SeenCells(self.recall.objects)
 
     def objects(self, placement: Placement | None) -> pd.DataFrame:
@@ -83,5 +92,6 @@ class FrameView:
             return SimulatedCloud(np.empty((0, 3), np.float32), np.empty(0, np.int64))
         rig = thinned(placement, max(1, most // len(placement.mounts)))
         crop = crop_for(self._roi.x, self._roi.y, self._roi.z, rig)
-        points, counts = SimulatedClouds(self.frame.log, [self.number], rig, crop).returns(0)
+        clouds = SimulatedClouds(self.frame.log, [self.number], rig, crop, vehicle=self._vehicle)
+        points, counts = clouds.returns(0)
         return SimulatedCloud(points[:, :3].copy(), np.repeat(np.arange(len(counts)), counts))

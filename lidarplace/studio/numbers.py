@@ -10,6 +10,7 @@ from statistics import fmean
 import numpy as np
 
 from lidarplace.box_log import BoxLog
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.occupancy.grid import OccupancyGrid
 from lidarplace.placement import Placement
 from lidarplace.recall.expected_recall import ExpectedRecall
@@ -52,11 +53,16 @@ class Meter:
         log: all its frames count for the POG.
         roi: with the edge of the voxels.
         classes: of the objects.
+        vehicle: carries the LiDARs; None: a sedan.
     """
 
-    def __init__(self, log: BoxLog, roi: Roi, classes: Sequence[str]) -> None:
+    def __init__(
+        self, log: BoxLog, roi: Roi, classes: Sequence[str], vehicle: Vehicle | None = None
+    ) -> None:
         self.grids = OccupancyGrid.by_class(log.boxes, roi, classes, len(log.frames))
-        self.recall = ExpectedRecall.from_log(log, roi, classes, frames=RECALL_FRAMES)
+        self.recall = ExpectedRecall.from_log(
+            log, roi, classes, frames=RECALL_FRAMES, vehicle=vehicle
+        )
         self.h_pog = {name: grid.h_pog for name, grid in self.grids.items()}
         self.seen = SeenCells(self.recall.objects)
         of_class = self.recall.objects.table["class"].to_numpy()

@@ -105,6 +105,12 @@ class RigsFile:
         return self.vehicle.with_boxes(self.keep_out)
 
     @cached_property
+    def carrier(self) -> Vehicle | None:
+        """The same in clouds, of sweeps as well; None, a sedan, where the file tells of neither."""
+        told = self.settings.vehicle is not None or len(self.keep_out) > 0
+        return self.body if told else None
+
+    @cached_property
     def laid(self) -> tuple[Laid, ...]:
         """The requirements, laid out around the body.
 

@@ -84,7 +84,7 @@ class Studio:
     @cached_property
     def meter(self) -> Meter:
         """What measures the rigs."""
-        return Meter(self.log, self.roi, self.classes)
+        return Meter(self.log, self.roi, self.classes, self.file.carrier)
 
     # Which rig, and which frame.
 
@@ -122,7 +122,7 @@ class Studio:
 
     def show_frame(self, number: int) -> None:
         """Look at another frame. Raises ValueError if the log does not have it."""
-        self.view = FrameView(self.log, number, self.roi, self.classes)
+        self.view = FrameView(self.log, number, self.roi, self.classes, self.file.carrier)
 
     # Edits, each a step that can be undone.
 
@@ -311,7 +311,7 @@ class Studio:
         """
         if self.placement is None:
             raise ValueError("no LiDAR works")
-        return why_unseen(self.view.frame, object_id, self.placement)
+        return why_unseen(self.view.frame, object_id, self.placement, self.file.carrier)
 
     def plot(self) -> go.Figure:
         """The frame as the rig sees it, in 3D, for a notebook or a page.
@@ -323,7 +323,9 @@ class Studio:
 
         if self.placement is None:
             raise ValueError("no LiDAR works")
-        return draw_frame(self.log, self.view.number, self.placement, self.view.crop)
+        return draw_frame(
+            self.log, self.view.number, self.placement, self.view.crop, vehicle=self.file.carrier
+        )
 
     # Files.
 

@@ -13,6 +13,7 @@ import pandas as pd
 from lidarplace.files.columns import check_columns
 from lidarplace.files.tables import read_csv
 from lidarplace.mounting.random_rigs import has_other_lidar, random_rigs
+from lidarplace.mounting.vehicle import depth_in_body
 from lidarplace.mounting.zone import position
 from lidarplace.placement import Placement
 from lidarplace.roi import Roi
@@ -56,10 +57,9 @@ def sweep_of(
     placements = {rig.name: rig.written for rig in rigs if rig.lidars}
     if not placements:
         raise ValueError("no rig has a LiDAR; a sweep needs one")
-    vehicle = file.settings.model_dump(mode="json", include={"vehicle"}, exclude_unset=True)
     required = {"requirements": file.content["requirements"]} if file.settings.requirements else {}
     return {
-        **vehicle,
+        **_vehicle(file),
         **required,
         "scene": dict(scene),
         "roi": {axis: list(getattr(roi, axis)) for axis in "xyz"},
@@ -69,6 +69,15 @@ def sweep_of(
         "placements": placements,
         "grid": {"placement": list(placements)},
     }
+
+
+def _vehicle(file: RigsFile) -> Content:
+    """The key `vehicle` of a sweep, with what the file keeps out; none for a sedan."""
+    if file.carrier is None:
+        return {}
+    told = file.settings.vehicle
+    own = {} if told is None else told.model_dump(mode="json", exclude_defaults=True)
+    return {"vehicle": own | {"boxes": file.carrier.boxes.tolist()}}
 
 
 def evaluation_of(sweep: Content, file: RigsFile, before: Content | None = None) -> Content:
@@ -146,7 +155,8 @@ def _elsewhere(rig: Placement, file: RigsFile) -> Iterator[Placement]:
     for _ in range(IN_ZONES if file.zones else 0):
         zones = random.choice(len(file.zones), len(rig.mounts))
         places = [position(file.zones[zone], *random.random(3)) for zone in zones]
-        if len({*places}) == len(places):  # two in one place are no rig
+        apart = len({*places}) == len(places)  # two in one place are no rig
+        if apart and not depth_in_body(file.body, np.array(places)).any():
             moved = zip(rig.mounts, places, strict=True)
             yield replace(rig, mounts=[replace(mount, x=x, y=y, z=z) for mount, (x, y, z) in moved])
 

@@ -8,10 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.lidar.raycast import OWN_BODY, cast_at
+from lidarplace.lidar.own_body import body_parts
+from lidarplace.lidar.raycast import cast_at
 from lidarplace.lidar.shade import ends_in_rig
 from lidarplace.lidar.shapes import BODY, BUILDING, SIGN, Parts
 from lidarplace.lidar.surroundings import Surroundings
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Mount, Placement
 from lidarplace.sensor import Lidar
 from lidarplace.viewing.frame import Frame
@@ -46,8 +48,13 @@ class AimedRays:
         return ", ".join(parts)
 
 
-def why_unseen(frame: Frame, object_id: str, placement: Placement) -> tuple[AimedRays, ...]:
+def why_unseen(
+    frame: Frame, object_id: str, placement: Placement, vehicle: Vehicle | None = None
+) -> tuple[AimedRays, ...]:
     """What becomes of the rays that each LiDAR aims at an object of the frame.
+
+    Args:
+        vehicle: carries the LiDARs; None: a sedan.
 
     Raises:
         ValueError: there is no such object in the frame.
@@ -58,9 +65,10 @@ def why_unseen(frame: Frame, object_id: str, placement: Placement) -> tuple[Aime
     if object_id not in ids:
         raise ValueError(f"no object {object_id!r} in frame {number}; there are {', '.join(ids)}")
     own = ids.index(object_id)
-    everything = OWN_BODY.and_(surroundings.parts(number, np.inf))
-    lidars = zip(placement.mounts, placement.lidars, ends_in_rig(placement), strict=True)
-    return tuple(_aimed(mount, lidar, everything, own, ids, ends) for mount, lidar, ends in lidars)
+    everything = body_parts(vehicle).and_(surroundings.parts(number, np.inf))
+    ends = ends_in_rig(placement, vehicle)
+    lidars = zip(placement.mounts, placement.lidars, ends, strict=True)
+    return tuple(_aimed(mount, lidar, everything, own, ids, met) for mount, lidar, met in lidars)
 
 
 def _aimed(

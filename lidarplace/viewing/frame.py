@@ -15,6 +15,7 @@ from lidarplace.lidar.collect import collect, crop_for
 from lidarplace.lidar.points_in_boxes import MARGIN_M, count_points
 from lidarplace.lidar.shapes import BUILDING
 from lidarplace.lidar.surroundings import Surroundings
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Placement
 
 
@@ -99,11 +100,16 @@ def read_frame(log: BoxLog, number: int, crop: Crop) -> Frame:
 
 
 def read_cloud(
-    frame: Frame, placement: Placement, crop: Crop, most: int, misaligned_heights: bool = False
+    frame: Frame,
+    placement: Placement,
+    crop: Crop,
+    most: int,
+    misaligned_heights: bool = False,
+    vehicle: Vehicle | None = None,
 ) -> Cloud:
     """The cloud of `placement` within the crop and on the ground under it, as a sweep collects it.
 
-    Beyond `most` points a random choice of them.
+    Beyond `most` points a random choice of them. The vehicle is a sedan for None.
     """
     clouds = collect(
         frame.log,
@@ -117,6 +123,7 @@ def read_cloud(
             misaligned_heights,
         ),
         misaligned_heights=misaligned_heights,
+        vehicle=vehicle,
     )
     points, lidar = clouds[0], clouds.lidar(0)
     kept = np.arange(len(points))

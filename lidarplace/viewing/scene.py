@@ -13,13 +13,15 @@ from numpy.typing import NDArray
 from lidarplace.box_log import BoxLog
 from lidarplace.boxes import GEOMETRY
 from lidarplace.lidar.clouds import Crop
+from lidarplace.lidar.own_body import body_parts
 from lidarplace.lidar.shapes import OWN_BODY
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Placement
 from lidarplace.viewing import style
 from lidarplace.viewing.axes import equal_axes
 from lidarplace.viewing.frame import Cloud, Frame, read_cloud, read_frame
 from lidarplace.viewing.lidars import add_lidars
-from lidarplace.viewing.solids import corners, edges, headings, triangles
+from lidarplace.viewing.solids import edges, headings, triangles
 
 POINTS = 160_000
 """Points drawn of a frame: 16 bytes each in a page, and still turned smoothly."""
@@ -46,6 +48,7 @@ def draw_frame(
     crop: Crop,
     points: int = POINTS,
     misaligned_heights: bool = False,
+    vehicle: Vehicle | None = None,
 ) -> go.Figure:
     """Frame `number` of `log` as `placement` sees it.
 
@@ -58,14 +61,16 @@ def draw_frame(
         placement: mounts and LiDAR.
         crop: the ROI, x0, y0, z0, x1, y1, z1 in the ego frame, metres.
         points: of a larger cloud so many are drawn, chosen at random.
-        misaligned_heights: see `lidarplace.lidar.collect.collect`.
+        misaligned_heights, vehicle: see `lidarplace.lidar.collect.collect`.
 
     Raises:
         ValueError: there is no such frame, a box is bad, or the crop is empty.
     """
     frame = read_frame(log, number, crop)
-    cloud = read_cloud(frame, placement, crop, points, misaligned_heights)
-    figure = go.Figure(layout={"template": style.theme(False), "scene": _axes(placement, crop)})
+    cloud = read_cloud(frame, placement, crop, points, misaligned_heights, vehicle)
+    body = _body(vehicle)
+    axes = _axes(placement, crop, body[0])
+    figure = go.Figure(layout={"template": style.theme(False), "scene": axes})
     figure.update_layout(
         title={
             "text": html.escape(placement.name, quote=False),
@@ -80,7 +85,7 @@ def draw_frame(
     )
     _add_cloud(figure, cloud, placement)
     _add_objects(figure, frame, cloud, style.class_colours(log.boxes["class"].unique()))
-    _add_surroundings(figure, frame, crop)
+    _add_surroundings(figure, frame, crop, body)
     return figure
 
 
@@ -141,7 +146,22 @@ def _add_objects(figure: go.Figure, frame: Frame, cloud: Cloud, colours: Mapping
         )
 
 
-def _add_surroundings(figure: go.Figure, frame: Frame, crop: Crop) -> None:
+Surface = tuple[NDArray[np.floating], NDArray[np.integer]]
+"""Vertices (n, 3), metres, and triangles of them (m, 3)."""
+
+
+def _body(vehicle: Vehicle | None) -> Surface:
+    """The vehicle; of None the box around a sedan."""
+    if vehicle is None:
+        return triangles(np.array([OWN_BODY]))
+    vertices, faces = triangles(body_parts(vehicle).geometry[:, : len(GEOMETRY)])
+    if vehicle.mesh is None:
+        return vertices, faces
+    of_mesh = vehicle.mesh.faces + len(vertices)
+    return np.concatenate([vertices, vehicle.mesh.vertices]), np.concatenate([faces, of_mesh])
+
+
+def _add_surroundings(figure: go.Figure, frame: Frame, crop: Crop, body: Surface) -> None:
     low, high = np.array(crop[:3]), np.array(crop[3:])
     roi = np.concatenate([(low + high) / 2, high - low, [0.0]])[None]
     grey: dict[str, Any] = {"color": style.OUTLINE, "hoverinfo": "skip", "showlegend": True}
@@ -152,12 +172,11 @@ def _add_surroundings(figure: go.Figure, frame: Frame, crop: Crop) -> None:
         hoverinfo="skip",
         name="ROI",
     )
-    for name, boxes, opacity in (
-        ("vehicle", np.array([OWN_BODY]), 0.8),
-        ("buildings", frame.buildings, 0.25),
+    for name, (vertices, faces), opacity in (
+        ("vehicle", body, 0.8),
+        ("buildings", triangles(frame.buildings), 0.25),
     ):
-        if len(boxes):
-            vertices, faces = triangles(boxes)
+        if len(faces):
             i, j, k = faces.T.copy()
             figure.add_mesh3d(
                 **_xyz(vertices),
@@ -176,12 +195,12 @@ def _xyz(points: NDArray[Any]) -> dict[str, NDArray[np.float32]]:
     return {"x": x, "y": y, "z": z}
 
 
-def _axes(placement: Placement, crop: Crop) -> dict[str, Any]:
+def _axes(placement: Placement, crop: Crop, vehicle: NDArray[np.floating]) -> dict[str, Any]:
     """Axes of equal scale that hold ROI, vehicle and LiDARs; the camera looks from behind."""
     seen = np.concatenate(
         [
             np.reshape(crop, (2, 3)),
-            corners(np.array([OWN_BODY]))[0],
+            vehicle,
             [mount.position for mount in placement.mounts],
         ]
     )

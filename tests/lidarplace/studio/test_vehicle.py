@@ -1,0 +1,112 @@
+"""The body of the studio's file is what hides: in clouds, in numbers, in answers and in sweeps."""
+
+import numpy as np
+import pytest
+import yaml
+
+from lidarplace import Roi
+from lidarplace.lidar.collect import collect
+from lidarplace.studio.rigs_file import read_rigs
+from lidarplace.studio.studio import Studio
+from lidarplace.studio.traffic import scene_of
+from sweeps.plan.plan import read_plan
+from tests.lidarplace.studio.rigs import log_of, written
+from tests.sweeps.small_log import write_small_log
+
+ROI = Roi((-16, 16), (-8, 8), (0, 4), 0.4)
+LOG = log_of([(8.0, 1.0), (-9.0, -2.0)], frames=1)
+SCREEN = [[1.5, -4.0, 0.0], [1.6, 4.0, 4.0]]
+"""It hides the car ahead from a LiDAR in the middle, and not the one behind."""
+RIGS = {
+    "lidar": {"beams": 16, "elevation_deg": [-25, 5], "azimuth_steps": 720},
+    "placements": {"one": {"mounts": [{"z": 1.8}]}},
+}
+
+
+def studio_of(folder, **told):
+    return Studio(read_rigs(written(folder, yaml.safe_dump(RIGS | told))), LOG, ROI)
+
+
+def as_box(folder):
+    return {"vehicle": [SCREEN]}
+
+
+def as_keep_out(folder):
+    x, y, z = zip(*SCREEN, strict=True)
+    return {"vehicle": [], "keep_out": {"screen": {"x": [*x], "y": [*y], "z": [*z]}}}
+
+
+def as_mesh(folder):
+    trimesh = pytest.importorskip("trimesh")
+    trimesh.creation.box(bounds=SCREEN).export(folder / "screen.stl")
+    return {"vehicle": "screen.stl"}
+
+
+@pytest.fixture(params=[as_box, as_keep_out, as_mesh])
+def screened(request, tmp_path):
+    return studio_of(tmp_path, **request.param(tmp_path))
+
+
+def test_what_the_vehicle_hides_is_not_seen(screened, tmp_path):
+    free = studio_of(tmp_path, vehicle=[])
+    there = free.view.objects(free.placement).set_index("object_id")
+    assert there["points"].min() > 0
+    seen = screened.view.objects(screened.placement).set_index("object_id")
+    assert seen["points"].to_dict() == {"car 0": 0, "car 1": there["points"]["car 1"]}
+    recall = screened.numbers().expected_recall["Car"]
+    assert recall == pytest.approx(there["probability"]["car 1"] / 2)
+    x, y, _ = screened.view.cloud(screened.placement, 10**6).points.T
+    assert (x < -5).any()
+    assert not ((x > 1.6) & (np.abs(y) < 2.5 * x)).any()
+    (rays,) = screened.why_unseen("car 0")
+    assert rays.stopped == {"the vehicle itself": rays.aimed}
+    assert rays.aimed == there["points"]["car 0"]
+
+
+def test_a_sweep_of_the_rigs_has_the_same_clouds(screened, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_small_log(tmp_path / "log")
+    screened.sweep(tmp_path / "sweep.yaml", scene_of(tmp_path / "log"))
+    sweep, _ = read_plan(tmp_path / "sweep.yaml")
+    body = sweep.points[0].point.body()
+    view, rig = screened.view, screened.placement
+    crop = (ROI.x[0], ROI.y[0], ROI.z[0] - 0.5, ROI.x[1], ROI.y[1], ROI.z[1])
+    swept = collect(LOG, [0], rig, crop, vehicle=body)[0]
+    assert swept[:, :3] == pytest.approx(view.cloud(rig, 10**6).points, abs=1e-3)
+
+
+def test_the_vehicle_is_in_the_picture(screened):
+    (drawn,) = [trace for trace in screened.plot().data if trace.name == "vehicle"]
+    corners = np.array([drawn.x, drawn.y, drawn.z])
+    assert corners.min(axis=1) == pytest.approx(SCREEN[0])
+    assert corners.max(axis=1) == pytest.approx(SCREEN[1])
+
+
+def test_a_file_that_tells_no_vehicle_has_the_clouds_of_a_sweep_without_one(tmp_path):
+    studio = studio_of(tmp_path)
+    assert studio.file.carrier is None
+    studio.sweep(tmp_path / "sweep.yaml", {"source": "log", "folder": "mine"})
+    assert "vehicle" not in yaml.safe_load((tmp_path / "sweep.yaml").read_text())
+
+
+def test_a_keep_out_of_a_car_stands_beside_its_own_body(tmp_path):
+    studio = studio_of(tmp_path, keep_out={"rack": {"x": [0, 1], "y": [0, 1], "z": [1.5, 1.6]}})
+    studio.sweep(tmp_path / "sweep.yaml", {"source": "log", "folder": "mine"})
+    swept = yaml.safe_load((tmp_path / "sweep.yaml").read_text())["vehicle"]["boxes"]
+    assert swept[-1] == [[0, 0, 1.5], [1, 1, 1.6]]
+    assert swept[:-1] == studio.file.vehicle.boxes.tolist()
+    assert len(swept) == 3
+
+
+def test_what_a_generalist_learns_from_keeps_out_of_the_body(tmp_path):
+    """Most of the zone is in the body; rigs to train on are drawn around places in the rest."""
+    studio = studio_of(
+        tmp_path,
+        vehicle=[[[-2, -2, 0], [2, 2, 2.9]]],
+        zones={"roof": {"x": 0, "y": 0, "z": [1.0, 3.0]}},
+        placements={"one": {"mounts": [{"z": 3.0}]}},
+    )
+    studio.evaluation(tmp_path / "evaluation.yaml", {"source": "log", "folder": "mine"})
+    rigs = yaml.safe_load((tmp_path / "evaluation.yaml").read_text())["placements"]
+    lowest = min(mount["z"] for rig in rigs.values() for mount in rig["mounts"])
+    assert lowest > 2.7  # 0.15 m below the lowest of those around which they are drawn
