@@ -18,12 +18,14 @@ from lidarplace.configuration.settings import (
 )
 from lidarplace.configuration.weather import WeatherSettings
 from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.placement import Mount, Placement
 from lidarplace.recall.detection_curve import IOU, DetectionCurves
 from lidarplace.requirements.area import Area
 from lidarplace.requirements.placed_object import DARK, STANDARD, PlacedObject
 from lidarplace.requirements.presets import PRESETS, preset
 from lidarplace.requirements.requirement import AlsoWhen, Measure, Requirement
 from lidarplace.sectors import SECTORS, bounds_of
+from lidarplace.sensor import Lidar
 
 LANES = ("right", "own", "left")
 
@@ -247,10 +249,20 @@ class RequirementSettings(Settings):
             raise ValueError("what: a probability needs a class, which has a detection curve")
         return self
 
-    @property
-    def of_light(self) -> bool:
-        """Whether it says what the object reflects."""
-        return self.what is not None and self.what.reflectivity is not None
+    def not_of(self, lidar: Lidar) -> tuple[str, str] | None:
+        """Why it cannot be asked of a LiDAR: the key, and what is missing or wrong.
+
+        None if it can. By light nobody knows how far a LiDAR without `range_10` sees; a case of
+        `also_when` may leave one no range.
+        """
+        if self.what is not None and self.what.reflectivity is not None and lidar.range_10 is None:
+            told = "has no range_10, by which light counts; give it one, or leave this key out"
+            return "what.reflectivity", told
+        try:
+            self.also_when.cases().variants(Placement("one", [Mount()], lidar))
+        except ValueError as error:
+            return "also_when", str(error)
+        return None
 
     def requirement(self, vehicle: Vehicle, curves: DetectionCurves) -> Requirement:
         """In the terms of `lidarplace`.

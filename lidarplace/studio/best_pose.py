@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, field
+from functools import cached_property
+from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from lidarplace.mounting.body_share import body_share
@@ -16,12 +17,17 @@ from lidarplace.mounting.zone import Zone, distance, position
 from lidarplace.placement import Mount, Placement
 from lidarplace.recall.choice import RecallChoice
 from lidarplace.sensor import Lidar
+from lidarplace.studio.limits import Limits
 from lidarplace.studio.numbers import Meter, thinned
+from lidarplace.studio.rig import Rig, added, pose_of, posed, removed
 from lidarplace.studio.rigs_file import RigsFile
+from lidarplace.studio.violations import MICROMETRE, totals_above
 
 ROUNDS = 4
 PER_ROUND = 32
 """Poses that are tried in each round and zone; each round looks half as far around the best."""
+JUDGED = 4
+"""Of a round so many, those that find most, are asked for requirements, until one keeps them."""
 TURN_DEG = (10.0, 20.0, 20.0)
 """How far roll, pitch and yaw go in the first round."""
 ANY_HEADING_DEG = (10.0, 20.0, 180.0)
@@ -38,59 +44,76 @@ class BestPose:
     """Where a LiDAR goes.
 
     Attributes:
-        mount: the pose, in whole millimetres and tenths of a degree; the old one if none is better.
+        mount: the pose, in tenths of a degree and, where the zone has one, whole millimetres; the
+            old one if none is better.
         before, after: mean of `expected_recall` over the classes that there are, of all rays.
+        broken: what poses that seem to find more would break: constraints, and requirements by
+            name.
     """
 
     mount: Mount
     before: float
     after: float
+    broken: tuple[str, ...]
 
 
-def improved(
-    lidar: Lidar, old: Mount, others: Placement | None, file: RigsFile, meter: Meter
-) -> BestPose:
+def improved(rig: Rig, number: int, file: RigsFile, meter: Meter) -> BestPose:
     """Look for the pose of a LiDAR with which the rig finds most.
 
     Rounds of poses from a Sobol sequence, in the zone in which it is (or which is nearest) and
     some degrees around, are compared with few rays; the best is kept only if it is better with
-    all. What the file does not allow of a single LiDAR is not tried.
+    all. What the file does not allow of a single LiDAR is not tried, and what breaks a constraint
+    or a requirement that holds is not chosen.
 
     Args:
-        lidar, old: its model, and where it is.
-        others: LiDARs of the rig beside it; None without any.
+        number: of the LiDAR, which works.
 
     Raises:
-        ValueError: no object counts.
+        ValueError: no object counts, or two LiDARs are in one place.
     """
+    search = _Search(rig, number, file, meter, Limits(rig, file))
+    old = rig.mounts[number]
     at = old.x, old.y, old.z
     if file.zones:
         zone = min(file.zones, key=lambda zone: distance(zone, *at))
     else:
         zone = Zone.box("around", *((value - AROUND_M, value + AROUND_M) for value in at))
-    search = _Search(lidar, others, file, meter)
-    best = search.refined([old, *search.around(old, zone, 0, TURN_DEG)], (zone,), TURN_DEG)
-    before, after = _found(others, lidar, old, meter), _found(others, lidar, best, meter)
-    return BestPose(best, before, after) if after > before else BestPose(old, before, before)
+    first = search.best([old, *search.around(old, zone, 0, TURN_DEG)]) or old
+    best = search.refined(first, (zone,), TURN_DEG)
+    before, after = search.found(old), search.found(best)
+    if after <= before:
+        best, after = old, before
+    return BestPose(best, before, after, search.broken)
 
 
-def best_addition(lidar: Lidar, others: Placement | None, file: RigsFile, meter: Meter) -> BestPose:
+def best_addition(rig: Rig, model: str | None, file: RigsFile, meter: Meter) -> BestPose:
     """Look for the pose of one more LiDAR with which the rig finds most, in all zones.
 
     As `improved` does; without zones above the body.
 
+    Args:
+        model: of the catalogue; None: the file's.
+
     Raises:
-        ValueError: nowhere is a place for it, or no object counts.
+        ValueError: the file allows no pose, or no more LiDAR; no object counts, or two LiDARs are
+            in one place.
     """
+    held, wider = Limits(rig, file), added(rig, model)
+    before = {one.constraint for one in totals_above(rig, file)}
+    for one in totals_above(wider, file):
+        if one.constraint not in before:
+            raise ValueError(f"one more LiDAR is too much: {one.text}")
+    search = _Search(wider, len(rig.lidars), file, meter, held)
     zones = file.zones or (_above(file),)
-    turn = TURN_DEG if lidar.full_turn else ANY_HEADING_DEG
-    search = _Search(lidar, others, file, meter)
-    first = [pose for zone in zones for pose in search.around(Mount(0, 0, 0), zone, 0, turn)]
-    if not first:
-        raise ValueError("no pose was found that the file allows for one more LiDAR")
+    turn = TURN_DEG if search.lidar.full_turn else ANY_HEADING_DEG
+    tried = [pose for zone in zones for pose in search.around(Mount(0, 0, 0), zone, 0, turn)]
+    first = search.best(tried) if tried else None
+    if first is None:
+        broken = f" and that keeps {', '.join(search.broken)}" if search.broken else ""
+        raise ValueError(f"no pose was found that the file allows for one more LiDAR{broken}")
     best = search.refined(first, zones, turn)
-    before = meter.measure(others).mean_recall
-    return BestPose(best, before, _found(others, lidar, best, meter))
+    alone = meter.measure(search.others).mean_recall
+    return BestPose(best, alone, search.found(best), search.broken)
 
 
 def _above(file: RigsFile) -> Zone:
@@ -102,25 +125,40 @@ def _above(file: RigsFile) -> Zone:
 
 @dataclass(frozen=True)
 class _Search:
-    """For the pose of one LiDAR."""
+    """For the pose of one LiDAR.
 
-    lidar: Lidar
-    others: Placement | None
+    Attributes:
+        rig: with this LiDAR, wherever it is.
+        number: of the LiDAR.
+        held: what has to hold.
+    """
+
+    rig: Rig
+    number: int
     file: RigsFile
     meter: Meter
+    held: Limits
+    _breaks: dict[Mount, tuple[str, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.meter.recall.objects.table.empty:
             raise ValueError("in the log no object counts; there is nothing to find")
 
-    def refined(
-        self, tried: Sequence[Mount], zones: Sequence[Zone], turn: tuple[float, ...]
-    ) -> Mount:
-        """The best after further rounds around the best of `tried`."""
-        best = self._best(tried)
+    @cached_property
+    def lidar(self) -> Lidar:
+        """Its model."""
+        return self.rig.models(self.file.settings.lidar.lidar())[self.number]
+
+    @cached_property
+    def others(self) -> Placement | None:
+        """The other LiDARs that work; None without any."""
+        return removed(self.rig, self.number).placement(self.file.settings.lidar.lidar())
+
+    def refined(self, best: Mount, zones: Sequence[Zone], turn: tuple[float, ...]) -> Mount:
+        """The best after further rounds around the best of the first."""
         zone = min(zones, key=lambda zone: distance(zone, best.x, best.y, best.z))
         for number in range(1, ROUNDS):
-            best = self._best([best, *self.around(best, zone, number, turn)])
+            best = self.best([best, *self.around(best, zone, number, turn)]) or best
         return best
 
     def around(
@@ -132,23 +170,28 @@ class _Search:
             at = np.array(position(zone, *draw[:3]))
             at = best.position + reach * (at - best.position) if number else at
             angles = np.degrees(astuple(best)[3:]) + reach * np.array(turn) * (2 * draw[3:] - 1)
-            pose = Mount.degrees(*at.round(3).tolist(), *angles.round(1).tolist())
-            if distance(zone, *pose.position) <= 1e-3 and self._allowed(pose):
-                yield pose  # a millimetre outside by rounding, or more if it is not convex
+            in_mm = at.round(3)
+            at = in_mm if distance(zone, *in_mm) <= MICROMETRE else at.round(6)
+            pose = Mount.degrees(*at.tolist(), *angles.round(1).tolist())
+            if distance(zone, *at) <= MICROMETRE and self._allowed(pose):  # it may be not convex
+                yield pose
 
     def _allowed(self, pose: Mount) -> bool:
         limits, at = self.file.settings.constraints, pose.position
         if depth_in_body(self.file.body, at[None])[0] > 0:
             return False
-        others = () if self.others is None else self.others.mounts
+        others = removed(self.rig, self.number).mounts
         apart = min((math.dist(at, other.position) for other in others), default=math.inf)
         if apart < max(limits.distance, 1e-3):
             return False
         share = limits.body_share
         return share is None or body_share(pose, self.lidar, self.file.body) <= share
 
-    def _best(self, tried: Sequence[Mount]) -> Mount:
-        """The one that adds most to the other LiDARs, with few rays."""
+    def best(self, tried: Sequence[Mount]) -> Mount | None:
+        """The one that adds most to the other LiDARs, with few rays, and breaks nothing that held.
+
+        None if all of the first JUDGED break something.
+        """
         alone = [Placement("one", [mount], lidar=self.lidar) for mount in tried]
         if self.others is not None:
             pairs = zip(self.others.mounts, self.others.lidars, strict=True)
@@ -156,12 +199,24 @@ class _Search:
         seen = self.meter.recall.objects.seen_by([thinned(one, RAYS) for one in alone])
         weights = dict.fromkeys(self.meter.recall.classes, 1.0)
         choice = RecallChoice(self.meter.recall, seen, weights)
-        gains: NDArray[np.float64] = choice.gains(range(len(tried), len(alone)))
-        return tried[int(np.argmax(gains[: len(tried)]))]
+        gains = choice.gains(range(len(tried), len(alone)))[: len(tried)]
+        for number in np.argsort(-gains, kind="stable")[:JUDGED].tolist():
+            pose = tried[number]
+            if pose not in self._breaks:
+                self._breaks[pose] = self.held.broken_by(self._with(pose))
+            if not self._breaks[pose]:
+                return pose
+        return None
 
+    @property
+    def broken(self) -> tuple[str, ...]:
+        """What poses that find more have broken, in the order in which they were refused."""
+        return tuple(dict.fromkeys(chain.from_iterable(self._breaks.values())))
 
-def _found(others: Placement | None, lidar: Lidar, mount: Mount, meter: Meter) -> float:
-    mounts, lidars = [mount], [lidar]
-    if others is not None:
-        mounts, lidars = [*others.mounts, mount], [*others.lidars, lidar]
-    return meter.measure(Placement("rig", mounts, lidar=lidars)).mean_recall
+    def found(self, mount: Mount) -> float:
+        """What the rig finds with the LiDAR there, with all rays."""
+        rig = self._with(mount).placement(self.file.settings.lidar.lidar())
+        return self.meter.measure(rig).mean_recall
+
+    def _with(self, mount: Mount) -> Rig:
+        return posed(self.rig, self.number, **pose_of(mount))

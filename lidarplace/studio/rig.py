@@ -132,6 +132,12 @@ class Rig:
         return replace(self, lidars=(*self.lidars[:number], lidar, *self.lidars[number + 1 :]))
 
 
+def pose_of(mount: Mount) -> dict[str, float]:
+    """By the names of `POSE`, metres and degrees, without what radians have added."""
+    turn = {name: round(math.degrees(getattr(mount, name)), 6) for name in ANGLES}
+    return {"x": mount.x, "y": mount.y, "z": mount.z} | turn
+
+
 def posed(rig: Rig, number: int, **pose: float) -> Rig:
     """A LiDAR at other coordinates of `POSE`: ego frame, metres and degrees.
 

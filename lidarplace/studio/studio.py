@@ -16,8 +16,8 @@ from lidarplace.command_line.invocation import command
 from lidarplace.configuration.yaml import read_yaml_file
 from lidarplace.mounting.polygon import GRID_DIGITS, nearest
 from lidarplace.mounting.zone import distance
-from lidarplace.placement import Mount, Placement
-from lidarplace.requirements.judge import Outcome, judge
+from lidarplace.placement import Placement
+from lidarplace.requirements.judge import Outcome
 from lidarplace.roi import Roi
 from lidarplace.studio import rig as edits
 from lidarplace.studio.best_pose import BestPose, best_addition, improved
@@ -28,7 +28,16 @@ from lidarplace.studio.numbers import Meter, Numbers
 from lidarplace.studio.rig import Rig
 from lidarplace.studio.rigs_file import RigsFile, as_yaml, write_rigs
 from lidarplace.studio.sweep_files import RUNS, evaluation_of, is_evaluation, sweep_of
-from lidarplace.studio.violations import Violation, powers_of, prices_of, unasked, unmet, violations
+from lidarplace.studio.violations import (
+    Violation,
+    judged,
+    powers_of,
+    prices_of,
+    unasked,
+    unknown,
+    unmet,
+    violations,
+)
 from lidarplace.studio.why_unseen import AimedRays, why_unseen
 
 if TYPE_CHECKING:
@@ -240,16 +249,18 @@ class Studio:
 
     def violations(self) -> tuple[Violation, ...]:
         """What the rig does not keep of what the file says."""
-        needs = unmet(self.outcomes()) if self.placement else unasked(self.file.laid)
-        return (*violations(self.rig, self.file), *needs)
+        kept = violations(self.rig, self.file)
+        if self.placement is None:
+            return (*kept, *unasked(self.file.laid))
+        return (*kept, *unknown(self.rig, self.file).values(), *unmet(self.outcomes()))
 
     def outcomes(self) -> Sequence[Outcome]:
-        """What becomes of the requirements; nothing without a LiDAR that works."""
+        """What becomes of the requirements that can be asked of the LiDARs; nothing without one."""
         placement, (known, found) = self.placement, self._judged
         if placement is None:
             return ()
         if placement != known:
-            found = judge(self.file.laid, placement, self.file.body)
+            found = judged(self.rig, self.file, self.file.laid)
             self._judged = placement, found
         return found
 
@@ -267,6 +278,8 @@ class Studio:
     def improve(self, number: int) -> BestPose:
         """Move one LiDAR to where the rig finds most, all others staying where they are.
 
+        What the rig keeps of the limits and requirements of the file it keeps then, too.
+
         Raises:
             ValueError: the LiDAR is disabled, two are in one place, no object counts, or somebody
                 has changed the rig meanwhile.
@@ -274,29 +287,27 @@ class Studio:
         rig = self.rig
         if not rig.lidars[number].enabled:
             raise ValueError(f"LiDAR {number} does not work; enable it first")
-        others = edits.removed(rig, number).placement(self.lidar)
-        lidar, old = rig.models(self.lidar)[number], rig.mounts[number]
-        found = improved(lidar, old, others, self.file, self.meter)
+        found = improved(rig, number, self.file, self.meter)
         self._as_it_was(rig)
         if found.after > found.before:
-            self.pose(number, **_pose_of(found.mount))
+            self.pose(number, **edits.pose_of(found.mount))
         return found
 
     def add_best(self, model: str | None = None) -> BestPose:
-        """Mount one more LiDAR where the rig then finds most, in any zone.
+        """Mount one more LiDAR where the rig then finds most, in any zone; else as `improve`.
 
         Args:
             model: of the catalogue; the file's by default.
 
         Raises:
-            ValueError: there is no such model, two LiDARs are in one place, no zone has room, no
-                object counts, or somebody has changed the rig meanwhile.
+            ValueError: there is no such model, two LiDARs are in one place, no zone has room, the
+                limits allow no more LiDAR, no object counts, or somebody has changed the rig
+                meanwhile.
         """
         rig = self.rig
-        lidar = edits.added(rig, model).models(self.lidar)[-1]
-        found = best_addition(lidar, rig.placement(self.lidar), self.file, self.meter)
+        found = best_addition(rig, model, self.file, self.meter)
         self._as_it_was(rig)
-        self.add(model, **_pose_of(found.mount))
+        self.add(model, **edits.pose_of(found.mount))
         return found
 
     def _as_it_was(self, rig: Rig) -> None:
@@ -381,9 +392,3 @@ class Studio:
         sweep = sweep_of(rigs, self.file, scene, self.roi, self.classes)
         write_rigs(path, as_yaml(evaluation_of(sweep, self.file, before)), overwrite=True)
         return RUNS / path.stem
-
-
-def _pose_of(mount: Mount) -> dict[str, float]:
-    """By the names of `POSE`, metres and degrees, without what radians have added."""
-    turn = {name: round(math.degrees(getattr(mount, name)), 6) for name in edits.ANGLES}
-    return {"x": mount.x, "y": mount.y, "z": mount.z} | turn

@@ -14,7 +14,7 @@ from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.housing import housings_of, without
 from lidarplace.mounting.vehicle import depth_in, depth_in_body
 from lidarplace.mounting.zone import distance
-from lidarplace.requirements.judge import Outcome
+from lidarplace.requirements.judge import Outcome, judge
 from lidarplace.requirements.layout import Laid
 from lidarplace.requirements.requirement import AS_BUILT
 from lidarplace.studio.rig import Rig
@@ -65,10 +65,10 @@ def _models(rig: Rig, file: RigsFile) -> list[str | None]:
 def violations(rig: Rig, file: RigsFile) -> tuple[Violation, ...]:
     """All that the rig does not keep of what the file says."""
     found = [*_outside(rig, file), *_inside(rig, file), *_close(rig, file), *_blocked(rig, file)]
-    return (*found, *_above(rig, file))
+    return (*found, *totals_above(rig, file))
 
 
-def _above(rig: Rig, file: RigsFile) -> Iterator[Violation]:
+def totals_above(rig: Rig, file: RigsFile) -> Iterator[Violation]:
     """Of what LiDARs add up to, what is more than allowed, or not known."""
     limits = file.settings.constraints
     for name, values, limit, unit in (
@@ -152,6 +152,33 @@ def unasked(laid: Sequence[Laid]) -> tuple[Violation, ...]:
         )
         for own in laid
     )
+
+
+def unknown(rig: Rig, file: RigsFile) -> dict[str, Violation]:
+    """By name the requirements that cannot be asked of a LiDAR that works, and of the first why."""
+    models, found = rig.models(file.settings.lidar.lidar()), {}
+    for own in file.settings.requirements:
+        for number, lidar in enumerate(models):
+            reason = own.not_of(lidar) if rig.lidars[number].enabled else None
+            if reason is not None:
+                key, told = reason
+                text = f"{own.name}: {key}: LiDAR {number}: {told}"
+                found[own.name] = Violation("requirement", (number,), math.nan, text)
+                break
+    return found
+
+
+def judged(rig: Rig, file: RigsFile, laid: Sequence[Laid]) -> list[Outcome]:
+    """What becomes of those of the requirements that can be asked of the LiDARs that work.
+
+    Nothing without such a LiDAR. Raises ValueError if two are in one place.
+    """
+    placement = rig.placement(file.settings.lidar.lidar())
+    if placement is None:
+        return []
+    left_out = unknown(rig, file)
+    asked = [own for own in laid if own.requirement.name not in left_out]
+    return judge(asked, placement, file.body)
 
 
 def _unmet(outcome: Outcome) -> Violation:

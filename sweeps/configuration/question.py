@@ -116,17 +116,11 @@ def check_lidars(rig: Placement, requirements: Sequence[RequirementSettings]) ->
     """Refuse LiDARs that cannot be asked.
 
     Raises:
-        ValueError: a requirement says what an object reflects, and nobody knows how far a LiDAR
-            sees by that; or a case of `also_when` leaves a LiDAR no range.
+        ValueError: there is one, as `RequirementSettings.not_of` says.
     """
     for own in requirements:
-        for number, lidar in enumerate(rig.lidars):
-            if own.of_light and lidar.range_10 is None:
-                raise ValueError(
-                    f"{own.name!r}: what.reflectivity: LiDAR {number + 1} of {rig.name!r} has no "
-                    "range_10, by which light counts; give it one, or leave this key out"
-                )
-        try:
-            own.also_when.cases().variants(rig)
-        except ValueError as error:
-            raise ValueError(f"{own.name!r}: also_when: a LiDAR of {rig.name!r}: {error}") from None
+        for number, lidar in enumerate(rig.lidars, start=1):
+            found = own.not_of(lidar)
+            if found is not None:
+                key, told = found
+                raise ValueError(f"{own.name!r}: {key}: LiDAR {number} of {rig.name!r}: {told}")

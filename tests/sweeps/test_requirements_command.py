@@ -143,11 +143,11 @@ WRONG = {
     "half a size": (small(what={"length": 1.0}), "what: name a class, or width, height, too"),
     "light without a range for it": (
         small(what={"class": "child", "reflectivity": 0.3}),
-        "'people': what.reflectivity: LiDAR 1 of 'mine' has no range_10",
+        "'people': what.reflectivity: LiDAR 1 of 'mine': has no range_10",
     ),
     "no range left": (
         small(also_when={"range_factor": 0.01}) | {"lidar": SMALL["lidar"] | {"min_range": 2}},
-        "'people': also_when: a LiDAR of 'mine': min_range must be within [0, range)",
+        "'people': also_when: LiDAR 1 of 'mine': min_range must be within [0, range)",
     ),
     "nothing to place": (small(what=None), "what: is missing"),
     "zero step": (small(step=0), "requirements[0].step: found 0"),

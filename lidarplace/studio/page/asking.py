@@ -40,7 +40,7 @@ class Asking:
         number = self._editing.one()
         self._say(f"looking for a better pose of LiDAR {number} …", True)
         found = self._studio.improve(number)
-        self._say(_told(found) if found.after > found.before else "no better pose was found", True)
+        self._say(_told(found), True)
 
     def add_best(self) -> None:
         """Mount one more LiDAR where the rig then finds most."""
@@ -113,4 +113,8 @@ class Asking:
 
 
 def _told(found: BestPose) -> str:
+    if found.after == found.before and found.broken:
+        return f"no better pose was found that keeps {', '.join(found.broken)}"
+    if found.after == found.before:
+        return "no better pose was found"
     return f"expected recall {found.before:.4f} → {found.after:.4f}"

@@ -3,6 +3,7 @@
 import pytest
 
 from lidarplace import Roi
+from lidarplace.studio.best_pose import BestPose
 from lidarplace.studio.rigs_file import read_rigs
 from lidarplace.studio.studio import Studio
 from tests.lidarplace.studio.rigs import log_of, written
@@ -114,3 +115,15 @@ def test_one_more_lidar_is_mounted_where_it_finds_most(page):
     assert "→" in page.panel.message.content
     page.asking.improve()
     assert page.editing.chosen == 2
+
+
+def test_what_better_poses_would_break_is_told(page, monkeypatch):
+    old = page.studio.rig.mounts[0]
+    for broken, told in (
+        ((), "no better pose was found<"),
+        (("a child ahead", "zone"), "no better pose was found that keeps a child ahead, zone<"),
+    ):
+        found = BestPose(old, 0.5, 0.5, broken)
+        monkeypatch.setattr(page.studio, "improve", lambda number, found=found: found)
+        page.asking.improve()
+        assert told in page.panel.message.content
