@@ -131,7 +131,7 @@ def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
         boxes, frames = _boxes(folder / "boxes.parquet"), read_frames(folder)
     else:
         frames = evenly(read_frames(folder), most_frames).reset_index(drop=True)
-        boxes = _boxes(folder / "boxes.parquet", frames["frame"].tolist())
+        boxes = read_boxes(folder, frames["frame"].tolist())
     unlisted = ~boxes["frame"].isin(frames["frame"]).to_numpy()
     if unlisted.any():
         row = int(unlisted.argmax())
@@ -163,6 +163,14 @@ def read_frames(folder: Path) -> pd.DataFrame:
             "number of its own in the whole log, whatever its scene"
         )
     return frames
+
+
+def read_boxes(folder: Path, frames: Sequence[int]) -> pd.DataFrame:
+    """The boxes of these frames alone; those of others are not kept in memory.
+
+    Raises ValueError as `read_box_log` does.
+    """
+    return _boxes(folder / "boxes.parquet", frames)
 
 
 def _boxes(path: Path, frames: Sequence[int] | None = None) -> pd.DataFrame:

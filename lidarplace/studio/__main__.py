@@ -32,7 +32,9 @@ def studio(
     ] = None,
     frames: Annotated[
         int,
-        typer.Option(help="at most so many, evenly over the log", callback=within(FRAMES)),
+        typer.Option(
+            help="numbers are of at most so many, evenly over the log", callback=within(FRAMES)
+        ),
     ] = MOST_FRAMES,
     roi: RoiOption = (*PAPER_ROI.x, *PAPER_ROI.y, *PAPER_ROI.z),
     resolution: Annotated[
@@ -56,7 +58,7 @@ def studio(
         region = Roi((x0, x1), (y0, y1), (z0, z1), resolution)
         file = read_rigs(rigs)
         traffic = simulated_traffic() if log is None else read_box_log(log, frames)
-        state = Studio(file, traffic, region)
+        state = Studio(file, traffic, region, folder=log)
         with serving(port, "lidarplace studio") as server:
             page = Page(state, server, scene_of(log))
             try:

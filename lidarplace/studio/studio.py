@@ -24,6 +24,7 @@ from lidarplace.studio.best_pose import BestPose, best_addition, improved
 from lidarplace.studio.blind_ground import BlindGround, blind_ground, failing_ground
 from lidarplace.studio.frame_view import FrameView
 from lidarplace.studio.history import History
+from lidarplace.studio.log_frames import LogFrames
 from lidarplace.studio.numbers import Meter, Numbers
 from lidarplace.studio.rig import Rig
 from lidarplace.studio.rigs_file import RigsFile, as_yaml, write_rigs
@@ -68,13 +69,19 @@ class Studio:
         log: traffic; all of its frames count.
         roi: for the surrogates and the pictures.
         classes: of objects; those of the log by default.
+        folder: of the log, if `log` has some of its frames alone: the others can be looked at, too.
 
     Raises:
         ValueError: the log has no frame, a box is bad, or a requirement cannot be laid out.
     """
 
     def __init__(
-        self, file: RigsFile, log: BoxLog, roi: Roi = PAPER_ROI, classes: Sequence[str] = ()
+        self,
+        file: RigsFile,
+        log: BoxLog,
+        roi: Roi = PAPER_ROI,
+        classes: Sequence[str] = (),
+        folder: Path | None = None,
     ) -> None:
         if log.frames.empty:
             raise ValueError("the log has no frame")
@@ -86,8 +93,10 @@ class Studio:
         self.begun = {rig.name: rig for rig in file.rigs}
         self._history = History(Draft(file.rigs))
         self._editing = threading.Lock()
-        self.frame_numbers: list[int] = log.frames["frame"].tolist()
-        self.show_frame(self.frame_numbers[0])
+        self._frames = LogFrames(log, folder)
+        self._frame = self.frame_numbers[0]
+        self._view = self._view_of(self._frame)
+        self._viewing = threading.Lock()
         self._judged: tuple[Placement | None, Sequence[Outcome]] = (None, ())
 
     @cached_property
@@ -131,7 +140,29 @@ class Studio:
 
     def show_frame(self, number: int) -> None:
         """Look at another frame. Raises ValueError if the log does not have it."""
-        self.view = FrameView(self.log, number, self.roi, self.classes, self.file.carrier)
+        self._frames.check(number)
+        self._frame = number
+
+    @property
+    def frame_numbers(self) -> list[int]:
+        """Of the frames that can be looked at."""
+        return self._frames.numbers
+
+    @property
+    def view(self) -> FrameView:
+        """The frame that is looked at, read when it is asked for.
+
+        Raises:
+            ValueError: it cannot be read, or a box is bad.
+        """
+        with self._viewing:
+            if self._view.number != self._frame:
+                self._view = self._view_of(self._frame)
+            return self._view
+
+    def _view_of(self, number: int) -> FrameView:
+        log = self._frames.log_of(number)
+        return FrameView(log, number, self.roi, self.classes, self.file.carrier)
 
     # Edits, each a step that can be undone.
 
@@ -334,9 +365,9 @@ class Studio:
 
         if self.placement is None:
             raise ValueError("no LiDAR works")
-        return draw_frame(
-            self.log, self.view.number, self.placement, self.view.crop, vehicle=self.file.carrier
-        )
+        view = self.view
+        log = self._frames.log_of(view.number)
+        return draw_frame(log, view.number, self.placement, view.crop, vehicle=self.file.carrier)
 
     # Files.
 

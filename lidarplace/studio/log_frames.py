@@ -1,0 +1,65 @@
+"""All frames of a log of which some are in memory: the others are read when they are looked at."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+from cachetools import LRUCache
+
+from lidarplace.box_log import BoxLog, read_boxes, read_frames
+
+PORTION = 200
+"""Frames that are read at a time, one after the other in the log: who plays it needs the next."""
+PORTIONS = 4
+"""So many of which are kept."""
+
+
+class LogFrames:
+    """Any frame of a log.
+
+    Several threads may use it.
+
+    Args:
+        log: frames that are in memory.
+        folder: of the whole log; None: that is all of it.
+
+    Attributes:
+        numbers: of all frames, in their order.
+
+    Raises:
+        ValueError: the table of frames cannot be read.
+    """
+
+    def __init__(self, log: BoxLog, folder: Path | None = None) -> None:
+        self._log, self._folder = log, folder
+        self._frames = log.frames if folder is None else read_frames(folder)
+        self.numbers: list[int] = self._frames["frame"].tolist()
+        self._place = {number: place for place, number in enumerate(self.numbers)}
+        self._in_memory = frozenset(log.frames["frame"].tolist())
+        self._read: LRUCache[int, BoxLog] = LRUCache(PORTIONS)
+        self._reading = threading.Lock()
+
+    def check(self, number: int) -> None:
+        """Raise ValueError if the log has no such frame."""
+        if number not in self._place:
+            numbers = self.numbers
+            listed = f"{len(numbers)} frames, {min(numbers)} to {max(numbers)}"
+            raise ValueError(f"no frame {number}; the log has {listed}")
+
+    def log_of(self, number: int) -> BoxLog:
+        """A part of the log that holds this frame.
+
+        Raises:
+            ValueError: there is no such frame, or its boxes cannot be read.
+        """
+        self.check(number)
+        if number in self._in_memory or self._folder is None:
+            return self._log
+        portion = self._place[number] // PORTION
+        with self._reading:
+            if portion not in self._read:
+                frames = self._frames.iloc[portion * PORTION : (portion + 1) * PORTION]
+                boxes = read_boxes(self._folder, frames["frame"].tolist())
+                self._read[portion] = BoxLog(boxes, frames, self._log.buildings)
+            return self._read[portion]
