@@ -247,9 +247,10 @@ class Studio:
     @property
     def placement(self) -> Placement | None:
         """The LiDARs that work; None if there is none, or if two are in one place."""
-        return self._placement(self.rig)
+        return self.placement_of(self.rig)
 
-    def _placement(self, rig: Rig) -> Placement | None:
+    def placement_of(self, rig: Rig) -> Placement | None:
+        """The same of any rig."""
         try:
             return rig.placement(self.lidar)
         except ValueError:  # told among the violations
@@ -261,7 +262,7 @@ class Studio:
 
     def numbers_begun(self, exact: bool = True) -> Numbers:
         """Of the rig as it was in the file."""
-        return self.meter.measure(self._placement(self.begun[self.rig.name]), exact)
+        return self.meter.measure(self.placement_of(self.begun[self.rig.name]), exact)
 
     @property
     def totals(self) -> dict[str, float]:

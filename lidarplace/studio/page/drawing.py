@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from lidarplace.studio.blind_ground import HEIGHTS_M, BlindGround
 from lidarplace.studio.frame_view import MOVING_POINTS, RESTING_POINTS
+from lidarplace.studio.page.beside import Beside
 from lidarplace.studio.page.dragged import quaternion
 from lidarplace.studio.page.editing import Editing
 from lidarplace.studio.page.panel import NO_OBJECT, NOBODY, Panel
+from lidarplace.studio.page.rig_nodes import RigNodes
 from lidarplace.studio.page.scene import Scene
 from lidarplace.studio.page.tables import (
     Row,
@@ -20,6 +22,7 @@ from lidarplace.studio.page.tables import (
 )
 from lidarplace.studio.studio import Studio
 from lidarplace.studio.violations import violations
+from lidarplace.viewing import style
 
 if TYPE_CHECKING:
     import viser
@@ -30,6 +33,9 @@ class Drawing:
 
     Args:
         pulled: is told of each pull at the handle.
+
+    Attributes:
+        beside: draws another rig.
     """
 
     def __init__(
@@ -42,6 +48,8 @@ class Drawing:
     ) -> None:
         self._studio, self._server, self._panel, self._editing = studio, server, panel, editing
         self._scene = Scene(server, studio.file, studio.roi)
+        self._nodes = RigNodes(server, style.COLOURS)
+        self.beside = Beside(studio, server, panel, self._scene)
         self._pulled = pulled
         self._handle: viser.TransformControlsHandle | None = None
         self._ground: BlindGround | None = None  # on which too little is seen
@@ -61,12 +69,13 @@ class Drawing:
         most = RESTING_POINTS if resting else MOVING_POINTS
         cloud = view.cloud(placement, most) if panel.cloud.value else None
         with self._server.atomic():
-            self._scene.cloud(cloud, working)
+            self._nodes.cloud(cloud, working)
         self._server.flush()
         objects = view.objects(placement)
         self._scene.objects(view.frame.objects, objects)
         panel.unseen.content = unseen_list(objects)
         self._scene.blind(ground)
+        self.beside.draw(view, resting)
         if resting:
             panel.violations.content = violations_list(studio.violations())
             panel.show(studio, self._editing.chosen)
@@ -104,7 +113,7 @@ class Drawing:
         """While one is dragged its own solid alone moves: the rest is as it was."""
         rig, chosen = self._studio.rig, self._editing.chosen
         if not resting and chosen is not None:
-            self._scene.move(chosen, rig.mounts[chosen])
+            self._nodes.move(chosen, rig.mounts[chosen])
             return
         drawn = (rig, chosen)
         if drawn == self._drawn:
@@ -112,7 +121,7 @@ class Drawing:
         self._drawn = drawn
         wrong = {number for own in violations(rig, self._studio.file) for number in own.lidars}
         with self._server.atomic():
-            self._scene.lidars(rig, rig.models(self._studio.lidar), chosen, wrong)
+            self._nodes.lidars(rig, rig.models(self._studio.lidar), chosen, wrong)
             self._draw_handle(chosen)
 
     def _draw_handle(self, chosen: int | None) -> None:

@@ -16,7 +16,7 @@ from lidarplace.studio.page.asking import Asking
 from lidarplace.studio.page.drawing import Drawing
 from lidarplace.studio.page.editing import Editing
 from lidarplace.studio.page.files import Files
-from lidarplace.studio.page.panel import Panel, assign
+from lidarplace.studio.page.panel import NO_RIG, Panel, assign
 from lidarplace.studio.page.picture import send_picture
 from lidarplace.studio.page.redraw import Redraw
 from lidarplace.studio.page.tables import message
@@ -77,8 +77,10 @@ class Page:
         panel.works.on_update(self._edit(editing.works))
         panel.change.on_click(self._edit(editing.change))
         panel.frame.on_update(self._edit(lambda n: studio.show_frame(studio.frame_numbers[n])))
-        for shown in (panel.cloud, panel.ground, panel.object):
+        for shown in (panel.cloud, panel.ground, panel.object, panel.beside, panel.apart):
             shown.on_update(self._edit(lambda _: None))
+        for moved in (panel.beside, panel.apart):
+            moved.on_update(self._turn)
         panel.copy.on_click(self._edit(lambda _: studio.copy_rig(panel.new_rig.value)))
         panel.save.on_click(self._edit(lambda _: self._say(self.files.save())))
         panel.sweep.on_click(self._edit(lambda _: self._say(self.files.sweep())))
@@ -117,6 +119,13 @@ class Page:
             self.refresh()
 
         return done
+
+    async def _turn(self, event: Any) -> None:
+        """The camera of who asked goes along where two rigs come to stand apart, or do no more."""
+        panel = self.panel
+        other = panel.beside if event.target is panel.apart else panel.apart
+        if event.client is not None and other.value not in (NO_RIG, False):
+            self._drawing.beside.turn_camera(event.client)
 
     async def _pulled(self, event: viser.TransformControlsEvent) -> None:
         try:

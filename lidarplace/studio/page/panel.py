@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import viser
 
 NO_LIDAR = "none yet"
-NOBODY, NO_OBJECT = "nobody", "none"
+NOBODY, NO_OBJECT, NO_RIG = "nobody", "none", "no rig"
 FROM_FILE = "as the file says"
 
 UNITS = dict.fromkeys(POSE[:3], "m") | dict.fromkeys(POSE[3:], "°")
@@ -53,6 +53,8 @@ class Panel:
             self.frame = gui.add_slider("frame", 0, max(1, last), 1, 0, disabled=last == 0)
             self.play = gui.add_checkbox("play", False)
             self.cloud = gui.add_checkbox("points", True)
+            self.beside = gui.add_dropdown("also, in violet", (NO_RIG,))
+            self.apart = gui.add_checkbox("apart", False)
             required = (own.name for own in studio.file.settings.requirements)
             self.ground = gui.add_dropdown("too little for", (NOBODY, *HEIGHTS_M, *required))
             self.unseen = gui.add_html("")
@@ -83,6 +85,9 @@ class Panel:
         """Bring the fields of rig and LiDAR up to date; what is right already stays."""
         rig, names = studio.rig, [rig.name for rig in studio.rigs]
         _choices(self.rig, names, rig.name)
+        others = [name for name in names if name != rig.name]
+        beside = self.beside.value if self.beside.value in others else NO_RIG
+        _choices(self.beside, [NO_RIG, *others], beside)
         for compared in self.compared:
             _choices(compared, names, compared.value)
         labels = [

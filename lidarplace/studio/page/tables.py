@@ -74,7 +74,7 @@ def violations_list(found: Sequence[Violation]) -> str:
     if not found:
         return f'<div style="{_STYLE}; color:#2b8a3e">✓ all constraints are kept</div>'
     lines = "".join(f"<div>✗ {html.escape(one.text)}</div>" for one in found)
-    return f'<div style="{_STYLE}; color:#c92a2a">{lines}</div>'
+    return f'<div style="{_STYLE}; padding-bottom:0.8em; color:#c92a2a">{lines}</div>'
 
 
 def unseen_list(objects: pd.DataFrame) -> str:

@@ -20,6 +20,7 @@ class Browser:
         content: HTML by the id of its field, as it was told last.
         values: of the fields in which something is typed or chosen, by label.
         texts: of the labels in the scene, by their name.
+        cameras: where the camera was put by the server.
     """
 
     def __init__(self, address: str) -> None:
@@ -30,6 +31,7 @@ class Browser:
         self.content: dict[str, str] = {}
         self.values: dict[str, Any] = {}
         self.texts: dict[str, str] = {}
+        self.cameras: list[tuple[float, float, float]] = []
         self._label: dict[str, str] = {}
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -79,6 +81,8 @@ class Browser:
         told = message.get("props", {}) | message.get("updates", {})
         if "text" in told:
             self.texts[message["name"]] = told["text"]
+        if message["type"] == "SetCameraPositionMessage":
+            self.cameras.append(tuple(message["position"]))
         if "label" in told:
             self._label[uuid] = told["label"]
         if "content" in told:

@@ -12,6 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from lidarplace import Mount, OccupancyGrid, Roi, evaluate
+from lidarplace.studio.frame_view import RESTING_POINTS, FrameView
 from lidarplace.studio.numbers import Numbers
 from lidarplace.studio.page.dragged import dragged, quaternion
 from lidarplace.studio.page.redraw import Redraw
@@ -23,8 +24,11 @@ from tests.lidarplace.studio.rigs import TEXT, log_of, written
 
 pytest.importorskip("viser")
 
+from lidarplace.studio.page.beside import VIOLET
 from lidarplace.studio.page.page import Page
-from lidarplace.studio.page.panel import assign
+from lidarplace.studio.page.panel import NO_RIG, assign
+from lidarplace.studio.page.rig_nodes import rgb
+from lidarplace.studio.page.scene import EYE
 from lidarplace.studio.page.server import serving
 from tests.lidarplace.studio.browsers import Browser
 
@@ -235,6 +239,46 @@ def test_a_lidar_that_breaks_a_constraint_is_marked_in_the_scene(page):
     assert browser.texts["/lidars/1/name"] == "1"
     browser.type("works", False)
     until(lambda: browser.texts["/lidars/0/name"] == "0 ✗ (dead)")
+    browser.close()
+
+
+def test_another_rig_stands_beside_in_one_colour_over_it_or_apart(page, monkeypatch):
+    studio, beside = page.studio, page._drawing.beside
+    asked, cloud = [], FrameView.cloud
+
+    def counted(view, placement, most):
+        asked.append(placement)
+        return cloud(view, placement, most)
+
+    monkeypatch.setattr(FrameView, "cloud", counted)
+    browser = Browser(address(page))
+    until(lambda: "also, in violet" in browser.labels)
+    assert not beside._node.visible
+    browser.type("also, in violet", "left handed")
+    other = studio.placement_of(studio.rigs[1])
+    until(lambda: beside._node.visible and other in asked)
+    until(lambda: len(beside._nodes._cloud.points) > 1)
+    shown = cloud(studio.view, other, RESTING_POINTS).points
+    assert beside._nodes._cloud.points == pytest.approx(shown, abs=0.02)
+    assert {tuple(colour) for colour in beside._nodes._cloud.colors} == {rgb(VIOLET)}
+    assert (len(beside._nodes._lidars), beside._node.position.tolist()) == (1, [0, 0, 0])
+    assert "/beside/lidars/0/name" not in browser.texts
+    number = asked.count(other)
+    drag(page, "update", (0.3, 0.6, 1.8))
+    drag(page, "end")
+    exact = [s_mig_of(studio), 'data-exact="true"']
+    until(lambda: all(text in page.panel.numbers.content for text in exact))
+    assert asked.count(other) == number  # it has not moved
+    browser.type("apart", True)
+    until(lambda: beside._node.position.tolist() == [0, 21, 0])  # as wide as the ROI, and 5 m
+    until(lambda: browser.cameras and browser.cameras[-1] != EYE)
+    assert beside._apart.visible
+    browser.type("apart", False)
+    until(lambda: not beside._apart.visible and browser.cameras[-1] == EYE)
+    page.editing.choose_rig("left handed")
+    page.refresh()
+    until(lambda: not beside._node.visible and page.panel.beside.value == NO_RIG)
+    assert set(page.panel.beside.options) == {NO_RIG, "roof"}
     browser.close()
 
 

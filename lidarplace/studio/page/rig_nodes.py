@@ -1,0 +1,124 @@
+"""A rig in the scene of a page: its LiDARs and their points."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarplace.placement import Mount
+from lidarplace.sensor import Lidar
+from lidarplace.studio.frame_view import SimulatedCloud
+from lidarplace.studio.page.dragged import quaternion
+from lidarplace.studio.rig import Rig
+
+if TYPE_CHECKING:
+    import viser
+
+SIZE_M = (0.1, 0.1, 0.07)
+"""Of a LiDAR whose size is not known."""
+VIEW_M = 0.6
+"""How far the lines of a field of view reach."""
+DEAD = "#bbbbbb"
+
+
+class RigNodes:
+    """Draws one rig.
+
+    Args:
+        server: of the page.
+        colours: of the LiDARs, in turn.
+        below: the node of the scene that carries it.
+    """
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        colours: Sequence[str],
+        below: str = "",
+    ) -> None:
+        self._scene, self._colours, self._below = server.scene, colours, below
+        self._lidars: list[viser.SceneNodeHandle] = []
+        unseen = np.zeros((1, 3))  # a cloud without points cannot be drawn
+        self._cloud = self._scene.add_point_cloud(
+            f"{below}/cloud", unseen, unseen, point_size=0.03, point_shading="flat", visible=False
+        )
+
+    def lidars(
+        self,
+        rig: Rig,
+        models: tuple[Lidar, ...],
+        chosen: int | None,
+        wrong: Collection[int] | None,
+    ) -> None:
+        """Draw all LiDARs in their size, with what they have in view.
+
+        Lines of the chosen one are thicker; those in `wrong`, which do not keep a constraint, have
+        a cross at their number. None: they have no numbers.
+        """
+        for node in self._lidars:
+            node.remove()
+        self._lidars = []
+        for number, (mount, lidar) in enumerate(zip(rig.mounts, models, strict=True)):
+            works = rig.lidars[number].enabled
+            colour = rgb(self._colours[number % len(self._colours)] if works else DEAD)
+            name = f"{self._below}/lidars/{number}"
+            self._lidars.append(
+                self._scene.add_frame(
+                    name, show_axes=False, wxyz=quaternion(mount), position=mount.position
+                )
+            )
+            self._scene.add_box(f"{name}/body", colour, lidar.size or SIZE_M, cast_shadow=False)
+            self._scene.add_line_segments(
+                f"{name}/view", _view(lidar), colour, thickness_units="screen",
+                thickness=2.5 if number == chosen else 1.0,
+            )  # fmt: skip
+            if wrong is not None:
+                label = f"{number}{' ✗' if number in wrong else ''}{'' if works else ' (dead)'}"
+                self._scene.add_label(f"{name}/name", label, position=(0, 0, 0.4))
+
+    def move(self, number: int, mount: Mount) -> None:
+        """Put a LiDAR elsewhere, nothing else having changed."""
+        if number < len(self._lidars):
+            self._lidars[number].position = mount.position
+            self._lidars[number].wxyz = quaternion(mount)
+
+    def cloud(self, cloud: SimulatedCloud | None, working: list[int]) -> None:
+        """Draw points in the colours of their LiDARs; `working` are those of the cloud."""
+        self._cloud.visible = cloud is not None and len(cloud.points) > 0
+        if cloud is None or not len(cloud.points):
+            return
+        table = np.array([rgb(colour) for colour in self._colours], np.uint8)
+        self._cloud.points = cloud.points.astype(np.float16)
+        self._cloud.colors = table[np.array(working, np.int64)[cloud.lidar] % len(table)]
+
+
+def rgb(colour: str) -> tuple[int, int, int]:
+    """Red, green and blue of `#rrggbb`."""
+    return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:], 16)
+
+
+def _view(lidar: Lidar) -> NDArray[np.float32]:
+    """Lines of the lowest and the highest beam in the sensor's frame, and where they begin."""
+    low, high = lidar.azimuth
+    turns = np.linspace(low, high, 25)
+    rings, found = [], []
+    for elevation in (min(lidar.elevations), max(lidar.elevations)):
+        ring = VIEW_M * np.stack(
+            [
+                math.cos(elevation) * np.cos(turns),
+                math.cos(elevation) * np.sin(turns),
+                np.full(len(turns), math.sin(elevation)),
+            ],
+            axis=1,
+        )
+        rings.append(ring)
+        found += list(pairwise(ring))
+    if not lidar.full_turn:
+        found += [(np.zeros(3), ring[end]) for ring in rings for end in (0, -1)]
+    found.append((np.zeros(3), np.array([VIEW_M, 0.0, 0.0])))
+    return np.array(found, np.float32)
