@@ -42,6 +42,7 @@ class Beside:
         self._nodes = RigNodes(server, (VIOLET,), NODE)
         self._lidars: Rig | None = None
         self._cloud: tuple[Placement | None, FrameView, bool] | None = None
+        self._objects: tuple[Placement | None, FrameView] | None = None
 
     def draw(self, view: FrameView, resting: bool) -> None:
         """Draw what has changed; coarsely unless it rests."""
@@ -59,7 +60,8 @@ class Beside:
             self._nodes.lidars(rig, rig.models(studio.lidar), chosen=None, wrong=None)
         placement = studio.placement_of(rig)
         self._draw_cloud(rig, placement, view, resting)
-        if apart and resting:
+        if apart and self._objects != (placement, view):
+            self._objects = (placement, view)
             self._scene.objects(view.frame.objects, view.objects(placement), APART)
 
     def _draw_cloud(

@@ -18,8 +18,9 @@ DASH = "–"
 Row = tuple[str, float, float | None, str]
 """Label, value, value at the beginning if it is known, and their format."""
 
-_STYLE = "font-size:0.85em; line-height:1.35; padding:0.2em 0.6em"
-_CELL = "text-align:right; white-space:nowrap; padding-left:0.8em"
+_STYLE = "font-size:0.85em; line-height:1.35; padding:0.2em 1em 0.2em 0.6em"
+_APART = "padding-bottom:0.8em"  # from the tabs that follow
+_CELL = "text-align:right; white-space:nowrap; padding-left:0.5em"
 
 
 def numbers_table(
@@ -72,9 +73,9 @@ def _text(value: float, form: str) -> str:
 def violations_list(found: Sequence[Violation]) -> str:
     """What is not kept, or that all is."""
     if not found:
-        return f'<div style="{_STYLE}; color:#2b8a3e">✓ all constraints are kept</div>'
+        return f'<div style="{_STYLE}; {_APART}; color:#2b8a3e">✓ all constraints are kept</div>'
     lines = "".join(f"<div>✗ {html.escape(one.text)}</div>" for one in found)
-    return f'<div style="{_STYLE}; padding-bottom:0.8em; color:#c92a2a">{lines}</div>'
+    return f'<div style="{_STYLE}; {_APART}; color:#c92a2a">{lines}</div>'
 
 
 def unseen_list(objects: pd.DataFrame) -> str:

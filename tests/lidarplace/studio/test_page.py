@@ -273,6 +273,9 @@ def test_another_rig_stands_beside_in_one_colour_over_it_or_apart(page, monkeypa
     until(lambda: beside._node.position.tolist() == [0, 21, 0])  # as wide as the ROI, and 5 m
     until(lambda: browser.cameras and browser.cameras[-1] != EYE)
     assert beside._apart.visible
+    studio.show_frame(2)
+    page.refresh(resting=False)  # as when it is played
+    until(lambda: beside._objects == (other, studio.view))
     browser.type("apart", False)
     until(lambda: not beside._apart.visible and browser.cameras[-1] == EYE)
     page.editing.choose_rig("left handed")
