@@ -21,13 +21,15 @@ class Command:
 
     Args:
         arguments: the module, and what follows it.
-        told: called after each line, and at the end, by a thread of its own.
+        told: called with it after each line, and at the end, by a thread of its own.
 
     Attributes:
         cancelled: whether it was asked to end.
     """
 
-    def __init__(self, arguments: Sequence[str], told: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self, arguments: Sequence[str], told: Callable[[Command], None] = lambda command: None
+    ) -> None:
         self.cancelled = False
         self._told = told
         self._lines: deque[str] = deque(maxlen=LINES)
@@ -70,6 +72,6 @@ class Command:
         for line in self._process.stdout:
             if line.strip():
                 self._lines.append(line.rstrip())
-                self._told()
+                self._told(self)
         self._process.wait()
-        self._told()
+        self._told(self)

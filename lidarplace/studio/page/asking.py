@@ -92,13 +92,11 @@ class Asking:
 
     def _start(self, arguments: Sequence[str]) -> None:
         self._command = Command(arguments, self._show)
-        self._show()
+        self._show(self._command)
 
-    def _show(self) -> None:
-        command = self._command
-        if command is not None:
-            self._panel.cancel.visible = command.exit_code is None
-            self._panel.progress.content = progress(command.lines)
+    def _show(self, command: Command) -> None:
+        self._panel.cancel.visible = command.exit_code is None
+        self._panel.progress.content = progress(command.lines)
 
     def _ended(self) -> bool:
         """Wait for the command; whether it has done its work. Says what it did not."""

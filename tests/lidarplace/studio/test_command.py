@@ -35,7 +35,7 @@ def here(tmp_path, monkeypatch):
 
 def test_a_command_tells_what_it_prints_and_how_it_has_ended(here):
     told = []
-    command = Command(["talk", "20", "3"], lambda: told.append(command.exit_code))
+    command = Command(["talk", "20", "3"], lambda own: told.append(own.exit_code))
     assert command.wait() == 3
     assert len(command.lines) == LINES
     assert command.lines[0] == f"line {20 - LINES + 1}"
@@ -46,7 +46,7 @@ def test_a_command_tells_what_it_prints_and_how_it_has_ended(here):
 
 def test_a_command_is_cancelled_as_slurm_would(here):
     begun = threading.Event()
-    command = Command(["wait"], begun.set)
+    command = Command(["wait"], lambda _: begun.set())
     assert begun.wait(1800)
     assert command.exit_code is None
     command.cancel()
