@@ -25,9 +25,10 @@ from numpy.typing import NDArray
 from lidarplace import PAPER_PLACEMENTS
 from lidarplace.lidar.facades import facades
 from lidarplace.lidar.ground import Ground, square
+from lidarplace.lidar.own_body import body_parts
 from lidarplace.lidar.raycast import EVERYWHERE, GROUND, NOTHING, cast
 from lidarplace.lidar.returns import sample_points
-from lidarplace.lidar.shapes import BUILDING, Parts, own_body, shapes_of
+from lidarplace.lidar.shapes import BUILDING, Parts, shapes_of
 from lidarplace.placement import Placement
 
 ROAD_USERS = 34
@@ -86,7 +87,7 @@ class Embree:
     """The same rays with embreex; scene and rays are ready before."""
 
     def __init__(self, placement: Placement, parts: Parts) -> None:
-        self.parts = own_body().and_(parts)
+        self.parts = parts
         far = np.array([[-1000, -1000, 0], [2000, -1000, 0], [-1000, 2000, 0]], np.float32)
         self.scene = EmbreeScene()
         TriangleMesh(self.scene, np.concatenate([triangles(self.parts), far[None]]))
@@ -122,7 +123,7 @@ def best_of(runs: dict[str, Callable[[], object]]) -> dict[str, float]:
 
 
 def main() -> None:
-    parts = street()
+    parts = body_parts(None).and_(street())
     lidar = PLACEMENT.lidar
     hits = [cast(mount, lidar, parts) for mount in PLACEMENT.mounts]
     noisy = replace(lidar, range_noise=0.02, drop_off=0.1)

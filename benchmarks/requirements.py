@@ -17,7 +17,7 @@ import pandas as pd
 
 from lidarplace import PAPER_PLACEMENTS
 from lidarplace.boxes import CLASSES, GEOMETRY
-from lidarplace.lidar.raycast import OWN_BODY
+from lidarplace.lidar.own_body import body_parts
 from lidarplace.lidar.shapes import shapes_of
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.detection_curve import CELL_M, IOU, default_curves
@@ -86,7 +86,7 @@ def main() -> None:
 
 def boxes_and_shapes(number: int = 200) -> None:
     """Points and cells of boxes, in terms of those of the shapes that clouds are made of."""
-    rng, rig = np.random.default_rng(0), PAPER_PLACEMENTS["line"]
+    rng, rig, body = np.random.default_rng(0), PAPER_PLACEMENTS["line"], body_parts(None)
     sights = sights_of(rig, CAR)
     everywhere = (-99.0, -99.0, -9.0, 99.0, 99.0, 9.0)
     for name in CLASSES:
@@ -101,12 +101,12 @@ def boxes_and_shapes(number: int = 200) -> None:
         shapes = shapes_of(table)
         parts = [shapes.parts(np.array([row]), boxes[[row]]) for row in range(number)]
         alone = Frames(
-            parts=np.concatenate([OWN_BODY.and_(one).geometry for one in parts]),
+            parts=np.concatenate([body.and_(one).geometry for one in parts]),
             owner=np.concatenate(
-                [np.append(OWN_BODY.owner, one.owner + row) for row, one in enumerate(parts)]
+                [np.append(body.owner, one.owner + row) for row, one in enumerate(parts)]
             ).astype(np.int32),
-            reflectivity=np.concatenate([OWN_BODY.and_(one).reflectivity for one in parts]),
-            first_part=np.cumsum([0, *(len(OWN_BODY) + len(one) for one in parts)]),
+            reflectivity=np.concatenate([body.and_(one).reflectivity for one in parts]),
+            first_part=np.cumsum([0, *(len(body) + len(one) for one in parts)]),
             first_object=np.arange(number + 1),
             near=np.tile(everywhere, (number, 1)),
             geometry=boxes,

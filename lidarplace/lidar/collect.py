@@ -12,7 +12,7 @@ from lidarplace.lidar.clouds import Crop, PointClouds, as_kept
 from lidarplace.lidar.droplets import scatter_back
 from lidarplace.lidar.hashed import key_of
 from lidarplace.lidar.own_body import body_parts
-from lidarplace.lidar.raycast import Hits, cast_at
+from lidarplace.lidar.raycast import Hits, cast
 from lidarplace.lidar.returns import LARGEST_ERROR, sample_points
 from lidarplace.lidar.shade import ends_in_rig
 from lidarplace.lidar.surroundings import Surroundings
@@ -154,7 +154,7 @@ class SimulatedClouds:
         for m, (mount, lidar, lift, own) in enumerate(views):
             wide = (*(self._low - [0, 0, lift]), *(self._high - [0, 0, lift]))
             into = self._hits.get(lidar.rays)
-            hits = cast_at(mount, lidar, parts, wide, into, own)
+            hits = cast(mount, lidar, parts, wide, into, own)
             self._hits[lidar.rays] = hits
             free, key = self._points[counts.sum() :], (self._seed, frame, m)
             scatter_back(lidar, hits, key)

@@ -9,16 +9,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.lidar.raycast import OWN_BODY
-from lidarplace.lidar.shapes import BODY, Parts, bricks
+from lidarplace.lidar.shapes import BODY, Parts, bricks, own_body
 from lidarplace.mounting.vehicle import Vehicle, depth_in_body
 from lidarplace.placement import Placement
+
+_SEDAN = own_body()
 
 
 def body_parts(vehicle: Vehicle | None) -> Parts:
     """What of the body is convex parts, without light; a sedan for None."""
     if vehicle is None:
-        return OWN_BODY
+        return _SEDAN
     low, high = vehicle.boxes[:, 0], vehicle.boxes[:, 1]
     level = np.zeros((len(low), 1))
     return bricks(np.concatenate([(low + high) / 2, high - low, level], axis=1), BODY, 0.0)
@@ -27,7 +28,7 @@ def body_parts(vehicle: Vehicle | None) -> Parts:
 def check_mounts(rig: Placement, vehicle: Vehicle | None) -> None:
     """Raise ValueError if a LiDAR of the rig is inside of the body of its vehicle."""
     places = np.array([mount.position for mount in rig.mounts])
-    held = _in_parts(OWN_BODY, places) if vehicle is None else depth_in_body(vehicle, places) > 0
+    held = _in_parts(_SEDAN, places) if vehicle is None else depth_in_body(vehicle, places) > 0
     if held.any():
         number = int(held.argmax())
         x, y, z = places[number].tolist()

@@ -31,7 +31,7 @@ from lidarplace.lidar.convex import (
     shorter_turn,
     window,
 )
-from lidarplace.lidar.shapes import BODY, Parts, own_body
+from lidarplace.lidar.shapes import BODY, Parts
 from lidarplace.placement import Mount
 from lidarplace.sensor import Lidar
 
@@ -69,6 +69,7 @@ def cast(
     parts: Parts,
     crop: Sequence[float] = EVERYWHERE,
     into: Hits | None = None,
+    ends: NDArray[np.float64] = NO_ENDS,
 ) -> Hits:
     """Cast all rays of one LiDAR: range noise, drop-off, the least range and what is too dark to
     return light are not applied.
@@ -76,25 +77,10 @@ def cast(
     Args:
         mount: pose in the ego frame.
         lidar: beams, azimuth steps, field of view and range.
-        parts: what stands around; the vehicle's own body is added.
+        parts: what stands around, and the vehicle's own body.
         crop: x0, y0, z0, x1, y1, z1 in the ego frame, metres. Hits within it are right, for rays
             that meet nothing there the answer is open: parts that cannot matter are skipped.
         into: hits of an earlier call for the same `lidar`, whose memory is used again.
-    """
-    return cast_at(mount, lidar, OWN_BODY.and_(parts), crop, into)
-
-
-def cast_at(
-    mount: Mount,
-    lidar: Lidar,
-    parts: Parts,
-    crop: Sequence[float] = EVERYWHERE,
-    into: Hits | None = None,
-    ends: NDArray[np.float64] = NO_ENDS,
-) -> Hits:
-    """`cast` at these parts alone, without the vehicle's own body.
-
-    Args:
         ends: inverse distances at which rays end at the rig, of `lidarplace.lidar.shade`.
     """
     rays = lidar.rays
@@ -111,10 +97,6 @@ def cast_at(
         hits,
     )
     return hits
-
-
-OWN_BODY = own_body()
-"""The parts of the vehicle itself."""
 
 
 class Beams(NamedTuple):

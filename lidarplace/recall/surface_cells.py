@@ -113,7 +113,7 @@ def surface_cells(
         frames: the objects, and what hides them.
         crop: x0, y0, z0, x1, y1, z1 in the ego frame, metres; the faces belong to it.
         cell: edge of a cell, metres.
-        ends: as of `lidarplace.lidar.raycast.cast_at`.
+        ends: as of `lidarplace.lidar.raycast.cast`.
     """
     found = _cells_in_frames(
         mount.position,

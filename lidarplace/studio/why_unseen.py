@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.lidar.own_body import body_parts
-from lidarplace.lidar.raycast import cast_at
+from lidarplace.lidar.raycast import cast
 from lidarplace.lidar.shade import ends_in_rig
 from lidarplace.lidar.shapes import BODY, BUILDING, SIGN, Parts
 from lidarplace.lidar.surroundings import Surroundings
@@ -81,8 +81,8 @@ def _aimed(
 ) -> AimedRays:
     mine = parts.owner == own
     alone = Parts(parts.geometry[mine], parts.owner[mine], parts.reflectivity[mine])
-    aimed = cast_at(mount, lidar, alone).target == own
-    met = cast_at(mount, lidar, parts, ends=ends)
+    aimed = cast(mount, lidar, alone).target == own
+    met = cast(mount, lidar, parts, ends=ends)
     names = {BODY: "the vehicle itself", BUILDING: "a building", SIGN: "a sign"} | dict(
         enumerate(ids)
     )

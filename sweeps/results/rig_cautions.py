@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from lidarplace import Placement
 from lidarplace.coverage import count_covered
 from lidarplace.lidar.own_body import body_parts
-from lidarplace.lidar.raycast import cast_at
+from lidarplace.lidar.raycast import cast
 from lidarplace.lidar.shade import ends_of
 from lidarplace.lidar.shapes import BODY
 from lidarplace.metrics import headline_metric
@@ -70,7 +70,7 @@ def _wasted(name: str, trial: Trial) -> list[str]:
             said.append(f"{name}: LiDAR {number} covers {100 * covered:.2g} % of the ROI.")
         few = lidar.thinned(min(1.0, AZIMUTH_STEPS / lidar.azimuth_steps))
         ends = ends_of(mount, few, NO_HOUSINGS, body)
-        met = cast_at(mount, few, body_parts(body), ends=ends)
+        met = cast(mount, few, body_parts(body), ends=ends)
         stopped = float((met.target == BODY).mean())
         if stopped > MOST_STOPPED:
             said.append(

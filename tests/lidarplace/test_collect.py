@@ -11,7 +11,7 @@ from lidarplace.box_log import BoxLog
 from lidarplace.boxes import GEOMETRY
 from lidarplace.lidar.collect import SimulatedClouds, collect, crop_for
 from lidarplace.lidar.ground import CELL_M, CELLS, Ground
-from lidarplace.lidar.raycast import GROUND, cast
+from lidarplace.lidar.raycast import GROUND
 from lidarplace.lidar.returns import ATTENUATION_PER_M, LARGEST_ERROR, sample_points
 from lidarplace.lidar.shapes import OWN_BODY, SIGN, bricks
 from lidarplace.lidar.surroundings import Surroundings
@@ -19,6 +19,7 @@ from lidarplace.mounting.errors import MountingErrors
 from lidarplace.placement import Mount, Placement
 from lidarplace.pose import rotation
 from lidarplace.sensor import Lidar
+from tests.lidarplace.from_a_car import cast
 
 CROP = (0.0, -20.0, -1.0, 40.0, 20.0, 4.0)
 LIDAR = Lidar(tuple(np.radians(np.linspace(-25, 5, 8))), azimuth_steps=900)

@@ -11,13 +11,14 @@ from lidarplace.boxes import GEOMETRY
 from lidarplace.lidar.collect import collect
 from lidarplace.lidar.facades import facades
 from lidarplace.lidar.ground import CELL_M, CELLS, square
-from lidarplace.lidar.raycast import GROUND, cast
+from lidarplace.lidar.raycast import GROUND
 from lidarplace.lidar.reflectivity import REFLECTIVITY, Material, reflectivity
 from lidarplace.lidar.returns import ATTENUATION_PER_M, sample_points
 from lidarplace.lidar.shapes import BUILDING, SIGN, bricks
 from lidarplace.lidar.surroundings import Surroundings
 from lidarplace.placement import Mount, Placement
 from lidarplace.sensor import Lidar
+from tests.lidarplace.from_a_car import cast
 
 CROP = (0.0, -20.0, -0.5, 40.0, 20.0, 4.0)
 RETROREFLECT = {Material.RETROREFLECTOR, Material.LAMP, Material.MARKING}

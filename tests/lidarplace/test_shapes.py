@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarplace.boxes import GEOMETRY
-from lidarplace.lidar.raycast import cast
 from lidarplace.lidar.reflectivity import uniforms
 from lidarplace.lidar.shapes import (
     BODY,
@@ -21,6 +20,7 @@ from lidarplace.lidar.shapes import (
 from lidarplace.placement import Mount
 from lidarplace.pose import rotation
 from lidarplace.sensor import Lidar
+from tests.lidarplace.from_a_car import cast
 
 NAMES = ("Car", "Cyclist", "Pedestrian", "Tram")
 

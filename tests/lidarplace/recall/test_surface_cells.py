@@ -21,10 +21,10 @@ from small_scenes import (
 
 from lidarplace import Mount, Placement
 from lidarplace.boxes import BUILDING_COLUMNS
-from lidarplace.lidar.raycast import cast
 from lidarplace.lidar.surroundings import Surroundings
 from lidarplace.recall.expected_recall import ExpectedRecall
 from lidarplace.recall.surface_cells import slices_of
+from tests.lidarplace.from_a_car import cast
 
 
 @pytest.mark.parametrize("mounts", [MOUNTS[:1], MOUNTS[1:], MOUNTS])
