@@ -38,6 +38,11 @@ class Code:
 
     def __init__(self, packages: Mapping[str, Path]) -> None:
         self._packages = dict(packages)
+        self._files = {
+            module: path
+            for name, folder in packages.items()
+            for module, path in _files(name, folder)
+        }
         self._sources: dict[str, Source] = {}
 
     def version(self, *roots: str) -> str:
@@ -125,33 +130,23 @@ class Code:
         elif name in source.imports:
             yield from self._nodes(".".join(filter(None, [source.imports[name], rest])))
         elif name:
-            raise ValueError(f"{path}: there is no {name} in {self._file(module)}")
+            raise ValueError(f"{path}: there is no {name} in {self._files[module]}")
         else:
             yield from ((module, own) for own in source.definitions)
             for target in source.imports.values():
-                if not self._file(target):
+                if target not in self._files:
                     yield from self._nodes(target)
 
     def _modules_on(self, path: str) -> list[str]:
         """The modules of ours among a dotted path and its parents, outermost first."""
         parts = path.removesuffix(".*").split(".")
         paths = [".".join(parts[:count]) for count in range(1, len(parts) + 1)]
-        return [module for module in paths if self._file(module)]
+        return [module for module in paths if module in self._files]
 
     def _modules_in(self, package: str) -> list[str]:
         first, *rest = package.split(".")
         files = self._packages[first].joinpath(*rest).glob("[!_]*.py")
         return [f"{package}.{file.stem}" for file in sorted(files)]
-
-    def _file(self, module: str) -> Path | None:
-        first, *rest = module.split(".")
-        if first not in self._packages:
-            return None
-        stem = self._packages[first].joinpath(*rest)
-        for path in (stem / "__init__.py", stem.with_suffix(".py")):
-            if path.is_file():
-                return path
-        return None
 
     def _definition(self, node: _Node) -> Definition:
         module, name = node
@@ -162,10 +157,17 @@ class Code:
 
     def _source(self, module: str) -> Source:
         if module not in self._sources:
-            file = self._file(module)
-            assert file is not None
-            self._sources[module] = read_source(file, module)
+            self._sources[module] = read_source(self._files[module], module)
         return self._sources[module]
+
+
+def _files(package: str, folder: Path) -> Iterator[tuple[str, Path]]:
+    """The modules of a package by their dotted paths; a folder comes after a file of its name."""
+    for path in sorted(folder.rglob("*.py"), key=lambda path: path.name == "__init__.py"):
+        parts = path.relative_to(folder).with_suffix("").parts
+        if parts[-1] == "__init__":
+            parts = parts[:-1]
+        yield ".".join([package, *parts]), path
 
 
 @cache

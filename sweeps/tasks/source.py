@@ -158,16 +158,30 @@ def _imported(statement: ast.Import | ast.ImportFrom) -> dict[str, str]:
 
 
 def _definition(statements: Sequence[ast.stmt], paths: Mapping[str, str]) -> Definition:
-    speech = _Speech(statements, paths)
+    imports = [found for statement in statements for found in _imports_in(statement)]
+    known = {**paths}
+    for imported in imports:
+        known |= _imported(imported)
+    speech = _Speech(known)
     said = "\n".join(speech.of(statement) for statement in statements)
     digest = hashlib.sha256(said.encode("utf-8", "surrogatepass")).hexdigest()
-    types = _Speech(statements, paths)
+    types = _Speech(known)
     for statement in statements:
         if isinstance(statement, ast.FunctionDef):
             for node in ast.walk(statement.args):
                 if isinstance(node, ast.arg) and node.annotation is not None:
                     types.of(node.annotation)
-    return Definition(digest, frozenset(speech.uses), frozenset(types.uses), frozenset(speech.runs))
+    runs = frozenset(speech.runs.union(*map(_modules_run, imports)))
+    return Definition(digest, frozenset(speech.uses), frozenset(types.uses), runs)
+
+
+def _imports_in(node: ast.AST) -> Iterator[ast.Import | ast.ImportFrom]:
+    """Import statements, those within functions too; no expression has one."""
+    if isinstance(node, ast.Import | ast.ImportFrom):
+        yield node
+    for inner in ast.iter_child_nodes(node):
+        if isinstance(inner, ast.stmt | ast.excepthandler | ast.match_case):
+            yield from _imports_in(inner)
 
 
 _NOT_SAID = {"annotation", "returns", "ctx", "type_comment"}
@@ -177,18 +191,15 @@ class _Speech:
     """Writes syntax trees as text, the same for all versions of Python, and notes references.
 
     A local name that is called as one of the module counts as that one: too much is safe.
+
+    Args:
+        paths: dotted paths of the names that statements use.
     """
 
-    def __init__(self, statements: Sequence[ast.stmt], paths: Mapping[str, str]) -> None:
+    def __init__(self, paths: Mapping[str, str]) -> None:
         self.uses: set[tuple[str, str]] = set()
         self.runs: set[str] = set()
-        local: dict[str, str] = {}
-        for statement in statements:
-            for node in ast.walk(statement):
-                if isinstance(node, ast.Import | ast.ImportFrom):
-                    local |= _imported(node)
-                    self.runs |= _modules_run(node)
-        self._paths = {**paths, **local}
+        self._paths = paths
 
     def of(self, node: Any, in_class: bool = False) -> str:
         match node:
@@ -236,9 +247,14 @@ class _Speech:
 
     def _follow_import(self, node: ast.Call) -> None:
         """Note what `import_module` brings in."""
-        called = ast.unparse(node.func)
-        if not called.endswith(("import_module", "__import__")):
+        match node.func:
+            case ast.Name(id=last) | ast.Attribute(attr=last):
+                pass
+            case _:
+                return
+        if not last.endswith(("import_module", "__import__")):
             return
+        called = ast.unparse(node.func)
         match node.args:
             case [ast.Constant(value=str(path))]:
                 self.runs.add(path)
