@@ -8,6 +8,7 @@ start itself, and of what it imports, takes a fresh interpreter.
 from __future__ import annotations
 
 import atexit
+import gc
 import multiprocessing
 import os
 import runpy
@@ -100,6 +101,7 @@ def run_forked(
 def _run(
     command: list[str], folder: Path, files: tuple[Path, Path], environment: dict[str, str]
 ) -> None:
+    gc.freeze()  # what was imported is no garbage: to look through it copies its pages
     os.environ.clear()
     os.environ.update(environment)
     for number, file in enumerate(files, start=1):
