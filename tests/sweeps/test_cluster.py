@@ -20,7 +20,7 @@ from small_log import write_small_log
 
 from sweeps.configuration.sweep import RaySettings
 from sweeps.execution.ray_cluster import enter_folder, ray_session
-from tests.forked import GUARD_S
+from tests.forked import GUARD_S, run_forked
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("lidarplace", "training", "tracking", "sweeps")
@@ -125,14 +125,7 @@ def sweep(folder: Path, address: str, env: dict[str, str]) -> subprocess.Complet
         "ray": address,
     }
     (folder / "small.yaml").write_text(yaml.safe_dump(config))
-    return subprocess.run(
-        [sys.executable, "-m", "sweeps.run", "small.yaml"],
-        cwd=folder,
-        env=env | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        timeout=GUARD_S,
-    )
+    return run_forked(["sweeps.run", "small.yaml"], folder, folder, env)
 
 
 @pytest.mark.parametrize("client", [False, True], ids=["host:port", "ray://"])
