@@ -15,6 +15,8 @@ endif
 
 export MLFLOW_DISABLE_TELEMETRY := true
 export RAY_USAGE_STATS_ENABLED := 0
+# Dozens of processes import the same files: the first compiles them, whatever the shell asks for.
+export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: setup demo dashboard test lint wheel docs clean
 
