@@ -4,7 +4,6 @@ import json
 import re
 import sqlite3
 import subprocess
-import sys
 from pathlib import Path
 
 import pandas as pd
@@ -193,13 +192,6 @@ def test_a_mistake_in_the_configuration_is_one_line_and_exit_code_2(folder):
     assert not result.stdout
 
 
-def test_schema():
-    result = subprocess.run(
-        [sys.executable, "-m", "sweeps.run", "--schema"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    schema = json.loads(result.stdout)
+def test_schema(tmp_path):
+    schema = json.loads(run_forked(["sweeps.run", "--schema"], ROOT, tmp_path).stdout)
     assert {"placement", "grid", "exclude", "training", "ray"} <= set(schema["properties"])
