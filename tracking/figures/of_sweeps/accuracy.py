@@ -34,7 +34,11 @@ def accuracy_figure(summary: pd.DataFrame, title: str) -> go.Figure:
         title: what the figure is about.
     """
     plot = make_subplots(
-        rows=1, cols=3, horizontal_spacing=0.08, subplot_titles=[panel[2] for panel in _PANELS]
+        rows=1,
+        cols=3,
+        horizontal_spacing=0.08,
+        subplot_titles=[panel[2] for panel in _PANELS],
+        figure=figure(text(title), height=460, margin={"t": 92, "b": 96}),
     )
     names = in_order(summary["surrogate"])
     first = FIRST if FIRST in names else names[0]
@@ -54,7 +58,6 @@ def accuracy_figure(summary: pd.DataFrame, title: str) -> go.Figure:
                 owner.append(name)
     for trace, name in zip(plot.data, owner, strict=True):
         trace.visible = name == first
-    plot.update_layout(figure(text(title), height=460, margin={"t": 92, "b": 96}).layout)
     plot.update_layout(legend={"orientation": "h", "y": -0.18, "yanchor": "top"})
     labels = [surrogate_name(name) for name in names]
     changes = [({"visible": [name == other for other in owner]},) for name in names]

@@ -31,8 +31,7 @@ def training_cost_figure(cost: pd.DataFrame, title: str, placements: Sequence[st
         title: what the figure is about.
         placements: all of the sweep, in order, so that a placement keeps its colour.
     """
-    plot = make_subplots(rows=1, cols=2, horizontal_spacing=0.09)
-    plot.update_layout(figure(title, height=420).layout)
+    plot = make_subplots(rows=1, cols=2, horizontal_spacing=0.09, figure=figure(title, height=420))
     cost = cost.assign(**{axis: 1 for axis in COST_AXES if axis not in cost})
     detectors = list(dict.fromkeys(cost["detector"]))
     shares = sorted(cost[_SHARE].unique(), reverse=True)
