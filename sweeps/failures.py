@@ -62,7 +62,9 @@ def failures(
         write_csv_files(out / FOLDER, [section])
         _write_objects(found, out)
         extent = f"{folder.sweep.name}: {folder.sweep.frames.test:,} test frames."
-        page = write_failures(out / FILE, found, shown, section, folder.roi, extent, {})
+        page = write_failures(
+            out / FILE, found, shown, section, folder.roi, folder.sweep.body, extent, {}
+        )
     except (ValueError, OSError) as error:
         wrong(error)
     for sentence in section.notes[:2]:

@@ -1,27 +1,57 @@
-"""The vehicle as seen from above, to be drawn."""
+"""The vehicle as seen from above or from a side, to be drawn."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
 from lidarplace.mounting.vehicle import Vehicle
 
+_STEPS = 200
+"""Places along the first axis at which the ends of a mesh are known."""
 
-def outline(vehicle: Vehicle) -> NDArray[np.float64]:
-    """Closed lines around each box and around the mesh, x and y in metres, shape (n, 2).
 
-    A row of NaN is behind each of them.
+def outline(vehicle: Vehicle, axes: tuple[int, int] = (0, 1)) -> NDArray[np.float64]:
+    """`closed_lines` as one, a row of NaN behind each of them, shape (n, 2)."""
+    gap = np.full((1, 2), np.nan)
+    lines = closed_lines(vehicle, axes)
+    return np.concatenate([np.empty((0, 2)), *(part for line in lines for part in (line, gap))])
+
+
+def closed_lines(vehicle: Vehicle, axes: tuple[int, int]) -> list[NDArray[np.float64]]:
+    """A line around each box and one around the mesh, metres, shapes (n, 2).
+
+    That of the mesh leads along its ends in the second axis: what is between them counts as filled.
+
+    Args:
+        axes: those in view; 0 and 1 from above, 0 and 2 from the side.
     """
     lines = [
         np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]])
-        for (x0, y0, _), (x1, y1, _) in vehicle.boxes.tolist()
+        for (x0, y0), (x1, y1) in vehicle.boxes[:, :, axes].tolist()
     ]
     if vehicle.mesh is not None:
-        from_above = vehicle.mesh.vertices[:, :2]
-        # What is a line from above has a hull, too, if its points are jiggled.
-        hull = from_above[ConvexHull(from_above, qhull_options="QJ").vertices]
-        lines.append(np.concatenate([hull, hull[:1]]))
-    gap = np.full((1, 2), np.nan)
-    return np.concatenate([np.empty((0, 2)), *(part for line in lines for part in (line, gap))])
+        lines.append(_around(vehicle.mesh.triangles[:, :, axes]))
+    return lines
+
+
+def _around(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A closed line around triangles in a plane, shape (T, 3, 2)."""
+    starts = triangles.reshape(-1, 2)
+    ends = np.roll(triangles, -1, axis=1).reshape(-1, 2)
+    low, high = np.minimum(starts[:, 0], ends[:, 0]), np.maximum(starts[:, 0], ends[:, 0])
+    steep = low == high
+    length = np.where(steep, 1.0, ends[:, 0] - starts[:, 0])
+    places = np.linspace(low.min(), high.max(), _STEPS)
+    least, most = np.empty(_STEPS), np.empty(_STEPS)
+    for i, place in enumerate(places.tolist()):
+        met = (low <= place) & (place <= high)
+        share = (place - starts[met, 0]) / length[met]
+        across = starts[met, 1] + share * (ends[met, 1] - starts[met, 1])
+        across = np.where(steep[met], ends[met, 1], across)  # its start is the end of another one
+        # Nothing is met between parts that are apart.
+        least[i], most[i] = (across.min(), across.max()) if len(across) else (np.nan, np.nan)
+    known = ~np.isnan(least)
+    there = np.stack([places, least], axis=1)[known]
+    back = np.stack([places, most], axis=1)[known][::-1]
+    return np.concatenate([there, back, there[:1]])

@@ -16,11 +16,13 @@ def trial_pictures(trial: Trial, store: AnyStore, folder: Path) -> list[Path]:
     """
     from tracking.mlflow.pictures import draw_pr_curves, draw_rig
 
-    placement = folder / trial.surrogates.key / "placement.png"
+    # Clouds differ where the rig or its vehicle does.
+    placement = folder / trial.collect_test[0].key / "placement.png"
     curves = folder / trial.key / "precision_recall.png"
     if not placement.exists():
         rig = trial.surrogates.params.placement
-        draw_rig(placement, trial.grid_point.point.placement, rig.mounts, rig.lidars)
+        name = trial.grid_point.point.placement
+        draw_rig(placement, name, rig.mounts, rig.lidars, trial.vehicle)
     assert trial.evaluate is not None
     table = store.load(trial.evaluate, ("pr_curves",))["pr_curves"]
     if table.empty:  # no object of any class in the test frames

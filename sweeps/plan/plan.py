@@ -22,6 +22,7 @@ from lidarplace.lidar.recorded import check_rig, clouds_digest
 from lidarplace.mounting.errors import MountingErrors
 from lidarplace.mounting.random_rigs import has_other_lidar, random_rigs
 from lidarplace.mounting.ring_overlap import Interleaving, interleaving
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.detection_curve import IOU, DetectionCurves, default_curves, read_curves
 from lidarplace.requirements.layout import Laid
 from lidarplace.scenes.kinds import scene_parts
@@ -75,6 +76,7 @@ class Trial:
         grid_point: the point and its axes.
         label: "placement · detector · seed 1", and the further axes.
         scene_label: what its scene is called.
+        vehicle: carries the LiDARs; None: a sedan.
         scenes, ground_truths, collect_test: its tasks for every part of the scene, of those with
             test frames for the last.
         pog, surrogates, recall: its cheap tasks, by which `promote` may rank; recall is None if no
@@ -90,6 +92,7 @@ class Trial:
     grid_point: GridPoint
     label: str
     scene_label: str
+    vehicle: Vehicle | None
     scenes: tuple[Task, ...]
     ground_truths: tuple[Task, ...]
     collect_test: tuple[Task, ...]
@@ -231,6 +234,7 @@ class _Builder:
             grid_point=grid_point,
             label=_trial_label(point, grid_point.axes),
             scene_label=_label(grid_point, scenes[0].uses),
+            vehicle=point.body(),
             interleaving=self._interleaving(rig),
             scenes=tuple(scenes),
             requirements=self._requirements(grid_point, rig),

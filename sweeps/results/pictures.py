@@ -9,10 +9,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.boxes import GEOMETRY
-from lidarplace.configuration.vehicle import vehicle_of
 from lidarplace.coverage import coverage
 from lidarplace.lidar.clouds import PointClouds
 from lidarplace.mounting.outline import outline
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.occupancy.entropy import entropy_of_counts
 from lidarplace.requirements.ground import Ground
 from lidarplace.surrogates.table import DECIDING
@@ -74,7 +74,7 @@ def grounds(plan: Plan, trials: Sequence[Trial], store: AnyStore) -> Grounds:
                 Ground(*(value[f"{array}_{number}"] for array in ("x", "y", "least")))
                 for number in range(len(names))
             ]
-    return Grounds.of(outline(vehicle_of(trials[0].grid_point.point.vehicle)), names, by_rig)
+    return Grounds.of(outline(trials[0].vehicle or Vehicle.car()), names, by_rig)
 
 
 def _entropy(counts: NDArray[np.int32], frames: int) -> NDArray[np.float32]:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from sweeps.configuration.grid import Sweep
 from sweeps.results.lidar_models import lidar_models
+from tracking.figures.kit.vehicle_lines import name_of
 from tracking.figures.of_sweeps.rig_views import rig_views
 from tracking.pages.page import SECTIONS_ALONE, write_page
 from tracking.pages.section import Section
@@ -24,16 +25,18 @@ def write_rigs_page(sweep: Sweep, cautions: list[str]) -> Path:
     }
     models = lidar_models(sweep)
     drawn = list(rigs)[:MOST_DRAWN]
+    vehicle = sweep.points[0].point.body()
     section = Section(
         "Rigs",
         notes=[
-            "The nose of a nominal car is on the right. A line leads from above to where a LiDAR's "
-            "top leans, from the side to where its front points. x is forward, y to the left, z "
-            "above the ground.",
+            f"The nose of {name_of(vehicle)} is on the right. A line leads from above to where a "
+            "LiDAR's top leans, from the side to where its front points. x is forward, y to the "
+            "left, z above the ground.",
             *cautions,
         ],
         figures=rig_views(
-            [viewed_rig(name, rigs[name].mounts, models.get(name, ())) for name in drawn]
+            [viewed_rig(name, rigs[name].mounts, models.get(name, ())) for name in drawn],
+            vehicle,
         ),
     )
     if len(drawn) < len(rigs):

@@ -14,6 +14,7 @@ import pandas as pd
 
 from lidarplace.files.secret_urls import hide_secrets, public_url
 from lidarplace.lidar.points_by_distance import points_by_distance
+from lidarplace.mounting.vehicle import Vehicle
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.grid import Sweep
 from sweeps.execution.execute import Outcome
@@ -41,6 +42,7 @@ from sweeps.tasks.task import Task
 from tracking.mlflow.uri import absolute_uri
 from tracking.report.failures import failures_to_show
 from tracking.run_folders import sweep_tables as contract
+from tracking.run_folders.drawn_vehicle import Triangles
 from tracking.run_folders.grounds import Grounds
 from tracking.run_folders.sweep_arrays import FailureFrames
 from tracking.run_folders.sweep_json import Anchor, Frames, Rung, SweepResult
@@ -126,6 +128,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
     (folder / Grounds.FILE).unlink(missing_ok=True)  # of an earlier run
     frames = {"train": 0, "test": 0}
     pictured: Mapping[str, Any] = {}
+    body = plan.trials[0].vehicle
     if known:
         for scene in (task for task in known[0].scenes if task.key in there):
             splits = store.load(scene, ("frames",))["frames"]["split"]
@@ -138,7 +141,8 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
         if tested:
             one_frame(shown, store).write(folder)
         pictured = axis_values(shown[0], [a for a in axes if a in surrogates.columns])
-    _about(sweep, Frames(**frames), run, pictured, plan, store).write(folder)
+        body = shown[0].vehicle
+    _about(sweep, Frames(**frames), run, pictured, body, plan, store).write(folder)
     (folder / FailureFrames.FILE).unlink(missing_ok=True)  # of an earlier run
     compared = failures_to_show(folder)
     if compared is not None:
@@ -256,7 +260,13 @@ def _tasks_table(tasks: Sequence[Task], store: AnyStore, run: Run) -> pd.DataFra
 
 
 def _about(
-    sweep: Sweep, frames: Frames, run: Run, pictured: Mapping[str, Any], plan: Plan, store: AnyStore
+    sweep: Sweep,
+    frames: Frames,
+    run: Run,
+    pictured: Mapping[str, Any],
+    body: Vehicle | None,
+    plan: Plan,
+    store: AnyStore,
 ) -> SweepResult:
     first = sweep.points[0].point
     rigs = {
@@ -282,4 +292,6 @@ def _about(
         seconds=run.seconds,
         versions={"python": platform.python_version()} | {n: version(n) for n in _VERSIONS},
         pictured=pictured,
+        vehicle=None if body is None else body.boxes.tolist(),
+        vehicle_mesh=None if body is None else Triangles.of(body.mesh),
     )

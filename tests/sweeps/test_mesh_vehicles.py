@@ -1,6 +1,9 @@
 """A vehicle as a mesh file: read, refused in a line, and in all that a sweep or a search does."""
 
+import base64
+import json
 import pickle
+import re
 import shutil
 
 import numpy as np
@@ -9,6 +12,7 @@ import pytest
 import yaml
 from search_files import write_search
 from small_log import write_small_log
+from test_detector_sweep import Loud
 from typer.testing import CliRunner
 
 from lidarplace import Lidar, Mount, Placement
@@ -20,10 +24,17 @@ from lidarplace.studio.violations import violations
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from sweeps.configuration.question import read_question
+from sweeps.execution.backends import InProcess
+from sweeps.execution.execute import Outcome, execute
 from sweeps.plan.plan import make_plan
 from sweeps.requirements import app as requirements
+from sweeps.results.promotion import Promotion
 from sweeps.results.rig_cautions import rig_cautions
+from sweeps.results.rigs_page import write_rigs_page
+from sweeps.results.run_folder import Run, write_run
 from sweeps.search.problem.problem import read_problem
+from sweeps.store.local import Store
+from tracking.run_folders.sweep import RunFolder
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -253,6 +264,34 @@ def test_a_caution_says_how_much_a_mesh_stops(folder):
     )
     assert own == other
     assert any("what LiDAR 2 fires meets the vehicle" in line for line in own)
+
+
+def test_the_run_folder_of_a_sweep_has_the_mesh(folder):
+    sweep = read_sweep(sweep_file(folder, detector=None))
+    plan, store, outcome = make_plan(sweep), Store(folder / "store"), Outcome()
+    (folder / "body.stl").unlink()  # it was read when the sweep began
+    execute(plan.tasks, store, InProcess(), Loud(), outcome)
+    run = Run(outcome, Promotion(complete=True), set(), 1, "sweeps.run grid.yaml", 0.0, 1.0)
+    write_run(folder / "run", sweep, plan, store, run)
+    body = RunFolder.read(folder / "run").sweep.body
+    assert len(body.mesh.faces) == 12
+    np.testing.assert_allclose(body.extents, [[LOW, HIGH]])
+
+
+def test_the_page_of_rigs_has_the_vehicle(folder):
+    sweep = read_sweep(sweep_file(folder, output=str(folder / "runs")))
+    page = write_rigs_page(sweep, []).read_text(encoding="utf-8")
+    assert "the vehicle is on the right" in page
+    (figure,) = re.findall(r'<script type="application/json"[^>]*>(.*?)</script>', page, re.DOTALL)
+    drawn = [t for t in json.loads(figure)["data"] if t.get("fill") == "toself"]
+    tops = [numbers(trace["y"]).max() for trace in drawn]
+    assert tops == pytest.approx([HIGH[1], HIGH[2]], abs=1e-6)
+
+
+def numbers(packed):
+    """An array as plotly packs it."""
+    values = np.frombuffer(base64.b64decode(packed["bdata"]), packed["dtype"])
+    return values[~np.isnan(values)]
 
 
 def test_requirements_and_their_page(folder):

@@ -40,6 +40,9 @@ from tracking.run_folders.sweep_tables import TABLES
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 
+BODY = [[[-2.0, -0.9, 0.2], [2.0, 0.9, 1.5]]]
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("sweep")
@@ -50,6 +53,7 @@ def folder(tmp_path_factory):
     own = {"scene": scene, "grid": grid, "output": str(path / "runs")}
     own["surrogate"] = {"resolution": SWEEP["surrogate"]["resolution"]}  # all that can be studied
     near = {"x": [3, 5], "y": [-1, 1]}
+    own["vehicle"] = BODY
     own["requirements"] = [
         {"name": "near", "where": near, "what": "Car", "at_least": {"points": 1}, "step": 1.0}
     ]
@@ -85,6 +89,12 @@ def test_rows_of_settings_that_differ_are_told_apart(table, stages):
     """Of all keys that decide what a row says, the axes are columns; or rows were there twice."""
     keys = {key.partition(".")[0] for stage in stages for key in keys_of(object.__new__(stage))}
     assert keys - {"placement", "classes"} <= set(table.axes)
+
+
+def test_the_vehicle_is_kept_to_be_drawn(folder):
+    told = RunFolder.read(folder)
+    np.testing.assert_array_equal(told.sweep.body.boxes, BODY)
+    assert told.sweep.body.mesh is None
 
 
 def test_individuals_of_both_splits_are_counted_once(folder):

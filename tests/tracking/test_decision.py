@@ -170,7 +170,7 @@ def test_rigs_are_drawn_with_their_models(one_class):
 
 def test_views_have_mounts_where_they_are_and_lines_where_they_lean_and_look():
     mount = Mount.degrees(x=0.5, y=-0.4, z=2.1, roll=30, pitch=10)
-    (plot,) = rig_views([ViewedRig((mount,), "rig", ("",))])
+    (plot,) = rig_views([ViewedRig((mount,), "rig", ("",))], None)
     above, side = (trace for trace in plot.data if trace.mode == "lines+markers")
     assert (above.x[0], above.y[0]) == (0.5, -0.4)
     assert (side.x[0], side.y[0]) == (0.5, 2.1)
@@ -182,7 +182,7 @@ def test_views_have_mounts_where_they_are_and_lines_where_they_lean_and_look():
 
 def test_a_rig_beyond_the_car_is_in_view():
     mount = Mount(x=-7.5, y=1.3, z=3.4)
-    (plot,) = rig_views([ViewedRig((mount,), "truck", ("",))])
+    (plot,) = rig_views([ViewedRig((mount,), "truck", ("",))], None)
     for axis, value in (("xaxis", -7.5), ("yaxis", 1.3), ("yaxis2", 3.4)):
         low, high = plot.layout[axis].range
         assert low < value < high

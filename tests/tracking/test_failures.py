@@ -123,7 +123,7 @@ def test_points_in_a_box_have_the_colour_of_what_became_of_it():
     # 1.9 m to the side is in the car that stands across, and beside the one that stands along.
     points = np.array([[10, 1.9, 1], [11.9, 0, 1], [10, 9, 1], [11.9, 9, 1], [10, 10.9, 1]])
     plot = frame_in_space(
-        objects, np.array([1.0, 0.0]), points.astype(np.float32), np.empty((0, 8))
+        objects, np.array([1.0, 0.0]), points.astype(np.float32), np.empty((0, 8)), None
     )
     drawn = {
         trace.marker.color: sorted(zip(trace.x.tolist(), trace.y.tolist(), strict=True))

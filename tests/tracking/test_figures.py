@@ -58,7 +58,7 @@ def test_maps_of_coverage_and_residual_share_their_scales():
     side.residual[7, 2] = 2.0
     most = densest([above.residual, above.residual * 2], roi, roi.y)
     assert most == pytest.approx(6 / 0.25), "nats a square metre"
-    plot = coverage_maps(above, side, roi, "line", [Mount(x=1, y=2, z=3)], (most, 9.0))
+    plot = coverage_maps(above, side, roi, None, "line", [Mount(x=1, y=2, z=3)], (most, 9.0))
     heats = [trace for trace in plot.data if trace.type == "heatmap"]
     assert [heat.zmax for heat in heats] == [100, most, 100, 9]
     cells = [np.asarray(heat.z) for heat in heats]
@@ -82,12 +82,12 @@ def test_clouds_are_thinned_inside_the_roi_and_seeded():
         boxes=np.array([[10.0, 2, 1, 4, 2, 1.5, np.pi / 2]]),
         labels=np.array(["Car"]),
     )
-    plot = point_clouds(frame, ROI, ["line", "center"], "line")
+    plot = point_clouds(frame, ROI, None, ["line", "center"], "line")
     clouds = [trace for trace in plot.data if trace.type == "scattergl" and trace.visible]
     assert [trace.name for trace in clouds] == ["LiDAR 0", "LiDAR 2"]
     assert sum(len(trace.x) for trace in clouds) == POINTS
     assert all(np.min(trace.x) >= 0 and np.max(np.abs(trace.y)) <= 10 for trace in clouds)
-    again = point_clouds(frame, ROI, ["line", "center"], "line")
+    again = point_clouds(frame, ROI, None, ["line", "center"], "line")
     assert np.array_equal(again.data[0].x, plot.data[0].x)
     (car,) = (trace for trace in plot.data if trace.name == "Car")
     # Turned by a quarter: 4 m along y, 2 m along x.

@@ -7,6 +7,7 @@ import pandas as pd
 import plotly.graph_objects as go
 import pytest
 
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.roi import Roi
 from tracking.figures.kit.rig_picture import PicturedRig, rig_picture
 from tracking.figures.of_searches.from_optuna import from_optuna
@@ -21,6 +22,7 @@ from tracking.search_report.edges import at_the_edge
 GAIN = Objective(name="gain", by="expected_ig", unit="nats", direction="maximize")
 PRICE = Objective(name="price", by="price", unit="€", direction="minimize")
 ANGLES = {"roll_deg": (-20, 20), "pitch_deg": (3, 3), "yaw_deg": (-180, 180)}
+NO_BODY = Vehicle("none", np.empty((0, 2, 3)))
 ROOF = Zone(name="roof", polygon=((0, 0), (1, 0), (0, 1)), z=(1.5, 2.0), **ANGLES)
 
 
@@ -60,7 +62,9 @@ def test_maps_share_a_scale_and_the_difference_is_about_zero():
     roi = Roi(x=(0, 2), y=(0, 1), z=(0, 1), resolution=0.5)
     before = np.array([[4.0, 0.0], [1.0, 1.0], [0.0, 0.0], [0.0, 0.0]], np.float32)
     after = np.array([[1.0, 2.0], [1.0, 1.0], [0.0, 0.0], [0.0, 0.0]], np.float32)
-    first, second, less = (plot.data[0] for plot in unseen(before, after, roi, ("Car", "a", "b")))
+    first, second, less = (
+        plot.data[0] for plot in unseen(before, after, roi, NO_BODY, ("Car", "a", "b"))
+    )
     assert (first.zmin, first.zmax) == (second.zmin, second.zmax) == (0, 4)
     assert (less.zmin, less.zmax) == (-3, 3)
     np.testing.assert_array_equal(less.z, (after - before).T)
@@ -69,7 +73,7 @@ def test_maps_share_a_scale_and_the_difference_is_about_zero():
 def test_equal_maps_have_a_scale():
     roi = Roi(x=(0, 1), y=(0, 1), z=(0, 1), resolution=0.5)
     nothing = np.zeros((2, 2), np.float32)
-    plots = unseen(nothing, nothing, roi, ("Car", "a", "b"))
+    plots = unseen(nothing, nothing, roi, NO_BODY, ("Car", "a", "b"))
     assert [(plot.data[0].zmin, plot.data[0].zmax) for plot in plots] == [(0, 1), (0, 1), (-1, 1)]
 
 
@@ -77,7 +81,7 @@ def test_the_menu_shows_one_rig_and_its_axes_turn_with_it():
     turned = rig((1.0, 0.0, 2.0, 0.0, 0.0, np.pi / 2))
     rigs = {"a": turned, "b": rig((0, 0, 3, 0, 0, 0), (0, 1, 3, 0, 0, 0))}
     pictured = {name: PicturedRig.found(own) for name, own in rigs.items()}
-    plot = rig_picture(pictured, [], [ROOF])
+    plot = rig_picture(pictured, NO_BODY, [ROOF])
     forward = trace(plot, "sensor's x")
     ends = np.stack([forward.x, forward.y, forward.z], axis=1)
     np.testing.assert_allclose(ends[:2], [[1, 0, 2], [1, 0.3, 2]], atol=1e-6)

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from lidarplace.files.atomic import replacing
 from lidarplace.metrics import METRICS
+from lidarplace.mounting.outline import closed_lines
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Mount
 from lidarplace.pose import rotation
 from lidarplace.sensor import Lidar
-from tracking.figures.kit.style import OUTLINE, VEHICLE, colour
+from tracking.figures.kit.style import OUTLINE, colour
+from tracking.figures.kit.vehicle_lines import extent_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,18 +26,24 @@ _DPI = 110
 _AXIS_M = 0.5
 
 
-def draw_rig(path: Path, title: str, mounts: Sequence[Mount], lidars: Sequence[Lidar]) -> None:
+def draw_rig(
+    path: Path,
+    title: str,
+    mounts: Sequence[Mount],
+    lidars: Sequence[Lidar],
+    vehicle: Vehicle | None,
+) -> None:
     """Write a PNG of a rig: from above with where x of every sensor points, and from the side
-    and from behind with the plane in which it turns."""
+    and from behind with the plane in which it turns. `vehicle` is None for a nominal car."""
+    from matplotlib.patches import Polygon
+
     figure = _figure(9.0, 2.7)
     panels: list[tuple[str, int, int]] = [("above", 0, 1), ("the left", 0, 2), ("behind", 1, 2)]
     axes = figure.subplots(1, 3, gridspec_kw={"width_ratios": [5.6, 5.6, 3.0]})
-    length, width = VEHICLE
-    half = {0: length / 2, 1: width / 2}
+    body = vehicle or Vehicle("car", extent_of(None)[None])
     for axis, (view, across, up) in zip(axes, panels, strict=True):
-        low = -half[1] if up == 1 else 0.0
-        high = half[1] if up == 1 else 1.5
-        axis.add_patch(_rectangle(-half[across], low, 2 * half[across], high - low))
+        for line in closed_lines(body, (across, up)):
+            axis.add_patch(Polygon(line, facecolor=OUTLINE, alpha=0.25, edgecolor=OUTLINE))
         for i, mount in enumerate(mounts):
             at = np.array([mount.x, mount.y, mount.z])
             turn = rotation(mount.roll, mount.pitch, mount.yaw)
@@ -82,12 +91,6 @@ def _figure(width: float, height: float) -> Figure:
     from matplotlib.figure import Figure  # not pyplot, which would keep it and ask for a display
 
     return Figure(figsize=(width, height), layout="constrained")
-
-
-def _rectangle(x: float, y: float, width: float, height: float) -> Any:
-    from matplotlib.patches import Rectangle
-
-    return Rectangle((x, y), width, height, facecolor=OUTLINE, alpha=0.25, edgecolor=OUTLINE)
 
 
 def _save(figure: Figure, path: Path) -> None:

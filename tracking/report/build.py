@@ -220,7 +220,7 @@ def _write_failures(
     frames = run.failures
     if frames is not None and not frames.are_of(pair.rigs, pair.objects["object"]):
         frames = None
-    write_failures(target, pair, frames, section, run.roi, extent, links)
+    write_failures(target, pair, frames, section, run.roi, run.sweep.body, extent, links)
 
 
 def _verdicts(found: _Analysis) -> tuple[list[Verdict], str]:

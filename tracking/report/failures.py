@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from lidarplace.boxes import GEOMETRY
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.roi import Roi
 from tracking.figures.of_sweeps.frame_in_space import (
     DETECTION,
@@ -82,6 +83,7 @@ def write_failures(
     frames: FailureFrames | None,
     section: Section,
     roi: Roi,
+    vehicle: Vehicle | None,
     extent: str,
     links: Mapping[str, str],
 ) -> Path:
@@ -90,6 +92,7 @@ def write_failures(
     Args:
         frames: of the same two rigs; None where there are none to show.
         section: `tracking.report.sections.failures.failures_section`, whose tables are written.
+        vehicle: carries them; None for a sedan.
         extent: how much was compared, in one line.
         links: to other pages, by address.
     """
@@ -103,13 +106,13 @@ def write_failures(
         extent=extent,
         links=links,
         said=section.notes[:2],
-        frames=_shown(found, frames) if frames is not None else [],
+        frames=_shown(found, frames, vehicle) if frames is not None else [],
         colours={**FOUND, f"detected with seed {found.seeds[0]}": DETECTION},
-        whole=json.dumps(view_of(roi)),
+        whole=json.dumps(view_of(roi, vehicle)),
     )
 
 
-def _shown(found: Failures, frames: FailureFrames) -> list[_Shown]:
+def _shown(found: Failures, frames: FailureFrames, vehicle: Vehicle | None) -> list[_Shown]:
     number = {int(own): row for row, own in enumerate(found.objects["object"])}
     shown = []
     for place, own in enumerate(frames.objects.tolist()):
@@ -122,6 +125,7 @@ def _shown(found: Failures, frames: FailureFrames) -> list[_Shown]:
                 found.shares[rig, here],
                 frames.points[f"{place}/{rig}"],
                 frames.detections[f"{place}/{rig}"],
+                vehicle,
             )
             for rig in range(2)
         ]

@@ -7,13 +7,13 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Mount
 from lidarplace.roi import Roi
+from tracking.run_folders.drawn_vehicle import Boxes, Triangles, drawn_vehicle
 from tracking.run_folders.json_file import Part, ResultFile
 from tracking.run_folders.search_tables import trials_of
 from tracking.run_folders.table import Table
-
-Point = tuple[float, float, float]
 
 
 class Objective(Part):
@@ -67,13 +67,6 @@ class Zone(Part):
     roll_deg: tuple[float, float]
     pitch_deg: tuple[float, float]
     yaw_deg: tuple[float, float]
-
-
-class Triangles(Part):
-    """A surface: corners in metres, and which three of them a triangle has."""
-
-    vertices: tuple[Point, ...]
-    faces: tuple[tuple[int, int, int], ...]
 
 
 class Model(Part):
@@ -215,7 +208,7 @@ class SearchResult(ResultFile):
     """In the POG."""
     zones: tuple[Zone, ...]
     """Where LiDARs may sit."""
-    vehicle: tuple[tuple[Point, Point], ...]
+    vehicle: Boxes
     """Boxes, lowest and highest corner."""
     vehicle_mesh: Triangles | None = None
     """Its mesh, if it has one, in so few triangles that it can be drawn."""
@@ -246,6 +239,11 @@ class SearchResult(ResultFile):
     """Where MLflow has the runs, without passwords."""
     versions: dict[str, str]
     """Of Python and of the libraries."""
+
+    @property
+    def body(self) -> Vehicle:
+        """The vehicle that pictures show."""
+        return drawn_vehicle(self.vehicle, self.vehicle_mesh)
 
     @property
     def first(self) -> Objective:

@@ -7,8 +7,10 @@ from typing import Annotated, Any, ClassVar
 from pydantic import ConfigDict, Field, FiniteFloat
 
 from lidarplace.configuration.settings import Count, CountFromOne
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Mount
 from lidarplace.roi import Roi
+from tracking.run_folders.drawn_vehicle import Boxes, Triangles, drawn_vehicle
 from tracking.run_folders.json_file import Part, ResultFile
 
 Pose = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
@@ -98,7 +100,16 @@ class SweepResult(ResultFile):
     versions: dict[str, str] = Field({})
     """Of Python and of the libraries."""
     pictured: dict[str, str | int | float | bool | None] = Field({})
-    """Of which setting maps, frames and clouds are, by axis."""
+    """Of which setting maps, frames and clouds are, and the vehicle is, by axis."""
+    vehicle: Boxes | None = None
+    """Boxes of the vehicle, lowest and highest corner; null: a sedan."""
+    vehicle_mesh: Triangles | None = None
+    """Its mesh, if it has one, in so few triangles that it can be drawn."""
+
+    @property
+    def body(self) -> Vehicle | None:
+        """The vehicle that pictures show; None for a sedan, and of older files."""
+        return None if self.vehicle is None else drawn_vehicle(self.vehicle, self.vehicle_mesh)
 
     @property
     def rigs(self) -> dict[str, tuple[Mount, ...]]:

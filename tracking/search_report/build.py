@@ -141,7 +141,7 @@ def _picture(run: SearchFolder) -> Section | None:
     )
     pictured = {name: PicturedRig.found(rig) for name, rig in menu.items()}
     search = run.search
-    section.figures.append(rig_picture(pictured, search.vehicle, search.zones, search.vehicle_mesh))
+    section.figures.append(rig_picture(pictured, search.body, search.zones))
     return section
 
 
@@ -154,7 +154,9 @@ def _unseen(run: SearchFolder) -> Section | None:
     for name, maps in run.unseen.items():
         if before not in maps or after not in maps:
             continue
-        section.figures += unseen(maps[before], maps[after], run.roi, (name, before, after))
+        section.figures += unseen(
+            maps[before], maps[after], run.roi, run.search.body, (name, before, after)
+        )
         whole = float(run.pog[name].sum(dtype=float)) if name in run.pog else float("nan")
         left = [float(maps[rig].sum(dtype=float)) for rig in (before, after)]
         rows.append(

@@ -16,7 +16,6 @@ from lidarplace.command_line.invocation import command
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.files.secret_urls import public_url
 from lidarplace.metrics import METRICS
-from lidarplace.mounting.mesh import Mesh
 from lidarplace.mounting.outline import outline
 from lidarplace.requirements.ground import Ground
 from lidarplace.requirements.judge import judge
@@ -38,6 +37,7 @@ from sweeps.search.trials.by_detectors import class_weights
 from sweeps.search.trials.study import assessment_of, candidate_of, finished_trials, journal_path
 from sweeps.store.local import write_text
 from tracking.mlflow.uri import absolute_uri
+from tracking.run_folders.drawn_vehicle import Triangles
 from tracking.run_folders.grounds import Grounds
 from tracking.run_folders.search_arrays import UnseenMaps
 from tracking.run_folders.search_json import (
@@ -48,7 +48,6 @@ from tracking.run_folders.search_json import (
     Objective,
     SearchResult,
     Stride,
-    Triangles,
     Zone,
 )
 from tracking.run_folders.search_json import Rig as JudgedRig
@@ -62,9 +61,6 @@ from tracking.run_folders.search_tables import (
 )
 
 _VERSIONS = ("numpy", "numba", "torch", "ray", "mlflow", "pandas", "optuna")
-
-MOST_DRAWN, FINEST_M = 5000, 0.02
-"""Triangles of a mesh in a picture, and how far corners are moved at first to have no more."""
 
 _OPTIONAL = [table.file for table in TABLES if not table.needed]
 _OPTIONAL += ["placement.yaml", "sweep.yaml", UnseenMaps.FILE, Grounds.FILE]
@@ -199,7 +195,7 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> Sear
             for zone in problem.space.zones
         ],
         vehicle=question.carrier.vehicle.boxes.tolist(),
-        vehicle_mesh=_drawn(question.carrier.vehicle.mesh),
+        vehicle_mesh=Triangles.of(question.carrier.vehicle.mesh),
         models={
             name: Model(
                 price=question.carrier.totals["price"][name],
@@ -274,16 +270,6 @@ def _rig(own: Judged) -> JudgedRig:
         measures=own.assessment.measures,
         params=dict(own.values_beside),
     )
-
-
-def _drawn(mesh: Mesh | None) -> Triangles | None:
-    """What a picture shows of a mesh."""
-    if mesh is None:
-        return None
-    edge = FINEST_M
-    while len(mesh.faces) > MOST_DRAWN and edge < 1.0:
-        mesh, edge = mesh.coarse(edge), 2 * edge
-    return Triangles(vertices=mesh.vertices.round(3).tolist(), faces=mesh.faces.tolist())
 
 
 def _bound(found: Found, problem: Problem) -> Bound:

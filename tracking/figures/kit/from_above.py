@@ -6,10 +6,14 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.roi import Roi
 from tracking.figures.kit.averaged import averaged
-from tracking.figures.kit.style import SEQUENTIAL, VEHICLE, VEHICLE_OUTLINE, figure
+from tracking.figures.kit.style import SEQUENTIAL, figure
+from tracking.figures.kit.vehicle_lines import extent_of, vehicle_from_above
 
+_AROUND = np.array([[-0.5, -0.5, 0.0], [0.5, 0.5, 0.2]])
+"""What is in view before and behind the vehicle's ends, metres."""
 _CELLS = 200
 """Maps are averaged to at most this many cells along the longer side: a page holds many."""
 
@@ -25,38 +29,28 @@ def pog_from_above(
     return _map(cells.astype(np.float32), x, y, title, "nats", None, "%{z:.3g} nats")
 
 
-def vehicle_from_above() -> go.Scatter:
-    """Outline of the vehicle, its nose to the right."""
-    length, width = VEHICLE
-    front = length / 2 - 0.9
-    return go.Scatter(
-        x=[length / 2, -length / 2, -length / 2, length / 2, length / 2, front, length / 2],
-        y=[width / 2, width / 2, -width / 2, -width / 2, width / 2, 0, -width / 2],
-        **VEHICLE_OUTLINE,
-    )
+def add_vehicle(plot: go.Figure, vehicle: Vehicle | None, roi: Roi) -> None:
+    """Outline the vehicle, a nominal car for None; it and the whole ROI are in view.
 
-
-def add_vehicle(plot: go.Figure) -> None:
-    """Outline the vehicle, its nose to the right."""
-    plot.add_trace(vehicle_from_above())
-
-
-def metres(plot: go.Figure, roi: Roi) -> None:
-    """Equal scales, x forward to the right, y left upwards; the whole ROI and vehicle in view."""
-    reach = VEHICLE[0] / 2 + 0.5
-    plot.update_xaxes(
-        title="x, forward (m)",
-        range=[min(roi.x[0], -reach), max(roi.x[1], reach)],
-        constrain="domain",
-        showgrid=False,
-    )
+    Scales are equal, x forward to the right, y left upwards.
+    """
+    plot.add_trace(vehicle_from_above(vehicle))
+    x, y = in_view(vehicle, roi)[:2]
+    plot.update_xaxes(title="x, forward (m)", range=x, constrain="domain", showgrid=False)
     plot.update_yaxes(
         title="y, left (m)",
-        range=[min(roi.y[0], -1.5), max(roi.y[1], 1.5)],
+        range=y,
         scaleanchor="x",
         constrain="domain",
         showgrid=False,
     )
+
+
+def in_view(vehicle: Vehicle | None, roi: Roi) -> list[list[float]]:
+    """What axes x, y and z show: the vehicle and the whole ROI, metres."""
+    low, high = (extent_of(vehicle) + _AROUND).tolist()
+    sides = zip((roi.x, roi.y, roi.z), low, high, strict=True)
+    return [[min(side[0], first), max(side[1], last)] for side, first, last in sides]
 
 
 def _map(

@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Mount
 from lidarplace.viewing.axes import equal_axes
-from lidarplace.viewing.solids import edges, triangles
+from lidarplace.viewing.solids import between, edges, triangles
 from tracking.figures.kit.style import OUTLINE, add_menu, figure, lidar_colour, text
-from tracking.run_folders.search_json import Point, Rig, Triangles, Zone
-
-_CAR = tuple((tuple(low), tuple(high)) for low, high in Vehicle.car().boxes.tolist())
+from tracking.run_folders.search_json import Rig, Zone
 
 _AXES = (("x", "#D55E00"), ("y", "#009E73"), ("z", "#0072B2"))
 """Axes of a sensor, in colours that colour-blind readers can tell apart."""
@@ -54,25 +52,23 @@ class PicturedRig:
 
 def rig_picture(
     rigs: Mapping[str, PicturedRig],
-    vehicle: Sequence[tuple[Point, Point]] = _CAR,
+    vehicle: Vehicle,
     zones: Sequence[Zone] = (),
-    mesh: Triangles | None = None,
 ) -> go.Figure:
     """The first of `rigs` at the start; the others by the menu.
 
     Args:
         rigs: by the name in the menu.
-        vehicle: boxes, lowest and highest corner, metres; a car by default.
+        vehicle: carries them.
         zones: where LiDARs may sit.
-        mesh: of the vehicle, beside its boxes.
     """
     plot = figure("LiDARs on the vehicle", height=550, margin={"l": 0, "r": 0, "t": 70, "b": 32})
-    boxes = _boxes(vehicle)
+    boxes = between(vehicle.boxes)
     if len(boxes):
         _add_surface(plot, *triangles(boxes))
         _add_edges(plot, boxes)
-    if mesh is not None:
-        _add_surface(plot, np.array(mesh.vertices), np.array(mesh.faces))
+    if vehicle.mesh is not None:
+        _add_surface(plot, vehicle.mesh.vertices, vehicle.mesh.faces)
     if zones:
         lines = np.concatenate([_prism(zone) for zone in zones])
         plot.add_scatter3d(
@@ -98,12 +94,6 @@ def rig_picture(
     changes = [({"visible": [who in ("", name) for who in owner]},) for name in rigs]
     add_menu(plot, [text(name) for name in rigs], changes, y=1)
     return plot
-
-
-def _boxes(vehicle: Sequence[tuple[Point, Point]]) -> NDArray[np.float64]:
-    """Rows of `lidarplace.boxes.GEOMETRY`, shape (m, 7)."""
-    low, high = np.asarray(vehicle, np.float64).reshape(-1, 2, 3).swapaxes(0, 1)
-    return np.concatenate([(low + high) / 2, high - low, np.zeros((len(low), 1))], axis=1)
 
 
 def _add_surface(

@@ -24,18 +24,6 @@ SYMBOLS = (
 )
 SEQUENTIAL = "Cividis"
 
-VEHICLE_OUTLINE: dict[str, Any] = {
-    "mode": "lines",
-    "line": {"color": "#D55E00", "width": 1.5},
-    "fill": "toself",
-    "fillcolor": "rgba(255, 255, 255, 0.7)",
-    "hoverinfo": "skip",
-    "showlegend": False,
-}
-"""Lightens a map under the vehicle: its orange line alone is lost there for some eyes."""
-VEHICLE = (4.7, 1.9)
-"""Length and width of the outline drawn for the vehicle, metres: a middle-class car."""
-
 
 def colour(index: int) -> str:
     """The colour of the `index`-th of several things; repeats after eight."""

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from lidarplace.placement import Mount
 from lidarplace.requirements.ground import Ground
-from tracking.figures.kit.style import VEHICLE_OUTLINE, figure, lidar_colour, text
+from tracking.figures.kit.style import figure, lidar_colour, text
+from tracking.figures.kit.vehicle_lines import VEHICLE_OUTLINE
 
 _ENOUGH = 0.5
 _COLOURS = (

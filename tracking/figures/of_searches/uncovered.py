@@ -6,8 +6,9 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.roi import Roi
-from tracking.figures.kit.from_above import add_vehicle, metres, pog_from_above
+from tracking.figures.kit.from_above import add_vehicle, pog_from_above
 from tracking.figures.kit.style import text
 
 _CELLS = 120
@@ -17,7 +18,11 @@ _DIVERGING = [[0, "#56B4E9"], [0.5, "#f7f7f7"], [1, "#E69F00"]]
 
 
 def unseen(
-    before: NDArray[np.float32], after: NDArray[np.float32], roi: Roi, names: tuple[str, str, str]
+    before: NDArray[np.float32],
+    after: NDArray[np.float32],
+    roi: Roi,
+    vehicle: Vehicle,
+    names: tuple[str, str, str],
 ) -> list[go.Figure]:
     """Two maps on one scale from 0, and `after - before` on a scale about 0.
 
@@ -38,6 +43,5 @@ def unseen(
     widest = float(np.abs(maps[2].z).max()) or 1.0
     maps[2].update(zmin=-widest, zmax=widest, colorscale=_DIVERGING)
     for plot in plots:
-        add_vehicle(plot)
-        metres(plot, roi)
+        add_vehicle(plot, vehicle, roi)
     return plots

@@ -11,12 +11,13 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Mount
 from lidarplace.roi import Interval, Roi
 from tracking.figures.kit.averaged import averaged
-from tracking.figures.kit.from_above import vehicle_from_above
-from tracking.figures.kit.from_the_side import VEHICLE_HEIGHT, vehicle_from_the_side
-from tracking.figures.kit.style import SEQUENTIAL, VEHICLE, figure
+from tracking.figures.kit.from_above import in_view
+from tracking.figures.kit.style import SEQUENTIAL, figure
+from tracking.figures.kit.vehicle_lines import vehicle_from_above, vehicle_from_the_side
 
 _CELLS = {"coverage": 160, "residual": 80}
 """Cells along the longer side of a map; a page holds two for every placement."""
@@ -41,6 +42,7 @@ def coverage_maps(
     above: SeenFrom,
     side: SeenFrom,
     roi: Roi,
+    vehicle: Vehicle | None,
     title: str,
     mounts: Sequence[Mount],
     most: tuple[float, float],
@@ -48,6 +50,7 @@ def coverage_maps(
     """Four maps: coverage on the left, residual entropy on the right; from above, from the side.
 
     Args:
+        vehicle: None for a nominal car.
         title: plotly text.
         mounts: drawn as dots.
         most: residual entropy of the brightest colour from above and from the side, nats a square
@@ -74,10 +77,10 @@ def coverage_maps(
             limit = 100.0 if name == "coverage" else most[row - 1]
             map_ = _map(seen, (roi, other), name, row, limit, drawn)
             plot.add_trace(map_, row=row, col=column)
-            outline = vehicle_from_above() if row == 1 else vehicle_from_the_side()
+            outline = (vehicle_from_above if row == 1 else vehicle_from_the_side)(vehicle)
             plot.add_trace(outline, row=row, col=column)
             plot.add_trace(_dots(mounts, row), row=row, col=column)
-    _axes(plot, roi)
+    _axes(plot, in_view(vehicle, roi))
     return plot
 
 
@@ -145,16 +148,11 @@ def _dots(mounts: Sequence[Mount], row: int) -> go.Scatter:
     )
 
 
-def _axes(plot: go.Figure, roi: Roi) -> None:
-    """The whole ROI and the vehicle in view."""
-    reach = VEHICLE[0] / 2 + 0.5
-    plot.update_xaxes(
-        range=[min(roi.x[0], -reach), max(roi.x[1], reach)], showgrid=False, ticks="outside"
-    )
+def _axes(plot: go.Figure, ranges: Sequence[Sequence[float]]) -> None:
+    """Of x, y and z, metres."""
+    x, y, z = ranges
+    plot.update_xaxes(range=x, showgrid=False, ticks="outside")
     plot.update_xaxes(title={"text": "x, forward (m)", "standoff": 2}, row=2)
     plot.update_yaxes(showgrid=False)
-    plot.update_yaxes(
-        range=[min(roi.y[0], -1.5), max(roi.y[1], 1.5)], title="y, left (m)", row=1, col=1
-    )
-    top = max(roi.z[1], VEHICLE_HEIGHT + 0.2)
-    plot.update_yaxes(range=[min(roi.z[0], 0), top], title="z, up (m)", nticks=4, row=2, col=1)
+    plot.update_yaxes(range=y, title="y, left (m)", row=1, col=1)
+    plot.update_yaxes(range=z, title="z, up (m)", nticks=4, row=2, col=1)

@@ -9,8 +9,9 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.roi import Roi
-from tracking.figures.kit.from_above import add_vehicle, metres
+from tracking.figures.kit.from_above import add_vehicle
 from tracking.figures.kit.style import OUTLINE, add_menu, figure, lidar_colour, text
 from tracking.run_folders.sweep_arrays import Frame
 
@@ -21,6 +22,7 @@ POINTS = 8000
 def point_clouds(
     frame: Frame,
     roi: Roi,
+    vehicle: Vehicle | None,
     placements: Sequence[str],
     first: str,
     seed: int = 0,
@@ -29,6 +31,7 @@ def point_clouds(
     """One placement at a time, a menu chooses; a colour a LiDAR, outlines for the ground truth.
 
     Args:
+        vehicle: None for a nominal car.
         placements: those in the menu, keys of `frame.points`.
         first: the one shown at the start.
         seed: of the choice of points.
@@ -66,9 +69,8 @@ def point_clouds(
             hoverinfo="skip",
         )
         owner.append("")
-    add_vehicle(plot)
+    add_vehicle(plot, vehicle, roi)
     owner.append("")
-    metres(plot, roi)
     plot.update_layout(
         margin={"t": 96},
         legend={"orientation": "h", "y": -0.25, "itemsizing": "constant"},

@@ -9,10 +9,14 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Mount
-from tracking.figures.kit.from_above import vehicle_from_above
-from tracking.figures.kit.from_the_side import VEHICLE_HEIGHT, vehicle_from_the_side
-from tracking.figures.kit.style import VEHICLE, figure, lidar_colour, symbol
+from tracking.figures.kit.style import figure, lidar_colour, symbol
+from tracking.figures.kit.vehicle_lines import (
+    extent_of,
+    vehicle_from_above,
+    vehicle_from_the_side,
+)
 from tracking.numbers import digits
 
 _VIEW = 120  # pixels of both views
@@ -38,27 +42,31 @@ class ViewedRig:
     models: tuple[str, ...]
 
 
-def rig_views(rigs: Sequence[ViewedRig]) -> list[go.Figure]:
+def rig_views(rigs: Sequence[ViewedRig], vehicle: Vehicle | None) -> list[go.Figure]:
     """A figure for each rig: above its two views, below a line for each mount.
 
     From above a line leads from a LiDAR to where its top leans, longer the more it does; from the
-    side the line is its own x axis, level unless it is pitched.
+    side the line is its own x axis, level unless it is pitched. `vehicle` is None for a nominal
+    car.
     """
-    reach = _reach([mount for rig in rigs for mount in rig.mounts])
+    reach = _reach([mount for rig in rigs for mount in rig.mounts], vehicle)
     most = max(len(rig.mounts) for rig in rigs)
-    return [_views(rig, reach, most) for rig in rigs]
+    return [_views(rig, vehicle, reach, most) for rig in rigs]
 
 
-def _reach(mounts: Sequence[Mount]) -> Mapping[str, tuple[float, float]]:
+def _reach(mounts: Sequence[Mount], vehicle: Vehicle | None) -> Mapping[str, tuple[float, float]]:
     """What the views show along x, y and z: the vehicle and every mount, metres."""
-    at = np.array([mount.position for mount in mounts])
-    half = np.array([VEHICLE[0] / 2, VEHICLE[1] / 2])
-    low = np.minimum([*-half, 0.0], at.min(axis=0)) - _AROUND
-    high = np.maximum([*half, VEHICLE_HEIGHT], at.max(axis=0)) + _AROUND
+    at = np.array([mount.position for mount in mounts] + extent_of(vehicle).tolist())
+    low, high = at.min(axis=0) - _AROUND, at.max(axis=0) + _AROUND
     return {axis: (float(low[i]), float(high[i])) for i, axis in enumerate("xyz")}
 
 
-def _views(rig: ViewedRig, reach: Mapping[str, tuple[float, float]], lines: int) -> go.Figure:
+def _views(
+    rig: ViewedRig,
+    vehicle: Vehicle | None,
+    reach: Mapping[str, tuple[float, float]],
+    lines: int,
+) -> go.Figure:
     below = _LINE * lines
     height = _TITLE + _VIEW + below + 8
     plot = make_subplots(
@@ -71,7 +79,7 @@ def _views(rig: ViewedRig, reach: Mapping[str, tuple[float, float]], lines: int)
         horizontal_spacing=0.02,
     )
     for column, (outline, across) in enumerate(
-        ((vehicle_from_above(), "y"), (vehicle_from_the_side(), "z")), start=1
+        ((vehicle_from_above(vehicle), "y"), (vehicle_from_the_side(vehicle), "z")), start=1
     ):
         plot.add_trace(outline.update(fillcolor=_BODY), row=1, col=column)
         for i, mount in enumerate(rig.mounts):

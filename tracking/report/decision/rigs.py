@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from lidarplace.placement import Mount
 from tracking.figures.kit.style import text
+from tracking.figures.kit.vehicle_lines import name_of
 from tracking.figures.of_sweeps.rig_views import ViewedRig, rig_views
 from tracking.numbers import digits
 from tracking.pages.section import Section
@@ -18,9 +19,9 @@ def rigs_section(run: RunFolder, found: Recommendation) -> Section:
     """The best rigs side by side, from above and from the side, with mounts and models."""
     section = Section("Where the LiDARs sit")
     section.notes.append(
-        "From above, and from the side; the nose of a nominal car is on the right. A line leads "
-        "from above to where a LiDAR's top leans, from the side to where its front points. x is "
-        "forward, y to the left, z above the ground."
+        f"From above, and from the side; the nose of {name_of(run.sweep.body)} is on the right. A "
+        "line leads from above to where a LiDAR's top leans, from the side to where its front "
+        "points. x is forward, y to the left, z above the ground."
     )
     left = len(found.best.sure) - len(found.shown)
     if left:
@@ -31,7 +32,8 @@ def rigs_section(run: RunFolder, found: Recommendation) -> Section:
         [
             viewed_rig(name, run.placements[name], lidars.get(name, ()), found.best.equal == [name])
             for name in found.shown
-        ]
+        ],
+        run.sweep.body,
     )
     return section
 

@@ -30,6 +30,8 @@ def clouds_section(run: RunFolder, ranked: list[str]) -> Section | None:
     )
     for first in dict.fromkeys((shown[0], shown[-1])):
         section.figures.append(
-            point_clouds(run.frame, run.roi, shown, first, colours=run.sweep.colours)
+            point_clouds(
+                run.frame, run.roi, run.sweep.body, shown, first, colours=run.sweep.colours
+            )
         )
     return section

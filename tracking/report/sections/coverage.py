@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from tracking.figures.kit.from_above import add_vehicle, metres, pog_from_above
+from lidarplace.mounting.vehicle import Vehicle
+from tracking.figures.kit.from_above import add_vehicle, pog_from_above
 from tracking.figures.kit.rig_picture import PicturedRig, rig_picture
 from tracking.figures.kit.style import text
+from tracking.figures.kit.vehicle_lines import name_of
 from tracking.figures.of_sweeps.coverage_maps import SeenFrom, coverage_maps, densest
 from tracking.findings.groups import pictured
 from tracking.pages.section import Section
@@ -20,17 +22,20 @@ def rigs_section(run: RunFolder, ranked: list[str]) -> Section:
     section = Section("Rigs and traffic", columns=2)
     shown = [name for name in ranked if name in run.placements][:MOST_MAPS]
     section.notes.append(
-        "Left: the LiDARs of one placement on a nominal vehicle; the menu chooses the placement. "
+        f"Left: the LiDARs of one placement on {name_of(run.sweep.body)}; the menu chooses the "
+        "placement. "
         "POG: entropy of each column of voxels, where objects may or may not be."
     )
     section.notes += _setting(run)
     section.figures.append(
-        rig_picture({name: PicturedRig.of(run.placements[name]) for name in shown})
+        rig_picture(
+            {name: PicturedRig.of(run.placements[name]) for name in shown},
+            run.sweep.body or Vehicle.car(),
+        )
     )
     for name, entropy in (run.maps.pog if run.maps else {}).items():
         plot = pog_from_above(entropy, run.roi, f"POG · {text(name)}")
-        add_vehicle(plot)
-        metres(plot, run.roi)
+        add_vehicle(plot, run.sweep.body, run.roi)
         section.figures.append(plot)
     return section
 
@@ -44,9 +49,9 @@ def coverage_section(run: RunFolder, ranked: list[str]) -> Section:
     section.notes.append(
         "Left: share of each column of voxels that some beam meets. Right: entropy of all classes "
         "where no beam comes, which is what a placement leaves unseen; one scale for all "
-        "placements. Above: from above. Below: from the side, heights stretched. LiDARs and a "
-        "nominal vehicle in orange. Coverage knows no occlusion: a covered voxel may still be "
-        "hidden behind an object."
+        "placements. Above: from above. Below: from the side, heights stretched. LiDARs and "
+        f"{name_of(run.sweep.body)} in orange. Coverage knows no occlusion: a covered voxel may "
+        "still be hidden behind an object."
     )
     section.notes += _setting(run)
     shown = [name for name in ranked if name in run.maps.residual][:MOST_MAPS]
@@ -56,8 +61,8 @@ def coverage_section(run: RunFolder, ranked: list[str]) -> Section:
     )
     for name in shown:
         above, side = _seen(run.maps, name)
-        plot = coverage_maps(above, side, run.roi, text(name), run.placements[name], most)
-        section.figures.append(plot)
+        body, mounts = run.sweep.body, run.placements[name]
+        section.figures.append(coverage_maps(above, side, run.roi, body, text(name), mounts, most))
     if len(shown) < len(run.placements):
         section.notes.append(f"{len(shown)} of {len(run.placements):,} placements are drawn.")
     return section

@@ -1,0 +1,141 @@
+"""Pages of a sweep draw the vehicle of its configuration."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from lidarplace import Lidar, Mount
+from lidarplace.boxes import GEOMETRY
+from lidarplace.mounting.mesh import Mesh
+from lidarplace.mounting.vehicle import Vehicle
+from tracking.figures.of_sweeps.frame_in_space import frame_in_space
+from tracking.findings.groups import groups
+from tracking.mlflow.pictures import draw_rig
+from tracking.pages.section import Section
+from tracking.report.decision.recommendation import recommendations
+from tracking.report.decision.rigs import rigs_section as decision_rigs_section
+from tracking.report.headline import headline_ranking
+from tracking.report.sections.clouds import clouds_section
+from tracking.report.sections.coverage import coverage_section, rigs_section
+from tracking.run_folders.drawn_vehicle import MOST_DRAWN, Triangles, drawn_vehicle
+from tracking.run_folders.sweep import RunFolder
+from tracking.run_folders.sweep_json import SweepResult
+
+SHUTTLE = {"vehicle": [[[-2.5, -1.0, 0.25], [2.25, 1.0, 2.5]]], "vehicle_mesh": None}
+SURFACE = {
+    "vertices": [[3, 0, 0.25], [-2.75, 1.125, 0.25], [-2.75, -1.125, 0.25], [-2.75, 0, 2.75]],
+    "faces": [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]],
+}
+CASES = [
+    (SHUTTLE, (-2.5, 2.25, -1.0, 1.0, 0.25, 2.5)),
+    ({"vehicle": [], "vehicle_mesh": SURFACE}, (-2.75, 3.0, -1.125, 1.125, 0.25, 2.75)),
+]
+"""Keys of `sweep.json`, and the lowest and highest x, y and z."""
+
+
+def sections_of(run: Path, **keys) -> list[Section]:
+    """Those that draw a vehicle, of a run folder with further keys in `sweep.json`."""
+    told = json.loads((run / SweepResult.FILE).read_text()) | keys
+    whole = replace(RunFolder.read(run), sweep=SweepResult.model_validate(told))
+    ranked = [*whole.placements]
+    rankings = [(group, headline_ranking(whole, group)) for group in groups(whole)]
+    (found, *_) = recommendations(rankings)
+    sections = [section(whole, ranked) for section in (rigs_section, coverage_section)]
+    return [*sections, clouds_section(whole, ranked), decision_rigs_section(whole, found)]
+
+
+def outlines(sections: list[Section]) -> set[tuple[float, ...]]:
+    """The extents of all that is drawn like a vehicle: x, and y or z."""
+    return {
+        tuple(float(end) for axis in (t.x, t.y) for end in (np.nanmin(axis), np.nanmax(axis)))
+        for section in sections
+        for plot in section.figures
+        for t in plot.data
+        if t.type == "scatter" and t.fill == "toself"
+    }
+
+
+def in_space(sections: list[Section]) -> set[tuple[float, ...]]:
+    """The extents of what is drawn as a body in 3D."""
+    return {
+        tuple(float(end) for axis in (t.x, t.y, t.z) for end in (np.min(axis), np.max(axis)))
+        for section in sections
+        for plot in section.figures
+        for t in plot.data
+        if t.type == "mesh3d"
+    }
+
+
+@pytest.mark.parametrize(("told", "extent"), CASES)
+def test_boxes_and_meshes_are_drawn(made_up_run, told, extent):
+    sections = sections_of(made_up_run, **told)
+    above, side = extent[:4], extent[:2] + extent[4:]
+    for section in sections:
+        assert outlines([section]) in ({above}, {above, side})
+        assert not any("nominal car" in note for note in section.notes)
+    assert in_space(sections) == {extent}
+    assert any("the vehicle in orange" in note for note in sections[1].notes)
+
+
+def test_older_run_folders_have_a_nominal_car(made_up_run):
+    assert "vehicle" not in json.loads((made_up_run / SweepResult.FILE).read_text())
+    sections = sections_of(made_up_run)
+    assert outlines(sections) == {(-2.35, 2.35, -0.95, 0.95), (-2.35, 2.35, 0.0, 1.5)}
+    assert any("a nominal car in orange" in note for note in sections[1].notes)
+
+
+def test_frames_in_space_have_the_vehicle():
+    columns = [*GEOMETRY, "class", "points"]
+    objects = pd.DataFrame([[10.0, 0, 1, 4, 2, 2, 0, "Car", 3]], columns=columns)
+    nothing, cloud = np.empty((0, 8)), np.empty((0, 3), np.float32)
+    for told, extent in CASES:
+        body = drawn_vehicle(told["vehicle"], told["vehicle_mesh"] and Triangles(**SURFACE))
+        plot = frame_in_space(objects, np.ones(1), cloud, nothing, body)
+        lines = [t for t in plot.data if t.mode == "lines" and len(t.x)]
+        ends = [[f(t[axis]) for axis in "xyz" for f in (np.nanmin, np.nanmax)] for t in lines]
+        assert [*extent] in ends
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"vehicle": [[[0, 0, 1], [1, 1, 0]]]}, "vehicle"),
+        ({"vehicle": [], "vehicle_mesh": SURFACE | {"faces": [[0, 1, 4]]}}, "faces"),
+        ({"vehicle": [], "vehicle_mesh": SURFACE | {"faces": [[0, 1, 1]]}}, "area"),
+    ],
+)
+def test_a_vehicle_that_cannot_be_is_refused_in_a_line(made_up_run, tmp_path, keys, said):
+    told = json.loads((made_up_run / SweepResult.FILE).read_text()) | keys
+    (tmp_path / SweepResult.FILE).write_text(json.dumps(told))
+    with pytest.raises(ValueError, match=f"sweep.json: vehicle.*{said}") as error:
+        SweepResult.read(tmp_path)
+    assert "\n" not in str(error.value)
+
+
+def test_a_fine_mesh_is_written_coarse():
+    x, y = (own.ravel() for own in np.meshgrid(np.linspace(0, 4, 100), np.linspace(0, 2, 100)))
+    at = np.arange(10_000).reshape(100, 100)[:-1, :-1].ravel()
+    faces = np.concatenate([[at, at + 1, at + 100], [at + 1, at + 101, at + 100]], axis=1).T
+    fine = Mesh(np.stack([x, y, np.sin(x)], axis=1), faces)
+    kept = Triangles.of(fine)
+    assert 1000 < len(kept.faces) <= MOST_DRAWN < len(fine.faces)
+    assert len(kept.mesh.faces) == len(kept.faces)
+
+
+def test_the_picture_of_a_trial_has_the_vehicle(tmp_path):
+    from matplotlib.image import imread
+
+    mounts, lidars = [Mount(z=3.0)], [Lidar.paper()]
+    long = Vehicle("bus", np.array([[[-6.0, -1.2, 0.3], [6.0, 1.2, 2.9]]]))
+    drawn = []
+    for name, vehicle in (("car", None), ("bus", long)):
+        draw_rig(tmp_path / f"{name}.png", "rig", mounts, lidars, vehicle)
+        drawn.append(imread(tmp_path / f"{name}.png"))
+    assert drawn[0].shape == drawn[1].shape
+    assert not np.array_equal(*drawn)
