@@ -56,6 +56,31 @@ def read_yaml(path: Path, model: type[BaseModel]) -> dict[str, Any]:
     return raw
 
 
+def with_whole_paths(config: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """A checked configuration with paths that hold in any folder, so that a copy can be read.
+
+    A vehicle's mesh is beside the file, in `folder`; other paths are relative to where a command
+    is typed.
+    """
+    found = deepcopy(dict(config))
+    for mapping in (found, found.get("search", {})):
+        if "vehicle" in mapping:
+            mapping["vehicle"] = _with_whole_path(mapping["vehicle"], folder)
+    for axis in {"vehicle", "vehicle.mesh"} & {*found.get("grid", {})}:
+        values = found["grid"][axis]
+        found["grid"][axis] = [_with_whole_path(value, folder) for value in values]
+    return found
+
+
+def _with_whole_path(vehicle: Any, folder: Path) -> Any:
+    """Of what the key `vehicle` or `vehicle.mesh` says."""
+    if isinstance(vehicle, str):
+        return str((folder / vehicle).absolute())
+    if isinstance(vehicle, dict) and vehicle.get("mesh") is not None:
+        return vehicle | {"mesh": _with_whole_path(vehicle["mesh"], folder)}
+    return vehicle
+
+
 def public_yaml(config: Mapping[str, Any]) -> str:
     """A configuration as it is written into a file or a page: without secrets."""
     return yaml.safe_dump(hide_secrets_in(dict(config)), sort_keys=False)

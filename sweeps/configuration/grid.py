@@ -22,6 +22,7 @@ from sweeps.configuration.file import (
     read_named,
     refuse_overlaps,
     unknown_key,
+    with_whole_paths,
 )
 from sweeps.configuration.sweep import Common, Point, SweepFile
 from training.settings import TrainingSettings
@@ -122,7 +123,8 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
             points.append(GridPoint(point, axes | set_by_rungs, rung, tuple(set_by_rungs)))
     if not points:
         raise ConfigError(f"{path}: exclude: no point of the grid is left")
-    return Sweep(checked_common, tuple(points), tuple(points[0].axes), raw)
+    source = with_whole_paths(raw, path.parent)
+    return Sweep(checked_common, tuple(points), tuple(points[0].axes), source)
 
 
 def _check_mounts(sweep: Sweep, path: Path) -> None:

@@ -22,6 +22,7 @@ from lidarplace.requirements.judge import judge
 from lidarplace.requirements.tables import by_rig, case_table
 from lidarplace.surrogates.table import RAY_SURROGATES, SURROGATES
 from sweeps.configuration.file import public_yaml
+from sweeps.configuration.question import check_asked
 from sweeps.configuration.search import ObjectiveSettings
 from sweeps.search.judgement.found import Found
 from sweeps.search.judgement.winners import Judged, stride_error
@@ -127,7 +128,10 @@ def _placement(problem: Problem, found: Found) -> str:
 
 
 def _sweep(problem: Problem, found: Found) -> str:
-    """A sweep of the winners and the paper's eight, which `sweeps.run` takes as it is."""
+    """A sweep of the winners and the paper's rigs, which `sweeps.run` takes as it is.
+
+    Those of the paper are left out that a sweep refuses on this vehicle.
+    """
     verify = problem.file.verify
     most = verify.top if verify is not None else 3
     if problem.file.search.space:  # other trials have other values
@@ -137,8 +141,19 @@ def _sweep(problem: Problem, found: Found) -> str:
     new = [name for name in found.best if not _is_one_of(found.judged[name].rig, paper.values())]
     rigs = {name: found.judged[name].rig for name in new[:most]}
     values = found.judged[found.best[0]].values_beside
-    config = verify_settings(problem.source, problem.file, rigs, list(paper), values)
+    others = [name for name, rig in paper.items() if _may_be_asked(name, rig, problem)]
+    config = verify_settings(problem.source, problem.file, rigs, others, values)
     return public_yaml(config)
+
+
+def _may_be_asked(name: str, rig: Choices, problem: Problem) -> bool:
+    """Whether no LiDAR is inside of the vehicle, and requirements can be asked of each."""
+    placement, carrier = placement_of(rig, problem.models, name), problem.question.carrier
+    try:
+        check_asked(placement, carrier.vehicle, problem.file.search.requirements)
+    except ValueError:
+        return False
+    return True
 
 
 def _is_one_of(rig: Choices, others: Iterable[Choices]) -> bool:

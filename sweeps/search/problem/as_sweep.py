@@ -13,6 +13,7 @@ from sweeps.configuration.grid import GridPoint, Sweep
 from sweeps.configuration.search import TOTALS, SearchFile
 from sweeps.configuration.sweep import Point, SweepFile
 from sweeps.search.problem.choice import Choice, Choices
+from sweeps.search.problem.constraints import with_keep_outs
 
 _OWN = ("search", "robustness", "verify", "placement")
 
@@ -32,11 +33,16 @@ def placement_settings(rig: Choices, search: SearchFile) -> dict[str, Any]:
 
 
 def own_vehicle(search: SearchFile) -> dict[str, Any]:
-    """The key `vehicle` of a sweep for the vehicle of a search; none if it does not say it."""
+    """The key `vehicle` of a sweep for the vehicle of a search, whose keep-outs are boxes of it.
+
+    None if the search says neither: clouds then have the sedan of sweeps.
+    """
     told = search.search.vehicle
-    if told is None:
+    if told is None and not search.search.keep_out:
         return {}
-    return {"vehicle": told.model_dump(mode="json", exclude_defaults=True)}
+    own = {} if told is None else told.model_dump(mode="json", exclude_defaults=True)
+    boxes = with_keep_outs(search.search).boxes.tolist()
+    return {"vehicle": own | ({"boxes": boxes} if boxes else {})}
 
 
 def sweep_settings(
@@ -74,6 +80,8 @@ def verify_settings(
     config = sweep_settings(source, search, rigs, f"{search.name}-verify")
     config.setdefault("detector", search.detector)
     config["grid"] = {"placement": [*rigs, *others]}
+    if search.search.requirements:
+        config["requirements"] = copy.deepcopy(source["search"]["requirements"])
     changes = dict(values)
     if search.verify is not None:
         config["grid"]["seed"] = list(search.verify.seeds)

@@ -82,6 +82,16 @@ def _may_be_in_body(search: SearchSettings) -> bool:
     return any(zone_in_body(zone, vehicle)[0] for zone in zones)
 
 
+def with_keep_outs(search: SearchSettings) -> Vehicle:
+    """The vehicle of a search, with all that hides what is behind it."""
+    return vehicle_of(search.vehicle).with_boxes(_keep_outs(search))
+
+
+def _keep_outs(search: SearchSettings) -> NDArray[np.float64]:
+    """Lower and upper corners, metres, shape (n, 2, 3)."""
+    return np.array([box.box for box in search.keep_out.values()]).reshape(-1, 2, 3)
+
+
 def requirement_name(name: str) -> str:
     """Of the constraint that a requirement is."""
     return f"requirement.{name}"
@@ -117,8 +127,6 @@ class Carrier:
     ) -> Carrier:
         """As the configuration has it; `models` by name."""
         near = settings.constraints.near_field
-        boxes = np.array([box.box for box in settings.keep_out.values()]).reshape(-1, 2, 3)
-        body = vehicle_of(settings.vehicle)
         # The rig that one has without `search.models` costs nothing more.
         unknown = math.nan if settings.models else 0.0
         own = {name: (model.price, model.watts) for name, model in settings.models.items()}
@@ -130,9 +138,9 @@ class Carrier:
                 for total, values in zip(TOTALS, zip(*totals, strict=True), strict=True)
             },
             {name: zone.price for name, zone in settings.zones.items()},
-            body,
-            body.with_boxes(boxes),
-            boxes,
+            vehicle_of(settings.vehicle),
+            with_keep_outs(settings),
+            _keep_outs(settings),
             None if near is None else Roi(near.x, near.y, near.z, near.resolution),
             tuple(requirements),
         )

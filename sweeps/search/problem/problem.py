@@ -27,6 +27,7 @@ from sweeps.configuration.file import (
     put,
     read_named,
     refuse_overlaps,
+    with_whole_paths,
 )
 from sweeps.configuration.grid import GridPoint, Sweep, build_sweep
 from sweeps.configuration.question import check_lidars, laid_out
@@ -36,7 +37,7 @@ from sweeps.plan.plan import Trial, make_plan
 from sweeps.search.problem.as_sweep import own_vehicle, sweep_of, sweep_settings, verify_settings
 from sweeps.search.problem.assess import Question
 from sweeps.search.problem.choice import Choice, Choices, ordered, placement_of
-from sweeps.search.problem.constraints import Carrier, constraints_of
+from sweeps.search.problem.constraints import Carrier, constraints_of, with_keep_outs
 from sweeps.search.problem.slots import Placed, placed_in
 from sweeps.search.problem.space import Space
 from sweeps.search.problem.training_rigs import some_dead, training_rigs
@@ -59,7 +60,7 @@ class Problem:
 
     Attributes:
         path: of the configuration.
-        source: the configuration after `--set`, as plain data.
+        source: the configuration after `--set`, as plain data with whole paths.
         file: the same, checked.
         models: LiDAR models by name, those of the zones first; the last one is that of `lidar`.
         space: all rigs.
@@ -248,7 +249,7 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
     models = chosen | {OWN_MODEL: own}
     vehicle = vehicle_of(settings.vehicle)
     _check_body(file, space, vehicle, path)
-    laid = _laid(file, chosen, vehicle, path)
+    laid = _laid(file, chosen, with_keep_outs(settings), path)
     try:
         carrier = Carrier.of(settings, models, laid)
         if carrier.near_field is not None:
@@ -276,7 +277,8 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
         occlusion=file.surrogate.occlusion,
         azimuth_stride=settings.azimuth_stride,
     )
-    problem = Problem(path, source, file, models, space, start, question)
+    whole = with_whole_paths(source, path.parent)
+    problem = Problem(path, whole, file, models, space, start, question)
     _check_what_comes_later(problem)
     return problem
 

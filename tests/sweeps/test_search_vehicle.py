@@ -1,0 +1,146 @@
+"""The vehicle of a search goes along: into copies of its configuration, verification and clouds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from search_files import write_search
+from small_log import write_small_log
+from typer.testing import CliRunner
+
+from lidarplace import Mount
+from lidarplace.box_log import read_box_log
+from lidarplace.lidar.collect import collect
+from lidarplace.lidar.own_body import check_mounts
+from lidarplace.recall.expected_recall import ExpectedRecall
+from sweeps.configuration.file import public_yaml
+from sweeps.configuration.grid import read_sweep
+from sweeps.plan.plan import make_plan
+from sweeps.search.__main__ import app
+from sweeps.search.judgement.verify import read_verification
+from sweeps.search.problem.as_sweep import sweep_of, sweep_settings
+from sweeps.search.problem.choice import Choice, ordered, placement_of
+from sweeps.search.problem.problem import read_problem
+from tracking.run_folders.search import SearchFolder
+
+LOW, HIGH = [-2.0, -0.9, 0.2], [2.0, 0.9, 2.3]
+"""Of a vehicle that is higher than LiDARs of the paper are mounted."""
+WALL = {"x": [-3.0, 60.0], "y": [1.0, 1.1], "z": [0.0, 6.0]}
+NEAR = {
+    "name": "somebody near",
+    "where": {"distance": [3, 5]},
+    "what": "Pedestrian",
+    "at_least": {"points": 1},
+    "for": 0.2,
+    "step": 1.0,
+}
+ROOF = {"roof": {"x": [-0.5, 0.5], "y": [-0.6, 0.6], "z": [2.4, 2.8]}}
+
+
+@pytest.fixture
+def mesh(tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    trimesh.creation.box(bounds=[LOW, HIGH]).export(tmp_path / "body.stl")
+    return {"mesh": "body.stl"}
+
+
+@pytest.mark.parametrize("short", [False, True])
+def test_a_copy_of_a_configuration_asks_the_same(tmp_path, monkeypatch, mesh, short):
+    vehicle = mesh["mesh"] if short else mesh
+    search = {"vehicle": vehicle, "zones": ROOF, "greedy": None}
+    problem = read_problem(write_search(tmp_path, search=search))
+    assert yaml.safe_load((tmp_path / "small.yaml").read_text())["search"]["vehicle"] == vehicle
+    grid = {
+        "scene": {"source": "log", "folder": str(tmp_path / "log")},
+        "name": "grid",
+        "placements": {"high": {"mounts": [{"z": 2.5}]}},
+        "placement": "high",
+        "classes": ["Car"],
+        "grid": {"vehicle": [vehicle, [[LOW, HIGH]]]},
+    }
+    (tmp_path / "grid.yaml").write_text(yaml.safe_dump(grid))
+    sweep = read_sweep(tmp_path / "grid.yaml")
+    elsewhere = tmp_path / "runs" / "copied"
+    elsewhere.mkdir(parents=True)
+    for name, source in (("search", problem.source), ("grid", sweep.source)):
+        (elsewhere / f"{name}.yaml").write_text(public_yaml(source))
+    monkeypatch.chdir("/")
+    assert read_problem(elsewhere / "search.yaml").key == problem.key
+    keys = [
+        [task.key for task in make_plan(own).tasks]
+        for own in (sweep, read_sweep(elsewhere / "grid.yaml"))
+    ]
+    assert keys[0] == keys[1]
+
+
+def test_a_search_goes_on_from_its_run_folder(tmp_path, monkeypatch, mesh):
+    search = {"vehicle": mesh, "zones": ROOF, "requirements": [NEAR], "greedy": None, "trials": 4}
+    path = write_search(tmp_path, search=search, robustness=None)
+    folder = tmp_path / "runs" / "small"
+    first = CliRunner().invoke(app, [str(path)], catch_exceptions=False)
+    assert first.exit_code == 0, first.output
+    before = pd.read_parquet(folder / "trials.parquet")
+    monkeypatch.chdir("/")
+    more = ["--set", "search.trials=8"]
+    again = CliRunner().invoke(app, [str(folder / "config.yaml"), *more], catch_exceptions=False)
+    assert again.exit_code == 0, again.output
+    after = pd.read_parquet(folder / "trials.parquet")
+    assert len(after) == 8
+    pd.testing.assert_frame_equal(after.head(4)[before.columns], before)
+    _compare_with_its_verification(folder, read_problem(folder / "config.yaml"))
+
+
+def _compare_with_its_verification(folder, problem):
+    """The sweep of a search asks the same requirements of the same rig, on the same vehicle."""
+    sweep, plan = read_verification(problem)
+    (laid,) = plan.laid
+    assert laid.requirement == problem.question.carrier.requirements[0].requirement
+    np.testing.assert_array_equal(laid.boxes, problem.question.carrier.requirements[0].boxes)
+    for trial in plan.trials:
+        check_mounts(trial.surrogates.params.placement, trial.vehicle)
+        assert trial.requirements is not None
+        assert len(trial.vehicle.mesh.faces) == 12
+    own = next(t for t in plan.trials if t.grid_point.point.placement == "found_1")
+    found = SearchFolder.read(folder).search.rigs["found_1"]
+    assert own.requirements.params.placement.mounts == found.placed
+    others = {t.grid_point.point.placement for t in plan.trials} - {"found_1"}
+    assert "line" not in others, "its LiDARs are inside of this vehicle"
+    assert sweep.common.requirements == problem.file.search.requirements
+
+
+def test_keep_outs_hide_what_is_behind_them_in_clouds_and_recall(tmp_path):
+    """A wall on the left: nothing is seen of cars there, and those on the right are as before."""
+    write_small_log(tmp_path / "log")
+    log = read_box_log(tmp_path / "log")
+    numbers, crop = log.frames["frame"].to_numpy(), (0.0, -20.0, 0.05, 40.0, 20.0, 4.0)
+    rig = ordered([Choice("lidar", "roof", Mount(0.2, 0.5, 2.0))])
+    counts, points = [], []
+    for keep_out in ({}, {"wall": WALL}):
+        search = {"objective": "expected_recall.Car", "greedy": None, "keep_out": keep_out}
+        lidar = {"beams": 16, "azimuth_steps": 1800}
+        problem = read_problem(write_search(tmp_path, search=search, lidar=lidar))
+        placement = placement_of(rig, problem.models)
+        params = problem.pog_tasks(problem.sweep())[1].recall.params
+        model = ExpectedRecall.from_log(log, params.roi, ["Car"], vehicle=params.vehicle)
+        counts.append(model.objects.seen_by([placement])[0].counts())
+        judged = trial_of(problem, rig).collect_test[0].params
+        clouds = collect(log, numbers, placement, crop, vehicle=judged.vehicle)
+        points.append(np.concatenate([clouds[i] for i in range(len(numbers))]))
+    y = model.objects.table["y"].to_numpy()
+    assert (counts[0][y > 2.5] > 0).any()
+    assert (counts[1][y > 2.5] == 0).all()
+    np.testing.assert_array_equal(counts[0][y < -1.0], counts[1][y < -1.0])
+    assert (points[0][:, 1] > 2.5).any()
+    assert not (points[1][:, 1] > 2.5).any()
+    right = [own[own[:, 1] < -1.0] for own in points]
+    np.testing.assert_array_equal(*right)
+
+
+def trial_of(problem, rig):
+    """As a generalist judges it, or a training does."""
+    config = sweep_settings(problem.source, problem.file, {"found": rig}, "t")
+    config |= {"detector": "pointpillars_tiny", "mounting_errors": {}}
+    (trial,) = make_plan(sweep_of(config, problem.path, {"found": {}}, [1], {})).trials
+    return trial
