@@ -64,9 +64,10 @@ own = Lidar.even(beams=16, elevation_deg=(-25, 5), azimuth_steps=1800, azimuth_d
   `expected_recall`, `log_cells`, `log_points`, `enough_points` and requirements. Surrogates of the
   POG (`expected_points`, `expected_ig` and those of coverage) know `range` alone, since a voxel has
   no material; so do CARLA's own LiDARs.
-- By its size a LiDAR hides what is behind it from the others of a rig, in clouds, constraints and
-  requirements: as an upright cylinder where length and width are equal, else as a box, with the
-  sensor in its middle. `size_mm` says it of LiDARs of your own; without it nothing is hidden.
+- By its size a LiDAR hides what is behind it from the others of a rig, also when it is dead: in
+  clouds, `expected_recall`, constraints and requirements. It is an upright cylinder where length
+  and width are equal, else a box, with the sensor in its middle. `size_mm` says it of LiDARs of
+  your own; without it nothing is hidden.
 - A range is one of clear air; `weather` and `window` shorten it, see below.
 - A LiDAR of 1,550 nm is not here: of none the beams were found.
 

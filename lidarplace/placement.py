@@ -69,6 +69,8 @@ class Placement(Shown):
 
     Attributes:
         lidar: the model of every mount, or a sequence with one for each.
+        dead: further mounts and their models, of LiDARs that see nothing; they hide what is behind
+            them, where their size is known.
 
     Raises:
         ValueError: there is no mount, two LiDARs sit in one place, or there are not as many models
@@ -78,6 +80,7 @@ class Placement(Shown):
     name: str
     mounts: Sequence[Mount]
     lidar: Lidar | Sequence[Lidar]
+    dead: Sequence[tuple[Mount, Lidar]] = ()
 
     def __post_init__(self) -> None:
         mounts = (None,) if isinstance(self.mounts, Mount) else tuple(self.mounts)
@@ -97,6 +100,7 @@ class Placement(Shown):
                 )
             # Rigs that are alike shall be equal.
             object.__setattr__(self, "lidar", models[0] if len(set(models)) == 1 else models)
+        object.__setattr__(self, "dead", tuple(self.dead))
         for i, a in enumerate(self.mounts):
             for j, b in enumerate(self.mounts[:i]):
                 if (a.x, a.y, a.z) == (b.x, b.y, b.z):

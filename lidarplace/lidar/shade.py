@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from lidarplace.lidar.raycast import HAIR, NO_ENDS, Beams, along, beams_in, beams_of, runs
-from lidarplace.mounting.housing import enter_housing, housings_of, without
+from lidarplace.mounting.housing import enter_housing, housings_in, without
 from lidarplace.mounting.mesh import first_hit
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Mount, Placement
@@ -59,7 +59,7 @@ def ends_of(
 
 def ends_in_rig(placement: Placement, vehicle: Vehicle | None = None) -> list[NDArray[np.float64]]:
     """`ends_of` every LiDAR of a rig."""
-    housings, lidars = housings_of(placement.mounts, placement.lidars), enumerate(placement.lidars)
+    housings, lidars = housings_in(placement), enumerate(placement.lidars)
     return [ends_of(placement.mounts[n], own, without(housings, n), vehicle) for n, own in lidars]
 
 

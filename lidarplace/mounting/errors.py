@@ -43,7 +43,11 @@ class MountingErrors:
         """
         scale = np.repeat([self.offset, self.angle], 3)
         mounts = []
-        for number, mount in enumerate(placement.mounts):
+        every = [*placement.mounts, *(mount for mount, _ in placement.dead)]
+        for number, mount in enumerate(every):
             shift = scale * np.random.default_rng((*key, number)).uniform(-1, 1, 6)
             mounts.append(Mount(*(np.array(astuple(mount)) + shift).tolist()))
-        return replace(placement, mounts=mounts)
+        working = len(placement.mounts)
+        models = [lidar for _, lidar in placement.dead]
+        dead = tuple(zip(mounts[working:], models, strict=True))
+        return replace(placement, mounts=mounts[:working], dead=dead)

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from lidarplace.placement import Mount
+from lidarplace.placement import Mount, Placement
 from lidarplace.sensor import Lidar
 
 COLUMNS = 17
@@ -37,6 +37,15 @@ def housings_of(mounts: Sequence[Mount], lidars: Sequence[Lidar]) -> NDArray[np.
         if lidar.size is not None
     ]
     return np.array(rows, np.float64).reshape(-1, COLUMNS)
+
+
+def housings_in(rig: Placement) -> NDArray[np.float64]:
+    """The housings of a rig, those of its dead LiDARs behind the others, shape (n, COLUMNS)."""
+    mounts, lidars = [*rig.mounts], [*rig.lidars]
+    for mount, lidar in rig.dead:
+        mounts.append(mount)
+        lidars.append(lidar)
+    return housings_of(mounts, lidars)
 
 
 def without(housings: NDArray[np.float64], number: int) -> NDArray[np.float64]:

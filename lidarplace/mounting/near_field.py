@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lidarplace.coverage.cone import sensor_bits
 from lidarplace.coverage.tiles import Tiles
-from lidarplace.mounting.housing import housings_of
+from lidarplace.mounting.housing import housings_in
 from lidarplace.mounting.sight import obstacles_of, stopped
 from lidarplace.mounting.vehicle import Vehicle, voxels_in_body
 from lidarplace.placement import Placement
@@ -56,7 +56,7 @@ def seen_in_columns(
         bits[row] = sensor_bits(placement.lidars[number], placement.mounts[number], roi, tiles)
     origins = np.array([placement.mounts[number].position for number in working]).reshape(-1, 3)
     xs, ys, zs = map(roi.centres, range(3))
-    numbers, housings = np.array(working, np.int64), housings_of(placement.mounts, placement.lidars)
+    numbers, housings = np.array(working, np.int64), housings_in(placement)
     inside = voxels_in_body(vehicle, roi)
     obstacles = obstacles_of(vehicle, housings)
     return _count_seen(bits, numbers, origins, xs, ys, zs, inside, obstacles)

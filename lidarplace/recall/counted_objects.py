@@ -25,7 +25,7 @@ from lidarplace.lidar.shade import ends_of, in_view
 from lidarplace.lidar.shapes import BUILDING
 from lidarplace.lidar.surroundings import Surroundings
 from lidarplace.lidar.visibility import ground_truth
-from lidarplace.mounting.housing import COLUMNS, housings_of, without
+from lidarplace.mounting.housing import COLUMNS, housings_in, without
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Mount, Placement
 from lidarplace.recall.surface_cells import Frames, SurfaceCells, slices_of, surface_cells
@@ -141,11 +141,12 @@ class CountedObjects:
 
     def in_rig(self, placement: Placement) -> list[InRig]:
         """The LiDARs of a rig as they are cast. Raises ValueError as `seen_by` does."""
-        housings, own = housings_of(placement.mounts, placement.lidars), []
+        housings, own = housings_in(placement), []
         for number, mount in enumerate(placement.mounts):
             lidar = placement.lidars[number].thinned(self.azimuth_share)
             others = in_view(mount, lidar, without(housings, number))[:, 1:]
-            own.append(InRig(mount, lidar, tuple(map(tuple, others.tolist()))))
+            # In one order: whoever of them is dead, they hide the same.
+            own.append(InRig(mount, lidar, tuple(sorted(map(tuple, others.tolist())))))
         return own
 
     def cells_of(self, lidars: Sequence[InRig]) -> list[SurfaceCells]:

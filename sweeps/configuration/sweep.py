@@ -16,7 +16,6 @@ from pydantic import (
 
 from lidarplace.boxes import CLASSES
 from lidarplace.configuration.mounting_errors import MountingErrorSettings
-from lidarplace.configuration.placement import PlacementSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import (
     Amount,
@@ -50,6 +49,7 @@ from lidarplace.scenes.sumo.settings import SumoScene
 from lidarplace.sensor import Lidar
 from lidarplace.surrogates.table import ASKED_FOR, SURROGATES
 from sweeps.configuration.classes import ClassSettings
+from sweeps.configuration.dead_lidars import SweptPlacementSettings
 from training import DETECTORS
 from training.settings import TrainingSettings
 
@@ -386,7 +386,7 @@ class Common(Settings):
         pattern=NAME,
         description="names the run folder and the experiment; the file's own name by default",
     )
-    placements: dict[Name, PlacementSettings] = Field(
+    placements: dict[Name, SweptPlacementSettings] = Field(
         default={}, description="own placements by name, beside the paper's eight"
     )
     ray: Annotated[RaySettings, short_for("address")] = Field(
@@ -410,8 +410,8 @@ class Common(Settings):
     @field_validator("placements")
     @classmethod
     def _new_and_possible(
-        cls, placements: dict[str, PlacementSettings]
-    ) -> dict[str, PlacementSettings]:
+        cls, placements: dict[str, SweptPlacementSettings]
+    ) -> dict[str, SweptPlacementSettings]:
         taken = sorted(set(placements) & set(PAPER_PLACEMENTS))
         if taken:
             raise ValueError(f"{taken[0]!r} is the paper's; choose another name")

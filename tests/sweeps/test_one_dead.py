@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +16,20 @@ from test_search_recall import objects_of, run
 from typer.testing import CliRunner
 
 from lidarplace import Lidar, Mount, Placement
+from lidarplace.lidar.shade import ends_in_rig
 from lidarplace.recall.one_dead import OneDeadChoice
+from lidarplace.recall.surface_cells import SurfaceCells
 from lidarplace.selection import Limits
+from sweeps.configuration.file import check
+from sweeps.configuration.sweep import SweepFile
 from sweeps.search.__main__ import app
 from sweeps.search.greedy.worth import OneDeadWorth
+from sweeps.search.judgement.robustness import _cases
+from sweeps.search.problem.as_sweep import sweep_settings
+from sweeps.search.problem.assess import assess
+from sweeps.search.problem.choice import Choice
 from sweeps.search.problem.problem import read_problem
+from sweeps.search.problem.traffic import Traffic
 from sweeps.search.trials import by_generalist
 from tests.mlflow_database import write_database
 from tests.sweeps.small_log import write_small_log
@@ -130,8 +140,8 @@ def test_a_generalist_judges_every_rig_without_each_lidar(tmp_path, monkeypatch)
     path = written(tmp_path, tracking={"uri": f"sqlite:///{tmp_path / 'm.db'}"}, search=search)
     result = CliRunner().invoke(app, [str(path)], catch_exceptions=False)
     assert result.exit_code == 0, result.output
-    trained = [len(rig) for rig in read_problem(path).training_rigs.values()]
-    assert trained == [max(trained), max(trained) - 1] * 2, "it knows rigs with a dead LiDAR"
+    rigs = read_problem(path).training_rigs.values()
+    assert [sum(own.dead for own in rig) for rig in rigs] == [0, 1] * 2, "it knows dead LiDARs"
     trials = pd.read_parquet(tmp_path / "runs/small/trials.parquet")
     heights = trials[[c for c in trials.columns if c.endswith(".z_m")]]
     left = heights.shape[1] - 1  # without the highest, the lowest is left
@@ -140,6 +150,46 @@ def test_a_generalist_judges_every_rig_without_each_lidar(tmp_path, monkeypatch)
     np.testing.assert_allclose(value, expected, atol=1e-6)
     about = SearchResult.read(tmp_path / "runs/small")
     assert "one_lidar_dead.generalist.recall" in about.rigs["found_1"].values
+
+
+SIZED = {"name": "vlp16", "azimuth_steps": 900, "size_mm": [400, 400, 400]}
+"""So large that whoever is behind it misses much."""
+BEHIND = tuple(Choice("sized", "", Mount(x, 0.0, 2.0)) for x in (-0.5, 0.0, 0.5))
+
+
+def test_a_dead_lidar_still_hides_in_recall_and_in_clouds(tmp_path):
+    objectives = [OBJECTIVE, "expected_recall.Car", "price"]
+    search = {"objective": objectives, "models": {"sized": SIZED | {"price": 1}}, "greedy": None}
+    problem = read_problem(write_search(tmp_path, search=search, lidar="vlp16"))
+    objects = objects_of(tmp_path)
+    lidar = problem.models["sized"]
+    mounts = [own.mount for own in BEHIND]
+    by_hand, gone = [], []
+    for number in range(3):
+        left = [*mounts[:number], *mounts[number + 1 :]]
+        whole = Placement("whole", mounts, lidar)
+        # Each LiDAR as it is cast in the whole rig, and then without the dead one's part.
+        own = [lidar for n, lidar in enumerate(objects.objects.in_rig(whole)) if n != number]
+        seen = reduce(SurfaceCells.and_, objects.objects.cells_of(own))
+        by_hand.append(float(objects.recall(seen).loc["Car", "expected_recall"]))
+        found = objects.of(Placement("left", left, lidar))
+        gone.append(float(found.loc["Car", "expected_recall"]))
+    traffic = Traffic({"Car": None}, objects)
+    values = assess(BEHIND, problem.question, traffic).values
+    assert values[OBJECTIVE] == pytest.approx(min(by_hand), rel=1e-12)
+    assert min(by_hand) < min(gone)
+    failing = list(_cases(BEHIND, problem.file.robustness, 0))[-3:]
+    assert [case for case, _ in failing] == [f"LiDAR {n} fails" for n in (1, 2, 3)]
+    found = [assess(rig, problem.question, traffic).values for _, (rig,) in failing]
+    assert [own["expected_recall.Car"] for own in found] == pytest.approx(by_hand, rel=1e-12)
+    # A generalist gets clouds of the same: the dead LiDAR is part of the placement.
+    config = sweep_settings(problem.source, problem.file, {"dead": failing[1][1][0]}, "t")
+    rig = check(SweepFile, config | {"placement": "line"}, problem.path).placement_named(
+        "dead", problem.models["lidar"]
+    )
+    assert rig.mounts == (mounts[0], mounts[2])
+    assert rig.dead == ((mounts[1], lidar),)
+    assert [(own > 0).any() for own in ends_in_rig(rig)] == [True, True]
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from lidarplace import Mount
 from sweeps.configuration.search import RobustnessSettings
 from sweeps.search.problem.assess import Question
 from sweeps.search.problem.choice import Choice, Choices, ordered
-from sweeps.search.problem.one_dead import without_each
+from sweeps.search.problem.one_dead import with_each_dead
 from sweeps.search.trials.pool import Pool
 
 AS_DESIGNED = "as designed"
@@ -26,7 +26,7 @@ def robustness(
     settings: RobustnessSettings,
     seed: int,
 ) -> pd.DataFrame:
-    """Objectives of each rig as designed, with all mounts off, and without each of its LiDARs.
+    """Objectives of each rig as designed, with all mounts off, and with each of its LiDARs dead.
 
     Offsets are uniform, independent for every coordinate. Constraints are not looked at.
 
@@ -94,9 +94,8 @@ def _cases(
     if settings.offset or settings.angle_deg:
         random = np.random.default_rng(seed)
         yield "mounts off", [_off(rig, settings, random) for _ in range(settings.draws)]
-    if len(rig) > 1:
-        for number, left in enumerate(without_each(rig), start=1):
-            yield f"LiDAR {number} fails", [left]
+    for number, left in enumerate(with_each_dead(rig), start=1):
+        yield f"LiDAR {number} fails", [left]
 
 
 def _off(rig: Choices, settings: RobustnessSettings, random: np.random.Generator) -> Choices:

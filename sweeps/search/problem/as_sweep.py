@@ -29,7 +29,9 @@ def mount_settings(lidar: Choice, search: SearchFile) -> dict[str, Any]:
 
 def placement_settings(rig: Choices, search: SearchFile) -> dict[str, Any]:
     """A rig as one of `placements`."""
-    return {"mounts": [mount_settings(lidar, search) for lidar in rig]}
+    dead = [mount_settings(lidar, search) for lidar in rig if lidar.dead]
+    mounts = [mount_settings(lidar, search) for lidar in rig if not lidar.dead]
+    return {"mounts": mounts} | ({"dead": dead} if dead else {})
 
 
 def own_vehicle(search: SearchFile) -> dict[str, Any]:

@@ -16,11 +16,13 @@ class Choice:
         model: name of its model.
         zone: name of the zone in which it sits; empty if it is fixed.
         mount: its pose, rounded if it was searched for.
+        dead: whether it sees nothing; it still hides what is behind it.
     """
 
     model: str
     zone: str
     mount: Mount
+    dead: bool = False
 
 
 Choices = tuple[Choice, ...]
@@ -39,7 +41,13 @@ def is_possible(choices: Choices) -> bool:
 
 def placement_of(choices: Choices, models: Mapping[str, Lidar], name: str = "rig") -> Placement:
     """The placement. Raises ValueError if two LiDARs sit in one place."""
-    return Placement(name, [c.mount for c in choices], lidar=[models[c.model] for c in choices])
+    working = [c for c in choices if not c.dead]
+    return Placement(
+        name,
+        [c.mount for c in working],
+        lidar=[models[c.model] for c in working],
+        dead=[(c.mount, models[c.model]) for c in choices if c.dead],
+    )
 
 
 def rounded(mount: Mount) -> Mount:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from sweeps.configuration.search import ObjectiveSettings
 from sweeps.search.problem.choice import Choices
@@ -11,20 +12,25 @@ WHOLE = ""
 """The case in which all LiDARs work."""
 
 
-def without_each(rig: Choices) -> list[Choices]:
-    """What is left when a LiDAR is dead, by its place in the rig; nothing of a single one."""
-    return [rig[:number] + rig[number + 1 :] for number in range(len(rig))]
+def with_each_dead(rig: Choices) -> list[Choices]:
+    """The rig with a dead LiDAR, by its place; none of a single one, which leaves nothing.
+
+    A dead LiDAR hides what is behind it as before.
+    """
+    if len(rig) < 2:
+        return []
+    return [
+        (*rig[:number], replace(dead, dead=True), *rig[number + 1 :])
+        for number, dead in enumerate(rig)
+    ]
 
 
 def cases_of(rig: Choices, objectives: Sequence[ObjectiveSettings]) -> dict[str, Choices]:
-    """What objectives look at, by the end of a name: the rig, and what any dead LiDAR leaves of it.
-
-    Where a single LiDAR is dead there is nothing to look at.
-    """
+    """What objectives look at, by the end of a name: the rig, and it with any LiDAR dead."""
     cases = {WHOLE: rig} if not all(o.one_lidar_dead for o in objectives) else {}
     if any(o.one_lidar_dead for o in objectives):
-        left = enumerate(without_each(rig), start=1)
-        cases |= {f"_without_{number}": own for number, own in left if own}
+        left = enumerate(with_each_dead(rig), start=1)
+        cases |= {f"_without_{number}": own for number, own in left}
     return cases
 
 

@@ -16,7 +16,7 @@ from lidarplace import Lidar
 from lidarplace.mounting.random_rigs import CANDIDATES
 from lidarplace.mounting.ring_overlap import spread_by_overlap
 from sweeps.search.problem.choice import Choices, is_possible, placement_of
-from sweeps.search.problem.one_dead import without_each
+from sweeps.search.problem.one_dead import with_each_dead
 from sweeps.search.problem.space import Space
 
 _LEVEL = 2
@@ -57,14 +57,15 @@ def training_rigs(
 
 
 def some_dead(rigs: Mapping[str, Choices]) -> dict[str, Choices]:
-    """Every second rig without one of its LiDARs, in turn the first, the second, and so on.
+    """Every second rig with a dead LiDAR, in turn the first, the second, and so on.
 
     For who judges rigs with a dead LiDAR; one of a single LiDAR stays as it is.
     """
     found = dict(rigs)
     for place, name in enumerate(list(rigs)[1::2]):
-        left = without_each(rigs[name])
-        found[name] = left[place % len(left)] or rigs[name]
+        left = with_each_dead(rigs[name])
+        if left:
+            found[name] = left[place % len(left)]
     return found
 
 
