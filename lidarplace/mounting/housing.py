@@ -41,11 +41,8 @@ def housings_of(mounts: Sequence[Mount], lidars: Sequence[Lidar]) -> NDArray[np.
 
 def housings_in(rig: Placement) -> NDArray[np.float64]:
     """The housings of a rig, those of its dead LiDARs behind the others, shape (n, COLUMNS)."""
-    mounts, lidars = [*rig.mounts], [*rig.lidars]
-    for mount, lidar in rig.dead:
-        mounts.append(mount)
-        lidars.append(lidar)
-    return housings_of(mounts, lidars)
+    every = [*zip(rig.mounts, rig.lidars, strict=True), *rig.dead]
+    return housings_of([mount for mount, _ in every], [lidar for _, lidar in every])
 
 
 def without(housings: NDArray[np.float64], number: int) -> NDArray[np.float64]:

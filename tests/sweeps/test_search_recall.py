@@ -12,6 +12,7 @@ from lidarplace.configuration.placement import read_placement
 from lidarplace.recall.detection_curve import DetectionCurve, write_curves
 from sweeps.search.__main__ import app
 from sweeps.search.greedy.certificate import why_none
+from sweeps.search.output.terminal import greedy_warnings
 from sweeps.search.problem.problem import read_problem
 from tests.mlflow_database import write_database
 from tracking.run_folders.search_json import SearchResult
@@ -109,3 +110,31 @@ def test_mistakes_are_one_line_and_curves_make_another_search(tmp_path):
         assert result.exit_code == 2, result.output
         assert message in " ".join(result.stderr.split())
         assert len(result.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("objective", "said"),
+    [("expected_recall.Car", "trials know it"), ("expected_ig", "so do trials")],
+)
+def test_it_is_said_that_greedy_choice_looks_at_lidars_one_by_one(tmp_path, objective, said):
+    models = {"sized": {"name": "vlp16"}, "unknown": {"beams": 4}}
+    for names, lidars, tells in (
+        (["sized", "unknown"], 2, True),
+        (["unknown"], 2, False),
+        (["sized"], 1, False),
+    ):
+        search = {"objective": objective, "lidars": lidars, "azimuth_stride": 1}
+        search["models"] = {name: models[name] for name in names}
+        path = str(write_search(tmp_path, search=search))
+        for options in ([], ["--json"]):
+            dry = CliRunner().invoke(app, [path, "--dry-run", *options], catch_exceptions=False)
+            assert dry.exit_code == 0, dry.output
+            told = " ".join(dry.stdout.split())
+            assert ("neglect that LiDARs hide each other by their size" in told) == tells
+            assert (said in told) == tells
+    # The page has as cautions what this tells.
+    search["greedy"], search["lidars"] = None, 2
+    assert greedy_warnings(read_problem(write_search(tmp_path, search=search))) == []
+    search["greedy"] = {"position_step": 0.5}
+    (line,) = greedy_warnings(read_problem(write_search(tmp_path, search=search)))
+    assert said in line

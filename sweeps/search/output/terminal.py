@@ -10,7 +10,7 @@ from rich.console import Console
 from lidarplace.command_line.terminal import table
 from lidarplace.mounting.random_rigs import outside
 from lidarplace.mounting.ring_overlap import interleaving
-from lidarplace.surrogates.table import RAY_SURROGATES, SURROGATES
+from lidarplace.surrogates.table import OBJECT_SURROGATES, RAY_SURROGATES, SURROGATES
 from sweeps.results.rig_cautions import beyond_what_is_seen, coinciding
 from sweeps.search.greedy.certificate import why_none
 from sweeps.search.judgement.found import Found
@@ -38,6 +38,16 @@ _NOT_SUBMODULAR = (
     "come in mirrored pairs, what all of them find; refinement is of the objective itself."
 )
 
+_ONE_BY_ONE = (
+    "objective {name}: greedy choice, refinement and bound put rigs together of LiDARs that were "
+    "looked at one by one, and neglect that LiDARs hide each other by their size; {others}"
+)
+_TRIALS_KNOW = (
+    "trials know it. So the bound holds, and the value of greedy choice may be above that of its "
+    "rig as a trial."
+)
+_TRIALS_NEGLECT = "so do trials of this objective. Constraints and requirements know it."
+
 
 def warnings_of(problem: Problem) -> list[str]:
     """What a user should know about this configuration."""
@@ -53,11 +63,24 @@ def warnings_of(problem: Problem) -> list[str]:
 
 
 def greedy_warnings(problem: Problem) -> list[str]:
-    """What greedy choice and its bound are where the objective is not submodular."""
+    """What greedy choice and its bound are where the objective is not submodular, and what they
+    neglect."""
     first = problem.file.search.objective[0]
-    if not first.one_lidar_dead or why_none(problem) is not None:
+    if why_none(problem) is not None:
         return []
-    return [_NOT_SUBMODULAR.format(name=first.name)]
+    said = [_NOT_SUBMODULAR.format(name=first.name)] if first.one_lidar_dead else []
+    if _may_hide_each_other(problem):
+        others = _TRIALS_KNOW if first.by in OBJECT_SURROGATES else _TRIALS_NEGLECT
+        said.append(_ONE_BY_ONE.format(name=first.name, others=others))
+    return said
+
+
+def _may_hide_each_other(problem: Problem) -> bool:
+    """Whether rigs have several LiDARs, and some of known size."""
+    space = problem.space
+    names = {*space.models, *(lidar.model for lidar in space.fixed)}
+    sized = any(problem.models[name].size is not None for name in names)
+    return sized and space.numbers[-1] + len(space.fixed) > 1
 
 
 def rig_warnings(rigs: Mapping[str, Choices], problem: Problem) -> list[str]:

@@ -37,7 +37,7 @@ def placement_settings(rig: Choices, search: SearchFile) -> dict[str, Any]:
 def own_vehicle(search: SearchFile) -> dict[str, Any]:
     """The key `vehicle` of a sweep for the vehicle of a search, whose keep-outs are boxes of it.
 
-    None if the search says neither: clouds then have the sedan of sweeps.
+    Nothing if the search says neither: clouds then have the sedan of sweeps.
     """
     told = search.search.vehicle
     if told is None and not search.search.keep_out:
