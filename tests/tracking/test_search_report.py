@@ -267,6 +267,18 @@ def test_warnings_name_bound_edges_failures_and_few_evaluations(tmp_path):
     assert "Expected IG counts rays here: it is 90 % of what" in page.text
 
 
+def test_a_verification_without_the_rig_to_compare_with_has_values_alone(tmp_path):
+    folder = write_search(tmp_path / "tall")
+    with_it = page_of(folder)
+    rows = pd.read_parquet(folder / "verified.parquet")
+    rows = rows[rows["rig"] != "line"].assign(difference=np.nan, difference_low=np.nan)
+    rows.assign(difference_high=np.nan).to_parquet(folder / "verified.parquet")
+    page = page_of(folder)
+    assert "No detector tells of line, with which rigs are compared here" in page.text
+    assert "No detector tells of" not in with_it.text
+    assert len(page.figures) == len(with_it.figures) - rows.groupby(["class", "metric"]).ngroups
+
+
 def test_a_search_that_did_not_beat_the_paper_says_so(tmp_path):
     folder = write_search(tmp_path / "worse", complete=False)
     search = json.loads((folder / "search.json").read_text())

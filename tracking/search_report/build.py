@@ -296,8 +296,15 @@ def _verified(run: SearchFolder) -> Section | None:
     rows, search = run.verified, run.search
     if rows is None or rows.empty or search.baseline is None:
         return None
-    side = "right" if search.first.sign > 0 else "left"
     section = Section("Did the gain become AP?")
+    section.tables.append(verified_table(rows, search.baseline, search.first))
+    if search.baseline not in set(rows["rig"]):
+        section.notes.append(
+            f"No detector tells of {search.baseline}, with which rigs are compared here: the "
+            "vehicle does not carry it, or its trainings failed."
+        )
+        return section
+    side = "right" if search.first.sign > 0 else "left"
     section.notes.append(
         f"Differences to {search.baseline} in {search.first.name} and in what detectors measured, "
         "with 95 % intervals that hold for all pairs of rigs at once, over seeds and, where they "
@@ -310,7 +317,6 @@ def _verified(run: SearchFolder) -> Section | None:
         what = own.iloc[0]
         label = f"{text(what['class'])} · {text(metric_label(what['metric'], what['iou']))}"
         section.figures.append(verified_figure(own, search.baseline, base, search.first, label))
-    section.tables.append(verified_table(rows, search.baseline, search.first))
     return section
 
 
