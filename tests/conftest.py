@@ -6,7 +6,12 @@ import gc
 import os
 import sys
 
+import hypothesis
 import pytest
+
+# Machines differ in speed, and the first call compiles: no test hangs on the clock.
+hypothesis.settings.register_profile("ours")
+hypothesis.settings.load_profile("ours")
 
 if "PYTEST_XDIST_WORKER" in os.environ:
     # Tests run beside each other: more threads than cores wait for each other.

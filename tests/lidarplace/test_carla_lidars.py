@@ -55,7 +55,7 @@ def test_an_uneven_table_is_several_sensors():
     assert len(fans) < 6
 
 
-@settings(derandomize=True, deadline=None)
+@settings(derandomize=True)
 @given(st.lists(st.floats(-math.pi / 2, math.pi / 2), min_size=1, max_size=40))
 def test_fans_hold_every_beam_once(elevations):
     fans = even_fans(elevations)

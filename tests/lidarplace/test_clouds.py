@@ -42,7 +42,7 @@ corner = arrays(
 
 
 @given(shares=corner, size=st.sampled_from([1e-3, 1.0, 65.535, 300.0]))
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100, derandomize=True)
 def test_any_jump_within_any_region(shares, size):
     """From corner to corner, where differences overflow 16 bits, and in wide regions."""
     crop = (-size, 0.0, 0.0, 0.0, size, size)

@@ -79,7 +79,7 @@ def assert_columns_and_voxels_agree(mount, lidar, roi):
 @example(Mount(0.5, 0.25, 1.0, roll=right_angle), Lidar((-0.4, 0.0, 0.4), 720))
 @example(Mount(1.0, 0.0, 5.0, pitch=right_angle), Lidar((0.3,), 720))
 @example(Mount(1.0, 0.0, 1.0, pitch=math.pi), Lidar((-0.3,), 720))
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=400)
 def test_columns_and_voxels_agree(mount, lidar):
     assert_columns_and_voxels_agree(mount, lidar, ROI)
 
@@ -105,13 +105,13 @@ def test_columns_and_voxels_differ_by_ties_alone():
 
 
 @given(mounts, lidars(limited=True))
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=400)
 def test_columns_and_voxels_agree_where_range_and_field_of_view_end(mount, lidar):
     assert_columns_and_voxels_agree(mount, lidar, ROI)
 
 
 @given(mounts, st.booleans().flatmap(lidars))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_columns_and_voxels_agree_over_several_tiles_and_words(mount, lidar):
     assert_columns_and_voxels_agree(mount, lidar, WIDE)
 
@@ -138,7 +138,7 @@ def seen_points(mount, lidar, azimuths, distances):
 
 
 @given(mounts, st.booleans().flatmap(lidars))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_voxels_that_are_not_covered_hold_no_point_of_a_cone(mount, lidar):
     """Independent of both algorithms."""
     covered = coverage(Placement("one", [mount], lidar=lidar), ROI)

@@ -32,7 +32,7 @@ mounts = st.builds(
     st.one_of(st.just((-math.pi, math.pi)), st.just((-0.7, 0.9)), st.just((2.0, 7.0))),
     st.one_of(st.just(100.0), st.floats(0.3, 4.0)),
 )
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_traversed_voxels_are_covered_by_the_cones(mount, azimuth, reach):
     lidar = Lidar(LIDAR.elevations, LIDAR.azimuth_steps, range=reach, azimuth=azimuth)
     placement = Placement("one", [mount], lidar=lidar)

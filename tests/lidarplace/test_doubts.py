@@ -23,7 +23,7 @@ def without_poses(log):
     return replace(log, frames=log.frames.drop(columns=list(POSE_COLUMNS)))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 10_000), poses=st.booleans())
 def test_vehicles_that_move_along_their_yaw_have_no_sine(seed, poses):
     """The writer moves them so in the world; the vehicle's own motion is known, or found again."""
@@ -63,7 +63,7 @@ def test_radians_of_the_world_taken_for_degrees():
     assert doubt.remedy == "units.angle: rad"
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 10_000))
 def test_yaw_that_has_nothing_to_do_with_motion_accuses_no_unit(seed):
     log = traffic(3, objects=9)

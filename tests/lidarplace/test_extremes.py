@@ -244,7 +244,7 @@ coordinate = st.floats(-2.0, 2.0)
 
 
 @given(st.builds(Mount, *[coordinate] * 3, *[angle] * 3), st.floats(-1.55, 1.55))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_any_cone(mount, elevation):
     assert_covered_exactly(SMALL, mount, [elevation])
 

@@ -53,7 +53,7 @@ def march(mount, lidar, other, size, points=1501):
 angles = st.floats(-math.pi, math.pi)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     seed=st.integers(0, 2**32 - 1),
     size=st.sampled_from([ROUND, BOX, (0.4, 0.4, 0.02), (0.5, 0.05, 0.05)]),

@@ -108,7 +108,7 @@ def test_points_in_labels_are_those_in_boxes(tmp_path) -> None:
         assert (inside <= item.image_box[2:] + 0.01).all()
 
 
-@settings(derandomize=True, deadline=None, max_examples=60)
+@settings(derandomize=True, max_examples=60)
 @given(
     x=st.floats(-8, 60),
     y=st.floats(-30, 30),

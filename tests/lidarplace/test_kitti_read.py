@@ -141,7 +141,7 @@ boxes_of_a_frame = st.lists(
 )
 
 
-@settings(derandomize=True, deadline=None, max_examples=50)
+@settings(derandomize=True, max_examples=50)
 @given(st.lists(st.tuples(boxes_of_a_frame, st.booleans()), min_size=1, max_size=4))
 def test_round_trip_is_exact_to_the_decimals(tmp_path_factory, drawn) -> None:
     root = tmp_path_factory.mktemp("kitti") / "out"

@@ -42,7 +42,7 @@ manners = st.builds(
 )
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(manner=manners, seed=st.integers(0, 1000), suffix=st.sampled_from([".csv", ".parquet"]))
 def test_a_log_comes_back(tmp_path_factory, manner, seed, suffix):
     log = traffic(seed, drives=2, frames=4, objects=4)

@@ -10,7 +10,7 @@ shapes = st.tuples(st.integers(1, 40), st.integers(1, 70), st.integers(1, 140))
 
 
 @given(shapes, st.integers(0, 2**32 - 1), st.floats(0, 1))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_bits_are_the_mask(shape, seed, share):
     mask = np.random.default_rng(seed).random(shape) < share
     bits = pack(mask)
@@ -22,7 +22,7 @@ def test_bits_are_the_mask(shape, seed, share):
 
 
 @given(shapes, st.integers(0, 2**32 - 1), st.sampled_from([2, 5, 1000]))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_covered_voxels_by_count(shape, seed, most):
     rng = np.random.default_rng(seed)
     counts = rng.integers(0, most, shape).astype(np.int32)
@@ -51,7 +51,7 @@ def spread(tiles, shape):
 
 
 @given(shapes, st.integers(0, 2**32 - 1), st.sampled_from([0.0, 1e-4, 1e-2]))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_tiles_hold_all_that_matters(shape, seed, share):
     rng = np.random.default_rng(seed)
     mask, other = rng.random(shape) < share, rng.random(shape) < share

@@ -55,7 +55,7 @@ boxes_strategy = st.lists(
 
 
 @given(boxes_strategy)
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_counts_agree_with_brute_force(rows):
     boxes = box_log(rows)
     grids = OccupancyGrid.by_class(boxes, ROI, CLASSES, frames=4)
@@ -91,7 +91,7 @@ def test_counts_agree_with_brute_force_on_long_grids(roi):
 
 
 @given(boxes_strategy, st.lists(st.integers(0, 2), min_size=4, max_size=4), st.randoms())
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_grids_of_any_split_into_frames_merge_to_the_same(rows, part_of_frame, random):
     boxes = box_log(rows)
     whole = OccupancyGrid.from_boxes(boxes, ROI, "Car", frames=4)

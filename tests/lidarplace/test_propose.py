@@ -14,7 +14,7 @@ from lidarplace.scenes.label_tables.column_names import guess_columns
 from lidarplace.scenes.label_tables.propose import propose_mapping
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     position=st.sampled_from(["m", "cm", "mm"]),
     size=st.sampled_from(["m", "cm", "mm"]),

@@ -110,7 +110,7 @@ poses = st.builds(
 
 
 @given(mount=poses, seed=st.integers(0, 10**6))
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40, derandomize=True)
 def test_agrees_with_brute_force(mount, seed):
     parts = random_parts(seed, 25)
     hits = cast_parts(mount, SMALL, parts)
@@ -123,7 +123,7 @@ def test_agrees_with_brute_force(mount, seed):
 
 
 @given(mount=poses, seed=st.integers(0, 10**6), x=st.floats(-30, 20), y=st.floats(-30, 20))
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60, derandomize=True)
 def test_crop_changes_nothing_within_it(mount, seed, x, y):
     parts = random_parts(seed, 25)
     crop = np.array([x, y, 0.0, x + 25, y + 15, 4.0])
@@ -141,7 +141,7 @@ def test_crop_changes_nothing_within_it(mount, seed, x, y):
 
 
 @given(mount=poses, seed=st.integers(0, 10**6), low=st.floats(-7, 7), width=st.floats(0.1, 6.28))
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60, derandomize=True)
 def test_a_field_of_view_leaves_rays_out_and_changes_no_other(mount, seed, low, width):
     parts = random_parts(seed, 25)
     part = replace(SMALL, azimuth=(low, low + width))

@@ -77,7 +77,7 @@ def half_open_cubes_on_the_ray(origin, direction, reach):
 @example((0.5, 0.0, 0.75), (0.0, -1.0, 0.0), math.inf)  # on a face, away from it
 @example((1.0, 0.0, -0.75), (0.0, 0.0, 1.0), 1.25)  # from under the ground, up to a face
 @example((-0.5, 0.0, 0.5), (1.0, -1.0, -1.0), math.inf)  # touches the grid at an edge
-@settings(max_examples=600, deadline=None)
+@settings(max_examples=600)
 def test_dda_lists_the_half_open_cubes_with_a_point_of_the_ray(origin, direction, reach):
     assert walk("dda", origin, direction, reach) == half_open_cubes_on_the_ray(
         origin, direction, reach
@@ -116,7 +116,7 @@ def chords(o, d, reach, grow):
 
 
 @given(st.tuples(coordinate, coordinate, coordinate), unit, st.floats(0.1, 20))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_dda_along_any_ray(origin, direction, reach):
     """Cubes shrunk by a hair that the ray meets are listed, and only cubes grown by a hair."""
     o, d = np.array(origin), np.array(direction) / np.linalg.norm(direction)
@@ -163,7 +163,7 @@ def textbook_line(start, end):
 
 
 @given(st.tuples(st.floats(0.01, 2.99), st.floats(-1.49, 1.49), st.floats(0.01, 1.99)), unit)
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_bresenham_is_the_textbooks(origin, direction):
     d = np.array(direction) / np.linalg.norm(direction)
     cells = walk("bresenham", origin, d, 100.0, GRID)

@@ -35,7 +35,6 @@ METRES = st.floats(-5, 5)
 MOUNT = st.builds(Mount, METRES, METRES, st.floats(0, 5), ANGLE, ANGLE, ANGLE)
 
 
-@settings(deadline=None)
 @given(ANGLE, ANGLE, ANGLE)
 def test_angles_of_a_rotation_are_the_same_rotation(roll, pitch, yaw):
     matrix = rotation(roll, pitch, yaw)
@@ -54,7 +53,7 @@ def assert_alike(found, expected, tolerance):
 
 
 @pytest.mark.parametrize("name", ["own", *FORMATS])
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(mounts=st.lists(MOUNT, min_size=1, max_size=3, unique_by=lambda mount: mount.x))
 def test_poses_come_back(name, mounts, tmp_path_factory):
     path = tmp_path_factory.mktemp("rigs") / "rig.urdf"

@@ -56,7 +56,7 @@ def matched(lidar: Lidar, table: Lidar) -> np.ndarray:
 
 
 @given(mount=poses, seed=st.integers(0, 10**6), rays=st.integers(1, 60))
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40, derandomize=True)
 def test_rays_in_any_direction_agree_with_brute_force(mount, seed, rays):
     rng = np.random.default_rng(seed)
     angles = rng.uniform(-math.pi, math.pi, rays), rng.uniform(-math.pi / 2, math.pi / 2, rays)
@@ -70,7 +70,7 @@ def test_rays_in_any_direction_agree_with_brute_force(mount, seed, rays):
 
 
 @given(mount=poses, seed=st.integers(0, 10**6))
-@settings(max_examples=20, deadline=None, derandomize=True)
+@settings(max_examples=20, derandomize=True)
 def test_a_table_of_the_same_rays_meets_the_same(mount, seed):
     parts, places = random_parts(seed, 25), matched(TURNING, TABLE)
     turning, table = cast(mount, TURNING, parts), cast(mount, TABLE, parts)
@@ -155,7 +155,7 @@ def test_equal_patterns_are_equal_and_changed_ones_are_not():
 @given(
     azimuths=st.lists(st.floats(-6.28, 6.28), min_size=1, max_size=30), turn=st.floats(-3.1, 3.1)
 )
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_the_field_of_view_holds_all_rays_and_is_narrow(azimuths, turn):
     pattern = ScanPattern(np.array(azimuths), np.zeros(len(azimuths)), len(azimuths))
     low, high = pattern.field_of_view

@@ -55,7 +55,7 @@ def corners_in_box(parts: Parts, box: np.ndarray) -> np.ndarray:
     yaw=st.floats(-math.pi, math.pi),
     seed=st.integers(0, 10**6),
 )
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60, derandomize=True)
 def test_parts_touch_all_faces_of_the_box_and_never_leave_it(name, size, yaw, seed):
     box = np.array([3.0, -2.0, 1.0, *size, yaw])
     parts = parts_of(table([name], box[None]), seed)

@@ -119,7 +119,7 @@ def test_a_remote_quota_spares_what_was_stored_last(tmp_path, monkeypatch):
 NAMES = st.sets(st.sampled_from("abcdefg"))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     there=NAMES,
     sweeps=st.dictionaries(st.sampled_from(["one", "two", "three"]), NAMES),

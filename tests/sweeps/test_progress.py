@@ -5,7 +5,7 @@ import io
 import threading
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lidarplace.command_line.terminal import Terminal
@@ -56,7 +56,6 @@ def tasks_of(stage, count, first=0):
     lengths=st.lists(st.floats(1, 1000), min_size=3, max_size=3),
     machines=st.integers(1, 5),
 )
-@settings(deadline=None)
 def test_the_estimate_is_what_machines_take_that_go_on_like_that(counts, lengths, machines):
     """Against a simulation: tasks of one length a stage, as many at once as there are machines."""
     stages = ["collect", "finetune", "evaluate"][: len(counts)]

@@ -38,7 +38,7 @@ def test_models_by_name():
     assert found["corner"].lidar() == Lidar.named("bpearl")
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 2**31), number=st.integers(1, 12), symmetric=st.booleans())
 def test_all_values_of_parameters_are_rigs_in_the_zones(seed, number, symmetric):
     space = space_of(
@@ -60,7 +60,7 @@ def test_all_values_of_parameters_are_rigs_in_the_zones(seed, number, symmetric)
     assert space.rig(params) == rig
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 2**31), symmetric=st.booleans(), number=st.integers(1, 4))
 def test_parameters_of_a_rig_give_it_back(seed, symmetric, number):
     space = space_of(zones={"roof": ROOF, "nose": NOSE}, lidars=[1, 4], symmetric=symmetric)
@@ -172,7 +172,7 @@ def cornered(**changes) -> Space:
     return Space(SearchSettings.model_validate(values), tuple(models), ())
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 2**31))
 def test_zones_have_their_own_numbers_models_and_angles(seed):
     space = cornered()

@@ -24,7 +24,7 @@ SCIPY = {"pearson": stats.pearsonr, "spearman": stats.spearmanr, "kendall": stat
 numbers = st.lists(st.integers(-3, 3), min_size=4, max_size=7)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(x=numbers, y=numbers, coefficient=st.sampled_from(COEFFICIENTS))
 def test_coefficients_equal_scipy_also_with_ties(x, y, coefficient):
     n = min(len(x), len(y))

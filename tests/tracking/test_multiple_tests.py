@@ -7,7 +7,7 @@ from statsmodels.stats.multitest import multipletests
 from tracking.statistics.multiple_tests import adjust, distinct_tests, holm
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.lists(st.floats(1e-6, 1), min_size=1, max_size=12))
 def test_holm_equals_statsmodels(values):
     p = np.array(values)

@@ -33,7 +33,7 @@ boxes = st.lists(
 
 
 @pytest.mark.usefixtures("last_bits")
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(boxes, boxes, st.booleans())
 def test_clipping_at_once_agrees_with_one_by_one(a, b, three_d):
     a, b = (torch.tensor(rows, dtype=torch.float64).view(-1, 7) for rows in (a, b))

@@ -53,7 +53,7 @@ def overlaps_of(truth, detections):
         yield own, other, table.reshape(len(own), len(other))
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(truths_of, found_of)
 def test_they_are_what_plain_python_gives(truths, found):
     truth, detections = tables(truths, found)
@@ -77,7 +77,7 @@ def test_they_are_what_plain_python_gives(truths, found):
         assert values[name, "AP_R40_3D_mean", EVERY_IOU] == pytest.approx(np.mean(expected))
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(st.integers(0, 2**32), st.sampled_from(MEAN_AP_IOU))
 def test_scores_of_ground_truths_give_kittis_curve(seed, iou):
     """What is left of the overlaps is enough, in any crowd and with any ties."""
@@ -102,7 +102,7 @@ def test_the_overlap_of_all_is_with_detections_and_not_with_refined_boxes():
     assert values["all", "mean_overlap"] == values["Car", "mean_overlap"] == pytest.approx(60)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(truths_of, found_of)
 def test_recall_by_sector_is_that_of_its_objects(truths, found):
     truth, detections = tables(truths, found)

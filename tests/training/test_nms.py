@@ -70,7 +70,7 @@ def by_definition(boxes, threshold):
 
 
 @pytest.mark.usefixtures("last_bits")
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     st.integers(0, 2**32 - 1),
     st.integers(1, 80),
@@ -91,7 +91,7 @@ def test_all_pairs_decide(seed, count, threshold, spread, alike):
 
 
 @pytest.mark.usefixtures("last_bits")
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     st.lists(
         st.tuples(st.integers(-4, 4), st.integers(-4, 4), st.integers(0, 3), st.integers(0, 3),

@@ -116,7 +116,7 @@ def upstream_sampling(xyz, samples):
     return chosen
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(clouds(1, 150), st.integers(1, 20))
 def test_sampling_breaks_ties_as_upstream(xyz, samples):
     own = min(samples, len(xyz))
@@ -125,7 +125,7 @@ def test_sampling_breaks_ties_as_upstream(xyz, samples):
         assert search(xyz, [len(xyz)], samples).tolist() == expected
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(1, 3000), st.integers(0, 2**32 - 1))
 def test_sampling_takes_the_furthest_of_many(count, seed):
     xyz = torch.from_numpy(np.random.default_rng(seed).gamma(1, 9, (count, 3)).astype(np.float32))
@@ -148,7 +148,7 @@ def test_sampling_of_small_and_empty_frames(search):
     assert search(torch.zeros(5, 3), [5], 4).tolist() == [0, 0, 0, 0]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(sizes, st.integers(1, 40), st.integers(0, 2**32 - 1))
 def test_sampling_of_many_frames_is_the_same_on_both_paths(counts, samples, seed):
     xyz = lattice_points(sum(counts), seed)
@@ -210,7 +210,7 @@ def test_ball_query_agrees_with_openpcdet_stack(search, radius, samples):
     assert empty.any()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(clouds(0), clouds(0), clouds(0, 20), st.sampled_from([0.4, 0.5, 1.0, 1.7, 30.0]),
        st.integers(1, 9))  # fmt: skip
 def test_ball_query_takes_the_first_within_the_radius(first, second, new, radius, samples):
@@ -228,7 +228,7 @@ def test_ball_query_takes_the_first_within_the_radius(first, second, new, radius
             assert none == (not hits)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.data(), sizes, st.sampled_from([0.5, 1.0, 30.0]), st.integers(1, 9),
        st.sampled_from([1, 500, 1 << 24]), st.integers(0, 2**32 - 1))  # fmt: skip
 def test_ball_query_of_many_frames_is_the_same_on_both_paths(
@@ -278,7 +278,7 @@ def test_ball_query_of_far_points():
         assert empty.tolist() == [False] * 4 + [True]
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(arrays(np.bool_, st.tuples(st.integers(0, 6), st.integers(0, 12))), st.integers(1, 5))
 def test_first_hits(mask, samples):
     idx, counts = first_hits(torch.from_numpy(mask), samples)
@@ -321,7 +321,7 @@ def test_nearest_of_openpcdet_on_both_paths(search):
 
 
 @pytest.mark.usefixtures("last_bits")
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(clouds(0, 20), clouds(1, 40))
 def test_nearest_by_brute_force(unknown, known):
     near = min(3, len(known))
@@ -381,7 +381,7 @@ queries = st.lists(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(voxels, queries, st.tuples(*[st.integers(0, 2)] * 3), st.sampled_from([0.5, 1.0, 1.5, 9.0]),
        st.integers(1, 9))  # fmt: skip
 def test_voxel_query_by_brute_force(occupied, new, reach, radius, samples):

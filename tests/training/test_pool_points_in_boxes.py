@@ -77,7 +77,7 @@ def test_pooling_agrees_with_openpcdet(pool):
 
 
 @pytest.mark.usefixtures("last_bits")
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 80), st.integers(0, 6), st.integers(1, 20))
 def test_against_complex_numbers(seed, count, boxes, samples):
     random = np.random.default_rng(seed)

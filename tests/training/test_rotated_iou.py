@@ -72,14 +72,14 @@ def hull_area(a, b):
     return ConvexHull(np.array(points), qhull_options="QJ Pp").volume
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(boxes, boxes)
 def test_area_agrees_with_the_hull_of_crossings(a, b):
     # QJ, joggled input, lets qhull take flat hulls; it costs it the last digits.
     assert bev_overlap(a, b)[0, 0] == pytest.approx(hull_area(a, b), abs=1e-6)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(boxes, boxes, st.floats(-4, 4), st.floats(-50, 50), st.floats(-50, 50))
 def test_symmetric_and_invariant_under_rigid_motion(a, b, angle, dx, dy):
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
@@ -96,7 +96,7 @@ def test_symmetric_and_invariant_under_rigid_motion(a, b, angle, dx, dy):
         assert iou(*moved)[0, 0] == pytest.approx(value, abs=1e-10)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(boxes, st.sampled_from([0.0, 1e3, 1e7, 1e9]))
 def test_a_box_overlaps_itself_completely_wherever_it_is(a, far):
     a = a + np.array([far, -far, 0, 0, 0, 0, 0])

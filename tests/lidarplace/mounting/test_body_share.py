@@ -60,7 +60,7 @@ def one_by_one(mount, lidar, vehicle):
 
 
 @given(mount=mounts, lidar=lidars, seed=st.integers(0, 10**6))
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60, derandomize=True)
 def test_agrees_with_ray_by_ray(mount, lidar, seed):
     vehicle = body(seed, 3)
     assert body_share(mount, lidar, vehicle, ALL) == one_by_one(mount, lidar, vehicle)

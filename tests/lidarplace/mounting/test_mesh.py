@@ -51,7 +51,7 @@ def hit_by_hand(mesh, origin, direction, reach):
     return t[met].min(initial=reach)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 2**32 - 1), triangles=st.sampled_from([1, 2, 4, 5, 17, 300]))
 def test_rays_meet_the_nearest_triangle(seed, triangles):
     rng = np.random.default_rng(seed)
@@ -65,7 +65,7 @@ def test_rays_meet_the_nearest_triangle(seed, triangles):
         assert found == pytest.approx(hit_by_hand(mesh, origin, direction, reach), rel=1e-9)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 2**32 - 1), triangles=st.sampled_from([1, 3, 9, 100]))
 def test_distances_are_those_of_trimesh(seed, triangles):
     rng = np.random.default_rng(seed)

@@ -67,7 +67,7 @@ sensor_lists = st.lists(
 
 
 @given(sensors=sensor_lists, seed=st.integers(0, 99))
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=25, derandomize=True)
 def test_agrees_with_voxel_by_voxel(sensors, seed):
     rng = np.random.default_rng(seed)
     middle = rng.uniform([-2, -1, 0], [2, 1, 1], (2, 3))

@@ -35,7 +35,7 @@ def test_a_bonnet_is_not_filled_up_to_the_roof():
 
 
 @given(seed=st.integers(0, 1000), parts=st.integers(1, 6))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_a_mesh_reaches_as_far_as_its_corners_and_no_farther(seed, parts):
     rng = np.random.default_rng(seed)
     vertices = rng.normal(0, 2, (3 * parts, 3))

@@ -12,7 +12,7 @@ from lidarplace.mounting.polygon import above_x_axis, nearest, polygon, sections
 
 
 @given(vertices=polygons, axis=st.sampled_from([0, 1]), seed=st.integers(0, 10**6))
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=150, derandomize=True)
 def test_sections_hold_what_is_inside(vertices, axis, seed):
     for point in some_points(vertices, seed):
         intervals = sections(vertices, axis, point[axis])
@@ -22,7 +22,7 @@ def test_sections_hold_what_is_inside(vertices, axis, seed):
 
 
 @given(vertices=polygons, seed=st.integers(0, 10**6))
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100, derandomize=True)
 def test_nearest_point_is_at_the_boundary_or_the_point_itself(vertices, seed):
     for x, y in some_points(vertices, seed, 10):
         foot = nearest(vertices, x, y)
@@ -81,7 +81,7 @@ def test_refused(vertices, message):
 
 
 @given(vertices=polygons, seed=st.integers(0, 10**6))
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=150, derandomize=True)
 def test_the_part_above_the_axis(vertices, seed):
     try:
         part = above_x_axis(vertices)

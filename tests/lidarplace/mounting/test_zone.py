@@ -32,7 +32,7 @@ zones = st.builds(Zone, st.just("any"), polygons | degenerate, heights)
 
 
 @given(zone=zones, u=share, v=share, w=share)
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=300, derandomize=True)
 def test_positions_lie_in_the_zone_and_come_back(zone, u, v, w):
     place = position(zone, u, v, w)
     assert contains(zone, *place)
@@ -41,7 +41,7 @@ def test_positions_lie_in_the_zone_and_come_back(zone, u, v, w):
 
 
 @given(zone=zones, seed=st.integers(0, 10**6))
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=150, derandomize=True)
 def test_every_point_of_the_zone_is_reached(zone, seed):
     if len(zone.polygon) < 3:
         inside = list(zone.polygon)
@@ -54,7 +54,7 @@ def test_every_point_of_the_zone_is_reached(zone, seed):
 
 
 @given(zone=zones, low=st.tuples(share, share, share), high=st.tuples(share, share, share))
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200, derandomize=True)
 def test_each_coordinate_grows_with_its_share(zone, low, high):
     u, v, w = low
     for axis in range(3):
@@ -118,7 +118,7 @@ def test_a_point_outside_is_moved_by_a_millimetre_at_most():
 
 
 @given(zone=zones, step=st.floats(0.05, 3))
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=150, derandomize=True)
 def test_grids_lie_in_the_zone(zone, step):
     found = grid(zone, step)
     assert found.shape[1] == 3
@@ -128,7 +128,7 @@ def test_grids_lie_in_the_zone(zone, step):
 
 
 @given(zone=zones, step=st.floats(0.1, 3))
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100, derandomize=True)
 def test_grids_of_mirrored_zones_are_mirrored(zone, step):
     mirrored = Zone("other", tuple((x, -y) for x, y in zone.polygon), zone.z)
     flip = grid(mirrored, step) * (1, -1, 1)
@@ -157,7 +157,7 @@ def test_a_grid_needs_a_step(step):
 
 
 @given(zone=zones, u=share, v=share, w=share)
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200, derandomize=True)
 def test_halves_hold_what_is_left_and_what_is_central(zone, u, v, w):
     x, y, z = position(zone, u, v, w)
     try:

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from small_scenes import CURVES, LIDAR, ROI, ROWS, log_of, rows_of_cells, table_of
 
@@ -31,7 +31,6 @@ def test_the_value_is_the_weighted_recall_of_the_rig():
     assert gains[1] == 0
 
 
-@settings(deadline=None)
 @given(choices)
 def test_it_is_monotone_and_submodular(choice):
     numbers = range(len(choice.seen))
@@ -46,7 +45,6 @@ def test_it_is_monotone_and_submodular(choice):
             assert (gains[small] >= of_large - 1e-12).all()
 
 
-@settings(deadline=None)
 @given(st.data(), choices)
 def test_greedy_is_the_plain_one_and_no_set_exceeds_the_bound(data, choice):
     limits = data.draw(limits_of(len(choice.seen)))

@@ -138,7 +138,7 @@ def test_probability_is_the_curve_of_the_cells():
     assert found.least_of == pytest.approx(0.8 * (1 - np.exp(-0.2 * cells.least_of)))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     x=st.floats(-1.5, 1.5),
     y=st.floats(-0.7, 0.7),
@@ -183,7 +183,7 @@ def test_presets_lie_around_the_body():
     width=st.floats(0.1, 3),
     heading=st.floats(0, math.pi),
 )
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_what_is_in_the_way_shares_a_point_with_the_body(x, y, length, width, heading):
     """Against points of the object: one in the body is proof; far from it there is none."""
     size = (length, width, 1.0)

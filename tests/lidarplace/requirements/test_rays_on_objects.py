@@ -59,7 +59,7 @@ boxes = st.builds(
 vehicles = st.sampled_from([CAR, NOTHING])
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(rig=rigs, box=boxes, vehicle=vehicles, reflectivity=st.floats(0.01, 1.0))
 def test_counts_are_those_of_single_rays(rig, box, vehicle, reflectivity):
     hits = hits_of(rig, vehicle, box[0], reflectivity)
@@ -75,7 +75,7 @@ def test_counts_are_those_of_single_rays(rig, box, vehicle, reflectivity):
         assert cells.alone[0, number] == len(own - others)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(rig=rigs, box=boxes, vehicle=vehicles)
 def test_a_dead_lidar_is_the_rig_without_it(rig, box, vehicle):
     for count in (count_points, lambda sights, box: count_cells(sights, box, CELL)):
@@ -140,7 +140,7 @@ def test_a_lidar_inside_of_the_body_sees_nothing():
     assert count_points(sights_of(rig, CAR), box).all.tolist() == [0]
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(mount=mounts, box=boxes)
 def test_mirrored_rigs_count_alike(mount, box):
     """Left and right exchanged; azimuth steps that lie on both sides alike."""

@@ -24,7 +24,7 @@ def plain_greedy(exposure, limits):
         chosen.append(max(gains, key=lambda e: (round(gains[e], 9), -e)))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.data())
 def test_lazy_is_plain(data):
     exposure = data.draw(exposures())
@@ -35,7 +35,7 @@ def test_lazy_is_plain(data):
     assert found.evaluations <= exposure.candidates * (1 + len(found.chosen))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.data())
 def test_the_guarantee_for_a_number_of_candidates(data):
     exposure = data.draw(exposures())
@@ -44,7 +44,7 @@ def test_the_guarantee_for_a_number_of_candidates(data):
     assert greedy(exposure, limits).value >= (1 - 1 / math.e) * best * (1 - 1e-12)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.data())
 def test_what_is_chosen_is_feasible_and_adds_up(data):
     exposure = data.draw(exposures())

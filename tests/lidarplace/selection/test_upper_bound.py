@@ -9,7 +9,7 @@ from lidarplace.selection import Limits, greedy, upper_bound
 from lidarplace.selection.majorant import Majorant
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.data())
 def test_never_below_the_best_of_all(data):
     exposure = data.draw(exposures())
@@ -23,7 +23,7 @@ def test_never_below_the_best_of_all(data):
     assert (np.diff(bound.history["bound"]) <= 0).all()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.data())
 def test_a_majorant_is_never_below_the_value_of_a_set(data):
     exposure = data.draw(exposures())

@@ -35,7 +35,7 @@ def rigs(draw):
     return convention | {"mounts": own}
 
 
-@settings(deadline=None, derandomize=True)
+@settings(derandomize=True)
 @given(rigs())
 def test_a_rig_is_the_placement_of_its_file(written):
     rig = Rig.of_written("mine", written)
@@ -44,7 +44,7 @@ def test_a_rig_is_the_placement_of_its_file(written):
     assert rig.placement(lidar) == PlacementSettings(**written).placement("mine", lidar)
 
 
-@settings(deadline=None, derandomize=True)
+@settings(derandomize=True)
 @given(rigs(), st.sampled_from(POSE), st.floats(-90, 90))
 def test_one_number_changes_and_no_other(written, name, value):
     value = abs(value) if name == "z" else value  # nothing is mounted below the ground
@@ -67,7 +67,7 @@ def test_one_number_changes_and_no_other(written, name, value):
     assert getattr(other, name) == pytest.approx(expected, abs=1e-12)
 
 
-@settings(deadline=None, derandomize=True)
+@settings(derandomize=True)
 @given(rigs())
 def test_a_mirror_image_is_the_same_view_left_and_right_exchanged(written):
     rig = Rig.of_written("mine", written)
@@ -91,7 +91,7 @@ EDITS = (
 )
 
 
-@settings(deadline=None, derandomize=True)
+@settings(derandomize=True)
 @given(rigs(), st.lists(st.tuples(st.sampled_from(EDITS), st.integers(0, 99)), max_size=12))
 def test_undo_and_redo_lead_back_and_forth(written, steps):
     states = [Rig.of_written("mine", written)]

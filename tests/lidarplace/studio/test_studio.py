@@ -189,7 +189,7 @@ def test_several_rigs_stand_side_by_side(studio):
         studio.choose("x")
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=25, derandomize=True)
 @given(pose=st.fixed_dictionaries({}, optional={n: st.floats(0, 9) for n in ("x", "z", "yaw")}))
 def test_a_saved_file_is_the_same_rigs(tmp_path_factory, pose):
     folder = tmp_path_factory.mktemp("saved")
