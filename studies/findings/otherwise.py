@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from itertools import combinations
 
 import pandas as pd
 from distil import OTHER_SCENES
@@ -26,6 +27,7 @@ COLLAPSED = "optimum_m_sog"
 """The rig that every judge puts last: with it all agree."""
 WAYS = {
     GENERALIST: "generalists, three seeds",
+    "finetuned": "fine-tuned from a generalist, two seeds",
     "second": "a generalist of `second_tiny`",
 }
 """How rigs were judged."""
@@ -33,21 +35,32 @@ _JUDGED_ALL = (GENERALIST, "second")
 
 
 def order_table() -> str:
-    """Spearman's rho of each way with the rigs' own detectors, and what it gives more, points.
+    """Spearman's rho of each way with the rigs' own detectors, of two of its seeds with each
+    other, and what it gives more than own detectors, points.
 
-    First, of one seed of their own detectors with the mean of the others, mean over seeds.
+    First, of one seed of own detectors with the mean of the others, mean over seeds.
     """
     heads = ["", "rigs"]
     for target in TARGETS:
-        heads += [f"{head_of(target)}: ρ", "more than own"]
-    cells = [part for target in TARGETS for part in (seed_with_others(target), "–")]
-    rows = [["own detectors, one seed", str(len(_own(TARGETS[0]))), *cells]]
+        heads += [f"{head_of(target)}: ρ", "two seeds agree", "more than own"]
+    rows = [["own detectors, one seed", str(len(_own(TARGETS[0])))]]
+    for target in TARGETS:
+        rows[0] += [seed_with_others(target), seeds_agree("own", target), "–"]
     for way, words in WAYS.items():
         cells = [words, str(len(_shared(way, TARGETS[0])))]
         for target in TARGETS:
-            cells += [rho(way, target), "–" if way in OTHER_SCENES else more(way, target)]
+            level = "–" if way in OTHER_SCENES else more(way, target)
+            cells += [rho(way, target), seeds_agree(way, target), level]
         rows.append(cells)
     return table(heads, rows)
+
+
+def seeds_agree(way: str, target: str) -> str:
+    """Spearman's rho of two seeds, mean over pairs; a dash for one seed."""
+    seeds = _own(target) if way == "own" else _seeds(way, target).reindex(_own(target).index)
+    pairs = [seeds[list(pair)].dropna() for pair in combinations(seeds.columns, 2)]
+    found = [stats.spearmanr(pair.iloc[:, 0], pair.iloc[:, 1]).statistic for pair in pairs]
+    return number(sum(found) / len(found)) if found else "–"
 
 
 def rho(way: str, target: str) -> str:
@@ -109,10 +122,15 @@ def predicted(name: str, way: str, target: str) -> str:
 @cache
 def _shared(way: str, target: str) -> pd.DataFrame:
     """A way and the mean of own detectors, by rig."""
+    found = _seeds(way, target).mean(axis=1)
+    return pd.DataFrame({way: found, "mean": _own(target).mean(axis=1)}).dropna()
+
+
+def _seeds(way: str, target: str) -> pd.DataFrame:
+    """What a way gives, a row a rig and a column a seed."""
     main = read("main_results")
     rows = main[main["judge"] == GENERALIST] if way == GENERALIST else read(f"{way}_results")
-    found = of(rows, SHORT[target]).groupby("placement")["value"].mean()
-    return pd.DataFrame({way: found, "mean": _own(target).mean(axis=1)}).dropna()
+    return of(rows, SHORT[target]).pivot(index="placement", columns="seed", values="value")
 
 
 def _own(target: str) -> pd.DataFrame:
