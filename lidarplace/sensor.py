@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import InstanceOf
+from pydantic.json_schema import SkipJsonSchema
 
 from lidarplace.catalogue.datasheet import FRAMES_PER_S, Datasheet, datasheet, metres
 from lidarplace.ranges import AZIMUTH_STEPS
@@ -81,7 +82,7 @@ class Lidar:
     extinction: float = 0.0
     window: float = 1.0
     size: tuple[float, float, float] | None = None
-    pattern: InstanceOf[ScanPattern] | None = None
+    pattern: SkipJsonSchema[InstanceOf[ScanPattern]] | None = None  # no file holds one
     frame: int = 0
 
     def __post_init__(self) -> None:

@@ -29,9 +29,10 @@ WAYS = {
     GENERALIST: "generalists, three seeds",
     "finetuned": "fine-tuned from a generalist, two seeds",
     "second": "a generalist of `second_tiny`",
+    "carla": "a generalist on CARLA's maps",
 }
 """How rigs were judged."""
-_JUDGED_ALL = (GENERALIST, "second")
+_JUDGED_ALL = (GENERALIST, "second", "carla")
 
 
 def order_table() -> str:
@@ -53,6 +54,11 @@ def order_table() -> str:
             cells += [rho(way, target), seeds_agree(way, target), level]
         rows.append(cells)
     return table(heads, rows)
+
+
+def value(way: str, rig: str, target: str) -> str:
+    """What a way gives a rig, mean over seeds, percent."""
+    return number(float(_seeds(way, target).loc[rig].mean()), 1)
 
 
 def seeds_agree(way: str, target: str) -> str:
