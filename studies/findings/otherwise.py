@@ -29,10 +29,17 @@ WAYS = {
     GENERALIST: "generalists, three seeds",
     "finetuned": "fine-tuned from a generalist, two seeds",
     "second": "a generalist of `second_tiny`",
+    "sparse": "a generalist in half the traffic",
     "carla": "a generalist on CARLA's maps",
 }
 """How rigs were judged."""
-_JUDGED_ALL = (GENERALIST, "second", "carla")
+_HERE = {
+    GENERALIST: "as above",
+    "second": "`second_tiny`",
+    "sparse": "half the traffic",
+    "carla": "CARLA's maps",
+}
+"""Generalists that judged all these rigs."""
 
 
 def order_table() -> str:
@@ -105,11 +112,11 @@ def more(way: str, target: str) -> str:
 def predicted_table() -> str:
     """Spearman's rho of each predictor, in its scene, with what generalists give there."""
     heads = [""]
-    heads += [f"{head_of(target)}, {WAYS[way]}" for target in TARGETS for way in _JUDGED_ALL]
+    heads += [f"{head_of(target)}, {words}" for target in TARGETS for words in _HERE.values()]
     rows = []
     for name in PREDICTORS:
         if name not in (GENERALIST, "expected_ig, occluded"):
-            cells = [predicted(name, way, target) for target in TARGETS for way in _JUDGED_ALL]
+            cells = [predicted(name, way, target) for target in TARGETS for way in _HERE]
             rows.append([label(name), *cells])
     return table(heads, rows)
 
