@@ -9,6 +9,7 @@ import sqlite3
 import subprocess
 import time
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -95,17 +96,17 @@ def kill_once(sweep: Sweep, after: float, choice: random.Random) -> bool:
     """
     process = sweep.start()
     try:
-        code = process.wait(timeout=after)
-        assert code == 0, sweep.output()
-        sweep.look()
-        return False
+        return _finished(sweep, process.wait(timeout=after))
     except subprocess.TimeoutExpired:
         pass
     kind, pid = _victim(process.pid, choice)
     below = descendants(process.pid)
-    os.kill(pid, signal.SIGKILL)
-    sweep.kills.append((kind, after))
+    with suppress(ProcessLookupError):
+        os.kill(pid, signal.SIGKILL)
     code = process.wait(timeout=GUARD_S)
+    if kind == "driver" and code == 0:  # it had just ended by itself
+        return _finished(sweep, code)
+    sweep.kills.append((kind, after))
     if kind == "driver":
         assert code == -signal.SIGKILL
     elif code:  # without its node the driver has to end; a worker's task is tried again
@@ -115,6 +116,13 @@ def kill_once(sweep: Sweep, after: float, choice: random.Random) -> bool:
     wait_for_end(below)
     sweep.look()
     return code != 0
+
+
+def _finished(sweep: Sweep, code: int) -> bool:
+    """False, after a look at a run that nobody killed."""
+    assert code == 0, sweep.output()
+    sweep.look()
+    return False
 
 
 def _victim(driver: int, choice: random.Random) -> tuple[str, int]:
