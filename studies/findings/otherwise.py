@@ -28,6 +28,7 @@ COLLAPSED = "optimum_m_sog"
 WAYS = {
     GENERALIST: "generalists, three seeds",
     "finetuned": "fine-tuned from a generalist, two seeds",
+    "longer": "own detectors, trained three times as long, one seed",
     "second": "a generalist of `second_tiny`",
     "sparse": "a generalist in half the traffic",
     "carla": "a generalist on CARLA's maps",
@@ -66,6 +67,12 @@ def order_table() -> str:
 def value(way: str, rig: str, target: str) -> str:
     """What a way gives a rig, mean over seeds, percent."""
     return number(float(_seeds(way, target).loc[rig].mean()), 1)
+
+
+def spread(way: str, target: str) -> str:
+    """Between the best and the worst of the rigs that `order_table` compares, points."""
+    given = _shared(way, target)[way]
+    return number(float(given.max() - given.min()), 1)
 
 
 def seeds_agree(way: str, target: str) -> str:
