@@ -6,7 +6,7 @@ import math
 from itertools import pairwise
 from typing import Annotated, Any
 
-from pydantic import Field, Strict, ValidationInfo, field_validator, model_validator
+from pydantic import Field, Strict, field_validator, model_validator
 
 from lidarplace.catalogue.datasheet import datasheet, metres
 from lidarplace.configuration.pattern_file import read_pattern
@@ -15,7 +15,7 @@ from lidarplace.configuration.settings import (
     Degrees,
     Distance,
     Elevation,
-    FilePath,
+    FileBeside,
     Name,
     Probability,
     Settings,
@@ -81,7 +81,7 @@ class SensorSettings(Settings):
         "with, max; 0 is its x axis, growing to the left, and the interval may cross 180",
     )
 
-    pattern: FilePath | None = Field(
+    pattern: FileBeside | None = Field(
         None,
         description="CSV file of the rays in the order of firing, for a LiDAR whose pattern does "
         "not repeat, in place of beams and azimuths: columns azimuth_deg and elevation_deg, or "
@@ -90,12 +90,6 @@ class SensorSettings(Settings):
     pattern_rays: Annotated[CountFromOne, Field(le=MOST_RAYS)] | None = Field(
         None, description="rays of a frame; the next frame goes on in the file; null: all of it"
     )
-
-    @field_validator("pattern")
-    @classmethod
-    def _beside_the_file(cls, pattern: FilePath | None, info: ValidationInfo) -> FilePath | None:
-        folder = (info.context or {}).get("folder")
-        return pattern if pattern is None or folder is None else (folder / pattern).absolute()
 
     @model_validator(mode="before")
     @classmethod

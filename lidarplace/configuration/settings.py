@@ -16,6 +16,7 @@ from pydantic import (
     Field,
     Strict,
     ValidationError,
+    ValidationInfo,
 )
 
 from lidarplace.class_names import fault_of_name
@@ -89,6 +90,15 @@ def _possible(path: Path) -> Path:
 
 FilePath = Annotated[Path, AfterValidator(_possible)]
 """Where a file or a folder is, within what file systems take."""
+
+
+def _beside_the_file(path: Path, info: ValidationInfo) -> Path:
+    folder = (info.context or {}).get("folder")
+    return path if folder is None else (folder / path).absolute()
+
+
+FileBeside = Annotated[FilePath, AfterValidator(_beside_the_file)]
+"""The same, relative to the folder of the configuration where the context names that."""
 
 
 def short_for(key: str) -> BeforeValidator:

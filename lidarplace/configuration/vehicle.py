@@ -11,12 +11,10 @@ from pydantic import (
     BeforeValidator,
     Field,
     Strict,
-    ValidationInfo,
-    field_validator,
     model_validator,
 )
 
-from lidarplace.configuration.settings import Degrees, FilePath, Length, Settings
+from lidarplace.configuration.settings import Degrees, FileBeside, Length, Settings
 from lidarplace.mounting.mesh import Mesh
 from lidarplace.mounting.mesh_file import read_mesh
 from lidarplace.mounting.vehicle import Vehicle
@@ -33,7 +31,7 @@ class VehicleSettings(Settings):
     boxes: tuple[tuple[Corner, Corner], ...] = Field(
         (), description="[[x0, y0, z0], [x1, y1, z1]]: lower and upper corner, metres, ego frame"
     )
-    mesh: FilePath | None = Field(
+    mesh: FileBeside | None = Field(
         None,
         description="file of triangles: STL, OBJ, PLY, glTF; relative to the folder of the "
         "configuration",
@@ -49,12 +47,6 @@ class VehicleSettings(Settings):
     origin: Corner = Field(
         (0.0, 0.0, 0.0), description="where the origin of the mesh is in the ego frame, metres"
     )
-
-    @field_validator("mesh")
-    @classmethod
-    def _beside_the_file(cls, mesh: FilePath | None, info: ValidationInfo) -> FilePath | None:
-        folder = (info.context or {}).get("folder")
-        return mesh if mesh is None or folder is None else (folder / mesh).absolute()
 
     @model_validator(mode="after")
     def _possible(self) -> VehicleSettings:

@@ -56,29 +56,29 @@ def read_yaml(path: Path, model: type[BaseModel]) -> dict[str, Any]:
     return raw
 
 
+BESIDE_THE_FILE = {"mesh", "pattern", "vehicle"}
+"""Keys of paths that are relative to the folder of the configuration; `vehicle` may be short for
+one."""
+
+
 def with_whole_paths(config: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """A checked configuration with paths that hold in any folder, so that a copy can be read.
 
-    A vehicle's mesh is beside the file, in `folder`; other paths are relative to where a command
-    is typed.
+    Files of a mesh and of a pattern are beside the file, in `folder`; other paths are relative to
+    where a command is typed.
     """
-    found = deepcopy(dict(config))
-    for mapping in (found, found.get("search", {})):
-        if "vehicle" in mapping:
-            mapping["vehicle"] = _with_whole_path(mapping["vehicle"], folder)
-    for axis in {"vehicle", "vehicle.mesh"} & {*found.get("grid", {})}:
-        values = found["grid"][axis]
-        found["grid"][axis] = [_with_whole_path(value, folder) for value in values]
-    return found
+    return {key: _with_whole_paths(value, key, folder) for key, value in config.items()}
 
 
-def _with_whole_path(vehicle: Any, folder: Path) -> Any:
-    """Of what the key `vehicle` or `vehicle.mesh` says."""
-    if isinstance(vehicle, str):
-        return str((folder / vehicle).absolute())
-    if isinstance(vehicle, dict) and vehicle.get("mesh") is not None:
-        return vehicle | {"mesh": _with_whole_path(vehicle["mesh"], folder)}
-    return vehicle
+def _with_whole_paths(value: Any, key: str, folder: Path) -> Any:
+    """What is below `key`, or an axis that ends with it."""
+    if isinstance(value, dict):
+        return {name: _with_whole_paths(own, str(name), folder) for name, own in value.items()}
+    if isinstance(value, list):
+        return [_with_whole_paths(own, key, folder) for own in value]
+    beside = isinstance(value, str) and key.rpartition(".")[2] in BESIDE_THE_FILE
+    # A name of one's own may be called like such a key.
+    return str((folder / value).absolute()) if beside and (folder / value).is_file() else value
 
 
 def public_yaml(config: Mapping[str, Any]) -> str:

@@ -1,0 +1,52 @@
+"""A copy of a configuration in another folder means the same files."""
+
+import yaml
+from search_files import write_search
+from small_log import write_small_log
+
+from sweeps.configuration.file import with_whole_paths
+from sweeps.configuration.grid import read_sweep
+from sweeps.search.problem.problem import read_problem
+
+RAYS = "azimuth_deg,elevation_deg\n" + "".join(f"{a},-5\n" for a in range(0, 360, 5))
+
+
+def test_a_sweep_with_patterns_everywhere_can_be_read_from_elsewhere(tmp_path):
+    for name in ("one.csv", "two.csv"):
+        (tmp_path / name).write_text(RAYS)
+    write_small_log(tmp_path / "log")
+    own = {"mounts": [{"z": 2.0, "lidar": {"pattern": "two.csv"}}]}
+    content = {
+        "scene": {"source": "log", "folder": str(tmp_path / "log")},
+        "lidar": {"pattern": "one.csv"},
+        "placements": {"pattern": own},
+        "grid": {"placement": ["line", "pattern"], "lidar.pattern": ["one.csv", "two.csv"]},
+    }
+    (tmp_path / "sweep.yaml").write_text(yaml.safe_dump(content))
+    sweep = read_sweep(tmp_path / "sweep.yaml")
+    (tmp_path / "elsewhere").mkdir()
+    copy = tmp_path / "elsewhere" / "sweep.yaml"
+    copy.write_text(yaml.safe_dump(dict(sweep.source)))
+    again = read_sweep(copy)
+    assert {own.point.lidar.pattern for own in again.points} == {
+        tmp_path / "one.csv",
+        tmp_path / "two.csv",
+    }
+    assert [own.point for own in again.points] == [own.point for own in sweep.points]
+
+
+def test_a_search_among_patterns_can_be_read_from_elsewhere(tmp_path):
+    (tmp_path / "one.csv").write_text(RAYS)
+    models = {"pattern": "vlp16", "livox": {"pattern": "one.csv", "range": 50.0}}
+    problem = read_problem(write_search(tmp_path, search={"models": models}))
+    (tmp_path / "elsewhere").mkdir()
+    copy = tmp_path / "elsewhere" / "search.yaml"
+    copy.write_text(yaml.safe_dump(dict(problem.source)))
+    assert read_problem(copy).models == problem.models
+    assert {"pattern", "livox"} <= set(problem.models)
+
+
+def test_other_values_stay_as_they_are(tmp_path):
+    (tmp_path / "body.stl").write_text("")
+    config = {"vehicle": [[[0, 0, 0], [1, 1, 1]]], "name": "body.stl", 3: {"mesh": None}}
+    assert with_whole_paths(config, tmp_path) == config
