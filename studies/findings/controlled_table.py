@@ -7,9 +7,9 @@ from functools import cache
 
 import numpy as np
 from judged import SHORT, head_of, led, number, table
-from predicting import of, read
+from predicting import by_generalist, read
 
-from tracking.findings.best_placement import BestPlacement, best_placement
+from tracking.findings.best_placement import BestPlacement
 
 PAIRS: Mapping[str, str] = {
     "level": "level: all pitches zero",
@@ -89,11 +89,8 @@ def distance_table() -> str:
 
 @cache
 def _judged(target: str, angle: float) -> BestPlacement:
-    results, left_out = (
-        of(rows[np.isclose(rows["mounting_errors.angle_deg"], angle)], SHORT[target])
-        for rows in (read("controlled_results"), read("controlled_left_out"))
+    return by_generalist(
+        "controlled",
+        SHORT[target],
+        lambda rows: rows[np.isclose(rows["mounting_errors.angle_deg"], angle)],
     )
-    found = best_placement(results, left_out=left_out, generalist=True)
-    if found is None:
-        raise ValueError(f"no rig of controlled.yaml was judged at {angle} degrees")
-    return found

@@ -91,11 +91,7 @@ def rho(way: str, target: str) -> str:
 
 def networks_agree(target: str) -> str:
     """Spearman's rho of generalists of the two networks, over all rigs that both judged."""
-    main = read("main_results")
-    both = [
-        of(rows, SHORT[target]).groupby("placement")["value"].mean()
-        for rows in (main[main["judge"] == GENERALIST], read("second_results"))
-    ]
+    both = [_seeds(way, target).mean(axis=1) for way in (GENERALIST, "second")]
     found = pd.concat(both, axis=1, join="inner")
     return number(stats.spearmanr(found.iloc[:, 0], found.iloc[:, 1]).statistic)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 
@@ -135,6 +135,24 @@ def best(results: pd.DataFrame, target: Target) -> BestPlacement:
     found = best_placement(of(results, target), left_out=of(_left_out(results), target))
     if found is None:
         raise ValueError(f"no detector was tested for {named(target)}")
+    return found
+
+
+def by_generalist(
+    name: str, target: Target, kept: Callable[[pd.DataFrame], pd.DataFrame]
+) -> BestPlacement:
+    """Rigs by one target, judged by one generalist, with the noise of the test objects.
+
+    Args:
+        name: of the tables.
+        kept: their rows that matter.
+    """
+    results, left_out = (
+        kept(of(read(f"{name}_{kind}"), target)) for kind in ("results", "left_out")
+    )
+    found = best_placement(results, left_out=left_out, generalist=True)
+    if found is None:
+        raise ValueError(f"no rig of {name} was judged for {named(target)}")
     return found
 
 

@@ -7,9 +7,9 @@ from functools import cache
 import numpy as np
 import pandas as pd
 from judged import led, number, table
-from predicting import of, read
+from predicting import by_generalist, of, read
 
-from tracking.findings.best_placement import BestPlacement, best_placement
+from tracking.findings.best_placement import BestPlacement
 from tracking.published import published_detection
 
 PAIRS = (
@@ -82,13 +82,7 @@ def _printed() -> list[str]:
 
 @cache
 def _judged(combination: tuple[object, ...], target: tuple[str, str, float]) -> BestPlacement:
-    results, left_out = (
-        _with(of(read(name), target), combination) for name in ("riddle_results", "riddle_left_out")
-    )
-    found = best_placement(results, left_out=left_out, generalist=True)
-    if found is None:
-        raise ValueError(f"no rig was judged with {words(combination)}")
-    return found
+    return by_generalist("riddle", target, lambda rows: _with(rows, combination))
 
 
 def _with(rows: pd.DataFrame, combination: tuple[object, ...]) -> pd.DataFrame:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.placement import Mount
-from lidarplace.sensor import Lidar
+from lidarplace.sensor import Lidar, unit_vectors
 from lidarplace.studio.frame_view import SimulatedCloud
 from lidarplace.studio.page.dragged import quaternion
 from lidarplace.studio.rig import Rig
@@ -106,18 +105,9 @@ def _view(lidar: Lidar) -> NDArray[np.float32]:
     """Lines of the lowest and the highest beam in the sensor's frame, and where they begin."""
     low, high = lidar.azimuth
     turns = np.linspace(low, high, 25)
-    rings, found = [], []
-    for elevation in (min(lidar.elevations), max(lidar.elevations)):
-        ring = VIEW_M * np.stack(
-            [
-                math.cos(elevation) * np.cos(turns),
-                math.cos(elevation) * np.sin(turns),
-                np.full(len(turns), math.sin(elevation)),
-            ],
-            axis=1,
-        )
-        rings.append(ring)
-        found += list(pairwise(ring))
+    ends = np.array([min(lidar.elevations), max(lidar.elevations)])
+    rings = VIEW_M * unit_vectors(ends, turns).reshape(2, len(turns), 3)
+    found = [line for ring in rings for line in pairwise(ring)]
     if not lidar.full_turn:
         found += [(np.zeros(3), ring[end]) for ring in rings for end in (0, -1)]
     found.append((np.zeros(3), np.array([VIEW_M, 0.0, 0.0])))
