@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Coroutine
 from typing import TYPE_CHECKING, Any
 
@@ -78,10 +79,18 @@ class Drawing:
         self.beside.draw(view, resting)
         if resting:
             panel.violations.content = violations_list(studio.violations())
-            panel.show(studio, self._editing.chosen)
-            panel.show_objects(view.frame.objects["object_id"].astype(str).tolist())
+            ids = view.frame.objects["object_id"].astype(str).tolist()
+            fields = asyncio.run_coroutine_threadsafe(
+                self._draw_fields(ids), self._server.get_event_loop()
+            )
+            fields.result()
             self._draw_answer()
         self._server.flush()
+
+    async def _draw_fields(self, objects: list[str]) -> None:
+        """Where edits are heard, too: nothing typed is overwritten before it is read."""
+        self._panel.show(self._studio, self._editing.chosen)
+        self._panel.show_objects(objects)
 
     def _too_little(self, resting: bool) -> BlindGround | None:
         """Where too little is seen, if somebody wants to see it.
