@@ -1,4 +1,4 @@
-"""Axes of a 3-D figure."""
+"""Coordinates and axes of a 3-D figure."""
 
 from __future__ import annotations
 
@@ -8,6 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 _MARGIN = 0.3  # metres
+
+
+def xyz(points: NDArray[np.floating[Any]]) -> dict[str, NDArray[np.float32]]:
+    """Points, shape (n, 3), as the coordinates of a trace."""
+    x, y, z = np.ascontiguousarray(points.T, dtype=np.float32)
+    return {"x": x, "y": y, "z": z}
 
 
 def equal_axes(points: NDArray[np.floating[Any]], longest: float) -> dict[str, Any]:

@@ -8,7 +8,6 @@ from functools import singledispatch
 import numpy as np
 import plotly.graph_objects as go
 
-from lidarplace.lidar.shapes import OWN_BODY
 from lidarplace.occupancy.grid import OccupancyGrid
 from lidarplace.placement import Placement
 from lidarplace.surrogates.result import Surrogates
@@ -16,6 +15,7 @@ from lidarplace.viewing import style
 from lidarplace.viewing.axes import equal_axes
 from lidarplace.viewing.lidars import add_lidars
 from lidarplace.viewing.solids import corners, edges
+from lidarplace.viewing.vehicle import vehicle_boxes
 
 
 @singledispatch
@@ -27,7 +27,7 @@ def figure(thing: object) -> go.Figure:
 @figure.register
 def _placement(placement: Placement) -> go.Figure:
     """LiDARs on the box of the vehicle, each with the direction of its x axis."""
-    body = np.array([OWN_BODY])
+    body = vehicle_boxes(None)
     plot = _new(placement.name)
     x, y, z = edges(body).T
     plot.add_scatter3d(

@@ -13,15 +13,14 @@ from numpy.typing import NDArray
 from lidarplace.box_log import BoxLog
 from lidarplace.boxes import GEOMETRY
 from lidarplace.lidar.clouds import Crop
-from lidarplace.lidar.own_body import body_parts
-from lidarplace.lidar.shapes import OWN_BODY
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Placement
 from lidarplace.viewing import style
-from lidarplace.viewing.axes import equal_axes
+from lidarplace.viewing.axes import equal_axes, xyz
 from lidarplace.viewing.frame import Cloud, Frame, read_cloud, read_frame
 from lidarplace.viewing.lidars import add_lidars
 from lidarplace.viewing.solids import edges, headings, triangles
+from lidarplace.viewing.vehicle import Surface, vehicle_surface
 
 POINTS = 160_000
 """Points drawn of a frame: 16 bytes each in a page, and still turned smoothly."""
@@ -68,7 +67,7 @@ def draw_frame(
     """
     frame = read_frame(log, number, crop)
     cloud = read_cloud(frame, placement, crop, points, misaligned_heights, vehicle)
-    body = _body(vehicle)
+    body = vehicle_surface(vehicle)
     axes = _axes(placement, crop, body[0])
     figure = go.Figure(layout={"template": style.theme(False), "scene": axes})
     figure.update_layout(
@@ -100,7 +99,7 @@ def _add_cloud(figure: go.Figure, cloud: Cloud, placement: Placement) -> None:
         shade = style.COLOURS[i % len(style.COLOURS)]
         name = f"LiDAR {i}"
         figure.add_scatter3d(
-            **_xyz(cloud.points[cloud.lidar == i]),
+            **xyz(cloud.points[cloud.lidar == i]),
             mode="markers",
             marker={"size": 1.2, "color": shade, "line": {"width": 0}},
             hoverinfo="skip",
@@ -121,7 +120,7 @@ def _add_objects(figure: go.Figure, frame: Frame, cloud: Cloud, colours: Mapping
             continue
         front = headings(boxes)
         figure.add_scatter3d(
-            **_xyz(np.concatenate([edges(boxes), front.reshape(-1, 3)])),
+            **xyz(np.concatenate([edges(boxes), front.reshape(-1, 3)])),
             mode="lines",
             line={"color": shade, "width": 4},
             hoverinfo="skip",
@@ -129,7 +128,7 @@ def _add_objects(figure: go.Figure, frame: Frame, cloud: Cloud, colours: Mapping
             legendgroup=name,
         )
         figure.add_scatter3d(
-            **_xyz(front[:, 1]),
+            **xyz(front[:, 1]),
             mode="markers",
             marker={"size": 3, "color": shade},
             hovertext=[
@@ -146,27 +145,12 @@ def _add_objects(figure: go.Figure, frame: Frame, cloud: Cloud, colours: Mapping
         )
 
 
-Surface = tuple[NDArray[np.floating], NDArray[np.integer]]
-"""Vertices (n, 3), metres, and triangles of them (m, 3)."""
-
-
-def _body(vehicle: Vehicle | None) -> Surface:
-    """The vehicle; of None the box around a sedan."""
-    if vehicle is None:
-        return triangles(np.array([OWN_BODY]))
-    vertices, faces = triangles(body_parts(vehicle).geometry[:, : len(GEOMETRY)])
-    if vehicle.mesh is None:
-        return vertices, faces
-    of_mesh = vehicle.mesh.faces + len(vertices)
-    return np.concatenate([vertices, vehicle.mesh.vertices]), np.concatenate([faces, of_mesh])
-
-
 def _add_surroundings(figure: go.Figure, frame: Frame, crop: Crop, body: Surface) -> None:
     low, high = np.array(crop[:3]), np.array(crop[3:])
     roi = np.concatenate([(low + high) / 2, high - low, [0.0]])[None]
     grey: dict[str, Any] = {"color": style.OUTLINE, "hoverinfo": "skip", "showlegend": True}
     figure.add_scatter3d(
-        **_xyz(edges(roi)),
+        **xyz(edges(roi)),
         mode="lines",
         line={"color": style.OUTLINE, "width": 2},
         hoverinfo="skip",
@@ -179,7 +163,7 @@ def _add_surroundings(figure: go.Figure, frame: Frame, crop: Crop, body: Surface
         if len(faces):
             i, j, k = faces.T.copy()
             figure.add_mesh3d(
-                **_xyz(vertices),
+                **xyz(vertices),
                 i=i,
                 j=j,
                 k=k,
@@ -188,11 +172,6 @@ def _add_surroundings(figure: go.Figure, frame: Frame, crop: Crop, body: Surface
                 flatshading=True,
                 **grey,
             )
-
-
-def _xyz(points: NDArray[Any]) -> dict[str, NDArray[np.float32]]:
-    x, y, z = np.ascontiguousarray(points.T, dtype=np.float32)
-    return {"x": x, "y": y, "z": z}
 
 
 def _axes(placement: Placement, crop: Crop, vehicle: NDArray[np.floating]) -> dict[str, Any]:

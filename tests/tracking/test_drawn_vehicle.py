@@ -7,14 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from lidarplace import Lidar, Mount
-from lidarplace.boxes import GEOMETRY
 from lidarplace.mounting.mesh import Mesh
 from lidarplace.mounting.vehicle import Vehicle
-from tracking.figures.of_sweeps.frame_in_space import frame_in_space
+from tracking.figures.kit.vehicle_in_space import vehicle_in_space
 from tracking.findings.groups import groups
 from tracking.mlflow.pictures import draw_rig
 from tracking.pages.section import Section
@@ -90,16 +88,17 @@ def test_older_run_folders_have_a_nominal_car(made_up_run):
     assert any("a nominal car in orange" in note for note in sections[1].notes)
 
 
-def test_frames_in_space_have_the_vehicle():
-    columns = [*GEOMETRY, "class", "points"]
-    objects = pd.DataFrame([[10.0, 0, 1, 4, 2, 2, 0, "Car", 3]], columns=columns)
-    nothing, cloud = np.empty((0, 8)), np.empty((0, 3), np.float32)
-    for told, extent in CASES:
-        body = drawn_vehicle(told["vehicle"], told["vehicle_mesh"] and Triangles(**SURFACE))
-        plot = frame_in_space(objects, np.ones(1), cloud, nothing, body)
-        lines = [t for t in plot.data if t.mode == "lines" and len(t.x)]
-        ends = [[f(t[axis]) for axis in "xyz" for f in (np.nanmin, np.nanmax)] for t in lines]
-        assert [*extent] in ends
+def test_boxes_and_a_mesh_are_one_surface():
+    body = drawn_vehicle(SHUTTLE["vehicle"], Triangles(**SURFACE))
+    surface, lines = vehicle_in_space(body)
+    corners = np.stack([surface.x, surface.y, surface.z], axis=1)
+    faces = np.stack([surface.i, surface.j, surface.k], axis=1)
+    assert corners[faces[:12]].reshape(-1, 3).min(axis=0).tolist() == [-2.5, -1.0, 0.25]
+    drawn = {frozenset(map(tuple, triangle)) for triangle in corners[faces[12:]].tolist()}
+    vertices = [*map(tuple, SURFACE["vertices"])]
+    assert drawn == {frozenset(vertices[i] for i in face) for face in SURFACE["faces"]}
+    assert np.nanmax(lines.z) == 2.5  # edges of the boxes alone
+    assert vehicle_in_space(drawn_vehicle((), None)) == []
 
 
 @pytest.mark.parametrize(

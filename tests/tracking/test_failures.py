@@ -17,12 +17,14 @@ from test_report import Page
 
 from lidarplace.sectors import SECTORS
 from tests.tracking.made_up_objects import made_up_frames
+from tests.tracking.test_drawn_vehicle import SURFACE
 from tracking.figures.of_sweeps.frame_in_space import FOUND, frame_in_space
 from tracking.findings.failures import Failures, failures
 from tracking.findings.groups import groups
 from tracking.report.build import build_report
 from tracking.report.failures import failures_to_show
 from tracking.run_folders.sweep import RunFolder
+from tracking.run_folders.sweep_json import SweepResult
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +125,7 @@ def test_points_in_a_box_have_the_colour_of_what_became_of_it():
     # 1.9 m to the side is in the car that stands across, and beside the one that stands along.
     points = np.array([[10, 1.9, 1], [11.9, 0, 1], [10, 9, 1], [11.9, 9, 1], [10, 10.9, 1]])
     plot = frame_in_space(
-        objects, np.array([1.0, 0.0]), points.astype(np.float32), np.empty((0, 8)), None
+        objects, np.array([1.0, 0.0]), points.astype(np.float32), np.empty((0, 8))
     )
     drawn = {
         trace.marker.color: sorted(zip(trace.x.tolist(), trace.y.tolist(), strict=True))
@@ -150,6 +152,9 @@ def folder(made_up_run, tmp_path_factory) -> Path:
     objects = pd.read_parquet(folder / "objects.parquet").to_dict("records")
     frames = made_up_frames(np.random.default_rng(0), objects, compared.rigs, shown)
     np.savez_compressed(folder / "failures.npz", **frames)
+    told = json.loads((folder / SweepResult.FILE).read_text())
+    told |= {"vehicle": [], "vehicle_mesh": SURFACE}
+    (folder / SweepResult.FILE).write_text(json.dumps(told))
     build_report(folder)
     return folder
 
@@ -169,6 +174,11 @@ def test_the_page_shows_each_frame_under_both_rigs(folder):
         if trace["mode"] == "markers" and "hovertext" not in trace and trace["x"]
     )
     assert drawn == len(arrays["points/0/1"])
+    (vehicle,) = (text for attributes, text in page.scripts if attributes.get("id") == "vehicle")
+    surface = json.loads(vehicle)["data"][0]
+    assert surface["type"] == "mesh3d"
+    heights = np.frombuffer(b64decode(surface["z"]["bdata"]), np.float32)
+    assert heights.tolist() == [z for _, _, z in SURFACE["vertices"]]
     compared = failures_to_show(folder)
     assert page.tags.count("button") == 4 + 2
     assert all(f"{rig} finds it" in page.text for rig in compared.rigs)

@@ -8,10 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import plotly.graph_objects as go
 
 from lidarplace.boxes import GEOMETRY
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.roi import Roi
+from tracking.figures.kit.vehicle_in_space import vehicle_in_space
 from tracking.figures.of_sweeps.frame_in_space import (
     DETECTION,
     FOUND,
@@ -106,13 +108,14 @@ def write_failures(
         extent=extent,
         links=links,
         said=section.notes[:2],
-        frames=_shown(found, frames, vehicle) if frames is not None else [],
+        frames=_shown(found, frames) if frames is not None else [],
         colours={**FOUND, f"detected with seed {found.seeds[0]}": DETECTION},
         whole=json.dumps(view_of(roi, vehicle)),
+        vehicle=figure_json(go.Figure(vehicle_in_space(vehicle), layout={"template": None})),
     )
 
 
-def _shown(found: Failures, frames: FailureFrames, vehicle: Vehicle | None) -> list[_Shown]:
+def _shown(found: Failures, frames: FailureFrames) -> list[_Shown]:
     number = {int(own): row for row, own in enumerate(found.objects["object"])}
     shown = []
     for place, own in enumerate(frames.objects.tolist()):
@@ -125,7 +128,6 @@ def _shown(found: Failures, frames: FailureFrames, vehicle: Vehicle | None) -> l
                 found.shares[rig, here],
                 frames.points[f"{place}/{rig}"],
                 frames.detections[f"{place}/{rig}"],
-                vehicle,
             )
             for rig in range(2)
         ]

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Mount
-from lidarplace.viewing.axes import equal_axes
-from lidarplace.viewing.solids import between, edges, triangles
-from tracking.figures.kit.style import OUTLINE, add_menu, figure, lidar_colour, text
+from lidarplace.viewing.axes import equal_axes, xyz
+from tracking.figures.kit.style import add_menu, figure, lidar_colour, text
+from tracking.figures.kit.vehicle_in_space import vehicle_in_space
 from tracking.run_folders.search_json import Rig, Zone
 
 _AXES = (("x", "#D55E00"), ("y", "#009E73"), ("z", "#0072B2"))
@@ -63,16 +63,11 @@ def rig_picture(
         zones: where LiDARs may sit.
     """
     plot = figure("LiDARs on the vehicle", height=550, margin={"l": 0, "r": 0, "t": 70, "b": 32})
-    boxes = between(vehicle.boxes)
-    if len(boxes):
-        _add_surface(plot, *triangles(boxes))
-        _add_edges(plot, boxes)
-    if vehicle.mesh is not None:
-        _add_surface(plot, vehicle.mesh.vertices, vehicle.mesh.faces)
+    plot.add_traces(vehicle_in_space(vehicle))
     if zones:
         lines = np.concatenate([_prism(zone) for zone in zones])
         plot.add_scatter3d(
-            **_xyz(lines),
+            **xyz(lines),
             mode="lines",
             line={"color": "#CC79A7", "width": 4},
             name="zones",
@@ -94,34 +89,6 @@ def rig_picture(
     changes = [({"visible": [who in ("", name) for who in owner]},) for name in rigs]
     add_menu(plot, [text(name) for name in rigs], changes, y=1)
     return plot
-
-
-def _add_surface(
-    plot: go.Figure, vertices: NDArray[np.floating], faces: NDArray[np.integer]
-) -> None:
-    i, j, k = faces.T.copy()
-    plot.add_mesh3d(
-        **_xyz(vertices),
-        i=i,
-        j=j,
-        k=k,
-        color=OUTLINE,
-        opacity=0.45,
-        flatshading=True,
-        name="vehicle",
-        showlegend=True,
-        hoverinfo="skip",
-    )
-
-
-def _add_edges(plot: go.Figure, boxes: NDArray[np.float64]) -> None:
-    plot.add_scatter3d(
-        **_xyz(edges(boxes)),
-        mode="lines",
-        line={"color": OUTLINE, "width": 2},
-        hoverinfo="skip",
-        showlegend=False,
-    )
 
 
 def _prism(zone: Zone) -> NDArray[np.float64]:
@@ -152,7 +119,7 @@ def _add_rig(plot: go.Figure, rig: PicturedRig) -> None:
         ends = at + _AXIS_LENGTH * np.array([mount.rotation[:, axis] for mount in rig.mounts])
         lines = np.stack([at, ends, np.full_like(at, np.nan)], axis=1).reshape(-1, 3)
         plot.add_scatter3d(
-            **_xyz(lines),
+            **xyz(lines),
             mode="lines",
             line={"color": shade, "width": 6},
             name=f"sensor's {name}",
@@ -160,7 +127,7 @@ def _add_rig(plot: go.Figure, rig: PicturedRig) -> None:
             hoverinfo="skip",
         )
     plot.add_scatter3d(
-        **_xyz(at),
+        **xyz(at),
         mode="markers",
         marker={
             "size": 7,
@@ -183,11 +150,6 @@ def _words(rig: PicturedRig, i: int) -> str:
         f"LiDAR {i + 1}{words}<br>x {mount.x:.3f}, y {mount.y:.3f}, z {mount.z:.3f} m<br>"
         f"roll {roll:.1f}°, pitch {pitch:.1f}°, yaw {yaw:.1f}°"
     )
-
-
-def _xyz(points: NDArray[Any]) -> dict[str, NDArray[np.float32]]:
-    x, y, z = np.ascontiguousarray(points.T, dtype=np.float32)
-    return {"x": x, "y": y, "z": z}
 
 
 def _scene(plot: go.Figure) -> dict[str, Any]:

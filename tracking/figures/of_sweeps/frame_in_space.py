@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from lidarplace.boxes import GEOMETRY
 from lidarplace.lidar.points_in_boxes import box_of_points
-from lidarplace.lidar.shapes import OWN_BODY
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.roi import Roi
-from lidarplace.viewing.axes import equal_axes
+from lidarplace.viewing.axes import equal_axes, xyz
 from lidarplace.viewing.scene import CAMERAS
-from lidarplace.viewing.solids import between, edges, headings
+from lidarplace.viewing.solids import edges, headings
+from lidarplace.viewing.vehicle import vehicle_surface
 from tracking.figures.kit.style import OUTLINE, text
 
 FOUND = {"found": "#0072B2", "found by some seeds": "#CC79A7", "missed": "#D55E00"}
@@ -37,7 +37,6 @@ def frame_in_space(
     shares: NDArray[np.float64],
     points: NDArray[np.float32],
     detections: NDArray[np.float64],
-    vehicle: Vehicle | None,
 ) -> go.Figure:
     """Points in the boxes of objects have the colour of what became of them, others are grey.
 
@@ -46,7 +45,6 @@ def frame_in_space(
         shares: of the seeds that found each, shape (objects,).
         points: x, y, z, shape (n, 3).
         detections: boxes and scores, shape (d, 8).
-        vehicle: its boxes are drawn, and that around its mesh; None for a sedan.
     """
     plot = go.Figure(layout={"template": None, "margin": dict.fromkeys("lrtb", 0)})
     boxes = objects[list(GEOMETRY)].to_numpy(np.float64)
@@ -60,10 +58,9 @@ def frame_in_space(
         lines = np.concatenate([edges(boxes[own]), headings(boxes[own]).reshape(-1, 3)])
         _add_lines(plot, lines, shade, 4)
     _add_lines(plot, edges(detections[:, :7]), DETECTION, 2)
-    _add_lines(plot, edges(_body(vehicle)), OUTLINE, 3)
     roof = boxes[:, :3] + boxes[:, 5:6] * [0, 0, 0.5]
     plot.add_scatter3d(
-        **_xyz(roof),
+        **xyz(roof),
         mode="markers",
         marker={"size": 4, "color": [[*FOUND.values()][i] for i in fate]},
         hovertext=[
@@ -85,19 +82,14 @@ def view_around(box: NDArray[np.float64]) -> dict[str, Any]:
 def view_of(roi: Roi, vehicle: Vehicle | None) -> dict[str, Any]:
     """Plotly's scene of the whole ROI and the vehicle."""
     corners = [[axis[i] for axis in (roi.x, roi.y, roi.z)] for i in range(2)]
-    middle, half = np.split(_body(vehicle)[:, :6] * [1, 1, 1, 0.5, 0.5, 0.5], 2, axis=1)
-    reach = np.concatenate([corners, middle - half, middle + half])
-    return equal_axes(reach, longest=1.9) | {"camera": CAMERAS["from above"]}
-
-
-def _body(vehicle: Vehicle | None) -> NDArray[np.float64]:
-    """Boxes of the vehicle, rows of `GEOMETRY`, shape (m, 7)."""
-    return np.array([OWN_BODY]) if vehicle is None else between(vehicle.extents)
+    vertices, _ = vehicle_surface(vehicle)
+    axes = equal_axes(np.concatenate([corners, vertices]), longest=1.9)
+    return axes | {"camera": CAMERAS["from above"]}
 
 
 def _add_points(plot: go.Figure, points: NDArray[np.float32], shade: str, size: float) -> None:
     plot.add_scatter3d(
-        **_xyz(points),
+        **xyz(points),
         mode="markers",
         marker={"size": size, "color": shade, "line": {"width": 0}},
         hoverinfo="skip",
@@ -107,14 +99,9 @@ def _add_points(plot: go.Figure, points: NDArray[np.float32], shade: str, size: 
 
 def _add_lines(plot: go.Figure, line: NDArray[np.floating[Any]], shade: str, width: float) -> None:
     plot.add_scatter3d(
-        **_xyz(line),
+        **xyz(line),
         mode="lines",
         line={"color": shade, "width": width},
         hoverinfo="skip",
         showlegend=False,
     )
-
-
-def _xyz(points: NDArray[np.floating[Any]]) -> dict[str, NDArray[np.float32]]:
-    x, y, z = np.ascontiguousarray(points.T, dtype=np.float32)
-    return {"x": x, "y": y, "z": z}
