@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from lidarplace.configuration.settings import (
@@ -12,6 +15,7 @@ from lidarplace.configuration.settings import (
     Distance,
     Height,
     Length,
+    Name,
     Probability,
     Settings,
 )
@@ -87,6 +91,18 @@ class KeepOutSettings(Settings):
         """Its lower and its upper corner."""
         low, high = zip(self.x, self.y, self.z, strict=True)
         return low, high
+
+
+KeepOuts = Annotated[
+    dict[Name, KeepOutSettings],
+    Field(description="by name: where no LiDAR may sit, and what hides what is behind it"),
+]
+"""A field of a model."""
+
+
+def keep_out_boxes(keep_out: Mapping[str, KeepOutSettings]) -> NDArray[np.float64]:
+    """Lower and upper corners, metres, shape (n, 2, 3)."""
+    return np.array([own.box for own in keep_out.values()], np.float64).reshape(-1, 2, 3)
 
 
 class LimitSettings(Settings):

@@ -13,7 +13,12 @@ import yaml
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
-from lidarplace.configuration.mounting import KeepOutSettings, LimitSettings, PlaceSettings
+from lidarplace.configuration.mounting import (
+    KeepOuts,
+    LimitSettings,
+    PlaceSettings,
+    keep_out_boxes,
+)
 from lidarplace.configuration.placement import MOST_MOUNTS, MountSettings, PlacementSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import Amount, Name, Settings, fault, short_for
@@ -49,9 +54,7 @@ class RigsSettings(Settings):
     zones: dict[Name, PlaceSettings] = Field(
         default={}, description="by name: where a LiDAR may sit; anywhere without zones"
     )
-    keep_out: dict[Name, KeepOutSettings] = Field(
-        default={}, description="by name: where no LiDAR may sit, and what hides what is behind it"
-    )
+    keep_out: KeepOuts = Field(default={})
     prices: dict[Name, Amount] = Field(
         default={}, description="of LiDARs by their name in the catalogue, in any currency"
     )
@@ -91,8 +94,7 @@ class RigsFile:
     @cached_property
     def keep_out(self) -> NDArray[np.float64]:
         """Lower and upper corners, metres, shape (n, 2, 3)."""
-        boxes = [own.box for own in self.settings.keep_out.values()]
-        return np.array(boxes, np.float64).reshape(-1, 2, 3)
+        return keep_out_boxes(self.settings.keep_out)
 
     @cached_property
     def vehicle(self) -> Vehicle:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
+from lidarplace.configuration.mounting import KeepOutSettings, keep_out_boxes
 from lidarplace.configuration.placement import read_placement
 from lidarplace.configuration.vehicle import vehicle_of
 from lidarplace.lidar.own_body import check_mounts
-from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.mounting.vehicle import Vehicle, depth_in
 from lidarplace.near_names import did_you_mean
 from lidarplace.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.recall.detection_curve import DetectionCurves, default_curves, read_curves
@@ -26,7 +29,7 @@ class Question:
 
     Attributes:
         rigs: each under another name.
-        vehicle: carries them.
+        vehicle: carries them; what is kept out belongs to its body.
         laid: the requirements, laid out around it.
     """
 
@@ -48,12 +51,14 @@ def read_question(path: Path, overrides: Sequence[str] = ()) -> Question:
     file = check_file(RequirementsFile, raw, path)
     curves = default_curves() if file.curves is None else read_curves(file.curves)
     try:
-        vehicle = vehicle_of(file.vehicle)
+        body = vehicle_of(file.vehicle)
         rigs = _rigs(file)
         for rig in rigs:
-            check_asked(rig, vehicle, file.requirements)
+            check_asked(rig, body, file.requirements)
+            _check_kept_out(rig, file.keep_out)
     except ValueError as error:
         raise ConfigError(f"{path}: {error}") from None
+    vehicle = body.with_boxes(keep_out_boxes(file.keep_out))
     return Question(rigs, vehicle, laid_out(file.requirements, vehicle, curves, f"{path}: "))
 
 
@@ -98,6 +103,18 @@ def _rigs(file: RequirementsFile) -> tuple[Placement, ...]:
                 f"{', '.join(known)}, a FILE.yaml, a run folder"
             )
     return tuple(rigs)
+
+
+def _check_kept_out(rig: Placement, keep_out: Mapping[str, KeepOutSettings]) -> None:
+    """Raise ValueError if a LiDAR sits where none may."""
+    for name, settings in keep_out.items():
+        for number, mount in enumerate(rig.mounts, start=1):
+            if depth_in(np.array([settings.box]), np.array([mount.position])).any():
+                x, y, z = mount.position
+                raise ValueError(
+                    f"{rig.name!r}: LiDAR {number} at ({x:g}, {y:g}, {z:g}) is inside "
+                    f"keep_out.{name}"
+                )
 
 
 def check_asked(

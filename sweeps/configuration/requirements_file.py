@@ -6,6 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from lidarplace.configuration.mounting import KeepOuts
 from lidarplace.configuration.placement import PlacementSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import FilePath, Name, Settings, short_for
@@ -20,6 +21,7 @@ class RequirementsFile(Settings):
         SensorSettings(), description="the LiDARs, unless a mount has its own"
     )
     vehicle: OwnVehicle = Field(None, description="the body of the vehicle; a car by default")
+    keep_out: KeepOuts = Field(default={})
     placements: dict[Name, PlacementSettings] = Field(
         default={}, description="own placements by name"
     )

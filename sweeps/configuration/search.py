@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, field_validator, mo
 
 from lidarplace.catalogue.datasheet import datasheet
 from lidarplace.configuration.mounting import (
-    KeepOutSettings,
+    KeepOuts,
     LimitSettings,
     Pair,
     PlaceSettings,
@@ -332,9 +332,7 @@ class SearchSettings(Settings):
         (), description="placements to begin with, the paper's or own ones: the rig that you have"
     )
     vehicle: OwnVehicle = Field(None, description="the body of the vehicle; a car by default")
-    keep_out: dict[Name, KeepOutSettings] = Field(
-        default={}, description="by name: where no LiDAR may sit, and what hides what is behind it"
-    )
+    keep_out: KeepOuts = Field(default={})
     constraints: ConstraintSettings = Field(
         ConstraintSettings(), description="what a placement has to keep"
     )

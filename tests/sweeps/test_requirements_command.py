@@ -123,12 +123,34 @@ def test_the_dark_are_seen_less():
     assert points(0.02) < points(0.9) == points(1.0)
 
 
+def test_what_is_kept_out_hides_what_is_behind_it():
+    """As a box of the vehicle does, with which it shares its outline."""
+    wall = {"x": [1.0, 1.1], "y": [-0.9, 0.9], "z": [0.9, 2.5]}
+    box = [[own[end] for own in wall.values()] for end in (0, 1)]
+    body = [[[-2.35, -0.95, 0.0], [2.35, 0.95, 0.95]], [[-1.75, -0.8, 0.0], [0.9, 0.8, 1.5]]]
+    front = small(where={"x": [3, 6], "y": [-1, 1]})
+    found = []
+    for keys in ({}, {"keep_out": {"window": wall}}, {"vehicle": [*body, box]}):
+        found.append(json.loads(run(front | keys, "--json").stdout)["outcomes"])
+    assert found[0] != found[1] == found[2]
+    assert found[0][0]["met"]
+    assert not found[1][0]["met"]
+
+
 def test_overrides():
     done = run(SMALL, "--set", "lidar.beams=1", "--set", "lidar.elevation_deg=[89, 89]")
     assert done.exit_code == 1, "it looks at the sky"
 
 
 WRONG = {
+    "a LiDAR where none may sit": (
+        SMALL | {"keep_out": {"hatch": {"x": [0.4, 0.6], "y": [-1, 1], "z": [1.7, 1.9]}}},
+        "'mine': LiDAR 2 at (0.5, 0, 1.8) is inside keep_out.hatch",
+    ),
+    "keep-out without volume": (
+        SMALL | {"keep_out": {"hatch": {"x": [0, 0], "y": [-1, 1], "z": [1.7, 1.9]}}},
+        "keep_out.hatch: allowed is [min, max] with min < max along x, y and z",
+    ),
     "no requirement": (SMALL | {"requirements": []}, "requirements: "),
     "zone inside the vehicle": (
         small(where={"x": [-1, 1], "y": [-0.2, 0.2]}),

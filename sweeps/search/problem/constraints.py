@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace import Lidar, Roi
+from lidarplace.configuration.mounting import keep_out_boxes
 from lidarplace.configuration.vehicle import vehicle_of
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.housing import housings_of, without
@@ -84,12 +85,7 @@ def _may_be_in_body(search: SearchSettings) -> bool:
 
 def with_keep_outs(search: SearchSettings) -> Vehicle:
     """The vehicle of a search, with all that hides what is behind it."""
-    return vehicle_of(search.vehicle).with_boxes(_keep_outs(search))
-
-
-def _keep_outs(search: SearchSettings) -> NDArray[np.float64]:
-    """Lower and upper corners, metres, shape (n, 2, 3)."""
-    return np.array([box.box for box in search.keep_out.values()]).reshape(-1, 2, 3)
+    return vehicle_of(search.vehicle).with_boxes(keep_out_boxes(search.keep_out))
 
 
 def requirement_name(name: str) -> str:
@@ -140,7 +136,7 @@ class Carrier:
             {name: zone.price for name, zone in settings.zones.items()},
             vehicle_of(settings.vehicle),
             with_keep_outs(settings),
-            _keep_outs(settings),
+            keep_out_boxes(settings.keep_out),
             None if near is None else Roi(near.x, near.y, near.z, near.resolution),
             tuple(requirements),
         )
