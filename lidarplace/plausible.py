@@ -1,4 +1,7 @@
-"""Boxes that are finite and yet cannot be meant: other units than metres and radians."""
+"""Which boxes can be meant: beyond these limits they look like other units.
+
+A conversion doubts what is beyond them (`lidarplace.scenes.doubts`), the surrogates warn of it.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +11,12 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-LARGEST_M = 100.0
-"""No vehicle is so long; 4.5 m in centimetres is more."""
-TURN = 2 * math.pi + 1e-6
+MOST_SIZE_M = 50.0
+"""Hardly a vehicle is so long; 4.5 m in centimetres is more."""
+MOST_YAW = 4 * math.pi
+"""A yaw that was unwrapped may pass a turn; most directions in degrees are more."""
+STEP_S = (0.008, 15.0)
+"""From one labelled frame to the next, in the median."""
 
 
 def implausible(boxes: pd.DataFrame) -> Iterator[str]:
@@ -20,11 +26,11 @@ def implausible(boxes: pd.DataFrame) -> Iterator[str]:
         boxes: with the columns of `lidarplace.boxes.GEOMETRY`, finite.
     """
     sizes = boxes[["length", "width", "height"]].to_numpy(np.float64)
-    too_large = (sizes > LARGEST_M).any(axis=1)
-    turned = np.abs(boxes["yaw"].to_numpy(np.float64)) > TURN
+    too_large = (sizes > MOST_SIZE_M).any(axis=1)
+    turned = np.abs(boxes["yaw"].to_numpy(np.float64)) > MOST_YAW
     for rows, found, hint in (
-        (too_large, f"larger than {LARGEST_M:g} m", "sizes are metres; are these millimetres?"),
-        (turned, "turned by more than 2 pi", "yaw is in radians; are these degrees?"),
+        (too_large, f"larger than {MOST_SIZE_M:g} m", "sizes are metres; are these millimetres?"),
+        (turned, "turned by more than two turns", "yaw is in radians; are these degrees?"),
     ):
         if rows.any():
             yield (

@@ -24,6 +24,7 @@ from lidarplace import (
 )
 from lidarplace.box_log import BoxLog, write_box_log
 from lidarplace.lidar.collect import collect, crop_for
+from lidarplace.scenes.doubts.units import doubts_of_units
 from lidarplace.viewing.figures import figure
 
 ROI = Roi((0, 8), (-4, 4), (0, 2), 0.5)
@@ -179,9 +180,14 @@ def test_other_units_are_told_with_their_share(changes, told):
         OccupancyGrid.from_boxes(boxes(**changes), ROI, "Car", 8)
 
 
-def test_what_can_be_meant_is_not_warned_of():
-    with warnings.catch_warnings(action="error"):
-        OccupancyGrid.from_boxes(boxes(yaw=2 * math.pi, length=30.0), ROI, "Car", 8)
+@pytest.mark.parametrize("column", ["yaw", "length"])
+@pytest.mark.parametrize("value", [2 * math.pi, 7.0, 12.5, 12.6, 49.9, 50.1, 99.0, 101.0])
+def test_what_is_warned_of_is_what_a_conversion_doubts(column, value):
+    log = boxes(**{column: [value, 0.1, 0.1, 0.2]})
+    with warnings.catch_warnings(record=True) as told:
+        OccupancyGrid.from_boxes(log, ROI, "Car", 8)
+    doubts = [*doubts_of_units(BoxLog(log, pd.DataFrame()))]
+    assert len(told) == len(doubts) == (value > (4 * math.pi if column == "yaw" else 50))
 
 
 def test_another_log_in_the_same_folder_is_another_scene(tmp_path):

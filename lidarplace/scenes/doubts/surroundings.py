@@ -9,6 +9,7 @@ import numpy as np
 from lidarplace.box_log import BoxLog
 from lidarplace.boxes import SIZE
 from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.plausible import STEP_S
 from lidarplace.scenes.doubts.doubt import Doubt
 
 FARTHEST_M = 1000.0
@@ -19,8 +20,6 @@ IN_VEHICLE = 0.01
 OFF_GROUND_M = 0.25
 NEAR_M = 40.0
 """Boxes up to here tell where the ground is; farther away it may rise."""
-STEP_S = (0.008, 15.0)
-"""From one labelled frame to the next, in the median."""
 LENGTHS_M = {"Car": (1.5, 20.0), "Cyclist": (0.7, 25.0), "Pedestrian": (0.3, 4.0)}
 """Longest side of the median object of a class."""
 LEAST_BOXES = 20

@@ -9,10 +9,9 @@ import numpy as np
 
 from lidarplace.box_log import BoxLog
 from lidarplace.boxes import SIZE
+from lidarplace.plausible import MOST_SIZE_M, MOST_YAW
 from lidarplace.scenes.doubts.doubt import Doubt
 
-MOST_YAW = 4 * math.pi
-MOST_SIZE_M = 50.0
 LEAST_WHOLE = 3
 """So many turned boxes, all by whole numbers of radians, are no chance."""
 LEAST_BOXES = 20

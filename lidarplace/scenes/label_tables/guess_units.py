@@ -9,6 +9,7 @@ from typing import Generic, TypeVar, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.plausible import STEP_S
 from lidarplace.scenes.label_tables.column_names import unit_in
 from lidarplace.scenes.label_tables.units import SECONDS, AngleUnit, LengthUnit, TimeUnit
 
@@ -20,8 +21,6 @@ DISTANCES = (300.0, 6000.0)
 """Likewise the median distance of a box from the vehicle."""
 EPOCH = {"s": 1e9, "ms": 1e12, "us": 1e15, "ns": 1e18}
 """Time since 1970 is of this size: from 2001 on."""
-STEP_S = (0.008, 15.0)
-"""Frames are labelled at such a distance in time."""
 
 
 @dataclass(frozen=True)
