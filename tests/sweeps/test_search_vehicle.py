@@ -10,7 +10,7 @@ from search_files import write_search
 from small_log import write_small_log
 from typer.testing import CliRunner
 
-from lidarplace import Mount
+from lidarplace import PAPER_PLACEMENTS, Mount
 from lidarplace.box_log import read_box_log
 from lidarplace.lidar.collect import collect
 from lidarplace.lidar.own_body import check_mounts
@@ -107,6 +107,11 @@ def _compare_with_its_verification(folder, problem):
     assert own.requirements.params.placement.mounts == found.placed
     others = {t.grid_point.point.placement for t in plan.trials} - {"found_1"}
     assert "line" not in others, "its LiDARs are inside of this vehicle"
+    (told,) = (c.what for c in SearchFolder.read(folder).search.commands if "sweep.yaml" in c.line)
+    of_paper = others & set(PAPER_PLACEMENTS)
+    assert f"for {len(of_paper)} of the paper's eight; left out, as they do not fit" in told
+    left_out = set(PAPER_PLACEMENTS) - of_paper
+    assert {*told.rpartition(": ")[2].split(", ")} == left_out
     assert sweep.common.requirements == problem.file.search.requirements
 
 

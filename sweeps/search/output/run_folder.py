@@ -130,20 +130,31 @@ def _placement(problem: Problem, found: Found) -> str:
 def _sweep(problem: Problem, found: Found) -> str:
     """A sweep of the winners and the paper's rigs, which `sweeps.run` takes as it is.
 
-    Those of the paper are left out that a sweep refuses on this vehicle.
+    Without those of `_ruled_out`, which a sweep refuses.
     """
     verify = problem.file.verify
     most = verify.top if verify is not None else 3
     if problem.file.search.space:  # other trials have other values
         most = 1
-    paper = {name: own.rig for name, own in found.judged.items() if own.role == "paper"}
+    paper, ruled_out = _paper_rigs(found), _ruled_out(problem, found)
     # A search that began with one of the eight need not train it twice.
     new = [name for name in found.best if not _is_one_of(found.judged[name].rig, paper.values())]
     rigs = {name: found.judged[name].rig for name in new[:most]}
     values = found.judged[found.best[0]].values_beside
-    others = [name for name, rig in paper.items() if _may_be_asked(name, rig, problem)]
+    others = [name for name in paper if name not in ruled_out]
     config = verify_settings(problem.source, problem.file, rigs, others, values)
     return public_yaml(config)
+
+
+def _paper_rigs(found: Found) -> dict[str, Choices]:
+    """The paper's eight, the best first."""
+    return {name: own.rig for name, own in found.judged.items() if own.role == "paper"}
+
+
+def _ruled_out(problem: Problem, found: Found) -> list[str]:
+    """The paper's rigs with a LiDAR inside of the vehicle, or one that requirements cannot ask."""
+    rigs = _paper_rigs(found).items()
+    return [name for name, rig in rigs if not _may_be_asked(name, rig, problem)]
 
 
 def _may_be_asked(name: str, rig: Choices, problem: Problem) -> bool:
@@ -174,7 +185,7 @@ def _about(problem: Problem, found: Found, command: str, seconds: float) -> Sear
     return SearchResult(
         name=file.name,
         command=command,
-        commands=_commands(problem, bool(found.trials)),
+        commands=_commands(problem, found),
         seconds=seconds,
         objectives=[_objective(objective, problem) for objective in search.objective],
         over=search.said_of(problem.traffic.search),
@@ -305,17 +316,29 @@ def _bound(found: Found, problem: Problem) -> Bound:
     )
 
 
-def _commands(problem: Problem, found: bool) -> list[Command]:
+def _verification(problem: Problem, found: Found) -> str:
+    """What the sweep of the winners does, and which of the paper's rigs it does without."""
+    every, ruled_out = len(_paper_rigs(found)), _ruled_out(problem, found)
+    if not ruled_out:
+        return "train detectors for it and for the paper's eight"
+    why = "do not fit the vehicle or its requirements"
+    if len(ruled_out) == every:
+        return f"train detectors for it alone, as the paper's eight {why}"
+    return (
+        f"train detectors for it and for {every - len(ruled_out)} of the paper's eight; "
+        f"left out, as they {why}: {', '.join(ruled_out)}"
+    )
+
+
+def _commands(problem: Problem, found: Found) -> list[Command]:
     folder = problem.folder
     storage = problem.file.search.storage
     where = "DATABASE_URL" if storage else shlex.quote(str(journal_path(folder)))
     lines = {"look at all trials in a browser": f"optuna-dashboard {where}"}
-    if found:
+    if found.trials:
         rig = str(folder / "placement.yaml")
         lines |= {
-            "train detectors for it and for the paper's eight": command(
-                "sweeps.run", str(folder / "sweep.yaml")
-            ),
+            _verification(problem, found): command("sweeps.run", str(folder / "sweep.yaml")),
             "see what it sees in a frame of a box log": command(
                 "lidarplace.view", "LOG", "--placement", rig
             ),
