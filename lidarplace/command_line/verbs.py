@@ -137,7 +137,8 @@ def known(option: str, name: str, choices: Mapping[str, T]) -> T:
 def wrong(message: object) -> NoReturn:
     """Print what the user has to mend, in one line, and leave with exit code 2."""
     if isinstance(message, OSError) and message.filename and message.strerror:
-        message = f"{message.filename}: {message.strerror}"
+        # The second is where a file was to be moved; the first is of a hidden one then.
+        message = f"{message.filename2 or message.filename}: {message.strerror}"
     line = visible(hide_secrets(" ".join(str(message).split())))
     if len(line) > _LONGEST_MESSAGE:  # of names and values that nobody wrote by hand
         line = f"{line[: _LONGEST_MESSAGE // 2]} … {line[-_LONGEST_MESSAGE // 2 :]}"

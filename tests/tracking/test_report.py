@@ -343,6 +343,12 @@ def test_the_command_rebuilds_it_or_says_what_is_wrong(built, tmp_path):
     done = report(built.parent)
     assert (done.exit_code, done.stdout.strip()) == (0, str(built))
     assert built.is_file()
+    built.rename(built.with_suffix(".before"))
+    built.mkdir()
+    held = report(built.parent)
+    built.rmdir()
+    built.with_suffix(".before").rename(built)
+    assert (held.exit_code, held.stderr) == (2, f"{built}: Is a directory\n")
     wrong = report(tmp_path)
     assert wrong.exit_code == 2
     assert f"{tmp_path} is no run folder: it has no config.yaml" in wrong.stderr

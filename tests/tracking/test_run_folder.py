@@ -76,6 +76,10 @@ def test_text_where_numbers_belong_is_named(copy, file, column):
     said = rf"{file}.parquet: column {column} must hold numbers, found .+, such as 'high'$"
     with pytest.raises(ValueError, match=said):
         RunFolder.read(copy)
+    table.assign(**{column: [*table[column][1:], -np.inf]}).to_parquet(copy / f"{file}.parquet")
+    said = f"{file}.parquet: column {column} must hold finite numbers, found infinity$"
+    with pytest.raises(ValueError, match=said):
+        RunFolder.read(copy)
     table.assign(**{column: None}).to_parquet(copy / f"{file}.parquet")
     assert RunFolder.read(copy).trials is not None
 

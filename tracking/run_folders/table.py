@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 import pandas as pd
 
 from lidarplace.files.atomic import replacing
@@ -53,6 +54,8 @@ class Column:
                 f"{file}: column {self.name} must hold {_WANTED[self.dtype]}, found "
                 f"{known.dtype}, such as {reprlib.repr(known.iloc[0])}"
             )
+        if good["numbers"] and not np.isfinite(known.to_numpy(np.float64)).all():
+            raise ValueError(f"{file}: column {self.name} must hold finite numbers, found infinity")
 
 
 @dataclass(frozen=True)
