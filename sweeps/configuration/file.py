@@ -17,6 +17,7 @@ from lidarplace.configuration.yaml import YamlError, parse_yaml, read_yaml_file
 from lidarplace.files.secret_urls import hide_secrets_in
 from lidarplace.near_names import did_you_mean
 from lidarplace.scenes.kinds import KINDS
+from sweeps.configuration.plain_words import plainly
 from sweeps.configuration.sweep import NAME
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -205,7 +206,7 @@ def check(
             parent = _model_at(model, first["loc"][:-1])
             message = unknown_key(str(loc[-1]), parent)
         else:
-            message = what_is_wrong(first)
+            message = what_is_wrong(plainly(first))
         raise ConfigError(f"{path}: {key}: {message}" if key else f"{path}: {message}") from None
 
 
