@@ -183,15 +183,26 @@ def make_plan(sweep: Sweep) -> Plan:
     """
     builder = _Builder(sweep)
     trials = [builder.trial(grid_point) for grid_point in sweep.points]
-    labels: dict[str, str] = {}
+    known: dict[str, Trial] = {}
     for trial in trials:
-        if trial.key in labels:
+        same = known.setdefault(trial.key, trial)
+        if same is not trial:
             raise ConfigError(
-                f"grid: '{labels[trial.key]}' and '{trial.label}' are the same work; exclude one"
+                f"grid: '{same.label}' and '{trial.label}' are the same work, which does not "
+                f"depend on {_difference(same, trial)}; exclude one"
             )
-        labels[trial.key] = trial.label
     laid = builder.laid(sweep.points[0].point)
     return Plan(tuple(builder.tasks.values()), tuple(trials), laid, tuple(builder.cautions))
+
+
+def _difference(one: Trial, other: Trial) -> str:
+    """The axes on which two trials differ, or the rungs, with both values."""
+    places = [{**own.axes, "promote": own.rung} for own in (one.grid_point, other.grid_point)]
+    return ", ".join(
+        f"{axis} ({value} and {places[1][axis]})"
+        for axis, value in places[0].items()
+        if value != places[1][axis]
+    )
 
 
 class _Builder:

@@ -239,6 +239,10 @@ def test_points_that_are_the_same_work_are_refused(tmp_path):
     grid = {"placement": ["line"], "lidar.tilt_in_degrees": [False, True]}
     with pytest.raises(ConfigError, match=r"'line .*False' and 'line .*True' are the same work"):
         plan_of(tmp_path, grid=grid)
+    # Nor has it anything to train that a seed could change.
+    grid = {"placement": ["line"], "seed": [1, 2]}
+    with pytest.raises(ConfigError, match=r"same work, which does not depend on seed \(1 and 2\);"):
+        plan_of(tmp_path, grid=grid, detector=None)
 
 
 def test_a_log_of_ones_own(tmp_path):
