@@ -71,13 +71,14 @@ def run(
         try:
             with backend_for(sweep.common.ray) if probe else nullcontext() as backend:
                 shown = planned(sweep, plan, store, backend)
+            page = None if as_json else write_rigs_page(sweep, shown.cautions)
         except (ValueError, OSError) as error:
             wrong(error)
         if as_json:
             print_json(asdict(shown))
         else:
             print_planned(console, shown)
-            say(f"rigs drawn: {write_rigs_page(sweep, shown.cautions)}")
+            say(f"rigs drawn: {page}")
         return
     os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"  # before anything imports it
     from sweeps.run_sweep import run_sweep

@@ -190,6 +190,10 @@ def test_a_mistake_in_the_configuration_is_one_line_and_exit_code_2(folder):
     assert result.stderr.count("\n") == 1
     assert "roi.x: found [40, 0]" in result.stderr
     assert not result.stdout
+    (folder / "runs/held").touch()
+    held = sweep(folder, "--dry-run", "--set", "name=held")
+    assert (held.returncode, held.stdout) == (2, "")
+    assert held.stderr == f"{folder / 'runs/held'}: File exists\n"
 
 
 def test_schema(tmp_path):
