@@ -19,6 +19,7 @@ from lidarplace.configuration.settings import (
 from lidarplace.configuration.weather import WeatherSettings
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Mount, Placement
+from lidarplace.plausible import MOST_SIZE_M
 from lidarplace.recall.detection_curve import IOU, DetectionCurves
 from lidarplace.requirements.area import Area
 from lidarplace.requirements.placed_object import DARK, STANDARD, PlacedObject
@@ -100,15 +101,19 @@ class WhereSettings(Settings):
         return Area(self.x, y, self.distance, self.sectors or ())
 
 
+Side = Annotated[Distance, Field(le=MOST_SIZE_M)]
+"""Of an object; centimetres and millimetres are mostly beyond."""
+
+
 class WhatSettings(Settings):
     """An object: a class's standard box, a box of a given size, or the one changed by the other."""
 
     object_class: Literal[tuple(STANDARD)] | None = Field(  # type: ignore[valid-type]
         None, alias="class", description="its standard box, and its detection curve"
     )
-    length: Distance | None = Field(None, gt=0, description="metres")
-    width: Distance | None = Field(None, gt=0, description="metres")
-    height: Distance | None = Field(None, gt=0, description="metres")
+    length: Side | None = Field(None, gt=0, description="metres")
+    width: Side | None = Field(None, gt=0, description="metres")
+    height: Side | None = Field(None, gt=0, description="metres")
     reflectivity: Probability | None = Field(
         None,
         gt=0,

@@ -143,6 +143,10 @@ def test_overrides():
 
 
 WRONG = {
+    "centimetres": (
+        small(what={"class": "child", "height": 80}),
+        "requirements[0].what.height: found 80; should be less than or equal to 50",
+    ),
     "a LiDAR where none may sit": (
         SMALL | {"keep_out": {"hatch": {"x": [0.4, 0.6], "y": [-1, 1], "z": [1.7, 1.9]}}},
         "'mine': LiDAR 2 at (0.5, 0, 1.8) is inside keep_out.hatch",
