@@ -148,7 +148,7 @@ def bare(tmp_path_factory):
     """Runs code in such a Python, in a folder with the examples and a database."""
     folder = tmp_path_factory.mktemp("bare")
     (folder / "runs").mkdir()
-    (folder / "runs/mlflow.db").touch()
+    (folder / "runs/mlflow.db").write_text("nobody opens it")
 
     def run(code: str, *arguments: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(

@@ -142,6 +142,8 @@ def _tracking(where: str) -> tuple[str, str | None]:
     database = sqlite_file(uri)
     if database is not None and not database.is_file():
         raise ValueError(f"{database}: no such database; a sweep makes runs/mlflow.db")
+    if database is not None and not database.stat().st_size:  # which MLflow would fill
+        raise ValueError(f"{database}: is an empty file; a sweep makes runs/mlflow.db")
     return uri, name
 
 

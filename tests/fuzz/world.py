@@ -111,7 +111,7 @@ def write_world(folder: Path) -> None:
     store = folder / "runs/store"
     (store / SWEEPS).mkdir(parents=True)
     (store / SWEEPS / "old.json").write_text("[]")
-    (folder / "runs/mlflow.db").touch()
+    (folder / "runs/mlflow.db").write_text("nobody opens it")
     (folder / "failed").mkdir()
     failure = '{"reason": "no", "log": "", "lasting": true, "out_of_gpu_memory": false}'
     (folder / "failed/0123456789abcdef.json").write_text(failure)

@@ -122,6 +122,7 @@ def test_mistakes_are_one_line(runs, monkeypatch):
         (runs / name).mkdir()
         (runs / name / "sweep.json").write_text(text)
     (runs / "text.db").write_text("no database, and longer than a header of one " * 9)
+    (runs / "empty.db").touch()
     empty = runs / "empty"
     empty.mkdir()
     port = free_port()
@@ -132,6 +133,7 @@ def test_mistakes_are_one_line(runs, monkeypatch):
         ("damaged", "damaged/sweep.json: Invalid JSON"),
         ("sqlite:///mistyped.db", "mistyped.db: no such database"),
         ("text.db", "file is not a database"),
+        ("empty.db", "empty.db: is an empty file"),
         ("file:mlruns", "no such database"),
         ("nosuch://u:secret@host/db", "u:***@host/db"),
         (f"http://u:secret@127.0.0.1:{port}", "refused"),
