@@ -78,6 +78,7 @@ def rig(
         reads = out.suffix in OWN
         if reads == (source.suffix in OWN):
             raise ValueError(f"{source} and {out}: one of the two is a YAML file with mounts")
+        source.stat()  # raises if it is not there, before its frame is asked for
         known = format_of(source if reads else out, format_)
         start = _start(known, origin, source if reads else out)
         lidars = _read(source, known, start, only or []) if reads else read_own(source)

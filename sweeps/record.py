@@ -36,6 +36,7 @@ def record(
     try:
         sweep, plan = read_plan(config, set_ or [])
         store = store_of(sweep)
+        out.mkdir(parents=True, exist_ok=True)  # before traffic is simulated for it
         tasks = [task for task in plan.tasks if task.stage == "scene"]
         store.refer(reference(sweep, "record"), [task.key for task in tasks])
     except (ValueError, OSError) as error:

@@ -278,6 +278,7 @@ LINES = [
     (["rig.yaml", "a.json", "--format", "x"], "--format x: allowed are nuscenes, urdf"),
     (["rig.yaml", "a.urdf"], "a.urdf: its vehicle frame may start anywhere; say where"),
     (["rig.yaml", "a.json", "--format", "carla"], "left: no LiDAR model; --lidar names one of"),
+    (["none.urdf", "b.yaml"], "none.urdf: No such file"),
     (["a.urdf", "b.yaml", "--origin", "0", "0", "nan"], "--origin: must be within 100 m"),
     (["rig.yaml", "nu", "--format", "nuscenes", "--lidar", "vlp61"], "did you mean vlp16"),
     (["twins.yaml", "nu", "--format", "nuscenes"], "two LiDARs are called a; names must differ"),
@@ -291,6 +292,7 @@ def test_a_wrong_line_is_one_line(line, told, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("rig.yaml").write_text("mounts: [{name: left, z: 2}]")
     Path("twins.yaml").write_text("mounts: [{name: a, z: 2}, {name: a, z: 3}]")
+    Path("a.urdf").write_text("<robot/>")
     Path("side.yaml").write_text("mounts: [{name: s, z: 2, lidar: {azimuth_deg: [0, 90]}}]")
     done = CliRunner().invoke(app, line)
     assert done.exit_code == 2
