@@ -84,6 +84,26 @@ def test_text_where_numbers_belong_is_named(copy, file, column):
     assert RunFolder.read(copy).trials is not None
 
 
+@pytest.mark.parametrize(
+    ("file", "column", "said"),
+    [
+        ("results", "class", r"placement \w+, detector \w+, seed 1, class again, metric \w+"),
+        ("surrogates", "surrogate", r"placement \w+, class Car, surrogate again"),
+        ("trials", "trial", "trial again"),
+    ],
+)
+def test_two_rows_of_the_same_are_named(copy, file, column, said):
+    """Whole tables that are there twice, and rows that say different things of the same."""
+    path = copy / f"{file}.parquet"
+    table = pd.read_parquet(path)
+    pd.concat([table, table]).to_parquet(path)
+    with pytest.raises(ValueError, match=f"{file}.parquet: rows 0 and {len(table)} are both of "):
+        RunFolder.read(copy)
+    table.assign(**{column: "again"}).to_parquet(path)
+    with pytest.raises(ValueError, match=rf"{file}.parquet: rows \d+ and \d+ are both of {said}"):
+        RunFolder.read(copy)
+
+
 def test_a_folder_of_which_only_the_lock_is_there_is_of_an_unfinished_sweep(tmp_path):
     (tmp_path / ".lock").touch()
     with pytest.raises(ValueError, match=r"its sweep has not finished. `python -m sweeps.status F"):

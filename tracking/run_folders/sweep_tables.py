@@ -45,6 +45,7 @@ RESULTS = Table(
     ),
     needed=True,
     axes=_EVERY_AXIS,
+    key=("placement", "detector", "seed", "class", "metric", "iou", "difficulty"),
 )
 SURROGATES = Table(
     "surrogates",
@@ -70,6 +71,7 @@ SURROGATES = Table(
     ),
     needed=True,
     axes=_SURROGATE_AXES,
+    key=("placement", "class", "surrogate"),
 )
 TRIALS = Table(
     "trials",
@@ -85,6 +87,7 @@ TRIALS = Table(
     ),
     needed=True,
     axes=_EVERY_AXIS,
+    key=("trial",),
 )
 EXPECTED_IG_BY_Q = Table(
     "expected_ig_by_q",

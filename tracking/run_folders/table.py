@@ -69,6 +69,7 @@ class Table:
         needed: a run folder without it is none.
         axes: which axes of the grid are columns too: those within these keys of the configuration,
             "" for all of them.
+        key: columns that, with the axes, tell the rows apart; (): nothing has to.
     """
 
     name: str
@@ -76,6 +77,7 @@ class Table:
     columns: tuple[Column, ...]
     needed: bool = False
     axes: tuple[str, ...] = ()
+    key: tuple[str, ...] = ()
 
     @property
     def file(self) -> str:
@@ -104,11 +106,12 @@ class Table:
                 no row was written.
 
         Raises:
-            ValueError: the file is no table, lacks a needed column, or a column holds something
-                else than it must.
+            ValueError: the file is no table, lacks a needed column, a column holds something else
+                than it must, or two rows are of the same.
         """
         table = read_parquet(folder / self.file)
         self._check(table, folder / self.file)
+        self._check_key(table, axes, folder / self.file)
         if table.shape == (0, 0):
             needed = [column.name for column in self.columns if column.needed]
             table = table.reindex(columns=[*needed, *self.axes_of(axes)])
@@ -136,3 +139,16 @@ class Table:
         for column in self.columns:
             if column.name in table:
                 column.check(table[column.name], file)
+
+    def _check_key(self, table: pd.DataFrame, axes: Iterable[str], file: Path) -> None:
+        """Refuse two rows that only one can be right of."""
+        there = [name for name in dict.fromkeys((*self.key, *self.axes_of(axes))) if name in table]
+        if not self.key or not len(table):
+            return
+        found = table[there].astype(str)  # an axis may hold anything
+        again = found.duplicated().to_numpy()
+        if again.any():
+            row = int(again.argmax())
+            first = int((found == found.iloc[row]).all(axis=1).to_numpy().argmax())
+            what = ", ".join(f"{name} {value}" for name, value in found.iloc[row].items())
+            raise ValueError(f"{file}: rows {first} and {row} are both of {what}")
