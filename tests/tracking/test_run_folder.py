@@ -69,6 +69,17 @@ def test_a_column_in_which_all_is_missing_has_no_kind(copy, kind):
     assert (RunFolder.read(copy).trials["detector"] == "").all()
 
 
+@pytest.mark.parametrize("kind", ["Int64", "Float32", "object"])
+def test_missing_numbers_of_any_kind_are_nan(copy, kind):
+    curves = pd.read_parquet(copy / "curves.parquet")
+    known = None if kind == "object" else 1
+    curves["value"] = pd.Series([known, *[None] * (len(curves) - 1)], dtype=kind)
+    curves.to_parquet(copy / "curves.parquet")
+    values = RunFolder.read(copy).curves["value"]
+    assert values.dtype == np.float64
+    assert values.notna().sum() == (known is not None)
+
+
 @pytest.mark.parametrize(("file", "column"), [("results", "value"), ("curves", "epoch")])
 def test_text_where_numbers_belong_is_named(copy, file, column):
     table = pd.read_parquet(copy / f"{file}.parquet")
@@ -90,6 +101,7 @@ def test_text_where_numbers_belong_is_named(copy, file, column):
         ("results", "class", r"placement \w+, detector \w+, seed 1, class again, metric \w+"),
         ("surrogates", "surrogate", r"placement \w+, class Car, surrogate again"),
         ("trials", "trial", "trial again"),
+        ("sampling_error", "placement", "placement again, class Car, surrogate s_mig"),
     ],
 )
 def test_two_rows_of_the_same_are_named(copy, file, column, said):

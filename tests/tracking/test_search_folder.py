@@ -96,6 +96,29 @@ def test_a_missing_column_is_named_with_those_found(folder):
         SearchFolder.read(folder)
 
 
+@pytest.mark.parametrize(
+    ("column", "values", "said"),
+    [
+        ("lidar_1.z_m", "high", "numbers, found str, such as 'high'"),
+        ("lidar_1.yaw_deg", math.inf, "finite numbers, found infinity"),
+        ("lidar_1.model", 5, "text, found int64, such as .*5"),
+    ],
+)
+def test_columns_of_lidars_are_checked(folder, column, values, said):
+    path = folder / "trials.parquet"
+    pd.read_parquet(path).assign(**{column: values}).to_parquet(path)
+    with pytest.raises(ValueError, match=f"trials.parquet: column {column} must hold {said}"):
+        SearchFolder.read(folder)
+
+
+def test_a_pose_that_is_missing_is_nan(folder):
+    path = folder / "trials.parquet"
+    trials = pd.read_parquet(path)
+    for missing in (pd.array([None] * len(trials), "Int64"), [None] * len(trials)):
+        trials.assign(**{"lidar_1.z_m": missing}).to_parquet(path)
+        assert SearchFolder.read(folder).trials["lidar_1.z_m"].isna().all()
+
+
 def test_what_is_no_json_or_no_figure_is_named(folder):
     (folder / "optuna").mkdir()
     (folder / "optuna" / "slice.json").write_text("{}{")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,6 +26,9 @@ from tracking.run_folders.search_tables import (
     TRIALS,
     VERIFIED,
 )
+from tracking.run_folders.table import Column
+
+_OF_LIDAR = re.compile(r"lidar_\d+\.(model|zone|\w+_m|\w+_deg)")
 
 
 @dataclass(frozen=True)
@@ -120,7 +124,7 @@ class SearchFolder:
             search=search,
             config=read_text(config) if config.is_file() else "",
             roi=search.roi,
-            trials=search.trials_table.read(path).sort_values("number", ignore_index=True),
+            trials=_trials(search, path).sort_values("number", ignore_index=True),
             bound=BOUND.read_if_there(path),
             greedy=GREEDY.read_if_there(path),
             robustness=ROBUSTNESS.read_if_there(path),
@@ -143,3 +147,14 @@ def _read_figure(file: Path) -> go.Figure:
     except (ValueError, RecursionError) as error:
         reason = str(error).strip().splitlines()[0]
         raise ValueError(f"{file} is no figure of plotly: {reason}") from error
+
+
+def _trials(search: SearchResult, path: Path) -> pd.DataFrame:
+    """The table of trials, with the columns of as many LiDARs as there are checked, too."""
+    trials = search.trials_table.read(path)
+    for name in trials.columns:
+        if found := _OF_LIDAR.fullmatch(str(name)):
+            column = Column(str(name), "str" if found[1] in ("model", "zone") else "float64", "")
+            column.check(trials[name], path / TRIALS.file)
+            trials[name] = column.plain(trials[name])
+    return trials

@@ -99,6 +99,7 @@ EXPECTED_IG_BY_Q = Table(
         Column("expected_ig", "float64", "nats"),
     ),
     axes=_SURROGATE_AXES,
+    key=("placement", "class", "q"),
 )
 CURVES = Table(
     "curves",
@@ -254,6 +255,7 @@ SAMPLING_ERROR = Table(
         Column("resamples", "int64", "how many there are", needed=False),
     ),
     axes=_SURROGATE_AXES,
+    key=("placement", "class", "surrogate"),
 )
 POG_RESAMPLES = Table(
     "pog_resamples",
@@ -266,6 +268,7 @@ POG_RESAMPLES = Table(
         Column("value", "float64", "in the surrogate's unit"),
     ),
     axes=_SURROGATE_AXES,
+    key=("placement", "class", "surrogate", "resample"),
 )
 REQUIREMENTS = Table(
     "requirements",

@@ -57,6 +57,17 @@ class Column:
         if good["numbers"] and not np.isfinite(known.to_numpy(np.float64)).all():
             raise ValueError(f"{file}: column {self.name} must hold finite numbers, found infinity")
 
+    def plain(self, column: pd.Series) -> pd.Series:
+        """What was checked; numbers of another type than NumPy's, as other tools write them, or
+        none at all, as floats: NaN where they are missing."""
+        if self.dtype is None or _WANTED[self.dtype] != "numbers":
+            return column
+        if isinstance(column.dtype, np.dtype) and column.dtype.kind in "iuf":
+            return column
+        if not column.notna().any():
+            return pd.Series(np.nan, index=column.index)
+        return column.astype(np.float64)
+
 
 @dataclass(frozen=True)
 class Table:
@@ -116,6 +127,8 @@ class Table:
             needed = [column.name for column in self.columns if column.needed]
             table = table.reindex(columns=[*needed, *self.axes_of(axes)])
         for column in self.columns:
+            if column.name in table:
+                table[column.name] = column.plain(table[column.name])
             if column.unknown is None:
                 continue
             if column.name not in table:

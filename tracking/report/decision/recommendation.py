@@ -100,7 +100,7 @@ def not_known(run: RunFolder, found: Recommendation) -> str:
     held: list[str] = []
     open_: list[str] = []
     for known, chance, other in (
-        (seeds > 1, f"the chance of training ({trained})", f"other {judge}s than {trained}"),
+        (seeds > 1, f"the chance of training ({trained})", f"other {judge}s"),
         (best.sample is not None, f"which road users {frames} met", f"other frames than {frames}"),
     ):
         (held if odds and known else open_).append(chance if odds and known else other)
