@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+import reprlib
 import warnings
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Integral
 
 import numpy as np
 import pandas as pd
@@ -95,6 +97,10 @@ class OccupancyGrid(Shown):
                 than `frames` frames.
         """
         _check_frames(frames)
+        if not isinstance(boxes, pd.DataFrame):
+            raise ValueError(f"boxes is a DataFrame, found {reprlib.repr(boxes)}")
+        if not isinstance(roi, Roi):
+            raise ValueError(f"roi is a Roi, found {roi!r}")
         if isinstance(classes, str):
             raise ValueError(f"classes is a list of names, found {classes!r}; write [{classes!r}]")
         check_boxes(boxes)
@@ -197,5 +203,7 @@ def _check_class(name: str, boxes: pd.DataFrame) -> None:
 
 
 def _check_frames(frames: int) -> None:
+    if not isinstance(frames, Integral):
+        raise ValueError(f"frames must be a whole number, found {frames!r}")
     if not 1 <= frames < 2**31:  # counts are int32
         raise ValueError(f"frames must be within 1 and 2**31 - 1, found {frames}")

@@ -9,7 +9,7 @@ import pandas as pd
 
 from lidarplace.occupancy.grid import OccupancyGrid
 from lidarplace.placement import Placement
-from lidarplace.surrogates.evaluate import evaluate_many
+from lidarplace.surrogates.evaluate import check_grid, evaluate_many
 from lidarplace.surrogates.table import POG_SURROGATES
 
 
@@ -25,6 +25,7 @@ def compare(placements: Sequence[Placement], grid: OccupancyGrid, **options: Any
     Raises:
         ValueError: two placements have one name, or as `evaluate`.
     """
+    check_grid(grid)
     names = pd.Index([placement.name for placement in placements], name="placement")
     if (twice := names[names.duplicated()]).size:
         raise ValueError(f"placements need names of their own, found {twice[0]!r} twice")

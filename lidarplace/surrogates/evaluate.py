@@ -60,6 +60,7 @@ def evaluate(
     Raises:
         ValueError: an unknown method or surrogate, q outside (0, 1], or a stride below 1.
     """
+    check_grid(grid)
     result = evaluate_classes(
         {grid.object_class: grid},
         placement,
@@ -71,6 +72,14 @@ def evaluate(
         azimuth_stride,
     )
     return result[grid.object_class]
+
+
+def check_grid(grid: OccupancyGrid) -> None:
+    """Raise ValueError unless it is one."""
+    if not isinstance(grid, OccupancyGrid):
+        raise ValueError(
+            f"grid is an OccupancyGrid, as from_boxes counts it, found {reprlib.repr(grid)}"
+        )
 
 
 def evaluate_many(

@@ -142,6 +142,18 @@ def test_the_public_names_and_no_others():
         (lambda: Placement("a", "line", LINE.lidar), "found 'line'"),
         (lambda: Placement("a", [(0, 0, 2)], LINE.lidar), r"found \[\(0, 0, 2\)\]"),
         (lambda: evaluate_classes({}, "line"), "is a Placement, .* found 'line'"),
+        (lambda: evaluate(LINE, LINE), "grid is an OccupancyGrid, .* found Placement"),
+        (lambda: compare(LINE, [LINE]), r"grid is an OccupancyGrid, .* found \[Placement"),
+        (
+            lambda: OccupancyGrid.from_boxes(boxes(), ROI, "Car", 8.5),
+            "frames must be a whole .*8.5",
+        ),
+        (
+            lambda: OccupancyGrid.from_boxes(boxes(), ROI, "Car", "8"),
+            "frames must be a whole .*'8'",
+        ),
+        (lambda: OccupancyGrid.from_boxes(boxes(), None, "Car", 8), "roi is a Roi, found None"),
+        (lambda: OccupancyGrid.from_boxes("a.csv", ROI, "Car", 8), "is a DataFrame, found 'a.csv'"),
     ],
 )
 def test_mistakes_say_so(mistake, told):
