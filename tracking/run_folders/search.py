@@ -26,7 +26,7 @@ from tracking.run_folders.search_tables import (
     TRIALS,
     VERIFIED,
 )
-from tracking.run_folders.table import Column
+from tracking.run_folders.table import Column, DType
 
 _OF_LIDAR = re.compile(r"lidar_\d+\.(model|zone|\w+_m|\w+_deg)")
 
@@ -154,7 +154,8 @@ def _trials(search: SearchResult, path: Path) -> pd.DataFrame:
     trials = search.trials_table.read(path)
     for name in trials.columns:
         if found := _OF_LIDAR.fullmatch(str(name)):
-            column = Column(str(name), "str" if found[1] in ("model", "zone") else "float64", "")
+            kind: DType = "str" if found[1] in ("model", "zone") else "float64"
+            column = Column(str(name), kind, "of a LiDAR", finite=kind == "float64")
             column.check(trials[name], path / TRIALS.file)
             trials[name] = column.plain(trials[name])
     return trials

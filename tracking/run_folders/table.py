@@ -31,6 +31,7 @@ class Column:
         needed: a table without it is refused.
         unknown: what stands in a column that is not there; of text also where a value is missing.
             None: nothing.
+        finite: whether infinity is refused. A loss may be infinite, and the distance of one LiDAR.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Column:
     doc: str
     needed: bool = True
     unknown: float | str | bool | None = None
+    finite: bool = False
 
     def check(self, column: pd.Series, file: Path) -> None:
         """Raise ValueError that names file, column and a value unless its kind is that of dtype."""
@@ -54,7 +56,7 @@ class Column:
                 f"{file}: column {self.name} must hold {_WANTED[self.dtype]}, found "
                 f"{known.dtype}, such as {reprlib.repr(known.iloc[0])}"
             )
-        if good["numbers"] and not np.isfinite(known.to_numpy(np.float64)).all():
+        if self.finite and not np.isfinite(known.to_numpy(np.float64)).all():
             raise ValueError(f"{file}: column {self.name} must hold finite numbers, found infinity")
 
     def plain(self, column: pd.Series) -> pd.Series:
