@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from pydantic import BeforeValidator, Field, ValidationError
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from lidarplace.command_line.terminal import say
 from lidarplace.command_line.verbs import new_app, verb, within, wrong
@@ -42,6 +42,11 @@ class Collection(Settings):
     placements: dict[Name, PlacementSettings | None] = Field(
         default_factory=lambda: dict.fromkeys(PAPER_PLACEMENTS)
     )
+
+    @model_validator(mode="after")
+    def _possible(self) -> Collection:
+        self.rigs()
+        return self
 
     def rigs(self) -> dict[str, Placement]:
         """The placements. Raises ValueError for a name without mounts that is not the paper's,
