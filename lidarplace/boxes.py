@@ -7,6 +7,8 @@ within a log. `lidarplace.box_log` holds the tables together.
 
 from __future__ import annotations
 
+import reprlib
+
 import numpy as np
 import pandas as pd
 
@@ -37,6 +39,8 @@ def check_boxes(boxes: pd.DataFrame, source: str = "box log") -> None:
     Needs `frame`, `class` and the columns of `GEOMETRY`, with finite values and sizes >= 0, and
     no frame (or scene, where there is one) missing.
     """
+    if not isinstance(boxes, pd.DataFrame):
+        raise ValueError(f"{source}: is a DataFrame, found {reprlib.repr(boxes)}")
     check_columns(list(boxes.columns), ("frame", "class", *GEOMETRY), source)
     for name in frame_keys(boxes):
         missing = boxes[name].isna().to_numpy(bool)

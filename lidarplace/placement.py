@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from lidarplace.near_names import did_you_mean
 from lidarplace.pose import from_carla, rotation
+from lidarplace.ranges import ANGLE
 from lidarplace.sensor import Lidar
 from lidarplace.shown import Shown, span
 from lidarplace.weather import Weather
@@ -20,7 +22,14 @@ from lidarplace.weather import Weather
 
 @dataclass(frozen=True)
 class Mount:
-    """Pose of one LiDAR in the ego frame: metres and radians, `R = Rz(yaw) Ry(pitch) Rx(roll)`."""
+    """Pose of one LiDAR in the ego frame: metres and radians, `R = Rz(yaw) Ry(pitch) Rx(roll)`.
+
+    Raises:
+        ValueError: a number is not finite.
+
+    Warns:
+        UserWarning: an angle is of more than a turn, as if it were in degrees.
+    """
 
     x: float = 0.0
     y: float = 0.0
@@ -32,6 +41,9 @@ class Mount:
     def __post_init__(self) -> None:
         if not all(math.isfinite(value) for value in astuple(self)):
             raise ValueError(f"a mount needs finite coordinates and angles, found {astuple(self)}")
+        if max(abs(self.roll), abs(self.pitch), abs(self.yaw)) > ANGLE.high:
+            told = f"a mount turned by more than a turn, found {astuple(self)}: angles are radians"
+            warnings.warn(f"{told}; Mount.degrees takes degrees", stacklevel=3)
 
     @classmethod
     def degrees(
@@ -93,6 +105,11 @@ class Placement(Shown):
             raise ValueError(f"placement {self.name!r} has no LiDAR")
         if not isinstance(self.lidar, Lidar):
             models = tuple(self.lidar)
+            if not all(isinstance(model, Lidar) for model in models):
+                raise ValueError(
+                    f"placement {self.name!r}: lidar is a Lidar, or a list of them, "
+                    f"found {self.lidar!r}"
+                )
             if len(models) != len(self.mounts):
                 raise ValueError(
                     f"placement {self.name!r}: expected one LiDAR model or one for each of "

@@ -6,6 +6,7 @@ What is beyond is a mistake of a keyboard or of a unit, and would end for want o
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Integral
 
 
 @dataclass(frozen=True)
@@ -19,6 +20,12 @@ class Range:
         """Raise ValueError that says `what` the value is, unless it is in the range; NaN is not."""
         if not self.low <= value <= self.high:
             raise ValueError(f"{what} must be within {self._text}, found {value}")
+
+    def check_whole(self, what: str, value: int) -> None:
+        """As `check`; a number that is no integer is refused, too."""
+        if not isinstance(value, Integral):
+            raise ValueError(f"{what} must be a whole number, found {value!r}")
+        self.check(what, value)
 
     @property
     def _text(self) -> str:
@@ -35,6 +42,8 @@ RESOLUTION = Range(0.02, 100.0)
 """Edge of a voxel, metres."""
 SHARE = Range(0.0, 1.0)
 """A share of something."""
+ANGLE = Range(-6.2832, 6.2832)
+"""Of a LiDAR on its mount, radians, a turn to either side: degrees are mostly beyond."""
 LIDAR_HEIGHT = Range(0.0, 100.0)
 """Of a LiDAR above the ground, metres."""
 SEED = Range(0, 2**32 - 1)

@@ -102,7 +102,7 @@ class Lidar:
             raise ValueError(
                 f"elevations must lie within [-pi/2, pi/2] radians, found {self.elevations}"
             )
-        AZIMUTH_STEPS.check("azimuth_steps", self.azimuth_steps)
+        AZIMUTH_STEPS.check_whole("azimuth_steps", self.azimuth_steps)
         if not self.range > 0:
             raise ValueError(f"range must be positive, found {self.range}")
         if not (self.range_noise >= 0 and 0 <= self.drop_off < 1):

@@ -21,7 +21,7 @@ from pydantic import (
 
 from lidarplace.class_names import fault_of_name
 from lidarplace.near_names import did_you_mean
-from lidarplace.ranges import LIDAR_HEIGHT, SEED, SHARE
+from lidarplace.ranges import ANGLE, LIDAR_HEIGHT, SEED, SHARE
 
 
 class Settings(BaseModel):
@@ -50,7 +50,7 @@ Height = Annotated[
 """Metres of a LiDAR above the ground."""
 Distance = Annotated[float, Strict(), Field(ge=0, le=10_000, allow_inf_nan=False)]
 """Metres, not negative."""
-Angle = Annotated[float, Strict(), Field(ge=-6.2832, le=6.2832, allow_inf_nan=False)]
+Angle = Annotated[float, Strict(), Field(ge=ANGLE.low, le=ANGLE.high, allow_inf_nan=False)]
 """Radians, a turn to either side. Degrees that were taken for radians are mostly beyond."""
 Degrees = Annotated[float, Strict(), Field(ge=-360, le=360, allow_inf_nan=False)]
 """Degrees, a turn to either side."""

@@ -19,13 +19,16 @@ _LONGEST = 300  # characters of what was found
 
 
 def check_columns(found: Sequence[str], names: Sequence[str], source: str) -> None:
-    """Raise ValueError that says which of `names` are not in `found`."""
+    """Raise ValueError that says which of `names` are not in `found`, or twice."""
     missing = [name for name in names if name not in found]
     if missing:
         listed = ", ".join(map(str, found)) or "none"
         if len(listed) > _LONGEST:
             listed = f"{listed[:_LONGEST]} …"
         raise ValueError(f"{source}: no column {', '.join(missing)}; found {listed}")
+    twice = [name for name in names if found.count(name) > 1]
+    if twice:
+        raise ValueError(f"{source}: column {twice[0]} is there twice")
 
 
 def numbers(table: pd.DataFrame, names: Sequence[str], source: str) -> NDArray[np.float64]:

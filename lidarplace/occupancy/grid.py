@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import reprlib
 import warnings
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
@@ -97,8 +96,6 @@ class OccupancyGrid(Shown):
                 than `frames` frames.
         """
         _check_frames(frames)
-        if not isinstance(boxes, pd.DataFrame):
-            raise ValueError(f"boxes is a DataFrame, found {reprlib.repr(boxes)}")
         if not isinstance(roi, Roi):
             raise ValueError(f"roi is a Roi, found {roi!r}")
         if isinstance(classes, str):

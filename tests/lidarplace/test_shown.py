@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 import lidarplace
 from lidarplace import (
     PAPER_PLACEMENTS,
+    Lidar,
     Mount,
     OccupancyGrid,
     Placement,
@@ -144,6 +145,10 @@ def test_the_public_names_and_no_others():
         (lambda: evaluate_classes({}, "line"), "is a Placement, .* found 'line'"),
         (lambda: evaluate(LINE, LINE), "grid is an OccupancyGrid, .* found Placement"),
         (lambda: compare(LINE, [LINE]), r"grid is an OccupancyGrid, .* found \[Placement"),
+        (lambda: Placement("a", [Mount(z=2)], "vlp16"), "lidar is a Lidar, .* found 'vlp16'"),
+        (lambda: Placement("a", [Mount(z=2)], [16]), r"lidar is a Lidar, .* found \[16\]"),
+        (lambda: Lidar((0.0,), 10.5), "azimuth_steps must be a whole number, found 10.5"),
+        (lambda: Lidar((0.0,), "900"), "azimuth_steps must be a whole number, found '900'"),
         (
             lambda: OccupancyGrid.from_boxes(boxes(), ROI, "Car", 8.5),
             "frames must be a whole .*8.5",
@@ -154,6 +159,12 @@ def test_the_public_names_and_no_others():
         ),
         (lambda: OccupancyGrid.from_boxes(boxes(), None, "Car", 8), "roi is a Roi, found None"),
         (lambda: OccupancyGrid.from_boxes("a.csv", ROI, "Car", 8), "is a DataFrame, found 'a.csv'"),
+        (
+            lambda: OccupancyGrid.from_boxes(
+                pd.concat([boxes(), boxes()[["x"]]], axis=1), ROI, "Car", 8
+            ),
+            "column x is there twice",
+        ),
     ],
 )
 def test_mistakes_say_so(mistake, told):
@@ -190,6 +201,14 @@ def test_a_class_that_the_log_alone_knows_and_one_that_never_occurs():
 def test_other_units_are_told_with_their_share(changes, told):
     with pytest.warns(UserWarning, match=told):
         OccupancyGrid.from_boxes(boxes(**changes), ROI, "Car", 8)
+
+
+def test_a_mount_in_degrees_is_warned_of():
+    with pytest.warns(UserWarning, match="angles are radians; Mount.degrees takes degrees"):
+        Mount(z=2.0, pitch=10.0)
+    with warnings.catch_warnings(action="error"):
+        Mount(yaw=2 * math.pi)
+        Mount.degrees(yaw=-360)
 
 
 @pytest.mark.parametrize("column", ["yaw", "length"])
