@@ -140,7 +140,7 @@ class SweepWork:
                 return True
 
             promotion = promote(sweep, plan, store, run_tasks)
-            cores = backend.cores
+            cores = backend.cores if outcome.times else None
         store.refer(reference(sweep), [*(task.key for task in plan.tasks), *outcome.probes])
         listener.end(outcome.failures)
         log.hold()

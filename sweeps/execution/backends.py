@@ -6,8 +6,9 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Generic, Literal, Protocol, TypeVar
 
@@ -154,15 +155,27 @@ class RayJob(Generic[T]):
 
 class OnRay:
     """Runs calls as Ray tasks, one CPU each. Ray tries again what a dying machine took down, and
-    machines may come and go."""
+    machines may come and go.
+
+    Args:
+        start: gives Ray, initialised, to whoever asks for machines first: where all results are
+            in the store, nobody does.
+    """
 
     probes = True
 
-    def __init__(self, ray: Any, settings: RaySettings) -> None:
-        self._ray = ray
+    def __init__(self, start: Callable[[], Any], settings: RaySettings) -> None:
+        self._start = start
         self.gpus_per_training = settings.gpus_per_training
         self._looked = float("-inf")
-        self._run: Any = ray.remote(num_cpus=1, max_retries=3)(_call)
+
+    @cached_property
+    def _ray(self) -> Any:
+        return self._start()
+
+    @cached_property
+    def _run(self) -> Any:
+        return self._ray.remote(num_cpus=1, max_retries=3)(_call)
 
     @property
     def cores(self) -> int:
@@ -245,11 +258,14 @@ def _translated(ray: Any) -> Iterator[None]:
 
 @contextmanager
 def backend_for(settings: RaySettings) -> Iterator[Backend]:
-    """The backend that `ray:` asks for, shut down at the end."""
+    """The backend that `ray:` asks for, shut down at the end.
+
+    What `sweeps.execution.ray_cluster.ray_session` raises comes from the first use.
+    """
     if settings.address == "debug":
         yield InProcess()
         return
     from sweeps.execution.ray_cluster import ray_session
 
-    with ray_session(settings) as ray:
-        yield OnRay(ray, settings)
+    with ExitStack() as stack:
+        yield OnRay(lambda: stack.enter_context(ray_session(settings)), settings)

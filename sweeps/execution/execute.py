@@ -9,7 +9,7 @@ from typing import Protocol
 
 from sweeps.execution.backends import Backend, Job, WorkerDied
 from sweeps.execution.failures import Failure
-from sweeps.execution.needs import Need, largest_share, need_of, probes_of
+from sweeps.execution.needs import Need, is_training, largest_share, need_of, probes_of
 from sweeps.execution.schedule import Schedule
 from sweeps.execution.worker import Batch, Ended, try_task
 from sweeps.store.open import AnyStore
@@ -75,8 +75,11 @@ def execute(
             store.discard(item)
     share = largest_share(backend.gpus_per_training)
     known = dict(known or {}) | {k: f for k, f in outcome.failures.items() if f.lasting}
-    every = probes_of(tasks, backend.device, share) if backend.probes else {}
-    probes = {key: every[key] for key in every if key not in done and key not in known}
+    left = [task for task in tasks if task.key not in done and task.key not in known]
+    probes: dict[str, Task] = {}
+    if backend.probes and any(map(is_training, left)):
+        every = probes_of(tasks, backend.device, share)
+        probes = {task.key: every[task.key] for task in left if is_training(task)}
     outcome.probes |= {probe.key: probe for probe in probes.values()}
     done |= store.finished(probes.values())
     # A probe comes right after its inputs, so that no training waits long for it.
@@ -120,8 +123,8 @@ class _Execution:
     attempts: dict[str, Batch] = field(default_factory=dict)
 
     def hand_out(self) -> None:
-        """Start tasks while the backend takes some."""
-        while len(self.running) < self.backend.slots:
+        """Start tasks while the backend takes some; it is not asked while there are none."""
+        while not self.running or len(self.running) < self.backend.slots:
             if (task := self.schedule.next(gpu=self._has_room())) is None:
                 return
             if self.store.has(task):  # another driver was here in the meantime
@@ -133,10 +136,10 @@ class _Execution:
             how = self.attempts.get(task.key, Batch(need.batch_size))
             if how.halvings:
                 need = replace(need, gpu_share=max(1.0, need.gpu_share))
-            self.listener.started(task)
             name = f"{task.stage}: {task.label}"
             job = self.backend.submit(try_task, task, self.store, how, name=name, need=need)
             self.running[job] = (task, how, need)
+            self.listener.started(task)
 
     def take_back(self, job: Job[Ended]) -> None:
         """Note how a task ended.
@@ -170,9 +173,10 @@ class _Execution:
 
     def _has_room(self) -> bool:
         """What would wait for a GPU or for memory must not keep others from the CPUs."""
-        needs = [need for *_, need in self.running.values()]
-        room = self.backend.room
-        return not needs or (
+        if not self.running:
+            return True
+        needs, room = [need for *_, need in self.running.values()], self.backend.room
+        return (
             sum(need.gpu_share for need in needs) < room.gpus
             and sum(need.memory for need in needs) < room.memory
         )

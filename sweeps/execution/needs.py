@@ -12,8 +12,6 @@ from sweeps.store.open import AnyStore
 from sweeps.tasks.parameters import CollectParams, ProbeParams, RecordedParams
 from sweeps.tasks.task import Task, plain
 
-_TRAININGS = ("finetune", "pretrain")
-
 _MARGIN = 1.25
 """A training's frames differ from step to step; this much more than the probe's is asked for."""
 
@@ -33,6 +31,11 @@ class Need:
     batch_size: int | None = None
 
 
+def is_training(task: Task) -> bool:
+    """Whether a probe tells what a task needs."""
+    return task.stage in ("finetune", "pretrain")
+
+
 def probes_of(tasks: Iterable[Task], device: str, gpu_share: float) -> dict[str, Task]:
     """For every training the probe that tells its needs, by the training's key.
 
@@ -47,7 +50,7 @@ def probes_of(tasks: Iterable[Task], device: str, gpu_share: float) -> dict[str,
     probes: dict[str, Task] = {}
     found = {}
     for task in tasks:
-        if task.stage in _TRAININGS:
+        if is_training(task):
             own = {k: v for k, v in vars(task.params).items() if k != "seed"}
             params = ProbeParams(**own, device=device, gpu_share=gpu_share)
             probe = Task("probe", params.detector, params, task.inputs, gpu=True)

@@ -59,7 +59,7 @@ class Run:
         outcome: of its tasks.
         promotion: which trials were pruned.
         cached: keys of the tasks that had a result before.
-        cores: tasks that could run at once.
+        cores: tasks that could run at once; None where none ran.
         command: what the user typed.
         started: when, on the clock of `Outcome.times`.
         seconds: that it took.
@@ -68,7 +68,7 @@ class Run:
     outcome: Outcome
     promotion: Promotion
     cached: Collection[str]
-    cores: int
+    cores: int | None
     command: str
     started: float
     seconds: float

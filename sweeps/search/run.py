@@ -141,6 +141,7 @@ class SearchWork:
         problem = self.problem
         question, settings = problem.question, problem.file.search
         traffic = training_traffic(self.console, problem, self.store, backend)
+        pool = Pool.of(backend, traffic)  # a cluster that cannot be joined is told before the bound
         certificate, none = self._certificate(traffic)
         study = open_study(
             self._storage,
@@ -148,7 +149,6 @@ class SearchWork:
             settings,
             first_params(problem, certificate),
         )
-        pool = Pool.of(backend, traffic)
         timing = self._trials(study, pool, backend, log)
         trials = best_trials(study, problem.space)
         judged = _judged(problem, trials, certificate, pool)

@@ -11,6 +11,7 @@ import torch
 
 from sweeps.configuration.sweep import RaySettings
 from sweeps.execution.backends import BackendLost, WorkerDied, _translated, backend_for
+from sweeps.execution.ray_cluster import ClusterError
 
 
 @pytest.fixture(scope="module", params=["debug", "local"])
@@ -18,6 +19,13 @@ def backend(request):
     own = {"num_cpus": 1} if request.param == "local" else {}
     with backend_for(RaySettings(address=request.param, **own)) as found:
         yield found
+
+
+def test_ray_starts_when_it_is_needed():
+    with backend_for(RaySettings(address="127.0.0.1:1")) as never_used:
+        assert never_used.probes
+        with pytest.raises(ClusterError, match="cannot be reached"):
+            never_used.submit(os.getcwd)
 
 
 @pytest.fixture

@@ -492,6 +492,22 @@ def test_trainings_are_handed_out_though_no_machine_is_there_now(tmp_path, stage
     assert store.finished(tasks) == {task.key for task in tasks}
 
 
+def test_no_machine_is_asked_for_where_nothing_is_left_to_run(tmp_path, stages):
+    class NoMachine(Probing):
+        @property
+        def slots(self):
+            raise AssertionError("Ray would start")
+
+        cores = room = device = slots
+
+    tasks = [*diamond(), training(1)]
+    failures, _, _ = run(tasks, tmp_path)
+    assert failures.keys() == {tasks[-1].key}
+    again, recorder, _ = run(tasks, tmp_path, known=failures, backend=NoMachine)
+    assert again == failures
+    assert [what for what, *_ in recorder.log] == ["failed"]
+
+
 def test_work_for_a_gpu_does_not_block_the_rest():
     on_gpu = training(1)
     scene = Task("scene", "s", Toy(0))

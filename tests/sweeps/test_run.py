@@ -158,6 +158,8 @@ def test_the_same_command_does_nothing_twice(folder, first):
     again = sweep(folder)
     assert again.returncode == 0, again.stdout + again.stderr
     assert pd.read_parquet(folder / "runs/tiny/tasks.parquet")["cached"].all()
+    about = json.loads((folder / "runs/tiny/sweep.json").read_text())
+    assert about.get("cores") is None, "Ray was not started"
     pd.testing.assert_frame_equal(pd.read_parquet(folder / "runs/tiny/results.parquet"), before)
     assert len(mlflow_runs(folder)) == 3
 

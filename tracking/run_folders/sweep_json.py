@@ -94,7 +94,7 @@ class SweepResult(ResultFile):
     tracking_uri: str | None = None
     """Where MLflow has the runs, without passwords."""
     cores: CountFromOne | None = None
-    """Tasks that could run at once."""
+    """Tasks that could run at once; none where no task ran."""
     seconds: Annotated[FiniteFloat, Field(ge=0)] | None = None
     """Of the last command."""
     versions: dict[str, str] = Field({})

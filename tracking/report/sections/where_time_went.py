@@ -22,14 +22,14 @@ def where_time_went(run: RunFolder) -> Section:
     if run.sweep.seconds is not None:
         section.notes.append(_last_command(run.sweep.seconds, run.tasks))
     section.figures.append(times(run.tasks))
+    if run.tasks["started"].isna().all():
+        section.notes.append("No task ran, so no efficiency.")
+        return section
     if run.sweep.cores is None:
         section.notes.append("The run folder does not say how many cores it had: no efficiency.")
         return section
     cores = run.sweep.cores
     efficiency = stage_efficiency(run.tasks, cores)
-    if efficiency.empty:
-        section.notes.append("No task ran, so no efficiency.")
-        return section
     section.notes += _sentences(efficiency, cores, run.tasks)
     section.tables.append(efficiency_table(efficiency, cores))
     return section
