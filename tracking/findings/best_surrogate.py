@@ -82,6 +82,8 @@ def best_surrogates(
 def _ranking(group: Paired, estimates: pd.DataFrame) -> pd.DataFrame:
     columns = ["spearman", "spearman_p", "spearman_holm", "rmse", "rmse_of_mean"]
     known = estimates[estimates["spearman"].notna()].set_index("surrogate")[columns]
+    if known.empty:
+        return known
     # Equal coefficients may differ by rounding: the order of the table decides between them.
     order = np.argsort(-known["spearman"].abs().round(9).to_numpy(), kind="stable")
     ranking = known.iloc[order].rename(columns={"spearman_p": "p", "spearman_holm": "holm"})

@@ -44,8 +44,8 @@ def leave_one_out(
         found: dict[str, dict[str, object]] = {}
         for placements, names in group.by_placements():
             y = seed_mean(group.metric.loc[placements].to_numpy(np.float64))
-            for name in names:
-                x = group.surrogates.loc[placements, name].to_numpy(np.float64)
+            known = group.surrogates.loc[placements, names].to_numpy(np.float64).T
+            for name, x in zip(names, known, strict=True):
                 found[name] = _without_each(x, y, [str(label) for label in placements])
         rows += [
             {**group.group, "surrogate": name, **found[str(name)]} for name in group.surrogates

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import pandas as pd
 
 from lidarplace.surrogates.table import SURROGATES
@@ -27,11 +28,15 @@ class Paired:
 
     def by_placements(self) -> list[tuple[list[object], list[str]]]:
         """Placements that have the metric and a surrogate, and all surrogates known for these."""
-        known: dict[tuple[object, ...], list[str]] = {}
-        for name, values in self.surrogates.items():
-            placements = self.metric.index.intersection(values.index[values.notna()])
-            known.setdefault(tuple(placements), []).append(str(name))
-        return [(list(placements), names) for placements, names in known.items()]
+        placements = self.metric.index
+        known = self.surrogates.reindex(placements).notna().to_numpy()
+        alike: dict[bytes, list[int]] = {}
+        for i, column in enumerate(known.T):
+            alike.setdefault(column.tobytes(), []).append(i)
+        return [
+            (placements[known[:, own[0]]].tolist(), [str(self.surrogates.columns[i]) for i in own])
+            for own in alike.values()
+        ]
 
 
 def group_columns(axes: Sequence[str]) -> list[str]:
@@ -62,11 +67,15 @@ def paired(
     _need(surrogates, ["placement", "class", "surrogate", "value"], "surrogates")
     depends = _depends(surrogates, axes)
     predictors = with_sums(surrogates, axes)
+    matching: dict[tuple[object, ...], pd.DataFrame] = {}  # every metric of a class has the same
     for key, rows in results.groupby(keys, dropna=False, sort=True, observed=True):
         group = dict(zip(keys, key, strict=True))
         metric = _pivot(rows, "seed", "results")
-        own = _pivot(_matching(predictors, group, depends), "surrogate", "surrogates")
-        yield Paired(group, own, metric[metric.notna().any(axis=1)])
+        setting = tuple(group[name] for name in ("class", *depends))
+        if setting not in matching:
+            own = _matching(predictors, group, depends)
+            matching[setting] = _pivot(own, "surrogate", "surrogates")
+        yield Paired(group, matching[setting], metric[metric.notna().any(axis=1)])
 
 
 def with_sums(surrogates: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
@@ -110,8 +119,11 @@ def _pivot(table: pd.DataFrame, columns: str, source: str) -> pd.DataFrame:
             f"{source}: placement {row['placement']!r}, class {row['class']!r} has two values for "
             f"{columns} {row[columns]}; name the axis that tells them apart in `axes`"
         )
-    wide = table.pivot(index="placement", columns=columns, values="value")
-    return wide.reindex(index=table["placement"].unique(), columns=table[columns].unique())
+    placement, placements = pd.factorize(table["placement"])
+    name, names = pd.factorize(table[columns])
+    wide = np.full((len(placements), len(names)), np.nan)
+    wide[placement, name] = table["value"]
+    return pd.DataFrame(wide, placements, names)
 
 
 def _need(table: pd.DataFrame, columns: list[str], source: str) -> None:
