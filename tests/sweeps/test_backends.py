@@ -3,6 +3,7 @@
 import math
 import operator
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ import torch
 
 from sweeps.configuration.sweep import RaySettings
 from sweeps.execution.backends import BackendLost, WorkerDied, _translated, backend_for
+from sweeps.execution.failures import Failure
 from sweeps.execution.ray_cluster import ClusterError
+from sweeps.execution.worker import Ended
 
 
 @pytest.fixture(scope="module", params=["debug", "local"])
@@ -52,6 +55,11 @@ def test_every_job_is_waited_for_once(backend):
 def test_what_a_call_raises_is_raised(backend):
     with pytest.raises(ValueError, match=r"math domain error|nonnegative"):
         backend.submit(math.sqrt, -1.0).result()
+
+
+def test_why_a_task_failed_arrives_as_it_is(backend):
+    ended = Ended(Failure("no such thing", "in epoch 1", lasting=True), 1.5)
+    assert backend.submit(replace, ended).result() == ended
 
 
 def test_what_is_shared_arrives_as_it_is(backend):

@@ -178,7 +178,8 @@ def test_debug_gives_the_same_without_ray(folder, first, tmp_path):
 
 
 def test_a_failed_trial_does_not_stop_the_others(folder, first):
-    result = sweep(folder, "--set", "grid={placement: [line], training.lr: [0.01, 1.0e+6]}")
+    grid = "grid={placement: [line], training.lr: [0.01, 1.0e+6]}"
+    result = sweep(folder, "--set", "ray=debug", "--set", grid)
     assert result.returncode == 1
     assert "1 of 2 trials failed" in result.stdout
     assert re.search(r"in epoch 1, step \d+, frames", result.stdout)
