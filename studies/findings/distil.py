@@ -42,14 +42,22 @@ SOURCES = {
     "longer": ("longer",),
     "carla": ("carla",),
     "sparse": ("sparse",),
+    "products": ("products",),
+    "released": ("released",),
+    "anchors": ("anchors",),
+    "second_own": ("second_own",),
 }
 """Of each table the run folders, `findings_` before their names."""
-MEANS_ALONE = ("exact", "second", "finetuned", "longer", "carla", "sparse")
+MEANS_ALONE = ("exact", "second", "finetuned", "longer", "carla", "sparse", "second_own")
 """Tables whose values without a route or an individual nothing asks for."""
 BY_DISTANCE = ("controlled",)
 """Tables of which Car AP over IoU is asked for by distance, too."""
 OTHER_SCENES = ("carla", "sparse")
-"""Whose surrogates are their own."""
+"""Other towns or traffic."""
+OWN_SURROGATES = (*OTHER_SCENES, "products")
+"""Of other scenes or rigs than the main table."""
+BESIDES = ("candidates", "findings_occluded")
+"""Run folders without detectors, which took their time, too."""
 _ONLY_OF_RUNS = ("trial", "detector", "difficulty")
 
 
@@ -67,7 +75,7 @@ def main() -> None:
         if name in BY_DISTANCE:
             rings = [_wanted(_judged(run, run.distance), TARGETS[2:3]) for run in found]
             _write(f"{name}_distance", rings)
-        if name in OTHER_SCENES:
+        if name in OWN_SURROGATES:
             _write(f"{name}_surrogates", [run.surrogates[_SURROGATES] for run in found])
         if name in MEANS_ALONE:
             continue
@@ -82,6 +90,19 @@ def main() -> None:
     if (occluded / "surrogates.parquet").exists():
         own = RunFolder.read(occluded).surrogates[_SURROGATES]
         _write("occluded", [own.assign(surrogate="expected_ig, occluded")])
+    folders = [runs / f"findings_{part}" for parts in SOURCES.values() for part in parts]
+    folders += [runs / name for name in BESIDES]
+    tasks = [
+        pd.read_parquet(f / "tasks.parquet") for f in folders if (f / "results.parquet").exists()
+    ]
+    if len(tasks) == len(folders):
+        _write("hours", [_hours(pd.concat(tasks))])
+
+
+def _hours(tasks: pd.DataFrame) -> pd.DataFrame:
+    """Of each stage tasks and hours; a result that several runs read counts once."""
+    by_stage = tasks.drop_duplicates("key").groupby("stage")["seconds"]
+    return pd.DataFrame({"tasks": by_stage.size(), "hours": by_stage.sum() / 3600}).reset_index()
 
 
 _SURROGATES = ["placement", "class", "surrogate", "value"]

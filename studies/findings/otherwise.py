@@ -30,6 +30,7 @@ WAYS = {
     "finetuned": "fine-tuned from a generalist, two seeds",
     "longer": "own detectors, trained three times as long, one seed",
     "second": "a generalist of `second_tiny`",
+    "second_own": "own detectors of `second_tiny`, one seed",
     "sparse": "a generalist in half the traffic",
     "carla": "a generalist on CARLA's maps",
 }
@@ -37,10 +38,11 @@ WAYS = {
 _HERE = {
     GENERALIST: "as above",
     "second": "`second_tiny`",
+    "second_own": "own `second_tiny`",
     "sparse": "half the traffic",
     "carla": "CARLA's maps",
 }
-"""Generalists that judged all these rigs."""
+"""Judges of all these rigs; generalists where it is not said otherwise."""
 
 
 def order_table() -> str:
@@ -89,16 +91,20 @@ def rho(way: str, target: str) -> str:
     return number(stats.spearmanr(both[way], both["mean"]).statistic)
 
 
-def networks_agree(target: str) -> str:
-    """Spearman's rho of generalists of the two networks, over all rigs that both judged."""
-    both = [_seeds(way, target).mean(axis=1) for way in (GENERALIST, "second")]
+def agree(one: str, other: str, target: str) -> str:
+    """Spearman's rho of two ways, over all rigs that both judged."""
+    both = [_seeds(way, target).mean(axis=1) for way in (one, other)]
     found = pd.concat(both, axis=1, join="inner")
     return number(stats.spearmanr(found.iloc[:, 0], found.iloc[:, 1]).statistic)
 
 
-def seed_with_others(target: str) -> str:
-    """Spearman's rho of one seed of own detectors with the mean of the others, mean over seeds."""
-    seeds = _own(target)
+def seed_with_others(target: str, way: str | None = None) -> str:
+    """Spearman's rho of one seed of own detectors with the mean of the others, mean over seeds.
+
+    Args:
+        way: over the rigs that were judged in that way, too; all by default.
+    """
+    seeds = _own(target) if way is None else _own(target).loc[_shared(way, target).index]
     found = [
         stats.spearmanr(seeds[seed], seeds.drop(columns=seed).mean(axis=1)).statistic
         for seed in seeds.columns

@@ -14,6 +14,8 @@ import controlled_table
 import exact
 import lidars
 import otherwise
+import pandas as pd
+import products_table
 import riddle_table
 from aside import aside_table, errors_table
 from candidates import FOLDER
@@ -93,7 +95,9 @@ def _facts() -> dict[str, Any]:
         "combination_table": _combination_table(_four()),
         "shares_table": _shares_table(_four()),
         "number": number,
+        "products": products_table,
         "counts": _counts(),
+        "hours": _hours(),
     }
 
 
@@ -121,6 +125,13 @@ def _counts() -> dict[str, int]:
         "seeds": own["seed"].nunique(),
         "generalists": results.loc[results["judge"] == "generalist", "seed"].nunique(),
     }
+
+
+def _hours() -> pd.Series:
+    """Of tasks, by stage; of all that makes clouds together."""
+    hours = read("hours").set_index("stage")["hours"]
+    simulated = ["scene", "collect", "ground_truth"]
+    return pd.concat([hours.drop(simulated), pd.Series({"simulated": hours[simulated].sum()})])
 
 
 def _optima_table() -> str:

@@ -147,10 +147,25 @@ def by_generalist(
         name: of the tables.
         kept: their rows that matter.
     """
+    return _judged(name, target, kept, generalist=True)
+
+
+def by_own(name: str, target: Target) -> BestPlacement:
+    """Rigs by one target, judged by detectors of their own, with the noise of seeds and objects.
+
+    Args:
+        name: of the tables.
+    """
+    return _judged(name, target, lambda rows: rows, generalist=False)
+
+
+def _judged(
+    name: str, target: Target, kept: Callable[[pd.DataFrame], pd.DataFrame], generalist: bool
+) -> BestPlacement:
     results, left_out = (
         kept(of(read(f"{name}_{kind}"), target)) for kind in ("results", "left_out")
     )
-    found = best_placement(results, left_out=left_out, generalist=True)
+    found = best_placement(results, left_out=left_out, generalist=generalist)
     if found is None:
         raise ValueError(f"no rig of {name} was judged for {named(target)}")
     return found
