@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -79,6 +79,27 @@ def spread(row: pd.Series) -> str:
 def led(row: pd.Series) -> str:
     """A difference in points, and its interval."""
     return f"{number(row['difference'], 1, sign=True)} ({spread(row)})"
+
+
+def beside(
+    name: str, reference: str, means: Mapping[str, pd.Series], leads: Mapping[str, pd.DataFrame]
+) -> list[str]:
+    """What a rig reaches, and the interval of its difference to the reference, for each target.
+
+    Args:
+        means: of rigs, by target.
+        leads: `BestPlacement.differences` to the reference, by target.
+    """
+    cells = []
+    for target, lead in leads.items():
+        own = "" if name == reference else spread(lead.loc[name])
+        cells += [number(means[target][name], 1), own]
+    return cells
+
+
+def heads_beside(targets: Iterable[str], reference: str) -> list[str]:
+    """What the columns of `beside` are called."""
+    return [part for target in targets for part in (head_of(target), f"less {reference}")]
 
 
 def number(value: float, digits: int = 2, sign: bool = False) -> str:

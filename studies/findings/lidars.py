@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from judged import Judged, head_of, led, number, spread, table
+from judged import Judged, beside, heads_beside, led, table
 
 TARGETS = ("car", "recall")
 ARRANGED = {
@@ -27,15 +27,12 @@ def lidars_table(reference: str) -> str:
     """
     found = Judged(list(ARRANGED))
     leads = {target: found.best(target).differences(reference) for target in TARGETS}
-    rows = []
-    for name, words in ARRANGED.items():
-        cells = [f"`{name}`: {words}"]
-        for target, lead in leads.items():
-            own = "" if name == reference else spread(lead.loc[name])
-            cells += [number(found.means(target)[name], 1), own]
-        rows.append(cells)
-    heads = [head_of(target) for target in TARGETS]
-    return table(["", *(part for head in heads for part in (head, f"less *{reference}*"))], rows)
+    means = {target: found.means(target) for target in TARGETS}
+    rows = [
+        [f"`{name}`: {words}", *beside(name, reference, means, leads)]
+        for name, words in ARRANGED.items()
+    ]
+    return table(["", *heads_beside(TARGETS, f"*{reference}*")], rows)
 
 
 def lead(one: str, other: str, target: str) -> str:

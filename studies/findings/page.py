@@ -23,7 +23,7 @@ from combining import shares
 from figures import write_figure
 from fitted import fitted_table
 from jinja2 import Environment, StrictUndefined
-from judged import SHORT, Judged, head_of, label, number, spread, table
+from judged import SHORT, Judged, beside, head_of, heads_beside, label, number, table
 from predicting import equal_budget, every_predictor, own_detectors, read, set_aside
 from properties import properties
 
@@ -139,18 +139,12 @@ def _optima_table() -> str:
     targets = ("car07", "car", "recall")
     found = Judged([*(f"optimum_{one}" for one in OPTIMA), REFERENCE])
     leads = {target: found.best(target).differences(REFERENCE) for target in targets}
-    rows = []
-    for name in found.rigs:
-        cells = [label(name.removeprefix("optimum_"))]
-        for target, lead in leads.items():
-            row = lead.loc[name]
-            cells.append(number(found.means(target)[name], 1))
-            cells.append("" if name == REFERENCE else spread(row))
-        rows.append(cells)
-    heads = [head_of(target) for target in targets]
-    return table(
-        ["best rig by", *(part for head in heads for part in (head, f"less *{REFERENCE}*"))], rows
-    )
+    means = {target: found.means(target) for target in targets}
+    rows = [
+        [label(name.removeprefix("optimum_")), *beside(name, REFERENCE, means, leads)]
+        for name in found.rigs
+    ]
+    return table(["best rig by", *heads_beside(targets, f"*{REFERENCE}*")], rows)
 
 
 def _combination_table(four: Judged) -> str:

@@ -6,7 +6,7 @@ from functools import cache
 
 import pandas as pd
 from candidates import FOLDER
-from judged import SHORT, head_of, led, number, spread, table
+from judged import SHORT, beside, heads_beside, led, number, table
 from predicting import by_own, of, read
 from scipy import stats
 
@@ -35,16 +35,12 @@ def products_table(reference: str) -> str:
     For all pairs of these rigs at once.
     """
     leads = {target: _best(target).differences(reference) for target in TARGETS}
-    rows = []
-    for name, words in WORDS.items():
-        cells = [f"`{name}`: {words}", f"{price(name):,.0f}"]
-        for target, lead in leads.items():
-            own = "" if name == reference else spread(lead.loc[name])
-            cells += [number(_means(target)[name], 1), own]
-        rows.append(cells)
-    heads = [head_of(target) for target in TARGETS]
-    less = (part for head in heads for part in (head, f"less `{reference}`"))
-    return table(["", "US dollars", *less], rows)
+    means = {target: _means(target) for target in TARGETS}
+    rows = [
+        [f"`{name}`: {words}", f"{price(name):,.0f}", *beside(name, reference, means, leads)]
+        for name, words in WORDS.items()
+    ]
+    return table(["", "US dollars", *heads_beside(TARGETS, f"`{reference}`")], rows)
 
 
 def price(rig: str) -> float:
