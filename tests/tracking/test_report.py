@@ -16,8 +16,14 @@ import pytest
 from made_up_run import NAMES, write_run
 from typer.testing import CliRunner
 
+from tracking.findings.best_surrogate import best_surrogates
+from tracking.findings.ceiling import beside, ceilings
+from tracking.findings.correlation import correlate
+from tracking.findings.leave_one_out import leave_one_out
+from tracking.labels import surrogate_name
 from tracking.report.__main__ import app
 from tracking.report.build import build_report
+from tracking.report.sections.predictors import predictors_section
 from tracking.report.sections.where_time_went import where_time_went
 from tracking.run_folders.sweep import RunFolder
 
@@ -136,6 +142,23 @@ def test_the_sections_are_in_order(page):
     assert [word for word in page.words if word in titles] == titles
     assert not {"Promotion", "Do the surrogates agree?"} & {*page.words}
     assert "python -m sweeps.run examples/grid.yaml" in page.words
+
+
+def test_the_surrogate_that_a_finding_names_is_in_its_figures(built):
+    run = RunFolder.read(built.parent)
+    own = run.results.query("`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7")
+    means = own.groupby("placement", as_index=False)["value"].mean()
+    perfect = means.assign(**{"class": "Car", "surrogate": "log_points"})
+    others = run.surrogates.query("surrogate == 's_mig'")
+    others = others.assign(value=np.random.default_rng(0).permutation(others["value"]))
+    tables = run.results, pd.concat([others, perfect])
+    coefficients = correlate(*tables)
+    tests = beside(coefficients, ceilings(run.results, run.left_out))
+    errors = leave_one_out(*tables)
+    section = predictors_section(run, tests, errors, best_surrogates(*tables, coefficients, errors))
+    name = surrogate_name("log_points")
+    assert f"The strongest is {name}" in section.notes[0]
+    assert [name in figure.to_json() for figure in section.figures[:2]] == [True, True]
 
 
 def test_it_names_the_best_placement_and_the_weaknesses(built, page):

@@ -62,7 +62,8 @@ def predictors_section(
     many = len(own) > MOST_SENTENCES
     section.notes += [counted(run, found, correlations)] if many else _findings(run, own)
     section.notes += [*_power_sentences(correlations), CEILING_IN_A_LINE, _HOW_TO_READ]
-    shown = (*HEADLINE_SURROGATES, *JUDGEMENTS)
+    strongest = (str(one.ranking.index[0]) for one in own)  # which the findings name
+    shown = {*HEADLINE_SURROGATES, *JUDGEMENTS, *strongest}
     for name in (*run.classes, "all"):
         title = text(class_label(name))
         tests, misses = (
