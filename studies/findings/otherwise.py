@@ -98,13 +98,9 @@ def agree(one: str, other: str, target: str) -> str:
     return number(stats.spearmanr(found.iloc[:, 0], found.iloc[:, 1]).statistic)
 
 
-def seed_with_others(target: str, way: str | None = None) -> str:
-    """Spearman's rho of one seed of own detectors with the mean of the others, mean over seeds.
-
-    Args:
-        way: over the rigs that were judged in that way, too; all by default.
-    """
-    seeds = _own(target) if way is None else _own(target).loc[_shared(way, target).index]
+def seed_with_others(target: str) -> str:
+    """Spearman's rho of one seed of own detectors with the mean of the others, mean over seeds."""
+    seeds = _own(target)
     found = [
         stats.spearmanr(seeds[seed], seeds.drop(columns=seed).mean(axis=1)).statistic
         for seed in seeds.columns
