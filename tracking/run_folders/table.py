@@ -157,13 +157,14 @@ class Table:
 
     def _check_key(self, table: pd.DataFrame, axes: Iterable[str], file: Path) -> None:
         """Refuse two rows that only one can be right of."""
-        there = [name for name in dict.fromkeys((*self.key, *self.axes_of(axes))) if name in table]
-        if not self.key or not len(table):
+        if not self.key or table.empty:
             return
-        found = table[there].astype(str)  # an axis may hold anything
+        there = [name for name in dict.fromkeys((*self.key, *self.axes_of(axes))) if name in table]
+        mixed = [name for name in there if table[name].dtype == object]  # an axis may hold anything
+        found = table[there].astype(dict.fromkeys(mixed, "str"))
         again = found.duplicated().to_numpy()
         if again.any():
-            row = int(again.argmax())
-            first = int((found == found.iloc[row]).all(axis=1).to_numpy().argmax())
-            what = ", ".join(f"{name} {value}" for name, value in found.iloc[row].items())
+            row, said = int(again.argmax()), found.astype(str)
+            first = int((said == said.iloc[row]).all(axis=1).to_numpy().argmax())
+            what = ", ".join(f"{name} {value}" for name, value in said.iloc[row].items())
             raise ValueError(f"{file}: rows {first} and {row} are both of {what}")
