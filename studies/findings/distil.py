@@ -90,19 +90,18 @@ def main() -> None:
     if (occluded / "surrogates.parquet").exists():
         own = RunFolder.read(occluded).surrogates[_SURROGATES]
         _write("occluded", [own.assign(surrogate="expected_ig, occluded")])
-    folders = [runs / f"findings_{part}" for parts in SOURCES.values() for part in parts]
-    folders += [runs / name for name in BESIDES]
-    tasks = [
-        pd.read_parquet(f / "tasks.parquet") for f in folders if (f / "results.parquet").exists()
-    ]
-    if len(tasks) == len(folders):
-        _write("hours", [_hours(pd.concat(tasks))])
+    _write("hours", _hours(runs))
 
 
-def _hours(tasks: pd.DataFrame) -> pd.DataFrame:
-    """Of each stage tasks and hours; a result that several runs read counts once."""
-    by_stage = tasks.drop_duplicates("key").groupby("stage")["seconds"]
-    return pd.DataFrame({"tasks": by_stage.size(), "hours": by_stage.sum() / 3600}).reset_index()
+def _hours(runs: Path) -> list[pd.DataFrame]:
+    """Of each stage tasks and hours, if all runs are there; what several read counts once."""
+    names = [f"findings_{part}" for parts in SOURCES.values() for part in parts]
+    files = [runs / name / "tasks.parquet" for name in (*names, *BESIDES)]
+    if not all(file.exists() for file in files):
+        return []
+    tasks = pd.concat(map(pd.read_parquet, files)).drop_duplicates("key")
+    seconds = tasks.groupby("stage")["seconds"]
+    return [pd.DataFrame({"tasks": seconds.size(), "hours": seconds.sum() / 3600}).reset_index()]
 
 
 _SURROGATES = ["placement", "class", "surrogate", "value"]

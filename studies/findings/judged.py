@@ -81,25 +81,31 @@ def led(row: pd.Series) -> str:
     return f"{number(row['difference'], 1, sign=True)} ({spread(row)})"
 
 
-def beside(
-    name: str, reference: str, means: Mapping[str, pd.Series], leads: Mapping[str, pd.DataFrame]
-) -> list[str]:
-    """What a rig reaches, and the interval of its difference to the reference, for each target.
+def beside_table(
+    heads: Sequence[str],
+    rigs: Mapping[str, Sequence[str]],
+    best: Mapping[str, BestPlacement],
+    reference: str,
+    called: str,
+) -> str:
+    """What rigs reach, and the intervals of their differences to one of them.
 
     Args:
-        means: of rigs, by target.
-        leads: `BestPlacement.differences` to the reference, by target.
+        heads: of the first columns.
+        rigs: the first cells, by rig.
+        best: by target.
+        reference: a rig.
+        called: the reference, in the heads.
     """
-    cells = []
-    for target, lead in leads.items():
-        own = "" if name == reference else spread(lead.loc[name])
-        cells += [number(means[target][name], 1), own]
-    return cells
-
-
-def heads_beside(targets: Iterable[str], reference: str) -> list[str]:
-    """What the columns of `beside` are called."""
-    return [part for target in targets for part in (head_of(target), f"less {reference}")]
+    columns = []
+    for found in best.values():
+        means = dict(zip(found.sure.index, found.means, strict=True))
+        leads = found.differences(reference)
+        columns.append([number(means[rig], 1) for rig in rigs])
+        columns.append(["" if rig == reference else spread(leads.loc[rig]) for rig in rigs])
+    cells = zip(rigs.values(), *columns, strict=True)
+    told = [part for target in best for part in (head_of(target), f"less {called}")]
+    return table([*heads, *told], [[*first, *others] for first, *others in cells])
 
 
 def number(value: float, digits: int = 2, sign: bool = False) -> str:

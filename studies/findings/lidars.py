@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from judged import Judged, beside, heads_beside, led, table
+from judged import Judged, beside_table, led
 
 TARGETS = ("car", "recall")
 ARRANGED = {
@@ -25,14 +25,9 @@ def lidars_table(reference: str) -> str:
 
     For all pairs of these rigs at once.
     """
-    found = Judged(list(ARRANGED))
-    leads = {target: found.best(target).differences(reference) for target in TARGETS}
-    means = {target: found.means(target) for target in TARGETS}
-    rows = [
-        [f"`{name}`: {words}", *beside(name, reference, means, leads)]
-        for name, words in ARRANGED.items()
-    ]
-    return table(["", *heads_beside(TARGETS, f"*{reference}*")], rows)
+    best = {target: Judged(list(ARRANGED)).best(target) for target in TARGETS}
+    rigs = {name: [f"`{name}`: {words}"] for name, words in ARRANGED.items()}
+    return beside_table([""], rigs, best, reference, f"*{reference}*")
 
 
 def lead(one: str, other: str, target: str) -> str:

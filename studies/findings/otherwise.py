@@ -15,12 +15,10 @@ from predicting import (
     every_predictor,
     of,
     own_detectors,
+    own_surrogates,
     read,
 )
 from scipy import stats
-
-from tracking.findings.paired import with_sums
-from tracking.findings.summary import surrogates_of
 
 TARGETS = ("car", "recall")
 COLLAPSED = "optimum_m_sog"
@@ -131,7 +129,7 @@ def predicted(name: str, way: str, target: str) -> str:
     judged = _shared(way, target)[way]
     wide = every_predictor(SHORT[target])
     if way in OTHER_SCENES and name != "mean height":
-        wide = surrogates_of(with_sums(read(f"{way}_surrogates")), {}, SHORT[target][0])
+        wide = own_surrogates(way, SHORT[target])
     if name not in wide.columns:
         return "–"
     return number(stats.spearmanr(wide[name].loc[judged.index], judged).statistic)

@@ -23,7 +23,7 @@ from combining import shares
 from figures import write_figure
 from fitted import fitted_table
 from jinja2 import Environment, StrictUndefined
-from judged import SHORT, Judged, beside, head_of, heads_beside, label, number, table
+from judged import SHORT, Judged, beside_table, head_of, label, number, table
 from predicting import equal_budget, every_predictor, own_detectors, read, set_aside
 from properties import properties
 
@@ -138,13 +138,9 @@ def _optima_table() -> str:
     """The rig that each objective's search found: what its own detectors reach."""
     targets = ("car07", "car", "recall")
     found = Judged([*(f"optimum_{one}" for one in OPTIMA), REFERENCE])
-    leads = {target: found.best(target).differences(REFERENCE) for target in targets}
-    means = {target: found.means(target) for target in targets}
-    rows = [
-        [label(name.removeprefix("optimum_")), *beside(name, REFERENCE, means, leads)]
-        for name in found.rigs
-    ]
-    return table(["best rig by", *heads_beside(targets, f"*{REFERENCE}*")], rows)
+    best = {target: found.best(target) for target in targets}
+    rigs = {name: [label(name.removeprefix("optimum_"))] for name in found.rigs}
+    return beside_table(["best rig by"], rigs, best, REFERENCE, f"*{REFERENCE}*")
 
 
 def _combination_table(four: Judged) -> str:

@@ -114,6 +114,11 @@ def every_predictor(target: Target) -> pd.DataFrame:
     return wide[[name for name in PREDICTORS if name in wide.columns]]
 
 
+def own_surrogates(name: str, target: Target) -> pd.DataFrame:
+    """A row a rig, a column a surrogate, of tables of other scenes or rigs than the main one."""
+    return surrogates_of(with_sums(read(f"{name}_surrogates")), {}, target[0])
+
+
 def coefficients(results: pd.DataFrame) -> pd.DataFrame:
     """`correlate` of all targets at once, so that p-values know of all tests.
 
@@ -138,14 +143,18 @@ def best(results: pd.DataFrame, target: Target) -> BestPlacement:
     return found
 
 
+def _all(rows: pd.DataFrame) -> pd.DataFrame:
+    return rows
+
+
 def by_generalist(
-    name: str, target: Target, kept: Callable[[pd.DataFrame], pd.DataFrame]
+    name: str, target: Target, kept: Callable[[pd.DataFrame], pd.DataFrame] = _all
 ) -> BestPlacement:
     """Rigs by one target, judged by one generalist, with the noise of the test objects.
 
     Args:
         name: of the tables.
-        kept: their rows that matter.
+        kept: their rows that matter; all by default.
     """
     return _judged(name, target, kept, generalist=True)
 
@@ -156,7 +165,7 @@ def by_own(name: str, target: Target) -> BestPlacement:
     Args:
         name: of the tables.
     """
-    return _judged(name, target, lambda rows: rows, generalist=False)
+    return _judged(name, target, _all, generalist=False)
 
 
 def _judged(

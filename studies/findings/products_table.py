@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from functools import cache
 
-import pandas as pd
 from candidates import FOLDER
-from judged import SHORT, beside, heads_beside, led, number, table
-from predicting import by_own, of, read
+from judged import SHORT, beside_table, led, number
+from predicting import by_own, own_surrogates
 from scipy import stats
 
 from lidarplace.catalogue.datasheet import catalogue
 from sweeps.configuration.grid import read_sweep
 from tracking.findings.best_placement import BestPlacement
-from tracking.findings.paired import with_sums
-from tracking.findings.summary import surrogates_of
 
 TARGETS = ("car", "recall")
 WORDS = {
@@ -34,18 +31,17 @@ def products_table(reference: str) -> str:
 
     For all pairs of these rigs at once.
     """
-    leads = {target: _best(target).differences(reference) for target in TARGETS}
-    means = {target: _means(target) for target in TARGETS}
-    rows = [
-        [f"`{name}`: {words}", f"{price(name):,.0f}", *beside(name, reference, means, leads)]
-        for name, words in WORDS.items()
-    ]
-    return table(["", "US dollars", *heads_beside(TARGETS, f"`{reference}`")], rows)
+    best = {target: _best(target) for target in TARGETS}
+    rigs = {name: [f"`{name}`: {words}", f"{price(name):,.0f}"] for name, words in WORDS.items()}
+    return beside_table(["", "US dollars"], rigs, best, reference, f"`{reference}`")
 
 
 def price(rig: str) -> float:
-    """Of all its LiDARs, US dollars."""
-    return sum(catalogue()[name].price_usd or 0 for name in _lidars()[rig])
+    """Of all its LiDARs, US dollars. Raises ValueError if no source states one."""
+    prices = [catalogue()[name].price_usd for name in _lidars()[rig]]
+    if None in prices:
+        raise ValueError(f"products.yaml: {rig} has a LiDAR without a price")
+    return sum(filter(None, prices))
 
 
 def lead(one: str, other: str, target: str) -> str:
@@ -55,13 +51,9 @@ def lead(one: str, other: str, target: str) -> str:
 
 def rho(predictor: str, target: str) -> str:
     """Spearman's, of a predictor with the rigs' own detectors."""
-    wide = surrogates_of(with_sums(read("products_surrogates")), {}, SHORT[target][0])
-    means = _means(target)
-    return number(stats.spearmanr(wide[predictor].loc[means.index], means).statistic)
-
-
-def _means(target: str) -> pd.Series:
-    return of(read("products_results"), SHORT[target]).groupby("placement")["value"].mean()
+    found, wide = _best(target), own_surrogates("products", SHORT[target])
+    values = wide[predictor].loc[found.sure.index]
+    return number(stats.spearmanr(values, found.means).statistic)
 
 
 @cache
