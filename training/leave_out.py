@@ -7,7 +7,8 @@ test set would change the number (`tracking.statistics.jackknife`).
 AP_R40 itself has no such spread: it moves in steps of 2.5 points of recall, and the jackknife of
 what is not smooth is inconsistent (of the median: Efron 1979; in general: Shao and Wu 1989). So AP
 without a route or an individual is the area under precision over recall at every hit, which AP_R40
-samples. Halves of the test frames are no jackknife, and have AP_R40.
+samples. Halves of the test frames are no jackknife, and have AP_R40. The area of all test frames is
+there too: differences between placements are of areas, since the steps of AP_R40 are their own.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 
 from lidarplace.metrics import EVERY_IOU, MEAN_AP_IOU, Overlaps
 from training.average_precision import FramePairs
-from training.matches import Matches
+from training.matches import Matches, by_unit
 
 MOST_UNITS = 100
 """More are thrown together at random: the delete-a-group jackknife (Kott 2001)."""
@@ -36,7 +37,7 @@ class Units:
     """What is left out.
 
     Attributes:
-        kind: "route", "individual" or "half".
+        kind: "route", "individual" or "half", or "nothing", which leaves nothing out.
         names: of the units, the same for all detectors.
         truth: unit of every ground truth, shape (G,).
         detection: unit of every detection, shape (D,). Of individuals it is the one that the
@@ -52,7 +53,7 @@ class Units:
         self, object_class: str, metric: str, iou: float, values: NDArray[np.float64]
     ) -> pd.DataFrame:
         """`COLUMNS` of the values without each unit."""
-        counts = np.bincount(self.truth, minlength=len(self.names))
+        counts = by_unit(self.truth, len(self.names)).astype(np.int64)
         cells = (object_class, metric, iou, self.kind, self.names, counts, values)
         return pd.DataFrame(dict(zip(COLUMNS, cells, strict=True)))
 
@@ -62,8 +63,10 @@ def units_of(
     detection_frame: NDArray[np.int64],
     nearest: NDArray[np.int64],
     routes: pd.DataFrame,
-) -> tuple[Units, Units]:
-    """Routes and individuals of the ground truths and detections of one class.
+) -> tuple[Units, Units, Units]:
+    """Routes and individuals of the ground truths and detections of one class, and nothing.
+
+    The last is what the others are compared with: AP as an area, see above.
 
     Args:
         truths: scene, object_id, frame.
@@ -82,6 +85,7 @@ def units_of(
     return (
         _grouped(Units("route", names, truth, detection)),
         _grouped(Units("individual", (*individuals, *alarms), individual, owner)),
+        Units("nothing", ("",), np.full(len(truths), -1), np.full(len(detection_frame), -1)),
     )
 
 
@@ -129,7 +133,7 @@ def ap_without_each(
     matches: Mapping[tuple[str, float], Matches],
     either: Sequence[Units],
 ) -> list[pd.DataFrame]:
-    """AP and recall of a class without each unit: without routes and individuals AP as an area.
+    """AP and recall of a class without each unit: but for halves AP is an area.
 
     Args:
         ious: of the class.
@@ -179,8 +183,8 @@ def mean_without_each(
     tables = []
     for units in either:
         size = len(units.names)
-        left = len(of_truth) - np.bincount(units.truth, minlength=size)
-        total = of_truth.sum() - np.bincount(units.truth, weights=of_truth, minlength=size)
+        left = len(of_truth) - by_unit(units.truth, size)
+        total = of_truth.sum() - by_unit(units.truth, size, of_truth.astype(np.float64))
         mean = np.where(left > 0, 100 * total / np.maximum(left, 1), np.nan)
         tables.append(units.table(object_class, metric, iou, mean))
     return tables

@@ -85,9 +85,10 @@ class Matches:
         they were.
 
         Args:
-            truth_unit, detection_unit: unit of every ground truth and detection, shapes (G,), (D,).
+            truth_unit, detection_unit: unit of every ground truth and detection, shapes (G,), (D,);
+                -1: of none.
         """
-        left = len(truth_unit) - np.bincount(truth_unit, minlength=units)
+        left = len(truth_unit) - by_unit(truth_unit, units)
         scores = self._by_unit(truth_unit, detection_unit, units)
         sampled = precision_without_each(*scores, left, RECALL_POINTS)
         return np.where(left > 0, ap_r40(monotone(sampled)), np.nan)
@@ -99,7 +100,7 @@ class Matches:
 
         It moves with every hit, where AP_R40 moves by whole points of recall.
         """
-        left = len(truth_unit) - np.bincount(truth_unit, minlength=units)
+        left = len(truth_unit) - by_unit(truth_unit, units)
         area = area_without_each(*self._by_unit(truth_unit, detection_unit, units), left)
         return np.where(left > 0, 100 * area, np.nan)
 
@@ -113,6 +114,17 @@ class Matches:
             Rising.of(*matched, truth_unit, units),
             Rising.of(*found, detection_unit, units),
         )
+
+
+def by_unit(
+    unit: NDArray[np.int64], units: int, weights: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
+    """How many members every unit has, or the sum of their weights, shape (units,).
+
+    Args:
+        unit: of every member; -1: of none.
+    """
+    return np.bincount(unit + 1, weights, units + 1)[1:].astype(np.float64)
 
 
 @njit(cache=True)

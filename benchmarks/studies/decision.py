@@ -23,7 +23,8 @@ import pandas as pd
 import typer
 from numpy.typing import NDArray
 
-from tracking.findings.best_placement import best_placement, lead_intervals
+from tracking.findings.best_placement import best_placement
+from tracking.statistics.all_pairs import AllPairs
 from tracking.statistics.probability_of_best import probability_of_best
 from tracking.statistics.reliability import Noise, seed_mean
 
@@ -75,12 +76,12 @@ def decide(truth: Array, y: Array, seed: int) -> dict[str, float]:
     """What `tracking` says of a study, and whether it is so."""
     order = np.argsort(-seed_mean(y), kind="stable")
     truth, y = truth[order], y[order]
-    means, noise = seed_mean(y), Noise.of_seeds(y)
+    means, noise = seed_mean(y), Noise.of(y)
     best = truth == truth.max()
     found = {"right": 1 / best.sum() if best[0] else 0.0, "regret": float(truth.max() - truth[0])}
     if noise.degrees == 0:
         return found
-    low, high = lead_intervals(means, noise)[1:].T
+    low, high = AllPairs.of(means, noise).intervals(0)[1:].T
     lead = truth[0] - truth[1:]
     said = probability_of_best(means, noise, seed, DRAWS)
     flat = flat_prior(means, y.shape[1], noise.variance, int(noise.degrees), seed)
@@ -108,9 +109,9 @@ def check_against_report(y: Array) -> None:
     best = best_placement(table)
     assert best is not None
     means = -np.sort(-seed_mean(y))
-    noise = Noise.of_seeds(y)
+    noise = Noise.of(y)
     assert int(best.best) == int(seed_mean(y).argmax())
-    expected = lead_intervals(means, noise)[1:]
+    expected = AllPairs.of(means, noise).intervals(0)[1:]
     assert np.allclose(best.others[["low", "high"]], expected, equal_nan=True)
     assert np.allclose(best.sure, probability_of_best(means, noise), equal_nan=True)
 

@@ -37,7 +37,7 @@ def _case(placements: int, seeds: int, spread: float, times: int) -> list[str]:
         means = y.mean(axis=1)
         good = int(np.argmax(truth + spread / 2 * rng.standard_normal(placements)))
         choices = np.eye(placements)[[good, 0]]
-        found = expected_regret(means, Noise.of_seeds(y), choices, number, _DRAWS)
+        found = expected_regret(means, Noise.of(y), choices, number, _DRAWS)
         lost = truth.max() - choices @ truth
         held = (found[:, 1] <= lost + 1e-9) & (lost <= found[:, 2] + 1e-9)
         rows.append(np.stack([lost, means.max() - choices @ means, found[:, 0], 100 * held]))

@@ -81,7 +81,7 @@ def _cell(name: str, y: pd.DataFrame, left_out: pd.DataFrame) -> str:
     if name == REFERENCE:
         return f"{means[name]:.1f}"
     pair = left_out[left_out["placement"].isin([name, REFERENCE])]
-    noise = combined(Noise.of_seeds(y.to_numpy()), sample_error(pair, paired=True))
+    noise = combined(Noise.of(y.to_numpy()), sample_error(pair, paired=True))
     seeds = len(y.columns)
     half = stats.t.ppf(0.975, noise.degrees) * math.sqrt(2 * noise.variance / seeds)
     difference = means[name] - means[REFERENCE]

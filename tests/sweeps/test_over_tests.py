@@ -17,8 +17,9 @@ def metrics(values, truths):
 
 
 def left_out(values):
-    """Of two routes; one row of the first metric and one of the last each."""
+    """Of two routes; one row of the first metric and one of the last each, and two of nothing."""
     rows = [(*ROWS[i], "route", name, 3) for i in (0, 2) for name in "ab"]
+    rows += [(*ROWS[i], "nothing", "", 0) for i in (0, 2)]
     columns = ["class", "metric", "iou", "unit", "left_out", "ground_truths"]
     return pd.DataFrame(rows, columns=columns).assign(value=values)
 
@@ -50,10 +51,16 @@ def test_each_metric_is_taken_by_itself(over, values):
     ],
 )
 def test_a_route_is_left_out_of_all_vehicles_in_its_traffic(over, values):
-    tables = [left_out([52.0, 46.0, 0, 0]), left_out([62.0, 56.0, 0, 0])]
-    tables.append(left_out([43.0, 34.0, 0, 0]))
-    found = left_out_over_tests(TESTS, tables, [1, 1, 2], over)
+    tables = [left_out([52.0, 46.0, 0, 0, 50, 0]), left_out([62.0, 56.0, 0, 0, 60, 0])]
+    tables.append(left_out([43.0, 34.0, 0, 0, 40, 0]))
+    found = left_out_over_tests(tables, [1, 1, 2], over)
     own = found[found["metric"] == "AP_R40_3D"]
+    whole = own[own["unit"] == "nothing"]
+    assert (whole["left_out"].tolist(), whole["value"].tolist()) == (
+        [""],
+        [{"mean": 50, "worst": 40}[over]],
+    )
+    own = own[own["unit"] == "route"]
     assert own["left_out"].tolist() == [f"traffic {n}: {r}" for n in (1, 2) for r in "ab"]
     np.testing.assert_allclose(own["value"], values)
 
@@ -68,7 +75,7 @@ def test_one_test_stays_as_it_is():
     whole = evaluation(truths, found, range(6), ["Car"], None, routes)
     for over in ("mean", "worst"):
         pd.testing.assert_frame_equal(metrics_over_tests([whole.metrics], over), whole.metrics)
-        left = left_out_over_tests([whole.metrics], [whole.left_out], [1], over)
+        left = left_out_over_tests([whole.left_out], [1], over)
         own = whole.left_out[whole.left_out["unit"] != "half"]
         np.testing.assert_array_equal(left["value"], own["value"])
         assert len(left) == len(own) > 0

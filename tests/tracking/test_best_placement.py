@@ -30,11 +30,14 @@ def test_equals_tukey_hsd_for_unequal_seeds():
     assert found.tied == ["b", "a"]
 
 
-def test_two_placements_are_a_t_test():
+def test_two_placements_of_the_same_seeds_are_a_paired_t_test():
     y = {"a": [1.0, 2, 4], "b": [3.0, 5, 7]}
     found = best_placement(results(y))
-    test = stats.ttest_ind(y["b"], y["a"])
+    test = stats.ttest_rel(y["b"], y["a"])
     assert found.others["p"].iloc[0] == pytest.approx(test.pvalue, abs=1e-6)
+    bounds = test.confidence_interval(0.95)
+    row = found.others.iloc[0]
+    assert (row["low"], row["high"]) == pytest.approx((bounds.low, bounds.high), abs=1e-3)
     # Less sure than a flat prior, which turns the one-sided p into the probability.
     assert 0.5 < found.sure["b"] < 1 - test.pvalue / 2
     assert found.sure.sum() == pytest.approx(1)
@@ -88,22 +91,34 @@ def test_differences_to_any_placement_are_tukeys_too():
         best_placement(results(y)).differences("d")
 
 
-def test_judges_of_all_placements_are_paired():
-    y = {"a": [70.0, 62, 66.5], "b": [72.5, 64.5, 68]}
-    found = best_placement(results(y), generalist=True)
-    test = stats.ttest_rel(y["b"], y["a"])
-    bounds = test.confidence_interval(0.95)
-    row = found.others.loc["a"]
-    assert (row["low"], row["high"]) == pytest.approx((bounds.low, bounds.high), abs=1e-3)
-    assert row["p"] == pytest.approx(test.pvalue, abs=1e-6)
+def test_what_a_seed_adds_to_all_placements_changes_nothing():
+    y = {"a": [70.0, 62, 66.5], "b": [72.5, 64.5, 68], "c": [69.0, 61, 66]}
+    found = best_placement(results(y))
     shifted = {
         name: [v + g for v, g in zip(own, (0, 9, -4), strict=True)] for name, own in y.items()
     }
-    again = best_placement(results(shifted), generalist=True)
+    again = best_placement(results(shifted))
     pd.testing.assert_frame_equal(
         again.others.drop(columns="mean"), found.others.drop(columns="mean")
     )
-    assert best_placement(results(shifted)).others.loc["a", "p"] > 0.5  # as if unpaired
+    pd.testing.assert_series_equal(again.sure, found.sure)
+    assert again.seed_sd != pytest.approx(found.seed_sd)
+    # As if they were unpaired: Tukey's own test of scipy.
+    assert stats.tukey_hsd(*shifted.values()).pvalue[0, 1] > 0.5 > found.others.loc["a", "p"]
+
+
+def test_the_area_decides_where_it_is_known():
+    """AP_R40 has b ahead, by its steps; the area under the same curves has a ahead."""
+    y = {"a": [70.0, 71.0], "b": [71.0, 72.0]}
+    whole = results({"a": [70.4, 71.4], "b": [70.0, 71.0]}).assign(unit="nothing", left_out="")
+    whole = whole.assign(ground_truths=0)
+    found = best_placement(results(y), left_out=whole)
+    assert (found.best, found.mean) == ("a", 70.5)
+    assert found.others.loc["b", ["mean", "lead"]].tolist() == pytest.approx([71.5, 0.4])
+    assert found.differences("b")["difference"].tolist() == pytest.approx([0.4, 0.0])
+    # Of some placements alone it is in no comparison.
+    part = best_placement(results(y), left_out=whole[whole["placement"] == "a"])
+    assert part.best == "b"
 
 
 def test_one_judge_leaves_the_error_of_the_test_objects():

@@ -89,14 +89,16 @@ def test_the_interval_allows_for_the_noise_of_seeds():
     rng = np.random.default_rng(0)
     x = np.arange(12.0)
     mean = x + rng.normal(0, 4, 12)
-    quiet, noisy = (
-        correlate(*tables(x, mean[:, None] + d * np.array([-1.0, 1.0]))).iloc[0] for d in (0.0, 3.0)
-    )
+    turn = np.where(np.arange(12) % 2, 1.0, -1.0)[:, None] * np.array([-1.0, 1.0])
+    quiet, noisy = (correlate(*tables(x, mean[:, None] + d * turn)).iloc[0] for d in (0.0, 3.0))
     assert quiet["reliability"] == pytest.approx(1.0)
     assert noisy["reliability"] < 0.9
     for name in COEFFICIENTS:
         assert noisy[name] == pytest.approx(quiet[name])  # the means are the same
         assert noisy[f"{name}_high"] > quiet[f"{name}_high"]
+    # What a seed adds to all placements alike lowers no correlation.
+    shifted = correlate(*tables(x, mean[:, None] + np.array([-30.0, 30.0]))).iloc[0]
+    pd.testing.assert_series_equal(shifted, quiet)
 
 
 def test_many_tests_are_adjusted_and_the_same_test_counts_once():

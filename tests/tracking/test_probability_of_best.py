@@ -14,7 +14,7 @@ def probability(y, **options):
     for row, values in zip(table, y, strict=True):
         row[: len(values)] = values
     means = np.array([np.mean(values) for values in y])
-    return probability_of_best(means, Noise.of_seeds(table), **options)
+    return probability_of_best(means, Noise.of(table), **options)
 
 
 def test_two_placements_by_quadrature():

@@ -17,7 +17,7 @@ def worlds(times, n=6, seeds=3, draws=500):
         between = np.abs(rng.standard_cauchy()) / np.sqrt(seeds)
         truth = between * rng.standard_normal(n)
         y = truth[:, None] + rng.standard_normal((n, seeds))
-        means, noise = y.mean(axis=1), Noise.of_seeds(y)
+        means, noise = y.mean(axis=1), Noise.of(y)
         good = int(np.argmax(truth + between / 2 * rng.standard_normal(n)))
         said = expected_regret(means, noise, np.eye(n)[[0, good]], i, draws)
         sd = np.sqrt(noise.variance)
@@ -50,10 +50,10 @@ def test_the_same_in_many_worlds():
 
 def test_without_noise_it_is_the_distance_to_the_best():
     y = np.array([[3.0, 3.0], [5.0, 5.0], [4.0, 4.0]])
-    noise = Noise.of_seeds(y)
+    noise = Noise.of(y)
     found = expected_regret(y[:, 0], noise, np.array([[1, 0, 0], [0, 1, 0], [1 / 3] * 3]))
     assert found.tolist() == [pytest.approx([x] * 3) for x in (2.0, 0.0, 1.0)]
-    one = Noise.of_seeds(y[:, :1])
+    one = Noise.of(y[:, :1])
     assert np.isnan(expected_regret(y[:, 0], one, np.eye(3))).all()
 
 

@@ -81,7 +81,13 @@ def test_without_a_route_it_is_the_evaluation_of_the_others(spread):
     truths, found, routes = scene(random, 40, 4, spread)
     frames = routes["frame"].tolist()
     left_out = evaluation(truths, found, frames, CLASSES, None, routes).left_out
-    assert set(left_out["unit"]) == {"route", "individual", "half"}
+    assert set(left_out["unit"]) == {"route", "individual", "half", "nothing"}
+    whole = left_out[left_out["unit"] == "nothing"].set_index(KEYS)["value"].to_dict()
+    every = evaluate_boxes(truths, found, frames, CLASSES).set_index(KEYS)["value"].to_dict()
+    assert without_ap(whole) == pytest.approx({k: every[k] for k in without_ap(whole)}, rel=1e-14)
+    inside = [table[table["frame"].isin(frames)] for table in (truths, found)]
+    for (metric, iou), area in areas(*inside).items():
+        assert whole["Car", metric, iou] == pytest.approx(area, rel=1e-12)
     for route in range(4):
         others = routes.loc[routes["route"] != route, "frame"].tolist()
         expected = evaluate_boxes(truths, found, others, CLASSES).set_index(KEYS)["value"]

@@ -10,13 +10,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from tracking.findings.generalist import JUDGEMENTS
-from tracking.findings.groups import GENERALIST, JUDGE
 from tracking.findings.paired import group_columns
 from tracking.findings.surrogate_accuracy import rank_agreement
-from tracking.statistics.ceiling import ceiling, reliability
+from tracking.statistics.ceiling import ceiling
 from tracking.statistics.confidence_interval import to_normal
 from tracking.statistics.jackknife import SampleError, combined, sample_error
-from tracking.statistics.reliability import Noise, reliability_of_mean, seed_mean
+from tracking.statistics.reliability import Noise, reliability, reliability_of_mean, seed_mean
 
 _OF_NOISE = (
     "n",
@@ -37,15 +36,14 @@ def ceilings(
     results: pd.DataFrame,
     left_out: pd.DataFrame | None = None,
     axes: Sequence[str] = (),
-    judge: str = "specialist",
 ) -> pd.DataFrame:
     """Spearman's rho that a surrogate without error or noise is expected to reach.
 
     By what the metric's means are unsure of (`tracking.statistics.ceiling`):
 
-    - seeds: the variance over seeds. Two seeds agree by ICC(1), their mean is more reliable by
-      Spearman and Brown's formula. Of generalists, which judged all placements, what one gives to
-      all alike is no noise: they agree by ICC(3);
+    - seeds: the variance over seeds. Where all placements have the same seeds two of these agree
+      by ICC(3), since what one adds to all alike is no noise, elsewhere by ICC(1); their mean is
+      more reliable by Spearman and Brown's formula;
     - test objects: the jackknife's variance of a placement against the others, over routes or
       individuals (`tracking.statistics.jackknife`). Two halves of the test frames agree by Spearman
       and Brown's formula for half the length, of the same trainings;
@@ -59,7 +57,6 @@ def ceilings(
         results: `results.parquet`, as for `tracking.findings.correlation.correlate`.
         left_out: `left_out.parquet`; None: the chance of the test objects is unknown.
         axes: further axes of the grid.
-        judge: of all results, where it is no axis.
 
     Returns:
         One row per `group_columns` with two placements or more: `n` placements; `seeds`, their
@@ -79,8 +76,7 @@ def ceilings(
         error = errors.get(_without_difficulty(group))
         values = y.to_numpy(np.float64)
         means[key] = pd.Series(seed_mean(values), y.index)
-        seeds = Noise.of(values, shared=group.get(JUDGE, judge) == GENERALIST)
-        found = _by_noise(seed_mean(values), seeds, error)
+        found = _by_noise(seed_mean(values), Noise.of(values), error)
         rows.append(group | dict(zip(_OF_NOISE, found, strict=True)))
     table = pd.DataFrame(rows, columns=[*keys, *_OF_NOISE])
     agreements = _between_detectors(means, keys.index("detector"))
@@ -118,16 +114,18 @@ def _by_noise(
     if error is not None:
         objects = Noise(np.ones(len(means)), error.variance, error.degrees)
     both = combined(seeds, error) if seeds.degrees else objects
-    by_seeds, by_objects = reliability(means, seeds)[0], reliability(means, objects)[0]
+    of_seeds, of_objects, of_both = (
+        reliability(means, noise.of_mean, noise.degrees) for noise in (seeds, objects, both)
+    )
     return (
         len(means),
         number,
-        float(reliability_of_mean(by_seeds, 1 / number)),
-        float(ceiling(by_seeds)),
+        float(reliability_of_mean(of_seeds[0], 1 / number)),
+        float(ceiling(of_seeds[0])),
         error.unit if error else "",
-        float(reliability_of_mean(by_objects, 0.5)),
-        float(ceiling(by_objects)),
-        *ceiling(reliability(means, both)).tolist(),
+        float(reliability_of_mean(of_objects[0], 0.5)),
+        float(ceiling(of_objects[0])),
+        *ceiling(of_both).tolist(),
     )
 
 

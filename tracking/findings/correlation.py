@@ -13,7 +13,7 @@ from tracking.statistics.coefficients import COEFFICIENTS, scores
 from tracking.statistics.confidence_interval import LEAST_PLACEMENTS, intervals
 from tracking.statistics.multiple_tests import adjust, distinct_tests
 from tracking.statistics.permutation import LARGEST_EXACT, permutation_p, smallest_p
-from tracking.statistics.reliability import icc, seed_mean
+from tracking.statistics.reliability import Noise, reliability, seed_mean
 
 FEW_PLACEMENTS = 6
 
@@ -47,8 +47,8 @@ def correlate(
 
     Returns:
         One row per (class, detector, axes, metric, iou, difficulty, surrogate): `n` placements,
-        the smallest number of `seeds`, `reliability` of one seed
-        (`tracking.statistics.reliability.icc`), and for each of pearson, spearman and kendall the
+        the smallest number of `seeds`, `reliability` of the means over seeds
+        (`tracking.statistics.reliability`), and for each of pearson, spearman and kendall the
         value, `_low`, `_high` and `_p`; `_holm`, adjusted family-wise, `_fdr`, by false discovery
         rate, and `_tests`, how many different tests both were adjusted for; `exact`, whether p is
         from all permutations; `note`, why there is no number or what to keep in mind;
@@ -105,7 +105,7 @@ def _block(x: NDArray[np.float64], y: NDArray[np.float64], seed: int) -> list[di
     start: dict[str, object] = {
         "n": n,
         "seeds": int(seeds.min()) if n else 0,
-        "reliability": float(icc(y)) if n else np.nan,
+        "reliability": _reliability(y) if n else np.nan,
         **dict.fromkeys(_ESTIMATES, np.nan),
         "exact": n <= LARGEST_EXACT,
     }
@@ -138,3 +138,8 @@ def _block(x: NDArray[np.float64], y: NDArray[np.float64], seed: int) -> list[di
         else:
             row["note"] = "; ".join(notes)
     return rows
+
+
+def _reliability(y: NDArray[np.float64]) -> float:
+    noise = Noise.of(y)
+    return float(reliability(seed_mean(y), noise.of_mean, noise.degrees)[0])

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from lidarplace.rings import EDGES_M, ring_of
 from lidarplace.sectors import SECTORS, bounds_of, sector_of
-from tracking.findings.best_placement import lead_intervals, noise_of
 from tracking.findings.groups import GENERALIST, Group
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_tables import FOUND, OBJECTS
+from tracking.statistics.all_pairs import AllPairs
 from tracking.statistics.jackknife import sample_error
+from tracking.statistics.reliability import Noise
 
 FRAMES = 20
 """Frames that are shown of a pair."""
@@ -147,8 +148,10 @@ class Failures:
         if sample is None or sample.variance == 0:
             return np.nan, np.nan
         recalls = 100 * found.mean(axis=1)
-        noise = noise_of(recalls, sample, self.generalist)
-        low, high = lead_intervals(recalls.mean(axis=1), noise)[1].tolist()
+        pairs = AllPairs.of(
+            recalls.mean(axis=1), Noise.of(recalls), sample.among(self.rigs), self.generalist
+        )
+        low, high = pairs.intervals(0)[1].tolist()
         return low, high
 
     def telling(self, most: int = FRAMES) -> list[int]:

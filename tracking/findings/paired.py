@@ -75,7 +75,8 @@ def paired(
         if setting not in matching:
             own = _matching(predictors, group, depends)
             matching[setting] = _pivot(own, "surrogate", "surrogates")
-        yield Paired(group, matching[setting], metric[metric.notna().any(axis=1)])
+        metric = metric[metric.notna().any(axis=1)].dropna(axis="columns", how="all")
+        yield Paired(group, matching[setting], metric)
 
 
 def with_sums(surrogates: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:

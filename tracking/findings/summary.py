@@ -38,9 +38,8 @@ def seed_means(
 
     Args:
         left_out: `RunFolder.left_out`; None: intervals are over seeds alone.
-        judge: of all results, where it is no axis. A generalist judged all placements: what it
-            gives to all of them alike is in no comparison (`Noise.of_judges`), and the test objects
-            are all that the intervals of a single one hold.
+        judge: of all results, where it is no axis. The test objects are all that the intervals of
+            a single generalist hold.
 
     Returns:
         One row per (placement, class, detector, axes, metric, iou, difficulty): `mean`, `sd`
@@ -62,25 +61,18 @@ def seed_means(
         )
         .reset_index()
     )
-    extra = (means["seeds"] - 1).clip(lower=0)
-    pooled = means[groups].assign(squares=means["sd"].fillna(0) ** 2 * extra, extra=extra)
-    total = pooled.groupby(groups, dropna=False, observed=True)[["squares", "extra"]]
-    summed = total.transform("sum")
-    degrees = summed["extra"].where(summed["extra"] > 0)
-    variance = summed["squares"] / degrees / means["seeds"].where(means["seeds"] > 0)
     errors = _sample_errors(means, left_out, groups)
-    alone = degrees.isna() & (judges(means, judge) == GENERALIST)
-    shared = _shared_noise(means, results[judges(results, judge) == GENERALIST], groups)
-    seeds = {
-        "single": (variance, degrees),
-        "paired": (
-            (shared["variance"] / means["seeds"]).fillna(variance),
-            shared["degrees"].fillna(degrees),
-        ),
-    }
+    seeds = _seed_noise(means, results, groups)
+    alone = seeds["single_degrees"].isna() & (judges(means, judge) == GENERALIST)
     half = {
-        name: _half(*noise, errors[f"{name}_variance"], errors[f"{name}_degrees"], alone)
-        for name, noise in seeds.items()
+        name: _half(
+            seeds[f"{name}_variance"],
+            seeds[f"{name}_degrees"],
+            errors[f"{name}_variance"],
+            errors[f"{name}_degrees"],
+            alone,
+        )
+        for name in ("single", "paired")
     }
     return means.assign(
         sample_sd=np.sqrt(errors["single_variance"]),
@@ -109,20 +101,22 @@ def _half(
     return stats.t.ppf(0.975, freedom) * np.sqrt(whole)
 
 
-def _shared_noise(means: pd.DataFrame, judged: pd.DataFrame, groups: list[str]) -> pd.DataFrame:
-    """`Noise.of` what generalists judged, at every row of `means`; NaN where it is unknown."""
-    names = ["variance", "degrees"]
+def _seed_noise(means: pd.DataFrame, results: pd.DataFrame, groups: list[str]) -> pd.DataFrame:
+    """Variance by the seeds of every row of `means`, alone and against others; NaN: unknown."""
     rows = []
-    known = judged[judged["value"].notna()]
+    known = results[results["value"].notna()]
     for values, own in known.groupby(groups, dropna=False, sort=False, observed=True):
         y = own.pivot(index="placement", columns="seed", values="value").to_numpy(np.float64)
-        noise = Noise.of(y, shared=True)
-        found = (noise.variance, noise.degrees or np.nan)
-        rows.append(dict(zip(groups, values, strict=True)) | dict(zip(names, found, strict=True)))
-    if not rows:
-        return pd.DataFrame(np.nan, index=means.index, columns=names)
-    table = pd.DataFrame(rows)
-    return means[groups].merge(table, on=groups, how="left").set_index(means.index)[names]
+        row = dict(zip(groups, values, strict=True))
+        for name, noise in (("single", Noise.of_each(y)), ("paired", Noise.of(y))):
+            row |= {f"{name}_variance": noise.variance, f"{name}_degrees": noise.degrees or np.nan}
+        rows.append(row)
+    names = ["single_variance", "single_degrees", "paired_variance", "paired_degrees"]
+    table = pd.DataFrame(rows, columns=[*groups, *names])
+    found = means[groups].merge(table, on=groups, how="left").set_index(means.index)[names]
+    variances = ["single_variance", "paired_variance"]
+    found[variances] = found[variances].div(means["seeds"].where(means["seeds"] > 0), axis=0)
+    return found
 
 
 def _sample_errors(

@@ -153,7 +153,7 @@ class _Analysis:
         run = fully_trained(whole)
         results, surrogates = run.results, with_judgements(run)
         means = seed_means(results, run.axes, run.left_out, run.sweep.judge)
-        most = ceilings(results, run.left_out, run.axes, run.sweep.judge)
+        most = ceilings(results, run.left_out, run.axes)
         correlations = beside(correlate(results, surrogates, run.axes), most, run.axes)
         errors = leave_one_out(results, surrogates, run.axes)
         found = list(groups(run))

@@ -151,7 +151,7 @@ LEFT_OUT = Table(
     "a result without one route, one individual or half of the routes of the test frames",
     (
         *_OF_TRIAL,
-        Column("unit", "str", "`route`, `individual` or `half`"),
+        Column("unit", "str", "`route`, `individual`, `half` or `nothing`"),
         Column("left_out", "str", "which one; `0a` and `0b` are the halves of one split"),
         Column("ground_truths", "int64", "boxes of the ground truth that are left out with it"),
         Column(

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from tracking.statistics.coefficients import scores
-from tracking.statistics.reliability import icc, reliability_of_mean, seed_mean
+from tracking.statistics.reliability import reliability, seed_mean, seed_noise
 
 LEAST_RELIABLE = 0.25
 """Reliability of the means below which its estimate is not trusted to correct by."""
@@ -24,18 +24,24 @@ def intervals(
 ) -> NDArray[np.float64]:
     """Interval of the correlation of `x` with the expectation of `y` over seeds.
 
-    Placements are a sample, and so are the seeds within each. The first level is a normal interval
-    of Fisher's z, whose standard error is
+    Placements are a sample, and so are the seeds. Two steps, both on the scale of a normal
+    population's Pearson correlation:
 
-    - `pearson`: 1 / sqrt(n - 3), or by the influence function if that is larger, which it is for
-      heavy tails;
-    - `spearman`: sqrt((1 + rho^2 / 2) / (n - 3)) (Bonett and Wright 2000);
-    - `kendall`: from tau's exact variance in a bivariate normal population (Esscher 1924).
+    1. The coefficient with the means over seeds has a normal interval of Fisher's z, whose standard
+       error is
 
-    A perfect order counts as half a step below 1, since a population in which tau is 0.9 often
-    gives one. The second level: the noise of a mean over seeds lowers every coefficient by
-    the root of the mean's reliability. Both bounds are divided by that (Spearman 1904), on the
-    scale of a normal population's Pearson correlation, if a placement has two seeds.
+       - `pearson`: 1 / sqrt(n - 3), or by the influence function if that is larger, which it is
+         for heavy tails;
+       - `spearman`: sqrt((1 + rho^2 / 2) / (n - 3)) (Bonett and Wright 2000);
+       - `kendall`: from tau's exact variance in a bivariate normal population (Esscher 1924).
+
+       A perfect order counts as half a step below 1, since a population in which tau is 0.9 often
+       gives one.
+    2. The seeds' noise lowers that coefficient by the root of the means' reliability (Spearman
+       1904). The interval is that of the ratio of both, made of the interval of each and the
+       correlation of their errors (`_ratio_interval`), if a placement has two seeds.
+
+    Both the coefficient with the means and its ratio to the root of the reliability are inside.
 
     Args:
         x: samples, shape (..., n).
@@ -53,10 +59,12 @@ def intervals(
         return np.full((*found.shape, 2), np.nan)
     step = {"pearson": 1e-12, "spearman": 6 / (n * (n**2 - 1)), "kendall": 2 / (n * (n - 1))}
     inner = np.clip(found, step[coefficient] - 1, 1 - step[coefficient])
-    half = stats.norm.ppf((1 + confidence) / 2) * _standard_error(inner, u, v, coefficient, n)
+    reach = stats.norm.ppf((1 + confidence) / 2)
+    half = reach * _standard_error(inner, u, v, coefficient, n)
     z = np.arctanh(inner)
-    bounds = np.tanh(np.stack([z - half, z + half], axis=-1))
-    bounds = corrected(bounds, y, coefficient)
+    bounds = to_normal(np.tanh(np.stack([z - half, z + half], axis=-1)), coefficient)
+    bounds = _ratio_interval(to_normal(inner, coefficient), bounds, y, confidence)
+    bounds = from_normal(bounds, coefficient)
     perfect = np.abs(found) > 1 - 1e-9
     bounds[..., 0] = np.where(perfect & (found < 0), -1.0, bounds[..., 0])
     bounds[..., 1] = np.where(perfect & (found > 0), 1.0, bounds[..., 1])
@@ -75,10 +83,81 @@ def corrected(
     Returns:
         Shape (..., m), in [-1, 1]. Unchanged where no placement has two seeds.
     """
-    seeds = stats.hmean(np.maximum(np.isfinite(y).sum(axis=-1), 1), axis=-1)
-    reliable = np.nan_to_num(reliability_of_mean(icc(y), seeds), nan=1.0)
-    lowered = np.sqrt(np.maximum(reliable, LEAST_RELIABLE))[..., None]
+    lowered = _lowered_by(y, 0.95)[..., :1]
     return from_normal(np.clip(to_normal(r, coefficient) / lowered, -1, 1), coefficient)
+
+
+def _lowered_by(y: NDArray[np.float64], confidence: float) -> NDArray[np.float64]:
+    """Root of the reliability of means over seeds, with its interval, shape (..., 3).
+
+    1 where no placement has two seeds. The value is at least the root of `LEAST_RELIABLE`.
+    """
+    variance, degrees = seed_noise(y)
+    share = (1 / np.maximum(np.isfinite(y).sum(axis=-1), 1)).mean(axis=-1)
+    found = reliability(seed_mean(y), variance * share, degrees, confidence)
+    value, low, high = np.moveaxis(np.sqrt(np.nan_to_num(found, nan=1.0)), -1, 0)
+    value = np.maximum(value, np.sqrt(LEAST_RELIABLE))
+    return np.stack([value, np.minimum(low, value), np.maximum(high, value)], axis=-1)
+
+
+def _ratio_interval(
+    r: NDArray[np.float64],
+    bounds: NDArray[np.float64],
+    y: NDArray[np.float64],
+    confidence: float,
+) -> NDArray[np.float64]:
+    """Interval of `r` over the root of the means' reliability, from the interval of each.
+
+    By the recovery of variances from intervals (Donner and Zou 2012): R is inside if r - R root is
+    no farther from 0 than the distances of both to their bounds allow, which is a quadratic in R.
+    Their errors go together, since placements that happen to differ more raise both: in normal
+    populations by r / sqrt(2 (1 + (n - 1) / degrees)), to first order. The errors of ranks are
+    larger, and the rest of them has nothing to do with the spread.
+
+    Args:
+        r: Pearson correlations in (-1, 1), shape (...,).
+        bounds: of r, shape (..., 2).
+        y: as for `intervals`.
+
+    Returns:
+        Shape (..., 2), in [-1, 1].
+    """
+    root, least, most = np.moveaxis(_lowered_by(y, confidence), -1, 0)
+    n, degrees = y.shape[-2], seed_noise(y)[1]
+    sign = np.where(r < 0, -1.0, 1.0)
+    size, bounds = np.abs(r), sign[..., None] * bounds
+    low, high = bounds.min(axis=-1), bounds.max(axis=-1)
+    reach = stats.norm.ppf((1 + confidence) / 2) / np.sqrt(n - 3)
+    normal = np.tanh(np.arctanh(size) + reach) - np.tanh(np.arctanh(size) - reach)
+    together = size / np.sqrt(2 * (1 + (n - 1) / np.maximum(degrees, 1)))
+    together = together * np.minimum(normal / (high - low), 1.0)
+
+    def bound(
+        off: NDArray[np.float64],
+        other: NDArray[np.float64],
+        together: NDArray[np.float64],
+        side: int,
+    ) -> NDArray[np.float64]:
+        middle = size * root - together * off * other
+        square, rest = root**2 - other**2, size**2 - off**2
+        reached = np.sqrt(np.maximum(middle**2 - square * rest, 0.0))
+        known = square > 1e-9  # else the reliability may be 0, and the ratio anything
+        return np.where(known, (middle + side * reached) / np.where(known, square, 1.0), side)
+
+    # A ratio below 0 is the farther from 0 the less reliable the means are.
+    above = low >= 0
+    lower = bound(
+        size - low,
+        np.where(above, most - root, root - least),
+        np.where(above, together, -together),
+        -1,
+    )
+    upper = bound(high - size, root - least, together, 1)
+    ratio = np.minimum(size / root, 1.0)
+    lower = np.minimum(np.clip(lower, -1, 1), np.minimum(size, ratio))
+    upper = np.maximum(np.clip(upper, -1, 1), ratio)
+    turned = np.stack([lower, upper], axis=-1) * sign[..., None]
+    return np.sort(turned, axis=-1)
 
 
 def _standard_error(

@@ -13,20 +13,29 @@ AP_R40 samples, see `training.leave_out`.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from tracking.statistics.moderated_variance import moderated
 from tracking.statistics.reliability import Noise
 
+NOTHING = "nothing"
+"""Unit of the values with nothing left out: those that the others are compared with."""
 LEAST_ROUTES = 4
 """With objects of the class. Student's factor is 4.3 for three routes and 12.7 for two: so few
 tell nothing of what routes differ in, and individuals alone are left."""
 
 
-@dataclass(frozen=True)
+LEAST_OWN_UNITS = 12
+"""Effective units from which on every pair of placements has a variance of its own: with fewer,
+intervals of all pairs at once cover less than those of a pooled one (docs/statistics.md)."""
+
+
+@dataclass(frozen=True, eq=False)
 class SampleError:
     """What the choice of the test routes and individuals does to a mean over seeds.
 
@@ -34,11 +43,44 @@ class SampleError:
         variance: of one mean, the mean over the placements.
         degrees: its degrees of freedom.
         unit: what was left out, "route" or "individual".
+        units: how many equal ones have as much of the ground truth, less one.
+        covariance: of the placements' means, or if paired of their deviations from the mean over
+            placements; both index and columns are the placements.
     """
 
     variance: float
     degrees: float
     unit: str
+    units: float
+    covariance: pd.DataFrame
+
+    def among(self, placements: Sequence[str]) -> SampleError:
+        """The same with `covariance` of these placements, in this order."""
+        order = pd.Index(placements)
+        own = self.covariance.reindex(index=order, columns=order)
+        return replace(self, covariance=own)
+
+    def of_pairs(self) -> tuple[NDArray[np.float64], float]:
+        """Variance of the difference of two means, and its degrees of freedom.
+
+        Placements may differ in how much the test objects matter for them, so each pair has a
+        variance of its own, moderated by those of the others
+        (`tracking.statistics.moderated_variance`), where there are `LEAST_OWN_UNITS`. Of fewer
+        units all have the pooled one.
+
+        Returns:
+            Shape (n, n), and one number.
+        """
+        matrix = self.covariance.to_numpy(np.float64)
+        n = len(matrix)
+        if self.units < LEAST_OWN_UNITS or not np.isfinite(matrix).all():
+            return np.where(np.eye(n), 0.0, 2 * self.variance), self.degrees
+        own = np.add.outer(np.diag(matrix), np.diag(matrix)) - 2 * matrix
+        pair = np.triu_indices(n, 1)
+        values, degrees = moderated(np.maximum(own[pair], 0.0), self.units)
+        found = np.zeros((n, n))
+        found[pair] = values
+        return found + found.T, degrees
 
 
 def sample_error(left_out: pd.DataFrame, paired: bool) -> SampleError | None:
@@ -65,21 +107,20 @@ def sample_error(left_out: pd.DataFrame, paired: bool) -> SampleError | None:
 
 
 def _by_unit(rows: pd.DataFrame, unit: str, paired: bool) -> SampleError | None:
-    by_unit = rows.groupby("left_out")  # sorted, as the values are
-    values = rows.groupby(["left_out", "placement"])["value"].mean().unstack().to_numpy()
-    counts = by_unit["ground_truths"].first().to_numpy(np.float64)
+    counts = rows.groupby("left_out")["ground_truths"].first().to_numpy(np.float64)
+    values = rows.groupby(["left_out", "placement"])["value"].mean().unstack()
     placements, units = values.shape[1], int(np.count_nonzero(counts))
-    if units < (LEAST_ROUTES if unit == "route" else 2) or not np.isfinite(values).all():
+    if units < (LEAST_ROUTES if unit == "route" else 2) or values.isna().to_numpy().any():
         return None
     if paired and placements < 2:
         return None
-    covariance = _covariance(values, units, paired)
+    covariance = _covariance(values.to_numpy(np.float64), units, paired)
     total = float(np.trace(covariance))
-    effective = counts.sum() ** 2 / (counts**2).sum()
-    degrees = max(effective - 1, 1.0)
+    degrees = effective = max(counts.sum() ** 2 / (counts**2).sum() - 1, 1.0)
     if paired and total > 0:
         degrees *= max(total**2 / float((covariance**2).sum()), 1.0)
-    return SampleError(total / (placements - paired), degrees, unit)
+    of_placements = pd.DataFrame(covariance, values.columns, values.columns)
+    return SampleError(total / (placements - paired), degrees, unit, effective, of_placements)
 
 
 def _covariance(values: NDArray[np.float64], units: int, paired: bool) -> NDArray[np.float64]:
@@ -103,4 +144,4 @@ def combined(noise: Noise, error: SampleError | None) -> Noise:
     whole = variance + other
     freedom = whole**2 / (variance**2 / noise.degrees + other**2 / error.degrees)
     alone = whole / (variance / counts + error.variance)
-    return Noise(alone, whole, math.floor(max(freedom, 1.0)))
+    return Noise(alone, whole, math.floor(max(freedom, 1.0)), noise.seed_sd)

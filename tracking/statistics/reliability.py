@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import stats
 
 
 @dataclass(frozen=True)
@@ -14,49 +15,95 @@ class Noise:
 
     Attributes:
         counts: seeds of every placement, shape (n,).
-        variance: over seeds within placements, pooled; NaN without degrees of freedom.
+        variance: of one seed's value; NaN without degrees of freedom.
         degrees: its degrees of freedom.
+        seed_sd: sd of what a seed adds to all placements alike, which is in no difference between
+            them; NaN where placements have different seeds.
     """
 
     counts: NDArray[np.float64]
     variance: float
     degrees: float
+    seed_sd: float = float("nan")
 
     @classmethod
-    def of_seeds(cls, y: NDArray[np.float64]) -> Noise:
-        """Of values of shape (n, seeds), NaN where a seed is missing."""
-        pooled, degrees = pooled_variance(y)
-        counts = np.isfinite(y).sum(axis=1).astype(np.float64)
-        return cls(counts, float(pooled), float(degrees))
+    def of(cls, y: NDArray[np.float64]) -> Noise:
+        """Of the differences between placements, see `seed_noise`.
 
-    @classmethod
-    def of(cls, y: NDArray[np.float64], shared: bool) -> Noise:
-        """`of_judges` if seeds are `shared` and none is missing, else `of_seeds`."""
-        return cls.of_judges(y) if shared and np.isfinite(y).all() else cls.of_seeds(y)
-
-    @classmethod
-    def of_judges(cls, y: NDArray[np.float64]) -> Noise:
-        """Of values of shape (n, judges), where each judge has judged all placements.
-
-        What a judge gives to all placements alike makes none of them better: it is taken out, as in
-        a two-way analysis of variance without repetition (Fisher 1925). A missing value raises
-        ValueError.
+        Args:
+            y: shape (n, seeds), NaN where a seed is missing.
         """
-        if not np.isfinite(y).all():
-            raise ValueError("every judge must have judged every placement, found a missing value")
-        placements, judges = y.shape
-        rest = y - y.mean(axis=0) - y.mean(axis=1, keepdims=True) + y.mean()
-        degrees = (placements - 1) * (judges - 1)
-        variance = float((rest**2).sum() / degrees) if degrees else float("nan")
-        return cls(np.full(placements, float(judges)), variance, float(degrees))
+        variance, degrees = seed_noise(y)
+        counts = np.isfinite(y).sum(axis=1).astype(np.float64)
+        paired = _crossed(y)
+        between = float(np.var(y.mean(axis=0), ddof=1)) if paired else np.nan
+        seed_sd = np.sqrt(max(between - float(variance) / len(y), 0.0)) if paired else np.nan
+        return cls(counts, float(variance), float(degrees), float(seed_sd))
+
+    @classmethod
+    def of_each(cls, y: NDArray[np.float64]) -> Noise:
+        """Of the means themselves, what a seed adds to all placements alike included.
+
+        The variance is `pooled_variance`. Where all placements have the same seeds these add to all
+        means at once, so its degrees of freedom are Satterthwaite's, of the mean squares of a
+        two-way analysis of variance: those of the seeds if their effect is large.
+
+        Args:
+            y: shape (n, seeds), NaN where a seed is missing.
+        """
+        variance, degrees = pooled_variance(y)
+        noise = cls.of(y)
+        if noise.degrees and _crossed(y):
+            n, seeds = y.shape
+            of_seeds = n * float(np.var(y.mean(axis=0), ddof=1))
+            squares = of_seeds**2 + (n - 1) * noise.variance**2
+            if squares > 0:
+                whole = of_seeds + (n - 1) * noise.variance
+                degrees = (seeds - 1) * whole**2 / squares
+        return cls(noise.counts, float(variance), float(degrees), noise.seed_sd)
+
+    @property
+    def of_mean(self) -> float:
+        """Variance of a mean over seeds, averaged over the placements."""
+        return self.variance * float(np.mean(1 / self.counts))
+
+
+def seed_noise(y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Variance of one seed's value, as far as it changes differences between placements.
+
+    Trainings of one seed share order, augmentation and initial weights. Where all placements have
+    the same seeds, what a seed adds to all of them alike is taken out: the residual mean square of
+    a two-way analysis of variance without repetition (Fisher 1925). Elsewhere `pooled_variance`.
+
+    Args:
+        y: one row a placement, one column a seed, shape (..., n, seeds). NaN where a seed is
+            missing.
+
+    Returns:
+        The variance and its degrees of freedom, shape (...,). NaN without degrees of freedom.
+    """
+    variance, degrees = pooled_variance(y)
+    n, seeds = y.shape[-2:]
+    crossed = _crossed(y)
+    if not crossed.any():
+        return variance, degrees.astype(np.float64)
+    of_seed, of_placement = y.mean(axis=-2, keepdims=True), y.mean(axis=-1, keepdims=True)
+    rest = y - of_seed - of_placement + y.mean(axis=(-2, -1), keepdims=True)
+    own = (n - 1) * (seeds - 1)
+    squares = (rest**2).sum(axis=(-2, -1)) / own
+    return np.where(crossed, squares, variance), np.where(crossed, float(own), degrees)
+
+
+def _crossed(y: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether two placements or more all have the same two seeds or more, shape (...,)."""
+    return np.isfinite(y).all(axis=(-2, -1)) & (min(y.shape[-2:]) > 1)
 
 
 def pooled_variance(y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     """Variance over seeds within placements, pooled over placements.
 
     Args:
-        y: one row a placement, one column a seed, shape (..., n, seeds). NaN where a seed is
-            missing.
+        y: as for `seed_noise`.
 
     Returns:
         The variance and its degrees of freedom, shape (...,). NaN without degrees of freedom.
@@ -74,29 +121,36 @@ def seed_mean(y: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(counts > 0, np.nansum(y, axis=-1) / np.maximum(counts, 1), np.nan)
 
 
-def icc(y: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Intraclass correlation ICC(1) of one seed: between / (between + within) variance.
+def reliability(
+    means: NDArray[np.float64],
+    variance: ArrayLike,
+    degrees: ArrayLike,
+    confidence: float = 0.95,
+) -> NDArray[np.float64]:
+    """Share of the variance of means between placements that is not noise, with its interval.
 
-    From the one-way analysis of variance (Shrout and Fleiss 1979); for unequal numbers of seeds
-    with the usual mean number. An estimate below 0 is reported as 0.
+    1 - (variance of the noise of a mean) / (variance of the means). With the noise of `seed_noise`
+    this is ICC(3, k) where all placements have the same seeds, ICC(1, k) for others in equal number
+    (Shrout and Fleiss 1979). The interval is that of the F distribution, exact for normal means and
+    noise.
 
     Args:
-        y: as in `pooled_variance`, a number in every row.
+        means: shape (..., n).
+        variance: of the noise of a mean: by seeds, test objects, or both, shape (...,).
+        degrees: its degrees of freedom, shape (...,).
 
     Returns:
-        Shape (...,), in [0, 1]. NaN with one seed everywhere, one placement, or no spread at all.
+        Value, lower and upper bound, shape (..., 3), in [0, 1]. NaN for fewer than two placements,
+        noise without degrees of freedom, or no spread at all.
     """
-    within, _ = pooled_variance(y)
-    counts = np.isfinite(y).sum(axis=-1)
-    n, total = counts.shape[-1], counts.sum(axis=-1)
-    if n < 2:
-        return np.full(total.shape, np.nan)
-    grand = np.nansum(y, axis=(-2, -1)) / total
-    square = (counts * (seed_mean(y) - grand[..., None]) ** 2).sum(axis=-1) / (n - 1)
-    seeds = (total - (counts**2).sum(axis=-1) / total) / (n - 1)
-    between = np.maximum(square - within, 0.0) / seeds
-    whole = between + within
-    return np.where(whole > 0, between / np.where(whole > 0, whole, 1.0), np.nan)
+    n, degrees = means.shape[-1], np.asarray(degrees, np.float64)
+    spread = np.var(means, axis=-1, ddof=1) if n > 1 else np.zeros(means.shape[:-1])
+    known = (degrees > 0) & (spread > 0)
+    share = np.where(known, variance, np.nan) / np.where(known, spread, 1.0)
+    tail = (1 + confidence) / 2
+    freedom = np.where(known, degrees, np.nan)
+    bounds = [stats.f.ppf(q, max(n - 1, 1), freedom) for q in (tail, 1 - tail)]
+    return np.clip(1 - share[..., None] * np.stack([np.ones_like(freedom), *bounds], -1), 0, 1)
 
 
 def reliability_of_mean(single: ArrayLike, seeds: ArrayLike) -> NDArray[np.float64]:

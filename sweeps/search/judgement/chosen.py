@@ -134,7 +134,7 @@ def _results(
     columns = identity(tests[0], ()) | {"placement": name}
     return (
         with_columns(metrics_over_tests(metrics, over), columns),
-        with_columns(left_out_over_tests(metrics, left_out, traffic, over), columns),
+        with_columns(left_out_over_tests(left_out, traffic, over), columns),
     )
 
 

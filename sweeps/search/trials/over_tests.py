@@ -13,6 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.metrics import METRICS
+from tracking.statistics.jackknife import NOTHING
 
 Over = Literal["mean", "worst"]
 
@@ -31,38 +32,32 @@ def metrics_over_tests(tables: Sequence[pd.DataFrame], over: Over) -> pd.DataFra
 
 
 def left_out_over_tests(
-    metrics: Sequence[pd.DataFrame],
-    left_out: Sequence[pd.DataFrame],
-    traffic: Sequence[int],
-    over: Over,
+    left_out: Sequence[pd.DataFrame], traffic: Sequence[int], over: Over
 ) -> pd.DataFrame:
-    """What `metrics_over_tests` is without each route, and without each individual.
+    """A rig without each route, without each individual and with nothing left out.
 
     Args:
-        metrics, left_out: of each test, see `training.kitti_ap.Evaluation`.
+        left_out: of each test, see `training.kitti_ap.Evaluation`.
         traffic: number of each test's traffic; what is left out of one is left out of all tests
             on that traffic.
     """
+    wholes = [table[table["unit"] == NOTHING].set_index(_KEY)["value"] for table in left_out]
     tables = []
     for number in dict.fromkeys(traffic):
         own = next(t for t, other in zip(left_out, traffic, strict=True) if other == number)
+        keys = pd.MultiIndex.from_frame(own[_KEY])
         values = np.stack(
             [
-                without["value"].to_numpy(np.float64) if other == number else _of_each(own, whole)
-                for whole, without, other in zip(metrics, left_out, traffic, strict=True)
+                (without["value"] if other == number else whole.reindex(keys)).to_numpy(np.float64)
+                for whole, without, other in zip(wholes, left_out, traffic, strict=True)
             ]
         )
         names = f"traffic {number}: " + own["left_out"].astype(str)
+        names = names.where(own["unit"] != NOTHING, "")
         tables.append(own.assign(left_out=names, value=_over(values, own["metric"], over)))
-    whole = pd.concat(tables)
-    whole = whole[whole["unit"] != "half"]  # of one traffic they are no halves of all
-    return whole.reset_index(drop=True)
-
-
-def _of_each(rows: pd.DataFrame, metrics: pd.DataFrame) -> NDArray[np.float64]:
-    """For each row the value of its class, metric and IoU in a table of metrics."""
-    values = metrics.set_index(_KEY)["value"]
-    return values.reindex(pd.MultiIndex.from_frame(rows[_KEY])).to_numpy(np.float64)
+    table = pd.concat(tables)
+    table = table[table["unit"] != "half"]  # of one traffic they are no halves of all
+    return table.drop_duplicates([*_KEY, "unit", "left_out"], ignore_index=True)
 
 
 def _over(values: NDArray[np.float64], metric: pd.Series, over: Over) -> NDArray[np.float64]:
