@@ -2,8 +2,8 @@
 
 A rig that goes on is among the best third of all so far on the same frames (asynchronous successive
 halving, Li et al. 2020, decided batch by batch, so that it does not matter which was faster). In
-several tests, such as towns, a portion of the frames is one of each. The others are worth what they
-reached, less by what rigs lose on average from the first frames to all.
+several tests, such as towns, a portion of the frames is one of each. The others have the value on
+all frames that is expected from the first, by a regression over those that have both.
 """
 
 from __future__ import annotations
@@ -113,8 +113,13 @@ class GeneralistAnswers:
         whole, failed_later = self._values(going_on, measured, range(PORTIONS))
         for number, own in whole.items():
             trials[number].set_user_attr(_WHOLE, own[0])
-        shift = self._shift(first, whole)
-        values = {number: [own[0] + shift] for number, own in first.items()} | whole
+        both = [
+            (trial.user_attrs[_FIRST], trial.user_attrs[_WHOLE])
+            for trial in finished_trials(self.study)
+            if _WHOLE in trial.user_attrs
+        ]
+        both += [(first[number][0], own[0]) for number, own in whole.items()]
+        values = {n: [expected_on_all(own[0], both)] for n, own in first.items()} | whole
         return values, failed | failed_later
 
     def _leading(self, first: dict[int, list[float]], objective: ObjectiveSettings) -> list[int]:
@@ -124,16 +129,6 @@ class GeneralistAnswers:
         every = sign * np.array([*seen, *(own[0] for own in first.values())])
         least = np.quantile(every, 1 - 1 / KEPT) if len(every) else math.inf
         return [number for number, own in first.items() if sign * own[0] >= least]
-
-    def _shift(self, first: dict[int, list[float]], whole: dict[int, list[float]]) -> float:
-        """What a value changes by from the first frames to all, mean over those that have both."""
-        earlier = [
-            trial.user_attrs[_WHOLE] - trial.user_attrs[_FIRST]
-            for trial in finished_trials(self.study)
-            if _WHOLE in trial.user_attrs
-        ]
-        now = [own[0] - first[number][0] for number, own in whole.items()]
-        return float(np.mean([*earlier, *now])) if earlier or now else 0.0
 
     def _values(
         self,
@@ -207,6 +202,27 @@ class GeneralistAnswers:
             else:
                 values[number] = found
         return values, failed
+
+
+def expected_on_all(first: float, both: Sequence[tuple[float, float]]) -> float:
+    """The value on all frames that a value on the first frames lets expect.
+
+    Rigs were sent on because they led on the first frames, so on all frames they are closer to the
+    others than they were: their mean change is not that of the others. The regression on the first
+    value does not depend on that selection. Its slope is kept between that of frames which have
+    nothing to do with the first, 1 / `PORTIONS`, and 1; with fewer than 3 pairs it is 1.
+
+    Args:
+        both: values on the first and on all frames of rigs that have both.
+    """
+    if not both:
+        return first
+    x, y = np.array(both).T
+    spread = float(((x - x.mean()) ** 2).sum())
+    slope = 1.0
+    if len(x) > 2 and spread > 0:
+        slope = float(np.clip(((x - x.mean()) * y).sum() / spread, 1 / PORTIONS, 1))
+    return float(y.mean() + slope * (first - x.mean()))
 
 
 def judged_metrics(
