@@ -49,6 +49,16 @@ def lead(one: str, other: str, target: str) -> str:
     return led(_best(target).differences(other).loc[one])
 
 
+def seed_sd(target: str) -> str:
+    """What a seed adds to all rigs alike, sd in points."""
+    return number(_best(target).seed_sd, 1)
+
+
+def sd(target: str) -> str:
+    """What a seed adds to one rig, sd in points."""
+    return number(_best(target).sd, 1)
+
+
 def rho(predictor: str, target: str) -> str:
     """Spearman's, of a predictor with the rigs' own detectors."""
     found, wide = _best(target), own_surrogates("products", SHORT[target])
