@@ -9,7 +9,9 @@ leads. "Flat prior" is the probability that takes every true AP as equally likel
 
 Worlds: "usual" as above; "heavy tails", seeds scatter as Student's t with 3 degrees of freedom, of
 sd 1; "unequal", with a sd of 0.5 or 1.3 under one placement or another; "one far below", one
-placement 10 points below the others' mean, which stretches the spread that is estimated.
+placement 10 points below the others' mean, which stretches the spread that is estimated; "shifted
+by 1" and "by 3", each seed adds the same to all placements, with that sd. "Unpaired" is what would
+be said if seeds were taken for independent, as before.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ from numpy.typing import NDArray
 from tracking.findings.best_placement import best_placement
 from tracking.statistics.all_pairs import AllPairs
 from tracking.statistics.probability_of_best import probability_of_best
-from tracking.statistics.reliability import Noise, seed_mean
+from tracking.statistics.reliability import Noise, pooled_variance, seed_mean
 
 Array = NDArray[np.float64]
 PLACEMENTS = (2, 4, 8, 16)
@@ -34,7 +36,8 @@ SEEDS = (1, 2, 3, 5)
 SPREADS = (0.0, 0.5, 1.0, 2.0)
 """Sd of the true APs in points; 0: all are equal."""
 
-WORLDS = ("usual", "heavy tails", "unequal", "one far below")
+SHIFTS = {"shifted by 1": 1.0, "shifted by 3": 3.0}
+WORLDS = ("usual", "heavy tails", "unequal", "one far below", *SHIFTS)
 BINS = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0)
 DRAWS = 2_000
 """From a posterior: ten times fewer than the report's, whose error averages out over studies."""
@@ -61,7 +64,8 @@ def study(case: Case, rng: np.random.Generator) -> tuple[Array, Array]:
         noise *= rng.choice([0.5, 1.3], (case.placements, 1))
     elif case.world == "one far below":
         truth[0] -= 10
-    return truth, truth[:, None] + noise
+    shift = SHIFTS.get(case.world, 0.0) * rng.standard_normal(case.seeds)
+    return truth, truth[:, None] + noise + shift
 
 
 def flat_prior(means: Array, seeds: int, variance: float, degrees: int, seed: int) -> Array:
@@ -81,19 +85,35 @@ def decide(truth: Array, y: Array, seed: int) -> dict[str, float]:
     found = {"right": 1 / best.sum() if best[0] else 0.0, "regret": float(truth.max() - truth[0])}
     if noise.degrees == 0:
         return found
+    variance, degrees = pooled_variance(y)
+    unpaired = Noise(noise.counts, float(variance), float(degrees))
     low, high = AllPairs.of(means, noise).intervals(0)[1:].T
     lead = truth[0] - truth[1:]
-    said = probability_of_best(means, noise, seed, DRAWS)
+    said, before = (probability_of_best(means, n, seed, DRAWS)[0] for n in (noise, unpaired))
     flat = flat_prior(means, y.shape[1], noise.variance, int(noise.degrees), seed)
     return {
         **found,
-        "said": said[0],
+        "said": said,
+        "said before": before,
         "flat": flat[0],
         "covered": float(((low <= lead) & (lead <= high)).all()),
+        "all pairs": all_pairs_held(means, noise, truth),
+        "all pairs before": all_pairs_held(means, unpaired, truth),
         "overstated": float(means[0] - means[1] - lead[0]),
         "told apart": float((low > 0).all()),
         "wrongly": float(((low > 0) & (lead <= 0)).any()),
     }
+
+
+def all_pairs_held(means: Array, noise: Noise, truth: Array) -> float:
+    """Whether the intervals of all pairs hold the true differences: 1 or 0."""
+    pairs = AllPairs.of(means, noise)
+    for at in range(len(means)):
+        low, high = np.delete(pairs.intervals(at), at, axis=0).T
+        lead = truth[at] - np.delete(truth, at)
+        if not ((low <= lead) & (lead <= high)).all():
+            return 0.0
+    return 1.0
 
 
 def check_against_report(y: Array) -> None:
@@ -156,8 +176,11 @@ def summary(case: Case, studies: pd.DataFrame) -> dict[str, object]:
     percents = {
         "named is best": "right",
         "said": "said",
+        "said, unpaired": "said before",
         "said, flat prior": "flat",
         "leads covered": "covered",
+        "all pairs covered": "all pairs",
+        "all pairs, unpaired": "all pairs before",
         "told from all": "told apart",
         "told wrongly": "wrongly",
     }
@@ -192,7 +215,11 @@ def main(times: Annotated[int, typer.Option(min=2, help="studies of a case")] = 
     told = pd.concat(every, ignore_index=True).dropna(subset="said")
     told["differ"] = np.where(told["spread"] > 0, "differ", "all equal")
     for (world, differ), part in told.groupby(["world", "differ"], sort=False):
-        for name, method in (("flat", "flat prior"), ("said", "in use")):
+        for name, method in (
+            ("flat", "flat prior"),
+            ("said before", "unpaired"),
+            ("said", "in use"),
+        ):
             print(f"\nCalibration, {world}, placements {differ}, {method}; percent")
             table = calibration(part[name], part["right"]).reset_index()
             print(_markdown(table, {"said": ".0f", "happened": ".0f"}))

@@ -6,6 +6,7 @@ correlation of the surrogate with the metric as expected over seeds, also with o
 
 python benchmarks/studies/interval_coverage.py                # coefficients, the method in use
 python benchmarks/studies/interval_coverage.py candidates     # beside other methods
+python benchmarks/studies/interval_coverage.py paired         # seeds that shift all placements
 python benchmarks/studies/interval_coverage.py means          # means over seeds
 
 Leads of the best placement are in `decision.py` beside this file, differences between surrogates
@@ -25,7 +26,13 @@ from scipy import stats
 
 from tracking.findings.summary import seed_means
 from tracking.statistics.coefficients import COEFFICIENTS, scores
-from tracking.statistics.confidence_interval import intervals
+from tracking.statistics.confidence_interval import (
+    LEAST_RELIABLE,
+    from_normal,
+    intervals,
+    to_normal,
+)
+from tracking.statistics.reliability import pooled_variance, seed_mean
 
 Array = NDArray[np.float64]
 SCIPY = {"pearson": stats.pearsonr, "spearman": stats.spearmanr, "kendall": stats.kendalltau}
@@ -109,6 +116,16 @@ def fisher_z(x: Array, y: Array, coefficient: str) -> Array:
     return intervals(x, y.mean(axis=1, keepdims=True), coefficient)
 
 
+def seeds_unpaired(x: Array, y: Array, coefficient: str) -> Array:
+    """As it was: both bounds over the root of ICC(1, k), as if each placement had other seeds."""
+    mean = seed_mean(y)
+    bounds = intervals(x, mean[..., None], coefficient)
+    noise = pooled_variance(y)[0] / y.shape[-1]
+    reliable = np.maximum(1 - noise / mean.var(axis=-1, ddof=1), LEAST_RELIABLE)
+    freed = to_normal(bounds, coefficient) / np.sqrt(reliable)[..., None]
+    return from_normal(np.clip(freed, -1, 1), coefficient)
+
+
 CANDIDATES: dict[str, Callable[[Array, Array, str], Array]] = {
     "hierarchical percentile": percentile,
     "same, s/(s-1)": percentile_wider_seeds,
@@ -182,22 +199,50 @@ def candidates(times: int) -> None:
     _print(rows, ("coefficient", "placements", "seeds", "noise", "rho", *CANDIDATES))
 
 
+def paired(times: int) -> None:
+    """Spearman's rho where each seed adds the same to all placements: as it was, and in use."""
+    print(f"Percent; standard error {100 * np.sqrt(0.05 * 0.95 / times):.1f}")
+    rng, rows = np.random.default_rng(0), []
+    for n in (8, 24):
+        for seeds, noise in ((3, 0.5), (3, 1.0), (2, 0.5), (2, 1.0)):
+            for rho in (0.5, 0.8, 0.9):
+                row = []
+                for effect in (0.0, 1.0, 3.0):
+                    normal = float(to_normal(np.array(rho), "spearman"))
+                    x, y = sample("normal", normal, n, seeds, noise, times, rng)
+                    y += noise * effect * rng.standard_normal((times, 1, seeds))
+                    estimate = coefficient_of(x, y.mean(axis=-1), "spearman")
+                    cell = []
+                    for method in (seeds_unpaired, intervals):
+                        low, high = method(x, y, "spearman").T
+                        held = 100 * np.mean((low <= rho) & (rho <= high))
+                        lost = 100 * np.mean((estimate < low - 1e-9) | (estimate > high + 1e-9))
+                        cell.append(f"{held:.0f} ({lost:.0f})")
+                    row.append(", ".join(cell))
+                rows.append((n, seeds, noise, rho, *row))
+    head = ("placements", "seeds", "noise", "rho", "seed effect 0", "1", "3 times the noise")
+    print("As it was, in use; in brackets how often the estimate itself is outside")
+    _print(rows, head)
+
+
 def means(times: int) -> None:
     """Coverage of the interval of a placement's mean over seeds."""
     print(
         f"Percent; standard error at most {100 * np.sqrt(0.05 * 0.95 / times):.1f}. Noise 1; "
-        "unequal: its sd is 0.5 for the first half of the placements and 1.3 for the rest"
+        "unequal: its sd is 0.5 for the first half of the placements and 1.3 for the rest; "
+        "shifted: each seed adds the same to all placements, with a sd of 1 and of 3"
     )
     rng, rows = np.random.default_rng(0), []
-    for n in (2, 4, 8):
+    for n in (2, 8, 24):
         for seeds in (2, 3, 5):
             row: list[object] = [n, seeds]
-            for unequal in (False, True):
+            for unequal, effect in ((False, 0.0), (True, 0.0), (False, 1.0), (False, 3.0)):
                 sd = np.where(np.arange(n) < n / 2, 0.5, 1.3)[:, None] if unequal else 1.0
                 mu = np.arange(n) / 2
                 held = []
                 for _ in range(times):
                     y = mu[:, None] + sd * rng.standard_normal((n, seeds))
+                    y += effect * rng.standard_normal(seeds)
                     table = pd.DataFrame(
                         {
                             "placement": np.repeat(np.arange(n), seeds),
@@ -211,17 +256,23 @@ def means(times: int) -> None:
                     held.append(((mean["low"] <= mu) & (mu <= mean["high"])).mean())
                 row.append(f"{100 * np.mean(held):.1f}")
             rows.append(tuple(row))
-    _print(rows, ("placements", "seeds", "equal scatter", "unequal scatter"))
+    heads = ("equal scatter", "unequal scatter", "shifted by 1", "shifted by 3")
+    _print(rows, ("placements", "seeds", *heads))
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument(
-        "what", nargs="?", default="in-use", choices=["in-use", "candidates", "means"]
+        "what", nargs="?", default="in-use", choices=["in-use", "candidates", "paired", "means"]
     )
     parser.add_argument("--times", type=int, help="samples of a case")
     arguments = parser.parse_args()
-    runs = {"in-use": (method_in_use, 2000), "candidates": (candidates, 500), "means": (means, 500)}
+    runs = {
+        "in-use": (method_in_use, 2000),
+        "candidates": (candidates, 500),
+        "paired": (paired, 2000),
+        "means": (means, 500),
+    }
     run, times = runs[arguments.what]
     run(arguments.times or times)
 

@@ -28,8 +28,9 @@ from tracking.statistics.reliability import seed_mean
 
 Array = NDArray[np.float64]
 PLACEMENTS = (6, 8, 12, 20)
-SEEDS = ((1, 0.3), (3, 0.3), (3, 1.0))
-"""Number of seeds, and their noise over the spread between placements."""
+SEEDS = ((1, 0.3, 0), (3, 0.3, 0), (3, 0.3, 3), (3, 1.0, 0))
+"""Number of seeds, their noise over the spread between placements, and what each adds to all
+placements alike, over that noise."""
 
 PAIRS = (
     (0.0, 0.0, 0.0),
@@ -43,6 +44,7 @@ PAIRS = (
 )
 """Correlations of two surrogates with the metric, and with each other (Pearson's)."""
 
+DESIGN = ("seeds", "noise", "shift")
 ALIKE = ((0.0, 0.0), (0.5, 0.5), (0.8, 0.7), (0.9, 0.9))
 """Correlation of equally good surrogates with the metric, and of each pair of them."""
 
@@ -60,11 +62,13 @@ def correlations(with_metric: tuple[float, ...], between: float) -> Array:
 
 
 def sample(
-    matrix: Array, n: int, seeds: int, noise: float, times: int, rng: np.random.Generator
+    matrix: Array, n: int, design: tuple[int, float, int], times: int, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Surrogates (times, k, n) and metrics (times, n, seeds)."""
+    """Surrogates (times, k, n) and metrics (times, n, seeds); `design` is one of SEEDS."""
+    seeds, noise, shift = design
     drawn = rng.multivariate_normal(np.zeros(len(matrix)), matrix, (times, n))
     measured = drawn[..., -1:] + noise * rng.standard_normal((times, n, seeds))
+    measured += shift * noise * rng.standard_normal((times, 1, seeds))
     return np.swapaxes(drawn[..., :-1], 1, 2), measured
 
 
@@ -95,13 +99,13 @@ def coverage(times: int, rng: np.random.Generator) -> pd.DataFrame:
     for one, two, between in PAIRS:
         strengths = 6 / np.pi * np.arcsin(np.abs([one, two]) / 2)  # Spearman's rho
         for n in PLACEMENTS:
-            for seeds, noise in SEEDS:
+            for design in SEEDS:
                 matrix = correlations((one, two), between)
-                x, y = sample(matrix, n, seeds, noise, times, rng)
+                x, y = sample(matrix, n, design, times, rng)
                 x, order = strongest_first(x, y)
                 lead = strengths[order[:, 0]] - strengths[order[:, 1]]
                 row: dict[str, object] = {"correlations": f"{one}, {two}; {between}"}
-                row |= {"placements": n, "seeds": seeds, "noise": noise}
+                row |= {"placements": n} | dict(zip(DESIGN, design, strict=True))
                 for name, found in methods(x, y).items():
                     low, high = found[:, 0].T
                     row[f"covered, {name}"] = 100 * np.mean((low <= lead) & (lead <= high))
@@ -114,13 +118,13 @@ def told_of_equals(times: int, rng: np.random.Generator) -> pd.DataFrame:
     """Equally good surrogates: how often the strongest is told from at least one other."""
     rows = []
     for n in PLACEMENTS:
-        for seeds, noise in SEEDS:
-            row: dict[str, object] = {"placements": n, "seeds": seeds, "noise": noise}
+        for design in SEEDS:
+            row: dict[str, object] = {"placements": n} | dict(zip(DESIGN, design, strict=True))
             for k in (2, 5):
                 found: dict[str, list[float]] = {}
                 for strength, between in ALIKE:
                     matrix = correlations((strength,) * k, between)
-                    x, y = sample(matrix, n, seeds, noise, times, rng)
+                    x, y = sample(matrix, n, design, times, rng)
                     x, _ = strongest_first(x, y)
                     for name, bounds in methods(x, y).items():
                         told = 100 * float((bounds[..., 0] > 0).any(axis=1).mean())
@@ -165,14 +169,15 @@ def sentences(times: int, rng: np.random.Generator) -> pd.DataFrame:
     }
     for truth, (strengths, between) in truths.items():
         for n in PLACEMENTS:
-            for seeds, noise in SEEDS[:2]:
+            for design in SEEDS[:3]:
                 matrix = correlations(strengths, between)
-                x, y = sample(matrix, n, seeds, noise, times, rng)
+                x, y = sample(matrix, n, design, times, rng)
                 found = [asked(a, b) for a, b in zip(x, y, strict=True)]
                 named = np.array([one.predictor for one in found])
                 low = [one.ranking["behind_low"] for one in found]
                 told = (named != "") & [bool((one > 0).any()) for one in low]
-                row: dict[str, object] = {"truth": truth, "placements": n, "seeds": seeds}
+                row: dict[str, object] = {"truth": truth, "placements": n}
+                row |= dict(zip(DESIGN, design, strict=True))
                 row["names a predictor"] = 100 * np.mean(named != "")
                 row["and tells it from another"] = 100 * np.mean(told)
                 row["names the better"] = (

@@ -65,8 +65,9 @@ class AllPairs:
         and Howell (1976). NaN for one placement and without degrees of freedom.
         """
         n = len(self.means)
-        known = [_critical_range(n, float(one)) for one in self.degrees[at]]
-        half = np.array(known) * np.sqrt(self.variance[at] / 2)
+        degrees, which = np.unique(self.degrees[at], return_inverse=True)
+        critical = np.array([_critical_range(n, float(one)) for one in degrees])
+        half = critical[which] * np.sqrt(self.variance[at] / 2)
         lead = self.means[at] - self.means
         return np.stack([lead - half, lead + half], axis=1)
 
