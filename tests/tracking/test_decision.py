@@ -18,6 +18,7 @@ from lidarplace.placement import Mount
 from tracking.figures.of_sweeps.rig_views import ViewedRig, rig_views
 from tracking.figures.of_sweeps.side_by_side import side_by_side
 from tracking.findings.best_placement import best_placement
+from tracking.numbers import percent
 from tracking.report.build import build_report
 
 
@@ -71,7 +72,7 @@ def test_it_recommends_what_best_placement_says_with_interval_and_odds(folder, p
         f"Recall @ 0.5 of all objects: {best.mean:.1f} %, {second['lead']:.1f} points ahead of "
         f"{best.others.index[0]} (95 %: {low} to {high})"
     ) in page.text
-    assert f"{100 * best.sure.iloc[0]:.0f} % likely to be the best of 5" in page.text
+    assert f"{percent(best.sure.iloc[0])} likely to be the best of 5" in page.text
     seeds = own["results"]["seed"].nunique()
     assert f"the chance of training ({seeds} seeds)" in page.text
     assert "100 test frames of 4 routes met; not known is what other towns" in page.text

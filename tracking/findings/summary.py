@@ -112,6 +112,8 @@ def _seed_noise(means: pd.DataFrame, results: pd.DataFrame, groups: list[str]) -
             row |= {f"{name}_variance": noise.variance, f"{name}_degrees": noise.degrees or np.nan}
         rows.append(row)
     names = ["single_variance", "single_degrees", "paired_variance", "paired_degrees"]
+    if not rows:
+        return pd.DataFrame(np.nan, index=means.index, columns=names)
     table = pd.DataFrame(rows, columns=[*groups, *names])
     found = means[groups].merge(table, on=groups, how="left").set_index(means.index)[names]
     variances = ["single_variance", "paired_variance"]
