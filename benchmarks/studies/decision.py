@@ -214,7 +214,9 @@ def main(times: Annotated[int, typer.Option(min=2, help="studies of a case")] = 
     print(_markdown(shown, dict.fromkeys(shown.columns[6:], ".0f") | points))
     told = pd.concat(every, ignore_index=True).dropna(subset="said")
     told["differ"] = np.where(told["spread"] > 0, "differ", "all equal")
-    for (world, differ), part in told.groupby(["world", "differ"], sort=False):
+    every_spread = told.assign(differ="of any spread")
+    both = pd.concat([told, every_spread], ignore_index=True)
+    for (world, differ), part in both.groupby(["world", "differ"], sort=False):
         for name, method in (
             ("flat", "flat prior"),
             ("said before", "unpaired"),

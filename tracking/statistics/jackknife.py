@@ -30,8 +30,8 @@ LEAST_ROUTES = 4
 tell nothing of what routes differ in, and individuals alone are left."""
 
 
-LEAST_OWN_UNITS = 12
-"""Effective units from which on every pair of placements has a variance of its own: with fewer,
+LEAST_OWN_UNITS = 11
+"""Effective units, less one, from which on every pair of placements has a variance of its own: with fewer,
 intervals of all pairs at once cover less than those of a pooled one (docs/statistics.md)."""
 
 
