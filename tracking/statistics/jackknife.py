@@ -31,8 +31,8 @@ tell nothing of what routes differ in, and individuals alone are left."""
 
 
 LEAST_OWN_UNITS = 11
-"""Effective units, less one, from which on every pair of placements has a variance of its own: with fewer,
-intervals of all pairs at once cover less than those of a pooled one (docs/statistics.md)."""
+"""Effective units, less one, from which on every pair of placements has a variance of its own: with
+fewer, intervals of all pairs at once cover less than those of a pooled one (docs/statistics.md)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -75,8 +75,8 @@ def _notes(sampled: bool) -> list[str]:
         "of both. Thin bars are for the mean alone. All placements met the same, so they differ by "
         "less: thick bars are for a comparison, and so are leads, and how likely each is to be the "
         "best. Leads have intervals that hold for all pairs at once, because the best was chosen "
-        "from the data; leads in AP are those of the area under precision over recall, which AP_R40 "
-        "samples. Other training traffic and other towns are in none of this."
+        "from the data; leads in AP are those of the area under precision over recall, which "
+        "AP_R40 samples. Other training traffic and other towns are in none of this."
     ]
 
 
