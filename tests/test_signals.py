@@ -11,10 +11,56 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from lidarplace.command_line.signals import Terminated, stopped_by_signals, take_sigterm
+from lidarplace.command_line.signals import Terminated, stopped_by_signals
 from lidarplace.describe import app as describe
 
 ROOT = Path(__file__).parents[1]
+SENDER = """
+import os, signal, sys, weakref
+from lidarplace.command_line.signals import Terminated, stopped_by_signals
+
+def come(*_):
+    os.kill(os.getpid(), signal.SIGTERM)
+
+def in_a_weakref_callback():
+    with_callback = Held()
+    reference = weakref.ref(with_callback, come)
+    del with_callback
+
+def in_del():
+    Held.__del__ = come
+    Held()
+
+def in_a_bare_except():
+    try:
+        come()
+    except:
+        pass
+
+class Held:
+    pass
+
+def work(*steps):
+    try:
+        with stopped_by_signals():
+            for step in steps:
+                step()
+    except Terminated:
+        sys.exit(143)
+
+def tidy_up():
+    try:
+        come()
+    finally:
+        come()
+        print("tidies up", flush=True)
+        come()
+        print("still there")
+
+def without_alarm():  # it may be late
+    signal.setitimer(signal.ITIMER_REAL, 0)
+
+"""
 AT_START = """
 import os, signal, sys
 sys.argv[0] = {name!r}
@@ -81,16 +127,32 @@ def test_a_command_says_that_it_was_stopped(monkeypatch, number, code):
 def stopped_twice():
     with stopped_by_signals():
         signal.signal(signal.SIGTERM, signal.SIG_DFL)  # as a library does
-        take_sigterm()
-        try:
-            os.kill(os.getpid(), signal.SIGTERM)
-        finally:
-            os.kill(os.getpid(), signal.SIGTERM)
+        with stopped_by_signals():
+            try:
+                os.kill(os.getpid(), signal.SIGTERM)
+            finally:
+                os.kill(os.getpid(), signal.SIGTERM)
 
 
 def test_a_second_sigterm_does_not_break_off_what_tidies_up():
     with pytest.raises(Terminated):
         stopped_twice()
+
+
+@pytest.mark.parametrize("swallow", ["in_a_weakref_callback", "in_del", "in_a_bare_except"])
+@pytest.mark.parametrize(
+    ("then", "code"), [("signal.pause", 143), ("without_alarm, come", -signal.SIGTERM)]
+)
+def test_a_swallowed_sigterm_comes_again_and_the_next_one_ends_the_process(swallow, then, code):
+    with python(f"{SENDER}work({swallow}, {then})") as process:
+        process.communicate()
+    assert process.returncode == code
+
+
+def test_a_third_sigterm_ends_what_does_not_stop_tidying_up():
+    with python(f"{SENDER}work(tidy_up)") as process:
+        assert process.communicate() == ("tidies up\n", "")
+    assert process.returncode == -signal.SIGTERM
 
 
 def test_sigterm_ends_a_driver_of_ray_as_ctrl_c_does():

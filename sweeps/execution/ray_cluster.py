@@ -11,7 +11,6 @@ import secrets
 import socket
 import subprocess
 import sys
-import threading
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -21,7 +20,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from lidarplace.command_line.signals import Terminated, take_sigterm
+from lidarplace.command_line.signals import Terminated, stopped_by_signals
 from sweeps.configuration.sweep import RaySettings
 
 THREADS = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -64,12 +63,11 @@ def ray_session(settings: RaySettings) -> Iterator[ModuleType]:
                 _join(ray, settings.address)
         except SystemExit:  # of the handler that Ray has for SIGTERM while it starts
             raise Terminated from None
-        if threading.current_thread() is threading.main_thread():
-            take_sigterm()  # from Ray's core, which would print its stack
-        try:
-            yield ray
-        finally:
-            ray.shutdown()
+        with stopped_by_signals():  # Ray's core would print its stack
+            try:
+                yield ray
+            finally:
+                ray.shutdown()
 
 
 @cache
