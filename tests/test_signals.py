@@ -17,7 +17,7 @@ from lidarplace.describe import app as describe
 ROOT = Path(__file__).parents[1]
 SENDER = """
 import os, signal, sys, weakref
-from lidarplace.command_line.signals import Terminated, stopped_by_signals
+from lidarplace.command_line.signals import Terminated, signals_held, stopped_by_signals
 
 def come(*_):
     os.kill(os.getpid(), signal.SIGTERM)
@@ -56,6 +56,16 @@ def tidy_up():
         print("tidies up", flush=True)
         come()
         print("still there")
+
+def in_held_code(then=lambda: None):
+    with signals_held():
+        come()
+        print("begun and ended", flush=True)
+        then()
+    print("still there")
+
+def in_code_that_hangs():
+    in_held_code(come)
 
 def without_alarm():  # it may be late
     signal.setitimer(signal.ITIMER_REAL, 0)
@@ -155,6 +165,15 @@ def test_a_second_sigterm_does_not_break_off_what_tidies_up():
 def test_a_swallowed_sigterm_comes_again_and_the_next_one_ends_the_process(swallow, then, code):
     with python("-c", f"{SENDER}work({swallow}, {then})") as process:
         process.communicate()
+    assert process.returncode == code
+
+
+@pytest.mark.parametrize(
+    ("what", "code"), [("in_held_code", 143), ("in_code_that_hangs", -signal.SIGTERM)]
+)
+def test_native_code_is_not_left_half_way(what, code):
+    with python("-c", f"{SENDER}work({what})") as process:
+        assert process.communicate() == ("begun and ended\n", "")
     assert process.returncode == code
 
 

@@ -12,75 +12,106 @@ from types import FrameType
 _LOOK_S = 1.0
 
 
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C has come. Unlike its base it can be referred to weakly."""
+
+
 class Terminated(KeyboardInterrupt):
     """SIGTERM has come: it ends what Ctrl-C ends."""
 
 
-class _Sigterm:
-    """Raises Terminated. While it is handled, a second signal must not interrupt the clean-up.
+_RAISED = {signal.SIGINT: Interrupted, signal.SIGTERM: Terminated}
+
+
+class _Stop:
+    """Raises the first signal as an exception. A second one must not interrupt the clean-up.
 
     Python swallows what is raised in `__del__` or in a weakref callback, and a library may swallow
     it anywhere: then nothing refers to the exception. An alarm looks for that and raises it again.
-    A second signal after a lost one, and any third, ends the process for certain.
+    A second signal after one that is lost or held, and any third, ends the process for certain.
+
+    Attributes:
+        held: whether the first signal is not raised yet.
     """
 
     def __init__(self) -> None:
-        self._came = 0
-        self._raised: Callable[[], Terminated | None] = lambda: None
+        self.held = False
+        self._came: list[int] = []
+        self._raised: Callable[[], KeyboardInterrupt | None] = lambda: None
 
     def install(self) -> None:
-        signal.signal(signal.SIGTERM, self._on_signal)
+        for number in _RAISED:
+            if signal.getsignal(number) != signal.SIG_IGN:  # a job in a shell's background
+                signal.signal(number, self._on_signal)
         signal.signal(signal.SIGALRM, self._on_alarm)
 
-    def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        self._came += 1
-        if self._came == 1:
-            signal.setitimer(signal.ITIMER_REAL, _LOOK_S, _LOOK_S)
+    def raise_held(self) -> None:
+        self.held = False
+        if self._came and self._raised() is None:
             raise self._new()
-        if self._raised() is None or self._came > 2:
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
-            signal.raise_signal(signal.SIGTERM)
+
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
+        self._came.append(number)
+        if len(self._came) == 1:
+            if not self.held:
+                raise self._new()
+        elif self._raised() is None or len(self._came) > 2:
+            signal.signal(number, signal.SIG_DFL)
+            signal.raise_signal(number)
 
     def _on_alarm(self, number: int, frame: FrameType | None) -> None:
         if self._raised() is None:
             raise self._new()
 
-    def _new(self) -> Terminated:
-        """An exception that no frame of its traceback refers to."""
-        stop = Terminated()
+    def _new(self) -> KeyboardInterrupt:
+        """An exception to which no frame of its traceback refers."""
+        signal.setitimer(signal.ITIMER_REAL, _LOOK_S, _LOOK_S)
+        stop = _RAISED[signal.Signals(self._came[0])]()
         self._raised = weakref.ref(stop)
         return stop
 
 
-_sigterm: _Sigterm | None = None
+_stop: _Stop | None = None
 
 
 @contextmanager
 def stopped_by_signals() -> Iterator[None]:
-    """SIGTERM raises Terminated and Ctrl-C KeyboardInterrupt in the block, in the main thread.
+    """SIGTERM raises Terminated and Ctrl-C Interrupted in the block, in the main thread.
 
     Within such a block another one takes the signals back from a library with its own handlers.
     """
-    global _sigterm
+    global _stop
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    if _sigterm is not None:
-        _sigterm.install()
+    if _stop is not None:
+        _stop.install()
         yield
         return
-    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGALRM)}
-    if signal.getsignal(signal.SIGINT) == signal.SIG_DFL:  # while modules were imported
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-    _sigterm = _Sigterm()
-    _sigterm.install()
+    before = {number: signal.getsignal(number) for number in (*_RAISED, signal.SIGALRM)}
+    _stop = _Stop()
+    _stop.install()
     try:
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
-        _sigterm = None
+        _stop = None
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def signals_held() -> Iterator[None]:
+    """A first Ctrl-C in the block is raised at its end, a second one ends the process.
+
+    For native code that crashes the process if it is left half-way.
+    """
+    stop = _stop or _Stop()
+    stop.held = True
+    try:
+        yield
+    finally:
+        stop.raise_held()
 
 
 def exit_code_of(stop: KeyboardInterrupt) -> int:
