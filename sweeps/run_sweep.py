@@ -122,7 +122,7 @@ class SweepWork:
         outcome = Outcome()
         with (
             SystemMonitor(log.sample, say),
-            StageProgress(self.console, at_most(sweep, plan), cached) as progress,
+            StageProgress(self.console, at_most(sweep, plan), store) as progress,
         ):
             listener = TrialLog(
                 progress,

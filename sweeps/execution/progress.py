@@ -4,17 +4,18 @@ is done, and one now and then on what runs and what is left."""
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
+from functools import partial
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Column
 
-from lidarplace.command_line.terminal import visible
 from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.execution.progress_lines import ProgressLines
-from sweeps.execution.running import Running, about, running_column
+from sweeps.execution.running import Running, RunningColumn, about
 from sweeps.execution.time_left import TimeLeft
+from sweeps.store.open import AnyStore
 from sweeps.tasks.task import Task
 
 
@@ -23,7 +24,7 @@ class StageProgress:
 
     Args:
         tasks: those to expect; of a stage that is not among them nothing is shown.
-        cached: keys of those with a result.
+        store: has results, and notes of what runs.
         failures: keeps why tasks failed.
     """
 
@@ -31,15 +32,16 @@ class StageProgress:
         self,
         console: Console,
         tasks: Sequence[Task],
-        cached: Collection[str],
+        store: AnyStore,
         failures: FailureFolder | None = None,
     ) -> None:
         self._console = console
         self._failures = failures
         self._total = Counter(task.stage for task in tasks)
+        cached = store.finished(tasks)
         self._done = Counter(task.stage for task in tasks if task.key in cached)
         self._failed: Counter[str] = Counter()
-        self._running = Running()
+        self._running = Running(store.running_notes)
         self._left = TimeLeft(task for task in tasks if task.key not in cached)
         self._lines = ProgressLines(console, self._now)
         self._progress = Progress(
@@ -49,14 +51,17 @@ class StageProgress:
             BarColumn(16),
             MofNCompleteColumn(table_column=Column(min_width=5, no_wrap=True)),
             TimeRemainingColumn(compact=True, table_column=Column(min_width=5, no_wrap=True)),
-            running_column(),
+            RunningColumn(),
             console=console,
             expand=True,
             disable=not console.is_terminal,
         )
         self._bars = {
             stage: self._progress.add_task(
-                stage.replace("_", " "), total=total, completed=self._done[stage], now=""
+                stage.replace("_", " "),
+                total=total,
+                completed=self._done[stage],
+                now=partial(self._running.labels, stage),
             )
             for stage, total in self._total.items()
         }
@@ -72,8 +77,6 @@ class StageProgress:
 
     def started(self, task: Task) -> None:
         self._running.started(task)
-        if task.stage in self._total:
-            self._show(task.stage)
 
     def finished(self, task: Task) -> None:
         self._ended(task)
@@ -92,18 +95,11 @@ class StageProgress:
             return
         self._done[stage] += 1
         self._left.ended(stage, seconds)
-        self._show(stage)
+        self._progress.update(self._bars[stage], completed=self._done[stage])
         if self._progress.disable and self._done[stage] == self._total[stage]:
             failed = self._failed[stage]
             text = f"{stage}: {self._total[stage] - failed} done"
             self._console.print(text + (f", {failed} failed" if failed else ""))
-
-    def _show(self, stage: str) -> None:
-        self._progress.update(
-            self._bars[stage],
-            completed=self._done[stage],
-            now=visible(", ".join(self._running.labels(stage))),
-        )
 
     def _now(self) -> str:
         """How far the stages are that are not done, what runs, and when it may end."""

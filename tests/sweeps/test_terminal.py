@@ -18,6 +18,7 @@ from sweeps.execution.progress import StageProgress
 from sweeps.results.dry_run import Planned, print_planned
 from sweeps.results.state import SweepState, TrialState
 from sweeps.status import print_state
+from sweeps.store.local import Store
 from sweeps.tasks.task import Task
 from tests.sweeps.toy import Toy
 
@@ -109,11 +110,12 @@ def test_the_plan_of_a_sweep():
 
 
 @pytest.mark.parametrize("terminal", [False, True])
-def test_the_progress_of_a_sweep(terminal):
+def test_the_progress_of_a_sweep(terminal, tmp_path):
+    store = Store(tmp_path)
     tasks = [Task("finetune", name, Toy()) for name in [*NAMES, OBEYED]]
 
     def run(console):
-        with StageProgress(console, tasks, []) as progress:
+        with StageProgress(console, tasks, store) as progress:
             for task in tasks:
                 progress.started(task)
             progress._progress.refresh()

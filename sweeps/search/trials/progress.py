@@ -7,10 +7,10 @@ import time
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from lidarplace.command_line.terminal import visible
 from sweeps.execution.failures import Failure
 from sweeps.execution.progress_lines import ProgressLines
-from sweeps.execution.running import Running, about, running_column
+from sweeps.execution.running import Running, RunningColumn, about
+from sweeps.store.open import AnyStore
 from sweeps.tasks.task import Task
 
 
@@ -21,27 +21,28 @@ class TrialProgress:
 
     Args:
         wanted: number of trials.
+        store: has notes of what runs.
     """
 
-    def __init__(self, console: Console, wanted: int) -> None:
+    def __init__(self, console: Console, wanted: int, store: AnyStore) -> None:
         self._console = console
         self._wanted = wanted
         self._told = 0
         self._batch: tuple[float, int] | None = None  # seconds and trials of the latest
         self._since: float | None = None
-        self._running = Running()
+        self._running = Running(store.running_notes)
         self._lines = ProgressLines(console, self._now)
         self._progress = Progress(
             TextColumn("trials"),
             BarColumn(16),
             MofNCompleteColumn(),
             TimeElapsedColumn(),
-            running_column(),
+            RunningColumn(),
             console=console,
             expand=True,
             disable=not console.is_terminal,
         )
-        self._bar = self._progress.add_task("trials", total=wanted, now="")
+        self._bar = self._progress.add_task("trials", total=wanted, now=self._running.__str__)
 
     def __enter__(self) -> TrialProgress:
         self._progress.start()
@@ -66,18 +67,13 @@ class TrialProgress:
 
     def started(self, task: Task) -> None:
         self._running.started(task)
-        self._show()
 
     def finished(self, task: Task) -> None:
         self._running.ended(task)
-        self._show()
 
     def failed(self, task: Task, failure: Failure) -> None:
         """The trial tells why."""
         self.finished(task)
-
-    def _show(self) -> None:
-        self._progress.update(self._bar, now=visible(str(self._running)))
 
     def _now(self) -> str:
         """How many trials are finished, what runs, and when the last may be."""
