@@ -218,11 +218,10 @@ def _print(console: Console, findings: list[Finding]) -> None:
             console.print(
                 Text.assemble(f"  {finding.check}: ", (visible(finding.remedy), "cyan")),
                 soft_wrap=True,
-                highlight=False,
             )
     missing = [f.check for f in findings if f.state == "missing"]
     last = f"Missing: {', '.join(missing)}" if missing else "All that is needed is there."
-    console.print(f"\n{last}", highlight=False)
+    console.print(f"\n{last}")
 
 
 if __name__ == "__main__":

@@ -36,10 +36,10 @@ def say(text: object, file: TextIO | None = None) -> None:
 
 
 class Terminal(Console):
-    """A console for which `[x]` is no style and `:x:` no picture: styles are given as such."""
+    """A console for which `[x]` is no style, `:x:` no picture, 1.5 no colour: styles are given."""
 
     def __init__(self, **settings: Any) -> None:
-        super().__init__(markup=False, emoji=False, **settings)
+        super().__init__(markup=False, emoji=False, highlight=False, **settings)
 
     def render_str(self, text: str, **settings: Any) -> Text:
         """A text with a style, as cells, titles and lines are made of."""

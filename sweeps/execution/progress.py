@@ -83,7 +83,7 @@ class StageProgress:
 
     def failed(self, task: Task, failure: Failure) -> None:
         text = f"failed: {task.stage} '{task.label}': {failure.reason}"
-        self._console.print(text, highlight=False, soft_wrap=True)
+        self._console.print(text, soft_wrap=True)
         if self._failures is not None:
             self._failures.write(task, failure)
         self._failed[task.stage] += 1

@@ -50,4 +50,4 @@ class ProgressLines:
     def _run(self) -> None:
         while not self._ended.wait(max(FIRST_S, SHARE * self.elapsed)):
             text = f"{minutes(self.elapsed):>7}  {self._tell()}"
-            self._console.print(text, highlight=False, soft_wrap=True)
+            self._console.print(text, soft_wrap=True)

@@ -63,7 +63,7 @@ class TrialProgress:
         if not self._console.is_terminal and 10 * number // self._wanted > (
             10 * before // self._wanted
         ):
-            self._console.print(f"trials {number}/{self._wanted}", highlight=False)
+            self._console.print(f"trials {number}/{self._wanted}")
 
     def started(self, task: Task) -> None:
         self._running.started(task)

@@ -62,8 +62,7 @@ def training_traffic(
     frames = next(iter(grids.values())).frames
     console.print(
         f"expected_recall: {len(objects.objects.table):,} objects that count, in "
-        f"{min(RECALL_FRAMES, frames)} of {frames} training frames",
-        highlight=False,
+        f"{min(RECALL_FRAMES, frames)} of {frames} training frames"
     )
     return Traffic(grids, objects)
 
