@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from lidarplace.command_line.terminal import Terminal
 from sweeps.execution.failures import Failure
 from sweeps.execution.progress import StageProgress
-from sweeps.execution.progress_lines import ProgressLines
+from sweeps.execution.run_progress import RunProgress
 from sweeps.execution.running import Running, about, minutes
 from sweeps.execution.time_left import TimeLeft
 from sweeps.search.trials.progress import TrialProgress
@@ -129,12 +129,17 @@ def test_times(seconds, clock, estimate):
 
 @pytest.fixture
 def at_once(monkeypatch):
-    monkeypatch.setattr("sweeps.execution.progress_lines.FIRST_S", 0.01)
+    monkeypatch.setattr("sweeps.execution.run_progress.FIRST_S", 0.01)
 
 
-def test_lines_come_while_the_driver_waits(at_once):
+class TwoOfThree(RunProgress):
+    def now(self):
+        return "two of three"
+
+
+def test_lines_come_while_the_driver_waits(at_once, tmp_path):
     log = Log()
-    with ProgressLines(log.console, lambda: "two of three"):
+    with TwoOfThree(log.console, Store(tmp_path)):
         assert log.grown.acquire(timeout=GUARD_S)
         assert log.grown.acquire(timeout=GUARD_S)
     written = log.getvalue()
@@ -142,9 +147,9 @@ def test_lines_come_while_the_driver_waits(at_once):
     assert "progress lines" not in {thread.name for thread in threading.enumerate()}
 
 
-def test_a_terminal_has_bars_and_no_lines(at_once):
+def test_a_terminal_has_bars_and_no_lines(at_once, tmp_path):
     console = Terminal(file=io.StringIO(), force_terminal=True)
-    with ProgressLines(console, lambda: "two of three"):
+    with TwoOfThree(console, Store(tmp_path)):
         assert "progress lines" not in {thread.name for thread in threading.enumerate()}
 
 

@@ -118,7 +118,7 @@ def test_the_progress_of_a_sweep(terminal, tmp_path):
         with StageProgress(console, tasks, store) as progress:
             for task in tasks:
                 progress.started(task)
-            progress._progress.refresh()
+            progress._bars.refresh()
             for task in tasks:
                 progress.failed(task, Failure(f"{task.label} has no points"))
 
