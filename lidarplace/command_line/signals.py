@@ -7,7 +7,6 @@ import threading
 import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from types import FrameType
 
 _LOOK_S = 1.0
 
@@ -31,7 +30,7 @@ class _Stop:
     A second signal after one that is lost or held, and any third, ends the process for certain.
 
     Attributes:
-        held: whether the first signal is not raised yet.
+        held: whether nothing is raised for now.
     """
 
     def __init__(self) -> None:
@@ -43,32 +42,26 @@ class _Stop:
         for number in _RAISED:
             if signal.getsignal(number) != signal.SIG_IGN:  # a job in a shell's background
                 signal.signal(number, self._on_signal)
-        signal.signal(signal.SIGALRM, self._on_alarm)
+        signal.signal(signal.SIGALRM, self.look)
 
-    def raise_held(self) -> None:
-        self.held = False
-        if self._came and self._raised() is None:
-            raise self._new()
-
-    def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        self._came.append(number)
-        if len(self._came) == 1:
-            if not self.held:
-                raise self._new()
-        elif self._raised() is None or len(self._came) > 2:
-            signal.signal(number, signal.SIG_DFL)
-            signal.raise_signal(number)
-
-    def _on_alarm(self, number: int, frame: FrameType | None) -> None:
-        if self._raised() is None:
+    def look(self, *_: object) -> None:
+        """Raise what has come, if no exception of it exists."""
+        if self._came and not self.held and self._raised() is None:
+            signal.setitimer(signal.ITIMER_REAL, _LOOK_S, _LOOK_S)
             raise self._new()
 
     def _new(self) -> KeyboardInterrupt:
         """An exception to which no frame of its traceback refers."""
-        signal.setitimer(signal.ITIMER_REAL, _LOOK_S, _LOOK_S)
         stop = _RAISED[signal.Signals(self._came[0])]()
         self._raised = weakref.ref(stop)
         return stop
+
+    def _on_signal(self, number: int, _: object) -> None:
+        self._came.append(number)
+        if len(self._came) > 2 or (len(self._came) == 2 and self._raised() is None):
+            signal.signal(number, signal.SIG_DFL)
+            signal.raise_signal(number)
+        self.look()
 
 
 _stop: _Stop | None = None
@@ -106,12 +99,14 @@ def signals_held() -> Iterator[None]:
 
     For native code that crashes the process if it is left half-way.
     """
-    stop = _stop or _Stop()
+    stop = _stop if threading.current_thread() is threading.main_thread() else None
+    stop = stop or _Stop()
     stop.held = True
     try:
         yield
     finally:
-        stop.raise_held()
+        stop.held = False
+        stop.look()
 
 
 def exit_code_of(stop: KeyboardInterrupt) -> int:
