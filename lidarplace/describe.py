@@ -58,7 +58,9 @@ def print_description(log: BoxLog, title: str) -> None:
     """Print `describe(log)` as a table."""
     found = describe(log)
     rows = found.map(lambda cell: f"{cell:.2f}" if isinstance(cell, float) else cell).to_numpy()
-    output().print(table(f"{title}: objects per frame", list(found), rows, words={"split"}))
+    output().print(
+        table(f"{title}: objects per frame", found.columns.tolist(), rows, words={"split"})
+    )
 
 
 @verb(app, "logs/town03", "logs/town03 logs/town05 --json")
