@@ -23,8 +23,11 @@ export PYTHONDONTWRITEBYTECODE :=
 setup: $(STAMP)
 
 $(STAMP): pyproject.toml constraints.txt
+	@echo "setup, 1 of 3: an environment in $(VENV)"
 	$(PYTHON) -m venv $(VENV)
+	@echo "setup, 2 of 3: uv, which installs packages"
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt uv
+	@echo "setup, 3 of 3: the packages of constraints.txt: 3.5 GB, a minute or more"
 	$(BIN)/uv pip install --quiet --python $(BIN)/python --constraint constraints.txt \
 		--compile-bytecode $(TORCH_SOURCE) --editable ".[all,dev]"
 	touch $(STAMP)

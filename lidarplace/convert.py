@@ -16,6 +16,7 @@ from lidarplace.box_log import BoxLog, write_box_log
 from lidarplace.boxes import CLASSES
 from lidarplace.class_names import counts_of
 from lidarplace.command_line.terminal import output, say
+from lidarplace.command_line.terminal import table as shown_table
 from lidarplace.command_line.verbs import known, new_app, verb, within, wrong
 from lidarplace.files.atomic import read_text
 from lidarplace.ranges import LIDAR_HEIGHT, SHARE
@@ -332,31 +333,22 @@ def _refuse(log: BoxLog, source: Path, mapping: TableMapping | None) -> None:
 
 
 def _frames_table(log: BoxLog) -> Table:
-    table = Table(title="Frames")
-    table.add_column("split")
-    for name in ("scenes", "frames", "empty frames", "boxes"):
-        table.add_column(name, justify="right")
+    shown = shown_table("Frames", ("split", "scenes", "frames", "empty frames", "boxes"))
     filled = log.frames["frame"].isin(log.boxes["frame"])
     split_of_box = log.boxes["frame"].map(log.frames.set_index("frame")["split"])
     boxes = split_of_box.value_counts()
     for split, own in log.frames.groupby("split"):
         empty = (~filled[own.index]).sum()
         numbers = (own["scene"].nunique(), len(own), empty, boxes.get(split, 0))
-        table.add_row(str(split), *(f"{number:,}" for number in numbers))
-    return table
+        shown.add_row(str(split), *(f"{number:,}" for number in numbers))
+    return shown
 
 
 def _boxes_table(log: BoxLog, ignored: Counter[str]) -> Table:
-    table = Table(title="Boxes")
-    table.add_column("class")
-    table.add_column("boxes", justify="right")
-    for name, count in (dict.fromkeys(CLASSES, 0) | counts_of(log.boxes["class"])).items():
-        table.add_row(name, f"{count:,}")
-    if ignored:
-        table.add_section()
-    for name, count in ignored.most_common():
-        table.add_row(f"ignored: {name}", f"{count:,}")
-    return table
+    counts = dict.fromkeys(CLASSES, 0) | counts_of(log.boxes["class"])
+    counts |= {f"ignored: {name}": count for name, count in ignored.most_common()}
+    rows = ((name, f"{count:,}") for name, count in counts.items())
+    return shown_table("Boxes", ("class", "boxes"), rows)
 
 
 if __name__ == "__main__":

@@ -8,12 +8,11 @@ from typing import Annotated
 
 import pandas as pd
 import typer
-from rich.table import Table
 
 from lidarplace.box_log import BoxLog, read_box_log
 from lidarplace.boxes import CLASSES
 from lidarplace.class_names import counts_of
-from lidarplace.command_line.terminal import output
+from lidarplace.command_line.terminal import output, table
 from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
 
 app = new_app()
@@ -57,13 +56,11 @@ def describe(log: BoxLog) -> pd.DataFrame:
 
 def print_description(log: BoxLog, title: str) -> None:
     """Print `describe(log)` as a table."""
-    table = Table(title=f"{title}: objects per frame", title_justify="left")
     found = describe(log)
-    for column in found.columns:
-        table.add_column(column, justify="left" if column in ("scene", "split") else "right")
-    for row in found.itertuples(index=False):
-        table.add_row(*(f"{cell:.2f}" if isinstance(cell, float) else str(cell) for cell in row))
-    output().print(table)
+    rows = found.map(lambda cell: f"{cell:.2f}" if isinstance(cell, float) else cell).to_numpy()
+    output().print(
+        table(f"{title}: objects per frame", found.columns.tolist(), rows, words={"split"})
+    )
 
 
 @verb(app, "logs/town03", "logs/town03 logs/town05 --json")

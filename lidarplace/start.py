@@ -1,7 +1,7 @@
-"""Ctrl-C while a program imports ends it without a word, as it ends programs in C.
+"""Ctrl-C while a program of this package imports ends it without a traceback, like programs in C.
 
-What has begun by then stops in its own way, see `lidarplace.command_line.signals`. Python calls a
-program of `-m` so until it has found its module, and so while it imports the packages around it.
+Work that has begun stops in its own way, see `lidarplace.command_line.signals`. The handler of any
+other process stays. Python imports the packages around the module of `-m` before it looks for it.
 """
 
 from __future__ import annotations
@@ -9,5 +9,6 @@ from __future__ import annotations
 import signal
 import sys
 
-if sys.argv[0] == "-m" and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+_OURS = " ".join(sys.orig_argv[1:3]).startswith("-m lidarplace.")
+if _OURS and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
     signal.signal(signal.SIGINT, signal.SIG_DFL)

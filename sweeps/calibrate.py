@@ -63,7 +63,7 @@ def calibrate(
         wrong(f"{config}: no object of {', '.join(rigs[0].point.classes)} is in its test frames")
     console = output()
     trials = sum(len(rig.trials) for rig in rigs)
-    console.print(f"{trials} of {len(plan.trials)} trials are evaluated", highlight=False)
+    console.print(f"{trials} of {len(plan.trials)} trials are evaluated")
     print_checks(console, checks)
     if out is None:
         return
@@ -71,7 +71,7 @@ def calibrate(
         write_curves(out, called(), [own.curve for own in checks])
     except OSError as error:
         wrong(error)
-    console.print(f"{out}: {len(checks)} curves", highlight=False, soft_wrap=True)
+    console.print(f"{out}: {len(checks)} curves", soft_wrap=True)
 
 
 def print_checks(console: Console, checks: Sequence[Check]) -> None:
@@ -109,8 +109,7 @@ def print_checks(console: Console, checks: Sequence[Check]) -> None:
     console.print(
         "error: mean distance of a rig's recall from the predicted one; spread: standard deviation "
         "of recall over the rigs; ρ: Spearman's with recall over the rigs, fitted: of the curve "
-        "of all rigs",
-        highlight=False,
+        "of all rigs"
     )
 
 

@@ -114,13 +114,11 @@ def print_cleaned(console: Console, cleaned: Cleaned, dry_run: bool, limit: int 
         "leftovers of killed processes": cleaned.leftovers,
     }
     for what, entries in told.items():
-        console.print(f"{what}: {_told(entries)}", highlight=False)
+        console.print(f"{what}: {_told(entries)}")
     rows = ((n, own["refers_to"], *_counted(own)) for n, own in summary["sweeps"].items())
     console.print(table(None, ("sweep", "refers to", "of these there", "size"), rows))
     done = "would be removed" if dry_run else "removed"
-    console.print(
-        f"{done}: {_told(cleaned.removed)}; left: {decimal(cleaned.kept_bytes)}", highlight=False
-    )
+    console.print(f"{done}: {_told(cleaned.removed)}; left: {decimal(cleaned.kept_bytes)}")
     if limit is not None and cleaned.kept_bytes > limit:
         console.print(
             f"what sweeps refer to is larger than {decimal(limit)}; name those that are needed no "

@@ -54,12 +54,14 @@ class Asked:
     Attributes:
         path: the file.
         overrides: KEY=VALUE in place of what the file says.
+        run_folder: of the sweep; the folder of all of them without a configuration.
+        folder: of the store, or of the copies from a remote one.
         store: URL of a remote store, None for a folder.
     """
 
     path: Path | None = None
     overrides: tuple[str, ...] = ()
-    output: Path = Path("runs")
+    run_folder: Path = Path("runs")
     folder: Path = Path("runs/store")
     store: str | None = None
     tracking_uri: str = "sqlite:///runs/mlflow.db"
@@ -119,8 +121,8 @@ def asked_of(config: Path, overrides: Sequence[str] = ()) -> Asked:
     return Asked(
         path=config,
         overrides=tuple(overrides),
-        output=common.output,
-        folder=Path(url) if url and not remote else common.output / "store",
+        run_folder=common.output / common.name,
+        folder=Path((common.store.cache if remote else url) or common.output / "store"),
         store=url if remote else None,
         tracking_uri=common.tracking_uri,
         ray=common.ray.address,
@@ -142,13 +144,12 @@ def look(asked: Asked) -> list[Finding]:
         ("shared memory", "Ray's object store, 0.1 GB or more", checks.shared_memory),
         ("Ray", "parallel tasks", partial(checks.ray, asked.ray)),
         ("SUMO", "simulated traffic (scene.source: sumo)", partial(checks.sumo, asked.sumo)),
-        _disk("output", asked.output, asked),
+        _disk("run folder", asked.run_folder, asked),
+        _disk("copies" if asked.store else "store", asked.folder, asked),
     ]
     if asked.store:
         what = f"results in {public_url(asked.store)}"
         wanted.append(("store", what, partial(checks.remote_store, asked.store)))
-    else:
-        wanted.append(_disk("store", asked.folder, asked))
     wanted.append(("MLflow", "logging of trials", partial(checks.mlflow, asked.tracking_uri)))
     if asked.path:
         from sweeps.sweep_or_search import is_search
@@ -217,11 +218,10 @@ def _print(console: Console, findings: list[Finding]) -> None:
             console.print(
                 Text.assemble(f"  {finding.check}: ", (visible(finding.remedy), "cyan")),
                 soft_wrap=True,
-                highlight=False,
             )
     missing = [f.check for f in findings if f.state == "missing"]
     last = f"Missing: {', '.join(missing)}" if missing else "All that is needed is there."
-    console.print(f"\n{last}", highlight=False)
+    console.print(f"\n{last}")
 
 
 if __name__ == "__main__":

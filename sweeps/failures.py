@@ -68,7 +68,7 @@ def failures(
     except (ValueError, OSError) as error:
         wrong(error)
     for sentence in section.notes[:2]:
-        output().print(sentence, highlight=False, soft_wrap=True)
+        output().print(sentence, soft_wrap=True)
     if lacking:
         say(f"no frames are shown: {lacking}")
     say(str(page))

@@ -105,7 +105,6 @@ def pretrain(
     console.print(
         f"{out}: {task.label}, classes {', '.join(value['classes'])}, from {value['weights']}, "
         f"loss {losses[0]:.3g} in the first of {len(losses)} epochs, {losses[-1]:.3g} in the last",
-        highlight=False,
         soft_wrap=True,
     )
 

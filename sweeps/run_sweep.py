@@ -59,12 +59,12 @@ def run_sweep(
         as `sweeps.execution.runner.drive`.
     """
     for typical in plan.typical:
-        console.print(f"anchors of {typical}", highlight=False, soft_wrap=True)
+        console.print(f"anchors of {typical}", soft_wrap=True)
     for caution in plan.cautions:
         console.print(f"warning: {caution}", style="yellow", soft_wrap=True)
     work = SweepWork(console, sweep, plan, store, command, rerun_failed)
     run, logged = drive(console, sweep.common, store, work)
-    console.print(f"{time.monotonic() - work.started:.0f} s", highlight=False)
+    console.print(f"{time.monotonic() - work.started:.0f} s")
     failed = _failed(plan, run)
     for trial, failure in failed:
         console.print(f"failed: {trial.label}: {failure.reason}", soft_wrap=True)
@@ -122,7 +122,7 @@ class SweepWork:
         outcome = Outcome()
         with (
             SystemMonitor(log.sample, say),
-            StageProgress(self.console, at_most(sweep, plan), cached) as progress,
+            StageProgress(self.console, at_most(sweep, plan), store) as progress,
         ):
             listener = TrialLog(
                 progress,

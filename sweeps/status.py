@@ -78,10 +78,7 @@ def print_state(console: Console, state: SweepState, every: bool) -> None:
     """Print tables of stages and trials; of many trials, unless `every`, what runs or failed."""
     by_status = Counter(trial.status for trial in state.trials)
     counts = ", ".join(f"{by_status[name]} {name}" for name in _STATUSES if by_status[name])
-    console.print(
-        f"{state.name}: {_alive(state.alive)}; {len(state.trials)} trials: {counts}",
-        highlight=False,
-    )
+    console.print(f"{state.name}: {_alive(state.alive)}; {len(state.trials)} trials: {counts}")
     table = Table()
     table.add_column("stage")
     shown = [name for name in _STATUSES if any(name in own for own in state.stages.values())]
@@ -111,8 +108,7 @@ def print_search(console: Console, state: SearchState, every: bool) -> None:
     trials = state.trials
     console.print(
         f"{state.name}: {_alive(state.alive)}; {trials['done']} of {trials['wanted']} trials "
-        f"done, {trials['feasible']} keep all constraints, {trials['failed']} failed",
-        highlight=False,
+        f"done, {trials['feasible']} keep all constraints, {trials['failed']} failed"
     )
     stride = state.azimuth_stride
     rays = f" (as searched, rays of 1 in {stride} azimuth steps)" if stride > 1 else ""

@@ -11,17 +11,67 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from lidarplace.command_line.signals import Terminated, stopped_by_signals, take_sigterm
+from lidarplace.command_line.signals import Terminated, stopped_by_signals
 from lidarplace.describe import app as describe
 
 ROOT = Path(__file__).parents[1]
-AT_START = """
-import os, signal, sys
-sys.argv[0] = {name!r}
-import {package}
-os.kill(os.getpid(), signal.SIGINT)
-print("still there")
+SENDER = """
+import os, signal, sys, weakref
+from lidarplace.command_line.signals import Terminated, signals_held, stopped_by_signals
+
+def come(*_):
+    os.kill(os.getpid(), signal.SIGTERM)
+
+def in_a_weakref_callback():
+    with_callback = Held()
+    reference = weakref.ref(with_callback, come)
+    del with_callback
+
+def in_del():
+    Held.__del__ = come
+    Held()
+
+def in_a_bare_except():
+    try:
+        come()
+    except:
+        pass
+
+class Held:
+    pass
+
+def work(*steps):
+    try:
+        with stopped_by_signals():
+            for step in steps:
+                step()
+    except Terminated:
+        sys.exit(143)
+
+def tidy_up():
+    try:
+        come()
+    finally:
+        come()
+        print("tidies up", flush=True)
+        come()
+        print("still there")
+
+def in_held_code(then=lambda: None):
+    with signals_held():
+        come()
+        print("begun and ended", flush=True)
+        then()
+    print("still there")
+
+def in_code_that_hangs():
+    in_held_code(come)
+
+def without_alarm():  # it may be late
+    signal.setitimer(signal.ITIMER_REAL, 0)
+
 """
+COME = "import os, signal; os.kill(os.getpid(), signal.SIGINT)"
 ON_RAY = """
 import sys
 from lidarplace.command_line.signals import Terminated, stopped_by_signals
@@ -36,10 +86,11 @@ except Terminated:
 """
 
 
-def python(code: str) -> subprocess.Popen[str]:
+def python(*arguments: str, folder: Path = ROOT) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, "-c", code],
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        [sys.executable, *arguments],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": f"{folder}:{ROOT}"},
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -54,18 +105,32 @@ def as_in_a_terminal() -> None:
 
 
 @pytest.mark.parametrize(
-    ("package", "name"),
-    [("lidarplace", "-m"), ("tracking", "-m"), ("sweeps", "-m"), ("sweeps", "bin/lidarplace")],
+    ("program", "imported"),
+    [
+        (("-m", "lidarplace.describe"), "numba"),
+        (("-m", "tracking.report"), "typer"),
+        (("-m", "sweeps.run"), "typer"),
+        (("bin/lidarplace",), "typer"),
+    ],
 )
-def test_ctrl_c_while_a_program_imports_is_quiet(package, name):
-    with python(AT_START.format(package=package, name=name)) as process:
+def test_ctrl_c_while_a_program_imports_is_quiet(tmp_path, program, imported):
+    (tmp_path / f"{imported}.py").write_text(f"{COME}\nprint('still there')")
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin/lidarplace").write_text("from sweeps.command_line import app")
+    with python(*program, folder=tmp_path) as process:
         assert process.communicate() == ("", "")
     assert process.returncode == -signal.SIGINT  # of which a shell makes 130
 
 
-def test_who_imports_a_package_keeps_ctrl_c():
-    with python(AT_START.format(package="sweeps", name="mine.py")) as process:
-        assert "KeyboardInterrupt" in process.communicate()[1]
+@pytest.mark.parametrize("program", [("-m", "mine.tool"), ("-c", "import mine.tool")])
+def test_who_imports_the_packages_keeps_ctrl_c(tmp_path, program):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/__init__.py").write_text("import sweeps, tracking, lidarplace")
+    (tmp_path / "mine/tool.py").write_text(f"try:\n    {COME}\nfinally:\n    print('closed')")
+    with python(*program, folder=tmp_path) as process:
+        out, err = process.communicate()
+    assert out == "closed\n"
+    assert "KeyboardInterrupt" in err
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
@@ -81,11 +146,11 @@ def test_a_command_says_that_it_was_stopped(monkeypatch, number, code):
 def stopped_twice():
     with stopped_by_signals():
         signal.signal(signal.SIGTERM, signal.SIG_DFL)  # as a library does
-        take_sigterm()
-        try:
-            os.kill(os.getpid(), signal.SIGTERM)
-        finally:
-            os.kill(os.getpid(), signal.SIGTERM)
+        with stopped_by_signals():
+            try:
+                os.kill(os.getpid(), signal.SIGTERM)
+            finally:
+                os.kill(os.getpid(), signal.SIGTERM)
 
 
 def test_a_second_sigterm_does_not_break_off_what_tidies_up():
@@ -93,8 +158,33 @@ def test_a_second_sigterm_does_not_break_off_what_tidies_up():
         stopped_twice()
 
 
+@pytest.mark.parametrize("swallow", ["in_a_weakref_callback", "in_del", "in_a_bare_except"])
+@pytest.mark.parametrize(
+    ("then", "code"), [("signal.pause", 143), ("without_alarm, come", -signal.SIGTERM)]
+)
+def test_a_swallowed_sigterm_comes_again_and_the_next_one_ends_the_process(swallow, then, code):
+    with python("-c", f"{SENDER}work({swallow}, {then})") as process:
+        process.communicate()
+    assert process.returncode == code
+
+
+@pytest.mark.parametrize(
+    ("what", "code"), [("in_held_code", 143), ("in_code_that_hangs", -signal.SIGTERM)]
+)
+def test_native_code_is_not_left_half_way(what, code):
+    with python("-c", f"{SENDER}work({what})") as process:
+        assert process.communicate() == ("begun and ended\n", "")
+    assert process.returncode == code
+
+
+def test_a_third_sigterm_ends_what_does_not_stop_tidying_up():
+    with python("-c", f"{SENDER}work(tidy_up)") as process:
+        assert process.communicate() == ("tidies up\n", "")
+    assert process.returncode == -signal.SIGTERM
+
+
 def test_sigterm_ends_a_driver_of_ray_as_ctrl_c_does():
-    with python(ON_RAY) as process:
+    with python("-c", ON_RAY) as process:
         assert process.stdout.readline() == "works\n"
         process.terminate()
         assert process.communicate() == ("tidied up\n", "")

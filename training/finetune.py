@@ -83,6 +83,7 @@ def finetune(
     seed: int,
     point_range: PointRange | None = None,
     on_epoch: Callable[[dict[str, float]], None] | None = None,
+    on_step: Callable[[float], None] = lambda epochs: None,
     folder: Path | None = None,
     start: StartingWeights = StartingWeights(),
     memory: Memory = Memory(),
@@ -100,6 +101,7 @@ def finetune(
             The same seed gives the same result on a CPU; the caller's random state is left alone.
         point_range: range for `training.build_detector`, ego frame.
         on_epoch: called after each epoch with the epoch's number and its values in `curve`.
+        on_step: called after each step with the epochs that are done, such as 2.35.
         folder: keeps the training after each epoch, see `TrainingFolder`; one that was stopped
             goes on from there and gives what it would have given.
         start: weights to start from, if they are not at random.
@@ -144,7 +146,7 @@ def finetune(
         earlier = sum(value for _, name, value in curve if name == "seconds")
         for epoch in range(state.epoch + 1 if state else 1, settings.epochs + 1):
             values = _train_epoch(
-                model, optimisation, frames, augmentation, batch_size, (seed, epoch)
+                model, optimisation, frames, augmentation, batch_size, (seed, epoch), on_step
             )
             curve.extend((epoch, name, value) for name, value in values.items())
             kept.save(
@@ -234,6 +236,7 @@ def _train_epoch(
     augmentation: Augmentation,
     batch_size: int,
     seed: tuple[int, int],
+    on_step: Callable[[float], None],
 ) -> dict[str, float]:
     """One pass over all frames. Returns its values.
 
@@ -259,6 +262,7 @@ def _train_epoch(
             ) from None
         for name, value in losses.items():
             parts[name].append(value)
+        on_step(seed[1] - 1 + (first + len(rows)) / len(order))
     values = {name: torch.stack(items).mean().item() for name, items in parts.items()}
     return values | {"lr": optimisation.lr, "seconds": time.perf_counter() - start}
 

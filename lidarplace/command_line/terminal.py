@@ -7,8 +7,11 @@ from collections.abc import Collection, Iterable, Sequence
 from typing import Any, TextIO
 
 from rich.console import Console
+from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
+
+_NO_WIDTH = 100_000
 
 
 def visible(text: str) -> str:
@@ -33,19 +36,25 @@ def say(text: object, file: TextIO | None = None) -> None:
 
 
 class Terminal(Console):
-    """A console for which `[x]` is no style and `:x:` no picture: styles are given as such."""
+    """A console for which `[x]` is no style, `:x:` no picture, 1.5 no colour: styles are given."""
 
     def __init__(self, **settings: Any) -> None:
-        super().__init__(markup=False, emoji=False, **settings)
+        super().__init__(markup=False, emoji=False, highlight=False, **settings)
 
     def render_str(self, text: str, **settings: Any) -> Text:
         """A text with a style, as cells, titles and lines are made of."""
         return super().render_str(visible(text), **settings)
 
+    def render(self, renderable: Any, options: Any = None) -> Iterable[Segment]:
+        """What is printed; elsewhere than in a terminal, tables are columns of text alone."""
+        if isinstance(renderable, Table) and not self.is_terminal:
+            renderable.box, renderable.pad_edge, renderable.title_justify = None, False, "left"
+        return super().render(renderable, options)
+
 
 def output() -> Terminal:
-    """Where tables are printed. A log file has no width, for which rich would take 80 columns."""
-    return Terminal() if sys.stdout.isatty() else Terminal(width=160)
+    """Where tables are printed. A file has no width: a row and a message are one line each."""
+    return Terminal() if sys.stdout.isatty() else Terminal(width=_NO_WIDTH)
 
 
 def table(

@@ -8,6 +8,7 @@ import re
 import secrets
 import shutil
 import socket
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -96,6 +97,23 @@ def check_replaceable(path: Path) -> None:
     if path.exists() and not path.is_file() and not path.is_dir():
         reason = "is a device, a pipe or a socket, which is not replaced; a file is expected"
         raise OSError(errno.EEXIST, reason, str(path))
+
+
+def check_takes_files(folder: Path) -> Path:
+    """Try whether `folder` takes a file, or the one above it in which it would be made.
+
+    Leaves nothing behind. Returns the folder that took the file.
+
+    Raises:
+        OSError: names `folder`.
+    """
+    try:
+        there = next(p for p in (folder, *folder.parents) if p.is_symlink() or p.exists())
+        tempfile.TemporaryFile(dir=there).close()
+    except OSError as error:
+        reason = f"cannot be written: {error.strerror}"
+        raise OSError(error.errno, reason, str(folder)) from None
+    return there
 
 
 def remove_leftovers(folder: Path, pattern: str = ".*.part*") -> None:

@@ -50,9 +50,6 @@ class Job(Protocol[T_co]):
             BackendLost: no call can end any more.
         """
 
-    def cancel(self) -> None:
-        """Stop it."""
-
 
 class Backend(Protocol):
     """Where calls run.
@@ -111,9 +108,6 @@ class Later(Generic[T]):
     def result(self) -> T:
         return self.function(*self.arguments)
 
-    def cancel(self) -> None:
-        """Nothing runs between two calls."""
-
 
 class InProcess:
     """Runs one call after the other in this process: `ray: debug`, for a debugger."""
@@ -148,9 +142,6 @@ class RayJob(Generic[T]):
         with _translated(self.ray):
             value: T = self.ray.get(self.reference)
             return value
-
-    def cancel(self) -> None:
-        self.ray.cancel(self.reference, force=True)
 
 
 class OnRay:
@@ -258,7 +249,7 @@ def _translated(ray: Any) -> Iterator[None]:
 
 @contextmanager
 def backend_for(settings: RaySettings) -> Iterator[Backend]:
-    """The backend that `ray:` asks for, shut down at the end.
+    """The backend that `ray:` asks for, shut down at the end with all calls that still run.
 
     What `sweeps.execution.ray_cluster.ray_session` raises comes from the first use.
     """

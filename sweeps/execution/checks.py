@@ -9,7 +9,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from lidarplace.command_line.invocation import command
+from lidarplace.files.atomic import check_takes_files
 from lidarplace.files.secret_urls import hide_secrets, public_url
 
 if TYPE_CHECKING:
@@ -163,12 +163,10 @@ def disk(folder: Path, cleaned: str) -> Found:
     Args:
         cleaned: the argument with which `sweeps.clean` makes room.
     """
-    existing = _existing(folder)
     try:
-        with tempfile.TemporaryFile(dir=existing):
-            pass
+        existing = check_takes_files(folder)
     except OSError as error:
-        return Found(f"{existing}: {error.strerror}", "missing", "name another output in the file")
+        return _not_writable(error, "name another output or store in the file")
     free = shutil.disk_usage(existing).free
     inodes = os.statvfs(existing)
     found = f"{free / _GB:,.0f} GB free"
@@ -229,10 +227,13 @@ def mlflow(uri: str) -> Found:
         return Found(found, "missing", "start the server, or mend tracking.uri")
     file = sqlite_file(absolute)
     if file is not None:
-        folder = _existing(file.parent)
-        if os.access(folder, os.W_OK) and (not file.exists() or os.access(file, os.W_OK)):
-            return Found(f"{shown}{'' if file.exists() else ', made at need'}")
-        return Found(f"{file} cannot be written", "missing", f"chmod u+w {folder}")
+        try:
+            check_takes_files(file.parent)
+            if file.exists():
+                file.open("r+b").close()
+        except OSError as error:
+            return _not_writable(error, "mend tracking.uri in the file")
+        return Found(f"{shown}{'' if file.exists() else ', made at need'}")
     import sqlalchemy
 
     try:
@@ -308,9 +309,8 @@ def _ray_remedy(address: str) -> str:
     return "see docs/cluster.md" if address != "local" else "--set ray=debug, to go on without Ray"
 
 
-def _existing(folder: Path) -> Path:
-    """The folder, or the one above it that is there."""
-    return next(path for path in (folder.resolve(), *folder.resolve().parents) if path.is_dir())
+def _not_writable(error: OSError, remedy: str) -> Found:
+    return Found(f"{error.filename}: {error.strerror}", "missing", remedy)
 
 
 def _memory() -> tuple[int, int]:

@@ -88,19 +88,14 @@ def execute(
     for item in tasks:
         if item.key in known and item.key not in done | schedule.failed.keys():
             run.fail(item, known[item.key])
-    try:
-        while True:
-            run.hand_out()
-            if not run.running:
-                outcome.failures |= schedule.failed
-                return outcome
-            # None has ended: there may be more machines now.
-            if (job := backend.wait(list(run.running))) is not None:
-                run.take_back(job)
-    except BaseException:
-        for job in run.running:
-            job.cancel()
-        raise
+    while True:
+        run.hand_out()
+        if not run.running:
+            outcome.failures |= schedule.failed
+            return outcome
+        # None has ended: there may be more machines now.
+        if (job := backend.wait(list(run.running))) is not None:
+            run.take_back(job)
 
 
 @dataclass

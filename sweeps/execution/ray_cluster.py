@@ -11,7 +11,6 @@ import secrets
 import socket
 import subprocess
 import sys
-import threading
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -21,7 +20,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from lidarplace.command_line.signals import Terminated, take_sigterm
+from lidarplace.command_line.signals import Terminated, signals_held, stopped_by_signals
 from sweeps.configuration.sweep import RaySettings
 
 THREADS = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -56,18 +55,17 @@ def ray_session(settings: RaySettings) -> Iterator[ModuleType]:
         import ray
 
         try:
-            if local:
-                _start(ray, settings)
-                _check_alone(ray)
-            else:
-                _check_token_file()
-                _join(ray, settings.address)
+            with signals_held():
+                if local:
+                    _start(ray, settings)
+                    _check_alone(ray)
+                else:
+                    _check_token_file()
+                    _join(ray, settings.address)
+            with stopped_by_signals():  # Ray's core would print its stack
+                yield ray
         except SystemExit:  # of the handler that Ray has for SIGTERM while it starts
             raise Terminated from None
-        if threading.current_thread() is threading.main_thread():
-            take_sigterm()  # from Ray's core, which would print its stack
-        try:
-            yield ray
         finally:
             ray.shutdown()
 

@@ -30,6 +30,6 @@ def run_tasks(
     with (
         store.in_use(),
         backend_for(common.ray) as backend,
-        StageProgress(console, tasks, store.finished(tasks), failures) as progress,
+        StageProgress(console, tasks, store, failures) as progress,
     ):
         return execute(tasks, store, backend, progress).failures

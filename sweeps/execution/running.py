@@ -2,33 +2,54 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from typing import Any
 
-from rich.progress import TextColumn
+from rich.progress import ProgressColumn
+from rich.progress import Task as Bar
 from rich.table import Column
+from rich.text import Text
 
+from lidarplace.command_line.terminal import visible
 from sweeps.tasks.task import Task
 
 _MOST_NAMED = 2
+NOTED_S = 10.0
+"""Seconds between two notes of a training's progress."""
 
 
-def running_column() -> TextColumn:
-    """What runs now, the field `now` of a bar: takes the rest of the line and is cut there."""
-    rest = Column(ratio=1, no_wrap=True, overflow="ellipsis")
-    return TextColumn("{task.fields[now]}", style="dim", markup=False, table_column=rest)
+class RunningColumn(ProgressColumn):
+    """What the field `now` of a bar returns: takes the rest of the line and is cut there."""
+
+    def __init__(self) -> None:
+        super().__init__(Column(ratio=1, no_wrap=True, overflow="ellipsis"))
+
+    def render(self, bar: Bar) -> Text:
+        """Called at every refresh."""
+        return Text(visible(bar.fields["now"]()), "dim")
 
 
 class Running:
     """Tasks between their start and their end; read by another thread than the driver's.
 
     Args:
+        notes: what workers noted of tasks, by key, such as `Store.running_notes`.
         clock: seconds.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        notes: Callable[[Iterable[Task]], Mapping[str, Mapping[str, Any]]],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._notes = notes
         self._clock = clock
         self._since: dict[str, tuple[Task, float]] = {}
+        self._looked = -math.inf
+        self._progress: dict[str, str] = {}
 
     def started(self, task: Task) -> None:
         self._since[task.key] = (task, self._clock())
@@ -43,19 +64,34 @@ class Running:
         now = self._clock()
         return [(task.stage, now - since) for task, since in list(self._since.values())]
 
-    def labels(self, stage: str) -> list[str]:
+    def labels(self, stage: str) -> str:
         """Of the tasks of a stage."""
-        return [task.label for task, _ in list(self._since.values()) if task.stage == stage]
+        own = [task for task, _ in list(self._since.values()) if task.stage == stage]
+        return ", ".join(task.label + self._progress_of(task) for task in own)
 
     def __str__(self) -> str:
-        """Such as "finetune 'center, seed 1' for 4:30, 2 more"; empty if nothing runs."""
+        """Such as "finetune 'center, seed 1' for 4:30 (epoch 2 of 9, 20 %, about 18 min left), 2
+        more"; empty if nothing runs."""
         now, every = self._clock(), list(self._since.values())
         named = [
-            f"{task.stage} '{task.label}' for {minutes(now - since)}"
+            f"{task.stage} '{task.label}' for {minutes(now - since)}{self._progress_of(task)}"
             for task, since in every[:_MOST_NAMED]
         ]
         more = len(every) - len(named)
         return ", ".join([*named, *([f"{more} more"] if more > 0 else [])])
+
+    def _progress_of(self, task: Task) -> str:
+        """What is noted of a training."""
+        if task.resumable and self._clock() - self._looked > NOTED_S:
+            self._looked = self._clock()
+            trainings = [own for own, _ in list(self._since.values()) if own.resumable]
+            with suppress(Exception):  # a remote store that does not answer is asked again later
+                self._progress = {
+                    key: f" ({note['progress']})"
+                    for key, note in self._notes(trainings).items()
+                    if "progress" in note
+                }
+        return self._progress.get(task.key, "")
 
 
 def minutes(seconds: float) -> str:

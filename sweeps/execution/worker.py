@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import os
 import socket
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
@@ -13,6 +15,7 @@ from pathlib import Path
 from cachetools import LRUCache, cached
 
 from sweeps.execution.failures import Failure
+from sweeps.execution.running import NOTED_S, about
 from sweeps.store.local import Value
 from sweeps.store.open import AnyStore
 from sweeps.tasks.stages import FUNCTIONS
@@ -66,14 +69,15 @@ def run_task(task: Task, store: AnyStore, how: Batch) -> None:
     """
     where = {"node": socket.gethostname(), "pid": os.getpid()}
     since = datetime.now().isoformat(" ", timespec="seconds")
-    with store.running(task, where | {"since": since}):
+    with store.running(task, where | {"since": since}) as note:
         reset_peak_memory()
         inputs = [_load(store, needed) for needed in task.inputs]
         start = time.perf_counter()
         function = FUNCTIONS[task.stage]
         if task.resumable:
             with store.working_folder(task) as folder:
-                value = function(task.params, *inputs, folder=folder, **vars(how))
+                on_step = _Progress(task, note).on_step
+                value = function(task.params, *inputs, folder=folder, on_step=on_step, **vars(how))
         else:
             value = function(task.params, *inputs)
         earlier = value.get("earlier_seconds", 0.0)  # before a stop
@@ -95,6 +99,30 @@ def run_task(task: Task, store: AnyStore, how: Batch) -> None:
 def _load(store: AnyStore, task: Task) -> Value:
     """An input. Tasks that follow one another on a worker often share one, such as a POG."""
     return store.load(task)
+
+
+class _Progress:
+    """Notes now and then how much of a training is done, and when it may end."""
+
+    def __init__(self, task: Task, note: Callable[..., None]) -> None:
+        self._task = task
+        self._note = note
+        self._first: tuple[float, float] | None = None
+        self._noted = -math.inf
+
+    def on_step(self, done: float) -> None:
+        """Take note of the epochs that are done."""
+        now, epochs = time.monotonic(), self._task.params.training.epochs
+        since, before = self._first = self._first or (now, done)
+        if now - self._noted < NOTED_S:
+            return
+        self._noted = now
+        text = f"epoch {min(int(done) + 1, epochs)} of {epochs}, {100 * done / epochs:.0f} %"
+        if done > before:
+            left = about((epochs - done) * (now - since) / (done - before))
+            text += f", about {left} left"
+        with suppress(Exception):  # a training outlasts a remote store that does not answer
+            self._note(progress=text)
 
 
 def peak_memory() -> int:

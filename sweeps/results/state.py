@@ -124,7 +124,8 @@ class _Look:
             if task.key in self.notes and task.key not in self.there:
                 note = self.notes[task.key]
                 where = f"{note['node']}, process {note['pid']}, since {note['since']}"
-                return TrialState(trial.label, self._running, f"{task.stage} on {where}")
+                far = f", {note['progress']}" if "progress" in note else ""
+                return TrialState(trial.label, self._running, f"{task.stage} on {where}{far}")
         return TrialState(trial.label, "waiting")
 
     @property

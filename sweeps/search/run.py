@@ -198,7 +198,7 @@ class SearchWork:
         problem, timing = self.problem, Timing()
         settings = problem.file.search
         answers: SurrogateAnswers | TrainingAnswers | GeneralistAnswers
-        progress = TrialProgress(self.console, settings.trials)
+        progress = TrialProgress(self.console, settings.trials, self.store)
         if problem.judged:
             answers = GeneralistAnswers(study, problem, pool, self.store, backend, progress)
         elif any(objective.measured for objective in settings.objective):

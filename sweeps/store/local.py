@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -115,16 +115,23 @@ class Store:
         self._hidden(task, "running").unlink(missing_ok=True)
 
     @contextmanager
-    def running(self, task: Task, about: Mapping[str, Any]) -> Iterator[None]:
-        """Leave a note while the block runs. It stays if the process is killed."""
+    def running(self, task: Task, about: Mapping[str, Any]) -> Iterator[Callable[..., None]]:
+        """Leave a note while the block runs. It stays if the process is killed.
+
+        The block gets a function that adds to the note.
+        """
         note = self.note(task)
         note.parent.mkdir(parents=True, exist_ok=True)
-        partial = temporary(note)  # as `write_text` does, but a note need not outlast the machine
-        with naming(note):
-            partial.write_text(json.dumps(dict(about)), encoding="utf-8")
-            partial.replace(note)
+
+        def write(**more: str) -> None:
+            partial = temporary(note)  # as `write_text`, but a note need not outlast the machine
+            with naming(note):
+                partial.write_text(json.dumps({**about, **more}), encoding="utf-8")
+                partial.replace(note)
+
+        write()
         try:
-            yield
+            yield write
         finally:
             note.unlink(missing_ok=True)
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import tempfile
 
+from lidarplace.files.atomic import check_takes_files
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import Sweep
 from sweeps.store.open import AnyStore, open_store
@@ -26,31 +26,22 @@ def store_of(sweep: Sweep) -> AnyStore:
     remote = isinstance(store, RemoteStore)
     if remote and settings.quota_gb is not None:
         raise ConfigError("store.quota_gb: is for folders; a URL has no lock that keeps it safe")
-    folder = store.cache if isinstance(store, RemoteStore) else store.folder
+    folder = store.local.folder
     if folder.absolute() == (sweep.common.output / sweep.common.name).absolute():
         raise ConfigError(f"name: the run folder would be the store {folder}; choose another name")
     return store
 
 
 def check_writable(sweep: Sweep, store: AnyStore) -> None:
-    """Try whether the run folder and the folder of the store take a file, or can be made.
+    """Try whether the run folder and the folder of the store, or of its copies, take files.
 
-    Leaves nothing behind. What is wrong with a folder does not mend itself, unlike a disk that
-    fills up in the middle.
+    What is wrong with a folder does not mend itself, unlike a disk that fills up in the middle.
 
     Raises:
         OSError: names the folder that cannot be written.
     """
-    folders = [sweep.common.output / sweep.common.name]
-    if not isinstance(store, RemoteStore):
-        folders.append(store.folder)
-    for folder in folders:
-        try:
-            there = next(path for path in (folder, *folder.parents) if path.exists())
-            tempfile.TemporaryFile(dir=there).close()
-        except OSError as error:
-            reason = f"cannot be written: {error.strerror}"
-            raise OSError(error.errno, reason, str(folder)) from None
+    for folder in (sweep.common.output / sweep.common.name, store.local.folder):
+        check_takes_files(folder)
 
 
 def reference(sweep: Sweep, purpose: str = "") -> str:

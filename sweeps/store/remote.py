@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -144,13 +144,18 @@ class RemoteStore:
         self._remove_file(f"{task.stage}/{self.local.note(task).name}")
 
     @contextmanager
-    def running(self, task: Task, about: Mapping[str, Any]) -> Iterator[None]:
-        """Leave a note while the block runs. It stays if the process is killed."""
+    def running(self, task: Task, about: Mapping[str, Any]) -> Iterator[Callable[..., None]]:
+        """Leave a note while the block runs, see `Store.running`."""
         note = self.local.note(task)
-        with self.local.running(task, about):
-            self._put(note, f"{task.stage}/{note.name}")
+        with self.local.running(task, about) as write_here:
+
+            def write(**more: str) -> None:
+                write_here(**more)
+                self._put(note, f"{task.stage}/{note.name}")
+
+            write()
             try:
-                yield
+                yield write
             finally:
                 self._remove_file(f"{task.stage}/{note.name}")
 

@@ -258,9 +258,7 @@ def probe(params: ProbeParams, *inputs: Value) -> Value:
 def finetune(
     params: TrainingParams,
     *inputs: Value,
-    folder: Path,
-    batch_size: int | None = None,
-    halvings: int = 0,
+    **how: Any,
 ) -> Value:
     """Train one detector on the clouds of one placement.
 
@@ -269,9 +267,7 @@ def finetune(
     Args:
         params: the network, how to train it, and the seed.
         inputs: clouds, and the objects in them; before them a generalist to start from, if any.
-        folder: where it goes on after a stop.
-        batch_size: frames of a step where the settings leave it open; None: it is found out.
-        halvings: how often the batch size is halved, after the GPU's memory was too small.
+        how: see `_train`.
     """
     from training.dataset import occurring_classes
 
@@ -281,22 +277,20 @@ def finetune(
     if params.training.checkpoint is None and generalist is None:
         share = params.training.frame_share
         classes = occurring_classes(classes, clouds, objects, share)
-    return _train(params, classes, clouds, objects, folder, batch_size, halvings, generalist)
+    return _train(params, classes, clouds, objects, generalist, **how)
 
 
 def pretrain(
     params: TrainingParams,
     *inputs: Value,
-    folder: Path,
-    batch_size: int | None = None,
-    halvings: int = 0,
+    **how: Any,
 ) -> Value:
     """Train one detector on the clouds of many placements, for all classes.
 
     Arguments as of `finetune`, which starts from the result.
     """
     clouds, objects = _clouds_and_objects(inputs)
-    return _train(params, params.classes, clouds, objects, folder, batch_size, halvings)
+    return _train(params, params.classes, clouds, objects, None, **how)
 
 
 def evaluate(params: NetworkParams, weights: Value, *inputs: Value) -> Value:
@@ -422,11 +416,21 @@ def _train(
     classes: Sequence[str],
     clouds: Clouds,
     objects: pd.DataFrame,
+    generalist: Mapping[str, Tensor] | None,
     folder: Path,
     batch_size: int | None,
     halvings: int,
-    generalist: Mapping[str, Tensor] | None = None,
+    on_step: Callable[[float], None],
 ) -> Value:
+    """Train one detector.
+
+    Args:
+        generalist: weights to start from.
+        folder: where it goes on after a stop.
+        batch_size: frames of a step where the settings leave it open; None: it is found out.
+        halvings: how often the batch size is halved, after the GPU's memory was too small.
+        on_step: called with the epochs that are done.
+    """
     from training.batch_size import Memory
     from training.finetune import StartingWeights
     from training.finetune import finetune as train
@@ -439,6 +443,7 @@ def _train(
         params.training,
         seed=params.seed,
         point_range=params.point_range,
+        on_step=on_step,
         folder=folder,
         start=StartingWeights(digest=params.checkpoint, generalist=generalist),
         memory=Memory(batch_size, halvings),

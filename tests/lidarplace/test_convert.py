@@ -18,7 +18,7 @@ def convert(*arguments):
 
 def words(text):
     """Lines as words, without the table's rules."""
-    return [line.replace("│", " ").split() for line in text.splitlines()]
+    return [line.split() for line in text.splitlines()]
 
 
 @pytest.fixture

@@ -46,6 +46,26 @@ def environment(**more: str) -> dict[str, str]:
     }
 
 
+DRIVER = """
+import socket, sys
+from lidarplace.command_line.signals import stopped_by_signals
+from sweeps.configuration.sweep import RaySettings
+from sweeps.execution.backends import backend_for
+
+def hold(port):
+    with socket.create_connection(("127.0.0.1", port)) as connection:
+        connection.recv(1)
+
+try:
+    with stopped_by_signals(), backend_for(RaySettings(address=sys.argv[1])) as backend:
+        job = backend.submit(hold, int(sys.argv[2]))
+        while True:
+            backend.wait([job])
+except KeyboardInterrupt:
+    print("stopped")
+"""
+
+
 def test_a_node_dies_under_load_and_another_comes(tmp_path):
     done = subprocess.run(
         [sys.executable, str(ROOT / "tests/sweeps/lose_a_node.py"), str(tmp_path)],
@@ -105,6 +125,30 @@ def cluster(tmp_path_factory):
             node.send_signal(signal.SIGTERM)
             node.communicate(timeout=60)
         shutil.rmtree(folder, ignore_errors=True)
+
+
+@pytest.mark.parametrize("kind", ["local", "host:port", "ray://"])
+def test_what_runs_ends_with_its_driver(request, tmp_path, kind):
+    address, env = kind, environment()
+    if kind != "local":
+        host, client, env = request.getfixturevalue("cluster")
+        address = client if kind == "ray://" else host
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(GUARD_S)
+        driver = subprocess.Popen(
+            [sys.executable, "-c", DRIVER, address, str(server.getsockname()[1])],
+            cwd=tmp_path,
+            env=env | {"PYTHONPATH": str(ROOT)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        connection, _ = server.accept()
+        with connection:
+            connection.settimeout(GUARD_S)
+            driver.terminate()
+            assert driver.communicate(timeout=GUARD_S) == ("stopped\n", "")
+            assert connection.recv(1) == b""
 
 
 def sweep(folder: Path, address: str, env: dict[str, str]) -> subprocess.CompletedProcess[str]:

@@ -146,8 +146,31 @@ def test_a_folder_that_cannot_be_written(monkeypatch, tmp_path):
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr("tempfile.TemporaryFile", refuse)
+    cannot = f"{tmp_path}/runs: cannot be written: Permission denied"
     found = checks.disk(tmp_path / "runs", "grid.yaml")
-    assert (found.state, found.found) == ("missing", f"{tmp_path}: Permission denied")
+    assert (found.state, found.found) == ("missing", cannot)
+    found = checks.mlflow(f"sqlite:///{tmp_path}/runs/mlflow.db")
+    assert (found.state, found.found) == ("missing", cannot)
+
+
+@pytest.mark.parametrize(
+    ("place", "make", "checked"),
+    [
+        ("runs", Path.touch, ["disk: run folder", "disk: store", "MLflow"]),
+        ("runs/grid", Path.touch, ["disk: run folder"]),
+        ("runs/grid", lambda path: path.symlink_to("nowhere"), ["disk: run folder"]),
+        ("runs/store", Path.touch, ["disk: store"]),
+        ("runs/mlflow.db", Path.mkdir, ["MLflow"]),
+    ],
+)
+def test_what_is_in_the_way_of_a_run(monkeypatch, tmp_path, place, make, checked):
+    monkeypatch.chdir(tmp_path)
+    Path("grid.yaml").write_text("ray: debug\ngrid: {placement: [line]}\n")
+    Path(place).parent.mkdir(exist_ok=True)
+    make(Path(place))
+    found = doctor.look(doctor.asked_of(Path("grid.yaml")))
+    names = ("disk: run folder", "disk: store", "MLflow")
+    assert [f.check for f in found if f.check in names and f.state == "missing"] == checked
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from sweeps.store.local import Store
 from sweeps.store.result_folder import DamagedResult
 from sweeps.tasks.parameters import TrainingParams
 from sweeps.tasks.task import Task
-from tests.sweeps.toy import Toy
+from tests.sweeps.toy import Loud, Toy
 from training.settings import TrainingSettings
 
 
@@ -108,7 +108,7 @@ def test_a_clock_that_jumps_changes_nothing(tmp_path, stages, monkeypatch):
 
 
 def test_a_task_that_was_stopped_finds_what_it_had(tmp_path, monkeypatch):
-    def twice(params, folder, batch_size, halvings):
+    def twice(params, folder, **how):
         if not list(folder.iterdir()):
             (folder / "last.pt").write_text("half way")
             raise ValueError("stopped")
@@ -334,7 +334,7 @@ def test_a_training_that_is_too_large_for_a_gpu_is_tried_alone_with_half_the_bat
 
     tried = []
 
-    def train(params, *inputs, folder, batch_size, halvings):
+    def train(params, *inputs, halvings, **how):
         size = params.training.batch_size >> halvings
         tried.append((params.seed, size))
         if size > params.seed:
@@ -515,3 +515,24 @@ def test_work_for_a_gpu_does_not_block_the_rest():
     assert schedule.next(gpu=False) is scene
     assert schedule.next(gpu=False) is None
     assert schedule.next(gpu=True) is on_gpu
+
+
+def test_a_training_notes_its_progress_now_and_then(tmp_path, monkeypatch):
+    """One that goes on at epoch 3 of 10; an epoch is 40 steps of a second."""
+    clock, noted = [0.0], []
+    store, task = Store(tmp_path), training(0)
+
+    def train(params, *inputs, on_step, **how):
+        for step in range(81, 401):
+            clock[0] += 1.0
+            on_step(step / 40)
+            noted.append(store.running_notes([task])[task.key]["progress"])
+        return {"n": 1}
+
+    monkeypatch.setattr("time.monotonic", lambda: clock[0])
+    monkeypatch.setitem(worker.FUNCTIONS, "finetune", train)
+    assert not execute([task], store, InProcess(), Loud()).failures
+    assert noted[0] == "epoch 3 of 10, 20 %"
+    assert noted[10] == noted[19] == "epoch 3 of 10, 23 %, about 5 min left"
+    assert noted[-1] == "epoch 10 of 10, 98 %, about 10 s left"
+    assert len(set(noted)) <= 32

@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 from lidarplace.command_line.terminal import Terminal
 from sweeps.execution.failures import Failure
 from sweeps.execution.progress import StageProgress
-from sweeps.execution.progress_lines import ProgressLines
+from sweeps.execution.run_progress import RunProgress
 from sweeps.execution.running import Running, about, minutes
 from sweeps.execution.time_left import TimeLeft
 from sweeps.search.trials.progress import TrialProgress
+from sweeps.store.local import Store
 from sweeps.tasks.task import Task
 from tests.forked import GUARD_S
 from tests.sweeps.toy import Toy
@@ -62,7 +63,7 @@ def test_the_estimate_is_what_machines_take_that_go_on_like_that(counts, lengths
     tasks = [task for s, n in zip(stages, counts, strict=True) for task in tasks_of(s, n)]
     length = dict(zip(stages, lengths, strict=False))
     clock = Clock()
-    running, left = Running(clock), TimeLeft(tasks)
+    running, left = Running(lambda tasks: {}, clock), TimeLeft(tasks)
     waiting, ends, told = list(tasks), [], []
     while waiting or ends:
         while waiting and len(ends) < machines:
@@ -82,7 +83,8 @@ def test_the_estimate_is_what_machines_take_that_go_on_like_that(counts, lengths
 
 def test_there_is_no_estimate_for_a_stage_that_nothing_is_known_of():
     clock = Clock()
-    running, tasks = Running(clock), [*tasks_of("collect", 2), *tasks_of("finetune", 2)]
+    running = Running(lambda tasks: {}, clock)
+    tasks = [*tasks_of("collect", 2), *tasks_of("finetune", 2)]
     left = TimeLeft(tasks)
     for task in tasks[:2]:
         running.started(task)
@@ -99,7 +101,7 @@ def test_there_is_no_estimate_for_a_stage_that_nothing_is_known_of():
 
 def test_what_runs():
     clock = Clock()
-    running = Running(clock)
+    running = Running(lambda tasks: {}, clock)
     assert str(running) == ""
     for task in tasks_of("finetune", 5):
         running.started(task)
@@ -127,12 +129,17 @@ def test_times(seconds, clock, estimate):
 
 @pytest.fixture
 def at_once(monkeypatch):
-    monkeypatch.setattr("sweeps.execution.progress_lines.FIRST_S", 0.01)
+    monkeypatch.setattr("sweeps.execution.run_progress.FIRST_S", 0.01)
 
 
-def test_lines_come_while_the_driver_waits(at_once):
+class TwoOfThree(RunProgress):
+    def now(self):
+        return "two of three"
+
+
+def test_lines_come_while_the_driver_waits(at_once, tmp_path):
     log = Log()
-    with ProgressLines(log.console, lambda: "two of three"):
+    with TwoOfThree(log.console, Store(tmp_path)):
         assert log.grown.acquire(timeout=GUARD_S)
         assert log.grown.acquire(timeout=GUARD_S)
     written = log.getvalue()
@@ -140,16 +147,18 @@ def test_lines_come_while_the_driver_waits(at_once):
     assert "progress lines" not in {thread.name for thread in threading.enumerate()}
 
 
-def test_a_terminal_has_bars_and_no_lines(at_once):
+def test_a_terminal_has_bars_and_no_lines(at_once, tmp_path):
     console = Terminal(file=io.StringIO(), force_terminal=True)
-    with ProgressLines(console, lambda: "two of three"):
+    with TwoOfThree(console, Store(tmp_path)):
         assert "progress lines" not in {thread.name for thread in threading.enumerate()}
 
 
-def test_a_sweep_in_a_log(at_once):
+def test_a_sweep_in_a_log(at_once, tmp_path):
     log = Log()
+    store = Store(tmp_path)
     tasks = [*tasks_of("collect", 2), *tasks_of("finetune", 3)]
-    with StageProgress(log.console, tasks, {tasks[0].key}) as progress:
+    store.save(tasks[0], {}, 1.0)
+    with StageProgress(log.console, tasks, store) as progress:
         progress.started(tasks[1])
         while "now collect 'collect 1' for 0:00" not in log.getvalue():
             assert log.grown.acquire(timeout=GUARD_S)
@@ -163,12 +172,14 @@ def test_a_sweep_in_a_log(at_once):
             assert log.grown.acquire(timeout=GUARD_S)
 
 
-def test_a_search_in_a_log(at_once):
-    log = Log()
-    (training,) = tasks_of("pretrain", 1)
-    with TrialProgress(log.console, 20) as progress:
+def test_a_search_in_a_log(at_once, tmp_path):
+    log, store = Log(), Store(tmp_path)
+    training = Task("pretrain", "all", Toy(), resumable=True)
+    with TrialProgress(log.console, 20, store) as progress, store.running(training, {}) as note:
+        note(progress="epoch 2 of 9, 20 %")
         progress.started(training)
-        while "trials 0 of 20; now pretrain 'pretrain 0' for 0:00\n" not in log.getvalue():
+        now = "trials 0 of 20; now pretrain 'all' for 0:00 (epoch 2 of 9, 20 %)\n"
+        while now not in log.getvalue():
             assert log.grown.acquire(timeout=GUARD_S)
         progress.finished(training)
         progress.told(8)  # a training is no measure of what is to come

@@ -9,7 +9,7 @@ import pytest
 import typer
 from rich.table import Table
 
-from lidarplace.command_line.terminal import Terminal, say, visible
+from lidarplace.command_line.terminal import Terminal, output, say, table, visible
 from lidarplace.command_line.verbs import wrong
 from sweeps.doctor import Finding
 from sweeps.doctor import _print as print_findings
@@ -18,6 +18,7 @@ from sweeps.execution.progress import StageProgress
 from sweeps.results.dry_run import Planned, print_planned
 from sweeps.results.state import SweepState, TrialState
 from sweeps.status import print_state
+from sweeps.store.local import Store
 from sweeps.tasks.task import Task
 from tests.sweeps.toy import Toy
 
@@ -52,6 +53,15 @@ def test_lines_cells_heads_and_titles():
     for name in NAMES:
         table.add_row(name)
     assert_shown(printed(lambda console: console.print(table, *NAMES, OBEYED)))
+
+
+def test_a_row_of_a_file_is_a_line_with_all_its_names(capsys):
+    head = ["placement", *(f"covered_entropy.class_{i}" for i in range(40))]
+    rows = [[f"rig_{'with_a_long_name' * 20}_{i}", *range(i, 40 + i)] for i in range(3)]
+    output().print(table("title", head, rows), "a line " * 100)
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert lines == [["title"], head, *([str(cell) for cell in row] for row in rows), lines[-1]]
+    assert len(lines[-1]) == 200
 
 
 def test_plain_lines(capsys):
@@ -100,14 +110,15 @@ def test_the_plan_of_a_sweep():
 
 
 @pytest.mark.parametrize("terminal", [False, True])
-def test_the_progress_of_a_sweep(terminal):
+def test_the_progress_of_a_sweep(terminal, tmp_path):
+    store = Store(tmp_path)
     tasks = [Task("finetune", name, Toy()) for name in [*NAMES, OBEYED]]
 
     def run(console):
-        with StageProgress(console, tasks, []) as progress:
+        with StageProgress(console, tasks, store) as progress:
             for task in tasks:
                 progress.started(task)
-            progress._progress.refresh()
+            progress._bars.refresh()
             for task in tasks:
                 progress.failed(task, Failure(f"{task.label} has no points"))
 

@@ -68,7 +68,7 @@ def choose(
     every = (trial for own in rigs.values() for tests in own for trial in tests)
     tasks = with_inputs(trial.evaluate for trial in every if trial.evaluate is not None)
     store.refer(reference(problem.sweep(), "choice"), [task.key for task in tasks])
-    with StageProgress(console, tasks, store.finished(tasks)) as progress:
+    with StageProgress(console, tasks, store) as progress:
         outcome = execute(tasks, store, backend, progress)
     for failure in outcome.failures.values():
         raise BackendLost(f"the best rigs could not be judged: {failure.reason}")

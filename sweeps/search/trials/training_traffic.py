@@ -50,7 +50,7 @@ def training_traffic(
     tasks, trial = problem.pog_tasks(sweep)
     purpose = "search" if scene is None else f"search-{trial.pog.key[:6]}"
     store.refer(reference(sweep, purpose), [task.key for task in tasks])
-    with StageProgress(console, tasks, store.finished(tasks)) as progress:
+    with StageProgress(console, tasks, store) as progress:
         failures = execute(tasks, store, backend, progress).failures
     for failure in failures.values():
         raise NoTraffic(failure.reason)
@@ -62,8 +62,7 @@ def training_traffic(
     frames = next(iter(grids.values())).frames
     console.print(
         f"expected_recall: {len(objects.objects.table):,} objects that count, in "
-        f"{min(RECALL_FRAMES, frames)} of {frames} training frames",
-        highlight=False,
+        f"{min(RECALL_FRAMES, frames)} of {frames} training frames"
     )
     return Traffic(grids, objects)
 
