@@ -32,6 +32,7 @@ from lidarplace.files.columns import (
     sizes,
     texts,
 )
+from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_parquet
 
 
@@ -140,7 +141,7 @@ def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
             "frames.parquet, which lists every frame"
         )
     path = folder / "buildings.parquet"
-    if not path.exists():
+    if not is_there(path):
         return BoxLog(boxes, frames)
     buildings = _buildings(path)
     if len(buildings) and (missing := set(POSE_COLUMNS) - set(frames.columns)):

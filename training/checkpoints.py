@@ -17,6 +17,7 @@ import torch
 from torch import Tensor
 
 from lidarplace.files.atomic import replacing
+from lidarplace.files.regular import regular
 from training.detectors.detector import Detector
 from training.typical_objects import TypicalObject, as_plain, from_plain
 
@@ -189,7 +190,7 @@ def read_checkpoint(path: Path) -> tuple[dict[str, Any], str]:
         DamagedCheckpoint: the file is not what was written.
         ValueError: not a dict of tensors and plain values.
     """
-    data = path.read_bytes()
+    data = regular(path).read_bytes()
     _check_sums(path, data)
     try:
         with warnings.catch_warnings(record=True, action="always") as told:

@@ -15,6 +15,7 @@ from pyarrow import feather
 
 from lidarplace.files.atomic import first_line, reading
 from lidarplace.files.columns import check_columns
+from lidarplace.files.regular import regular
 
 
 def read_parquet(path: Path, only: Mapping[str, Sequence[int]] | None = None) -> pd.DataFrame:
@@ -28,7 +29,9 @@ def read_parquet(path: Path, only: Mapping[str, Sequence[int]] | None = None) ->
     """
     with reading(path):
         try:
-            with path.open("rb") as file:  # pandas would take a path such as http:/… for an address
+            with regular(path).open(
+                "rb"
+            ) as file:  # pandas would take a path such as http:/… for an address
                 return pd.read_parquet(file, filters=_filters(only))
         # Of pandas: what it notes of a table in the file is JSON, and can be damaged as well.
         except (pa.ArrowException, ValueError, KeyError) as error:
@@ -49,7 +52,7 @@ def read_csv(path: Path, **options: Any) -> pd.DataFrame:
     """
     with reading(path):
         try:
-            with path.open("rb") as file:
+            with regular(path).open("rb") as file:
                 return pd.read_csv(file, **options)
         except UnicodeDecodeError as error:
             raise ValueError(f"{path}: is no CSV file: byte {error.start} is not UTF-8") from None
@@ -65,7 +68,7 @@ def read_feather(path: Path, columns: Sequence[str]) -> pd.DataFrame:
     """
     with reading(path):
         try:
-            with path.open("rb") as file:
+            with regular(path).open("rb") as file:
                 table = feather.read_table(file)
             check_columns(table.column_names, columns, str(path))
             return table.select(list(columns)).to_pandas(ignore_metadata=True)

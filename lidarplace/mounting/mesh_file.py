@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.files.regular import regular
 from lidarplace.mounting.mesh import Mesh
 
 MOST_TRIANGLES = 1_000_000
@@ -40,7 +41,7 @@ def read_mesh(
     """
     import trimesh
 
-    with path.open("rb"):  # trimesh says of what it cannot open that it is no known format
+    with regular(path).open("rb"):  # trimesh says of what it cannot open that it is no known format
         pass
     try:
         read: Any = trimesh.load(path, force="mesh", process=False)

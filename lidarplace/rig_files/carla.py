@@ -15,10 +15,10 @@ from typing import Annotated
 
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
 
+from lidarplace.configuration.record import read_record
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import fault
 from lidarplace.files.atomic import replacing
-from lidarplace.files.json import read_record
 from lidarplace.placement import Mount
 from lidarplace.rig_files.mounted import MountedLidar, named_like
 from lidarplace.scenes.carla.lidars import BLUEPRINT, attributes, even_fans

@@ -15,8 +15,8 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic.alias_generators import to_camel
 
+from lidarplace.configuration.record import read_record
 from lidarplace.files.atomic import replacing
-from lidarplace.files.json import read_record
 from lidarplace.placement import Mount
 from lidarplace.rig_files.mounted import MountedLidar, named_like
 

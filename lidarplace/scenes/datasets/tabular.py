@@ -29,6 +29,7 @@ from lidarplace.files.columns import (
     sizes,
     texts,
 )
+from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_csv, read_parquet
 from lidarplace.ranges import FRAMES
 from lidarplace.scenes.datasets.class_maps import (
@@ -83,7 +84,7 @@ def read_tabular(
     if source.is_dir():
         buildings = _buildings(source / "buildings.parquet")
         folder, source = source, _found(source, "boxes")
-        if any((folder / f"frames{suffix}").exists() for suffix in SUFFIXES):
+        if any(is_there(folder / f"frames{suffix}") for suffix in SUFFIXES):
             if frames is not None:
                 raise ValueError(f"{folder}: has a table of frames; another one cannot be given")
             frames = _found(folder, "frames")
@@ -110,7 +111,7 @@ def read_tabular(
 
 
 def _found(folder: Path, name: str) -> Path:
-    found = [path for suffix in SUFFIXES if (path := folder / f"{name}{suffix}").exists()]
+    found = [path for suffix in SUFFIXES if is_there(path := folder / f"{name}{suffix}")]
     if len(found) != 1:
         wanted = " or ".join(f"{name}{suffix}" for suffix in SUFFIXES)
         raise ValueError(f"{folder}: must hold {wanted}, found {'both' if found else 'neither'}")
@@ -177,7 +178,7 @@ def _listed(boxes: pd.DataFrame, path: Path, source: Path) -> pd.DataFrame:
 
 def _buildings(path: Path) -> pd.DataFrame | None:
     """The buildings of a folder that is a box log already."""
-    if not path.exists():
+    if not is_there(path):
         return None
     buildings = _read(path)
     check_columns(list(buildings.columns), BUILDING_COLUMNS, str(path))

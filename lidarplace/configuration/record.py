@@ -1,0 +1,25 @@
+"""Records: JSON files that hold what a model says, or are refused in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TypeVar
+
+from pydantic import TypeAdapter, ValidationError
+
+from lidarplace.configuration.settings import fault
+from lidarplace.files.json import read_json
+
+T = TypeVar("T")
+
+
+def read_record(path: Path, kind: type[T], what: str) -> T:
+    """A JSON file as a dataclass or a pydantic model; `what` the file should be, for messages.
+
+    Raises:
+        ValueError: as `read_json`, or what the file holds is something else; names file and key.
+    """
+    try:
+        return TypeAdapter(kind).validate_python(read_json(path))
+    except ValidationError as error:
+        raise ValueError(f"{path}: is no {what}: {fault(error)}") from None
