@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+import re
 from collections.abc import Mapping, Sequence
 from functools import reduce
 from pathlib import Path
@@ -47,17 +48,36 @@ def _filters(only: Mapping[str, Sequence[int]] | None) -> pc.Expression | None:
 def read_csv(path: Path, **options: Any) -> pd.DataFrame:
     """The table in a CSV file; `options` are of `pandas.read_csv`.
 
+    Commas, semicolons or tabs separate columns, whichever the first line has most of. With the last
+    two a number may have a decimal comma.
+
     Raises:
         ValueError: the file cannot be read, or is no such table.
     """
     with reading(path):
         try:
             with regular(path).open("rb") as file:
-                return pd.read_csv(file, **options)
+                head = re.sub(rb'"[^"]*"', b"", file.readline()).decode("latin-1")
+                options["sep"] = max(",;\t", key=head.count)
+                file.seek(0)
+                table = pd.read_csv(file, **options)
+                if options["sep"] != "," and _has_decimal_commas(table):
+                    file.seek(0)
+                    table = pd.read_csv(file, decimal=",", **options)
+            if table.shape[1] == 1 and (other := re.search(r"\w *([|:/ ]) *\w", head)):
+                raise ValueError(
+                    f"expected columns separated by commas, semicolons or tabs, found {other[1]!r}"
+                )
+            return table
         except UnicodeDecodeError as error:
             raise ValueError(f"{path}: is no CSV file: byte {error.start} is not UTF-8") from None
         except ValueError as error:  # and its subclasses ParserError and EmptyDataError
             raise ValueError(f"{path}: is no CSV file: {first_line(error)}") from None
+
+
+def _has_decimal_commas(table: pd.DataFrame) -> bool:
+    texts = (table[name].astype(str) for name in table.select_dtypes(exclude="number"))
+    return any(values.str.fullmatch(r"[-+]?\d+,\d+").any() for values in texts)
 
 
 def read_feather(path: Path, columns: Sequence[str]) -> pd.DataFrame:
