@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 
 from lidarplace.configuration.settings import fault
 from lidarplace.files.json import read_json
 
 T = TypeVar("T")
+
+
+def _no_truth(value: object) -> object:
+    if isinstance(value, bool):
+        raise ValueError("should be a number")
+    return value
+
+
+NoTruth = BeforeValidator(_no_truth)
+"""Of numbers that may be in quotes, as CARLA and protobuf write them; `true` is none."""
+Number = Annotated[float, NoTruth, Field(allow_inf_nan=False)]
+"""Finite."""
 
 
 def read_record(path: Path, kind: type[T], what: str) -> T:

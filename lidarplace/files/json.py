@@ -27,3 +27,5 @@ def read_json(path: Path, object_hook: Callable[[dict[str, Any]], Any] | None = 
             raise ValueError(f"{path}: no JSON: byte {error.start} is not UTF-8") from None
         except RecursionError:
             raise ValueError(f"{path}: no JSON that can be read: it is nested too deep") from None
+        except ValueError:  # of Python's integers
+            raise ValueError(f"{path}: no JSON: a number of more than 4,300 digits") from None

@@ -117,19 +117,17 @@ def _sizes(numbers: pd.DataFrame, kind: pd.Series, triples: list[list[str]]) -> 
 
     Height is the longest side of pedestrians, length that of cars.
     """
-    medians = numbers.groupby(kind).median()
+    cars, people = (numbers[kind == name].median() for name in ("Car", "Pedestrian"))
     best, found = np.inf, dict[str, str]()
     for names in triples:
-        if (numbers[names] <= 0).any(axis=None) or "Car" not in medians.index:
+        if (numbers[names] <= 0).any(axis=None) or cars[names].isna().any():
             continue
-        car = medians.loc["Car", names]
-        ratio = float(car.max() / car.min())
-        person = medians.loc["Pedestrian", names] if "Pedestrian" in medians.index else None
-        longer = person is None or car.max() > SIDES[0] * person.max()
+        length = max(names, key=cars.__getitem__)
+        ratio = float(cars[length]) / float(cars[names].min())
+        longer = not cars[length] < SIDES[0] * people[names].max()  # NaN: there are no people
         if SIDES[0] <= ratio <= SIDES[1] and ratio < best and longer:
-            length = str(car.idxmax())
             rest = [name for name in names if name != length]
-            if person is not None and person[rest[0]] > person[rest[1]]:
+            if people[rest[0]] > people[rest[1]]:
                 rest.reverse()
             best, found = ratio, dict(zip(SIZE, [length, *rest], strict=True))
     return found
