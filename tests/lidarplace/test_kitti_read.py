@@ -279,6 +279,7 @@ def test_a_broken_line_is_named_or_skipped(tmp_path, line, message) -> None:
         (calibration_text({"R0_rect": np.eye(3)}), r"no line Tr_velo_to_cam; found R0_rect"),
         (calibration_text({"R0_rect": np.eye(2)}), r"line 1: R0_rect needs 9 finite numbers"),
         (calibration_text({**STANDARD, "R0_rect": np.zeros((3, 3))}), r"R0_rect is no rotation"),
+        (calibration_text({**STANDARD, "R0_rect": 1e200 * np.eye(3)}), r"R0_rect is no rotation"),
         (calibration_text().replace("R0_rect: 1.0", "R0_rect: n"), r"line 5: R0_rect needs 9"),
     ],
 )

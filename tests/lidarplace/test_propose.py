@@ -237,6 +237,17 @@ def test_names_that_yaml_would_take_for_something_else(tmp_path):
     assert guess["classes"] == dict.fromkeys(["no", "1", "a: b", "#"])
 
 
+@pytest.mark.parametrize("column", ["recording", "kind", "track", "posX", "stamp", "host_heading"])
+@pytest.mark.parametrize("named", [True, False])
+def test_missing_cells_are_no_reason_to_stop(tmp_path, column, named):
+    table = write_in_manner(traffic(), Manner(coordinates="world"))
+    table[column] = table[column].where(table.index != 7)
+    if not named:
+        table.columns = [f"c{n}" for n in range(len(table.columns))]
+    table.to_csv(tmp_path / "labels.csv", index=False)
+    assert parse_yaml(propose_mapping(tmp_path / "labels.csv"))["columns"]
+
+
 def test_tables_without_rows_or_numbers(tmp_path):
     path = tmp_path / "labels.csv"
     path.write_text("x,yaw\n")

@@ -74,7 +74,7 @@ def add_columns_by_values(table: pd.DataFrame, columns: dict[str, str]) -> None:
         return [three for three in threes if own.issuperset(three) and left(three) == three]
 
     if not set(SIZE) & columns.keys() and "category" in columns:
-        kind = table[columns["category"]].astype(str).map(class_in)
+        kind = table[columns["category"]].map(lambda name: class_in(str(name)))
         columns |= _sizes(pd.DataFrame(numbers), kind, triples())
     if not {"x", "y", "z"} & columns.keys():
         spread = {name: values.std() for name, values in numbers.items()}
@@ -91,7 +91,7 @@ def add_columns_by_values(table: pd.DataFrame, columns: dict[str, str]) -> None:
 
 
 def _names_classes(values: pd.Series) -> bool:
-    named = values.astype(str).unique()
+    named = values.dropna().astype(str).unique()
     return len(named) <= MOST_CATEGORIES and any(class_in(name) for name in named)
 
 

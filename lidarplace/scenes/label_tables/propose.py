@@ -160,7 +160,7 @@ class _Proposal:
     def _drives(self) -> Iterator[str]:
         if "drive" not in self.columns:
             return
-        names = sorted(self.table[self.columns["drive"]].astype(str).unique())
+        names = sorted(self.table[self.columns["drive"]].dropna().astype(str).unique())
         test = names[len(names) - round(TEST_SHARE * len(names)) :]
         if len(names) > 1 and not test:
             test = names[-1:]
