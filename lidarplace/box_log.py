@@ -32,6 +32,7 @@ from lidarplace.files.columns import (
     sizes,
     texts,
 )
+from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_parquet
 
 
@@ -140,9 +141,9 @@ def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
             "frames.parquet, which lists every frame"
         )
     path = folder / "buildings.parquet"
-    if not path.exists():
+    if not is_there(path):
         return BoxLog(boxes, frames)
-    buildings = _buildings(path)
+    buildings = checked_buildings(read_parquet(path), str(path))
     if len(buildings) and (missing := set(POSE_COLUMNS) - set(frames.columns)):
         raise ValueError(
             f"{folder / 'frames.parquet'}: no column {', '.join(sorted(missing))}; "
@@ -193,8 +194,13 @@ def _frames(path: Path) -> pd.DataFrame:
     return _with_texts(frames, ("scene",), source)
 
 
-def _buildings(path: Path) -> pd.DataFrame:
-    buildings, source = _table(path, BUILDING_COLUMNS), str(path)
+def checked_buildings(buildings: pd.DataFrame, source: str) -> pd.DataFrame:
+    """The table of buildings, its numbers and names as such.
+
+    Raises:
+        ValueError: a column is missing, or a value is wrong.
+    """
+    check_columns(list(buildings.columns), BUILDING_COLUMNS, source)
     buildings[list(GEOMETRY)] = numbers(buildings, GEOMETRY, source)
     sizes(buildings, SIZE, source)
     return _with_texts(buildings, ("scene",), source)

@@ -26,7 +26,7 @@ from lidarplace.scenes.datasets.nuscenes import read_nuscenes
 from lidarplace.scenes.datasets.openlabel import read_openlabel
 from lidarplace.scenes.datasets.tabular import read_tabular
 from lidarplace.scenes.datasets.waymo import read_waymo
-from lidarplace.scenes.doubts.motion import doubts_of_motion
+from lidarplace.scenes.doubts.motion import doubts_of_motion, doubts_of_poses
 from lidarplace.scenes.doubts.surroundings import doubts_of_surroundings
 from lidarplace.scenes.doubts.units import doubts_of_degrees, doubts_of_units
 from lidarplace.scenes.kitti.calibration import LIDAR_HEIGHT_M
@@ -316,6 +316,7 @@ def _refuse(log: BoxLog, source: Path, mapping: TableMapping | None) -> None:
         accept = "a mapping (--propose begins one)"
     else:
         every = chain(
+            doubts_of_poses(log),
             doubts_of_units(log),
             doubts_of_degrees(log) if mapping.units.angle == "deg" else (),
             doubts_of_surroundings(log),
@@ -325,9 +326,10 @@ def _refuse(log: BoxLog, source: Path, mapping: TableMapping | None) -> None:
         accept = "the mapping; if it is meant: accept: [{check}]"
     if found:
         doubt = found[0]
+        rows = log.frames if doubt.check == "poses" else log.boxes
         column = doubt.column if mapping is None else mapping.column(doubt.column)
         raise ValueError(
-            f"{source}: column {column}: {doubt.why}: {doubt.where(log.boxes)}; mend "
+            f"{source}: column {column}: {doubt.why}: {doubt.where(rows)}; mend "
             f"{doubt.remedy} of {accept.format(check=doubt.check)}"
         )
 

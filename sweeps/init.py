@@ -12,6 +12,7 @@ from lidarplace.command_line.invocation import command
 from lidarplace.command_line.terminal import say
 from lidarplace.command_line.verbs import new_app, verb, wrong
 from lidarplace.files.atomic import replacing
+from lidarplace.files.regular import regular
 
 app = new_app()
 
@@ -42,7 +43,7 @@ def init(
 
 def _replaced(path: Path, text: str) -> bool:
     """Whether what is there makes room for `text`. Who cannot be asked keeps it."""
-    if path.read_bytes() == text.encode():
+    if regular(path).read_bytes() == text.encode():
         return False
     try:
         return typer.confirm(f"{path} is there. Overwrite it?")

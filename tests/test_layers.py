@@ -26,12 +26,11 @@ FLOORS = {
     "lidarplace": (
         "catalogue class_names metrics near_names optional pose ranges rings roi scan_pattern "
         "sectors shown start weather",
-        "sensor",
+        "files sensor",
         "placement",
         "coverage",
         "mounting",
         "configuration",
-        "files",
         "boxes plausible",
         "box_log occupancy",
         "lidar surrogates",

@@ -17,6 +17,7 @@ import torch
 from torch import Tensor
 
 from lidarplace.files.atomic import replacing
+from lidarplace.files.regular import regular
 from training.detectors.detector import Detector
 from training.typical_objects import TypicalObject, as_plain, from_plain
 
@@ -189,7 +190,7 @@ def read_checkpoint(path: Path) -> tuple[dict[str, Any], str]:
         DamagedCheckpoint: the file is not what was written.
         ValueError: not a dict of tensors and plain values.
     """
-    data = path.read_bytes()
+    data = regular(path).read_bytes()
     _check_sums(path, data)
     try:
         with warnings.catch_warnings(record=True, action="always") as told:
@@ -219,14 +220,23 @@ class DamagedCheckpoint(ValueError):
 
 
 def _check_sums(path: Path, data: bytes) -> None:
-    """Compare the contents of a checkpoint with their CRC-32, which torch writes and ignores."""
+    """Compare the contents of a checkpoint with their CRC-32, which torch writes and ignores.
+
+    What is larger than the file is not unpacked.
+    """
     if not zipfile.is_zipfile(io.BytesIO(data)):  # of a torch before 1.6
         return
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            name = archive.testzip()
+            unpacked = sum(entry.file_size for entry in archive.infolist())
+            name = archive.testzip() if unpacked <= len(data) else None
     except Exception as error:  # a damaged archive raises almost anything
         raise DamagedCheckpoint(f"{path} is no checkpoint, or a damaged one: {error}") from error
+    if unpacked > len(data):
+        raise ValueError(
+            f"{path} is no checkpoint: expected what torch.save writes, not compressed, found "
+            f"{unpacked:,} bytes in a file of {len(data):,}"
+        )
     if name is not None:
         raise DamagedCheckpoint(f"{path} is no checkpoint, or a damaged one: CRC-32 of {name}")
 
@@ -275,12 +285,22 @@ _INTEGERS = (torch.int32, torch.int64)
 def _is_plain(value: Tensor, own: Tensor) -> bool:
     """Whether a tensor holds numbers that may take the place of `own`, rounded at most."""
     allowed = _FLOATS if own.is_floating_point() else _INTEGERS
-    return value.dtype in allowed and value.layout is torch.strided and not value.is_meta
+    dense = value.layout is torch.strided and not value.is_meta
+    return value.dtype in allowed and dense and not _is_expanded(value)
+
+
+def _is_expanded(value: Tensor) -> bool:
+    """Whether it has more numbers than the file: one number can stand for terabytes."""
+    return value.numel() * value.element_size() > value.untyped_storage().nbytes()
 
 
 def _kind(value: Tensor) -> str:
     layout = "" if value.layout is torch.strided else f", {value.layout}"
-    return f"{value.dtype}{layout}{' without data' * value.is_meta}"
+    plain = value.layout is torch.strided and not value.is_meta
+    lacking = " without data" * value.is_meta or " with fewer numbers than its shape says" * (
+        plain and _is_expanded(value)
+    )
+    return f"{value.dtype}{layout}{lacking}"
 
 
 _SOME = 6

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from lidarplace.files.regular import regular
 from lidarplace.scan_pattern import ScanPattern
 
 MOST_ROWS = 20_000_000
@@ -28,7 +29,7 @@ def read_pattern(path: Path, rays_per_frame: int | None) -> ScanPattern:
             angle that is no number or out of bounds; the message names file, row and column.
     """
     try:
-        told = path.stat()
+        told = regular(path).stat()
         return _read(path, rays_per_frame, told.st_mtime_ns, told.st_size)
     except OSError as error:
         raise ValueError(f"pattern: {path}: {error.strerror}") from None

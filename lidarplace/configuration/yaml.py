@@ -15,6 +15,8 @@ from yaml.reader import ReaderError
 from yaml.resolver import Resolver
 from yaml.scanner import ScannerError
 
+from lidarplace.files.regular import regular
+
 MOST_BYTES = 16_000_000
 """Of a file: some 50,000 placements of four mounts. Beyond, it is likely to be another file."""
 MOST_VALUES = 5_000_000
@@ -150,8 +152,8 @@ def read_yaml_file(path: Path) -> Any:
         OSError: the file cannot be read.
         YamlError: it is no text, too large, or not as `parse_yaml` takes it; names the file.
     """
-    with path.open("rb") as file:
-        content = file.read(MOST_BYTES + 1)  # a device has no end
+    with regular(path).open("rb") as file:
+        content = file.read(MOST_BYTES + 1)
     if len(content) > MOST_BYTES:
         raise YamlError(f"{path}: has more than {MOST_BYTES:,} bytes")
     try:

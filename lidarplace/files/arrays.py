@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.files.regular import regular
+
 _DAMAGED = (ValueError, EOFError, tokenize.TokenError)
 """What NumPy raises for an array that is none; the last for a header taken for an old one."""
 
@@ -27,7 +29,7 @@ def read_npy(path: Path, dtype: type[np.generic], ndim: int, mapped: bool = Fals
         ValueError: it holds no array, or another one.
     """
     try:
-        array = np.load(path, mmap_mode="r" if mapped else None, allow_pickle=False)
+        array = np.load(regular(path), mmap_mode="r" if mapped else None, allow_pickle=False)
     except _DAMAGED as error:
         raise ValueError(f"{path}: is no array of NumPy: {error}") from None
     if not isinstance(array, np.ndarray) or array.dtype != dtype or array.ndim != ndim:
@@ -43,7 +45,7 @@ def read_npz(path: Path) -> dict[str, NDArray[Any]]:
         ValueError: it is no such file, or a damaged one.
     """
     try:
-        with np.load(path, allow_pickle=False) as arrays:
+        with np.load(regular(path), allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files}
     except (*_DAMAGED, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
         raise ValueError(f"{path}: is no file of arrays, or a damaged one: {error}") from None

@@ -13,6 +13,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from lidarplace.files.regular import regular
+
 
 def read_text(path: Path) -> str:
     """The text of a file.
@@ -22,7 +24,7 @@ def read_text(path: Path) -> str:
         ValueError: it is not UTF-8; names the file.
     """
     try:
-        return path.read_text(encoding="utf-8")
+        return regular(path).read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise ValueError(f"{path}: is no text: byte {error.start} is not UTF-8") from None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+import re
 from collections.abc import Mapping, Sequence
 from functools import reduce
 from pathlib import Path
@@ -15,6 +16,7 @@ from pyarrow import feather
 
 from lidarplace.files.atomic import first_line, reading
 from lidarplace.files.columns import check_columns
+from lidarplace.files.regular import regular
 
 
 def read_parquet(path: Path, only: Mapping[str, Sequence[int]] | None = None) -> pd.DataFrame:
@@ -28,7 +30,9 @@ def read_parquet(path: Path, only: Mapping[str, Sequence[int]] | None = None) ->
     """
     with reading(path):
         try:
-            with path.open("rb") as file:  # pandas would take a path such as http:/… for an address
+            with regular(path).open(
+                "rb"
+            ) as file:  # pandas would take a path such as http:/… for an address
                 return pd.read_parquet(file, filters=_filters(only))
         # Of pandas: what it notes of a table in the file is JSON, and can be damaged as well.
         except (pa.ArrowException, ValueError, KeyError) as error:
@@ -44,17 +48,36 @@ def _filters(only: Mapping[str, Sequence[int]] | None) -> pc.Expression | None:
 def read_csv(path: Path, **options: Any) -> pd.DataFrame:
     """The table in a CSV file; `options` are of `pandas.read_csv`.
 
+    Commas, semicolons or tabs separate columns, whichever the first line has most of. With the last
+    two a number may have a decimal comma.
+
     Raises:
         ValueError: the file cannot be read, or is no such table.
     """
     with reading(path):
         try:
-            with path.open("rb") as file:
-                return pd.read_csv(file, **options)
+            with regular(path).open("rb") as file:
+                head = re.sub(rb'"[^"]*"', b"", file.readline()).decode("latin-1")
+                options["sep"] = max(",;\t", key=head.count)
+                file.seek(0)
+                table = pd.read_csv(file, **options)
+                if options["sep"] != "," and _has_decimal_commas(table):
+                    file.seek(0)
+                    table = pd.read_csv(file, decimal=",", **options)
+            if table.shape[1] == 1 and (other := re.search(r"\w *([|:/ ]) *\w", head)):
+                raise ValueError(
+                    f"expected columns separated by commas, semicolons or tabs, found {other[1]!r}"
+                )
+            return table
         except UnicodeDecodeError as error:
             raise ValueError(f"{path}: is no CSV file: byte {error.start} is not UTF-8") from None
         except ValueError as error:  # and its subclasses ParserError and EmptyDataError
             raise ValueError(f"{path}: is no CSV file: {first_line(error)}") from None
+
+
+def _has_decimal_commas(table: pd.DataFrame) -> bool:
+    texts = (table[name].astype(str) for name in table.select_dtypes(exclude="number"))
+    return any(values.str.fullmatch(r"[-+]?\d+,\d+").any() for values in texts)
 
 
 def read_feather(path: Path, columns: Sequence[str]) -> pd.DataFrame:
@@ -65,7 +88,7 @@ def read_feather(path: Path, columns: Sequence[str]) -> pd.DataFrame:
     """
     with reading(path):
         try:
-            with path.open("rb") as file:
+            with regular(path).open("rb") as file:
                 table = feather.read_table(file)
             check_columns(table.column_names, columns, str(path))
             return table.select(list(columns)).to_pandas(ignore_metadata=True)

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, model_validator
 
-from lidarplace.files.json import read_record
+from lidarplace.configuration.record import read_record
+from lidarplace.files.regular import is_there
 from lidarplace.lidar.clouds import Crop, PointClouds, read_clouds
 from lidarplace.placement import Mount, Placement
 from lidarplace.sensor import Lidar
@@ -37,7 +38,7 @@ def check_rig(folder: Path, placement: Placement) -> None:
     A folder without that file is taken at its word.
     """
     path = folder / "placement.json"
-    if not path.exists():
+    if not is_there(path):
         return
     recorded = read_record(path, _Rig, "record of a rig")
     mounts, own = ([astuple(mount) for mount in rig.mounts] for rig in (recorded, placement))

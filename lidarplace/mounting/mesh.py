@@ -51,7 +51,8 @@ class Mesh:
         faces: three vertices each, shape (F, 3), int32; at least one has an area.
 
     Raises:
-        ValueError: no triangle has an area, or a coordinate is not finite.
+        ValueError: no triangle has an area, a coordinate is not finite, or a face has a vertex
+            that is not there.
     """
 
     vertices: NDArray[np.float64]
@@ -59,9 +60,16 @@ class Mesh:
 
     def __post_init__(self) -> None:
         vertices = np.array(self.vertices, np.float64).reshape(-1, 3)
-        faces = np.array(self.faces, np.int32).reshape(-1, 3)
+        faces = np.asarray(self.faces).reshape(-1, 3)
         if not np.isfinite(vertices).all():
             raise ValueError("a mesh needs finite coordinates")
+        outside = ((faces < 0) | (faces >= len(vertices))).any(axis=1)
+        if outside.any():
+            raise ValueError(
+                f"a triangle of a mesh has vertices {faces[outside][0].tolist()}; expected numbers "
+                f"from 0 to {len(vertices) - 1}"
+            )
+        faces = faces.astype(np.int32)
         faces = faces[np.linalg.norm(_area_vectors(vertices[faces]), axis=1) > 0]
         if not len(faces):
             raise ValueError("a mesh needs triangles that have an area, found none")

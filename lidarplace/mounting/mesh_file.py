@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import logging
+import re
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from logging.handlers import BufferingHandler
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.files.regular import regular
 from lidarplace.mounting.mesh import Mesh
 
 MOST_TRIANGLES = 1_000_000
@@ -18,6 +25,24 @@ SHORTEST_M, LONGEST_M = 0.5, 40.0
 
 DEEPEST_M = 0.5
 """Below the ground."""
+
+_LOOKS = re.compile("texture|image|bumpmap|opacity|visual|color|material|metadata")
+"""In what trimesh reports of parts that it cannot read: a body needs none of them."""
+
+
+@contextmanager
+def _reports() -> Iterator[list[logging.LogRecord]]:
+    """Keep what trimesh logs, and what NumPy warns of on its behalf, from the terminal."""
+    log, kept = logging.getLogger("trimesh"), BufferingHandler(1000)
+    propagate, log.propagate = log.propagate, False
+    kept.setLevel(logging.WARNING)
+    log.addHandler(kept)
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            yield kept.buffer
+    finally:
+        log.removeHandler(kept)
+        log.propagate = propagate
 
 
 def read_mesh(
@@ -40,21 +65,26 @@ def read_mesh(
     """
     import trimesh
 
-    with path.open("rb"):  # trimesh says of what it cannot open that it is no known format
+    with regular(path).open("rb"):  # trimesh says of what it cannot open that it is no known format
         pass
-    try:
-        read: Any = trimesh.load(path, force="mesh", process=False)
-    except ModuleNotFoundError:
-        raise
-    except Exception as error:  # readers of formats raise whatever comes
-        raise ValueError(f"{path}: is no mesh that can be read: {_one_line(error)}") from None
+    with _reports() as told:
+        try:
+            read: Any = trimesh.load(path, force="mesh", process=False)
+        except ModuleNotFoundError:
+            raise
+        except Exception as error:  # readers of formats raise whatever comes
+            raise ValueError(f"{path}: is no mesh that can be read: {_one_line(error)}") from None
+    for record in told:
+        if not _LOOKS.search(record.getMessage()):
+            raise ValueError(f"{path}: is a damaged mesh: {record.getMessage()}")
     if len(read.faces) > MOST_TRIANGLES:
         raise ValueError(
             f"{path}: {len(read.faces):,} triangles, allowed are {MOST_TRIANGLES:,}; simplify it"
         )
     turn = np.eye(3) if rotation is None else rotation
     try:
-        mesh = Mesh(scale * np.asarray(read.vertices) @ turn.T + origin, np.asarray(read.faces))
+        with np.errstate(all="ignore"):  # numbers like 1e300, of which the size below tells
+            mesh = Mesh(scale * np.asarray(read.vertices) @ turn.T + origin, np.asarray(read.faces))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     low, high = mesh.triangles.min(axis=(0, 1)), mesh.triangles.max(axis=(0, 1))

@@ -15,29 +15,28 @@ from typing import Annotated
 
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
 
+from lidarplace.configuration.record import NoTruth, Number, read_record
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import fault
 from lidarplace.files.atomic import replacing
-from lidarplace.files.json import read_record
 from lidarplace.placement import Mount
 from lidarplace.rig_files.mounted import MountedLidar, named_like
 from lidarplace.scenes.carla.lidars import BLUEPRINT, attributes, even_fans
 from lidarplace.scenes.routes import STEP_S
 from lidarplace.sensor import Lidar
 
-_Number = Annotated[float, Field(allow_inf_nan=False)]
-_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+_Positive = Annotated[Number, Field(gt=0)]
 
 
 class _Place(BaseModel):
     """Metres and degrees."""
 
-    x: _Number = 0.0
-    y: _Number = 0.0
-    z: _Number = 0.0
-    roll: _Number = 0.0
-    pitch: _Number = 0.0
-    yaw: _Number = 0.0
+    x: Number = 0.0
+    y: Number = 0.0
+    z: Number = 0.0
+    roll: Number = 0.0
+    pitch: Number = 0.0
+    yaw: Number = 0.0
 
 
 class _Object(BaseModel):
@@ -52,15 +51,15 @@ class _Object(BaseModel):
     id: str
     spawn_point: _Place = _Place()
     on_it: list[_Object] = Field([], validation_alias=AliasChoices("objects", "sensors"))
-    channels: Annotated[int, Field(ge=1)] = 32
+    channels: Annotated[int, NoTruth, Field(ge=1)] = 32
     range: _Positive = 10.0
     points_per_second: _Positive = 56_000.0
     rotation_frequency: _Positive = 10.0
-    upper_fov: _Number = 10.0
-    lower_fov: _Number = -30.0
+    upper_fov: Number = 10.0
+    lower_fov: Number = -30.0
     horizontal_fov: _Positive = 360.0
-    noise_stddev: _Number = 0.0
-    dropoff_general_rate: _Number = 0.45
+    noise_stddev: Number = 0.0
+    dropoff_general_rate: Number = 0.45
 
 
 class _Objects(BaseModel):

@@ -12,15 +12,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict
 from pydantic.alias_generators import to_camel
 
+from lidarplace.configuration.record import NoTruth, Number, read_record
 from lidarplace.files.atomic import replacing
-from lidarplace.files.json import read_record
 from lidarplace.placement import Mount
 from lidarplace.rig_files.mounted import MountedLidar, named_like
-
-_Number = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class _Message(BaseModel):
@@ -30,17 +28,17 @@ class _Message(BaseModel):
 
 
 class _Vector3d(_Message):
-    x: _Number = 0.0
-    y: _Number = 0.0
-    z: _Number = 0.0
+    x: Number = 0.0
+    y: Number = 0.0
+    z: Number = 0.0
 
 
 class _Orientation3d(_Message):
     """Radians; yaw about z, then pitch about the new y, then roll about the new x."""
 
-    roll: _Number = 0.0
-    pitch: _Number = 0.0
-    yaw: _Number = 0.0
+    roll: Number = 0.0
+    pitch: Number = 0.0
+    yaw: Number = 0.0
 
 
 class _MountingPosition(_Message):
@@ -49,7 +47,7 @@ class _MountingPosition(_Message):
 
 
 class _Identifier(_Message):
-    value: int = 0
+    value: Annotated[int, NoTruth] = 0
 
 
 class _LidarSensorViewConfiguration(_Message):

@@ -13,6 +13,8 @@ from lidarplace.box_log import BoxLog, read_box_log, read_frames
 from lidarplace.boxes import SPLITS
 from lidarplace.class_names import IGNORE
 from lidarplace.configuration.settings import FilePath, Name, Seed, Settings
+from lidarplace.files.atomic import reading
+from lidarplace.files.regular import regular
 from lidarplace.scenes.datasets.class_maps import (
     PAPER,
     PAPER_GROUPS,
@@ -109,7 +111,8 @@ class LogScene(Settings):
         """Hash of the log's tables."""
         digest = hashlib.sha256()
         for path in sorted(self.folder.glob("*.parquet")):
-            digest.update(path.name.encode() + path.read_bytes())
+            with reading(path):
+                digest.update(path.name.encode() + regular(path).read_bytes())
         return digest.hexdigest()
 
     def read(self) -> BoxLog:

@@ -275,8 +275,12 @@ class RangeSettings(Settings):
 class GreedySettings(Settings):
     """A grid of candidate mounts, from which greedy choice takes the best, one after the other."""
 
-    position_step: Distance = Field(0.25, gt=0, description="metres between candidates")
-    angle_step_deg: Degrees = Field(10.0, gt=0, description="degrees between candidates")
+    position_step: Annotated[Distance, Field(ge=1e-6)] = Field(
+        0.25, description="metres between candidates"
+    )
+    angle_step_deg: Annotated[Degrees, Field(ge=1e-6)] = Field(
+        10.0, description="degrees between candidates"
+    )
     most: CountFromOne = Field(4000, description="candidates that are affordable")
     refine: Count = Field(
         3, description="how often the steps are halved around greedy's LiDARs, one by one"

@@ -8,8 +8,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from lidarplace.configuration.record import read_record
 from lidarplace.files.atomic import replacing
-from lidarplace.files.json import read_record
 from lidarplace.files.secret_urls import hide_secrets
 from sweeps.store.result_folder import DamagedResult
 from sweeps.tasks.task import Task

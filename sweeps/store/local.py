@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from lidarplace.files.atomic import naming, replacing, temporary
+from lidarplace.files.regular import regular
 from sweeps.store.checkpoint_attempts import new_attempt
 from sweeps.store.entries import SWEEPS, Entry, check_sweeps, entry_of, keys_in
 from sweeps.store.lock import locked
@@ -166,7 +167,7 @@ class Store:
     def references(self) -> dict[str, set[str]]:
         """Keys that each sweep refers to. Raises ValueError that names a damaged file."""
         paths = sorted((self.folder / SWEEPS).glob("*.json"))
-        return {path.stem: keys_in(path.read_bytes(), path) for path in paths}
+        return {path.stem: keys_in(regular(path).read_bytes(), path) for path in paths}
 
     def forget(self, *names: str) -> None:
         """Refer to nothing in the names of sweeps.

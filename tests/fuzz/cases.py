@@ -88,7 +88,7 @@ def outcome_of(target: Target, path: Path, place: Path) -> Outcome:
 def _outcome(target: Target, path: Path, place: Path) -> Outcome:
     folders = [folder.name for folder in path.relative_to(place).parents]
     places = (*inside(path, place), *(f"/{name}" for name in folders if name), "--", "CARLA server")
-    places += tuple(f"{name}:" for name in folders if name)
+    places += tuple(place for name in folders if name for place in (f"{name}:", f" of {name} "))
     if target.read is not None:
         read = target.read
         outcome = judge_reader(lambda: read(place), places)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager
@@ -143,6 +144,9 @@ def run_line(name: str, seed: int, number: int, world: Path, place: Path) -> Res
     app = import_module(line.module).app
     words, parameter = wrong_line(app, line.arguments, random)
     copied(world, place, line.needs)
+    os.mkfifo(place / "pipe")
+    (place / "loop").symlink_to("loop")
+    (place / "nothing").symlink_to("gone")
     changed = [word for word in words if word not in line.arguments]
     given = [ascii(text[:40])[1:-1] for word in changed for text in (word, str(Path(word)))]
     named = (parameter, parameter.upper(), *filter(None, given), *line.arguments)

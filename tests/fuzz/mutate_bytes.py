@@ -1,7 +1,10 @@
-"""Wrong files, whatever is in them: cut, emptied, overwritten, gone."""
+"""Wrong files, whatever is in them: cut, emptied, overwritten, gone, and no files at all."""
 
 from __future__ import annotations
 
+import contextlib
+import os
+import socket
 from collections.abc import Callable
 from pathlib import Path
 from random import Random
@@ -53,18 +56,31 @@ def removed(path: Path, random: Random) -> str:
     return "removed"
 
 
-def folder(path: Path, random: Random) -> str:
+def no_file(path: Path, random: Random) -> str:
+    """A folder, a link or whatever else takes a name without being a file."""
+    what = random.choice(list(NO_FILES))
     path.unlink()
-    path.mkdir()
-    return "a folder"
+    NO_FILES[what](path)
+    return what
 
 
-def endless_link(path: Path, random: Random) -> str:
-    path.unlink()
-    path.symlink_to(path.name)
-    return "a link to itself"
+def _socket(path: Path) -> None:
+    with socket.socket(socket.AF_UNIX) as made, contextlib.chdir(path.parent):
+        made.bind(path.name)  # whose length is limited
+
+
+NO_FILES: dict[str, Callable[[Path], object]] = {
+    "a folder": Path.mkdir,
+    "a FIFO": os.mkfifo,
+    "a socket": _socket,
+    "a link to itself": lambda path: path.symlink_to(path.name),
+    "a link to nothing": lambda path: path.symlink_to("nothing"),
+    "a link to a folder": lambda path: path.symlink_to("."),
+    "an endless device": lambda path: path.symlink_to("/dev/zero"),
+    "an empty device": lambda path: path.symlink_to("/dev/null"),
+}
 
 
 ANY: tuple[Mutation, ...] = (
-    *(cut, emptied, garbage, zeros, overwritten, not_text, removed, folder, endless_link),
+    *(cut, emptied, garbage, zeros, overwritten, not_text, removed, no_file, no_file, no_file),
 )

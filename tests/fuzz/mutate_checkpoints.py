@@ -26,6 +26,7 @@ WAYS = {
     "empty": lambda t: t.reshape(-1)[:0],
     "one axis more": lambda t: t[None],
     "on no device": lambda t: t.to("meta"),
+    "expanded": lambda t: t.to(torch.float32).reshape(-1)[:1].expand(10**5, 10**9),
     "a list": lambda t: t.tolist(),
 }
 

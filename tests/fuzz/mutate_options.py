@@ -13,6 +13,7 @@ from tests.fuzz import nasty
 PATHS = (
     *("", "/", "no/such/file", "x" * 300, "a\x00b", "\udcff", "/dev/null", "/dev/full"),
     *("/proc/1/mem", "[/x]", "log/boxes.parquet", "log", "sweep.yaml", "--", "s3://", "http://x y"),
+    *("/dev/zero", "pipe", "loop", "nothing"),  # the last three are made for each case
 )
 WORDS = (*nasty.TEXTS[:14], "\x1b[31m", "no=where", "=", "a.b.c=1", "s3://x/y", "1,2", "\udcff")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
@@ -48,9 +49,9 @@ def _nonsense(name: str, world: Path) -> str:
     """What no box log may hold, looked for without the reader; "" if there is nothing."""
     boxes = pd.read_parquet(world / name / "boxes.parquet")
     frames = pd.read_parquet(world / name / "frames.parquet")
-    unknown = set(boxes["class"]) - {"Car", "Cyclist", "Pedestrian"}
-    if unknown:
-        return f"classes {unknown}"
+    possible = [re.fullmatch(r"\w[\w.-]{0,63}", str(name)) for name in set(boxes["class"])]
+    if not all(possible) or set(boxes["class"]) & {"all", "ignore"}:
+        return f"classes {set(boxes['class'])}"
     geometry = boxes[["x", "y", "z", "length", "width", "height", "yaw"]].to_numpy(float)
     if not np.isfinite(geometry).all() or (geometry[:, 3:6] < 0).any():
         return "sizes and places"

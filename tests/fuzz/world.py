@@ -149,6 +149,7 @@ def _labels(folder: Path) -> None:
     manner = company_table.Manner(coordinates="world")
     table = company_table.write_in_manner(log, manner)
     mapping = company_table.mapping_of(log, manner)
+    mapping["classes"] = {**mapping["classes"], "bicyclist": "Two-Wheeler"}  # of one's own
     table.to_csv(folder / "labels.csv", index=False)
     table.to_parquet(folder / "labels.parquet")
     (folder / "map.yaml").write_text(yaml.safe_dump(mapping, sort_keys=False))

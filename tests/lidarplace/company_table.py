@@ -74,7 +74,7 @@ def write_in_manner(log: BoxLog, manner: Manner) -> pd.DataFrame:
 def mapping_of(log: BoxLog, manner: Manner) -> dict[str, object]:
     """The mapping that tells all of this."""
     poses = {
-        "poses": {"x": "host_x", "y": "host_y", "yaw": "host_heading", "angle": manner.angle},
+        "poses": {"x": "host_x", "y": "host_y", "yaw": "host_heading"},
         "coordinates": "world",
     }
     return {

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarplace.boxes import POSE_COLUMNS
-from lidarplace.scenes.doubts.motion import doubts_of_motion, steps_across
+from lidarplace.scenes.doubts.motion import doubts_of_motion, doubts_of_poses, steps_across
 from lidarplace.scenes.doubts.surroundings import doubts_of_surroundings
 from lidarplace.scenes.doubts.units import doubts_of_degrees, doubts_of_units
 
@@ -70,6 +70,23 @@ def test_yaw_that_has_nothing_to_do_with_motion_accuses_no_unit(seed):
     random = np.random.default_rng(seed).uniform(-math.pi, math.pi, len(log.boxes))
     assert list(doubts_of_motion(with_yaw(log, random), "rad")) == []
     assert list(doubts_of_motion(with_yaw(log, random), "deg")) == []
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 10_000), turn=st.floats(-3.1, 3.1))
+def test_a_vehicle_drives_where_it_heads(seed, turn):
+    log = traffic(seed)
+    assert list(doubts_of_poses(log)) == []
+    assert list(doubts_of_poses(without_poses(log))) == []
+    turned = log.frames.assign(ego_yaw=log.frames["ego_yaw"] + turn)
+    shuffled = replace(log, frames=turned.sample(frac=1, random_state=seed, ignore_index=True))
+    doubts = list(doubts_of_poses(shuffled))
+    if abs(turn) < 0.27:
+        assert doubts == []
+    elif abs(turn) > 0.34:
+        (doubt,) = doubts
+        assert doubt.boxes.sum() == 21
+        assert "21 of 24 frames (87.5%)" in doubt.where(shuffled.frames)
 
 
 def test_few_steps_tell_nothing():

@@ -21,6 +21,7 @@ from lidarplace.scenes.kitti.labels import label_lines, to_labels
 from lidarplace.scenes.kitti.read import read_kitti
 from lidarplace.scenes.kitti.velodyne import read_kitti_clouds
 from lidarplace.scenes.kitti.write import write_kitti
+from tests.fuzz.mutate_bytes import NO_FILES
 
 CAR = "Car 0.00 1 -1.67 537.41 181.87 681.71 321.67 1.50 1.60 4.00 1.00 1.65 9.73 -1.57"
 CROP = (-40.0, -40.0, 0.0, 40.0, 40.0, 4.0)
@@ -225,6 +226,20 @@ def test_image_sets_choose_and_split(tmp_path) -> None:
         assert re.search(rf"val\.txt: line {fault}", message)
 
 
+@pytest.mark.parametrize("name", ["ImageSets", "ImageSets/train.txt"])
+@pytest.mark.parametrize("what", NO_FILES)
+def test_a_list_that_cannot_be_read_drops_no_split(tmp_path, name, what) -> None:
+    root = folder_of(tmp_path, {"000000": CAR, "000001": CAR})
+    if name == "ImageSets" and "folder" in what:
+        pytest.skip("a folder of lists")
+    if name != "ImageSets":
+        (root / "ImageSets").mkdir()
+        (root / "ImageSets/val.txt").write_text("000001\n")
+    NO_FILES[what](root / name)
+    with pytest.raises(OSError, match=name):
+        read_kitti(root)
+
+
 def test_labels_alone_are_enough_if_asked_for(tmp_path) -> None:
     (tmp_path / "label_2").mkdir()
     (tmp_path / "label_2" / "000012.txt").write_text(CAR)
@@ -264,6 +279,7 @@ def test_a_broken_line_is_named_or_skipped(tmp_path, line, message) -> None:
         (calibration_text({"R0_rect": np.eye(3)}), r"no line Tr_velo_to_cam; found R0_rect"),
         (calibration_text({"R0_rect": np.eye(2)}), r"line 1: R0_rect needs 9 finite numbers"),
         (calibration_text({**STANDARD, "R0_rect": np.zeros((3, 3))}), r"R0_rect is no rotation"),
+        (calibration_text({**STANDARD, "R0_rect": 1e200 * np.eye(3)}), r"R0_rect is no rotation"),
         (calibration_text().replace("R0_rect: 1.0", "R0_rect: n"), r"line 5: R0_rect needs 9"),
     ],
 )

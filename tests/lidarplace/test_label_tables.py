@@ -292,6 +292,47 @@ def test_a_mistake_is_one_line_and_nothing_is_written(tmp_path, name):
     assert not (tmp_path / "log").exists()
 
 
+POSES = {"x": "host_x", "y": "host_y", "yaw": "host_heading"}
+
+
+@pytest.mark.parametrize(
+    ("angle", "change", "message"),
+    [
+        ("rad", None, "column host_heading: yaw is in radians; over two turns: 100.0% of the rows"),
+        (
+            "deg",
+            lambda t: t.assign(host_heading=90 - t["host_heading"]),
+            "column host_heading: the vehicle drives another way than it heads",
+        ),
+        (
+            "deg",
+            lambda t: t.assign(host_heading=np.radians(t["host_heading"])),
+            "column host_heading: the vehicle drives another way than it heads",
+        ),
+        (
+            "deg",
+            lambda t: t.assign(host_heading=180 + t["host_heading"]),
+            "column host_heading: the vehicle drives another way than it heads",
+        ),
+    ],
+    ids=["degrees as radians", "compass", "radians as degrees", "backwards"],
+)
+def test_a_wrong_heading_of_the_vehicle_is_refused_unless_accepted(
+    tmp_path, angle, change, message
+):
+    poses = {"poses": POSES | {"angle": angle}}
+    manner = Manner(coordinates="world")
+    labels, mapping = write(tmp_path, traffic(1), manner, change, **poses)
+    result = convert(labels, tmp_path / "log", "--mapping", mapping)
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert "mend poses." in result.stderr
+    assert result.stderr.count("\n") == 1
+    every = ["poses", "yaw", "place", "size", "ground", "time"]
+    labels, mapping = write(tmp_path, traffic(1), manner, change, **poses, accept=every)
+    assert convert(labels, tmp_path / "log", "--mapping", mapping).exit_code == 0
+
+
 def test_what_is_meant_is_accepted(tmp_path):
     long = {"passenger_car": 60_000}
     labels, mapping = write(

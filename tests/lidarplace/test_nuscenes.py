@@ -219,6 +219,8 @@ def change(folder, table, **values):
             {"translation": [1.0, math.nan, 0.0]},
             "3 finite numbers, found .*nan",
         ),
+        ("sample_annotation", {"size": [True, 2.0, 1.0]}, r"3 finite .* found \[True, 2.0, 1.0\]"),
+        ("sample", {"timestamp": True}, "timestamp must be a finite number, found True"),
         ("sample_annotation", {"translation": "here"}, "3 finite numbers, found 'here'"),
         ("sample_annotation", {"rotation": [0, 0, 0, 0]}, "quaternion of length 0"),
         ("sample", {"timestamp": None}, "timestamp must be a finite number, found None"),

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from company_table import Manner, mapping_of, traffic, write_in_manner
+from company_table import LENGTH, Manner, mapping_of, traffic, write_in_manner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
@@ -65,6 +65,13 @@ def test_world_and_poses_are_guessed(tmp_path):
         "run frame_number instance type position.x position.y position.z size.l size.w size.h "
         "rotation_z",
         "session epoch obj_id kind loc_x loc_y loc_z dim_l_mm dim_w_mm dim_h_mm yaw_deg",
+        "Fahrt Zeitstempel Objekt_ID Klasse PosX PosY PosZ Länge Breite Höhe Gierwinkel",
+        "messfahrt zeit_us objektnummer objektklasse x_m y_m z_m laenge_m breite_m hoehe_m kurs",
+        "Aufnahme Bildnummer Spur Kategorie Mitte_X Mitte_Y Mitte_Z ObjektLaenge ObjektBreite "
+        "ObjektHoehe Drehwinkel",
+        "trajet horodatage objet_id classe x y z longueur largeur hauteur lacet",
+        "enregistrement temps_ms id_objet catégorie pos_x pos_y pos_z Longueur_m Largeur_m "
+        "Hauteur_m cap_deg",
     ],
 )
 def test_usual_names(names):
@@ -74,7 +81,7 @@ def test_usual_names(names):
     keys = [*keys, "yaw"]
     if listed[0] == "frame":
         keys = ["frame", *keys[2:]]
-    elif listed[1].startswith("frame"):
+    elif listed[1].startswith(("frame", "Bild")):
         keys[1] = "frame"
     noise = ["speed", "score", "num_points", "occlusion"]
     for order in (1, -1):
@@ -92,6 +99,49 @@ def test_classes_are_guessed_where_the_name_says_so(tmp_path):
     table = pd.DataFrame({"class": list(wanted), "x": 1.0})
     table.to_csv(tmp_path / "labels.csv", index=False)
     assert parse_yaml(propose_mapping(tmp_path / "labels.csv"))["classes"] == wanted
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "Fahrzeug_X Fahrzeug_Y Fahrzeug_Gierwinkel",
+        "ego_x ego_y ego_kurs",
+        "véhicule_x véhicule_y véhicule_cap",
+    ],
+)
+def test_names_of_poses(names):
+    keys = ["poses.x", "poses.y", "poses.yaw"]
+    found = guess_columns(["x", "y", "Gierwinkel", *names.split()])
+    assert [found[key] for key in keys] == names.split()
+    assert [found[key] for key in ("x", "y", "yaw")] == ["x", "y", "Gierwinkel"]
+
+
+@pytest.mark.parametrize(
+    ("separator", "decimal"), [(";", ","), (";", "."), ("\t", ","), (",", ".")]
+)
+def test_separators_and_decimal_commas(tmp_path, separator, decimal):
+    """The guess of such a file converts it."""
+    labels, guess = tmp_path / "labels.csv", tmp_path / "guess.yaml"
+    log = traffic()
+    table = write_in_manner(log, Manner(origin=(0.0, 0.0, 0.33)))
+    table.to_csv(labels, index=False, sep=separator, decimal=decimal)
+    assert convert(labels, "--propose", guess).exit_code == 0
+    assert convert(labels, tmp_path / "log", "--mapping", guess).exit_code == 0
+    boxes = pd.read_parquet(tmp_path / "log/boxes.parquet")
+    np.testing.assert_allclose(boxes[["x", "y"]], log.boxes[["x", "y"]])
+
+
+@pytest.mark.parametrize("separator", ["|", ":", " "])
+@pytest.mark.parametrize("command", ["--propose guess.yaml", "log --frames 9"])
+def test_a_wrong_separator_is_named(tmp_path, monkeypatch, separator, command):
+    monkeypatch.chdir(tmp_path)
+    write_in_manner(traffic(), Manner()).to_csv("labels.csv", index=False, sep=separator)
+    result = convert("labels.csv", *command.split())
+    assert result.exit_code == 2
+    assert result.stderr == (
+        "labels.csv: is no CSV file: expected columns separated by commas, semicolons or tabs, "
+        f"found {separator!r}\n"
+    )
 
 
 def convert(*arguments):
@@ -113,12 +163,68 @@ def test_the_guess_is_a_mapping_that_can_be_used(tmp_path):
     assert convert(labels, tmp_path / "log", "--mapping", guess).exit_code == 0
 
 
-def test_what_no_name_tells_is_left_open(tmp_path):
+ORDERS = (
+    *("drive time object category x y z length width height yaw", "length width height x y z yaw"),
+    *("yaw height width length x y z object category drive time", "category time x y z"),
+)
+
+
+@settings(max_examples=30)
+@given(
+    position=st.sampled_from(["m", "cm", "mm"]),
+    size=st.sampled_from(["m", "cm", "mm"]),
+    angle=st.sampled_from(["rad", "deg"]),
+    time=st.sampled_from(["s", "ms", "us", "ns"]),
+    box_z=st.sampled_from(["centre", "bottom"]),
+    coordinates=st.sampled_from(["ego", "world"]),
+    seed=st.integers(0, 1000),
+    order=st.sampled_from(ORDERS),
+    noise=st.booleans(),
+)
+def test_values_tell_where_names_do_not(
+    tmp_path_factory, position, size, angle, time, box_z, coordinates, seed, order, noise
+):
+    """Columns a, b, c … in several orders, with a score and a number of points among them."""
+    log = traffic(seed, drives=4, objects=12)
+    manner = Manner(position, size, angle, time, box_z, coordinates)
+    table, wanted = write_in_manner(log, manner), mapping_of(log, manner)
+    table["heading"] = wrapped(table["heading"], 360.0 if angle == "deg" else 2 * np.pi)
+    for name in ("host_x", "host_y") if coordinates == "world" else ():
+        table[name] *= LENGTH[position]  # the guess takes the unit of boxes for it
+    first = [wanted["columns"][key] for key in order.split()]
+    rest = [name for name in table if name not in first]
+    table = table[[*first, *rest]]
+    if noise:
+        random = np.random.default_rng(seed)
+        table.insert(0, "score", random.uniform(0, 1, len(table)))
+        table["points"] = random.integers(0, 2000, len(table))
+    names = {name: f"c{n}" for n, name in enumerate(table)}
+    path = tmp_path_factory.mktemp("labels") / "labels.csv"
+    table.rename(columns=names).to_csv(path, index=False)
+    text = propose_mapping(path)
+    guess = parse_yaml(text)
+    columns = {key: names[name] for key, name in wanted["columns"].items()}
+    assert guess["columns"] == columns, text
+    assert text.count("# by its values") == len(columns) + 3 * (coordinates == "world")
+    assert guess["units"] == wanted["units"]
+    assert guess.get("coordinates", "ego") == coordinates
+    if coordinates == "world":
+        keys = ("x", "y", "yaw")
+        assert [guess["poses"][key] for key in keys] == [names[wanted["poses"][k]] for k in keys]
+        assert guess["poses"]["angle"] == angle
+
+
+def wrapped(angles, turn):
+    return np.remainder(angles + turn / 2, turn) - turn / 2
+
+
+def test_what_nothing_tells_is_left_open(tmp_path):
     labels, guess = tmp_path / "labels.csv", tmp_path / "guess.yaml"
     table = write_in_manner(traffic(), Manner()).rename(columns={"posX": "A: b", "kind": "no"})
+    table["no"] = table["no"].map({"person": 1, "passenger_car": 2, "bicyclist": 3})
     table.to_csv(labels, index=False)
     assert convert(labels, "--propose", guess).exit_code == 0
-    assert '  x:   # no name tells it; other columns: "no, A: b"\n' in guess.read_text()
+    assert '  x:   # nothing tells it; other columns: "no, A: b"\n' in guess.read_text()
     result = convert(labels, tmp_path / "log", "--mapping", guess)
     assert result.exit_code == 2
     assert "guess.yaml: columns.category: found None" in result.stderr
@@ -129,6 +235,17 @@ def test_names_that_yaml_would_take_for_something_else(tmp_path):
     table.to_csv(tmp_path / "labels.csv", index=False)
     guess = parse_yaml(propose_mapping(tmp_path / "labels.csv"))
     assert guess["classes"] == dict.fromkeys(["no", "1", "a: b", "#"])
+
+
+@pytest.mark.parametrize("column", ["recording", "kind", "track", "posX", "stamp", "host_heading"])
+@pytest.mark.parametrize("named", [True, False])
+def test_missing_cells_are_no_reason_to_stop(tmp_path, column, named):
+    table = write_in_manner(traffic(), Manner(coordinates="world"))
+    table[column] = table[column].where(table.index != 7)
+    if not named:
+        table.columns = [f"c{n}" for n in range(len(table.columns))]
+    table.to_csv(tmp_path / "labels.csv", index=False)
+    assert parse_yaml(propose_mapping(tmp_path / "labels.csv"))["columns"]
 
 
 def test_tables_without_rows_or_numbers(tmp_path):

@@ -14,6 +14,7 @@ from lidarplace.lidar.clouds import PointClouds, write_clouds
 from lidarplace.lidar.recorded import check_rig, clouds_digest, recorded_clouds, rig_record
 from lidarplace.placement import PAPER_PLACEMENTS
 from lidarplace.scenes.recorded import LogScene
+from tests.fuzz.mutate_bytes import NO_FILES
 
 BOXES = pd.DataFrame(
     [("a", 1, 0.0, "7", "Car", 10.0, 1.0, 0.8, 4.5, 1.8, 1.6, 0.1)], columns=BOX_COLUMNS
@@ -52,6 +53,19 @@ def test_what_is_no_scene_is_named(tmp_path, frames, message):
         frames.to_parquet(tmp_path / "frames.parquet")
     with pytest.raises(ValidationError, match=message):
         LogScene(source="log", folder=tmp_path)
+
+
+@pytest.mark.parametrize("table", ["boxes", "buildings"])
+@pytest.mark.parametrize("what", NO_FILES)
+def test_a_log_of_what_is_no_file_has_no_digest(tmp_path, table, what):
+    write_box_log(tmp_path, BoxLog(BOXES, FRAMES))
+    path = tmp_path / f"{table}.parquet"
+    path.unlink()
+    NO_FILES[what](path)
+    scene = LogScene(source="log", folder=tmp_path)
+    for read in (scene.digest, scene.read):
+        with pytest.raises(ValueError, match=f"{path}: "):
+            read()
 
 
 WIDE = (-100.0, -100.0, -5.0, 100.0, 100.0, 20.0)

@@ -254,6 +254,13 @@ WRONG = [
     ("carla", '{"objects": []}', "no LiDAR"),
     ("carla", '{"objects": 3}', "objects: found 3; should be a valid list"),
     ("osi", "{", "line 1: no JSON"),
+    ("osi", OSI % '{"position": {"x": true}}', "position.x: found True; should be a number"),
+    ("osi", OSI % f'{{"position": {{"x": {"1" * 5000}}}}}', "a number of more than 4,300 digits"),
+    (
+        "carla",
+        '{"objects": [{"type": "t", "id": "i", "channels": true}]}',
+        "objects[0].channels: found True; should be a number",
+    ),
     ("osi", OSI % '{"position": {"x": "a"}}', "mountingPosition.position.x: found 'a'"),
 ]
 

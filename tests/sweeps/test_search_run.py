@@ -181,6 +181,8 @@ def test_bad_input_is_one_line(tmp_path, tracking):
         ({"greedy": {"position_step": 0.01}}, "candidates, more than most: 4,000"),
         ({"storage": "nonsense://"}, "search.storage: cannot be opened"),
         ({"greedy": {"position_step": 1e-6}}, "candidates, more than most: 4,000"),
+        ({"greedy": {"position_step": 5e-324}}, "position_step: found 5e-324; should be greater"),
+        ({"greedy": {"angle_step_deg": 5e-324}}, "angle_step_deg: found 5e-324; should be greater"),
         ({"roll_deg": [20, -20]}, "allowed is a number, or [min, max] with min <= max"),
         ({"zones": {"a": {"x": [0, 1], "polygon": [[0, 0]], "z": 2}}}, "a zone needs x, y and z"),
         ({"fixed": [{"z": 2, "lidar": {"beams": 64}}]}, "fixed: lidar: name it in `models`"),

@@ -190,6 +190,18 @@ def test_damaged_files(tmp_path):
         load_checkpoint(Sparse(), tmp_path / "none.pth")
 
 
+def test_what_is_larger_than_the_file_is_not_unpacked(tmp_path, monkeypatch):
+    path, bomb = write(tmp_path / "a.pth", Sparse().state_dict()), tmp_path / "bomb.pth"
+    with zipfile.ZipFile(path) as whole, zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as packed:
+        for entry in whole.infolist():
+            packed.writestr(entry.filename, whole.read(entry))
+        packed.writestr("a/data/999", bytes(10**6))
+    monkeypatch.setattr(zipfile.ZipFile, "testzip", pytest.fail)
+    monkeypatch.setattr(torch, "load", pytest.fail)
+    with pytest.raises(ValueError, match=r"bomb\.pth is no checkpoint: expected what torch\.save"):
+        load_checkpoint(Sparse(), bomb)
+
+
 def test_one_changed_bit_of_a_tensor_is_a_damage(tmp_path):
     path = write(tmp_path / "a.pth", Sparse().state_dict())
     whole = path.read_bytes()
@@ -228,6 +240,9 @@ WAYS = {
     "torch.qint8": lambda t: torch.quantize_per_tensor(t, 0.1, 0, torch.qint8),
     "torch.float32, torch.sparse_coo": lambda t: t.to_sparse(),
     "torch.float32 without data": lambda t: t.to("meta"),
+    "torch.float32 with fewer numbers than its shape says": lambda t: torch.zeros(1).expand(
+        10**5, 10**9
+    ),
 }
 
 

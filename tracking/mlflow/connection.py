@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from lidarplace.files.atomic import temporary
+from lidarplace.files.regular import regular
 from lidarplace.files.secret_urls import public_url
 from lidarplace.optional import needs
 from tracking.mlflow.uri import is_server, sqlite_file
@@ -40,8 +41,11 @@ def connect(uri: str) -> Any:
     # news for a reader of the sweep's output.
     for logger in ("mlflow.store.db.utils", "alembic"):
         logging.getLogger(logger).setLevel(logging.CRITICAL)
-    if (database := sqlite_file(uri)) is not None and not database.exists():
-        _create(database)
+    if (database := sqlite_file(uri)) is not None:
+        if database.exists():
+            regular(database)
+        else:
+            _create(database)
     if not is_server(uri):
         _try_database(uri)
     return MlflowClient(tracking_uri=uri)
@@ -155,4 +159,7 @@ def is_forbidden(error: Exception) -> bool:
 def reason(error: BaseException) -> str:
     """The innermost reason in one line."""
     *_, first = _causes(error)
-    return " ".join(str(first).split()) or type(first).__name__
+    told = " ".join(str(first).split()) or type(first).__name__
+    if type(first) is sqlite3.DatabaseError:  # its subclasses are of other faults than the file's
+        told += "; restore a copy, or move it away: a sweep that is run again fills a new one"
+    return told

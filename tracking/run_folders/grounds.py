@@ -10,9 +10,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.files.arrays import check_numbers, read_npz
+from lidarplace.files.arrays import check_numbers
 from lidarplace.requirements.ground import Ground
-from tracking.run_folders.array_file import ArrayFile, within
+from tracking.run_folders.array_file import ArrayFile
 
 
 @dataclass(frozen=True)
@@ -50,21 +50,6 @@ class Grounds(ArrayFile):
                 found.least[f"{number}/{rig}"] = ground.least.astype(np.float32)
         return found
 
-    @classmethod
-    def read(cls, folder: Path) -> Grounds | None:
-        """None if they are not in `folder`. Raises ValueError that names file and array."""
-        path = folder / cls.FILE
-        if not path.is_file():
-            return None
-        arrays = read_npz(path)
-        missing = [name for name in ("body", "names") if name not in arrays]
-        if missing:
-            raise ValueError(f"{path} has no array {', '.join(missing)}; found {', '.join(arrays)}")
-        grids = {field: within(arrays, field) for field in ("x", "y", "least")}
-        grounds = cls(arrays["body"], arrays["names"], **grids)
-        grounds._check(path)
-        return grounds
-
     def under(self, rig: str, requirement: str) -> Ground | None:
         """The ground of a requirement under a rig; None if it is not kept."""
         names = self.names.tolist()
@@ -75,7 +60,6 @@ class Grounds(ArrayFile):
         return Ground(self.x[number], self.y[number], least.astype(np.float64))
 
     def _check(self, path: Path) -> None:
-        """Raise ValueError unless the arrays are of the shapes that the class tells."""
         check_numbers("body", self.body, 2, path)
         if self.body.shape[1:] != (2,):
             raise ValueError(f"{path}: body needs x and y of each corner, found {self.body.shape}")

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from lidarplace.configuration.settings import fault
 from lidarplace.files.atomic import replacing
+from lidarplace.files.regular import regular
 
 
 class Part(BaseModel):
@@ -51,6 +52,6 @@ def read_result_file(path: Path, model: type[Model]) -> Model:
         OSError: it cannot be read.
     """
     try:
-        return model.model_validate_json(path.read_bytes())
+        return model.model_validate_json(regular(path).read_bytes())
     except ValidationError as error:
         raise ValueError(f"{path}: {fault(error)}") from None

@@ -13,6 +13,7 @@ import plotly.io
 from numpy.typing import NDArray
 
 from lidarplace.files.atomic import read_text
+from lidarplace.files.regular import is_there
 from lidarplace.roi import Roi
 from tracking.run_folders.grounds import Grounds
 from tracking.run_folders.search_arrays import UnseenMaps
@@ -113,7 +114,7 @@ class SearchFolder:
                 that it must have.
         """
         path = Path(path)
-        missing = [n for n in (SearchResult.FILE, TRIALS.file) if not (path / n).is_file()]
+        missing = [n for n in (SearchResult.FILE, TRIALS.file) if not is_there(path / n)]
         if missing:
             raise ValueError(f"{path} is no folder of a search: it has no {', '.join(missing)}")
         search = SearchResult.read(path)
@@ -122,7 +123,7 @@ class SearchFolder:
         return cls(
             path=path,
             search=search,
-            config=read_text(config) if config.is_file() else "",
+            config=read_text(config) if is_there(config) else "",
             roi=search.roi,
             trials=_trials(search, path).sort_values("number", ignore_index=True),
             bound=BOUND.read_if_there(path),

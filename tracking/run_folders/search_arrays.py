@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.files.arrays import check_numbers, read_npz
+from lidarplace.files.regular import is_there
 from tracking.run_folders.array_file import ArrayFile, within
 
 
@@ -32,7 +33,7 @@ class UnseenMaps(ArrayFile):
         """Without any map if they are not in `folder`. Raises ValueError that names file and
         array."""
         path = folder / cls.FILE
-        arrays = read_npz(path) if path.is_file() else {}
+        arrays = read_npz(path) if is_there(path) else {}
         for name, array in arrays.items():
             check_numbers(name, array, 2, path)
         pog, unseen = within(arrays, "pog"), within(arrays, "unseen")

@@ -10,6 +10,7 @@ import pandas as pd
 
 from lidarplace.command_line.invocation import command
 from lidarplace.files.atomic import read_text
+from lidarplace.files.regular import is_there
 from lidarplace.placement import Mount
 from lidarplace.roi import Roi
 from tracking.run_folders.grounds import Grounds
@@ -82,7 +83,7 @@ class RunFolder:
         path = Path(path)
         needed = [table.file for table in TABLES if table.needed]
         required = ["config.yaml", SweepResult.FILE, *needed]
-        missing = [name for name in required if not (path / name).is_file()]
+        missing = [name for name in required if not is_there(path / name)]
         if missing == required and (path / _LOCK).is_file():
             raise ValueError(
                 f"{path} has no results yet: its sweep has not finished. "

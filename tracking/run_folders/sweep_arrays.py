@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.files.arrays import check_numbers, read_npz
-from tracking.run_folders.array_file import ArrayFile, within
+from lidarplace.files.arrays import check_numbers
+from tracking.run_folders.array_file import ArrayFile
 
 
 @dataclass(frozen=True)
@@ -36,16 +36,10 @@ class Maps(ArrayFile):
     residual: dict[str, NDArray[np.float32]]
     residual_side: dict[str, NDArray[np.float32]]
 
-    @classmethod
-    def read(cls, folder: Path) -> Maps | None:
-        """None if they are not in `folder`. Raises ValueError that names file and array."""
-        path = folder / cls.FILE
-        if not path.is_file():
-            return None
-        arrays = read_npz(path)
-        for name, array in arrays.items():
-            check_numbers(name, array, 2, path)
-        return cls(**{field.name: within(arrays, field.name) for field in fields(cls)})
+    def _check(self, path: Path) -> None:
+        for field, arrays in vars(self).items():
+            for name, array in arrays.items():
+                check_numbers(f"{field}/{name}", array, 2, path)
 
 
 @dataclass(frozen=True)
@@ -66,23 +60,7 @@ class Frame(ArrayFile):
     points: dict[str, NDArray[np.float32]]
     lidar: dict[str, NDArray[np.uint8]]
 
-    @classmethod
-    def read(cls, folder: Path) -> Frame | None:
-        """None if it is not in `folder`. Raises ValueError that names file and array."""
-        path = folder / cls.FILE
-        if not path.is_file():
-            return None
-        arrays = read_npz(path)
-        missing = [name for name in ("boxes", "labels") if name not in arrays]
-        if missing:
-            raise ValueError(f"{path} has no array {', '.join(missing)}; found {', '.join(arrays)}")
-        points, lidar = within(arrays, "points"), within(arrays, "lidar")
-        frame = cls(arrays["boxes"], arrays["labels"], points, lidar)
-        frame._check(path)
-        return frame
-
     def _check(self, path: Path) -> None:
-        """Raise ValueError unless the arrays are of the shapes that the class tells."""
         check_numbers("boxes", self.boxes, 2, path)
         if self.boxes.shape[1] != 7 or self.labels.shape != self.boxes.shape[:1]:
             raise ValueError(
@@ -126,27 +104,11 @@ class FailureFrames(ArrayFile):
     points: dict[str, NDArray[np.float32]]
     detections: dict[str, NDArray[np.float64]]
 
-    @classmethod
-    def read(cls, folder: Path) -> FailureFrames | None:
-        """None if they are not in `folder`. Raises ValueError that names file and array."""
-        path = folder / cls.FILE
-        if not path.is_file():
-            return None
-        arrays = read_npz(path)
-        missing = [name for name in ("rigs", "objects") if name not in arrays]
-        if missing:
-            raise ValueError(f"{path} has no array {', '.join(missing)}; found {', '.join(arrays)}")
-        points, detections = within(arrays, "points"), within(arrays, "detections")
-        frames = cls(arrays["rigs"], arrays["objects"], points, detections)
-        frames._check(path)
-        return frames
-
     def are_of(self, rigs: tuple[str, str], objects: pd.Series) -> bool:
         """Whether they show objects of these numbers under these two rigs, in this order."""
         return self.rigs.tolist() == [*rigs] and bool(np.isin(self.objects, objects).all())
 
     def _check(self, path: Path) -> None:
-        """Raise ValueError unless the arrays are of the shapes that the class tells."""
         if self.rigs.shape != (2,) or self.rigs.dtype.kind != "U":
             raise ValueError(f"{path}: rigs must hold two names, found {self.rigs!r}")
         check_numbers("objects", self.objects, 1, path)

@@ -13,6 +13,7 @@ import pandas as pd
 
 from lidarplace.files.atomic import replacing
 from lidarplace.files.columns import check_columns
+from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_parquet
 
 DType = Literal["int64", "float64", "str", "bool"]
@@ -141,7 +142,7 @@ class Table:
 
     def read_if_there(self, folder: Path, axes: Iterable[str] = ()) -> pd.DataFrame | None:
         """As `read`; None if the file is not there."""
-        return self.read(folder, axes) if (folder / self.file).is_file() else None
+        return self.read(folder, axes) if is_there(folder / self.file) else None
 
     def _check(self, table: pd.DataFrame, file: Path) -> None:
         if table.shape == (0, 0):

@@ -106,8 +106,11 @@ class Table:
 
 
 def _floats(value: Any) -> NDArray[np.float64] | None:
+    found = np.array(value, object)
+    if bool in set(map(type, found.ravel().tolist())):
+        return None
     try:
-        return np.array(value, np.float64)
+        return found.astype(np.float64)
     except (TypeError, ValueError):
         return None
 

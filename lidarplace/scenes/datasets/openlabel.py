@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lidarplace.box_log import BoxLog
 from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS, GEOMETRY, POSE_COLUMNS
-from lidarplace.files.json import read_record
+from lidarplace.configuration.record import read_record
 from lidarplace.scenes.datasets.class_maps import (
     BOX_LOG,
     IGNORE,

@@ -13,15 +13,16 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, Field, model_validator
 from scipy.spatial.transform import Rotation
 
+from lidarplace.configuration.record import Number
+
 VEHICLE = "local_cs"
 """The type of a coordinate system that moves with the vehicle."""
 
 Matrix = NDArray[np.float64]
-_Number = Annotated[float, Field(allow_inf_nan=False)]
 
 
 def _list_of(length: int) -> Any:
-    return Annotated[list[_Number], Field(min_length=length, max_length=length)]
+    return Annotated[list[Number], Field(min_length=length, max_length=length)]
 
 
 class Transform(BaseModel):
@@ -62,7 +63,7 @@ def _rigid(rotation: Rotation, position: Any) -> Matrix:
 class Cuboid(BaseModel):
     """`val`: centre, quaternion x, y, z, w or angles about x, y, z, and size; 10 or 9 numbers."""
 
-    val: Annotated[list[_Number], Field(min_length=9, max_length=10)]
+    val: Annotated[list[Number], Field(min_length=9, max_length=10)]
     coordinate_system: str | None = None
 
     def pose(self) -> Matrix:
@@ -120,7 +121,7 @@ class FrameTransform(BaseModel):
 class FrameProperties(BaseModel):
     """When a frame was, and where coordinate systems were."""
 
-    timestamp: str | _Number | None = None
+    timestamp: str | Number | None = None
     transforms: dict[str, FrameTransform] = {}
 
 

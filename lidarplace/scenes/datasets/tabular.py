@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from lidarplace.box_log import BoxLog
+from lidarplace.box_log import BoxLog, checked_buildings
 from lidarplace.boxes import (
     BOX_COLUMNS,
-    BUILDING_COLUMNS,
     FRAME_COLUMNS,
     GEOMETRY,
     POSE_COLUMNS,
@@ -29,6 +28,7 @@ from lidarplace.files.columns import (
     sizes,
     texts,
 )
+from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_csv, read_parquet
 from lidarplace.ranges import FRAMES
 from lidarplace.scenes.datasets.class_maps import (
@@ -81,9 +81,10 @@ def read_tabular(
     class_map = merged(BOX_LOG, class_map)
     buildings = None
     if source.is_dir():
-        buildings = _buildings(source / "buildings.parquet")
+        if is_there(path := source / "buildings.parquet"):
+            buildings = checked_buildings(read_parquet(path), str(path))
         folder, source = source, _found(source, "boxes")
-        if any((folder / f"frames{suffix}").exists() for suffix in SUFFIXES):
+        if any(is_there(folder / f"frames{suffix}") for suffix in SUFFIXES):
             if frames is not None:
                 raise ValueError(f"{folder}: has a table of frames; another one cannot be given")
             frames = _found(folder, "frames")
@@ -110,7 +111,7 @@ def read_tabular(
 
 
 def _found(folder: Path, name: str) -> Path:
-    found = [path for suffix in SUFFIXES if (path := folder / f"{name}{suffix}").exists()]
+    found = [path for suffix in SUFFIXES if is_there(path := folder / f"{name}{suffix}")]
     if len(found) != 1:
         wanted = " or ".join(f"{name}{suffix}" for suffix in SUFFIXES)
         raise ValueError(f"{folder}: must hold {wanted}, found {'both' if found else 'neither'}")
@@ -173,17 +174,6 @@ def _listed(boxes: pd.DataFrame, path: Path, source: Path) -> pd.DataFrame:
             "which lists every frame"
         )
     return _complete(frames, poses)
-
-
-def _buildings(path: Path) -> pd.DataFrame | None:
-    """The buildings of a folder that is a box log already."""
-    if not path.exists():
-        return None
-    buildings = _read(path)
-    check_columns(list(buildings.columns), BUILDING_COLUMNS, str(path))
-    buildings[list(GEOMETRY)] = numbers(buildings, GEOMETRY, str(path))
-    sizes(buildings, SIZE, str(path))
-    return buildings.assign(scene=texts(buildings, "scene", str(path)))
 
 
 def _counted(boxes: pd.DataFrame, count: int, source: Path) -> pd.DataFrame:

@@ -11,18 +11,19 @@ from numpy.typing import NDArray
 
 from lidarplace.boxes import SIZE
 
-Check = Literal["yaw", "size", "place", "ground", "time"]
+Check = Literal["yaw", "size", "place", "ground", "time", "poses"]
 """What is looked at; a mapping of columns may accept it as it is."""
 
 
 @dataclass(frozen=True)
 class Doubt:
-    """Boxes whose values can hardly be meant.
+    """Boxes, or for `poses` frames, whose values can hardly be meant.
 
     Attributes:
         check: what was looked at.
-        column: of the box log; `SIZE[0]` for sizes, `x` for places, `z` for heights.
-        boxes: which, shape (boxes,), bool; at least one.
+        column: of the box log; `SIZE[0]` for sizes, `x` for places, `z` for heights;
+            `ego_yaw` of the frames for poses.
+        boxes: which, or which frames, shape (boxes,), bool; at least one.
         why: what is wrong with them.
         remedy: the keys of a mapping that would mend it.
     """
@@ -34,11 +35,12 @@ class Doubt:
     remedy: str
 
     def where(self, boxes: pd.DataFrame) -> str:
-        """How many of the boxes of the log, and the first of them with its values."""
+        """How many of the boxes (or frames) of the log, and the first of them with its values."""
+        rows = "frames" if self.check == "poses" else "boxes"
         share = self.boxes.mean()
         first = boxes[self.boxes].iloc[0]
         return (
-            f"{self.boxes.sum():,} of {len(boxes):,} boxes ({share:.1%}), the first in frame "
+            f"{self.boxes.sum():,} of {len(boxes):,} {rows} ({share:.1%}), the first in frame "
             f"{first['frame']} with {self._value(first)}"
         )
 

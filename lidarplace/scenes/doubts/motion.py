@@ -1,4 +1,4 @@
-"""Do vehicles move along their length axis? They hardly slide: it shows what a yaw means."""
+"""Do vehicles move where they head? They hardly slide: it shows what a yaw means."""
 
 from __future__ import annotations
 
@@ -24,6 +24,8 @@ ACROSS = 0.3
 """Sine of the angle between motion and length axis, 17 degrees, above which a step is across."""
 MOST_ACROSS = 0.1
 """Share of steps that are across without a doubt: labels jitter, and cars in car parks turn."""
+MOST_OFF = 0.5
+"""Share of steps in which the vehicle itself may drive another way than it heads: it reverses."""
 CLEARLY = 4
 """So many times fewer are across in the unit that is meant."""
 UNKNOWNS = 2
@@ -48,6 +50,25 @@ def doubts_of_motion(log: BoxLog, angle: Literal["rad", "deg"]) -> Iterator[Doub
             f"steps, with yaw in {unit} in {other:.0%}"
         )
         yield Doubt("yaw", "yaw", boxes, why, f"units.angle: {unit}")
+
+
+def doubts_of_poses(log: BoxLog) -> Iterator[Doubt]:
+    """Doubt the heading of the vehicle if it mostly drives another way."""
+    if not _has_poses(log):
+        return
+    frames = log.frames.sort_values(["scene", "frame"])
+    dx, dy = (frames.groupby("scene")[axis].diff() for axis in POSE_COLUMNS[:2])
+    ahead = np.cos(frames["ego_yaw"]) * dx + np.sin(frames["ego_yaw"]) * dy
+    length = np.hypot(dx, dy)
+    moved = length > STEP_M
+    off = moved & (ahead < math.sqrt(1 - ACROSS**2) * length)
+    if moved.sum() >= LEAST_STEPS and off.sum() > MOST_OFF * moved.sum():
+        why = (
+            f"the vehicle drives another way than it heads in {off.sum() / moved.sum():.0%} of "
+            f"{moved.sum():,} steps"
+        )
+        remedy = "poses.angle, or poses.yaw, which is from the x axis towards y,"
+        yield Doubt("poses", "ego_yaw", off[log.frames.index].to_numpy(bool), why, remedy)
 
 
 @dataclass(frozen=True)
@@ -76,11 +97,16 @@ def steps_across(log: BoxLog, factor: float = 1.0, of_world: bool = False) -> St
     if len(steps) > MOST_STEPS:  # whole frames, spread over the log
         number = steps["frame"].rank(method="dense").astype(int)
         steps = steps[number % (len(steps) // MOST_STEPS + 1) == 0]
-    if set(POSE_COLUMNS) <= set(log.frames.columns) and log.frames["ego_yaw"].notna().all():
+    if _has_poses(log):
         sine, moved = _in_the_world(steps, factor, of_world)
     else:
         sine, moved = _beside_the_vehicle(steps, factor)
     return Steps(sine[moved], steps["row"].to_numpy(np.int64)[moved])
+
+
+def _has_poses(log: BoxLog) -> bool:
+    known = set(POSE_COLUMNS) <= set(log.frames.columns)
+    return known and bool(log.frames["ego_yaw"].notna().all())
 
 
 def _steps(log: BoxLog) -> pd.DataFrame:

@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.files.regular import regular
+
 LIDAR_HEIGHT_M = 1.73
 """The LiDAR frame's origin is so far above that of the ego frame; their axes are parallel."""
 
@@ -75,7 +77,7 @@ def read_calibration(path: Path) -> dict[str, NDArray[np.float64]]:
         ValueError: a line is no matrix, or what places the camera is missing; names file and line.
     """
     matrices: dict[str, NDArray[np.float64]] = {}
-    for number, line in enumerate(path.read_text(errors="replace").splitlines(), start=1):
+    for number, line in enumerate(regular(path).read_text(errors="replace").splitlines(), start=1):
         key, *values = line.split() or [""]
         name = _ALIASES.get(key.rstrip(":"), key.rstrip(":"))
         if name not in _SHAPES:
@@ -95,7 +97,8 @@ def read_calibration(path: Path) -> dict[str, NDArray[np.float64]]:
         if name not in matrices:
             raise ValueError(f"{path}: no line {name}; found {', '.join(matrices) or 'none'}")
         turn = matrices[name][:, :3]
-        if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-2 or np.linalg.det(turn) < 0:
+        within = np.abs(turn).max() < 2  # beyond, a product may overflow
+        if not within or np.abs(turn @ turn.T - np.eye(3)).max() > 1e-2 or np.linalg.det(turn) < 0:
             raise ValueError(f"{path}: {name} is no rotation, found {turn.tolist()}")
     return matrices
 

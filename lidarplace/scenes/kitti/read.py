@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from lidarplace.box_log import BoxLog
 from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS
+from lidarplace.files.regular import is_there, regular
 from lidarplace.ranges import LIDAR_HEIGHT
 from lidarplace.scenes.datasets.class_maps import IGNORE, ClassMap, merged
 from lidarplace.scenes.kitti.calibration import (
@@ -121,14 +122,17 @@ def _frames(folder: Path, skipped: list[str] | None) -> pd.DataFrame:
     listed = False
     # Someone who names the folder `training` means its lists too, which lie beside it.
     lists = folder / "ImageSets"
-    if not lists.is_dir() and labels.parent == folder and folder.resolve().name == "training":
+    if not is_there(lists) and labels.parent == folder and folder.resolve().name == "training":
         lists = folder.resolve().parent / "ImageSets"
+    names = {path.name for path in lists.iterdir()} if is_there(lists) else set()
     for name, split in SETS.items():
         path = lists / f"{name}.txt"
-        if not path.is_file():
+        if path.name not in names:
             continue
         listed = True
-        for number, line in enumerate(path.read_text(errors="replace").splitlines(), start=1):
+        for number, line in enumerate(
+            regular(path).read_text(errors="replace").splitlines(), start=1
+        ):
             stem = line.strip()
             if not stem:
                 continue
@@ -180,7 +184,7 @@ def _lines(
 ) -> list[tuple[int, str, list[float]]]:
     """Line, type and 14 numbers of the boxes of a label file; those ignored are counted."""
     found = []
-    for number, line in enumerate(path.read_text(errors="replace").splitlines(), start=1):
+    for number, line in enumerate(regular(path).read_text(errors="replace").splitlines(), start=1):
         fields = line.split()
         if not fields:
             continue

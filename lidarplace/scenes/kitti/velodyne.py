@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.files.regular import is_there, regular
 from lidarplace.lidar.clouds import STEP_M, Crop, PointClouds, valid_points
 from lidarplace.ranges import LIDAR_HEIGHT
 from lidarplace.scenes.kitti.calibration import LIDAR_HEIGHT_M
@@ -47,10 +48,9 @@ def read_kitti_clouds(
     paths = {frame: part(folder, "velodyne") / f"{frame_name(frame)}.bin" for frame in frames}
     whole = {}
     for frame, path in paths.items():
-        size = path.stat().st_size if path.is_file() else None
-        if size is None:
+        if not is_there(path):
             fault(f"{path}: no such file", skipped)
-        elif size % _BYTES:
+        elif (size := regular(path).stat().st_size) % _BYTES:
             fault(f"{path}: {size} bytes are no multiple of {_BYTES}, so no whole points", skipped)
         else:
             whole[frame] = path
@@ -65,7 +65,7 @@ def _read(
     skipped: list[str] | None,
 ) -> Iterator[tuple[NDArray[np.float32], list[int]]]:
     for path in paths:
-        points = np.fromfile(path, "<f4").reshape(-1, 4).astype(np.float32, copy=False)
+        points = np.fromfile(regular(path), "<f4").reshape(-1, 4).astype(np.float32, copy=False)
         good = valid_points(points)
         for index in np.flatnonzero(~good).tolist():
             fault(

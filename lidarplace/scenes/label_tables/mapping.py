@@ -73,7 +73,7 @@ class EgoPoses(Settings):
     z: Name | None = Field(None, description="up; by default 0")
     yaw: Name = Field(description="about z, from the x axis towards y")
     position: LengthUnit = Field("m", description="unit of x, y and z")
-    angle: AngleUnit = Field("rad", description="unit of yaw")
+    angle: AngleUnit | None = Field(None, description="unit of yaw; by default `units.angle`")
 
 
 class Frames(Settings):
@@ -138,7 +138,9 @@ class TableMapping(Settings):
         return self.columns.time or self.columns.frame or ""
 
     def column(self, name: str) -> str:
-        """The file's own name of a column of boxes."""
+        """The file's own name of a column of boxes, or of the vehicle's heading."""
+        if name == "ego_yaw" and self.poses is not None:
+            return self.poses.yaw
         return self.stamp if name == "timestamp_s" else str(getattr(self.columns, name))
 
 

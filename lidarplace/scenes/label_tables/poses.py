@@ -9,6 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.files.columns import numbers
+from lidarplace.plausible import MOST_YAW
 from lidarplace.scenes.label_tables.frames import Stamps, read_stamps
 from lidarplace.scenes.label_tables.mapping import EgoPoses, Origin, TableMapping
 from lidarplace.scenes.label_tables.read_table import check_mapped, read_table
@@ -102,8 +103,20 @@ def read_track(table: pd.DataFrame, mapping: TableMapping, poses: EgoPoses, sour
     pose = np.zeros((len(table), 4))
     for column, name in enumerate(names.values()):
         if name is not None:
-            unit = RADIANS[poses.angle] if column == 3 else METRES[poses.position]
+            unit = (
+                RADIANS[poses.angle or mapping.units.angle]
+                if column == 3
+                else METRES[poses.position]
+            )
             pose[:, column] = numbers(table, [name], source)[:, 0] * unit
+    turned = np.abs(pose[:, 3]) > MOST_YAW
+    if turned.any() and "poses" not in mapping.accept:
+        row = int(np.argmax(turned))
+        raise ValueError(
+            f"{source}: column {poses.yaw}: yaw is in radians; over two turns: {turned.mean():.1%} "
+            f"of the rows, the first is row {row} with {pose[row, 3]:g}; mend poses.angle of the "
+            "mapping; if it is meant: accept: [poses]"
+        )
     return Track(
         read_stamps(table, drive, stamp, not of_time, source),
         pose,

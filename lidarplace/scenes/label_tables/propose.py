@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,7 +11,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.boxes import SIZE
-from lidarplace.scenes.label_tables.column_names import guess_columns
+from lidarplace.scenes.label_tables.column_names import class_in, guess_columns
+from lidarplace.scenes.label_tables.column_values import add_columns_by_values
 from lidarplace.scenes.label_tables.guess_units import (
     DISTANCES,
     SIZES,
@@ -24,12 +24,6 @@ from lidarplace.scenes.label_tables.mapping import Columns
 from lidarplace.scenes.label_tables.read_table import read_table
 from lidarplace.scenes.label_tables.units import METRES, SECONDS
 
-NAMES = {
-    "Pedestrian": r"pedestrian|person(?!al)|human|walker",
-    "Cyclist": r"cycl|bike(?!.?rack)|rider",
-    "Car": r"car(?![a-z])|sedan|suv|taxi",
-}
-"""What in the name of a category tells the class; the guess leaves out all others."""
 TEST_SHARE = 0.2
 MOST_CATEGORIES = 200
 NEAR_GROUND_M = 0.1
@@ -38,7 +32,8 @@ NEAR_GROUND_M = 0.1
 def propose_mapping(path: Path) -> str:
     """A mapping of the label file as YAML, with comments that say what each guess is from.
 
-    A column that no name tells is a key without value: reading such a mapping is an error.
+    A column that neither name nor values tell is a key without value: reading such a mapping is an
+    error.
 
     Raises:
         ValueError: the file cannot be read, or has no row.
@@ -48,17 +43,19 @@ def propose_mapping(path: Path) -> str:
         raise ValueError(f"{path}: has no row")
     table.columns = table.columns.map(str)
     columns = guess_columns(list(table.columns))
+    named = set(columns)
+    if "time" in columns:
+        columns.pop("frame", None)
+    add_columns_by_values(table, columns)
     lines = [f"# A guess from names and values of {path.name}: check every line of it."]
-    return "\n".join([*lines, *_Proposal(table, columns).lines()]) + "\n"
+    return "\n".join([*lines, *_Proposal(table, columns, columns.keys() - named).lines()]) + "\n"
 
 
 class _Proposal:
     """The parts of the mapping, which depend on each other's units."""
 
-    def __init__(self, table: pd.DataFrame, columns: dict[str, str]) -> None:
-        self.table, self.columns = table, columns
-        if "time" in columns:
-            columns.pop("frame", None)
+    def __init__(self, table: pd.DataFrame, columns: dict[str, str], by_values: set[str]) -> None:
+        self.table, self.columns, self.by_values = table, columns, by_values
         x, y, z = (self._numbers(axis) for axis in "xyz")
         ego_x, ego_y, ego_z = (self._numbers(f"poses.{axis}") for axis in "xyz")
         relative = np.hypot(x - ego_x, y - ego_y)
@@ -103,6 +100,10 @@ class _Proposal:
         found = pd.to_numeric(self.table[self.columns[key]], errors="coerce")
         return np.asarray(found.to_numpy(np.float64, na_value=np.nan))
 
+    def _name(self, key: str) -> str:
+        """Of the column, and what told it if it was not its name."""
+        return _text(self.columns[key]) + "   # by its values" * (key in self.by_values)
+
     def _step(self) -> float:
         """From one time stamp of a drive to the next, in the median; NaN if there is one."""
         drive = self.columns.get("drive")
@@ -117,9 +118,9 @@ class _Proposal:
         yield "columns:"
         for key, field in Columns.model_fields.items():
             if key in self.columns:
-                yield f"  {key}: {_text(self.columns[key])}"
+                yield f"  {key}: {self._name(key)}"
             elif field.is_required() or (key == "time" and "frame" not in self.columns):
-                yield f"  {key}:   # no name tells it; other columns: {_text(others)}"
+                yield f"  {key}:   # nothing tells it; other columns: {_text(others)}"
 
     def _place(self) -> Iterator[str]:
         """What z is, where the origin is, and the poses."""
@@ -142,7 +143,7 @@ class _Proposal:
         yield "poses:"
         for key in ("x", "y", "z", "yaw"):
             if f"poses.{key}" in self.columns:
-                yield f"  {key}: {_text(self.columns[f'poses.{key}'])}"
+                yield f"  {key}: {self._name(f'poses.{key}')}"
         yield f"  position: {self.position.unit}   # as of boxes"
         angle = guess_angle(self.columns["poses.yaw"], self._numbers("poses.yaw"))
         yield f"  angle: {angle.unit}   # {angle.why}"
@@ -153,13 +154,13 @@ class _Proposal:
             return
         counts = self.table[self.columns["category"]].astype(str).value_counts()
         for name, count in counts.iloc[:MOST_CATEGORIES].items():
-            known = (c for c, told in NAMES.items() if re.search(told, str(name), re.IGNORECASE))
-            yield f"  {_text(str(name))}: {next(known, 'null')}   # {count / len(self.table):.1%}"
+            known = class_in(str(name)) or "null"
+            yield f"  {_text(str(name))}: {known}   # {count / len(self.table):.1%}"
 
     def _drives(self) -> Iterator[str]:
         if "drive" not in self.columns:
             return
-        names = sorted(self.table[self.columns["drive"]].astype(str).unique())
+        names = sorted(self.table[self.columns["drive"]].dropna().astype(str).unique())
         test = names[len(names) - round(TEST_SHARE * len(names)) :]
         if len(names) > 1 and not test:
             test = names[-1:]

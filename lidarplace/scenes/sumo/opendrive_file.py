@@ -7,6 +7,8 @@ import zlib
 from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError, fromstring
 
+from lidarplace.files.regular import regular
+
 RULES = ("RHT", "LHT")
 """Right-hand and left-hand traffic; the first is meant where a road has no rule."""
 
@@ -20,7 +22,8 @@ def read_opendrive(path: Path) -> Element:
         ValueError: no OpenDRIVE, a lane without id or type, or a direct junction.
     """
     try:
-        data = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
+        data = regular(path).read_bytes()
+        data = gzip.decompress(data) if path.suffix == ".gz" else data
     except (gzip.BadGzipFile, EOFError, zlib.error) as error:
         raise ValueError(f"{path}: not a gzip file: {error}") from None
     try:

@@ -1,0 +1,37 @@
+"""Records: JSON files that hold what a model says, or are refused in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
+
+from lidarplace.configuration.settings import fault
+from lidarplace.files.json import read_json
+
+T = TypeVar("T")
+
+
+def _no_truth(value: object) -> object:
+    if isinstance(value, bool):
+        raise ValueError("should be a number")
+    return value
+
+
+NoTruth = BeforeValidator(_no_truth)
+"""Of numbers that may be in quotes, as CARLA and protobuf write them; `true` is none."""
+Number = Annotated[float, NoTruth, Field(allow_inf_nan=False)]
+"""Finite."""
+
+
+def read_record(path: Path, kind: type[T], what: str) -> T:
+    """A JSON file as a dataclass or a pydantic model; `what` the file should be, for messages.
+
+    Raises:
+        ValueError: as `read_json`, or what the file holds is something else; names file and key.
+    """
+    try:
+        return TypeAdapter(kind).validate_python(read_json(path))
+    except ValidationError as error:
+        raise ValueError(f"{path}: is no {what}: {fault(error)}") from None

@@ -1,0 +1,38 @@
+"""Regular files, all that is read: a FIFO blocks its reader, and a device may have no end."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from pathlib import Path
+
+_KINDS = {"p": "a FIFO", "s": "a socket", "c": "a device", "b": "a device"}
+
+
+def regular(path: Path) -> Path:
+    """`path`, which leads to a regular file; every reader of files opens what this returns.
+
+    Raises:
+        OSError: it leads to nothing, a folder, a FIFO, a socket or a device; names the file.
+    """
+    mode = path.stat().st_mode
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not stat.S_ISREG(mode):
+        found = _KINDS[stat.filemode(mode)[0]]
+        raise OSError(errno.EINVAL, f"expected a regular file, found {found}", str(path))
+    return path
+
+
+def is_there(path: Path) -> bool:
+    """Whether its folder has that name; a link that leads nowhere is there, and fails to be read.
+
+    Raises:
+        OSError: the folder cannot be searched.
+    """
+    try:
+        path.lstat()
+    except FileNotFoundError:
+        return False
+    return True

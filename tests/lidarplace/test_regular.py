@@ -1,0 +1,67 @@
+"""Regular files are read and nothing else, whoever reads."""
+
+import os
+import re
+
+import pytest
+
+from lidarplace.files.regular import is_there, regular
+from tests.fuzz.mutate_bytes import NO_FILES
+from tests.test_layers import MODULES
+
+READ = re.compile(
+    r"(?<!regular\(path\))(\.read_bytes\(\)|\.read_text\(|\.open\(\"rb\"\))"
+    r"|(np\.load|fromfile)\((?!regular)"
+)
+"""A file is opened, and not by what `regular` returns."""
+OWN = {
+    "lidarplace.catalogue.datasheet": "of the package",
+    "lidarplace.recall.detection_curve": "of the package",
+    "lidarplace.viewing.page": "of the package",
+    "lidarplace.files.atomic": "fsync",
+    "lidarplace.scenes.sumo.parts": "found by find_map, which sees to it",
+    "sweeps.init": "of the package",
+    "sweeps.tasks.source": "of the package",
+    "sweeps.execution.checks": "of the kernel",
+    "sweeps.execution.worker": "of the kernel",
+    "sweeps.store.checkpoint_mirror": "of the store",
+    "sweeps.store.local": "of the store",
+    "sweeps.store.lock": "of the store",
+    "sweeps.store.remote": "of the store",
+    "sweeps.store.result_folder": "of the store",
+    "sweeps.mlflow.detector_model": "of MLflow",
+    "tracking.mlflow.samples": "of the sweep",
+}
+"""Modules that read what no user names."""
+
+
+def test_every_reader_opens_what_is_regular():
+    reads = {name for name, path in MODULES.items() if READ.search(path.read_text("utf-8"))}
+    assert reads <= OWN.keys()
+
+
+@pytest.mark.parametrize("what", NO_FILES)
+def test_what_is_no_file_is_named_and_never_opened(tmp_path, what):
+    path = tmp_path / "labels.csv"
+    NO_FILES[what](path)
+    assert is_there(path)
+    with pytest.raises(OSError, match=r"labels\.csv") as raised:
+        regular(path)
+    assert raised.value.filename == str(path)
+    assert raised.value.strerror
+
+
+def test_files_and_links_to_them_are_read(tmp_path):
+    path, link = tmp_path / "a", tmp_path / "b"
+    assert not is_there(path)
+    with pytest.raises(FileNotFoundError):
+        regular(path)
+    path.write_text("text")
+    os.symlink("a", link)
+    assert regular(path).read_text() == regular(link).read_text() == "text"
+
+
+def test_a_name_inside_a_file_is_an_error(tmp_path):
+    (tmp_path / "ImageSets").write_text("")
+    with pytest.raises(NotADirectoryError):
+        is_there(tmp_path / "ImageSets/train.txt")
