@@ -24,8 +24,8 @@ FORBIDDEN = {
 }
 FLOORS = {
     "lidarplace": (
-        "catalogue class_names metrics near_names optional pose ranges rings roi scan_pattern "
-        "sectors shown start weather",
+        "catalogue class_names kernel_cache metrics near_names optional pose ranges rings roi "
+        "scan_pattern sectors shown start weather",
         "files sensor",
         "placement",
         "coverage",
@@ -169,6 +169,13 @@ def test_no_room_imports_upwards(folder):
 def test_no_modules_import_each_other():
     ours = {module: names & MODULES.keys() for module, names in IMPORTS.items()}
     TopologicalSorter(ours).prepare()  # raises an error that names a circle
+
+
+def test_all_kernels_are_compiled_by_the_njit_that_knows_their_sources():
+    own = [module for module, path in MODULES.items() if "numba.njit(" in path.read_text("utf-8")]
+    assert own == ["lidarplace.kernel_cache"]
+    for module, path in MODULES.items():
+        assert "from numba import" not in path.read_text("utf-8"), module
 
 
 def test_importing_lidarplace_brings_in_no_heavy_or_optional_library():

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from lidarplace.kernel_cache import njit
 
 COUNTS, IGNORED, OTHER = 0, 1, -1
 """What a box is to the class under test: it counts, is neither hit nor miss, is not looked at."""

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lidarplace.kernel_cache import njit
 from training.average_precision import (
     RECALL_POINTS,
     FramePairs,

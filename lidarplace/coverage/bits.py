@@ -7,8 +7,9 @@ A set is an array of shape (words, nx, ny), uint64. Sixty-four voxels are joined
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from lidarplace.kernel_cache import njit
 
 Bits = NDArray[np.uint64]
 

@@ -6,8 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from lidarplace.kernel_cache import njit
 
 
 class VoxelGrid(NamedTuple):

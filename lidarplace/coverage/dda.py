@@ -11,7 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from lidarplace.kernel_cache import njit
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -8,12 +8,12 @@ from functools import cache
 from typing import Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from lidarplace.coverage.bresenham import walk_bresenham
 from lidarplace.coverage.clip import VoxelGrid, clip_rays
 from lidarplace.coverage.dda import walk_dda
+from lidarplace.kernel_cache import njit
 from lidarplace.placement import Placement
 from lidarplace.roi import Roi
 from lidarplace.sensor import Lidar

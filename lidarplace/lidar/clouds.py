@@ -15,11 +15,11 @@ from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 import pyarrow as pa
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from lidarplace.files.arrays import read_npy
 from lidarplace.files.atomic import replacing
+from lidarplace.kernel_cache import njit
 
 Crop = tuple[float, float, float, float, float, float]
 """A region: x0, y0, z0, x1, y1, z1, metres."""

@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lidarplace.kernel_cache import njit
 from lidarplace.lidar.hashed import key_of, stream_of, uniform
 from lidarplace.lidar.raycast import Hits
 from lidarplace.sensor import Lidar

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 import pandas as pd
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from lidarplace.boxes import GEOMETRY
+from lidarplace.kernel_cache import njit
 from lidarplace.lidar.clouds import Clouds
 
 MARGIN_M = 0.05

@@ -20,9 +20,9 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lidarplace.kernel_cache import njit
 from lidarplace.lidar.convex import (
     enter_along,
     fill_corners,

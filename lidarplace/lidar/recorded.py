@@ -6,7 +6,6 @@ import hashlib
 import reprlib
 from collections.abc import Iterator
 from dataclasses import asdict, astuple, fields
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +18,6 @@ from lidarplace.files.regular import is_there
 from lidarplace.lidar.clouds import Crop, PointClouds, read_clouds
 from lidarplace.placement import Mount, Placement
 from lidarplace.sensor import Lidar
-
-_SAMPLE = 256
-"""Bytes at both ends of a packed frame that tell it from another one."""
 
 
 def rig_record(placement: Placement) -> dict[str, Any]:
@@ -127,9 +123,7 @@ def recorded_clouds(folder: Path, frames: NDArray[np.int64], crop: Crop) -> Poin
 
 
 def clouds_digest(folder: Path) -> str:
-    """Hash of the clouds in `folder`: all tables, and length, beginning and end of every frame.
-
-    Not of every byte: a study has a hundred gigabytes of clouds.
+    """Hash of all clouds in `folder`; 0.6 s per GB where the processor has SHA instructions.
 
     Raises:
         OSError: a file is missing.
@@ -137,14 +131,9 @@ def clouds_digest(folder: Path) -> str:
     """
     digest = hashlib.sha256()
     for path in _parts(folder):
-        clouds = read_clouds(path)
         digest.update(path.name.encode())
-        for name, array in clouds.arrays().items():
-            if name != "data":
-                digest.update(array.tobytes())
-        for first, end in pairwise(clouds.offsets.tolist()):
-            digest.update(clouds.data[first : min(first + _SAMPLE, end)].tobytes())
-            digest.update(clouds.data[max(end - _SAMPLE, first) : end].tobytes())
+        for array in read_clouds(path).arrays().values():
+            digest.update(array.reshape(-1).data)
     return digest.hexdigest()
 
 

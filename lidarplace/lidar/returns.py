@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lidarplace.kernel_cache import njit
 from lidarplace.lidar.ground import CELL_M, Ground
 from lidarplace.lidar.hashed import key_of, stream_of, uniform
 from lidarplace.lidar.raycast import GROUND, Hits, along, beams_of, returns_light

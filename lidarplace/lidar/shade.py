@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lidarplace.kernel_cache import njit
 from lidarplace.lidar.raycast import HAIR, NO_ENDS, Beams, along, beams_in, beams_of, runs
 from lidarplace.mounting.housing import enter_housing, housings_in, without
 from lidarplace.mounting.mesh import first_hit

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lidarplace.kernel_cache import njit
 from lidarplace.mounting.housing import NO_HOUSINGS
 from lidarplace.mounting.sight import obstacles_of, stopped
 from lidarplace.mounting.vehicle import Vehicle

@@ -13,8 +13,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from lidarplace.kernel_cache import njit
 
 _LEAF = 4  # triangles
 _EDGE = 1e-9  # a ray along an edge meets a triangle at each side, in shares of the triangle

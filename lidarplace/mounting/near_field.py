@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from lidarplace.coverage.cone import sensor_bits
 from lidarplace.coverage.tiles import Tiles
+from lidarplace.kernel_cache import njit
 from lidarplace.mounting.housing import housings_in
 from lidarplace.mounting.sight import obstacles_of, stopped
 from lidarplace.mounting.vehicle import Vehicle, voxels_in_body

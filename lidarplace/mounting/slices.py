@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from lidarplace.kernel_cache import njit
 
 _HAIR = 1e-9  # metres: a touch does not count
 _MOST = 5  # corners of a triangle that two planes cut

@@ -12,9 +12,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lidarplace.kernel_cache import njit
 from lidarplace.roi import Roi
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
+
+from lidarplace.kernel_cache import njit
 
 
 def binary_entropy(p: ArrayLike, rest: ArrayLike) -> NDArray[np.float64]:

@@ -9,11 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from lidarplace.coverage.bits import Bits
 from lidarplace.coverage.tiles import Tiles
+from lidarplace.kernel_cache import njit
 
 
 @dataclass(frozen=True, eq=False)

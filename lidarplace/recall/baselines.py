@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
-from numba import njit
 
 from lidarplace.boxes import SIZE
+from lidarplace.kernel_cache import njit
 from lidarplace.recall.counted_objects import CountedObjects
 from lidarplace.recall.surface_cells import SurfaceCells, slices_of
 

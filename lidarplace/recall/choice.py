@@ -17,9 +17,9 @@ from functools import cached_property
 
 import numba
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lidarplace.kernel_cache import njit
 from lidarplace.recall.expected_recall import ExpectedRecall
 from lidarplace.recall.surface_cells import SurfaceCells, slices_of
 from lidarplace.selection.cuts import Cut

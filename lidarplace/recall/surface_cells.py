@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lidarplace.kernel_cache import njit
 from lidarplace.lidar.raycast import NO_ENDS, along, beams_of, cast_compiled, returns_light
 from lidarplace.placement import Mount
 from lidarplace.sensor import Lidar

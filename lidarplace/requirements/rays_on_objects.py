@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lidarplace.kernel_cache import njit
 from lidarplace.lidar.convex import enter_along, fill_corners, fill_planes, inner, window
 from lidarplace.lidar.raycast import Beams, along, beams_in, beams_of, returns_light, runs
 from lidarplace.lidar.shade import ends_in_rig

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -99,6 +100,10 @@ class LogScene(Settings):
 
     def frame_counts(self) -> tuple[int, int]:
         """Number of training and of test frames."""
+        return self._frame_counts
+
+    @cached_property
+    def _frame_counts(self) -> tuple[int, int]:
         own = read_frames(self.folder)["split"]
         tests = own if self.test_folder is None else read_frames(self.test_folder)["split"]
         return int((own == "train").sum()), int((tests == "test").sum())
@@ -155,11 +160,12 @@ class LogRecording:
 def log_parts(scene: LogScene) -> list[ScenePart]:
     """The log as one part, and the log of its test frames as another if it is one."""
     counts = dict(zip(SPLITS, scene.frame_counts(), strict=True))
-    own = scene.model_copy(update={"test_folder": None})
+    # Constructed, not copied: counts of frames are not those of the copy.
+    own = LogScene.model_construct(**(dict(scene) | {"test_folder": None}))
     if scene.test_folder is None:
         splits = tuple(split for split, count in counts.items() if count)
         return [ScenePart("", LogRecording(own, own.digest()), splits)]
-    other = own.model_copy(update={"folder": scene.test_folder})
+    other = LogScene.model_construct(**(dict(own) | {"folder": scene.test_folder}))
     return [
         ScenePart(name, LogRecording(log, log.digest()), (split,))
         for name, log, split in (("", own, "train"), ("test log", other, "test"))

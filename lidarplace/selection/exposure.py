@@ -10,10 +10,10 @@ from functools import cached_property
 
 import numba
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from lidarplace.coverage import Method, check_method
+from lidarplace.kernel_cache import njit
 from lidarplace.occupancy.grid import OccupancyGrid
 from lidarplace.placement import Placement
 from lidarplace.selection.tracing import OBJECTIVES, Objective, Tracing

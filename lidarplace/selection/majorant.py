@@ -18,9 +18,9 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lidarplace.kernel_cache import njit
 from lidarplace.selection.exposure import Exposure, gains_of
 from lidarplace.selection.voxel_gain import gain_at, slope_at
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from lidarplace.coverage import Method, covered_bits, rays_of
 from lidarplace.coverage.rays import log_miss, ray_counts, ray_weight
 from lidarplace.coverage.tiles import Tiles
+from lidarplace.kernel_cache import njit
 from lidarplace.occupancy.grid import OccupancyGrid
 from lidarplace.placement import Placement
 from lidarplace.roi import Roi

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lidarplace.kernel_cache import njit
 from lidarplace.occupancy.entropy import entropy_of_counts
 from lidarplace.occupancy.grid import OccupancyGrid
 from lidarplace.surrogates.formulas import information_at

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lidarplace.kernel_cache import njit
 from lidarplace.occupancy.grid import OccupancyGrid
 
 _TABLE = 2**20  # entries: 8 MB

@@ -19,12 +19,12 @@ from functools import partial
 
 import numpy as np
 import pandas as pd
-from numba import njit
 from numpy.typing import NDArray
 
 from lidarplace.boxes import frame_keys
 from lidarplace.coverage import Method, coverage, rays_of
 from lidarplace.coverage.rays import log_miss, ray_counts
+from lidarplace.kernel_cache import njit
 from lidarplace.occupancy.block_counts import BlockCounts
 from lidarplace.occupancy.entropy import entropy_of_counts
 from lidarplace.occupancy.grid import OccupancyGrid

@@ -147,12 +147,13 @@ def override(raw: dict[str, Any], pair: str, path: Path, model: type[BaseModel])
 
 
 def put(data: dict[str, Any], key_path: str, value: Any, path: Path) -> None:
-    """Set the value at a dotted key path, making mappings on the way."""
+    """Set the value at a dotted key path, in copies of the mappings on the way."""
     *parents, last = key_path.split(".")
     for key in parents:
-        data = data.setdefault(key, {})
-        if not isinstance(data, dict):
-            raise ConfigError(f"{path}: {key_path}: {key} is {data!r}, not a mapping of keys")
+        inner = data.get(key, {})
+        if not isinstance(inner, dict):
+            raise ConfigError(f"{path}: {key_path}: {key} is {inner!r}, not a mapping of keys")
+        data[key] = data = dict(inner)
     data[last] = deepcopy(value)
 
 

@@ -5,14 +5,16 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel
+
 from lidarplace.configuration.settings import found, shortened
 from lidarplace.lidar.own_body import check_mounts
 from lidarplace.metrics import RANKING
+from lidarplace.placement import Placement
 from lidarplace.scenes.recorded import LogScene
 from lidarplace.sensor import Lidar
 from sweeps.configuration.file import (
@@ -37,12 +39,14 @@ class GridPoint:
 
     Attributes:
         point: what is trained and evaluated.
+        rig: its placement, with its LiDARs and in its weather.
         axes: its place on the axes, key path -> value.
         rung: which rung of `promote` it is trained for; their number for the full training.
         set_by_rungs: axes that rungs set, beside those of the grid.
     """
 
     point: Point
+    rig: Placement
     axes: Mapping[str, Any]
     rung: int = 0
     set_by_rungs: tuple[str, ...] = ()
@@ -86,28 +90,33 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
     grid = _axes(raw, path)
     common = {key: value for key, value in raw.items() if key in Common.model_fields}
     own = {key: value for key, value in raw.items() if key not in (*common, "grid", "exclude")}
-    base = deepcopy(own)
+    base = dict(own)
     for axis, values in grid.items():
         put(base, axis, values[0], path)
     # Every value of every axis by itself first: the error can then name it.
     checked_common = check(Common, common, path)
-    check(Point, base, path, {axis: f"grid.{axis}[0]" for axis in grid})
+    first = check(Point, base, path, {axis: f"grid.{axis}[0]" for axis in grid})
     _check_own_values(own, base, grid, checked_common, path)
+    rungs = _trained_rungs(checked_common, grid, path)
+    # A section in which nothing varies is one object for all points: one log is read once.
+    varied_keys = [*grid, *(key for _, settings in rungs for key in settings)]
+    for key in base.keys() - {key.partition(".")[0] for key in varied_keys}:
+        if isinstance(section := getattr(first, key), BaseModel):
+            base[key] = section
     for axis, values in grid.items():
         for i, value in enumerate(values[1:], start=1):
-            varied = deepcopy(base)
+            varied = dict(base)
             put(varied, axis, value, path)
             check(Point, varied, path, {axis: f"grid.{axis}[{i}]", "": f"grid.{axis}[{i}]"})
     exclude = _exclusions(raw.get("exclude", []), grid, path)
 
-    rungs = _trained_rungs(checked_common, grid, path)
     points = []
     for rung, settings in rungs:
         for combination in itertools.product(*grid.values()):
             axes = dict(zip(grid, combination, strict=True))
             if any(all(_key(axes[k]) in v for k, v in rule.items()) for rule in exclude):
                 continue
-            data = deepcopy(base)
+            data = dict(base)
             for key, value in (axes | settings).items():
                 put(data, key, value, path)
             names = {key: f"promote[{rung}].set.{key}" for key in settings}
@@ -115,12 +124,12 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
             if not settings:  # the full trainings
                 _check_rungs(checked_common, point, path)
             try:
-                checked_common.rig_named(point.placement, point)
+                rig = checked_common.rig_named(point.placement, point)
             except ValueError as error:
                 key = "grid.placement" if "placement" in grid else "placement"
                 raise ConfigError(f"{path}: {key}: {error}") from None
             set_by_rungs = {key: _value_at(point, key) for _, own in rungs for key in own}
-            points.append(GridPoint(point, axes | set_by_rungs, rung, tuple(set_by_rungs)))
+            points.append(GridPoint(point, rig, axes | set_by_rungs, rung, tuple(set_by_rungs)))
     if not points:
         raise ConfigError(f"{path}: exclude: no point of the grid is left")
     source = with_whole_paths(raw, path.parent)
@@ -142,7 +151,7 @@ def _check_mounts(sweep: Sweep, path: Path) -> None:
             continue
         checked.add((point.placement, point.vehicle))
         try:
-            check_mounts(sweep.common.rig_named(point.placement, point), point.body())
+            check_mounts(own.rig, point.body())
         except ValueError as error:
             raise ConfigError(f"{path}: placement {error}") from None
 
@@ -159,7 +168,7 @@ def _check_own_values(
         key, _, _ = axis.partition(".")
         if key not in own:
             continue
-        data = dict(base) | {key: deepcopy(own[key])}
+        data = dict(base) | {key: own[key]}
         for other, values in grid.items():
             if other.startswith(f"{key}.") and not _has(own, other):
                 put(data, other, values[0], path)

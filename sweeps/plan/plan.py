@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from cachetools import cached
 
 from lidarplace import Placement, Roi
 from lidarplace.configuration.vehicle import VehicleSettings, vehicle_of
@@ -218,6 +219,7 @@ class _Builder:
         self._curves = cache(_curves)
         self._laid = cache(self._lay_out)
         self._boxes_of = cache(boxes_by_split)
+        self._typical = cached({}, key=_classes_of)(self._typical_of)
         self.cautions: dict[str, None] = {}
         self._random_rigs = cache(random_rigs)
         self._interleaving = cache(interleaving)
@@ -227,8 +229,7 @@ class _Builder:
 
     def trial(self, grid_point: GridPoint) -> Trial:
         """The trial of a point, with all its tasks."""
-        point = grid_point.point
-        rig = self._common.rig_named(point.placement, point)
+        point, rig = grid_point.point, grid_point.rig
         try:
             parts = self._parts_of(point.scene)
         except ValueError as error:
@@ -253,7 +254,7 @@ class _Builder:
             **self._detection(grid_point, rig, parts, scenes, typical),
         )
 
-    def _typical(self, point: Point) -> tuple[TypicalObject, ...]:
+    def _typical_of(self, point: Point) -> tuple[TypicalObject, ...]:
         """Of the classes whose anchors are not the preset's; refuses a class that is not there."""
         if not isinstance(point.scene, LogScene):
             return typical_of(point, None)
@@ -536,6 +537,11 @@ class _Builder:
             return placement.with_lidar([own.thinned(share) for own in placement.lidars])
         except ValueError as error:
             raise ConfigError(f"lidar.cloud_share: {share:g}: {error}") from None
+
+
+def _classes_of(point: Point) -> tuple[Any, ...]:
+    """What decides the typical objects of a point."""
+    return point.scene, point.classes, tuple(point.class_settings.items())
 
 
 def _nameless(placement: Placement) -> Placement:

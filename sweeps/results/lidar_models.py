@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lidarplace.catalogue.datasheet import datasheet
+from lidarplace.placement import Placement
 from sweeps.configuration.grid import Sweep
 from sweeps.configuration.sweep import Point
 from tracking.run_folders.sweep_json import LidarModel
@@ -14,12 +15,11 @@ def lidar_models(sweep: Sweep) -> dict[str, tuple[LidarModel, ...]]:
     """The model of every mount, by the placement's name; none where an axis varies it."""
     if any(axis.partition(".")[0] == "lidar" for axis in sweep.axes):
         return {}
-    points = {own.point.placement: own.point for own in sweep.points}
-    return {name: _models(sweep, point) for name, point in points.items()}
+    points = {own.point.placement: own for own in sweep.points}
+    return {name: _models(sweep, own.point, own.rig) for name, own in points.items()}
 
 
-def _models(sweep: Sweep, point: Point) -> tuple[LidarModel, ...]:
-    rig = sweep.common.rig_named(point.placement, point)
+def _models(sweep: Sweep, point: Point, rig: Placement) -> tuple[LidarModel, ...]:
     settings = sweep.common.placements.get(point.placement)
     own = [mount.lidar for mount in settings.mounts] if settings else [None] * len(rig.mounts)
     models = []

@@ -16,7 +16,6 @@ from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.occupancy.entropy import entropy_of_counts
 from lidarplace.requirements.ground import Ground
 from lidarplace.surrogates.table import DECIDING
-from sweeps.configuration.grid import Sweep
 from sweeps.plan.plan import Plan, Trial
 from sweeps.store.open import AnyStore
 from tracking.run_folders.grounds import Grounds
@@ -45,7 +44,7 @@ def drawn(known: Sequence[Trial], tested: Sequence[Trial], surrogates: pd.DataFr
     return list(by_name.values())[:MOST_UNTESTED]
 
 
-def maps(sweep: Sweep, trials: Sequence[Trial], store: AnyStore) -> Maps:
+def maps(trials: Sequence[Trial], store: AnyStore) -> Maps:
     """The maps of the trials' placements."""
     classes = trials[0].grid_point.point.classes
     pog = store.load(trials[0].pog)
@@ -53,8 +52,7 @@ def maps(sweep: Sweep, trials: Sequence[Trial], store: AnyStore) -> Maps:
     entropy = sum(_entropy(pog[f"counts_{name}"], pog["frames"]) for name in classes)
     for trial in trials:
         point = trial.grid_point.point
-        rig = sweep.common.rig_named(point.placement, point)
-        covered = coverage(rig, point.voxel_roi(), point.surrogate.method)
+        covered = coverage(trial.grid_point.rig, point.voxel_roi(), point.surrogate.method)
         residual = np.where(covered, np.float32(0), entropy)
         found.coverage[point.placement] = covered.mean(axis=2, dtype=np.float32)
         found.coverage_side[point.placement] = covered.mean(axis=1, dtype=np.float32)

@@ -19,10 +19,7 @@ MOST_DRAWN = 40
 def write_rigs_page(sweep: Sweep, cautions: list[str]) -> Path:
     """Draw the first `MOST_DRAWN` rigs from above and from the side, below what is to be known of
     them. Returns the page, which is in the sweep's run folder."""
-    rigs = {
-        own.point.placement: sweep.common.rig_named(own.point.placement, own.point)
-        for own in sweep.points
-    }
+    rigs = {own.point.placement: own.rig for own in sweep.points}
     models = lidar_models(sweep)
     drawn = list(rigs)[:MOST_DRAWN]
     vehicle = sweep.points[0].point.body()

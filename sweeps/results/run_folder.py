@@ -135,7 +135,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
             for split, count in splits.value_counts().items():
                 frames[str(split)] += int(count)
         shown = drawn(known, tested, surrogates)
-        maps(sweep, shown, store).write(folder)
+        maps(shown, store).write(folder)
         if plan.laid:
             grounds(plan, shown, store).write(folder)
         if tested:
@@ -269,9 +269,7 @@ def _about(
     store: AnyStore,
 ) -> SweepResult:
     first = sweep.points[0].point
-    rigs = {
-        p.point.placement: sweep.common.rig_named(p.point.placement, p.point) for p in sweep.points
-    }
+    rigs = {own.point.placement: own.rig for own in sweep.points}
     rungs = [rung.model_dump(mode="json", by_alias=True) for rung in sweep.common.promote]
     return SweepResult(
         name=sweep.common.name,

@@ -61,7 +61,8 @@ class Store:
             TypeError: an entry that is neither table, array, weights nor plain data.
         """
         with self.incoming(task) as folder:
-            write_result(folder, value, {"label": task.label, "seconds": seconds} | about)
+            record = {"label": task.label, "seconds": seconds} | about
+            write_result(folder, value, f"{task.stage}/{task.key}", record)
 
     def load(self, task: Task, names: Collection[str] | None = None) -> Value:
         """Read a result, or its entries of these names. Large arrays are mapped, read-only.

@@ -109,10 +109,12 @@ class RemoteStore:
         with suppress(FileNotFoundError, DamagedResult):
             return self.local.record(task)
         place = f"{task.stage}/{task.key}"
-        content = parse_content(self._read(f"{place}/{RECORD}"))
-        if content is None:
+        data = self._read(f"{place}/{RECORD}")
+        try:
+            content = parse_content(data, place, f"{self.shown}/{place}")
+        except DamagedResult:
             self._remove_result(place)
-            raise damaged(f"{self.shown}/{place}", f"{RECORD} is not what was written")
+            raise
         record: Mapping[str, Any] = content["record"]
         return record
 
@@ -265,9 +267,8 @@ class RemoteStore:
         place = f"{task.stage}/{task.key}"
         with self.local.incoming(task) as folder:
             filesystem.get_file(f"{root}/{place}/{RECORD}", str(folder / RECORD))
-            content = parse_content((folder / RECORD).read_bytes())
-            if content is None:
-                raise damaged(f"{self.shown}/{place}", f"{RECORD} is not what was written")
+            data = (folder / RECORD).read_bytes()
+            content = parse_content(data, place, f"{self.shown}/{place}")
             files = content["files"]
             try:
                 if files:

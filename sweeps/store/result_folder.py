@@ -24,10 +24,13 @@ RECORD = "result.json"
 _MAPPED_BYTES = 1_000_000  # smaller arrays are not worth an open file
 
 
-def write_result(folder: Path, value: Mapping[str, Any], record: Mapping[str, Any]) -> None:
+def write_result(
+    folder: Path, value: Mapping[str, Any], place: str, record: Mapping[str, Any]
+) -> None:
     """Write a result into an empty folder and wait until it is on the disk.
 
     Args:
+        place: "STAGE/KEY" of the result, where the folder will be.
         record: plain data about the result.
 
     Raises:
@@ -47,6 +50,7 @@ def write_result(folder: Path, value: Mapping[str, Any], record: Mapping[str, An
         else:
             plain[name] = item
     content = {
+        "place": place,
         "record": dict(record),
         "id": secrets.token_hex(8),  # of these very files, should another process write them too
         "files": {
@@ -63,32 +67,42 @@ def write_result(folder: Path, value: Mapping[str, Any], record: Mapping[str, An
 
 
 def read_content(folder: Path) -> dict[str, Any]:
-    """`result.json`: "record", "id", "files" ("bytes" and "digest" by name), "value", the plain
-    data, and "digest", of all the rest.
+    """`result.json`: "place", "record", "id", "files" ("bytes" and "digest" by name) and "value",
+    the plain data.
 
     Raises:
         FileNotFoundError: the folder is not there.
-        DamagedResult: the file is missing or damaged.
+        DamagedResult: the file is missing, damaged or of another folder's result.
     """
     try:
-        content = parse_content((folder / RECORD).read_bytes())
+        data = (folder / RECORD).read_bytes()
     except FileNotFoundError:
         if not folder.is_dir():
             raise
         raise damaged(folder, f"{RECORD} is missing") from None
-    if content is None:
-        raise damaged(folder, f"{RECORD} is not what was written")
-    return content
+    return parse_content(data, f"{folder.parent.name}/{folder.name}", folder)
 
 
-def parse_content(data: bytes) -> dict[str, Any] | None:
-    """What `read_content` returns, from the bytes of `result.json`; None if they are damaged."""
+def parse_content(data: bytes, place: str, named: object) -> dict[str, Any]:
+    """What `read_content` returns, from the bytes of the `result.json` that is at `place`.
+
+    Args:
+        named: what errors call the folder.
+
+    Raises:
+        DamagedResult: they are damaged, or of the result of another place.
+    """
     try:
-        content = json.loads(data)
+        content: dict[str, Any] = json.loads(data)
         whole = content.pop("digest") == _digest_of_content(content)
+        found = content["place"]
     except (ValueError, AttributeError, KeyError, TypeError, RecursionError):
-        return None
-    return content if whole else None
+        whole = False
+    if not whole:
+        raise damaged(named, f"{RECORD} is not what was written")
+    if found != place:
+        raise damaged(named, f"its {RECORD} is of {found}")
+    return content
 
 
 def check_files(

@@ -223,10 +223,15 @@ def sampling_error(params: SamplingErrorParams, *logs: Value) -> Value:
 def collect(params: CollectParams | RecordedParams, log: Value) -> Value:
     """Point clouds of one split under one placement, and the points on every object."""
     from lidarplace.lidar.points_in_boxes import count_points_per_object
-    from lidarplace.lidar.recorded import recorded_clouds
+    from lidarplace.lidar.recorded import clouds_digest, recorded_clouds
 
     recorded = box_log(log)
     if isinstance(params, RecordedParams):
+        if clouds_digest(params.folder) != params.digest:
+            raise ValueError(
+                f"{params.folder}: the clouds have changed since the command was given; give the "
+                "command again"
+            )
         numbers = _frames_of(recorded, params.split)
         clouds = recorded_clouds(params.folder, numbers, params.crop)
     else:

@@ -1,6 +1,7 @@
 """Scenes and clouds that were recorded before."""
 
 import json
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from pydantic import ValidationError
 
 from lidarplace.box_log import BoxLog, write_box_log
 from lidarplace.boxes import BOX_COLUMNS
-from lidarplace.lidar.clouds import PointClouds, write_clouds
+from lidarplace.lidar.clouds import PointClouds, read_clouds, write_clouds
 from lidarplace.lidar.recorded import check_rig, clouds_digest, recorded_clouds, rig_record
 from lidarplace.placement import PAPER_PLACEMENTS
 from lidarplace.scenes.recorded import LogScene
@@ -134,6 +135,19 @@ def test_clouds_moved_as_a_whole_have_another_digest(tmp_path):
     assert clouds_digest(tmp_path) != before
     write_clouds(tmp_path / "route", PointClouds.from_frames([1], [(points, [150, 150])], WIDE))
     assert clouds_digest(tmp_path) != before
+
+
+@pytest.mark.parametrize("name", ["data", "offsets", "counts", "frames", "crop", "step"])
+def test_every_byte_of_recorded_clouds_counts(tmp_path, name):
+    write_clouds(tmp_path / "route", PointClouds.from_frames([1, 2], [cloud(1), cloud(2)], WIDE))
+    before = clouds_digest(tmp_path)
+    array = getattr(read_clouds(tmp_path / "route"), name).copy()  # the file is written over
+    for place in range(0, array.size, 1 + array.size // 20):
+        changed = array.copy()
+        changed.flat[place] += 1
+        np.save(tmp_path / "route" / f"{name}.npy", changed)
+        with suppress(ValueError):  # refused: offsets that do not fit the data
+            assert clouds_digest(tmp_path) != before, place
 
 
 def test_other_clouds_have_another_digest(tmp_path):

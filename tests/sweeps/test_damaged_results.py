@@ -92,6 +92,19 @@ def test_the_same_command_mends_every_result_that_it_reads(tmp_path, monkeypatch
     assert_equal(tables(), before)
 
 
+def test_a_result_in_the_place_of_another_is_none(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    before = sweep(tmp_path, SMALL)
+    one, other = Path("runs/store/surrogates").iterdir()
+    shutil.rmtree(other)
+    shutil.copytree(one, other)
+    found = call(run.app, "small.yaml")
+    assert found.exit_code == 0, found.output
+    told = f"{other} is damaged: its result.json is of surrogates/{one.name}"
+    assert found.output.count(told) == 1, found.output
+    assert_equal(tables(), before)
+
+
 def test_other_commands_take_a_damaged_result_for_none(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     sweep(tmp_path, SMALL)

@@ -8,12 +8,14 @@ import yaml
 
 from lidarplace.box_log import BoxLog, write_box_log
 from lidarplace.boxes import BOX_COLUMNS, GEOMETRY
+from lidarplace.files.tables import read_parquet
 from lidarplace.weather import Weather
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from sweeps.execution.schedule import Schedule
 from sweeps.plan.plan import make_plan
 from sweeps.results.rig_cautions import MOST_NAMED, rig_cautions
+from tests.sweeps.small_log import write_small_log
 from training import build_detector
 from training.checkpoints import write_checkpoint
 
@@ -274,6 +276,25 @@ def test_a_log_of_ones_own(tmp_path):
             scene={"source": "log", "folder": str(tmp_path / "log"), "clouds": "recorded"},
             weather={"rain": 1},
         )
+
+
+def test_more_placements_read_no_more_of_a_log(tmp_path, monkeypatch):
+    write_small_log(tmp_path / "log")
+    read, reads = [], []
+    monkeypatch.setattr(
+        "lidarplace.box_log.read_parquet", lambda *a, **k: read.append(a) or read_parquet(*a, **k)
+    )
+    for placements in (["line", "center"], ["line", "center", "pyramid", "trapezoid"]):
+        read.clear()
+        plan = plan_of(
+            tmp_path,
+            scene={"source": "log", "folder": str(tmp_path / "log")},
+            classes=["Car"],
+            grid={"placement": placements},
+        )
+        assert {t.grid_point.point.scene.frame_counts() for t in plan.trials} == {(3, 1)}
+        reads.append(len(read))
+    assert reads[0] == reads[1]
 
 
 def test_weather_is_seen_by_clouds_and_surrogates_alone(tmp_path):

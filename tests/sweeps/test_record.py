@@ -1,5 +1,7 @@
 """The scenes of a sweep as box logs, and sweeps over logs that were recorded before."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,6 +12,7 @@ from lidarplace import PAPER_PLACEMENTS, Lidar
 from lidarplace.box_log import read_box_log
 from lidarplace.lidar.clouds import PointClouds, write_clouds
 from lidarplace.lidar.collect import collect
+from lidarplace.lidar.recorded import clouds_digest
 from lidarplace.mounting.errors import MountingErrors
 from lidarplace.scenes.recorded import LogRecording, LogScene
 from sweeps.record import app
@@ -107,7 +110,10 @@ def test_recorded_clouds_take_the_place_of_simulated_ones(folder, recorded):
     wide = (-1.0, -30.0, -1.0, 50.0, 30.0, 9.0)
     store = folder / "clouds" / "line"
     write_clouds(store / "route-0", collect(log, log.frames["frame"], placement, wide, seed=1))
-    replayed = stages.collect(RecordedParams(store, digest="", split="train", crop=CROP), value)
+    params = RecordedParams(store, clouds_digest(store), split="train", crop=CROP)
+    replayed = stages.collect(params, value)
+    with pytest.raises(ValueError, match="the clouds have changed since the command was given"):
+        stages.collect(replace(params, digest="another"), value)
 
     ours, theirs = PointClouds.from_arrays(simulated), PointClouds.from_arrays(replayed)
     numbers = log.frames.loc[log.frames["split"] == "train", "frame"].tolist()

@@ -143,6 +143,19 @@ def test_what_is_damaged_at_the_url_is_removed_there(machine, url, name):
     assert machine("third").load(TASK)["n"] == 5
 
 
+def test_a_result_of_another_task_at_the_url_is_removed_there(machine, url):
+    other = Task("finetune", "b", Toy(2), resumable=True)
+    for task in (TASK, other):
+        machine("one").save(task, value(), seconds=0.0)
+    filesystem, root = fsspec.url_to_fs(url)
+    for read in (RemoteStore.load, RemoteStore.record):
+        place = f"{root}/{TASK.stage}"
+        filesystem.copy(f"{place}/{other.key}/result.json", f"{place}/{TASK.key}/result.json")
+        with pytest.raises(DamagedResult, match=f"{TASK.key} is damaged: its result.json is of"):
+            read(machine("third"), TASK)
+        assert not machine("third").has(TASK)
+
+
 def test_a_damaged_copy_is_replaced(machine, caplog):
     machine("one").save(TASK, value(), seconds=0.0)
     other = machine("other")

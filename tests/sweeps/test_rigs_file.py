@@ -37,7 +37,4 @@ def test_the_rigs_of_a_sweep_are_the_same_in_the_studio(tmp_path, monkeypatch, l
     assert file.content["lidar"] == told
     assert file.content["placements"]["mine"] == OWN
     opened = {rig.name: rig.placement(file.settings.lidar.lidar()) for rig in file.rigs}
-    wanted = {
-        p.point.placement: sweep.common.rig_named(p.point.placement, p.point) for p in sweep.points
-    }
-    assert opened == wanted
+    assert opened == {own.point.placement: own.rig for own in sweep.points}

@@ -30,6 +30,7 @@ from tests.sweeps.toy import Toy
 
 ROOT = Path(__file__).parents[2]
 TASK = Task("scene", "a", Toy(1))
+OTHER = Task("scene", "b", Toy(2))
 
 
 def value(n=3):
@@ -159,10 +160,15 @@ def test_a_process_killed_while_it_saves_leaves_no_result(store):
         (lambda folder: (folder / "result.json").unlink(), "result.json is missing"),
         (lambda folder: os.truncate(folder / "result.json", 30), "result.json is not what"),
         (lambda folder: (folder / "result.json").write_text("[]"), "result.json is not what"),
+        (
+            lambda folder: shutil.copytree(folder.parent / OTHER.key, folder, dirs_exist_ok=True),
+            f"its result.json is of scene/{OTHER.key}",
+        ),
     ],
 )
 def test_a_damaged_result_is_refused_by_name(store, harm, told):
     store.save(TASK, value(), seconds=0.0)
+    store.save(OTHER, value(), seconds=0.0)
     harm(store.path(TASK))
     with pytest.raises(ValueError, match=told) as error:
         store.load(TASK)

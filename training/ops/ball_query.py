@@ -6,9 +6,9 @@ from bisect import bisect_left
 
 import numpy as np
 import torch
-from numba import njit
 from torch import Tensor
 
+from lidarplace.kernel_cache import njit
 from training.ops.first_hits import first_hits, padded_with_first
 
 _CHUNK = 1 << 24

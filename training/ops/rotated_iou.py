@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
+
+from lidarplace.kernel_cache import njit
 
 BoxArray = NDArray[np.float64]
 """Boxes (N, 7): x, y, z of the centre, length, width, height in metres, yaw in radians."""

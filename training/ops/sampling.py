@@ -6,9 +6,10 @@ from bisect import bisect_left
 
 import numpy as np
 import torch
-from numba import njit
 from numpy.typing import NDArray
 from torch import Tensor
+
+from lidarplace.kernel_cache import njit
 
 _THREADS = 1024
 """Largest block of upstream's kernel; fixes which of several furthest points it takes."""

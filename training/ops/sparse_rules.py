@@ -10,9 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numba import njit
 from torch import Tensor
 from torch.nn import functional
+
+from lidarplace.kernel_cache import njit
 
 Triple = tuple[int, int, int]
 """Along z, y, x."""

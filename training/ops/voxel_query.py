@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from numba import njit
 from torch import Tensor
 
+from lidarplace.kernel_cache import njit
 from training.ops.first_hits import first_hits, padded_with_first
 
 _CHUNK = 1 << 22

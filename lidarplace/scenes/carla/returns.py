@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from lidarplace.kernel_cache import njit
 from lidarplace.lidar.clouds import Crop
 from lidarplace.placement import Mount
 from lidarplace.scenes.carla.handedness import right_handed

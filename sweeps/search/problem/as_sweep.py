@@ -123,5 +123,6 @@ def sweep_of(
             names = {key: f"search.space.{key}" for key in values}
             names |= {key: f"search.rungs or search.traffic: {key}" for key in rung}
             axes = {"placement": name, "seed": seed}
-            points.append(GridPoint(check(Point, data, path, names), axes))
+            point = check(Point, data, path, names)
+            points.append(GridPoint(point, checked.rig_named(name, point), axes))
     return Sweep(checked, tuple(points), ("placement", "seed"), config)

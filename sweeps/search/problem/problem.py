@@ -191,7 +191,8 @@ class Problem:
         point = point.model_copy(
             update={"placement": "line", "detector": None, "surrogate": surrogate}
         )
-        return Sweep(common, (GridPoint(point, {}),), (), self.source)
+        own = GridPoint(point, common.rig_named(point.placement, point), {})
+        return Sweep(common, (own,), (), self.source)
 
     def pog_tasks(self, sweep: Sweep) -> tuple[list[Task], Trial]:
         """The tasks that lead to its POG and its log, and the trial that has them.

@@ -14,11 +14,11 @@ from typing import NamedTuple, cast
 
 import numpy as np
 import torch
-from numba import njit
 from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.utils.fusion import fuse_linear_bn_weights
 
+from lidarplace.kernel_cache import njit
 from training.detectors.backbones.pillars import PillarEncoder, PillarFeatureLayer
 
 

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numba import njit
 from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
+from lidarplace.kernel_cache import njit
 from training.detectors.detector import PointRange
 from training.detectors.layers import PaddedBatchNorm
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numba import njit
 from numpy.typing import NDArray
 from torch import Tensor
 
+from lidarplace.kernel_cache import njit
 from training.detectors.detector import PointRange
 from training.ops.sparse_conv import SparseTensor, Triple
 
