@@ -17,8 +17,7 @@ from pydantic.alias_generators import to_camel
 
 from lidarplace.files.atomic import replacing
 from lidarplace.files.json import read_record
-from lidarplace.placement import Mount
-from lidarplace.rig_files.mounted import MountedLidar, named_like
+from lidarplace.rig_files.mounted import MountedLidar, mount_at, named_like
 
 _Number = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -71,8 +70,10 @@ def read_osi(path: Path, only: Sequence[str]) -> list[MountedLidar]:
     lidars = []
     for each in view.lidar_sensor_view_configuration:
         at, turned = each.mounting_position.position, each.mounting_position.orientation
-        mount = Mount(at.x, at.y, at.z, turned.roll, turned.pitch, turned.yaw)
-        lidars.append(MountedLidar(f"lidar_{each.sensor_id.value}", mount))
+        name = f"lidar_{each.sensor_id.value}"
+        angles = (turned.roll, turned.pitch, turned.yaw)
+        mount = mount_at((at.x, at.y, at.z), angles, f"{path}: {name}")
+        lidars.append(MountedLidar(name, mount))
     names = named_like([lidar.name for lidar in lidars], only, str(path))
     return [lidar for lidar in lidars if lidar.name in names]
 

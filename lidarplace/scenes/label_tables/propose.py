@@ -12,10 +12,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.boxes import SIZE
+from lidarplace.plausible import SIZES
 from lidarplace.scenes.label_tables.column_names import guess_columns
 from lidarplace.scenes.label_tables.guess_units import (
     DISTANCES,
-    SIZES,
     guess_angle,
     guess_length,
     guess_time,
