@@ -107,8 +107,8 @@ grid:
 - Surrogates of the POG and the coverage of requirements, which know no reflectivity, get a shorter
   `range`: where as much light comes back as from `range` in clear air.
 - In clouds, rays end early at drops near the sensor (`lidarplace/lidar/droplets.py`), and
-  intensities fall. `expected_recall` and the other surrogates of objects know the light that is
-  lost, not the rays that end early.
+  intensities fall. `expected_recall`, the other surrogates of objects and requirements know the
+  light that is lost, not the rays that end early.
 - A requirement that has to hold in fog, too, says `also_when: {weather: {visibility: 100}}`.
 
 ```python

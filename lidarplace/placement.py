@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import html
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
 
@@ -16,8 +15,10 @@ from lidarplace.near_names import did_you_mean
 from lidarplace.pose import from_carla, rotation
 from lidarplace.ranges import ANGLE
 from lidarplace.sensor import Lidar
-from lidarplace.shown import Shown, span
+from lidarplace.shown import Shown, point, span
 from lidarplace.weather import Weather
+
+_POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
 @dataclass(frozen=True)
@@ -25,10 +26,8 @@ class Mount:
     """Pose of one LiDAR in the ego frame: metres and radians, `R = Rz(yaw) Ry(pitch) Rx(roll)`.
 
     Raises:
-        ValueError: a number is not finite.
-
-    Warns:
-        UserWarning: an angle is of more than a turn, as if it were in degrees.
+        ValueError: a number is not finite, or an angle is more than a turn, as if it were in
+            degrees, which `Mount.degrees` takes.
     """
 
     x: float = 0.0
@@ -41,9 +40,12 @@ class Mount:
     def __post_init__(self) -> None:
         if not all(math.isfinite(value) for value in astuple(self)):
             raise ValueError(f"a mount needs finite coordinates and angles, found {astuple(self)}")
-        if max(abs(self.roll), abs(self.pitch), abs(self.yaw)) > ANGLE.high:
-            told = f"a mount turned by more than a turn, found {astuple(self)}: angles are radians"
-            warnings.warn(f"{told}; Mount.degrees takes degrees", stacklevel=3)
+        for name in _POSE:
+            value = float(getattr(self, name))
+            if name not in "xyz":
+                ANGLE.check(f"{name} of a mount (radians; Mount.degrees takes degrees)", value)
+            # NumPy's numbers would be written to files as `np.float64(1.5)`.
+            object.__setattr__(self, name, value)
 
     @classmethod
     def degrees(
@@ -123,7 +125,7 @@ class Placement(Shown):
                 if (a.x, a.y, a.z) == (b.x, b.y, b.z):
                     raise ValueError(
                         f"placement {self.name!r}: LiDARs {j} and {i} are both at "
-                        f"({a.x}, {a.y}, {a.z}); two LiDARs cannot sit in one place"
+                        f"{point(a.x, a.y, a.z)}; two LiDARs cannot sit in one place"
                     )
 
     def __repr__(self) -> str:
@@ -156,8 +158,6 @@ class Placement(Shown):
         """The same rig in that weather."""
         return self.with_lidar([lidar.in_weather(weather) for lidar in self.lidars])
 
-
-_POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 
 # The paper's table of coordinates, in CARLA's convention: (x, y, z, roll, pitch).
 _PAPER_TABLE: dict[str, tuple[tuple[float, float, float, float, float], ...]] = {

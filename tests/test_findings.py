@@ -63,7 +63,8 @@ def test_parts_of_the_variance_are_means_over_all_orders():
         if not columns:
             return 0.0
         design = np.column_stack([np.ones(12), x[list(columns)]])
-        return 1 - np.linalg.lstsq(design, y, rcond=None)[1][0] / (12 * np.var(y))
+        left = np.linalg.lstsq(design, y, rcond=None)[1][0] / (12 - len(columns) - 1)
+        return 1 - left / np.var(y, ddof=1)
 
     rises = {name: [] for name in x}
     for order in permutations(x):
@@ -90,3 +91,32 @@ def test_terms_are_chosen_without_the_rig_that_is_predicted():
     # Chosen from all rigs, the best of so many columns would seem to predict even noise.
     luck = x.corrwith(noise, method="spearman").abs().max()
     assert luck > 0.3 > combined(x, noise, 1).rho
+
+
+def test_a_rig_that_is_left_out_takes_no_part_in_the_ranks_of_the_fit():
+    from combining import combined
+    from scipy.stats import percentileofscore, rankdata, spearmanr
+
+    random = np.random.default_rng(2)
+    x = random.integers(0, 12, 15).astype(float)  # with ties
+    y = x + random.normal(0, 4, 15)
+    said = []
+    for rig in range(15):
+        others, own = np.delete(x, rig), np.delete(y, rig)
+        line = np.polynomial.Polynomial.fit(rankdata(others), rankdata(own), 1)
+        said.append(line(percentileofscore(others, x[rig], "mean") / 100 * len(others) + 0.5))
+
+    found = combined(pd.DataFrame({"x": x}), pd.Series(y), 1)
+
+    assert found.rho == pytest.approx(spearmanr(np.round(said, 9), y).statistic)
+
+
+def test_chance_explains_nothing_of_the_variance():
+    from combining import shares
+
+    random = np.random.default_rng(3)
+    sums = [
+        shares(pd.DataFrame(random.normal(size=(25, 5))), pd.Series(random.normal(size=25))).sum()
+        for _ in range(40)
+    ]
+    assert abs(np.mean(sums)) < 4 * np.std(sums) / np.sqrt(len(sums)) < 0.15

@@ -39,9 +39,9 @@ SETTINGS = {
     "min < max and max - min <= 360",
     "placements.mine.mounts=[{x: 0, y: 0}]": "placements.mine.mounts[0].z: is missing",
     "placements.mine.mounts=[{z: 2, yaw: 45}]": "placements.mine.mounts[0].yaw: found 45; should "
-    "be less than or equal to 6.2832",
+    "be less than or equal to 6.2832 radians",
     "placements.mine.mounts=[{z: 2}, {z: 2}]": "placements: placement 'mine': LiDARs 0 and 1 are "
-    "both at (0.0, 0.0, 2.0); two LiDARs cannot sit in one place",
+    "both at (0, 0, 2); two LiDARs cannot sit in one place",
     "roi.x=[40,0]": "roi.x: found [40, 0]; allowed is [min, max] with min < max",
     "roi.resolution=0.1": "roi.resolution: unknown key; allowed are x, y, z",
     "training.epochs=0": "training.epochs: found 0; should be greater than or equal to 1",

@@ -13,7 +13,7 @@ from lidarplace.boxes import GEOMETRY
 from lidarplace.metrics import OF_CLASSES, Overlaps
 from lidarplace.rings import bounds_of, ring_of
 from training.average_precision import FramePairs
-from training.kitti_ap import evaluate_boxes
+from training.kitti_ap import evaluation
 from training.ops.rotated_iou import paired_iou
 
 COLUMNS = ("class", "metric", "iou", "from_m", "to_m", "value", "ground_truths")
@@ -40,7 +40,7 @@ def evaluate_by_distance(
         ground_truths. Rings without objects of the class have no row.
 
     Raises:
-        ValueError: as `evaluate_boxes`.
+        ValueError: as `training.kitti_ap.evaluation`.
     """
     tables = []
     for name in classes:
@@ -49,9 +49,9 @@ def evaluate_by_distance(
         rings = ring_of(truths)
         rings_found = _rings_of_detections(truths, found, frames)
         for ring in np.unique(rings).tolist():
-            table = evaluate_boxes(
+            table = evaluation(
                 truths[rings == ring], found[rings_found == ring], frames, [name], ious=ious
-            )
+            ).metrics
             table = table[(table["class"] == name) & table["metric"].isin(OF_CLASSES)]
             low, high = bounds_of(ring)
             tables.append(table.assign(from_m=low, to_m=high)[list(COLUMNS)])

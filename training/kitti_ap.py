@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from lidarplace.boxes import GEOMETRY, check_boxes
 from lidarplace.metrics import EVERY_IOU, MEAN_AP_IOU, Overlaps, iou_of
+from lidarplace.plausible import check_yaw
 from training.average_precision import COUNTS, FramePairs, ap_r11, ap_r40, precision_curve
 from training.kitti_labels import (
     DIFFICULTIES,
@@ -97,8 +98,15 @@ def evaluate_boxes(
     would be averaged as a result.)
 
     Raises:
-        ValueError: a column is missing, a box or a score is not a finite number.
+        ValueError: a column is missing, a box or a score is not a finite number, or a yaw is over
+            two turns, as if it were in degrees.
     """
+    tables = {"ground truth": ground_truth, "detections": detections}
+    if refined is not None:
+        tables["refined boxes"] = refined.assign(**{"class": ""})
+    for source, table in tables.items():
+        check_boxes(table, source)
+        check_yaw(table["yaw"], source)
     return evaluation(ground_truth, detections, frames, classes, refined, ious=ious).metrics
 
 
@@ -113,8 +121,9 @@ def evaluation(
 ) -> Evaluation:
     """`evaluate_boxes`, the precision over recall behind it, and what hangs on each route.
 
-    Arguments and errors as there, and `routes`: scene, frame and route of the frames. With these
-    the ground truth needs columns scene and object_id.
+    Arguments and errors as there, but any yaw, as a log may be accepted with it; and `routes`:
+    scene, frame and route of the frames. With these the ground truth needs columns scene and
+    object_id.
     """
     check_boxes(ground_truth, "ground truth")
     _check_detections(detections)
@@ -291,7 +300,7 @@ def evaluate_detections(
     truth gives 0.
 
     Raises:
-        ValueError: a column is missing, a number is not finite.
+        ValueError: a column is missing, a number is not finite, or a rotation_y is over two turns.
     """
     wanted = np.unique(frames if np.ndim(frames) else np.arange(int(np.asarray(frames))))
     truths = _rows_of(checked_labels(ground_truth, "ground truth", ()), wanted)

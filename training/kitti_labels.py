@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.plausible import check_yaw
 from lidarplace.scenes.kitti.labels import LABEL_COLUMNS
 from training.average_precision import COUNTS, IGNORED, OTHER, FramePairs
 
@@ -22,7 +23,8 @@ _IMAGE_BOX = ("left", "top", "right", "bottom")
 
 
 def checked_labels(table: pd.DataFrame, source: str, more: tuple[str, ...]) -> pd.DataFrame:
-    """The table itself; ValueError if a column is missing or has no finite number where it must.
+    """The table itself; ValueError if a column is missing or has no finite number where it must, or
+    a rotation_y is over two turns.
 
     Must: every label column but for `DontCare`, and those of `more`.
     """
@@ -36,6 +38,7 @@ def checked_labels(table: pd.DataFrame, source: str, more: tuple[str, ...]) -> p
     bad |= ~np.isfinite(table[list(more)].to_numpy(np.float64)).all(axis=1)
     if bad.any():
         raise ValueError(f"{source}: row {int(np.argmax(bad))} has a number that is not finite")
+    check_yaw(table["rotation_y"], source)
     return table
 
 

@@ -16,7 +16,7 @@ class MountingErrorSettings(Settings):
 
     offset: Distance = Field(0.0, description="metres at most, along each axis")
     angle_deg: Annotated[Degrees, Field(ge=0)] = Field(
-        0.0, description="degrees at most, of roll, pitch and yaw"
+        0.0, description="degrees at most, about each axis"
     )
     vehicle: Count | None = Field(
         None,

@@ -139,6 +139,9 @@ def what_is_wrong(mistake: Mapping[str, Any]) -> str:
     value, hint = mistake["input"], ""
     if isinstance(value, (dict, BaseModel)):
         return str(allowed)
+    bounds = mistake.get("ctx", {})
+    if bounds.get("ge") == ANGLE.low or bounds.get("le") == ANGLE.high:
+        allowed = f"{allowed} radians"
     if mistake["type"] in ("tuple_type", "list_type"):
         allowed = f"should be a list, such as [{value}]" if isinstance(value, str) else allowed
     if mistake["type"] == "literal_error" and isinstance(value, str):

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lidarplace.lidar.shapes import BODY, Parts, bricks, own_body
 from lidarplace.mounting.vehicle import Vehicle, depth_in_body
 from lidarplace.placement import Placement
+from lidarplace.shown import point
 
 _SEDAN = own_body()
 
@@ -31,9 +32,8 @@ def check_mounts(rig: Placement, vehicle: Vehicle | None) -> None:
     held = _in_parts(_SEDAN, places) if vehicle is None else depth_in_body(vehicle, places) > 0
     if held.any():
         number = int(held.argmax())
-        x, y, z = places[number].tolist()
         raise ValueError(
-            f"{rig.name!r}: LiDAR {number + 1} at ({x:g}, {y:g}, {z:g}) is inside the vehicle's "
+            f"{rig.name!r}: LiDAR {number + 1} at {point(*places[number])} is inside the vehicle's "
             "body, which the key vehicle describes"
         )
 

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from lidarplace.placement import Mount, Placement
+from lidarplace.pose import angles
 
 
 @dataclass(frozen=True)
 class MountingErrors:
-    """How far each LiDAR may be off, uniform and independent for every coordinate.
+    """How far each LiDAR may be off: an offset and a rotation vector w, `exp(w) R` for a mount's R.
+
+    Both are in the ego frame; their components are uniform and independent. So the angles spread
+    alike about every axis, also where pitch is ±90° and roll and yaw turn about one axis.
 
     Attributes:
-        offset: metres, along each axis of the ego frame.
-        angle: radians, of roll, pitch and yaw.
+        offset: metres at most, along each axis of the ego frame.
+        angle: radians at most, each component of the rotation vector.
 
     Raises:
         ValueError: a value is negative or not finite.
@@ -41,13 +46,21 @@ class MountingErrors:
             key: tells the vehicle, such as a seed and a frame. In one vehicle the i-th LiDAR of
                 every rig is off by the same, so that differences between rigs are paired.
         """
-        scale = np.repeat([self.offset, self.angle], 3)
-        mounts = []
         every = [*placement.mounts, *(mount for mount, _ in placement.dead)]
-        for number, mount in enumerate(every):
-            shift = scale * np.random.default_rng((*key, number)).uniform(-1, 1, 6)
-            mounts.append(Mount(*(np.array(astuple(mount)) + shift).tolist()))
+        mounts = [
+            self.displaced(mount, np.random.default_rng((*key, number)))
+            for number, mount in enumerate(every)
+        ]
         working = len(placement.mounts)
         models = [lidar for _, lidar in placement.dead]
         dead = tuple(zip(mounts[working:], models, strict=True))
         return replace(placement, mounts=mounts[:working], dead=dead)
+
+    def displaced(self, mount: Mount, random: np.random.Generator) -> Mount:
+        """The mount with an error of its own; its angles are those of the turned rotation."""
+        shift, turn = random.uniform(-1, 1, (2, 3)) * [[self.offset], [self.angle]]
+        x, y, z = (mount.position + shift).tolist()
+        roll, pitch, yaw = mount.roll, mount.pitch, mount.yaw
+        if self.angle:  # without it the angles stay: others may mean the same rotation
+            roll, pitch, yaw = angles(Rotation.from_rotvec(turn).as_matrix() @ mount.rotation)
+        return Mount(x, y, z, roll, pitch, yaw)

@@ -8,7 +8,7 @@ wanted those are kept whose rings overlap least, most, and at even steps between
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import astuple, dataclass, replace
 
 import numpy as np
@@ -104,7 +104,7 @@ def _jittered(given: Placement, bounds: Bounds, random: np.random.Generator) -> 
     """A given rig whose LiDARs are off by centimetres and a few degrees."""
     scale = [0.1, 0.1, 0.1, TURN / 2, TURN / 2, TURN / 2]
     return [
-        Mount(*(np.array(astuple(mount)) + random.uniform(-1, 1, 6) * scale).tolist())
+        _within_a_turn(np.array(astuple(mount)) + random.uniform(-1, 1, 6) * scale)
         for mount in given.mounts
     ]
 
@@ -116,15 +116,17 @@ def _anywhere(given: Placement, bounds: Bounds, random: np.random.Generator) -> 
     high[:3] += NEAR_M / 2
     low[3:], high[3:] = np.minimum(low[3:], -TILT), np.maximum(high[3:], TILT)
     return [
-        replace(
-            Mount(*random.uniform(low, high).tolist()),
-            yaw=mount.yaw + float(random.uniform(-TURN, TURN)),
-        )
+        _within_a_turn([*random.uniform(low, high), mount.yaw + random.uniform(-TURN, TURN)])
         for mount in given.mounts
     ]
 
 
 _KINDS = (_one_height, _many_heights, _jittered, _anywhere)
+
+
+def _within_a_turn(pose: Iterable[float]) -> Mount:
+    x, y, z, *angles = pose
+    return Mount(x, y, z, *(math.fmod(angle, math.tau) for angle in angles))
 
 
 def _moved(mount: Mount, random: np.random.Generator) -> Mount:

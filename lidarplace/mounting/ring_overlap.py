@@ -102,7 +102,7 @@ def interleaving(placement: Placement) -> Interleaving | None:
     gap = float(np.median(np.concatenate(gaps))) if any(map(len, gaps)) else 0.0
     pitches = tuple((i - (number - 1) / 2) / number * gap for i in range(number))
     mounts = [
-        replace(mount, pitch=mount.pitch + pitch)
+        replace(mount, pitch=math.fmod(mount.pitch + pitch, math.tau))
         for mount, pitch in zip(placement.mounts, pitches, strict=True)
     ]
     pitched = replace(placement, mounts=mounts)

@@ -21,6 +21,7 @@ from lidarplace.mounting.polygon import (
     sections,
 )
 from lidarplace.roi import Interval
+from lidarplace.shown import point
 
 TOLERANCE = 1e-3
 """How far outside of a zone `shares` accepts a point, metres."""
@@ -100,7 +101,7 @@ def shares(zone: Zone, x: float, y: float, z: float) -> tuple[float, float, floa
     outside = distance(zone, x, y, z)
     if not outside <= TOLERANCE:
         raise ValueError(
-            f"({x:g}, {y:g}, {z:g}) lies {outside:.4g} m outside of zone {zone.name!r}, "
+            f"{point(x, y, z)} lies {outside:.4g} m outside of zone {zone.name!r}, "
             f"expected a point of the zone"
         )
     x, y = nearest(zone.polygon, _snapped(zone, x), y)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from lidarplace.box_log import BoxLog
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.placement import Placement
+from lidarplace.ranges import LIDAR_HEIGHT
 from lidarplace.recall.counted_objects import CountedObjects
 from lidarplace.recall.detection_curve import IOU, DetectionCurves, default_curves
 from lidarplace.recall.surface_cells import SurfaceCells
@@ -85,7 +86,13 @@ class ExpectedRecall:
         )
 
     def of(self, placement: Placement) -> pd.DataFrame:
-        """`recall` of one placement, from its rays."""
+        """`recall` of one placement, from its rays.
+
+        Raises:
+            ValueError: a LiDAR is under the ground, or as `CountedObjects.seen_by`.
+        """
+        for number, mount in enumerate(placement.mounts, start=1):
+            LIDAR_HEIGHT.check(f"{placement.name!r}: z of LiDAR {number}", mount.z)
         return self.recall(self.objects.seen_by([placement])[0])
 
     def probabilities(self, seen: SurfaceCells) -> NDArray[np.float64]:

@@ -198,7 +198,9 @@ class AlsoWhenSettings(Settings):
         None, gt=0, description="every LiDAR reaches so much of its range, range_10 and range_80"
     )
     weather: WeatherSettings | None = Field(
-        None, description="fog or rain, which shorten the range of every LiDAR"
+        None,
+        description="fog or rain, which shorten the range of every LiDAR; rays that end at drops "
+        "are not modelled",
     )
     mounts_off: MountsOffSettings | None = Field(None, description="mounts are not where planned")
 

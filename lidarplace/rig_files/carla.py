@@ -19,8 +19,7 @@ from lidarplace.configuration.record import NoTruth, Number, read_record
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import fault
 from lidarplace.files.atomic import replacing
-from lidarplace.placement import Mount
-from lidarplace.rig_files.mounted import MountedLidar, named_like
+from lidarplace.rig_files.mounted import MountedLidar, mount_at, named_like
 from lidarplace.scenes.carla.lidars import BLUEPRINT, attributes, even_fans
 from lidarplace.scenes.routes import STEP_S
 from lidarplace.sensor import Lidar
@@ -120,7 +119,7 @@ def _lidar(parts: Sequence[_Object], path: Path) -> MountedLidar:
     except ValidationError as error:
         raise ValueError(f"{where}: no LiDAR of ours: {fault(error)}") from None
     angles = (math.radians(angle) for angle in (place.roll, place.pitch, place.yaw))
-    return MountedLidar(first.id, Mount(place.x, place.y, place.z, *angles), model)
+    return MountedLidar(first.id, mount_at((place.x, place.y, place.z), angles, where), model)
 
 
 def write_carla(path: Path, lidars: Sequence[MountedLidar]) -> None:

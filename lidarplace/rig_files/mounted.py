@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 
@@ -43,6 +43,14 @@ def mount_of(position: ArrayLike, matrix: NDArray[np.float64]) -> Mount:
     """A mount of a position, 3 metres, and a sensor-to-vehicle rotation, (3, 3)."""
     x, y, z = np.asarray(position, np.float64).tolist()
     return Mount(x, y, z, *angles(matrix))
+
+
+def mount_at(position: Iterable[float], turned: Iterable[float], where: str) -> Mount:
+    """A mount of metres and radians in a file. Raises ValueError that says `where`."""
+    try:
+        return Mount(*position, *turned)
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
 
 
 def named_like(names: Sequence[str], patterns: Sequence[str], source: str) -> list[str]:

@@ -17,8 +17,7 @@ from pydantic.alias_generators import to_camel
 
 from lidarplace.configuration.record import NoTruth, Number, read_record
 from lidarplace.files.atomic import replacing
-from lidarplace.placement import Mount
-from lidarplace.rig_files.mounted import MountedLidar, named_like
+from lidarplace.rig_files.mounted import MountedLidar, mount_at, named_like
 
 
 class _Message(BaseModel):
@@ -69,8 +68,10 @@ def read_osi(path: Path, only: Sequence[str]) -> list[MountedLidar]:
     lidars = []
     for each in view.lidar_sensor_view_configuration:
         at, turned = each.mounting_position.position, each.mounting_position.orientation
-        mount = Mount(at.x, at.y, at.z, turned.roll, turned.pitch, turned.yaw)
-        lidars.append(MountedLidar(f"lidar_{each.sensor_id.value}", mount))
+        name = f"lidar_{each.sensor_id.value}"
+        angles = (turned.roll, turned.pitch, turned.yaw)
+        mount = mount_at((at.x, at.y, at.z), angles, f"{path}: {name}")
+        lidars.append(MountedLidar(name, mount))
     names = named_like([lidar.name for lidar in lidars], only, str(path))
     return [lidar for lidar in lidars if lidar.name in names]
 

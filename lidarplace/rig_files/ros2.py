@@ -16,9 +16,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lidarplace.files.xml import read_xml, write_xml
-from lidarplace.pose import rotation
 from lidarplace.rig_files.frames import BASE, Joint, lidars_of
-from lidarplace.rig_files.mounted import MountedLidar
+from lidarplace.rig_files.mounted import MountedLidar, mount_at
 
 PUBLISHER = "static_transform_publisher"
 PLACE = ("x", "y", "z")
@@ -76,7 +75,8 @@ def _joint(node: Element, where: str) -> Joint:
     if set(given) & set(QUATERNION):
         matrix = Rotation.from_quat(quaternion).as_matrix()
     else:
-        matrix = rotation(*(numbers.get(name, 0.0) for name in ANGLES))
+        angles = [numbers.get(name, 0.0) for name in ANGLES]
+        matrix = mount_at(position, angles, where).rotation
     return Joint(given["frame-id"], given["child-frame-id"], position, matrix)
 
 

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace.files.xml import read_xml, write_xml
-from lidarplace.pose import rotation
 from lidarplace.rig_files.frames import BASE, Joint, lidars_of
-from lidarplace.rig_files.mounted import MountedLidar
+from lidarplace.rig_files.mounted import MountedLidar, mount_at
 
 
 def read_urdf(path: Path, only: Sequence[str]) -> list[MountedLidar]:
@@ -44,7 +43,7 @@ def _joint(element: Element, path: Path) -> Joint:
     kind = element.get("type", "none")
     position, rpy = (_vector(element.find("origin"), key, where) for key in ("xyz", "rpy"))
     moves = "" if kind == "fixed" else f"{kind}, not fixed"
-    return Joint(frames[0], frames[1], position, rotation(*rpy), moves)
+    return Joint(frames[0], frames[1], position, mount_at(position, rpy, where).rotation, moves)
 
 
 def _vector(origin: Element | None, key: str, where: str) -> NDArray[np.float64]:

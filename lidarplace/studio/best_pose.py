@@ -170,9 +170,10 @@ class _Search:
             at = np.array(position(zone, *draw[:3]))
             at = best.position + reach * (at - best.position) if number else at
             angles = np.degrees(astuple(best)[3:]) + reach * np.array(turn) * (2 * draw[3:] - 1)
+            angles = np.fmod(angles.round(1), 360)
             in_mm = at.round(3)
             at = in_mm if distance(zone, *in_mm) <= MICROMETRE else at.round(6)
-            pose = Mount.degrees(*at.tolist(), *angles.round(1).tolist())
+            pose = Mount.degrees(*at.tolist(), *angles.tolist())
             if distance(zone, *at) <= MICROMETRE and self._allowed(pose):  # it may be not convex
                 yield pose
 

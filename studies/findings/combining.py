@@ -33,26 +33,29 @@ def combined(x: pd.DataFrame, y: pd.Series, number: int) -> Combination:
         x: a row a rig, a column a predictor; y: the same rigs.
     """
     choices = list(combinations(range(x.shape[1]), number))
-    # A rig that collapses would draw any line of values to itself.
-    values, own = stats.rankdata(x, axis=0), stats.rankdata(y)
+    # A rig that collapses would draw any line of values to itself. Ranks are those among the other
+    # rigs: among all, the ranks of the others would tell that of the rig left out.
+    values, own = x.to_numpy(np.float64), y.to_numpy(np.float64)
     said = np.empty(len(own))
     for rig in range(len(own)):
-        rest = np.arange(len(own)) != rig
-        terms = _best(values[rest], own[rest], choices)
-        design = _design(values[:, terms])
-        weights = np.linalg.lstsq(design[rest], own[rest], rcond=None)[0]
-        said[rig] = design[rig] @ weights
+        rest, target = np.delete(values, rig, axis=0), stats.rankdata(np.delete(own, rig))
+        ranks = _ranks(rest, rest)
+        terms = list(_best(ranks, target, choices))
+        weights = np.linalg.lstsq(_design(ranks[:, terms]), target, rcond=None)[0]
+        said[rig] = (_design(_ranks(values[[rig]], rest)[:, terms]) @ weights)[0]
+    chosen = _best(_ranks(values, values), stats.rankdata(own), choices)
     return Combination(
-        rho=float(stats.spearmanr(said, own).statistic),
-        terms=tuple(x.columns[list(_best(values, own, choices))]),
+        rho=float(stats.spearmanr(said.round(9), own).statistic),
+        terms=tuple(x.columns[list(chosen)]),
     )
 
 
 def shares(x: pd.DataFrame, y: pd.Series) -> pd.Series:
     """The part of the variance of y that each column explains, over all orders of the columns.
 
-    The mean rise of R² when the column is added to some of the others (Lindeman, Merenda and Gold
-    1980; the Shapley value of R²). They add up to R² of all columns.
+    The mean rise of adjusted R² when the column is added to some of the others (the Shapley value;
+    Lindeman, Merenda and Gold 1980 have R²). They add up to adjusted R² of all columns. Of a column
+    that explains no more than chance the part is 0 on average.
     """
     values, own = x.to_numpy(np.float64), y.to_numpy(np.float64)
     count = x.shape[1]
@@ -67,6 +70,12 @@ def shares(x: pd.DataFrame, y: pd.Series) -> pd.Series:
             weight = 1 / (count * math.comb(count - 1, len(subset)))
             found[column] += weight * (explained[tuple(sorted((*subset, column)))] - base)
     return pd.Series(found, x.columns)
+
+
+def _ranks(x: NDArray[np.float64], among: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The ranks that rows of `x` have among those of `among`, in every column."""
+    below, up_to = ((than(among, x[:, None])).sum(axis=1) for than in (np.less, np.less_equal))
+    return (below + up_to + 1) / 2
 
 
 def _best(
@@ -85,10 +94,11 @@ def _left_out_error(design: NDArray[np.float64], y: NDArray[np.float64]) -> floa
 
 
 def _explained(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
-    """R² of the least-squares plane."""
+    """Adjusted R² of the least-squares plane."""
     design = _design(x)
     fitted = design @ np.linalg.lstsq(design, y, rcond=None)[0]
-    return 1 - float(np.square(y - fitted).sum() / np.square(y - y.mean()).sum())
+    free = len(y) - design.shape[1]
+    return 1 - float(np.square(y - fitted).sum() / free / np.var(y, ddof=1))
 
 
 def _design(x: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -166,8 +166,8 @@ def _shares_table(four: Judged) -> str:
         x = x.join(own[["mean height", "redundancy"]])
         found = shares(x.rank(), y.rank())
         for name, share in found.items():
-            rows.setdefault(str(name), [label(str(name))]).append(f"{share:.0%}".replace("%", " %"))
-        rows.setdefault("", ["all five"]).append(f"{found.sum():.0%}".replace("%", " %"))
+            rows.setdefault(str(name), [label(str(name))]).append(f"{number(100 * share, 0)} %")
+        rows.setdefault("", ["all five"]).append(f"{number(100 * found.sum(), 0)} %")
     names = {"redundancy": "rings that coincide", "mean height": "mean height of the LiDARs"}
     heads = [head_of(target) for target in ("car07", "car", "recall")]
     return table(["", *heads], [[names.get(row[0], row[0]), *row[1:]] for row in rows.values()])

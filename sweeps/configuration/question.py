@@ -18,6 +18,7 @@ from lidarplace.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.recall.detection_curve import DetectionCurves, default_curves, read_curves
 from lidarplace.requirements.layout import Laid, lay_out
 from lidarplace.requirements.settings import RequirementSettings
+from lidarplace.shown import point
 from sweeps.configuration.file import ConfigError, override, read_yaml
 from sweeps.configuration.file import check as check_file
 from sweeps.configuration.requirements_file import RequirementsFile
@@ -110,9 +111,8 @@ def _check_kept_out(rig: Placement, keep_out: Mapping[str, KeepOutSettings]) -> 
     for name, settings in keep_out.items():
         for number, mount in enumerate(rig.mounts, start=1):
             if depth_in(np.array([settings.box]), np.array([mount.position])).any():
-                x, y, z = mount.position
                 raise ValueError(
-                    f"{rig.name!r}: LiDAR {number} at ({x:g}, {y:g}, {z:g}) is inside "
+                    f"{rig.name!r}: LiDAR {number} at {point(*mount.position)} is inside "
                     f"keep_out.{name}"
                 )
 

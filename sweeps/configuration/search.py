@@ -525,7 +525,7 @@ class RobustnessSettings(Settings):
     draws: CountFromOne = Field(32, description="rigs with every mount off")
     offset: Distance = Field(0.01, description="metres that a mount is off at most, each axis")
     angle_deg: Annotated[Degrees, Field(ge=0)] = Field(
-        0.5, description="degrees that it is off at most, each axis"
+        0.5, description="degrees that it is off at most, about each axis"
     )
     scenes: dict[Name, dict[str, Any]] = Field(
         default={}, description="name -> key paths of `scene` to change: other towns, densities"

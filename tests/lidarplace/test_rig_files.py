@@ -67,6 +67,18 @@ def test_poses_come_back(name, mounts, tmp_path_factory):
         assert_alike(FORMATS[name].read(path, ["*"]), rig, 1e-9)
 
 
+@pytest.mark.parametrize("kind", [np.float64, np.float32, np.int64])
+@pytest.mark.parametrize("name", ["own", *FORMATS])
+def test_numbers_of_numpy_are_written_as_plain_ones(name, kind, tmp_path):
+    mount = Mount(*np.array([1.5, -0.25, 2, 0.5, 0, 1]).astype(kind))
+    rig = [MountedLidar("lidar_1", mount, SensorSettings(name="vlp16"))]
+    write = write_own if name == "own" else FORMATS[name].write
+    write(tmp_path / "rig", rig)
+    assert not any(b"np." in f.read_bytes() for f in tmp_path.rglob("*") if f.is_file())
+    read = read_own if name == "own" else lambda path: FORMATS[name].read(path, ["*"])
+    assert_alike(read(tmp_path / "rig"), rig, 1e-9)
+
+
 @pytest.mark.parametrize(
     "settings_",
     [
@@ -239,6 +251,11 @@ WRONG = [
     ("a.urdf", ROBOT % "", "joint j: no parent with a link"),
     (
         "a.urdf",
+        ROBOT % '<parent link="b"/><origin rpy="0 -15 90"/>',
+        "joint j: pitch of a mount (radians; ",
+    ),
+    (
+        "a.urdf",
         ROBOT % '<parent link="b"/><origin xyz="1 2"/>',
         "joint j: xyz must be 3 finite numbers, found '1 2'",
     ),
@@ -250,6 +267,7 @@ WRONG = [
     ("a.launch", NODE % "$(var x) 0 0 0 0 0 a b", "are decided by a launch; write them out"),
     ("a.launch", NODE % "0 0 0 0 0 0 0 base_link l", "a quaternion of length 0"),
     ("a.launch", NODE % "0 0 0 0 0 0 base_link l", "which frames are LiDARs?"),
+    ("a.launch", NODE % "0 0 0 90 0 0 base_link l", "transform 0: yaw of a mount (radians; "),
     ("carla", "[]", "is no list of objects of CARLA's ROS bridge"),
     ("carla", '{"objects": []}', "no LiDAR"),
     ("carla", '{"objects": 3}', "objects: found 3; should be a valid list"),
@@ -261,6 +279,7 @@ WRONG = [
         '{"objects": [{"type": "t", "id": "i", "channels": true}]}',
         "objects[0].channels: found True; should be a number",
     ),
+    ("osi", OSI % '{"orientation": {"roll": -15}}', "lidar_0: roll of a mount (radians; "),
     ("osi", OSI % '{"position": {"x": "a"}}', "mountingPosition.position.x: found 'a'"),
 ]
 

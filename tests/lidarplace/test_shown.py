@@ -25,7 +25,9 @@ from lidarplace import (
 )
 from lidarplace.box_log import BoxLog, write_box_log
 from lidarplace.lidar.collect import collect, crop_for
+from lidarplace.scenes.doubts.surroundings import doubts_of_surroundings
 from lidarplace.scenes.doubts.units import doubts_of_units
+from lidarplace.shown import point
 from lidarplace.viewing.figures import figure
 
 ROI = Roi((0, 8), (-4, 4), (0, 2), 0.5)
@@ -196,6 +198,7 @@ def test_a_class_that_the_log_alone_knows_and_one_that_never_occurs():
     [
         ({"yaw": [90.0, 0.0, 180.0, 0.1]}, r"2 of 4 boxes \(50%\) are turned .* row 0: .* degrees"),
         ({"length": [4.0, 4500.0, 4.0, 4.0]}, r"1 of 4 boxes \(25%\) are larger .* millimetres"),
+        ({"length": [450.0, 400.0, 180.0, 420.0]}, r"4 of 4 boxes .* are larger .* centimetres"),
     ],
 )
 def test_other_units_are_told_with_their_share(changes, told):
@@ -203,12 +206,20 @@ def test_other_units_are_told_with_their_share(changes, told):
         OccupancyGrid.from_boxes(boxes(**changes), ROI, "Car", 8)
 
 
-def test_a_mount_in_degrees_is_warned_of():
-    with pytest.warns(UserWarning, match="angles are radians; Mount.degrees takes degrees"):
-        Mount(z=2.0, pitch=10.0)
-    with warnings.catch_warnings(action="error"):
-        Mount(yaw=2 * math.pi)
-        Mount.degrees(yaw=-360)
+@pytest.mark.parametrize("angle", [10.0, -15, 6.2833, np.float32(90)])
+@pytest.mark.parametrize("name", ["roll", "pitch", "yaw"])
+def test_a_mount_in_degrees_is_refused(name, angle):
+    with pytest.raises(ValueError, match=rf"^{name} of a mount \(radians; .*, found {angle:g}"):
+        Mount(z=2.0, **{name: angle})
+    Mount(yaw=2 * math.pi)
+    Mount.degrees(yaw=-360)
+
+
+def test_what_rounding_leaves_of_0_is_0():
+    log = boxes(x=[2000.0, 0.1, 0.1, 0.1], y=[-6.8e-14, 0.0, 0.0, 0.0])
+    doubt = next(iter(doubts_of_surroundings(BoxLog(log, pd.DataFrame({"frame": [0]})))))
+    assert doubt.where(log).endswith("the first in frame 0 with x 2000, y 0")
+    assert point(1e-16, -0.0, 2.25) == "(0, 0, 2.25)"
 
 
 @pytest.mark.parametrize("column", ["yaw", "length"])

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import optuna
 import pytest
 from hypothesis import given, settings
@@ -9,8 +10,9 @@ from hypothesis import strategies as st
 
 from lidarplace import Lidar, Mount
 from lidarplace.mounting.zone import distance
+from lidarplace.pose import rotation
 from sweeps.configuration.search import SearchSettings
-from sweeps.search.problem.choice import Choice, is_possible, mirrored, ordered
+from sweeps.search.problem.choice import Choice, is_possible, mirrored, ordered, rounded
 from sweeps.search.problem.slots import params_of, placed_in, rig_of
 from sweeps.search.problem.space import Space
 
@@ -206,6 +208,12 @@ def test_a_heading_is_the_same_after_a_full_turn():
     assert [place.lidar.model for place in placed] == ["spinning", "flash"]
     mounts = {own.mount for own in space.rig(params_of(placed, space)) if own.zone == "corner"}
     assert {round(math.degrees(mount.yaw)) for mount in mounts} == {-170, 170}
+
+
+@given(st.tuples(*[st.floats(-2.5 * math.tau, 2.5 * math.tau)] * 3))
+def test_angles_of_a_search_may_pass_a_turn(angles):
+    mount = rounded(0, 0, 2, *angles)
+    np.testing.assert_allclose(mount.rotation, rotation(*angles), rtol=0, atol=2e-4)
 
 
 def test_a_rig_that_the_zones_have_no_room_for_is_refused():

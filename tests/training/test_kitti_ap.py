@@ -9,6 +9,7 @@ the same overlap for all classes, 0.7 and 0.5. Metric aos: average orientation s
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -289,6 +290,16 @@ def test_recall_is_that_of_the_refined_boxes():
     assert nothing["all", "recall", 0.5] == 0
     with pytest.raises(ValueError, match="refined boxes: no column yaw"):
         evaluate_boxes(truth, found, [0], ["Car"], refined.drop(columns="yaw"))
+
+
+@pytest.mark.parametrize("wrong", ["ground truth", "detections", "refined boxes"])
+def test_yaw_in_degrees_is_refused(wrong):
+    truth, found = table([car(0, 5.0)] * 3), table([car(0, 5.0, score=0.5)] * 3, score=True)
+    tables = {"ground truth": truth, "detections": found, "refined boxes": truth.copy()}
+    tables[wrong] = tables[wrong].assign(yaw=[4 * math.pi, 90.0, 0.0])
+    one, other, refined = tables.values()
+    with pytest.raises(ValueError, match=f"^{wrong}: row 1: yaw is in radians, .*; found 90; .*de"):
+        evaluate_boxes(one, other, [0], ["Car"], refined)
 
 
 def test_only_the_frames_asked_for_count_and_order_does_not_matter():

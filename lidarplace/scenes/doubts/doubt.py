@@ -10,6 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.boxes import SIZE
+from lidarplace.shown import number
 
 Check = Literal["yaw", "size", "place", "ground", "time", "poses"]
 """What is looked at; a mapping of columns may accept it as it is."""
@@ -46,7 +47,7 @@ class Doubt:
 
     def _value(self, box: pd.Series) -> str:
         if self.check == "size":
-            return " x ".join(f"{box[side]:g}" for side in SIZE)
+            return " x ".join(number(box[side]) for side in SIZE)
         if self.check == "place":
-            return f"x {box['x']:g}, y {box['y']:g}"
-        return f"{box[self.column]:g}"
+            return f"x {number(box['x'])}, y {number(box['y'])}"
+        return number(box[self.column])

@@ -15,10 +15,8 @@ from lidarplace.scenes.label_tables.units import SECONDS, AngleUnit, LengthUnit,
 
 Unit = TypeVar("Unit", bound=str)
 
-SIZES = (30.0, 1000.0)
-"""Median longest side from which a box is in centimetres, and in millimetres."""
 DISTANCES = (300.0, 6000.0)
-"""Likewise the median distance of a box from the vehicle."""
+"""Median distance of a box from the vehicle from which it is in centimetres, and in millimetres."""
 EPOCH = {"s": 1e9, "ms": 1e12, "us": 1e15, "ns": 1e18}
 """Time since 1970 is of this size: from 2001 on."""
 

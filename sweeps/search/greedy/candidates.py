@@ -86,7 +86,7 @@ def grid_points(problem: Problem) -> Iterator[tuple[Slot, str, Zone, Mount]]:
             for place, turn in itertools.product(
                 grid(zone, settings.position_step).tolist(), turns
             ):
-                yield slot, model, zone, rounded(Mount(*place, *turn))
+                yield slot, model, zone, rounded(*place, *turn)
 
 
 def _kinds(space: Space) -> list[Slot]:

@@ -9,7 +9,6 @@ from dataclasses import astuple, replace
 
 import numpy as np
 
-from lidarplace import Mount
 from sweeps.search.greedy.worth import worth_of
 from sweeps.search.problem.choice import Choices, is_possible, ordered, rounded
 from sweeps.search.problem.constraints import measures_of
@@ -89,7 +88,6 @@ def _neighbours(place: Placed, length: float, angle: float) -> Iterator[Placed]:
     for offset in itertools.product(*ways):
         if not any(offset):
             continue
-        x, y, z, *turn = (c + o for c, o in zip(centre, offset, strict=True))
-        mount = rounded(Mount(x, y, z, *turn))
+        mount = rounded(*(c + o for c, o in zip(centre, offset, strict=True)))
         if place.allows(mount):
             yield Placed(place.slot, replace(place.lidar, mount=mount))

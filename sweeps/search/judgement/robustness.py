@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import astuple
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
-from lidarplace import Mount
+from lidarplace.mounting.errors import MountingErrors
 from sweeps.configuration.search import RobustnessSettings
 from sweeps.search.problem.assess import Question
-from sweeps.search.problem.choice import Choice, Choices, ordered
+from sweeps.search.problem.choice import Choices, ordered
 from sweeps.search.problem.one_dead import with_each_dead
 from sweeps.search.trials.pool import Pool
 
@@ -28,7 +28,7 @@ def robustness(
 ) -> pd.DataFrame:
     """Objectives of each rig as designed, with all mounts off, and with each of its LiDARs dead.
 
-    Offsets are uniform, independent for every coordinate. Constraints are not looked at.
+    Mounts are off as `MountingErrors` says. Constraints are not looked at.
 
     Returns:
         rig, case, objective, draws, value (mean over the draws), worst.
@@ -91,20 +91,14 @@ def _cases(
     rig: Choices, settings: RobustnessSettings, seed: int
 ) -> Iterator[tuple[str, list[Choices]]]:
     yield AS_DESIGNED, [rig]
-    if settings.offset or settings.angle_deg:
+    if errors := MountingErrors(settings.offset, math.radians(settings.angle_deg)):
         random = np.random.default_rng(seed)
-        yield "mounts off", [_off(rig, settings, random) for _ in range(settings.draws)]
+        yield (
+            "mounts off",
+            [
+                ordered(replace(c, mount=errors.displaced(c.mount, random)) for c in rig)
+                for _ in range(settings.draws)
+            ],
+        )
     for number, left in enumerate(with_each_dead(rig), start=1):
         yield f"LiDAR {number} fails", [left]
-
-
-def _off(rig: Choices, settings: RobustnessSettings, random: np.random.Generator) -> Choices:
-    scale = np.repeat([settings.offset, math.radians(settings.angle_deg)], 3)
-    return ordered(
-        Choice(
-            lidar.model,
-            lidar.zone,
-            Mount(*(np.array(astuple(lidar.mount)) + scale * random.uniform(-1, 1, 6)).tolist()),
-        )
-        for lidar in rig
-    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import astuple, dataclass, replace
 
@@ -50,13 +51,12 @@ def placement_of(choices: Choices, models: Mapping[str, Lidar], name: str = "rig
     )
 
 
-def rounded(mount: Mount) -> Mount:
+def rounded(x: float, y: float, z: float, *angles: float) -> Mount:
     """To the millimetre and a ten-thousandth of a radian: no one mounts more exactly, and the files
-    that people read have short numbers."""
-    x, y, z, *angles = astuple(mount)
+    that people read have short numbers. Angles may pass a turn."""
     # + 0.0: no negative zero.
     lengths = [round(value, 3) + 0.0 for value in (x, y, z)]
-    return Mount(*lengths, *(round(angle, 4) + 0.0 for angle in angles))
+    return Mount(*lengths, *(round(math.fmod(angle, math.tau), 4) + 0.0 for angle in angles))
 
 
 def mirrored(mount: Mount) -> Mount:

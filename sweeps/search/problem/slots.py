@@ -8,6 +8,7 @@ from dataclasses import astuple, dataclass
 
 from lidarplace import Mount
 from lidarplace.mounting.zone import TOLERANCE, Zone, distance
+from lidarplace.shown import point
 from sweeps.search.problem.choice import Choice, Choices, mirrored, ordered
 from sweeps.search.problem.space import Slot, Space
 
@@ -58,7 +59,7 @@ def placed_in(space: Space, lidars: Sequence[Choice]) -> list[Placed]:
     mount = left[0].mount
     raise ValueError(
         f"no zone, or no mirrored pair of the search, has a LiDAR at "
-        f"({mount.x:g}, {mount.y:g}, {mount.z:g}) with its angles"
+        f"{point(mount.x, mount.y, mount.z)} with its angles"
     )
 
 

@@ -22,7 +22,6 @@ from optuna.distributions import (
     IntDistribution,
 )
 
-from lidarplace import Mount
 from lidarplace.mounting.zone import Zone, left_half, on_centre_line, position, shares
 from sweeps.configuration.search import Pair, RangeSettings, SearchSettings
 from sweeps.search.problem.choice import Choice, Choices, mirrored, ordered, rounded
@@ -220,7 +219,7 @@ class Space:
                 math.radians(params.get(f"{slot.name}.{angle}_deg", slot.spans[angle][0]))
                 for angle in _ANGLES
             )
-            mount = rounded(Mount(*place, roll, pitch, math.remainder(yaw, math.tau)))
+            mount = rounded(*place, roll, pitch, math.remainder(yaw, math.tau))
             lidars.append(Choice(model, name, mount))
             if slot.pair:
                 lidars.append(Choice(model, name, mirrored(mount)))

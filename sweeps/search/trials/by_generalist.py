@@ -233,18 +233,18 @@ def judged_metrics(
     ious: Mapping[str, Overlaps],
 ) -> pd.DataFrame:
     """Metrics of one rig from its detections in portions of the frames, see `evaluate_boxes`."""
-    from training.kitti_ap import evaluate_boxes
+    from training.kitti_ap import evaluation
 
     found = [store.load(task, ("detections", "frames")) for task in portions]
     objects = [store.load(task, ("objects",))["objects"] for task in truths]
     frames = pd.concat([value["frames"]["frame"] for value in found])
-    return evaluate_boxes(
+    return evaluation(
         pd.concat(objects, ignore_index=True),
         pd.concat([value["detections"] for value in found], ignore_index=True),
         frames.tolist(),
         classes,
         ious=ious,
-    )
+    ).metrics
 
 
 def _mean(

@@ -1,46 +1,80 @@
 """Mounting errors: bounded, alike for all rigs, and what clouds make of them."""
 
 import math
-from dataclasses import astuple, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
-from lidarplace import PAPER_PLACEMENTS
+from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement
 from lidarplace.mounting.errors import MountingErrors
 
 HALF_A_DEGREE = MountingErrors(0.01, math.radians(0.5))
 
 
+ANGLES = st.floats(-math.pi, math.pi)
+PITCH = st.sampled_from([-math.pi / 2, math.pi / 2]) | ANGLES
+MOUNTS = st.builds(Mount, *[st.floats(-3, 3)] * 3, ANGLES, PITCH, ANGLES)
+
+
 def shifts(rig, errors, *key):
-    drawn = errors.drawn(rig, *key)
-    return np.array([astuple(m) for m in drawn.mounts]) - [astuple(m) for m in rig.mounts]
+    """Offsets and rotation vectors in the ego frame, (mounts, 6)."""
+    pairs = zip(errors.drawn(rig, *key).mounts, rig.mounts, strict=True)
+    return np.array([[*(d.position - m.position), *turn(d, m)] for d, m in pairs])
 
 
-@given(st.integers(0, 2**31), st.floats(0, 1), st.floats(0, 0.1))
-def test_no_mount_is_off_by_more_than_said(frame, offset, angle):
-    found = np.abs(shifts(PAPER_PLACEMENTS["line_roll"], MountingErrors(offset, angle), frame))
-    assert (found <= np.repeat([offset, angle], 3) + 1e-15).all()
+def turn(drawn, mount):
+    """From the mount's rotation to the drawn one, as scipy has angles and rotations."""
+    after, before = (Rotation.from_euler("ZYX", [m.yaw, m.pitch, m.roll]) for m in (drawn, mount))
+    return (after * before.inv()).as_rotvec()
 
 
-def test_all_rigs_of_a_vehicle_are_off_alike_and_vehicles_differ():
-    line, center = (
-        shifts(PAPER_PLACEMENTS[name], HALF_A_DEGREE, 3, 7) for name in ("line", "center")
-    )
-    np.testing.assert_allclose(line, center, rtol=0, atol=1e-15)
-    other = shifts(PAPER_PLACEMENTS["line"], HALF_A_DEGREE, 3, 8)
-    assert (np.abs(line - other) > 1e-6).any(axis=1).all()
-    one = replace(PAPER_PLACEMENTS["line"], mounts=PAPER_PLACEMENTS["line"].mounts[:1])
-    np.testing.assert_array_equal(shifts(one, HALF_A_DEGREE, 3, 7), line[:1])  # however many follow
+@given(MOUNTS, st.integers(0, 2**31), st.floats(0, 1), st.floats(0, 0.1))
+def test_no_mount_is_off_by_more_than_said(mount, frame, offset, angle):
+    errors = MountingErrors(offset, angle)
+    found = np.abs(shifts(Placement("one", [mount], Lidar.paper()), errors, frame))
+    assert (found <= np.repeat([offset, angle], 3) + 1e-14).all()
 
 
-def test_every_coordinate_is_spread_evenly():
-    found = np.stack([shifts(PAPER_PLACEMENTS["line"], HALF_A_DEGREE, k) for k in range(2000)])
+@given(MOUNTS, st.integers(0, 2**31))
+def test_without_an_error_a_mount_is_as_it_was(mount, frame):
+    rig = Placement("one", [mount], Lidar.paper())
+    assert MountingErrors().drawn(rig, frame) == rig
+    (drawn,) = MountingErrors(0.1).drawn(rig, frame).mounts
+    assert replace(drawn, x=mount.x, y=mount.y, z=mount.z) == mount
+
+
+@given(MOUNTS, MOUNTS)
+def test_all_rigs_of_a_vehicle_are_off_alike_and_vehicles_differ(one, two):
+    line = PAPER_PLACEMENTS["line"]
+    any_two = Placement("any", [one, replace(two, z=one.z + 1)], Lidar.paper())
+    off = shifts(line, HALF_A_DEGREE, 3, 7)
+    # However many LiDARs a rig has.
+    np.testing.assert_allclose(shifts(any_two, HALF_A_DEGREE, 3, 7), off[:2], rtol=0, atol=1e-14)
+    other = shifts(line, HALF_A_DEGREE, 3, 8)
+    assert (np.abs(off - other) > 1e-6).any(axis=1).all()
+
+
+@settings(max_examples=10)
+@given(MOUNTS)
+def test_errors_spread_alike_along_every_axis(mount):
+    random = np.random.default_rng(0)
+    off = [HALF_A_DEGREE.displaced(mount, random) for _ in range(1000)]
+    found = np.array([[*(d.position - mount.position), *turn(d, mount)] for d in off])
     shares = found / np.repeat([HALF_A_DEGREE.offset, HALF_A_DEGREE.angle], 3)
-    assert np.abs(shares.mean(axis=0)).max() < 5 / math.sqrt(3 * 2000)  # five sigma
-    assert np.abs(shares.var(axis=0) - 1 / 3).max() < 5 * math.sqrt(4 / 45 / 2000)
+    assert np.abs(shares.mean(axis=0)).max() < 5 / math.sqrt(3 * 1000)  # five sigma
+    assert np.abs(shares.var(axis=0) - 1 / 3).max() < 5 * math.sqrt(4 / 45 / 1000)
+
+
+def test_small_angles_of_a_level_mount_add_up():
+    errors = MountingErrors(0.0, 1e-4)
+    rig = PAPER_PLACEMENTS["line"]
+    drawn = errors.drawn(rig, 5).mounts
+    found = [[m.roll, m.pitch, m.yaw] for m in drawn]
+    np.testing.assert_allclose(found, shifts(rig, errors, 5)[:, 3:], rtol=0, atol=2e-8)
 
 
 @pytest.mark.parametrize("wrong", [{"offset": -0.1}, {"angle": math.nan}, {"angle": math.inf}])

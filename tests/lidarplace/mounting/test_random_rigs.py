@@ -62,6 +62,11 @@ def test_the_given_rigs_are_in_the_space_of_those_drawn_and_others_are_not():
     assert outside(EIGHT[0].with_lidar(Lidar((0.0,), 90)), drawn) == "another LiDAR model"
 
 
+def test_headings_of_a_whole_turn_can_be_drawn_around():
+    turned = Placement("turned", [Mount(z=2, roll=-math.tau, yaw=math.tau)], Lidar.paper())
+    assert len(random_rigs([turned], 8, 0)) == 8
+
+
 def test_a_single_lidar_can_be_drawn_around():
     (rig,) = random_rigs([Placement("one", [Mount(z=2)], Lidar.paper())], 1, 0)
     assert len(rig.mounts) == 1
