@@ -17,8 +17,10 @@ from test_report import Page
 from lidarplace.placement import Mount
 from tracking.figures.of_sweeps.rig_views import ViewedRig, rig_views
 from tracking.figures.of_sweeps.side_by_side import side_by_side
-from tracking.findings.best_placement import best_placement
+from tracking.findings.best_placement import BestPlacement, best_placement
 from tracking.report.build import build_report
+from tracking.report.decision.recommendation import recommended
+from tracking.run_folders.sweep import RunFolder
 
 
 def read(folder: Path) -> Page:
@@ -26,9 +28,8 @@ def read(folder: Path) -> Page:
 
 
 @pytest.fixture(scope="module")
-def folder(made_up_run, tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("decision") / "grid"
-    shutil.copytree(made_up_run, folder)
+def folder(tmp_path_factory) -> Path:
+    folder = write_run(tmp_path_factory.mktemp("decision") / "grid", seeds=(1, 2, 3), enough=True)
     build_report(folder)
     return folder
 
@@ -137,7 +138,7 @@ def test_one_class_is_shown_once(one_class):
     assert tables == ["Car by direction", "Car by distance (m)"]
     chart = one_class.figures[titles.index("Recall and AP")]
     assert [trace["name"] for trace in chart["data"]] == ["3D AP @ 0.7", "recall @ 0.5"]
-    assert one_class.text.count("Best for") == 1
+    assert one_class.text.count("Highest mean for") == 1
 
 
 def test_one_seed_has_no_odds_and_says_what_is_not_known(one_class):
@@ -188,10 +189,41 @@ def test_a_rig_beyond_the_car_is_in_view():
         assert low < value < high
 
 
-def test_the_first_group_is_drawn_and_the_others_named(tmp_path):
-    folder = write_run(tmp_path / "axes", names=["a", "b"], densities=(40, 120))
-    build_report(folder)
-    page = read(folder)
-    assert "Recommended · pointpillars_tiny, density = 40" in page.text
-    assert "Other settings: 1" in page.text
-    assert "pointpillars_tiny, density = 120" in page.text
+@pytest.fixture
+def two_densities(tmp_path) -> Path:
+    folder = tmp_path / "axes"
+    return write_run(folder, names=["a", "b"], densities=(40, 120), seeds=(1, 2, 3), enough=True)
+
+
+def test_settings_are_answered_together(two_densities):
+    build_report(two_densities)
+    page = read(two_densities)
+    (best,) = {own.best for own in answers(two_densities)}
+    assert page.words[page.words.index("Recommended") + 2] == best
+    assert f"{best}: the highest mean in all 2 settings." in page.text
+    for density in (40, 120):
+        assert f"pointpillars_tiny, density = {density}: {best}. Recall @ 0.5" in page.text
+    assert "the highest mean in all 2 settings" in (two_densities / "report.md").read_text()
+
+
+def test_settings_that_disagree_are_the_headline(two_densities):
+    file = two_densities / "results.parquet"
+    table = pd.read_parquet(file)
+    there = (table["class"] == "all") & (table["scene.density"] == 120)
+    other = {"a": "b", "b": "a"}
+    first = {own.best for own in answers(two_densities)}.pop()
+    table.loc[there, "placement"] = table.loc[there, "placement"].map(other)
+    table.to_parquet(file)
+    build_report(two_densities)
+    page = read(two_densities)
+    at = page.words.index("The settings disagree")
+    title = "pointpillars_tiny, density = {}"
+    assert page.words[at + 2] == (
+        f"{first} ({title.format(40)}), {other[first]} ({title.format(120)})"
+    )
+    assert "Recommended" not in page.text
+    assert "The settings disagree on the best placement" in page.text
+
+
+def answers(folder: Path) -> list[BestPlacement]:
+    return [own.best for own in recommended(RunFolder.read(folder))[1]]

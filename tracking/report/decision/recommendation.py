@@ -9,12 +9,15 @@ import numpy as np
 
 from lidarplace.metrics import headline_metric
 from tracking.findings.best_placement import BestPlacement
-from tracking.findings.groups import GENERALIST, Group
+from tracking.findings.distinct_rigs import copies, without
+from tracking.findings.evidence import grade, remedy
+from tracking.findings.groups import GENERALIST, Group, groups
 from tracking.findings.individuals import count_individuals
+from tracking.findings.promotion import fully_trained
 from tracking.findings.requirements import verdicts as verdicts_of
 from tracking.kitti_iou import headline_iou
 from tracking.labels import metric_label, some
-from tracking.report.headline import Verdict, class_label, verdicts
+from tracking.report.headline import Verdict, class_label, headline_ranking, verdicts
 from tracking.run_folders.sweep import RunFolder
 
 MOST_RIGS = 6
@@ -74,6 +77,12 @@ class Recommendation:
         return [said.pop(self.by), *said.values()]
 
 
+def recommended(whole: RunFolder) -> tuple[RunFolder, list[Recommendation]]:
+    """Distinct rigs, trained as long as they get, and what each group of them recommends."""
+    run = fully_trained(without(whole, set(copies(whole))))
+    return run, recommendations([(group, headline_ranking(run, group)) for group in groups(run)])
+
+
 def recommendations(
     rankings: Sequence[tuple[Group, Mapping[str, BestPlacement]]],
 ) -> list[Recommendation]:
@@ -86,6 +95,80 @@ def recommendations(
 def _deciding(ranked: Mapping[str, BestPlacement]) -> str:
     classes = [name for name in ranked if name != "all"]
     return classes[0] if len(classes) == 1 or "all" not in ranked else "all"
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What all groups recommend together.
+
+    Attributes:
+        grade: what the evidence is enough for, a heading.
+        best: the placement of the highest mean, by group where they disagree.
+        leads: its value and lead, a sentence a group.
+        sure: how sure that is, and whether the groups agree.
+        command: what to run for more evidence; "" if there is enough.
+        beside: of the first group, what is said of the classes that do not decide.
+        enough: whether the evidence has none of the known weaknesses.
+    """
+
+    grade: str
+    best: str
+    leads: tuple[str, ...]
+    sure: str
+    command: str
+    beside: tuple[Verdict, ...]
+    enough: bool
+
+
+def answer(run: RunFolder, found: Sequence[Recommendation]) -> Answer:
+    """What the groups say together, at least one; their deciding classes decide."""
+    every = [own.verdicts(run) for own in found]
+    first, several = [own[0] for own in every], len(found) > 1
+    weak = [weakness for own in first for weakness in own.weaknesses]
+    agree, same = _agreement(found)
+    grade_ = "Recommended" if len(same) == 1 else "No rig is ahead of these"
+    if weak:
+        grade_ = "Not enough evidence to recommend a rig"
+    elif not same:
+        grade_ = "The settings disagree"
+    leads = [
+        (f"{said.group}: {said.best}. " if several else "")
+        + f"{own.metric(run)}: {said.lead}."
+        + (f" {said.sure}" if several and not weak else "")
+        for own, said in zip(found, first, strict=True)
+    ]
+    return Answer(
+        grade_,
+        some(same) or ", ".join(f"{said.best} ({said.group})" for said in first),
+        tuple(leads),
+        " ".join(filter(None, [agree, grade(weak) or ("" if several else first[0].sure)])),
+        remedy(run.sweep.command, [w for own in every for said in own for w in said.weaknesses]),
+        tuple(every[0][1:]),
+        not weak,
+    )
+
+
+def headline(whole: RunFolder) -> list[str]:
+    """What a terminal shows of `answer`, line by line; [] without results."""
+    run, found = recommended(whole)
+    if not found:
+        return []
+    said = answer(run, found)
+    more = [f"For more evidence, run: {said.command}"] if said.command else []
+    return [f"{said.grade}: {said.best}", *said.leads, said.sure, *more]
+
+
+def _agreement(found: Sequence[Recommendation]) -> tuple[str, list[str]]:
+    """Whether groups agree, a sentence, "" for one; and the placements that are best in all."""
+    same = [n for n in found[0].best.equal if all(n in own.best.equal for own in found)]
+    if len(found) == 1:
+        return "", same
+    if same:
+        return f"{some(same)}: the highest mean in all {len(found)} settings.", same
+    tied = [{*own.best.equal, *own.best.tied} for own in found]
+    close = [n for n in found[0].best.sure.index if all(n in own for own in tied)]
+    could = f"; {some(close)} may each be the best in all" if close else ""
+    return f"The settings disagree on the best placement{could}.", same
 
 
 def not_known(run: RunFolder, found: Recommendation) -> str:
@@ -107,7 +190,7 @@ def not_known(run: RunFolder, found: Recommendation) -> str:
     beyond = ", ".join([*open_, "other towns, other traffic or a longer training would say"])
     if not held:
         return f"Not known is what {beyond}."
-    return f"The odds allow for {' and '.join(held)}; not known is what {beyond}."
+    return f"The intervals allow for {' and '.join(held)}; not known is what {beyond}."
 
 
 def _routes(run: RunFolder) -> str:
