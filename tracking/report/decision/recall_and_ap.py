@@ -33,7 +33,8 @@ def recall_and_ap_section(
         table = judged(own, run.results, name).set_index("placement")
         label = metric if alone else f"{metric}, {class_label(name)}"
         columns[label] = table.assign(
-            low=table["mean"] - table["half"], high=table["mean"] + table["half"]
+            low=(table["mean"] - table["half"]).clip(lower=0),
+            high=(table["mean"] + table["half"]).clip(upper=100),
         )[["mean", "low", "high"]]
     rows = found.shown
     odds = [percent(share) for share in found.best.sure.loc[rows]] if enough else []
