@@ -15,11 +15,14 @@ from made_up_run import write_run
 from test_report import Page
 
 from lidarplace.placement import Mount
+from tracking.figures.of_sweeps.bin_table import bin_table
+from tracking.figures.of_sweeps.by_bin import Bins
 from tracking.figures.of_sweeps.rig_views import ViewedRig, rig_views
 from tracking.figures.of_sweeps.side_by_side import side_by_side
 from tracking.findings.best_placement import BestPlacement, best_placement
 from tracking.report.build import build_report
 from tracking.report.decision.recommendation import recommended
+from tracking.report.decision.where_blind import _Binned, _limits
 from tracking.run_folders.sweep import RunFolder
 
 
@@ -112,6 +115,23 @@ def test_it_says_where_the_recommended_rig_is_furthest_behind(folder, page):
     else:
         end = "is behind none of these rigs."
     assert f"{said}{best} {end}" in page.text
+
+
+def test_colours_cover_all_cells_and_cells_of_few_objects_are_pale():
+    """46 and 0 % of few objects were one colour where those of many were 60 % and more."""
+    bins = Bins("direction", ("left", "front", "right"))
+    values = pd.DataFrame({"left": [46.0, 0.0], "front": [60.0, 80.0]}, index=["a", "b"])
+    objects = pd.Series({"left": 12, "front": 400, "right": 0})
+    limits = _limits([_Binned("Car", "recall", bins, values, objects)])
+    assert limits == (0.0, 80.0)
+    judged, few = bin_table(values, objects, bins, "t", limits, ["front"]).data
+    assert {(t.zmin, t.zmax) for t in (judged, few)} == {limits}
+    for trace, column, shown in ((judged, 1, ["60", "80"]), (few, 0, ["(46)", "(0)"])):
+        assert [row[column] for row in trace.text] == shown
+        assert trace.z[:, column].tolist() == values.iloc[:, column].tolist()
+    assert np.isnan(judged.z[:, 0]).all()
+    assert np.isnan(few.z[:, 1]).all()
+    assert judged.colorscale != few.colorscale
 
 
 def test_bars_of_the_chart_are_those_of_the_report(folder, page):

@@ -228,10 +228,23 @@ def test_a_legend_has_room_for_its_names(name, rows):
     for i in range(5):
         plot.add_scatter(x=[i], y=[i], name=name)
     plot.add_scatter(x=[0], y=[0], name="no entry", showlegend=False)
+    plot.add_scatter(x=[0], y=[0], name="chosen by the menu", visible=False)
     legend_below(plot)
     assert plot.layout.height == 400 + 20 * rows
     # All of the room is below the legend's upper edge.
     assert plot.layout.legend.y * plot.layout.height >= 20 * rows
+
+
+def test_a_legend_has_room_for_groups_and_for_a_title_of_two_lines():
+    """Plotly gives a group a row of its own: a phone cut the last of them."""
+    plot = figure("Car", 400)
+    plot.update_xaxes(title="objects: ← line alone<br>center alone →")
+    for i in range(3):
+        plot.add_scatter(x=[i], y=[i], name="line", legendgroup="chance" if i == 1 else None)
+    legend_below(plot)
+    assert plot.layout.height == 400 + 20 * 3 + 18
+    assert plot.layout.margin.b == 56 + 20 * 3 + 18
+    assert plot.layout.legend.tracegroupgap == 0
 
 
 def test_both_themes_can_be_read():

@@ -11,6 +11,7 @@ from typing import Any
 
 import pandas as pd
 
+from lidarplace.configuration.yaml import parse_yaml
 from lidarplace.metrics import HEADLINE_METRIC
 from tracking.findings.groups import GENERALIST, Group
 from tracking.findings.individuals import MOST_FREQUENT, count_individuals
@@ -87,6 +88,14 @@ def remedy(command: str, found: Sequence[Weakness]) -> str:
     most = {key: max(own.remedy[key] for own in found if key in own.remedy) for key in keys}
     pairs = [f"{key}={json.dumps(v, separators=(',', ':'))}" for key, v in most.items()]
     return " ".join([command, *(f"--set {shlex.quote(pair)}" for pair in pairs)]) if pairs else ""
+
+
+def value_at(config: str, *keys: str) -> Any:
+    """What a configuration, YAML, has below these keys; None: nothing. Raises YamlError."""
+    value = parse_yaml(config)
+    for key in keys:
+        value = value.get(key) if isinstance(value, dict) else None
+    return value
 
 
 def few_seeds(
@@ -245,8 +254,7 @@ def _longer(run: RunFolder, group: Group, times: float) -> dict[str, Any]:
 def _more_routes(run: RunFolder, routes: int, times: float) -> dict[str, Any]:
     """So many times as many, of a log another log; twice `LEAST_ROUTES` at least, as routes of one
     simulation meet the same road users."""
-    scene = run.settings.get("scene")
-    if isinstance(scene, dict) and scene.get("source") == "log":
+    if value_at(run.config, "scene", "source") == "log":
         return {"scene.test_folder": "LOG_WITH_MORE_TEST_ROUTES"}
     return _set(run, "scene.test_routes", max(2 * LEAST_ROUTES, math.ceil(routes * times)))
 

@@ -9,7 +9,6 @@ from typing import Any
 import pandas as pd
 
 from lidarplace.command_line.invocation import command
-from lidarplace.configuration.yaml import YamlError, parse_yaml
 from lidarplace.files.atomic import read_text
 from lidarplace.placement import Mount
 from lidarplace.roi import Roi
@@ -70,18 +69,6 @@ class RunFolder:
     def classes(self) -> tuple[str, ...]:
         """Object classes in the order of the configuration."""
         return self.sweep.classes
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """The configuration. Raises ValueError: `config` is no mapping of YAML."""
-        file = self.path / "config.yaml"
-        try:
-            loaded = parse_yaml(self.config)
-        except YamlError as error:
-            raise ValueError(f"{file}: {error}") from None
-        if not isinstance(loaded, dict):
-            raise ValueError(f"{file} must be a mapping of keys, found {type(loaded).__name__}")
-        return loaded
 
     @classmethod
     def read(cls, path: Path) -> RunFolder:

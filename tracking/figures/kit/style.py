@@ -113,7 +113,7 @@ def legend_below(plot: go.Figure) -> None:
     There two short names fit a row, or a long one.
     """
     shown = [t for t in plot.data if t.showlegend is not False and t.visible is not False]
-    names = list(dict.fromkeys(html.unescape(trace.name or "") for trace in shown))
+    names = [html.unescape(trace.name or "") for trace in shown]
     short = max(map(len, names), default=0) <= _LONGEST_OF_TWO
     # Words beside the figure take their width from its legend, too; groups are not in a row.
     grouped = any(trace.legendgroup for trace in shown)

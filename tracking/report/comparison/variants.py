@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
+from lidarplace.configuration.yaml import YamlError, parse_yaml
 from lidarplace.placement import Mount
 from tracking.findings.groups import Group, groups
 from tracking.findings.paired import with_sums
@@ -93,10 +95,20 @@ def differing_settings(runs: Sequence[RunFolder]) -> dict[str, list[str]]:
     Raises:
         ValueError: a configuration is no mapping of YAML.
     """
-    flat = [_settings(run.settings) for run in runs]
+    flat = [_settings(_configuration(run.path / "config.yaml", run.config)) for run in runs]
     keys = dict.fromkeys(key for own in flat for key in own)
     found = {key: [own.get(key, "–") for own in flat] for key in keys}
     return {key: values for key, values in found.items() if len(set(values)) > 1}
+
+
+def _configuration(file: Path, text: str) -> Mapping[str, Any]:
+    try:
+        loaded = parse_yaml(text)
+    except YamlError as error:
+        raise ValueError(f"{file}: {error}") from None
+    if not isinstance(loaded, Mapping):
+        raise ValueError(f"{file} must be a mapping of keys, found {type(loaded).__name__}")
+    return loaded
 
 
 def _settings(loaded: Mapping[str, Any]) -> dict[str, str]:
