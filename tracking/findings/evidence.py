@@ -112,26 +112,22 @@ def few_seeds(
     fewest = min(map(len, seeds.values()), default=LEAST_SEEDS)
     if fewest >= LEAST_SEEDS:
         return []
-    word = f"{'generalist' if generalist else 'seed'}{'s' * (fewest > 1)}"
+    one = "generalist" if generalist else "seed"
     few = [name for name, own in seeds.items() if len(own) == fewest]
     of = "" if len(few) == len(seeds) else f" only for {some(few)}"
-    said = f"{'One' if fewest == 1 else 'Two'} {word}{of}"
-    if fewest > 1:
-        why = (
-            f"{'their difference' if generalist else 'the spread over seeds'} is itself uncertain."
-        )
-    elif generalist:
-        why = "another one may rank the placements otherwise; no interval has that."
-    else:
-        why = "differences between placements may be chance of the training."
+    said = {
+        (1, False): f"One seed{of}: differences between placements may be chance of the training.",
+        (1, True): f"One generalist{of}: another one may rank the placements otherwise; no "
+        "interval has that.",
+    }.get((fewest, generalist), f"Two {one}s{of}: the spread over {one}s is itself uncertain.")
     known = sorted(set().union(*seeds.values()))
-    more = range(max(known) + 1, max(known) + 1 + LEAST_SEEDS)
+    more = range(max(known) + 1, max(known) + LEAST_SEEDS)
     return [
         Weakness(
             "seeds",
             classes,
-            f"only {fewest} {word} (at least {LEAST_SEEDS})",
-            f"{said}: {why}",
+            f"only {fewest} {one}{'s' * (fewest > 1)} (at least {LEAST_SEEDS})",
+            said,
             LEAST_SEEDS / fewest,
             {key: [*known, *more][: max(LEAST_SEEDS, len(known))]},
         )
@@ -139,24 +135,22 @@ def few_seeds(
 
 
 def _few_seeds(run: RunFolder, group: Group) -> list[Weakness]:
-    own = group.of(run.results)
-    by_rig = own[own["value"].notna()].groupby("placement", sort=False)["seed"]
+    known = group.of(run.results).dropna(subset=["value"])
+    by_rig = known.groupby("placement", sort=False)["seed"]
     seeds = {str(name): set(numbers) for name, numbers in by_rig}
-    judge = group.judge == GENERALIST
-    return few_seeds(seeds, judge, "grid.seed", (*run.classes, "all"))
+    return few_seeds(seeds, group.judge == GENERALIST, "grid.seed", (*run.classes, "all"))
 
 
 def _few_test_objects(run: RunFolder, group: Group) -> Iterator[Weakness]:
     """Few individuals or routes in the test frames, or an unknown number."""
-    lacking = [name for name in ("left_out", "individuals") if getattr(run, name) is None]
     if run.left_out is None:
         yield Weakness(
             "unknown",
             (*run.classes, "all"),
             "intervals over seeds alone, as no left_out.parquet tells of the test objects",
             "Intervals are over seeds alone, as if these were the only test objects: the run "
-            f"folder has no {' and no '.join(f'{name}.parquet' for name in lacking)}, which "
-            "earlier versions did not write. The sweep's command makes it.",
+            "folder has no left_out.parquet, which earlier versions did not write. The sweep's "
+            "command makes it.",
             math.inf,
             {},
         )
@@ -165,10 +159,9 @@ def _few_test_objects(run: RunFolder, group: Group) -> Iterator[Weakness]:
     test = group.of(run.individuals[run.individuals["split"] == "test"])
     every = pd.concat([test, test.assign(**{"class": "all"})])
     counts = count_individuals(every).set_index("class")
-    counts = counts.reindex([name for name in (*run.classes, "all") if name in counts.index])
-    routes = test[["scene", "route"]].drop_duplicates()
-    lone = [str(name) for name in counts.index[counts["routes"] < LEAST_ROUTES] if name != "all"]
-    for name, row in counts.iterrows():
+    routes = len(test[["scene", "route"]].drop_duplicates())
+    few = counts.index[counts["routes"] < LEAST_ROUTES].drop("all", errors="ignore")
+    for name, row in counts.loc[counts.index.isin([*run.classes, "all"])].iterrows():
         met, driven = row["individuals"], row["routes"]
         of = "" if name == "all" else f" of {name}"
         if met < LEAST_INDIVIDUALS:
@@ -181,7 +174,7 @@ def _few_test_objects(run: RunFolder, group: Group) -> Iterator[Weakness]:
                 f"{name}: {row['boxes']:,} test boxes are {met} individual{'s' * (met != 1)}"
                 f"{ten if met > MOST_FREQUENT else ''}: others may give another AP.",
                 LEAST_INDIVIDUALS / met,
-                _more_routes(run, len(routes), LEAST_INDIVIDUALS / met),
+                _more_routes(run, routes, LEAST_INDIVIDUALS / met),
             )
         if driven < LEAST_ROUTES:
             yield Weakness(
@@ -189,10 +182,10 @@ def _few_test_objects(run: RunFolder, group: Group) -> Iterator[Weakness]:
                 (str(name),),
                 f"only {driven} test route{'s' * (driven != 1)}"
                 f"{of and f' with {name}'} (at least {LEAST_ROUTES})",
-                f"Fewer than {LEAST_ROUTES} test routes with {', '.join(lone)}: intervals allow "
+                f"Fewer than {LEAST_ROUTES} test routes with {', '.join(few)}: intervals allow "
                 "for which individuals were met, not for what routes differ in.",
                 LEAST_ROUTES / driven,
-                _more_routes(run, len(routes), LEAST_ROUTES / driven),
+                _more_routes(run, routes, LEAST_ROUTES / driven),
             )
 
 

@@ -15,7 +15,7 @@ from tracking.pages.csv_files import FOLDER
 from tracking.pages.page import write_page
 from tracking.pages.section import Section
 from tracking.report.decision.recall_and_ap import recall_and_ap_section
-from tracking.report.decision.recommendation import answer, not_known, recommendations
+from tracking.report.decision.recommendation import answer, recommendations
 from tracking.report.decision.rigs import rigs_section
 from tracking.report.decision.where_blind import where_blind_section
 from tracking.report.sections.requirements import rigs_requirements_section
@@ -63,7 +63,6 @@ def write_decision(
         extent=extent,
         answer=said,
         required=first.required(run),
-        not_known=not_known(run, first),
         warnings=warnings,
         tables=_tables(run.path / FOLDER),
         dashboard=command("tracking.dashboard", str(run.path)),

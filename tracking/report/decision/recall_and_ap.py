@@ -40,7 +40,8 @@ def recall_and_ap_section(
     odds = [percent(share) for share in found.best.sure.loc[rows]] if enough else []
     section.figures.append(side_by_side(columns, rows, "Recall and AP", "percent", odds))
     section.notes.append(
-        "Means over seeds. Bars are 95 % intervals for a comparison: all rigs met the same objects."
+        "Means over seeds. Bars are 95 % intervals for a comparison, over seeds"
+        + (" and over test objects, which all rigs share." if found.best.sample else ".")
         if any(table["low"].notna().any() for table in columns.values())
         else "One seed each: how much the training scatters is unknown, so there are no bars."
     )

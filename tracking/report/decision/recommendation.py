@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from lidarplace.metrics import headline_metric
 from tracking.findings.best_placement import BestPlacement
 from tracking.findings.distinct_rigs import copies, without
 from tracking.findings.evidence import grade, remedy
-from tracking.findings.groups import GENERALIST, Group, groups
-from tracking.findings.individuals import count_individuals
+from tracking.findings.groups import Group, groups
 from tracking.findings.promotion import fully_trained
 from tracking.findings.requirements import verdicts as verdicts_of
 from tracking.kitti_iou import headline_iou
@@ -169,33 +166,3 @@ def _agreement(found: Sequence[Recommendation]) -> tuple[str, list[str]]:
     close = [n for n in found[0].best.sure.index if all(n in own for own in tied)]
     could = f"; {some(close)} may each be the best in all" if close else ""
     return f"The settings disagree on the best placement{could}.", same
-
-
-def not_known(run: RunFolder, found: Recommendation) -> str:
-    """What the odds allow for and what they do not: seeds, frames, towns; one sentence."""
-    best = found.best
-    frames = f"the {run.sweep.frames.test:,} test frames{_routes(run)}"
-    # Not those of the noise, which stand for test objects, too.
-    seeds = int(best.others["seeds"].max()) if len(best.others) else 1
-    judge = "generalist" if found.group.judge == GENERALIST else "seed"
-    trained = f"{seeds} {judge}{'s' * (seeds != 1)}"
-    odds = len(best.sure) > 1 and bool(np.isfinite(best.sure.iloc[0]))
-    held: list[str] = []
-    open_: list[str] = []
-    for known, chance, other in (
-        (seeds > 1, f"the chance of training ({trained})", f"other {judge}s"),
-        (best.sample is not None, f"which road users {frames} met", f"other frames than {frames}"),
-    ):
-        (held if odds and known else open_).append(chance if odds and known else other)
-    beyond = ", ".join([*open_, "other towns, other traffic or a longer training would say"])
-    if not held:
-        return f"Not known is what {beyond}."
-    return f"The intervals allow for {' and '.join(held)}; not known is what {beyond}."
-
-
-def _routes(run: RunFolder) -> str:
-    """On how many routes, where that is known and the same for all settings."""
-    if run.individuals is None or set(run.axes) & set(run.individuals.columns):
-        return ""
-    counts = count_individuals(run.individuals[run.individuals["split"] == "test"])
-    return f" of {counts['routes'].max():,} routes" if len(counts) else ""
