@@ -222,7 +222,9 @@ def test_a_long_title_is_broken_and_its_figure_grows():
     assert "<br" not in short.layout.title.text
 
 
-@pytest.mark.parametrize(("name", "rows"), [("line", 3), ("rich · second_tiny, density = 40", 5)])
+@pytest.mark.parametrize(
+    ("name", "rows"), [("line", 3), ("pyramid_pitch", 5), ("second_tiny, density = 40", 5)]
+)
 def test_a_legend_has_room_for_its_names(name, rows):
     plot = figure("Car", 400)
     for i in range(5):

@@ -57,8 +57,9 @@ SOFT_BREAK = "<br />"
 _LONGEST_LINE = 50
 """Letters of a title's line: what a figure on a phone, or one of three in a row, has room for."""
 _LINE = 18  # pixels
-_LONGEST_OF_TWO = 18
-"""Letters of a name that fits a phone's row of the legend with another one."""
+_LONGEST_OF_TWO = 10
+"""Letters of a name that fits a phone's row of the legend with another one: a row is as wide as the
+plot without its labels."""
 _SIDE = 16
 """Pixels on the right of a figure with nothing there."""
 
