@@ -38,6 +38,7 @@ from tracking.mlflow.log import SweepLog
 from tracking.mlflow.source import source_tags
 from tracking.mlflow.system import SystemMonitor
 from tracking.report.build import build_report
+from tracking.report.decision.recommendation import headline
 from tracking.run_folders.sweep import RunFolder
 
 
@@ -226,6 +227,8 @@ def _print_summary(console: Console, folder: Path) -> None:
     rows = (map(shown, row) for row in summary.itertuples(index=False))
     title = f"{folder.name}: best placement first, {what}"
     console.print(table(title, list(summary.columns), rows))
+    for line in headline(run):
+        console.print(line, highlight=False, soft_wrap=True, markup=False)
     said = ray_counting_caution(largest_linear_share(run.surrogates))
     for text in [*([said] if said else []), *run.sweep.cautions]:
         console.print(f"warning: {text}", style="yellow", soft_wrap=True)

@@ -30,11 +30,13 @@ def write_run(
     roi: dict[str, object] = ROI,
     points: int = 300,
     seed: int = 0,
+    enough: bool = False,
 ) -> Path:
     """Write a run folder with `names` as placements.
 
     `densities` adds an axis "scene.density", `trainings` those of epochs and share of the frames,
     `judges` who judges the placements: a generalist 20 points above specialists, half as far apart.
+    With `enough` there are enough individuals and epochs for a headline.
     Without `detectors` it is a sweep of surrogates alone: no results, no frame, maps of some.
     """
     rng = np.random.default_rng(seed)
@@ -64,7 +66,7 @@ def write_run(
                         }
                     )
                     results += _results(rng, common, number, setting, quality[name])
-                    curves += _curve(rng, trial, setting)
+                    curves += _curve(rng, trial, setting, enough)
     if not detectors:
         trials = [
             {"trial": f"t{i:03d}", "placement": name, "detector": None, "seed": 0, **scene}
@@ -83,7 +85,7 @@ def write_run(
         "distance": _distance(results),
         "sector": _sector(results),
         "points": _points(rng, quality, scenes) if detectors else [],
-        "individuals": _individuals(scenes) if detectors else [],
+        "individuals": _individuals(scenes, 102 if enough else 34) if detectors else [],
         "objects": objects,
         "found": made_up_found(of_objects, objects, trials, quality),
         "surrogates": _surrogates(rng, quality, scenes),
@@ -224,15 +226,15 @@ def _points(
     ]
 
 
-def _individuals(settings: list[dict[str, int]]) -> list[dict[str, object]]:
-    """Of every class 34 on four routes: ten of them are in 30 frames, the others in five."""
+def _individuals(settings: list[dict[str, int]], number: int) -> list[dict[str, object]]:
+    """Of every class so many on four routes: ten are in 30 frames, the others in five."""
     return [
         {**setting, "split": split, "scene": split, "route": i % 4, "class": object_class}
         | {"object_id": f"{object_class}-{i}", "boxes": 30 if i < 10 else 5}
         for setting in settings
         for split in ("train", "test")
         for object_class in ("Car", "Pedestrian")
-        for i in range(34)
+        for i in range(number)
     ]
 
 
@@ -292,14 +294,17 @@ def _by_q(
 
 
 def _curve(
-    rng: np.random.Generator, trial: str, setting: dict[str, float]
+    rng: np.random.Generator, trial: str, setting: dict[str, float], flat: bool
 ) -> list[dict[str, object]]:
-    """An epoch over all frames takes 8 s."""
+    """An epoch over all frames takes 8 s; the loss is flat at the end or still falls."""
     seconds = 8 * setting.get("training.frame_share", 1.0)
     return [
         {"trial": trial, "epoch": epoch, "metric": metric, "value": value}
         for epoch in range(1, setting.get("training.epochs", 5) + 1)
-        for metric, value in (("loss", 2 / epoch + 0.1 * rng.random()), ("seconds", seconds))
+        for metric, value in (
+            ("loss", 2 / (3 if flat else epoch) + 0.1 * rng.random() * (not flat)),
+            ("seconds", seconds),
+        )
     ]
 
 

@@ -15,11 +15,16 @@ from made_up_run import write_run
 from test_report import Page
 
 from lidarplace.placement import Mount
+from tracking.figures.of_sweeps.bin_table import bin_table
+from tracking.figures.of_sweeps.by_bin import Bins
 from tracking.figures.of_sweeps.rig_views import ViewedRig, rig_views
 from tracking.figures.of_sweeps.side_by_side import side_by_side
-from tracking.findings.best_placement import best_placement
+from tracking.findings.best_placement import BestPlacement, best_placement
 from tracking.numbers import percent
 from tracking.report.build import build_report
+from tracking.report.decision.recommendation import recommended
+from tracking.report.decision.where_blind import _Binned, _limits
+from tracking.run_folders.sweep import RunFolder
 
 
 def read(folder: Path) -> Page:
@@ -27,9 +32,8 @@ def read(folder: Path) -> Page:
 
 
 @pytest.fixture(scope="module")
-def folder(made_up_run, tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("decision") / "grid"
-    shutil.copytree(made_up_run, folder)
+def folder(tmp_path_factory) -> Path:
+    folder = write_run(tmp_path_factory.mktemp("decision") / "grid", seeds=(1, 2, 3), enough=True)
     build_report(folder)
     return folder
 
@@ -73,9 +77,10 @@ def test_it_recommends_what_best_placement_says_with_interval_and_odds(folder, p
         f"{best.others.index[0]} (95 %: {low} to {high})"
     ) in page.text
     assert f"{percent(best.sure.iloc[0])} likely to be the best of 5" in page.text
-    seeds = own["results"]["seed"].nunique()
-    assert f"the chance of training ({seeds} seeds)" in page.text
-    assert "100 test frames of 4 routes met; not known is what other towns" in page.text
+    assert "over seeds and over test objects, which all rigs share." in page.text
+    assert (
+        "Other towns, other traffic or a longer training may rank the rigs otherwise" in page.text
+    )
 
 
 def test_it_is_one_file_whose_links_lead_to_files(folder, page):
@@ -114,6 +119,23 @@ def test_it_says_where_the_recommended_rig_is_furthest_behind(folder, page):
     assert f"{said}{best} {end}" in page.text
 
 
+def test_colours_cover_all_cells_and_cells_of_few_objects_are_pale():
+    """46 and 0 % of few objects were one colour where those of many were 60 % and more."""
+    bins = Bins("direction", ("left", "front", "right"))
+    values = pd.DataFrame({"left": [46.0, 0.0], "front": [60.0, 80.0]}, index=["a", "b"])
+    objects = pd.Series({"left": 12, "front": 400, "right": 0})
+    limits = _limits([_Binned("Car", "recall", bins, values, objects)])
+    assert limits == (0.0, 80.0)
+    judged, few = bin_table(values, objects, bins, "t", limits, ["front"]).data
+    assert {(t.zmin, t.zmax) for t in (judged, few)} == {limits}
+    for trace, column, shown in ((judged, 1, ["60", "80"]), (few, 0, ["(46)", "(0)"])):
+        assert [row[column] for row in trace.text] == shown
+        assert trace.z[:, column].tolist() == values.iloc[:, column].tolist()
+    assert np.isnan(judged.z[:, 0]).all()
+    assert np.isnan(few.z[:, 1]).all()
+    assert judged.colorscale != few.colorscale
+
+
 def test_bars_of_the_chart_are_those_of_the_report(folder, page):
     chart = next(f for f in page.figures if f["layout"]["title"]["text"] == "Recall and AP")
     recall = next(t for t in chart["data"] if t["name"] == "recall @ 0.5, all objects")
@@ -138,11 +160,10 @@ def test_one_class_is_shown_once(one_class):
     assert tables == ["Car by direction", "Car by distance (m)"]
     chart = one_class.figures[titles.index("Recall and AP")]
     assert [trace["name"] for trace in chart["data"]] == ["3D AP @ 0.7", "recall @ 0.5"]
-    assert one_class.text.count("Best for") == 1
+    assert one_class.text.count("Highest mean for") == 1
 
 
-def test_one_seed_has_no_odds_and_says_what_is_not_known(one_class):
-    assert "Not known is what other seeds, other frames than the 100 test frames" in one_class.text
+def test_one_seed_has_no_odds(one_class):
     assert "likely to be the best" not in one_class.text
     assert not any("likely" in json.dumps(figure["layout"]) for figure in one_class.figures)
 
@@ -189,10 +210,41 @@ def test_a_rig_beyond_the_car_is_in_view():
         assert low < value < high
 
 
-def test_the_first_group_is_drawn_and_the_others_named(tmp_path):
-    folder = write_run(tmp_path / "axes", names=["a", "b"], densities=(40, 120))
-    build_report(folder)
-    page = read(folder)
-    assert "Recommended · pointpillars_tiny, density = 40" in page.text
-    assert "Other settings: 1" in page.text
-    assert "pointpillars_tiny, density = 120" in page.text
+@pytest.fixture
+def two_densities(tmp_path) -> Path:
+    folder = tmp_path / "axes"
+    return write_run(folder, names=["a", "b"], densities=(40, 120), seeds=(1, 2, 3), enough=True)
+
+
+def test_settings_are_answered_together(two_densities):
+    build_report(two_densities)
+    page = read(two_densities)
+    (best,) = {own.best for own in answers(two_densities)}
+    assert page.words[page.words.index("Recommended") + 2] == best
+    assert f"{best}: the highest mean in all 2 settings." in page.text
+    for density in (40, 120):
+        assert f"pointpillars_tiny, density = {density}: {best}. Recall @ 0.5" in page.text
+    assert "the highest mean in all 2 settings" in (two_densities / "report.md").read_text()
+
+
+def test_settings_that_disagree_are_the_headline(two_densities):
+    file = two_densities / "results.parquet"
+    table = pd.read_parquet(file)
+    there = (table["class"] == "all") & (table["scene.density"] == 120)
+    other = {"a": "b", "b": "a"}
+    first = {own.best for own in answers(two_densities)}.pop()
+    table.loc[there, "placement"] = table.loc[there, "placement"].map(other)
+    table.to_parquet(file)
+    build_report(two_densities)
+    page = read(two_densities)
+    at = page.words.index("The settings disagree")
+    title = "pointpillars_tiny, density = {}"
+    assert page.words[at + 2] == (
+        f"{first} ({title.format(40)}), {other[first]} ({title.format(120)})"
+    )
+    assert "Recommended" not in page.text
+    assert "The settings disagree on the best placement" in page.text
+
+
+def answers(folder: Path) -> list[BestPlacement]:
+    return [own.best for own in recommended(RunFolder.read(folder))[1]]

@@ -222,16 +222,31 @@ def test_a_long_title_is_broken_and_its_figure_grows():
     assert "<br" not in short.layout.title.text
 
 
-@pytest.mark.parametrize(("name", "rows"), [("line", 3), ("rich · second_tiny, density = 40", 5)])
+@pytest.mark.parametrize(
+    ("name", "rows"), [("line", 3), ("pyramid_pitch", 5), ("second_tiny, density = 40", 5)]
+)
 def test_a_legend_has_room_for_its_names(name, rows):
     plot = figure("Car", 400)
     for i in range(5):
         plot.add_scatter(x=[i], y=[i], name=name)
     plot.add_scatter(x=[0], y=[0], name="no entry", showlegend=False)
+    plot.add_scatter(x=[0], y=[0], name="chosen by the menu", visible=False)
     legend_below(plot)
     assert plot.layout.height == 400 + 20 * rows
     # All of the room is below the legend's upper edge.
     assert plot.layout.legend.y * plot.layout.height >= 20 * rows
+
+
+def test_a_legend_has_room_for_groups_and_for_a_title_of_two_lines():
+    """Plotly gives a group a row of its own: a phone cut the last of them."""
+    plot = figure("Car", 400)
+    plot.update_xaxes(title="objects: ← line alone<br>center alone →")
+    for i in range(3):
+        plot.add_scatter(x=[i], y=[i], name="line", legendgroup="chance" if i == 1 else None)
+    legend_below(plot)
+    assert plot.layout.height == 400 + 20 * 3 + 18
+    assert plot.layout.margin.b == 56 + 20 * 3 + 18
+    assert plot.layout.legend.tracegroupgap == 0
 
 
 def test_both_themes_can_be_read():

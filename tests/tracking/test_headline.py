@@ -11,7 +11,6 @@ from tracking.findings.best_surrogate import best_surrogates
 from tracking.findings.correlation import correlate
 from tracking.findings.groups import groups
 from tracking.findings.leave_one_out import leave_one_out
-from tracking.findings.summary import seed_means
 from tracking.report.cautions import cautions
 from tracking.report.headline import headline_ranking, surrogate_verdicts, verdicts
 from tracking.run_folders.sweep import RunFolder
@@ -42,7 +41,8 @@ def with_values(run, values, metric="AP_R40_3D", object_class="Car"):
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     names = ("a", "b", "c", "d")
-    return RunFolder.read(write_run(tmp_path_factory.mktemp("runs") / "grid", names, (1, 2, 3)))
+    folder = tmp_path_factory.mktemp("runs") / "grid"
+    return RunFolder.read(write_run(folder, names, (1, 2, 3), enough=True))
 
 
 def test_a_clear_winner_is_told_apart(run):
@@ -77,9 +77,11 @@ def test_what_following_the_surrogate_costs(run):
 def test_one_seed_says_that_it_cannot_be_told(tmp_path):
     run = RunFolder.read(write_run(tmp_path / "one", ("a", "b", "c"), (1,)))
     car = first_screen(run)[0]
-    assert car.sure.startswith("How sure that is cannot be told")
+    assert car.sure.startswith("Not enough evidence: ")
+    assert "only 1 seed (at least 3)" in car.sure
+    assert car.what == "Highest mean for Car"
     assert "95 %" not in car.lead
-    assert any("One seed" in said for said in cautions(run, seed_means(run.results)))
+    assert any("One seed" in said for said in cautions(run))
 
 
 def test_recall_of_all_has_a_verdict_and_a_class_without_objects_has_none(run):
@@ -95,7 +97,7 @@ def test_cautions_of_failures_objects_and_training(run):
         [(t, e, "loss", 1 / e) for t in trials["trial"] for e in (1, 2, 3)],
         columns=["trial", "epoch", "metric", "value"],
     )
-    said = cautions(replace(run, trials=trials, curves=curves), seed_means(run.results))
+    said = cautions(replace(run, trials=trials, curves=curves))
     assert said[0] == "1 of 12 trials did not finish. The first error: ValueError: no frame"
     assert any("Only 4 placements: no two-sided p-value can be below 0.083." in s for s in said)
     assert any(s.startswith("Cyclist: no ground truth") for s in said)
@@ -106,12 +108,12 @@ def test_what_was_learned_is_judged_by_the_metric_of_the_headline(run):
     results = run.results.copy()
     strict = (results["metric"] == "AP_R40_3D") & (results["iou"] == 0.7)
     results.loc[strict, "value"] = 0.3  # at IoU 0.5 it stays far above
-    said = cautions(replace(run, results=results), seed_means(results))
+    said = cautions(replace(run, results=results))
     wanted = "Car: 3D AP @ 0.7 is below 5 % everywhere: the detector learned too little."
     assert [s for s in said if "learned too little" in s] == [wanted]
     loose = run.results.copy()
     loose.loc[loose["metric"] == "AP_R40_BEV", "value"] = 0.3
-    said = cautions(replace(run, results=loose), seed_means(loose))
+    said = cautions(replace(run, results=loose))
     assert not any("learned too little" in s for s in said)
 
 
@@ -121,10 +123,10 @@ def test_expected_ig_that_counts_rays_is_a_caution(run, share, said):
     own = rows.assign(linear_share=np.where(rows["surrogate"] == "expected_ig", share, np.nan))
     for results in (run.results, run.results[:0]):
         folder = replace(run, surrogates=own, results=results)
-        found = cautions(folder, seed_means(run.results))
+        found = cautions(folder)
         assert any("counts rays" in text for text in found) == said
     # Older run folders do not know.
-    found = cautions(run, seed_means(run.results))
+    found = cautions(run)
     assert not any("counts rays" in text for text in found)
 
 
@@ -141,7 +143,7 @@ def test_few_frames_are_a_caution(run, train, test, said):
     few = replace(
         run, sweep=run.sweep.model_copy(update={"frames": Frames(train=train, test=test)})
     )
-    found = [s for s in cautions(few, seed_means(run.results)) if "frame" in s.split(":")[0]]
+    found = [s for s in cautions(few) if "frame" in s.split(":")[0]]
     assert [s.startswith(start) for s, start in zip(found, said, strict=True)] == [True] * len(said)
 
 
@@ -156,7 +158,7 @@ def test_surrogates_of_few_frames_are_a_caution(alone):
         few = replace(
             alone, sweep=alone.sweep.model_copy(update={"frames": Frames(train=frames, test=0)})
         )
-        return [s for s in cautions(few, seed_means(few.results)) if "frame" in s]
+        return [s for s in cautions(few) if "frame" in s]
 
     assert said(10) == []
     (found,) = said(4)
@@ -188,7 +190,7 @@ def test_equal_surrogates_have_no_winner(alone):
 
 def test_a_training_that_ended_flat_is_no_caution(run):
     flat = run.curves.assign(value=np.where(run.curves["metric"] == "loss", 0.5, 1.0))
-    said = cautions(replace(run, curves=flat), seed_means(run.results))
+    said = cautions(replace(run, curves=flat))
     assert not any("Training was short" in s for s in said)
     one_epoch = flat[flat["epoch"] == 1]
-    assert cautions(replace(run, curves=one_epoch), seed_means(run.results)) == said
+    assert cautions(replace(run, curves=one_epoch)) == said

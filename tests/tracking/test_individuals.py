@@ -6,11 +6,12 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
+from tracking.findings.evidence import LEAST_INDIVIDUALS
 from tracking.findings.groups import groups
 from tracking.findings.individuals import count_individuals
 from tracking.findings.summary import seed_means
 from tracking.report.build import build_report
-from tracking.report.cautions import FEW_INDIVIDUALS, cautions
+from tracking.report.cautions import cautions
 from tracking.report.headline import headline_ranking
 from tracking.report.sections.best import best_section
 from tracking.run_folders.sweep import RunFolder
@@ -68,23 +69,23 @@ def test_few_individuals_are_a_caution(made_up_run):
     def said(number, split="test"):
         table = rows(*(("a", i % 4, "Car", str(i), 5) for i in range(number))).assign(split=split)
         own = replace(run, individuals=table)
-        return [s for s in cautions(own, seed_means(run.results)) if "others may give" in s]
+        return [s for s in cautions(own) if "others may give" in s]
 
-    assert said(FEW_INDIVIDUALS) == []
-    (few,) = said(FEW_INDIVIDUALS - 1)
-    assert few.startswith(f"Car: {5 * (FEW_INDIVIDUALS - 1)} test boxes are ")
+    assert said(LEAST_INDIVIDUALS) == []
+    (few,) = said(LEAST_INDIVIDUALS - 1)
+    assert few.startswith(f"Car: {5 * (LEAST_INDIVIDUALS - 1)} test boxes are ")
     (one,) = said(1)
     assert one.startswith("Car: 5 test boxes are 1 individual:")
     assert said(1, "train") == []
     older = replace(run, individuals=None)
-    assert not [s for s in cautions(older, seed_means(run.results)) if "others may give" in s]
+    assert not [s for s in cautions(older) if "others may give" in s]
 
 
 def test_what_the_intervals_leave_out_is_said(made_up_run):
     run = RunFolder.read(made_up_run)
 
     def said(**changes):
-        found = cautions(replace(run, **changes), seed_means(run.results))
+        found = cautions(replace(run, **changes))
         return [s for s in found if "ntervals" in s]
 
     assert said() == []

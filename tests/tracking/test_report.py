@@ -130,7 +130,7 @@ def test_it_is_one_file_that_loads_nothing(built, page):
 
 def test_the_sections_are_in_order(page):
     titles = [
-        *("Best for Car", "Which placement is best?", "Placements"),
+        *("Highest mean for Car", "Which placement is best?", "Placements"),
         *("Which surrogate predicts best?", "Did the surrogates predict AP and recall?"),
         *("Detectors", "Rigs and traffic", "Coverage and residual entropy"),
         *("One frame, as each placement sees it", "Objects: boxes and individuals"),
@@ -165,7 +165,7 @@ def test_it_names_the_best_placement_and_the_weaknesses(built, page):
     results = pd.read_parquet(built.parent / "results.parquet")
     own = results.query("`class` == 'Car' and metric == 'AP_R40_3D' and iou == 0.7")
     means = own.groupby("placement")["value"].mean()
-    headline = page.words[page.words.index("Best for Car") :]
+    headline = page.words[page.words.index("Highest mean for Car") :]
     assert next(word for word in headline if word in NAMES) == means.idxmax()
     assert (
         f"{means.max():.1f} ± {own.groupby('placement')['value'].std()[means.idxmax()]:.1f}"
@@ -205,7 +205,7 @@ def test_axes_and_detectors_get_their_own_figures(tmp_path):
     page = Page(build_report(folder).read_text(encoding="utf-8"))
     for group in ("tiny, density = 40", "tiny, density = 120", "second, density = 120"):
         assert any(title.startswith(f"Car · {group}<br>") for title in page.titles)
-        assert f"Best for Car · {group}" in page.words
+        assert f"Highest mean for Car · {group}" in page.words
     assert "One seed" in page.text
 
 
@@ -319,7 +319,7 @@ def test_a_sweep_of_surrogates_alone_ranks_placements(tmp_path):
 def test_a_sweep_with_one_placement_has_a_report(tmp_path, detectors):
     folder = write_run(tmp_path / "one", names=["line"], detectors=detectors)
     page = Page(build_report(folder).read_text(encoding="utf-8"))
-    what = "Best for Car" if detectors else "Highest expected recall for Car"
+    what = "Highest mean for Car" if detectors else "Highest expected recall for Car"
     assert page.words[page.words.index(what) :].count("line") > 0
     said = "One placement" if detectors else "Fewer than 3 placements: no rank agreement"
     assert said in page.text

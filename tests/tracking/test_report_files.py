@@ -61,7 +61,7 @@ def test_markdown_has_every_table_of_the_page(folder):
     shown = Page((folder / "report.html").read_text(encoding="utf-8"))
     assert len(re.findall(r"^\| :?---", text, re.M)) == shown.tags.count("table")
     assert text.startswith("# grid\n")
-    assert "**Best for Car" in text
+    assert "**Highest mean for Car" in text
     assert "pyramid \\<b\\>\\&amp;" in text
     for line in re.findall(r"^\|.*\|$", text, re.M):
         assert "\n" not in line

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from lidarplace import PAPER_PLACEMENTS
 from tracking.run_folders.search import SearchFolder
 from tracking.search_report.__main__ import app
 from tracking.search_report.build import build_search_report
-from tracking.search_report.headline import summary
+from tracking.search_report.headline import cards, summary
 from tracking.search_report.tables import rig_table
 
 
@@ -90,6 +91,26 @@ def test_the_first_screen_tells_value_peers_bound_mounts_and_commands(folder, pa
     assert shown[:3] == pytest.approx([trial[f"lidar_1.{k}_m"] for k in "xyz"], abs=5e-4)
     angles = [trial[f"lidar_1.{k}_deg"] for k in ("roll", "pitch", "yaw")]
     assert shown[3:] == pytest.approx(angles, abs=5e-3)
+
+
+def test_the_verified_lead_says_what_its_interval_and_its_seeds_are_worth(folder):
+    run = SearchFolder.read(folder)
+    (first, *others), best = run.search.objectives, run.search.best[0]
+    objective = first.model_copy(update={"by": "recall", "unit": "%", "weights": {"all": 1.0}})
+    search = run.search.model_copy(update={"objectives": (objective, *others)})
+
+    def said(low, high, seeds):
+        row = {"rig": best, "class": "all", "metric": "recall", "difference": (low + high) / 2}
+        chosen = pd.DataFrame([row | {"difference_low": low, "difference_high": high}])
+        config = f"search: {{seeds: {list(range(seeds))}}}"
+        return " ".join(cards(replace(run, search=search, chosen=chosen, config=config))[0].lines)
+
+    assert "95 % interval −2.8 to +7.0: the interval of the lead holds zero." in said(-2.8, 7, 2)
+    assert "Not enough evidence: only 2 generalists (at least 3)." in said(-2.8, 7, 2)
+    assert f"{search.command} --set 'search.seeds=[0,1,2]'" in said(-2.8, 7, 2)
+    sure = said(1, 3, 3)
+    assert "95 % interval +1.0 to +3.0." in sure
+    assert "Not enough evidence" not in sure
 
 
 def test_the_name_of_an_objective_keeps_its_case(folder):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -115,7 +116,7 @@ class Failures:
         objects = int(here.sum())
         first, second = self.alone[:, here].sum(axis=1).tolist()
         both = float((self.found[0] & self.found[1])[here].mean(axis=1).sum())
-        low, high = self._interval(here)
+        low, high = _within_bounds(*self._interval(here))
         return {
             "objects": objects,
             "individuals": len(self.objects.loc[here, ["scene", "object_id"]].drop_duplicates()),
@@ -175,6 +176,18 @@ class Failures:
             chosen.append(int(np.where(here, worth, -1.0).argmax()))
             open_ &= ~here & ~np.isin(individual, individual[here & (worth > 0)])
         return chosen
+
+
+def _within_bounds(low: float, high: float) -> tuple[float, float]:
+    """A symmetric interval of a difference of shares, percent, as one within ±100.
+
+    Wilson's: the error that it has at the end of the interval, not at the estimate, as of a share
+    of so many independent objects as have this error.
+    """
+    middle, half = (low + high) / 200, (high - low) / 200
+    shrink = half**2 / (1 - middle**2)
+    side = math.hypot(half, shrink)
+    return 100 * (middle - side) / (1 + shrink), 100 * (middle + side) / (1 + shrink)
 
 
 def bin_names(edges: tuple[float, ...]) -> tuple[str, ...]:

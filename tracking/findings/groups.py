@@ -48,11 +48,11 @@ class Group:
         return {"detector": self.detector, **self.setting}
 
     def of(self, table: pd.DataFrame) -> pd.DataFrame:
-        """The rows of `table` that belong to this group."""
-        match = table["detector"] == self.detector
-        for axis, value in self.setting.items():
-            match &= table[axis].isna() if pd.isna(value) else table[axis] == value
-        return table[match]
+        """The rows of `table` that belong to this group, by those of its columns that tell."""
+        for axis, value in self.place.items():
+            if axis in table:
+                table = table[table[axis].isna() if pd.isna(value) else table[axis] == value]
+        return table
 
 
 def has_detectors(run: RunFolder) -> bool:

@@ -40,7 +40,7 @@ def write_markdown(
             source = f" ([CSV]({FOLDER}/{table.name}.csv))" if table.data is not None else ""
             blocks += [f"**{escaped(table.caption)}**{source}", _table(table)]
     for heading, words in last.items():
-        blocks += [f"## {escaped(heading)}", _verbatim(words)]
+        blocks += [f"## {escaped(heading)}", verbatim(words)]
     with replacing(target) as partial:
         partial.write_text("\n\n".join(blocks) + "\n", encoding="utf-8")
     return target
@@ -63,7 +63,7 @@ def _table(table: Table) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def _verbatim(words: str) -> str:
+def verbatim(words: str) -> str:
     """A block of code, fenced by more backticks than it holds in a row."""
     longest = max((len(run) for run in re.findall("`+", words)), default=0)
     fence = "`" * max(3, longest + 1)

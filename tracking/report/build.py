@@ -24,11 +24,12 @@ from tracking.findings.summary import by_surrogate, seed_means
 from tracking.kitti_iou import judged
 from tracking.labels import some
 from tracking.pages.csv_files import FOLDER, write_csv_files
-from tracking.pages.markdown import escaped, write_markdown
+from tracking.pages.markdown import escaped, verbatim, write_markdown
 from tracking.pages.page import write_page
 from tracking.pages.section import Section
 from tracking.report.cautions import cautions
 from tracking.report.decision.build import write_decision
+from tracking.report.decision.recommendation import answer, recommendations
 from tracking.report.failures import FILE as FAILURES
 from tracking.report.failures import compared_failures, write_failures
 from tracking.report.headline import Verdict, headline_ranking, surrogate_verdicts, verdicts
@@ -85,9 +86,11 @@ def build_report(run: Path) -> Path:
     for section in sections:
         section.tables = [table.without_dashes() for table in section.tables]
     cards, findings = _verdicts(found)
+    recommended = recommendations(found.rankings)
+    said = answer(folder, recommended) if recommended else None
     extent = _extent(folder)
     warnings = [
-        *cautions(folder, found.means),
+        *cautions(folder),
         *_same_rigs(same),
         *reduced_batches(folder.tasks),
     ]
@@ -107,6 +110,7 @@ def build_report(run: Path) -> Path:
         run=folder,
         decision=decision.name if decision else None,
         verdicts=cards,
+        answer=said,
         most_cards=MOST_CARDS,
         findings=findings,
         extent=extent,
@@ -114,6 +118,11 @@ def build_report(run: Path) -> Path:
         sweep=json.dumps(facts, indent=2, default=str),
     )
     first = [escaped(extent), *map(_in_markdown, cards)]
+    if said is not None and len(said.leads) > 1:
+        first.append(f"**{escaped(said.sure)}**")
+    if said is not None and said.command:
+        first += ["For more evidence, run:", verbatim(said.command)]
+    first += [f"Reasons for doubt: {len(warnings)}"] if warnings else []
     first += [f"> Warning: {escaped(warning)}" for warning in warnings]
     last = {"Command": folder.sweep.command, "Configuration": folder.config}
     name = folder.sweep.name

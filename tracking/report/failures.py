@@ -22,15 +22,12 @@ from tracking.figures.of_sweeps.frame_in_space import (
     view_of,
 )
 from tracking.findings.best_placement import BestPlacement
-from tracking.findings.distinct_rigs import copies, without
 from tracking.findings.failures import Failures, failures
-from tracking.findings.groups import Group, groups
-from tracking.findings.promotion import fully_trained
+from tracking.findings.groups import Group
 from tracking.numbers import digits
 from tracking.pages.page import figure_json, write_page
 from tracking.pages.section import Section
-from tracking.report.decision.recommendation import recommendations
-from tracking.report.headline import headline_ranking
+from tracking.report.decision.recommendation import recommendations, recommended
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_arrays import FailureFrames
 
@@ -74,9 +71,8 @@ def compared_failures(
 
 def failures_to_show(folder: Path) -> Failures | None:
     """The `compared_failures` of a run folder. Raises as `RunFolder.read`."""
-    complete = RunFolder.read(folder)
-    run = fully_trained(without(complete, set(copies(complete))))
-    return compared_failures(run, ((group, headline_ranking(run, group)) for group in groups(run)))
+    run, found = recommended(RunFolder.read(folder))
+    return compared_failures(run, ((own.group, own.ranked) for own in found))
 
 
 def write_failures(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,7 @@ from lidarplace.metrics import headline_metric
 from lidarplace.surrogates.table import HEADLINE_SURROGATES
 from tracking.findings.best_placement import BestPlacement, best_placement
 from tracking.findings.best_surrogate import Predictors
+from tracking.findings.evidence import Weakness, grade, weaknesses
 from tracking.findings.groups import GENERALIST, Group
 from tracking.findings.paired import with_sums
 from tracking.findings.sampling_error import separated
@@ -31,8 +32,9 @@ class Verdict:
         group: title of the group, "" if there is no other.
         best: the placement, or several that are equal, or that there is none.
         lead: its value, and how far it is ahead of which.
-        sure: how sure that is.
+        sure: how sure that is; no surer than its weakest link.
         surrogates: whether they agree.
+        weaknesses: why it is not sure yet, the heaviest first.
     """
 
     what: str
@@ -42,6 +44,7 @@ class Verdict:
     lead: str
     sure: str
     surrogates: tuple[str, ...]
+    weaknesses: tuple[Weakness, ...] = ()
 
     @property
     def heading(self) -> str:
@@ -58,21 +61,23 @@ def verdicts(
         ranked: `headline_ranking` of the group.
         predicted: `best_surrogates` of the run.
     """
-    found = []
+    found, every = [], weaknesses(run, group)
     for name, best in ranked.items():
+        weak = tuple(own for own in every if name in own.classes)
         metric, iou = headline_metric(name), headline_iou(run.results, name)
         wanted = {"class": name, "metric": metric, "iou": iou, **group.setting}
         wanted["detector"] = group.detector
         own = [p for p in predicted if all(_same(p.group[k], v) for k, v in wanted.items())]
         found.append(
             Verdict(
-                f"Best for {class_label(name)}",
+                f"{'Highest mean' if weak else 'Best'} for {class_label(name)}",
                 group.title if group.varies else "",
                 metric_label(metric, iou),
                 some(best.equal),
                 _lead(best),
-                _sure(best),
+                _sure(best, weak),
                 (*(p.sentence for p in own), *_chosen(run, group, best, name)),
+                weak,
             )
         )
     return found
@@ -113,12 +118,12 @@ def _lead(best: BestPlacement) -> str:
     return text
 
 
-def _sure(best: BestPlacement) -> str:
+def _sure(best: BestPlacement, weak: Sequence[Weakness]) -> str:
     """How sure it is that the best is the best."""
     if best.others.empty:
         return "There is no other placement."
-    if not np.isfinite(best.sure.iloc[0]):
-        return f"How sure that is cannot be told: {best.note}."
+    if weak:
+        return grade(weak)
     if len(best.equal) > 1:
         return "No placement is ahead."
     sure = f"{percent(best.sure.iloc[0])} likely to be the best of {len(best.sure)}"

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from tracking.findings.evidence import few_seeds, grade, remedy, value_at
 from tracking.numbers import digits, number, span
 from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_json import Objective, Rig, SearchResult
@@ -61,7 +62,8 @@ def _found(run: SearchFolder) -> Card:
     name = search.best[0]
     rig = search.rigs[name]
     lines = [_against_baseline(search, objective, rig) for objective in search.objectives]
-    lines = [line for line in lines if line] + _how_sure(run) + _models_of_peers(search)
+    lines = [line for line in lines if line] + _how_sure(run) + _doubts(run)
+    lines += _models_of_peers(search)
     lines += _against_bound(search)
     if search.constraints:
         lines.append(f"Feasible: it keeps all {len(search.constraints)} constraints.")
@@ -70,7 +72,9 @@ def _found(run: SearchFolder) -> Card:
     models = sorted({*rig.models})
     lines.append(f"{len(rig.mounts)} LiDAR{'s' * (len(rig.mounts) > 1)}: {', '.join(models)}.")
     return Card(
-        f"{of_front(search)}, the first is {name}" if search.front else f"Best rig: {name}",
+        f"{of_front(search)}, the first is {name}"
+        if search.front
+        else f"Best of the search: {name}",
         f"{search.first.name} {with_unit(search.first, rig.value(search.first))}",
         tuple(lines),
     )
@@ -123,10 +127,26 @@ def _how_sure(run: SearchFolder) -> list[str]:
     return [
         f"Of {row['class']}, on traffic that the search did not see: "
         f"{digits(row['difference'], '+.1f')} points, 95 % interval "
-        f"{span(row['difference_low'], row['difference_high'], '+.1f')}."
+        f"{span(row['difference_low'], row['difference_high'], '+.1f')}"
+        f"{holds_zero(row['difference_low'], row['difference_high'])}."
         for row in rows.to_dict("records")
         if not np.isnan(row["difference"])
     ]
+
+
+def holds_zero(low: float, high: float) -> str:
+    """What ends the sentence of a lead, by its interval."""
+    return ": the interval of the lead holds zero" if low <= 0 <= high else ""
+
+
+def _doubts(run: SearchFolder) -> list[str]:
+    """Why the choice of a generalist is no evidence yet, and what to run for more; [] if it is."""
+    if run.chosen is None:
+        return []
+    seeds = value_at(run.config, "search", "seeds") or [0]
+    few = few_seeds({run.search.best[0]: set(seeds)}, True, "search.seeds")
+    more = remedy(run.search.command, few)
+    return [grade(few), f"For more evidence, run: {more}"] if few else []
 
 
 def of_objective(measured: pd.DataFrame, objective: Objective) -> pd.DataFrame:

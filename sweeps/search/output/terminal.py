@@ -24,6 +24,7 @@ from sweeps.search.problem.slots import rig_of
 from sweeps.search.trials.by_detectors import class_weights
 from sweeps.search.trials.study import assessment_of, finished_trials
 from tracking.findings.ray_counting import ray_counting_caution
+from tracking.search_report.headline import holds_zero
 
 _TO_THE_LETTER = (
     "objective {name}: entropies are not negative, so every LiDAR lowers it, and it is highest for "
@@ -207,7 +208,8 @@ def _print_chosen(console: Console, found: Found, problem: Problem) -> None:
             f"{objective.by} @ {row['iou']:g}, {row['class']}, on other traffic{over}: "
             f"{row['value']:.1f}, {row['difference']:+.1f} "
             f"({row['difference_low']:+.1f} to {row['difference_high']:+.1f}) "
-            f"against {found.baseline}, the best of the paper's eight{_breaks(found)}",
+            f"against {found.baseline}, the best of the paper's eight{_breaks(found)}"
+            f"{holds_zero(row['difference_low'], row['difference_high'])}",
             highlight=False,
             soft_wrap=True,
         )

@@ -57,8 +57,9 @@ SOFT_BREAK = "<br />"
 _LONGEST_LINE = 50
 """Letters of a title's line: what a figure on a phone, or one of three in a row, has room for."""
 _LINE = 18  # pixels
-_LONGEST_OF_TWO = 18
-"""Letters of a name that fits a phone's row of the legend with another one."""
+_LONGEST_OF_TWO = 10
+"""Letters of a name that fits a phone's row of the legend with another one: a row is as wide as the
+plot without its labels."""
 _SIDE = 16
 """Pixels on the right of a figure with nothing there."""
 
@@ -112,17 +113,18 @@ def legend_below(plot: go.Figure) -> None:
 
     There two short names fit a row, or a long one.
     """
-    names = [
-        html.unescape(trace.name or "") for trace in plot.data if trace.showlegend is not False
-    ]
+    shown = [t for t in plot.data if t.showlegend is not False and t.visible is not False]
+    names = [html.unescape(trace.name or "") for trace in shown]
     short = max(map(len, names), default=0) <= _LONGEST_OF_TWO
-    # Words beside the figure take their width from its legend, too.
-    in_a_row = 2 if short and plot.layout.margin.r <= _SIDE else 1
+    # Words beside the figure take their width from its legend, too; groups are not in a row.
+    grouped = any(trace.legendgroup for trace in shown)
+    in_a_row = 2 if short and not grouped and plot.layout.margin.r <= _SIDE else 1
     room = 20 * -(-len(names) // in_a_row)
-    height = plot.layout.height + room
+    title = _LINE * (plot.layout.xaxis.title.text or "").count("<br>")
+    height = plot.layout.height + room + title
     plot.update_layout(
         height=height,
-        margin={"b": 56 + room},
+        margin={"b": 56 + room + title},
         legend={
             "orientation": "h",
             "font": {"size": 11},
@@ -131,6 +133,7 @@ def legend_below(plot: go.Figure) -> None:
             "yref": "container",
             "y": (room + 8) / height,
             "yanchor": "top",
+            "tracegroupgap": 0,
         },
     )
 

@@ -7,14 +7,14 @@ import pandas as pd
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from tracking.figures.kit.style import add_menu, colour, error_bars, figure, text
+from tracking.figures.kit.style import add_menu, colour, error_bars, figure, legend_below, text
 from tracking.findings.surrogate_accuracy import varied
 from tracking.labels import in_order, surrogate_name
 
 _PANELS = (
-    ("median_method_error", "worst_method_error", "error at the same resolution"),
-    ("median_error", "worst_error", "error against the fine reference"),
-    ("kendall", None, "rank agreement of placements (Kendall's τ)"),
+    ("median_method_error", "worst_method_error", "error at the<br>same resolution"),
+    ("median_error", "worst_error", "error against the<br>fine reference"),
+    ("kendall", None, "rank agreement<br>(Kendall's τ)"),
 )
 _STYLES = {
     "bresenham, azimuth steps": (5, "square"),
@@ -38,7 +38,7 @@ def accuracy_figure(summary: pd.DataFrame, title: str) -> go.Figure:
         cols=3,
         horizontal_spacing=0.08,
         subplot_titles=[panel[2] for panel in _PANELS],
-        figure=figure(text(title), height=460, margin={"t": 92, "b": 96}),
+        figure=figure(text(title), height=440, margin={"t": 128}),
     )
     names = in_order(summary["surrogate"])
     first = FIRST if FIRST in names else names[0]
@@ -58,15 +58,17 @@ def accuracy_figure(summary: pd.DataFrame, title: str) -> go.Figure:
                 owner.append(name)
     for trace, name in zip(plot.data, owner, strict=True):
         trace.visible = name == first
-    plot.update_layout(legend={"orientation": "h", "y": -0.18, "yanchor": "top"})
     labels = [surrogate_name(name) for name in names]
     changes = [({"visible": [name == other for other in owner]},) for name in names]
-    add_menu(plot, labels, changes, names.index(first), right=True, y=1.2, pad={"t": 0, "b": 4})
+    add_menu(plot, labels, changes, names.index(first), right=True, y=1.14)
     plot.update_annotations(font={"size": 12})
-    plot.update_xaxes(type="log", title="seconds a placement and class", dtick=1)
+    powers = {"type": "log", "exponentformat": "power", "dtick": 1}
+    plot.update_xaxes(tickangle=0, tickfont={"size": 10}, **powers)
+    plot.update_xaxes(title="seconds a placement and class", col=2)
     for column in (1, 2):
-        plot.update_yaxes(type="log", exponentformat="power", dtick=1, col=column)
+        plot.update_yaxes(**powers, col=column)
     plot.update_yaxes(range=[-1.25, 1.25], col=3)
+    legend_below(plot)
     return plot
 
 

@@ -22,7 +22,7 @@ from tracking.figures.kit.vehicle_lines import vehicle_from_above, vehicle_from_
 _CELLS = {"coverage": 160, "residual": 80}
 """Cells along the longer side of a map; a page holds two for every placement."""
 _MARK = "#D55E00"
-_TOP, _BOTTOM = 44, 150  # pixels around the maps
+_TOP, _BOTTOM = 44, 170  # pixels around the maps
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def _map(
     else:
         shown = (cells / roi.resolution**2).astype(np.float32)
         side = "from above" if row == 1 else "from the side"
-        bar = _bar(f"residual entropy {side} (nats/m²)", 0.525, row - 1, drawn)
+        bar = _bar(f"residual entropy<br>{side} (nats/m²)", 0.525, row - 1, drawn)
         hover = "%{z:.3g} nats/m²"
     place = "x %{x:.1f}, " + ("y" if row == 1 else "z") + " %{y:.1f} m<br>"
     return go.Heatmap(
@@ -130,7 +130,7 @@ def _bar(title: str, left: float, number: int, drawn: int) -> dict[str, Any]:
         "len": 0.475,
         "x": left,
         "xanchor": "left",
-        "y": -(44 + 52 * number) / drawn,
+        "y": -(44 + 64 * number) / drawn,
         "yanchor": "top",
         "ypad": 0,
         "nticks": 6,

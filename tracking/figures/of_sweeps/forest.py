@@ -27,21 +27,24 @@ def forest(table: pd.DataFrame, title: str, axis: str, placements: Sequence[str]
     names = [str(name) for name in table.index]
     plot = figure(title, height=130 + _ROW * len(names))
     rows = list(range(len(names)))
-    whole = ((table["high"] - table["low"]) / 2).fillna(0)
-    if (whole > table["half"]).any():
+    mean, half = table["mean"], table["half"].fillna(0)
+    # No percentage is beyond 0 and 100, whatever a symmetric interval says.
+    up, down = half.clip(upper=100 - mean), half.clip(upper=mean)
+    above, below = (table["high"].clip(upper=100) - mean), mean - table["low"].clip(lower=0)
+    if (above > up).any() or (below > down).any():
         plot.add_scatter(
-            x=table["mean"].to_numpy(),
+            x=mean.to_numpy(),
             y=rows,
-            error_x=error_bars(whole, thickness=1, width=0, color=OUTLINE),
+            error_x=error_bars(above, below, thickness=1, width=0, color=OUTLINE),
             mode="markers",
             marker={"size": 1, "color": OUTLINE},
             hoverinfo="skip",
             showlegend=False,
         )
     plot.add_scatter(
-        x=table["mean"].to_numpy(),
+        x=mean.to_numpy(),
         y=rows,
-        error_x=error_bars(table["half"].fillna(0), thickness=3, width=4, color=OUTLINE),
+        error_x=error_bars(up, down, thickness=3, width=4, color=OUTLINE),
         mode="markers",
         marker=placement_markers(names, placements),
         text=[text(name) for name in names],

@@ -46,7 +46,7 @@ def found_alone(
     most = 1.08 * max(counts.groupby("bin")[["first", "second"]].sum().max().max(), 1.0)
     plot.add_vline(x=0, line={"color": OUTLINE, "width": 1})
     plot.update_xaxes(
-        title=f"{text(rigs[1])} alone ←  objects  → {text(rigs[0])} alone",
+        title=f"objects: ← {text(rigs[1])} alone<br>{text(rigs[0])} alone →",
         range=[-most, most],
         tickformat=",.0f",
     )

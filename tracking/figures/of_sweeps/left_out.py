@@ -47,7 +47,7 @@ def left_out(errors: pd.DataFrame, title: str) -> go.Figure | None:
             hovertemplate="%{y}: %{x:.2f}, %{customdata:.2f} points<extra>%{fullData.name}</extra>",
         )
     plot.add_vline(x=1, line={"color": OUTLINE, "dash": "dot", "width": 1.5})
-    plot.update_xaxes(title="error / error of the mean (below 1: predicts)", rangemode="tozero")
+    plot.update_xaxes(title="error / error of the mean", rangemode="tozero")
     plot.update_yaxes(categoryorder="array", categoryarray=labels[::-1])
     legend_below(plot)
     return plot

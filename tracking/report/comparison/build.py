@@ -17,7 +17,6 @@ from tracking.figures.of_sweeps.heat_map import heat_map
 from tracking.figures.of_sweeps.side_by_side import side_by_side
 from tracking.findings.correlation import correlate
 from tracking.findings.promotion import is_full
-from tracking.findings.summary import seed_means
 from tracking.findings.surrogate_accuracy import rank_agreement
 from tracking.kitti_iou import headline_iou, judged
 from tracking.labels import in_order, metric_label, metric_name, surrogate_name
@@ -85,7 +84,7 @@ def build_comparison(runs: Sequence[Path], target: Path) -> Path:
     notes += [
         f"{name}: {caution}"
         for run, name in zip(read, names, strict=True)
-        for caution in cautions(run, seed_means(run.results, run.axes))
+        for caution in cautions(run)
     ]
     sections = [_sweeps_section(read, names, same), _settings_section(read, names)]
     if same:

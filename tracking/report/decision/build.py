@@ -15,7 +15,7 @@ from tracking.pages.csv_files import FOLDER
 from tracking.pages.page import write_page
 from tracking.pages.section import Section
 from tracking.report.decision.recall_and_ap import recall_and_ap_section
-from tracking.report.decision.recommendation import not_known, recommendations
+from tracking.report.decision.recommendation import answer, recommendations
 from tracking.report.decision.rigs import rigs_section
 from tracking.report.decision.where_blind import where_blind_section
 from tracking.report.sections.requirements import rigs_requirements_section
@@ -49,8 +49,8 @@ def write_decision(
     if not found:
         target.unlink(missing_ok=True)
         return None
-    first, *others = found
-    sections = [recall_and_ap_section(run, first, means), rigs_section(run, first)]
+    first, said = found[0], answer(run, found)
+    sections = [recall_and_ap_section(run, first, means, said.enough), rigs_section(run, first)]
     blind = where_blind_section(run, first)
     rigs = run.path / "rigs.yaml"  # which older run folders do not have
     required = rigs_requirements_section(run, first.shown, first.group.setting)
@@ -61,12 +61,8 @@ def write_decision(
         [*sections, *(own for own in further if own is not None)],
         name=run.sweep.name,
         extent=extent,
-        verdicts=first.verdicts(run),
-        alone=len(first.best.equal) == 1,
-        metric=first.metric(run),
-        others=[other.verdicts(run)[0] for other in others],
+        answer=said,
         required=first.required(run),
-        not_known=not_known(run, first),
         warnings=warnings,
         tables=_tables(run.path / FOLDER),
         dashboard=command("tracking.dashboard", str(run.path)),

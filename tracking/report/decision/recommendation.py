@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from lidarplace.metrics import headline_metric
 from tracking.findings.best_placement import BestPlacement
-from tracking.findings.groups import GENERALIST, Group
-from tracking.findings.individuals import count_individuals
+from tracking.findings.distinct_rigs import copies, without
+from tracking.findings.evidence import grade, remedy
+from tracking.findings.groups import Group, groups
+from tracking.findings.promotion import fully_trained
 from tracking.findings.requirements import verdicts as verdicts_of
 from tracking.kitti_iou import headline_iou
 from tracking.labels import metric_label, some
-from tracking.report.headline import Verdict, class_label, verdicts
+from tracking.report.headline import Verdict, class_label, headline_ranking, verdicts
 from tracking.run_folders.sweep import RunFolder
 
 MOST_RIGS = 6
@@ -74,6 +74,12 @@ class Recommendation:
         return [said.pop(self.by), *said.values()]
 
 
+def recommended(whole: RunFolder) -> tuple[RunFolder, list[Recommendation]]:
+    """Distinct rigs, trained as long as they get, and what each group of them recommends."""
+    run = fully_trained(without(whole, set(copies(whole))))
+    return run, recommendations([(group, headline_ranking(run, group)) for group in groups(run)])
+
+
 def recommendations(
     rankings: Sequence[tuple[Group, Mapping[str, BestPlacement]]],
 ) -> list[Recommendation]:
@@ -88,31 +94,75 @@ def _deciding(ranked: Mapping[str, BestPlacement]) -> str:
     return classes[0] if len(classes) == 1 or "all" not in ranked else "all"
 
 
-def not_known(run: RunFolder, found: Recommendation) -> str:
-    """What the odds allow for and what they do not: seeds, frames, towns; one sentence."""
-    best = found.best
-    frames = f"the {run.sweep.frames.test:,} test frames{_routes(run)}"
-    # Not those of the noise, which stand for test objects, too.
-    seeds = int(best.others["seeds"].max()) if len(best.others) else 1
-    judge = "generalist" if found.group.judge == GENERALIST else "seed"
-    trained = f"{seeds} {judge}{'s' * (seeds != 1)}"
-    odds = len(best.sure) > 1 and bool(np.isfinite(best.sure.iloc[0]))
-    held: list[str] = []
-    open_: list[str] = []
-    for known, chance, other in (
-        (seeds > 1, f"the chance of training ({trained})", f"other {judge}s"),
-        (best.sample is not None, f"which road users {frames} met", f"other frames than {frames}"),
-    ):
-        (held if odds and known else open_).append(chance if odds and known else other)
-    beyond = ", ".join([*open_, "other towns, other traffic or a longer training would say"])
-    if not held:
-        return f"Not known is what {beyond}."
-    return f"The odds allow for {' and '.join(held)}; not known is what {beyond}."
+@dataclass(frozen=True)
+class Answer:
+    """What all groups recommend together.
+
+    Attributes:
+        grade: what the evidence is enough for, a heading.
+        best: the placement of the highest mean, by group where they disagree.
+        leads: its value and lead, a sentence a group.
+        sure: how sure that is, and whether the groups agree.
+        command: what to run for more evidence; "" if there is enough.
+        beside: of the first group, what is said of the classes that do not decide.
+        enough: whether the evidence has none of the known weaknesses.
+    """
+
+    grade: str
+    best: str
+    leads: tuple[str, ...]
+    sure: str
+    command: str
+    beside: tuple[Verdict, ...]
+    enough: bool
 
 
-def _routes(run: RunFolder) -> str:
-    """On how many routes, where that is known and the same for all settings."""
-    if run.individuals is None or set(run.axes) & set(run.individuals.columns):
-        return ""
-    counts = count_individuals(run.individuals[run.individuals["split"] == "test"])
-    return f" of {counts['routes'].max():,} routes" if len(counts) else ""
+def answer(run: RunFolder, found: Sequence[Recommendation]) -> Answer:
+    """What the groups say together, at least one; their deciding classes decide."""
+    every = [own.verdicts(run) for own in found]
+    first, several = [own[0] for own in every], len(found) > 1
+    weak = [weakness for own in first for weakness in own.weaknesses]
+    agree, same = _agreement(found)
+    grade_ = "Recommended" if len(same) == 1 else "No rig is ahead of these"
+    if weak:
+        grade_ = "Not enough evidence to recommend a rig"
+    elif not same:
+        grade_ = "The settings disagree"
+    leads = [
+        (f"{said.group}: {said.best}. " if several else "")
+        + f"{own.metric(run)}: {said.lead}."
+        + (f" {said.sure}" if several and not weak else "")
+        for own, said in zip(found, first, strict=True)
+    ]
+    return Answer(
+        grade_,
+        some(same) or ", ".join(f"{said.best} ({said.group})" for said in first),
+        tuple(leads),
+        " ".join(filter(None, [agree, grade(weak) or ("" if several else first[0].sure)])),
+        remedy(run.sweep.command, [w for own in every for said in own for w in said.weaknesses]),
+        tuple(every[0][1:]),
+        not weak,
+    )
+
+
+def headline(whole: RunFolder) -> list[str]:
+    """What a terminal shows of `answer`, line by line; [] without results."""
+    run, found = recommended(whole)
+    if not found:
+        return []
+    said = answer(run, found)
+    more = [f"For more evidence, run: {said.command}"] if said.command else []
+    return [f"{said.grade}: {said.best}", *said.leads, said.sure, *more]
+
+
+def _agreement(found: Sequence[Recommendation]) -> tuple[str, list[str]]:
+    """Whether groups agree, a sentence, "" for one; and the placements that are best in all."""
+    same = [n for n in found[0].best.equal if all(n in own.best.equal for own in found)]
+    if len(found) == 1:
+        return "", same
+    if same:
+        return f"{some(same)}: the highest mean in all {len(found)} settings.", same
+    tied = [{*own.best.equal, *own.best.tied} for own in found]
+    close = [n for n in found[0].best.sure.index if all(n in own for own in tied)]
+    could = f"; {some(close)} may each be the best in all" if close else ""
+    return f"The settings disagree on the best placement{could}.", same

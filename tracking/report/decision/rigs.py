@@ -45,13 +45,13 @@ def viewed_rig(
 
     Args:
         models: of every mount; none if they are not known.
-        best: whether it is recommended.
+        best: whether it alone has the highest mean.
     """
     words = [model_words(model) for model in models]
     same = len(set(words)) == 1
     said = f"{len(mounts)} LiDAR{'s' * (len(mounts) != 1)}" + (f" · {words[0]}" if same else "")
     said += _price(models)
-    mark = " · recommended" if best else ""
+    mark = " · highest mean" if best else ""
     return ViewedRig(
         tuple(mounts),
         f"<b>{text(name)}</b>{mark}<br><span style='font-size:12px'>{said}</span>",

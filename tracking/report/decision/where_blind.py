@@ -53,8 +53,8 @@ def where_blind_section(run: RunFolder, found: Recommendation) -> Section | None
         return None
     section = Section("Where they see, and where they are blind", columns=2)
     section.notes.append(
-        "Percent of the objects, dark where few are found; n is how many there are. How much "
-        "chance there is in a cell is not told: trust large n."
+        "Percent of the objects, dark where few are found; n is how many there are. Cells of fewer "
+        f"than {_FEW} objects are pale and in brackets: too few to compare rigs by."
     )
     for name in dict.fromkeys(table.object_class for table in tables):
         own = [table for table in tables if table.object_class == name]
@@ -64,16 +64,15 @@ def where_blind_section(run: RunFolder, found: Recommendation) -> Section | None
             small = f"<span style='font-size:12px'>{table.metric}, %</span>"
             title = f"{text(name)} by {by}<br>{small}"
             section.figures.append(
-                bin_table(table.values, table.objects, table.bins, title, limits)
+                bin_table(table.values, table.objects, table.bins, title, limits, table.sure)
             )
         section.notes += _behind(own, found.best.best)
     return section
 
 
 def _limits(tables: list[_Binned]) -> tuple[float, float]:
-    """Lowest and highest percentage in bins of many objects; in all if there is none."""
-    cells = [table.values[table.sure] for table in tables if table.sure]
-    values = [own.to_numpy(np.float64).ravel() for own in cells or [t.values for t in tables]]
+    """Lowest and highest percentage in any cell: none is beyond the colours."""
+    values = [table.values.to_numpy(np.float64).ravel() for table in tables]
     return float(np.nanmin(np.concatenate(values))), float(np.nanmax(np.concatenate(values)))
 
 

@@ -1,0 +1,178 @@
+"""What a headline may claim: weaknesses of the evidence, and what to run against them."""
+
+import shlex
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from made_up_run import write_run
+from test_report import Page
+
+from sweeps.configuration.grid import read_sweep
+from tracking.findings.evidence import (
+    LEAST_INDIVIDUALS,
+    LEAST_SEEDS,
+    few_seeds,
+    grade,
+    remedy,
+    weaknesses,
+)
+from tracking.findings.groups import groups
+from tracking.report.build import build_report
+from tracking.report.cautions import cautions
+from tracking.report.decision.recommendation import answer, headline, recommended
+from tracking.run_folders.sweep import RunFolder
+from tracking.statistics.jackknife import LEAST_ROUTES
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("evidence") / "grid"
+    return RunFolder.read(write_run(folder, ("a", "b", "c"), (1, 2, 3), enough=True))
+
+
+def seeds(run, number):
+    return replace(run, results=run.results[run.results["seed"] <= number])
+
+
+def routes(run, number):
+    table = run.individuals.assign(route=run.individuals["route"] % number)
+    return replace(run, individuals=table)
+
+
+def individuals(run, number):
+    table = run.individuals
+    return replace(run, individuals=table[table.groupby(["split", "class"]).cumcount() < number])
+
+
+def short(run, share):
+    last = run.curves["epoch"] == run.curves["epoch"].max()
+    loss = (run.curves["metric"] == "loss") & last
+    value = run.curves["value"] * np.where(loss, 1 - share, 1.0)
+    return replace(run, curves=run.curves.assign(value=value))
+
+
+def ap(run, most):
+    own = run.results["metric"] == "AP_R40_3D"
+    value = np.where(own, most * run.results["value"] / 100, run.results["value"])
+    return replace(run, results=run.results.assign(value=value))
+
+
+WEAK = {
+    "seeds": (seeds, 2, "only 2 seeds (at least 3)", "grid.seed=[1,2,3]"),
+    "routes": (routes, 1, "only 1 test route (at least 4)", "scene.test_routes=8"),
+    "individuals": (
+        *(individuals, 15, "only 30 individuals in the test frames (at least 100)"),
+        "scene.test_routes=27",
+    ),
+    "training": (short, 0.2, "a short training (the last epoch still took 20 % off", "training."),
+    "learned": (ap, 3, "a detector that learned little (3D AP @ 0.7 of Car is", "training.epochs="),
+}
+
+
+def test_enough_evidence_has_no_weakness(run):
+    (group,) = groups(run)
+    assert weaknesses(run, group) == []
+    said = answer(*recommended(run))
+    assert (said.grade, said.command, said.enough) == ("Recommended", "", True)
+    assert "likely to be the best" in said.sure
+
+
+@pytest.mark.parametrize("kind", WEAK)
+def test_each_weakness_takes_the_headline_back_and_names_what_to_run(run, kind):
+    change, value, clause, wanted = WEAK[kind]
+    said = answer(*recommended(change(run, value)))
+    assert said.grade == "Not enough evidence to recommend a rig"
+    assert said.sure.startswith(f"Not enough evidence: {clause}")
+    assert "likely" not in " ".join([said.sure, *said.leads])
+    assert all("likely" not in other.sure for other in said.beside if other.weaknesses)
+    assert said.command.startswith(f"{run.sweep.command} --set ")
+    pairs = [word for word in shlex.split(said.command) if "=" in word]
+    assert any(pair.startswith(wanted) for pair in pairs)
+    read_sweep(EXAMPLES / "grid.yaml", pairs)  # raises what it does not take
+
+
+@pytest.mark.parametrize(
+    ("change", "enough", "few"),
+    [
+        (seeds, LEAST_SEEDS, LEAST_SEEDS - 1),
+        (routes, LEAST_ROUTES, LEAST_ROUTES - 1),
+        (individuals, LEAST_INDIVIDUALS, LEAST_INDIVIDUALS // 2 - 1),
+        (short, 0.049, 0.051),
+        (ap, 30, 5),
+    ],
+)
+def test_the_limits_are_the_named_ones(run, change, enough, few):
+    assert answer(*recommended(change(run, enough))).enough
+    assert not answer(*recommended(change(run, few))).enough
+
+
+def test_the_two_that_weigh_most_are_named_and_all_are_listed_and_removed(run):
+    weak = short(individuals(routes(seeds(run, 2), 2), 20), 0.4)  # 1.5, 2, 2.5 and 8 times short
+    said = answer(*recommended(weak))
+    assert said.sure == (
+        "Not enough evidence: a short training (the last epoch still took 40 % off the loss) and "
+        "only 40 individuals in the test frames (at least 100)."
+    )
+    assert all(key in said.command for key in ("grid.seed", "test_routes", "training.epochs"))
+    listed = cautions(weak)
+    for part in ("Training was short", "Car: ", "Fewer than 4 test routes", "Two seeds"):
+        assert any(text.startswith(part) for text in listed), part
+
+
+def test_a_remedy_sets_an_axis_where_the_key_is_one_and_another_log_for_a_log(run):
+    named = replace(short(routes(run, 1), 0.2), axes=("training.epochs",))
+    log = replace(named, config="scene: {source: log, folder: drives}")
+    (group,) = groups(run)
+    line = remedy("run", weaknesses(log, group))
+    assert "'grid.training.epochs=[20]'" in line
+    assert "scene.test_folder=" in line
+    assert remedy("run", []) == ""
+
+
+def test_a_sweep_without_results_has_no_headline(run):
+    assert headline(replace(run, results=run.results[:0])) == []
+    nothing = run.results.assign(value=np.nan)
+    assert headline(replace(run, results=nothing)) == []
+
+
+def test_no_left_out_table_is_a_weakness(run):
+    said = answer(*recommended(replace(run, left_out=None)))
+    assert said.sure.startswith("Not enough evidence: intervals over seeds alone")
+
+
+def test_generalists_are_seeds(run):
+    (one,) = few_seeds({"a": {4}, "b": {4}}, True, "search.seeds")
+    assert one.clause == "only 1 generalist (at least 3)"
+    assert one.remedy == {"search.seeds": [4, 5, 6]}
+    assert few_seeds({"a": {1, 2, 3}}, True, "search.seeds") == []
+    (some,) = few_seeds({"a": {1}, "b": {1, 2, 3}}, False, "grid.seed")
+    assert some.sentence.startswith("One seed only for a: ")
+    assert grade([one, some]) == "Not enough evidence: only 1 generalist (at least 3)."
+
+
+def test_no_page_is_surer_than_the_weakest_link(run, tmp_path):
+    """Two seeds, two epochs, one route, 31 individuals: nothing bold may say how likely."""
+    folder = write_run(tmp_path / "weak", ("a", "b", "c"), (1, 2))
+    table = pd.read_parquet(folder / "individuals.parquet").assign(route=0)
+    table.to_parquet(folder / "individuals.parquet")
+    build_report(folder)
+    for name in ("report.html", "decision.html"):
+        page = Page((folder / name).read_text(encoding="utf-8"))
+        assert "Not enough evidence: a short training" in page.text
+        assert "Reasons for doubt: " in page.text
+        first = page.text[: page.text.index("Reasons for doubt")]
+        assert "likely to be the best" not in first
+        assert "Recommended" not in first
+        assert "--set 'grid.seed=[1,2,3]'" in first
+    terminal = headline(RunFolder.read(folder))
+    assert terminal[0].startswith("Not enough evidence to recommend a rig: ")
+    assert terminal[-2].startswith("Not enough evidence: a short training")
+    assert terminal[-1].startswith("For more evidence, run: python -m sweeps.run ")
+    said = (folder / "report.md").read_text(encoding="utf-8")
+    assert "--set 'grid.seed=[1,2,3]'" in said
+    assert "Reasons for doubt: " in said

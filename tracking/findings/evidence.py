@@ -1,0 +1,257 @@
+"""How weak the evidence of a comparison of placements is, and what to run for more of it."""
+
+from __future__ import annotations
+
+import json
+import math
+import shlex
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+
+from lidarplace.configuration.yaml import parse_yaml
+from lidarplace.metrics import HEADLINE_METRIC
+from tracking.findings.groups import GENERALIST, Group
+from tracking.findings.individuals import MOST_FREQUENT, count_individuals
+from tracking.kitti_iou import headline_iou, judged
+from tracking.labels import metric_label, some
+from tracking.run_folders.sweep import RunFolder
+from tracking.statistics.jackknife import LEAST_ROUTES
+
+LEAST_SEEDS = 3
+"""Two scatter by a single difference, whose size says next to nothing of the next one."""
+LEAST_INDIVIDUALS = 100
+"""Of a class in the test frames. If an individual is found in all of its frames or in none, the
+chance of which ones were met moves a recall of 50 % by 10 points to either side (95 %) with 100 of
+them, and by 17 with 34."""
+LEAST_AP = 5.0
+"""Percent of the headline's AP; below it everywhere, differences between placements say nothing."""
+STILL_FALLING = 0.05
+"""Share of the loss of the epoch before that the last epoch still took off."""
+MOST_TIMES = 10.0
+"""A training is not suggested to be longer by more."""
+
+
+@dataclass(frozen=True)
+class Weakness:
+    """Why a comparison of placements is no evidence yet.
+
+    Attributes:
+        kind: what is lacking, a word.
+        classes: whose headlines it weakens; "all" is that of the recall of all objects.
+        clause: what is lacking, for a headline.
+        sentence: what is lacking and what follows, for a list.
+        shortfall: how many times as much it takes, above 1; the larger, the heavier.
+        remedy: key path of the configuration -> value that removes it.
+    """
+
+    kind: str
+    classes: tuple[str, ...]
+    clause: str
+    sentence: str
+    shortfall: float
+    remedy: Mapping[str, Any]
+
+
+def weaknesses(run: RunFolder, group: Group) -> list[Weakness]:
+    """Those of the headlines of a group, the heaviest first."""
+    found = [
+        *_few_seeds(run, group),
+        *_few_test_objects(run, group),
+        *_learned_little(run, group),
+        *_short_training(run, group),
+    ]
+    return sorted(found, key=_heaviest)
+
+
+def _heaviest(weakness: Weakness) -> float:
+    return -weakness.shortfall
+
+
+def grade(found: Iterable[Weakness]) -> str:
+    """The two kinds of weaknesses that weigh most, a sentence; "" without any."""
+    worst: dict[str, str] = {}
+    for weakness in sorted(found, key=_heaviest):
+        worst.setdefault(weakness.kind, weakness.clause)
+    return f"Not enough evidence: {' and '.join([*worst.values()][:2])}." if worst else ""
+
+
+def remedy(command: str, found: Sequence[Weakness]) -> str:
+    """The command line that removes them; "" where none of them has a remedy.
+
+    Args:
+        command: the line that ran the sweep or the search.
+    """
+    keys = dict.fromkeys(key for weakness in found for key in weakness.remedy)
+    most = {key: max(own.remedy[key] for own in found if key in own.remedy) for key in keys}
+    pairs = [f"{key}={json.dumps(v, separators=(',', ':'))}" for key, v in most.items()]
+    return " ".join([command, *(f"--set {shlex.quote(pair)}" for pair in pairs)]) if pairs else ""
+
+
+def value_at(config: str, *keys: str) -> Any:
+    """What a configuration, YAML, has below these keys; None: nothing. Raises YamlError."""
+    value = parse_yaml(config)
+    for key in keys:
+        value = value.get(key) if isinstance(value, dict) else None
+    return value
+
+
+def few_seeds(
+    seeds: Mapping[str, set[int]], generalist: bool, key: str, classes: tuple[str, ...] = ()
+) -> list[Weakness]:
+    """[] or that of placements which were judged with fewer than `LEAST_SEEDS`.
+
+    Args:
+        seeds: those that judged each placement.
+        generalist: whether a seed is one detector for all placements.
+        key: path of the configuration that holds the seeds.
+        classes: as of a `Weakness`.
+    """
+    fewest = min(map(len, seeds.values()), default=LEAST_SEEDS)
+    if fewest >= LEAST_SEEDS:
+        return []
+    one = "generalist" if generalist else "seed"
+    few = [name for name, own in seeds.items() if len(own) == fewest]
+    of = "" if len(few) == len(seeds) else f" only for {some(few)}"
+    said = {
+        (1, False): f"One seed{of}: differences between placements may be chance of the training.",
+        (1, True): f"One generalist{of}: another one may rank the placements otherwise; no "
+        "interval has that.",
+    }.get((fewest, generalist), f"Two {one}s{of}: the spread over {one}s is itself uncertain.")
+    known = sorted(set().union(*seeds.values()))
+    more = range(max(known) + 1, max(known) + LEAST_SEEDS)
+    return [
+        Weakness(
+            "seeds",
+            classes,
+            f"only {fewest} {one}{'s' * (fewest > 1)} (at least {LEAST_SEEDS})",
+            said,
+            LEAST_SEEDS / fewest,
+            {key: [*known, *more][: max(LEAST_SEEDS, len(known))]},
+        )
+    ]
+
+
+def _few_seeds(run: RunFolder, group: Group) -> list[Weakness]:
+    known = group.of(run.results).dropna(subset=["value"])
+    by_rig = known.groupby("placement", sort=False)["seed"]
+    seeds = {str(name): set(numbers) for name, numbers in by_rig}
+    return few_seeds(seeds, group.judge == GENERALIST, "grid.seed", (*run.classes, "all"))
+
+
+def _few_test_objects(run: RunFolder, group: Group) -> Iterator[Weakness]:
+    """Few individuals or routes in the test frames, or an unknown number."""
+    if run.left_out is None:
+        yield Weakness(
+            "unknown",
+            (*run.classes, "all"),
+            "intervals over seeds alone, as no left_out.parquet tells of the test objects",
+            "Intervals are over seeds alone, as if these were the only test objects: the run "
+            "folder has no left_out.parquet, which earlier versions did not write. The sweep's "
+            "command makes it.",
+            math.inf,
+            {},
+        )
+    if run.individuals is None:
+        return
+    test = group.of(run.individuals[run.individuals["split"] == "test"])
+    every = pd.concat([test, test.assign(**{"class": "all"})])
+    counts = count_individuals(every).set_index("class")
+    routes = len(test[["scene", "route"]].drop_duplicates())
+    few = counts.index[counts["routes"] < LEAST_ROUTES].drop("all", errors="ignore")
+    for name, row in counts.loc[counts.index.isin([*run.classes, "all"])].iterrows():
+        met, driven = row["individuals"], row["routes"]
+        of = "" if name == "all" else f" of {name}"
+        if met < LEAST_INDIVIDUALS:
+            ten = f", {MOST_FREQUENT} of which have {100 * row['share_of_ten']:.0f} % of the boxes"
+            yield Weakness(
+                "individuals",
+                (str(name),),
+                f"only {met} individual{'s' * (met != 1)}{of} in the test frames "
+                f"(at least {LEAST_INDIVIDUALS})",
+                f"{name}: {row['boxes']:,} test boxes are {met} individual{'s' * (met != 1)}"
+                f"{ten if met > MOST_FREQUENT else ''}: others may give another AP.",
+                LEAST_INDIVIDUALS / met,
+                _more_routes(run, routes, LEAST_INDIVIDUALS / met),
+            )
+        if driven < LEAST_ROUTES:
+            yield Weakness(
+                "routes",
+                (str(name),),
+                f"only {driven} test route{'s' * (driven != 1)}"
+                f"{of and f' with {name}'} (at least {LEAST_ROUTES})",
+                f"Fewer than {LEAST_ROUTES} test routes with {', '.join(few)}: intervals allow "
+                "for which individuals were met, not for what routes differ in.",
+                LEAST_ROUTES / driven,
+                _more_routes(run, routes, LEAST_ROUTES / driven),
+            )
+
+
+def _learned_little(run: RunFolder, group: Group) -> Iterator[Weakness]:
+    for name in run.classes:
+        own = judged(group.of(run.results), run.results, name)
+        most = own.groupby("placement")["value"].mean().max()
+        if most < LEAST_AP:
+            metric = metric_label(HEADLINE_METRIC, headline_iou(run.results, name))
+            times = LEAST_AP / most if most > 0 else math.inf
+            yield Weakness(
+                "learned",
+                (name, "all"),
+                f"a detector that learned little ({metric} of {name} is at most {most:.1f} %)",
+                f"{name}: {metric} is below {LEAST_AP:g} % everywhere: the detector learned too "
+                "little.",
+                times,
+                _longer(run, group, times),
+            )
+
+
+def _short_training(run: RunFolder, group: Group) -> Iterator[Weakness]:
+    """Training that was still learning when it ended: a longer one may rank otherwise."""
+    loss = _losses(run, group)
+    ends = [own["value"].tolist()[-2:] for _, own in loss.groupby("trial", sort=False)]
+    fell = [1 - end[1] / end[0] for end in ends if len(end) == 2 and end[0] > 0]
+    still = [share for share in fell if share > STILL_FALLING]
+    if still:
+        took = sum(still) / len(still)
+        yield Weakness(
+            "training",
+            (*run.classes, "all"),
+            f"a short training (the last epoch still took {100 * took:.0f} % off the loss)",
+            f"Training was short: in {len(still)} of {len(fell)} trials the last epoch still took "
+            f"more than {100 * STILL_FALLING:g} % off the loss. A longer training may rank "
+            "otherwise.",
+            took / STILL_FALLING,
+            # Of a loss that falls with a power of the epochs, an epoch takes a share of 1 / epochs.
+            _longer(run, group, took / STILL_FALLING),
+        )
+
+
+def _losses(run: RunFolder, group: Group) -> pd.DataFrame:
+    """By trial and epoch; none where the curves are not known."""
+    if run.curves is None or run.curves.empty:
+        return pd.DataFrame(columns=["trial", "epoch", "value"])
+    trials = group.of(run.trials)["trial"]
+    own = run.curves[(run.curves["metric"] == "loss") & run.curves["trial"].isin(trials)]
+    return own.sort_values("epoch")
+
+
+def _longer(run: RunFolder, group: Group, times: float) -> dict[str, Any]:
+    epochs = _losses(run, group)["epoch"].max()
+    key = "generalist.epochs" if group.judge == GENERALIST else "training.epochs"
+    most = min(max(times, 2.0), MOST_TIMES)
+    return {} if pd.isna(epochs) else _set(run, key, math.ceil(epochs * most))
+
+
+def _more_routes(run: RunFolder, routes: int, times: float) -> dict[str, Any]:
+    """So many times as many, of a log another log; twice `LEAST_ROUTES` at least, as routes of one
+    simulation meet the same road users."""
+    if value_at(run.config, "scene", "source") == "log":
+        return {"scene.test_folder": "LOG_WITH_MORE_TEST_ROUTES"}
+    return _set(run, "scene.test_routes", max(2 * LEAST_ROUTES, math.ceil(routes * times)))
+
+
+def _set(run: RunFolder, key: str, value: int) -> dict[str, Any]:
+    """A key, or the axis of the grid that it is."""
+    return {f"grid.{key}": [value]} if key in run.axes else {key: value}
