@@ -140,7 +140,7 @@ def test_robustness_is_in_percent_of_one_value_for_all_rigs_with_the_worst():
     np.testing.assert_allclose(points.x, [120, 90])
     np.testing.assert_allclose(points.error_x.arrayminus, [0, 15])
     np.testing.assert_allclose(trace(plot, "base").x, [95])
-    assert plot.layout.xaxis.title.text == "percent of base as designed, more is better"
+    assert plot.layout.xaxis.title.text == "percent of base as designed,<br>more is better"
 
 
 @pytest.mark.parametrize("designed", [0.0, -3.0, np.nan])
@@ -149,7 +149,7 @@ def test_robustness_has_a_unit_where_there_is_no_percent(designed):
     plot = robustness_figure(rows, PRICE, "base", designed)
     assert [*trace(plot, "a").x] == [5.0]
     assert [*trace(plot, "a").error_x.array] == [2.0]
-    assert plot.layout.xaxis.title.text == "price (€), less is better"
+    assert plot.layout.xaxis.title.text == "price (€),<br>less is better"
 
 
 def test_verified_rigs_are_drawn_as_differences_to_the_baseline_at_the_origin():
@@ -169,10 +169,12 @@ def test_long_lists_of_optuna_are_packed_and_their_texts_left_out():
     drawn = go.Figure(layout={"title": "Theirs", "width": 2400, "template": "plotly"})
     numbers = list(range(200))
     drawn.add_scatter(x=numbers, y=numbers, text=["x"] * 200, hovertemplate="%{text}")
+    drawn.update_traces(marker={"color": numbers, "showscale": True})
     drawn.add_scatter(x=[1, 2], y=[3, 4], text=["p", "q"])
     plot = from_optuna(drawn, "Slice")
-    assert plot.layout.title.text == "Slice"
+    assert plot.layout.title.text == "Slice · later trials are darker"
     assert plot.layout.width == 2400
+    assert not plot.data[0].marker.showscale
     assert not plot.layout.template.to_plotly_json()
     assert np.asarray(plot.data[0].x).dtype == np.float32
     np.testing.assert_array_equal(plot.data[0].x, numbers)

@@ -371,7 +371,7 @@ def test_the_baseline_better_in_another_case_is_a_caution(folder, tmp_path):
 def test_robustness_is_in_percent_of_the_baseline(page):
     of = "in percent of what line is worth as designed, for every rig"
     assert of in page.text
-    assert "percent of line as designed, more is better" in json.dumps(page.figures)
+    assert "percent of line as designed,<br>more is better" in json.dumps(page.figures)
 
 
 def test_less_is_better_where_the_objective_is_minimised(tmp_path):

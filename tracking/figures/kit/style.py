@@ -134,6 +134,7 @@ def legend_below(plot: go.Figure) -> None:
             "y": (room + 8) / height,
             "yanchor": "top",
             "tracegroupgap": 0,
+            "maxheight": 1,
         },
     )
 

@@ -21,7 +21,9 @@ def from_optuna(drawn: go.Figure, title: str) -> go.Figure:
     plot = go.Figure({"data": [_packed(trace.to_plotly_json()) for trace in drawn.data]})
     plot.update_layout(layout)
     if width:  # as many panels as there are parameters: they are wider than the page, and scroll
-        plot.update_layout(width=width)
+        # A colour bar would be at the far end.
+        plot.update_layout(width=width, title_text=f"{text(title)} · later trials are darker")
+        plot.update_traces(marker_showscale=False)
     return plot
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
-from tracking.figures.kit.style import colour, error_bars, figure, symbol, text
+from tracking.figures.kit.style import colour, error_bars, figure, legend_below, symbol, text
 from tracking.run_folders.search_json import Objective
 
 
@@ -26,8 +26,8 @@ def robustness_figure(
     step = 0.6 / len(rigs)
     relative = designed > 0
     scale, unit = (100 / designed, "%") if relative else (1.0, text(objective.unit))
-    height = 150 + (22 + 14 * len(rigs)) * len(cases)
-    plot = figure(text(objective.name), height=height, margin={"t": 72})
+    height = 126 + (22 + 14 * len(rigs)) * len(cases)
+    plot = figure(text(objective.name), height=height)
     for i, rig in enumerate(rigs):
         own = rows[rows["rig"] == rig]
         mean = scale * own["value"].to_numpy(np.float64)
@@ -49,12 +49,13 @@ def robustness_figure(
         title = f"percent of {text(reference)} as designed"
     else:
         title = text(objective.label)
-    plot.update_xaxes(title=f"{title}, {objective.better}")
+    plot.update_xaxes(title=f"{title},<br>{objective.better}")
     plot.update_yaxes(
         tickvals=list(range(len(cases))),
         ticktext=[text(case) for case in cases],
         range=[len(cases) - 0.5, -0.5],
         showgrid=False,
     )
-    plot.update_layout(legend={"orientation": "h", "y": 1, "yanchor": "bottom"}, showlegend=True)
+    plot.update_layout(showlegend=True)
+    legend_below(plot)
     return plot
