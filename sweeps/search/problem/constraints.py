@@ -25,6 +25,8 @@ from sweeps.search.problem.choice import Choices, is_possible, placement_of
 
 ROUNDING = 1e-9
 """0.6 - 0.4 is not quite 0.2."""
+TIE = 1e-3
+"""By so much of what is missing rigs differ for the sampler that lack the same at their worst."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,11 @@ class Constraint:
         violation = self.limit - measure if self.at_least else measure - self.limit
         return 0.0 if abs(violation) < ROUNDING else violation
 
+    def told(self, violation: float, enough: float) -> float:
+        """A violation for the sampler: as a share of the limit, and of two that are equal larger
+        where fewer positions have enough; 0 or less if the constraint is kept."""
+        return violation / (abs(self.limit) or 1.0) * (1 + TIE * (1 - enough))
+
 
 def constraints_of(file: SearchFile) -> tuple[Constraint, ...]:
     """The constraints that are asked for."""
@@ -68,7 +75,7 @@ def constraints_of(file: SearchFile) -> tuple[Constraint, ...]:
             found.append(Constraint(total, unit, most, at_least=False))
     if settings.near_field is not None:
         found.append(Constraint("near_field", "", settings.near_field.coverage, at_least=True))
-    for requirement in () if search.by_margin else search.requirements:
+    for requirement in search.requirements:
         wanted = requirement.at_least
         name, least = requirement_name(requirement.name), getattr(wanted, wanted.measure)
         found.append(Constraint(name, wanted.measure, float(least), at_least=True))
@@ -163,26 +170,30 @@ class Carrier:
         }
 
 
-def margin_of(rig: Choices, carrier: Carrier) -> float:
+def margin_of(measures: Mapping[str, float], constraints: Sequence[Constraint]) -> float:
     """The least that a requirement has of what it needs: 1 is just enough."""
-    needed = [own.requirement.least for own in carrier.requirements]
-    seen = _seen_of_requirements(rig, carrier).values()
-    return min(value / least for value, least in zip(seen, needed, strict=True))
+    required = (c for c in constraints if c.name.startswith(requirement_name("")))
+    return min(measures[c.name] / c.limit for c in required)
 
 
 def _seen_of_requirements(rig: Choices, carrier: Carrier) -> dict[str, float]:
-    """What each requirement has in its worst case, by the constraint's name."""
+    """What each requirement has in its worst case, by the constraint's name, and `enough.NAME`."""
     names = [requirement_name(own.requirement.name) for own in carrier.requirements]
     if not is_possible(rig):
-        return dict.fromkeys(names, 0.0)
+        return dict.fromkeys([*names, *(f"enough.{name}" for name in names)], 0.0)
     outcomes = judge(carrier.requirements, placement_of(rig, carrier.models), carrier.vehicle)
-    return dict(zip(names, (outcome.worst.value for outcome in outcomes), strict=True))
+    found = {}
+    for name, outcome in zip(names, outcomes, strict=True):
+        found[name] = outcome.worst.value
+        found[f"enough.{name}"] = min(finding.enough for finding in outcome.findings)
+    return found
 
 
 def measures_of(
     rig: Choices, constraints: Sequence[Constraint], carrier: Carrier
 ) -> dict[str, float]:
-    """What each constraint looks at, by its name."""
+    """What each constraint looks at, by its name; of a requirement also `enough.NAME`, the least
+    share of the positions that have enough in any case."""
     placement = placement_of(rig, carrier.models) if is_possible(rig) else None
     asked = any(constraint.name.startswith(requirement_name("")) for constraint in constraints)
     found = _seen_of_requirements(rig, carrier) if asked else {}
