@@ -12,6 +12,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from lidarplace.configuration.settings import found, shortened
+from lidarplace.lidar.blind_lidars import check_not_blind
 from lidarplace.lidar.own_body import check_mounts
 from lidarplace.metrics import RANKING
 from lidarplace.placement import Placement
@@ -137,7 +138,8 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
 
 
 def _check_mounts(sweep: Sweep, path: Path) -> None:
-    """Refuse rigs with a LiDAR inside of the vehicle that carries them, where clouds are simulated.
+    """Refuse rigs with a LiDAR inside of the vehicle, or that sees nothing of the ROI, where clouds
+    are simulated.
 
     A sweep that a search makes is not asked: beside its own rigs, which keep out of the body, it
     has the paper's for comparison, whatever vehicle they are on.
@@ -147,11 +149,15 @@ def _check_mounts(sweep: Sweep, path: Path) -> None:
         point = own.point
         if isinstance(point.scene, LogScene) and point.scene.clouds == "recorded":
             continue
-        if (point.placement, point.vehicle) in checked:
+        question = (point.placement, point.lidar, point.vehicle, point.roi, point.weather)
+        if question in checked:
             continue
-        checked.add((point.placement, point.vehicle))
+        checked.add(question)
+        body = point.body()
         try:
-            check_mounts(own.rig, point.body())
+            check_mounts(own.rig, body)
+            if not sweep.common.allow_blind_lidars:
+                check_not_blind(own.rig, point.voxel_roi(), body)
         except ValueError as error:
             raise ConfigError(f"{path}: placement {error}") from None
 

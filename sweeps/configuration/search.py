@@ -343,7 +343,7 @@ class SearchSettings(Settings):
     requirements: Requirements = Field(
         (),
         description="what has to be seen around the vehicle, as in a file of requirements; a rig "
-        "that does not is out, unless the margin is an objective",
+        "that does not is out",
     )
     objective: Annotated[
         tuple[Annotated[ObjectiveSettings, BeforeValidator(_objective)], ...],
@@ -455,11 +455,6 @@ class SearchSettings(Settings):
         return self
 
     @property
-    def by_margin(self) -> bool:
-        """Whether the margin of requirements is wanted, and none of them is a bound."""
-        return any(objective.by == "margin" for objective in self.objective)
-
-    @property
     def counted(self) -> bool:
         """Whether zones say how many LiDARs they have."""
         return any(zone.lidars is not None for zone in self.zones.values())
@@ -498,7 +493,7 @@ class SearchSettings(Settings):
                     if unknown
                     else "models: name the LiDARs there, so that their power is known"
                 )
-        if self.by_margin and not self.requirements:
+        if any(o.by == "margin" for o in self.objective) and not self.requirements:
             raise ValueError("objective: margin is that of search.requirements; there are none")
 
     def _check_sampler(self) -> None:

@@ -49,6 +49,7 @@ from sweeps.store.open import AnyStore
 from tracking.mlflow.content import ParentRun
 from tracking.mlflow.log import SweepLog
 from tracking.mlflow.source import source_tags
+from tracking.run_folders.search import SearchFolder
 from tracking.search_report.build import build_search_report
 
 _ARTIFACTS = (".parquet", ".yaml", ".html", ".json")
@@ -131,7 +132,7 @@ class SearchWork:
         if found.trials:
             print_found(self.console, self.problem, found)
         else:
-            print_nothing_found(self.console, self.problem, found)
+            print_nothing_found(self.console, SearchFolder.read(folder))
         report = build_search_report(folder)
         for path in sorted(p for p in folder.iterdir() if p.suffix in _ARTIFACTS):
             log.artifact(path)

@@ -1,9 +1,12 @@
 """Requirements in a search: as bounds, and their margin as an objective."""
 
+import html
 import json
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from search_files import write_search
 from typer.testing import CliRunner
 
@@ -13,6 +16,7 @@ from sweeps.configuration.file import ConfigError
 from sweeps.search.__main__ import app
 from sweeps.search.problem.assess import assess
 from sweeps.search.problem.choice import Choice, placement_of
+from sweeps.search.problem.constraints import ROUNDING, Constraint
 from sweeps.search.problem.problem import read_problem
 from sweeps.search.problem.traffic import Traffic
 from tracking.run_folders.search import SearchFolder
@@ -26,6 +30,7 @@ AROUND = {
     "step": 1.0,
     "also_when": {"one_lidar_dead": True},
 }
+EASY = AROUND | {"at_least": {"points": 2}, "for": 0.7, "also_when": {}}
 LEFT = {
     "name": "the ground on the left",
     "where": {"x": [-1, 1], "y": [1.5, 3], "z": [0, 1]},
@@ -80,13 +85,77 @@ def test_a_requirement_is_a_constraint_and_its_margin_an_objective(tmp_path):
     assert found.violations["requirement.the ground on the left"] == pytest.approx(0.3 - seen[1])
     free = assess(RIG, margin.question, Traffic({}, None))
     assert free.values["margin"] == pytest.approx(min(seen[0] / 4, seen[1] / 0.3))
-    assert set(free.violations) == {"distance"}
+    assert free.violations == found.violations
+
+
+HIDDEN = {
+    "name": "a child behind",
+    "where": "un_r158",
+    "what": {"class": "child", "height": 0.8},
+    "at_least": {"points": 10},
+}
+
+
+@pytest.mark.parametrize("objective", ["margin", "price", ["margin", "price"]])
+def test_a_requirement_that_no_rig_meets(tmp_path, objective):
+    search = {"requirements": [HIDDEN], "objective": objective, "greedy": None}
+    models = {"models": {"small": {"name": "vlp16", "price": 1}}, "trials": 6}
+    done = CliRunner().invoke(app, [str(write_search(tmp_path, search=search | models))])
+    assert done.exit_code == 1, done.output
+    folder = SearchFolder.read(tmp_path / "runs/small")
+    enough = folder.trials["enough.requirement.a child behind"]
+    first = (
+        f"No rig meets the requirement 'a child behind': the closest, trial {enough.idxmax()}, has "
+        f"0 of 10 points; {100 * enough.max():.0f} % of the positions have enough"
+    )
+    assert 0 < enough.max() < 1
+    after = done.output[done.output.index("trials 6/6") :].splitlines()
+    assert after[1] == first
+    page = (tmp_path / "runs/small/search.html").read_text(encoding="utf-8")
+    said = html.unescape(page)
+    assert said.index(first) < said.index("Where the LiDARs sit")
+    assert "Feasible" not in said
+    assert folder.search.best == ()
+    assert folder.search.feasible == 0
+    assert not any(rig.feasible for rig in folder.search.rigs.values())
+    assert not {"placement.yaml", "sweep.yaml"} & {own.name for own in folder.path.iterdir()}
+
+
+def test_positions_that_have_enough_break_ties_for_the_sampler(tmp_path):
+    models = {"small": "vlp16"}
+    problem = problem_of(tmp_path, requirements=[HIDDEN], objective="margin", models=models)
+    rigs = [
+        tuple(Choice("small", "roof", Mount(x, y, 2.0)) for y in (-0.5, 0.5))
+        for x in (-0.5, 0.0, 0.5)
+    ]
+    name = "requirement.a child behind"
+    found = [assess(rig, problem.question, Traffic({}, None)) for rig in rigs]
+    assert {(own.violations[name], own.values["margin"]) for own in found} == {(10.0, 0.0)}
+    enough = [own.measures[f"enough.{name}"] for own in found]
+    told = [own.told[name] for own in found]
+    assert len(set(enough)) == 3
+    assert np.argsort(told).tolist() == np.argsort(enough)[::-1].tolist()
+
+
+@given(
+    limit=st.floats(0.01, 1000),
+    measure=st.floats(0, 1000),
+    enough=st.floats(0, 1),
+    at_least=st.booleans(),
+)
+def test_what_the_sampler_is_told_is_positive_where_a_constraint_is_broken(
+    limit, measure, enough, at_least
+):
+    constraint = Constraint("any", "", limit, at_least)
+    violation = constraint.violation(measure)
+    assert (constraint.told(violation, enough) <= 0) == (violation <= 0)
+    kept = measure >= limit if at_least else measure <= limit
+    assert kept or violation > 0 or abs(measure - limit) < ROUNDING
 
 
 def test_rigs_that_are_found_meet_all_requirements(tmp_path):
-    easy = AROUND | {"at_least": {"points": 2}, "for": 0.7, "also_when": {}}
     path = write_search(
-        tmp_path, search={"requirements": [easy, LEFT], "roll_deg": [-30, 30], "trials": 16}
+        tmp_path, search={"requirements": [EASY, LEFT], "roll_deg": [-30, 30], "trials": 16}
     )
     done = CliRunner().invoke(app, [str(path)], catch_exceptions=False)
     assert done.exit_code == 0, done.output
@@ -114,13 +183,15 @@ def test_rigs_that_are_found_meet_all_requirements(tmp_path):
 
 def test_a_front_of_margin_and_price(tmp_path):
     models = {"cheap": {"beams": 2, "price": 1}, "dear": {"beams": 16, "price": 5}}
-    search = {"requirements": [AROUND], "objective": ["margin", "price"], "models": models}
+    search = {"requirements": [EASY], "objective": ["margin", "price"], "models": models}
     path = write_search(tmp_path, search=search | {"sampler": "nsga2"})
     done = CliRunner().invoke(app, [str(path)], catch_exceptions=False)
     assert done.exit_code == 0, done.output
     plain = json.loads((tmp_path / "runs/small/search.json").read_text())
     assert [objective["direction"] for objective in plain["objectives"]] == ["maximize", "minimize"]
     assert plain["front"] >= 1
+    values = [plain["rigs"][name]["values"]["margin"] for name in plain["best"]]
+    assert min(values) >= 1, "each of the front meets the requirement"
 
 
 def test_the_power_of_a_rig_is_that_of_its_models(tmp_path):
@@ -151,7 +222,7 @@ def test_zones_that_may_all_be_empty(tmp_path):
         tmp_path,
         search={
             "zones": {"roof": zone},
-            "requirements": [AROUND],
+            "requirements": [EASY],
             "objective": ["margin", "price"],
             "constraints": {"body_share": 0.9},
             "greedy": None,

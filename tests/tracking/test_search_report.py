@@ -165,7 +165,7 @@ def test_a_missing_bound_has_a_reason(tmp_path):
 
 def test_without_a_feasible_rig_it_tells_the_nearest_and_what_none_kept(tmp_path):
     page = page_of(write_search(tmp_path / "none", feasible=False))
-    assert "No feasible rig" in page.words
+    assert "No rig keeps all constraints" in page.words
     assert "None of 60 trials kept every constraint." in page.words
     assert "is trial 3. It breaks own body by 0.25 % (at most 5 %)." in page.text
     assert "No trial at all kept own body, which the best of them broke by 0.25 %." in page.words

@@ -24,6 +24,9 @@ TRIALS = Table(
         Column("possible", "bool", "whether no two LiDARs sit in one place"),
         _VALUE,
         _VIOLATION,
+        Column(
+            "enough.requirement.NAME", "float64", "share of positions with enough", needed=False
+        ),
         Column("seconds", "float64", "of the evaluation, s"),
         Column("failure", "str", "why it has no value", needed=False),
         Column("param.KEY", None, "of the configuration, where it is searched", needed=False),

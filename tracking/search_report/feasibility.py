@@ -13,11 +13,13 @@ def excess(run: SearchFolder) -> pd.DataFrame:
     """How far trials break constraints, in shares of the limits: what the nearest is judged by.
 
     Rows are possible trials with every violation known, columns constraints. Of a limit of 0 there
-    is no share, so it counts in its own unit.
+    is no share, so it counts in its own unit. Of trials that lack the same of a requirement the one
+    is nearer that has enough at more positions.
     """
-    constraints = run.search.constraints
-    trials = run.trials[run.trials["possible"].astype(bool)]
-    columns = {c.name: trials[f"violation.{c.name}"] / (abs(c.limit) or 1) for c in constraints}
+    trials, columns = run.trials[run.trials["possible"].astype(bool)], {}
+    for c in run.search.constraints:
+        lacks = 1 - trials.get(f"enough.{c.name}", 1.0)
+        columns[c.name] = trials[f"violation.{c.name}"] / (abs(c.limit) or 1) * (1 + 1e-3 * lacks)
     return pd.DataFrame(columns, index=trials.index).dropna().clip(lower=0)
 
 
@@ -28,6 +30,25 @@ def nearest_trial(run: SearchFolder) -> pd.Series | None:
         return None
     least = over.sum(axis=1).sort_values(kind="stable").index[:1]
     return run.trials.loc[least].iloc[0]
+
+
+def nothing_found(run: SearchFolder) -> str:
+    """That no rig was found, in a line: which requirements none of them meets, and the closest."""
+    over, said = excess(run), []
+    for c in run.search.constraints:
+        if c.name.startswith("requirement.") and len(over) and over[c.name].min() > 0:
+            closest = run.trials.loc[[over[c.name].idxmin()]].iloc[0]
+            enough = closest.get(f"enough.{c.name}")
+            has = _amount(c.limit - closest[f"violation.{c.name}"], "")
+            where = "" if enough is None else f"; {100 * enough:.0f} % of the positions have enough"
+            said.append(
+                f"No rig meets the requirement {c.name.partition('.')[2]!r}: the closest, trial "
+                f"{closest['number']}, has {has} of {_amount(c.limit, c.unit)}{where}"
+            )
+    if said:
+        return ". ".join(said)
+    kept = run.trials["feasible"].astype(bool).any()
+    return "No rig with a value" if kept else "No rig keeps all constraints"
 
 
 def infeasible_sentences(run: SearchFolder) -> list[str]:

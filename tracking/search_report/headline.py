@@ -11,7 +11,7 @@ from tracking.findings.evidence import few_seeds, grade, remedy, value_at
 from tracking.numbers import digits, number, span
 from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_json import Objective, Rig, SearchResult
-from tracking.search_report.feasibility import infeasible_sentences
+from tracking.search_report.feasibility import infeasible_sentences, nothing_found
 from tracking.search_report.strided import strided
 
 
@@ -156,9 +156,7 @@ def of_objective(measured: pd.DataFrame, objective: Objective) -> pd.DataFrame:
 
 
 def _nothing_found(run: SearchFolder) -> Card:
-    kept = run.trials["feasible"].astype(bool).any()
-    value = "No rig with a value" if kept else "No feasible rig"
-    return Card("Result", value, tuple(infeasible_sentences(run)))
+    return Card("Result", nothing_found(run), tuple(infeasible_sentences(run)))
 
 
 def _against_bound(search: SearchResult) -> list[str]:

@@ -44,6 +44,7 @@ def trials_table(study: optuna.Study, problem: Problem) -> pd.DataFrame:
             | {"possible": found.values is not None}
             | {f"value.{o.name}": v for o, v in zip(objectives, values, strict=True)}
             | {f"violation.{name}": v for name, v in found.violations.items()}
+            | {name: v for name, v in found.measures.items() if name.startswith("enough.")}
             | {"seconds": found.seconds, "failure": trial.user_attrs.get("failure", "")}
             | {f"param.{key}": value for key, value in cells(candidate.values).items()}
             | {"lidars": len(candidate.rig)}

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from rich.console import Console
 
@@ -16,14 +15,15 @@ from sweeps.search.greedy.certificate import why_none
 from sweeps.search.judgement.found import Found
 from sweeps.search.judgement.winners import Judged
 from sweeps.search.output.tables import mount_columns
-from sweeps.search.problem.assess import Assessment
 from sweeps.search.problem.choice import Choices, placement_of
 from sweeps.search.problem.constraints import Constraint
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.slots import rig_of
 from sweeps.search.trials.by_detectors import class_weights
-from sweeps.search.trials.study import assessment_of, finished_trials
+from sweeps.search.trials.study import finished_trials
 from tracking.findings.ray_counting import ray_counting_caution
+from tracking.run_folders.search import SearchFolder
+from tracking.search_report.feasibility import infeasible_sentences, nothing_found
 from tracking.search_report.headline import holds_zero
 
 _TO_THE_LETTER = (
@@ -134,11 +134,11 @@ def describe(constraint: Constraint) -> str:
     )
 
 
-def print_nothing_found(console: Console, problem: Problem, found: Found) -> None:
-    """Why no trial has a value: trainings that failed, or constraints that none keeps."""
-    assessments = [assessment_of(trial) for trial in finished_trials(found.study)]
-    if not any(assessment.feasible for assessment in assessments):
-        _print_infeasible(console, assessments, problem.question.constraints)
+def print_nothing_found(console: Console, run: SearchFolder) -> None:
+    """Which requirement or constraint no rig keeps, and by how much; or that no rig has a value."""
+    console.print(nothing_found(run), style="bold", highlight=False, soft_wrap=True)
+    for said in infeasible_sentences(run):
+        console.print(f"  {said}", highlight=False, soft_wrap=True)
 
 
 def print_failures(console: Console, found: Found) -> int:
@@ -148,28 +148,6 @@ def print_failures(console: Console, found: Found) -> int:
         text = f"trial {trial.number} failed: {trial.user_attrs['failure']}"
         console.print(text, soft_wrap=True)
     return len(failed)
-
-
-def _print_infeasible(
-    console: Console, found: Sequence[Assessment], constraints: Sequence[Constraint]
-) -> None:
-    """Which constraint was violated least, and by how much."""
-    console.print("No placement keeps all constraints.", style="bold")
-    least = {
-        c.name: min((a.violations[c.name] for a in found), default=math.nan) for c in constraints
-    }
-    # By the share of the limit: metres and prices cannot be compared.
-    order = sorted(constraints, key=lambda c: least[c.name] / (c.limit or 1))
-    for constraint in order:
-        by = least[constraint.name]
-        unit = f" {constraint.unit}" if constraint.unit else ""
-        text = f"violated by at least {by:.4g}{unit}" if by > 0 else "kept by some placement"
-        console.print(f"  {describe(constraint)}: {text}")
-    shared = sum(assessment.values is None for assessment in found)
-    if shared:
-        console.print(f"  two LiDARs were in one place in {shared} of {len(found)} trials")
-    elif all(by <= 0 for by in least.values()):
-        console.print("  each is kept by some placement, but not all of them by one")
 
 
 def _print_rigs(console: Console, rigs: Mapping[str, Judged], problem: Problem) -> None:

@@ -54,12 +54,14 @@ class Assessment:
         values: by name of the objective, without measured ones; None for a rig that cannot be.
         measures: what the constraints look at, by their names.
         violations: by how much constraints are violated, 0 or less if they are kept.
+        told: the same for the sampler, see `Constraint.told`.
         seconds: that it took.
     """
 
     values: dict[str, float] | None
     measures: dict[str, float]
     violations: dict[str, float]
+    told: dict[str, float]
     seconds: float
 
     @property
@@ -73,11 +75,17 @@ def assess(rig: Choices, question: Question, traffic: Traffic) -> Assessment:
     start = time.perf_counter()
     measures = measures_of(rig, question.constraints, question.carrier)
     violations = {c.name: c.violation(measures[c.name]) for c in question.constraints}
-    values = _values(rig, question, traffic) if is_possible(rig) else None
-    return Assessment(values, measures, violations, time.perf_counter() - start)
+    told = {
+        c.name: c.told(violations[c.name], measures.get(f"enough.{c.name}", 1.0))
+        for c in question.constraints
+    }
+    values = _values(rig, question, traffic, measures) if is_possible(rig) else None
+    return Assessment(values, measures, violations, told, time.perf_counter() - start)
 
 
-def _values(rig: Choices, question: Question, traffic: Traffic) -> dict[str, float]:
+def _values(
+    rig: Choices, question: Question, traffic: Traffic, measures: Mapping[str, float]
+) -> dict[str, float]:
     found = {}
     recalls = _recalls(rig, question, traffic)
     by_class = _of_pog(rig, question, traffic) if question.needs_pog else {}
@@ -85,7 +93,7 @@ def _values(rig: Choices, question: Question, traffic: Traffic) -> dict[str, flo
         if objective.by in TOTALS:
             found[objective.name] = question.carrier.total_of(objective.by, rig)
         elif objective.by == "margin":
-            found[objective.name] = margin_of(rig, question.carrier)
+            found[objective.name] = margin_of(measures, question.constraints)
         elif objective.of_traffic:
             weights = objective.weights_of(traffic.grids)
             if objective.by in OBJECT_SURROGATES:

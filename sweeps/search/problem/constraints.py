@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lidarplace import Lidar, Roi
 from lidarplace.configuration.mounting import keep_out_boxes
 from lidarplace.configuration.vehicle import vehicle_of
+from lidarplace.lidar.blind_lidars import blind_lidars
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.housing import housings_of, without
 from lidarplace.mounting.near_field import near_field_coverage
@@ -19,11 +20,13 @@ from lidarplace.mounting.spacing import least_distance
 from lidarplace.mounting.vehicle import Vehicle, depth_in, depth_in_body, zone_in_body
 from lidarplace.requirements.judge import judge
 from lidarplace.requirements.layout import Laid
-from sweeps.configuration.search import TOTALS, SearchSettings
+from sweeps.configuration.search import TOTALS, SearchFile, SearchSettings
 from sweeps.search.problem.choice import Choices, is_possible, placement_of
 
 ROUNDING = 1e-9
 """0.6 - 0.4 is not quite 0.2."""
+TIE = 1e-3
+"""By so much of what is missing rigs differ for the sampler that lack the same at their worst."""
 
 
 @dataclass(frozen=True)
@@ -47,14 +50,22 @@ class Constraint:
         violation = self.limit - measure if self.at_least else measure - self.limit
         return 0.0 if abs(violation) < ROUNDING else violation
 
+    def told(self, violation: float, enough: float) -> float:
+        """A violation for the sampler: as a share of the limit, and of two that are equal larger
+        where fewer positions have enough; 0 or less if the constraint is kept."""
+        return violation / (abs(self.limit) or 1.0) * (1 + TIE * (1 - enough))
 
-def constraints_of(search: SearchSettings) -> tuple[Constraint, ...]:
+
+def constraints_of(file: SearchFile) -> tuple[Constraint, ...]:
     """The constraints that are asked for."""
+    search = file.search
     settings, found = search.constraints, []
     if _may_be_in_body(search):
         found.append(Constraint("body", "m", 0.0, at_least=False))
     if search.keep_out:
         found.append(Constraint("keep_out", "m", 0.0, at_least=False))
+    if not file.allow_blind_lidars:
+        found.append(Constraint("blind_lidars", "", 0.0, at_least=False))
     if settings.distance > 0:
         found.append(Constraint("distance", "m", settings.distance, at_least=True))
     if settings.body_share is not None:
@@ -64,7 +75,7 @@ def constraints_of(search: SearchSettings) -> tuple[Constraint, ...]:
             found.append(Constraint(total, unit, most, at_least=False))
     if settings.near_field is not None:
         found.append(Constraint("near_field", "", settings.near_field.coverage, at_least=True))
-    for requirement in () if search.by_margin else search.requirements:
+    for requirement in search.requirements:
         wanted = requirement.at_least
         name, least = requirement_name(requirement.name), getattr(wanted, wanted.measure)
         found.append(Constraint(name, wanted.measure, float(least), at_least=True))
@@ -104,6 +115,7 @@ class Carrier:
         body: of the vehicle, without a LiDAR.
         vehicle: its body, and what hides what is behind it.
         keep_out: boxes without a LiDAR, lower and upper corners, metres, shape (n, 2, 3).
+        roi: of which every LiDAR has to see something.
         near_field: the zone around it that has to be seen; None if none has.
         requirements: laid out around it.
     """
@@ -114,14 +126,16 @@ class Carrier:
     body: Vehicle
     vehicle: Vehicle
     keep_out: NDArray[np.float64]
+    roi: Roi
     near_field: Roi | None
     requirements: tuple[Laid, ...]
 
     @classmethod
     def of(
-        cls, settings: SearchSettings, models: Mapping[str, Lidar], requirements: Sequence[Laid]
+        cls, file: SearchFile, models: Mapping[str, Lidar], requirements: Sequence[Laid]
     ) -> Carrier:
         """As the configuration has it; `models` by name."""
+        settings = file.search
         near = settings.constraints.near_field
         # The rig that one has without `search.models` costs nothing more.
         unknown = math.nan if settings.models else 0.0
@@ -137,6 +151,7 @@ class Carrier:
             vehicle_of(settings.vehicle),
             with_keep_outs(settings),
             keep_out_boxes(settings.keep_out),
+            file.voxel_roi(),
             None if near is None else Roi(near.x, near.y, near.z, near.resolution),
             tuple(requirements),
         )
@@ -155,26 +170,30 @@ class Carrier:
         }
 
 
-def margin_of(rig: Choices, carrier: Carrier) -> float:
+def margin_of(measures: Mapping[str, float], constraints: Sequence[Constraint]) -> float:
     """The least that a requirement has of what it needs: 1 is just enough."""
-    needed = [own.requirement.least for own in carrier.requirements]
-    seen = _seen_of_requirements(rig, carrier).values()
-    return min(value / least for value, least in zip(seen, needed, strict=True))
+    required = (c for c in constraints if c.name.startswith(requirement_name("")))
+    return min(measures[c.name] / c.limit for c in required)
 
 
 def _seen_of_requirements(rig: Choices, carrier: Carrier) -> dict[str, float]:
-    """What each requirement has in its worst case, by the constraint's name."""
+    """What each requirement has in its worst case, by the constraint's name, and `enough.NAME`."""
     names = [requirement_name(own.requirement.name) for own in carrier.requirements]
     if not is_possible(rig):
-        return dict.fromkeys(names, 0.0)
+        return dict.fromkeys([*names, *(f"enough.{name}" for name in names)], 0.0)
     outcomes = judge(carrier.requirements, placement_of(rig, carrier.models), carrier.vehicle)
-    return dict(zip(names, (outcome.worst.value for outcome in outcomes), strict=True))
+    found = {}
+    for name, outcome in zip(names, outcomes, strict=True):
+        found[name] = outcome.worst.value
+        found[f"enough.{name}"] = min(finding.enough for finding in outcome.findings)
+    return found
 
 
 def measures_of(
     rig: Choices, constraints: Sequence[Constraint], carrier: Carrier
 ) -> dict[str, float]:
-    """What each constraint looks at, by its name."""
+    """What each constraint looks at, by its name; of a requirement also `enough.NAME`, the least
+    share of the positions that have enough in any case."""
     placement = placement_of(rig, carrier.models) if is_possible(rig) else None
     asked = any(constraint.name.startswith(requirement_name("")) for constraint in constraints)
     found = _seen_of_requirements(rig, carrier) if asked else {}
@@ -185,6 +204,9 @@ def measures_of(
             found[constraint.name] = carrier.total_of(constraint.name, rig)
         elif constraint.name in ("body", "keep_out"):
             found[constraint.name] = carrier.depths_of(rig)[constraint.name]
+        elif constraint.name == "blind_lidars":
+            blind = blind_lidars(placement, carrier.roi, carrier.vehicle) if placement else rig
+            found["blind_lidars"] = float(len(blind))
         elif constraint.name == "distance":
             found["distance"] = least_distance(placement) if placement else 0.0
         elif constraint.name == "body_share":

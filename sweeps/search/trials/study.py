@@ -210,8 +210,8 @@ def tell(
     """
     with warnings.catch_warnings(action="ignore", category=UserWarning):
         # A trial that was stopped while it was told has some of this already.
-        for name, violation in assessment.violations.items():
-            trial.set_constraint(name, violation)
+        for name, told in assessment.told.items():
+            trial.set_constraint(name, told)
     trial.set_user_attr(ASSESSMENT, json.dumps(asdict(assessment)))
     if failure is not None:
         trial.set_user_attr("failure", failure)
