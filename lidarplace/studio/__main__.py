@@ -59,10 +59,9 @@ def studio(
         file = read_rigs(rigs)
         traffic = simulated_traffic() if log is None else read_box_log(log, frames)
         state = Studio(file, traffic, region, folder=log)
-        with serving(port, "lidarplace studio") as server:
+        with serving(port, "lidarplace studio") as (server, address):
             page = Page(state, server, scene_of(log))
             try:
-                address = f"http://{server.get_host()}:{server.get_port()}"
                 print(f"{address}\nCtrl-C ends it.", flush=True)
                 threading.Event().wait()
             finally:

@@ -49,7 +49,7 @@ def page(tmp_path, monkeypatch):
     studio = Studio(
         read_rigs(written(tmp_path)), log_of([(8.0, 1.0)]), Roi((-16, 16), (-8, 8), (0, 4), 0.4)
     )
-    with serving(None, "studio") as server:
+    with serving(None, "studio") as (server, _):
         shown = Page(studio, server, {"source": "log", "folder": "logs/mine"})
         yield shown
         shown.close()
