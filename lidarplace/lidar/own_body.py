@@ -6,14 +6,25 @@ A vehicle that nobody describes is a sedan of convex parts, a shape of its own b
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from functools import cache
 
+import numpy as np
+
+from lidarplace.lidar.convex import fill_corners
 from lidarplace.lidar.shapes import BODY, Parts, bricks, own_body
+from lidarplace.mounting.mesh import Mesh
 from lidarplace.mounting.vehicle import Vehicle, depth_in_body
 from lidarplace.placement import Placement
 
 _SEDAN = own_body()
+
+# Triangles of a part, corners as `fill_corners` numbers them, counterclockwise from outside.
+_OUTWARDS = np.array(
+    [
+        [0, 2, 3], [0, 3, 1], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4],
+        [2, 6, 7], [2, 7, 3], [0, 4, 6], [0, 6, 2], [1, 3, 7], [1, 7, 5],
+    ]
+)  # fmt: skip
 
 
 def body_parts(vehicle: Vehicle | None) -> Parts:
@@ -25,10 +36,20 @@ def body_parts(vehicle: Vehicle | None) -> Parts:
     return bricks(np.concatenate([(low + high) / 2, high - low, level], axis=1), BODY, 0.0)
 
 
+@cache
+def sedan() -> Vehicle:
+    """The sedan as a surface."""
+    corners = np.empty((len(_SEDAN), 8, 3))
+    for part, own in zip(_SEDAN.geometry, corners, strict=True):
+        fill_corners.py_func(part, own)
+    faces = (8 * np.arange(len(corners))[:, None, None] + _OUTWARDS).reshape(-1, 3)
+    return Vehicle("sedan", np.empty((0, 2, 3)), Mesh(corners.reshape(-1, 3), faces))
+
+
 def check_mounts(rig: Placement, vehicle: Vehicle | None) -> None:
     """Raise ValueError if a LiDAR of the rig is inside of the body of its vehicle."""
     places = np.array([mount.position for mount in rig.mounts])
-    held = _in_parts(_SEDAN, places) if vehicle is None else depth_in_body(vehicle, places) > 0
+    held = depth_in_body(sedan() if vehicle is None else vehicle, places) > 0
     if held.any():
         number = int(held.argmax())
         x, y, z = places[number].tolist()
@@ -36,14 +57,3 @@ def check_mounts(rig: Placement, vehicle: Vehicle | None) -> None:
             f"{rig.name!r}: LiDAR {number + 1} at ({x:g}, {y:g}, {z:g}) is inside the vehicle's "
             "body, which the key vehicle describes"
         )
-
-
-def _in_parts(parts: Parts, places: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether each place, shape (P, 3), is inside of a part; the surface is not."""
-    x, y, z, length, width, height, yaw, front, rear, side = parts.geometry.T
-    dx, dy = places[:, :1] - x, places[:, 1:2] - y
-    along, aside = np.cos(yaw) * dx + np.sin(yaw) * dy, np.cos(yaw) * dy - np.sin(yaw) * dx
-    up = (places[:, 2:] - z) / height + 0.5  # share of the height
-    within = (up > 0) & (up < 1) & (np.abs(aside) < 0.5 * width - up * side)
-    within &= (up * rear - 0.5 * length < along) & (along < 0.5 * length - up * front)
-    return np.asarray(within.any(axis=1), np.bool_)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from lidarplace.configuration.settings import found, shortened
+from lidarplace.lidar.blind_lidars import check_not_blind
 from lidarplace.lidar.own_body import check_mounts
 from lidarplace.metrics import RANKING
 from lidarplace.scenes.recorded import LogScene
@@ -128,7 +129,8 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
 
 
 def _check_mounts(sweep: Sweep, path: Path) -> None:
-    """Refuse rigs with a LiDAR inside of the vehicle that carries them, where clouds are simulated.
+    """Refuse rigs with a LiDAR inside of the vehicle, or that sees nothing of the ROI, where clouds
+    are simulated.
 
     A sweep that a search makes is not asked: beside its own rigs, which keep out of the body, it
     has the paper's for comparison, whatever vehicle they are on.
@@ -138,11 +140,15 @@ def _check_mounts(sweep: Sweep, path: Path) -> None:
         point = own.point
         if isinstance(point.scene, LogScene) and point.scene.clouds == "recorded":
             continue
-        if (point.placement, point.vehicle) in checked:
+        question = (point.placement, point.lidar, point.vehicle, point.roi, point.weather)
+        if question in checked:
             continue
-        checked.add((point.placement, point.vehicle))
+        checked.add(question)
+        rig, body = sweep.common.rig_named(point.placement, point), point.body()
         try:
-            check_mounts(sweep.common.rig_named(point.placement, point), point.body())
+            check_mounts(rig, body)
+            if not sweep.common.allow_blind_lidars:
+                check_not_blind(rig, point.voxel_roi(), body)
         except ValueError as error:
             raise ConfigError(f"{path}: placement {error}") from None
 

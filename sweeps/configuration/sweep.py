@@ -389,6 +389,11 @@ class Common(Settings):
     placements: dict[Name, SweptPlacementSettings] = Field(
         default={}, description="own placements by name, beside the paper's eight"
     )
+    allow_blind_lidars: bool = Field(
+        False,
+        description="whether LiDARs may see neither ground nor objects in the ROI, as rear ones do "
+        "of a ROI in front; an error by default",
+    )
     ray: Annotated[RaySettings, short_for("address")] = Field(
         RaySettings(), description="where the tasks run; a string is short for address"
     )

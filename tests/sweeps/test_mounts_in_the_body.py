@@ -1,21 +1,28 @@
-"""A LiDAR inside of the vehicle is refused, and the vehicle of a file is that of its clouds."""
+"""A LiDAR inside of the vehicle, or that sees nothing of the ROI, is refused, and the vehicle of a
+file is that of its clouds."""
+
+import re
 
 import numpy as np
 import pytest
 import yaml
 from search_files import write_search
 from small_log import write_small_log
+from typer.testing import CliRunner
 
 from lidarplace import Mount, Placement
 from lidarplace.mounting.vehicle import Vehicle
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import make_plan
+from sweeps.run import app
 from sweeps.search.greedy.candidates import candidates_of
 from sweeps.search.problem.as_sweep import verify_settings
+from sweeps.search.problem.assess import assess
 from sweeps.search.problem.choice import Choice
 from sweeps.search.problem.constraints import measures_of
 from sweeps.search.problem.problem import read_problem
+from sweeps.search.problem.traffic import Traffic
 from sweeps.tasks.task import plain
 
 NOSE = {"x": 2.25, "z": 0.6}
@@ -59,7 +66,7 @@ def test_of_a_sweep(tmp_path, mount, vehicle, held):
     rigs = {"mine": {"mounts": [{"z": 5.0}, mount]}}
     path = sweep_file(tmp_path, placements=rigs, placement="mine", vehicle=vehicle)
     if not held:
-        read_sweep(path)
+        read_sweep(path, ["allow_blind_lidars=true"])  # of a roof as wide as the truck's
         return
     with pytest.raises(ConfigError) as refused:
         read_sweep(path)
@@ -116,6 +123,59 @@ def test_clouds_and_expected_recall_have_the_vehicle_and_their_keys_know_it(tmp_
     tall = {"placements": {"nose": {"mounts": [{"z": 3.2}]}}}
     assert keys(vehicle=TRUCK, **tall)["collect"] != keys(vehicle=other, **tall)["collect"]
     assert plain(np.zeros(3)) != plain(np.zeros((3, 1)))
+
+
+SKY = {"z": 2.6, "lidar": "bpearl"}
+SEES_NOTHING = r"LiDAR 1 at \(0, 0, 2\.6\) sees no ground and nothing below 2 m in the ROI \(x \[0"
+
+
+def test_a_sweep_with_a_blind_lidar_is_refused(tmp_path):
+    def path(mount=SKY, **changes):
+        return sweep_file(tmp_path, placements={"sky": {"mounts": [mount]}}, **changes)
+
+    sky = {"placement": "sky", "detector": None}
+    for arguments in (["--dry-run"], []):
+        done = CliRunner().invoke(app, [str(path(**sky)), *arguments])
+        assert done.exit_code == 2
+        (line,) = done.stderr.splitlines()
+        assert re.search(f"placement 'sky': {SEES_NOTHING}", line)
+        assert line.endswith("or set allow_blind_lidars: true")
+    read_sweep(path(**sky, allow_blind_lidars=True))
+    dead = {"sky": {"mounts": [{"z": 2.0}], "dead": [SKY]}}
+    read_sweep(sweep_file(tmp_path, **sky | {"placements": dead}))
+    recorded = {"source": "log", "folder": str(tmp_path / "log"), "clouds": "recorded"}
+    read_sweep(path(**sky | {"scene": recorded}))
+    back = {"x": -2.5, "z": 1.0, "yaw_deg": 180, "lidar": "at128"}
+    around = {"x": [-40, 40], "y": [-20, 20], "z": [0, 4]}
+    read_sweep(path(back, **sky, roi=around))
+    with pytest.raises(ConfigError, match=r"'sky': LiDAR 1 at .* extend the ROI"):
+        read_sweep(path(back, **sky, grid={"roi": [around, around | {"x": [0, 40]}]}))
+
+
+def test_blind_lidars_of_a_search(tmp_path):
+    """A fixed one is refused; what is searched for is infeasible."""
+
+    def problem(allow=False, **search):
+        path = write_search(tmp_path, lidar="bpearl", search=search)
+        return read_problem(path, [f"allow_blind_lidars={str(allow).lower()}"])
+
+    def found(problem, *turns):
+        rig = [Choice("lidar", "roof", Mount(y=i, z=2.6, roll=t)) for i, t in enumerate(turns)]
+        return assess(tuple(rig), problem.question, Traffic({}, None))
+
+    searched = problem(objective="price", models={"lidar_1": "bpearl"})
+    violations = [found(searched, *turns).violations for turns in ((0, 0), (0, 1.6), (1.6, -1.6))]
+    assert [own["blind_lidars"] for own in violations] == [2, 1, 0]
+    assert [found(searched, 1.6, turn).feasible for turn in (0, 1.6)] == [False, True]
+    roof = {"zones": {"roof": {"x": 0, "y": [-0.5, 0.5], "z": 2.6}}, "roll_deg": 0}
+    assert candidates_of(problem(**roof)) == []
+    assert candidates_of(problem(allow=True, **roof))
+    fixed = {"fixed": [{"z": 2.6}]}
+    with pytest.raises(ConfigError, match=f"search: fixed: 'fixed': {SEES_NOTHING}"):
+        problem(**fixed)
+    names = {own.name for own in problem(allow=True, **fixed).question.constraints}
+    assert "blind_lidars" not in names
+    assert problem().key != problem(allow=True).key
 
 
 def test_of_a_search(tmp_path):

@@ -442,7 +442,8 @@ def test_cautions_name_lidars_that_see_little_or_the_vehicle(tmp_path):
     }
     mounts["back"][1]["lidar"] = rear
     own = {name: {"mounts": own} for name, own in mounts.items()}
-    plan = plan_of(tmp_path, placements=own, grid={"placement": list(own)}, detector=None)
+    swept = {"placements": own, "grid": {"placement": list(own)}, "allow_blind_lidars": True}
+    plan = plan_of(tmp_path, **swept, detector=None)
     roof, back = rig_cautions(plan, Empty())
     assert roof == "roof: 75 % of what LiDAR 2 fires meets the vehicle."
     assert back == "back: LiDAR 2 covers 0 % of the ROI."

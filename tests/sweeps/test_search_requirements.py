@@ -80,7 +80,7 @@ def test_a_requirement_is_a_constraint_and_its_margin_an_objective(tmp_path):
     assert found.violations["requirement.the ground on the left"] == pytest.approx(0.3 - seen[1])
     free = assess(RIG, margin.question, Traffic({}, None))
     assert free.values["margin"] == pytest.approx(min(seen[0] / 4, seen[1] / 0.3))
-    assert set(free.violations) == {"distance"}
+    assert set(free.violations) == {"blind_lidars", "distance"}
 
 
 def test_rigs_that_are_found_meet_all_requirements(tmp_path):

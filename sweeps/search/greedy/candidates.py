@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from lidarplace import Mount
+from lidarplace.lidar.blind_lidars import blind_lidars
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.spacing import least_distance
 from lidarplace.mounting.zone import Zone, grid
@@ -32,8 +33,8 @@ from sweeps.search.problem.space import Slot, Space
 def candidates_of(problem: Problem) -> list[Choices]:
     """The grid: one LiDAR or mirrored pair each, and the fixed LiDARs as one candidate.
 
-    Those that can be part of no rig are left out: inside of the body, too much of it in view, or
-    the two of a pair, or one of the fixed LiDARs, too near.
+    Those that can be part of no rig are left out: inside of the body, too much of it in view,
+    nothing of the ROI in view, or the two of a pair, or one of the fixed LiDARs, too near.
     """
     space = problem.space
     fixed = ordered(space.fixed)
@@ -121,9 +122,16 @@ def _may_be(rig: Choices, fixed: Choices, problem: Problem) -> bool:
     carrier = problem.question.carrier
     if max(carrier.depths_of(rig).values()) > 0:
         return False
-    return limits.body_share is None or all(
-        body_share(lidar.mount, problem.models[lidar.model], carrier.vehicle) <= limits.body_share
-        for lidar in rig
+    sees = problem.file.allow_blind_lidars or not blind_lidars(
+        placement_of(rig, problem.models), carrier.roi, carrier.vehicle
+    )
+    return sees and (
+        limits.body_share is None
+        or all(
+            body_share(lidar.mount, problem.models[lidar.model], carrier.vehicle)
+            <= limits.body_share
+            for lidar in rig
+        )
     )
 
 

@@ -15,6 +15,7 @@ from lidarplace import Mount, Roi
 from lidarplace.command_line.invocation import command
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.files.secret_urls import public_url
+from lidarplace.lidar.blind_lidars import check_not_blind
 from lidarplace.metrics import METRICS
 from lidarplace.mounting.outline import outline
 from lidarplace.requirements.ground import Ground
@@ -152,16 +153,19 @@ def _paper_rigs(found: Found) -> dict[str, Choices]:
 
 
 def _ruled_out(problem: Problem, found: Found) -> list[str]:
-    """The paper's rigs with a LiDAR inside of the vehicle, or one that requirements cannot ask."""
+    """The paper's rigs with a LiDAR inside of the vehicle, one that sees nothing of the ROI, or one
+    that requirements cannot ask."""
     rigs = _paper_rigs(found).items()
     return [name for name, rig in rigs if not _may_be_asked(name, rig, problem)]
 
 
 def _may_be_asked(name: str, rig: Choices, problem: Problem) -> bool:
-    """Whether no LiDAR is inside of the vehicle, and requirements can be asked of each."""
+    """Whether a sweep takes the rig, whose LiDARs requirements can be asked."""
     placement, carrier = placement_of(rig, problem.models, name), problem.question.carrier
     try:
         check_asked(placement, carrier.vehicle, problem.file.search.requirements)
+        if not problem.file.allow_blind_lidars:
+            check_not_blind(placement, carrier.roi, carrier.vehicle)
     except ValueError:
         return False
     return True

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lidarplace import Lidar, Roi
 from lidarplace.configuration.mounting import keep_out_boxes
 from lidarplace.configuration.vehicle import vehicle_of
+from lidarplace.lidar.blind_lidars import blind_lidars
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.housing import housings_of, without
 from lidarplace.mounting.near_field import near_field_coverage
@@ -19,7 +20,7 @@ from lidarplace.mounting.spacing import least_distance
 from lidarplace.mounting.vehicle import Vehicle, depth_in, depth_in_body, zone_in_body
 from lidarplace.requirements.judge import judge
 from lidarplace.requirements.layout import Laid
-from sweeps.configuration.search import TOTALS, SearchSettings
+from sweeps.configuration.search import TOTALS, SearchFile, SearchSettings
 from sweeps.search.problem.choice import Choices, is_possible, placement_of
 
 ROUNDING = 1e-9
@@ -48,13 +49,16 @@ class Constraint:
         return 0.0 if abs(violation) < ROUNDING else violation
 
 
-def constraints_of(search: SearchSettings) -> tuple[Constraint, ...]:
+def constraints_of(file: SearchFile) -> tuple[Constraint, ...]:
     """The constraints that are asked for."""
+    search = file.search
     settings, found = search.constraints, []
     if _may_be_in_body(search):
         found.append(Constraint("body", "m", 0.0, at_least=False))
     if search.keep_out:
         found.append(Constraint("keep_out", "m", 0.0, at_least=False))
+    if not file.allow_blind_lidars:
+        found.append(Constraint("blind_lidars", "", 0.0, at_least=False))
     if settings.distance > 0:
         found.append(Constraint("distance", "m", settings.distance, at_least=True))
     if settings.body_share is not None:
@@ -104,6 +108,7 @@ class Carrier:
         body: of the vehicle, without a LiDAR.
         vehicle: its body, and what hides what is behind it.
         keep_out: boxes without a LiDAR, lower and upper corners, metres, shape (n, 2, 3).
+        roi: of which every LiDAR has to see something.
         near_field: the zone around it that has to be seen; None if none has.
         requirements: laid out around it.
     """
@@ -114,14 +119,16 @@ class Carrier:
     body: Vehicle
     vehicle: Vehicle
     keep_out: NDArray[np.float64]
+    roi: Roi
     near_field: Roi | None
     requirements: tuple[Laid, ...]
 
     @classmethod
     def of(
-        cls, settings: SearchSettings, models: Mapping[str, Lidar], requirements: Sequence[Laid]
+        cls, file: SearchFile, models: Mapping[str, Lidar], requirements: Sequence[Laid]
     ) -> Carrier:
         """As the configuration has it; `models` by name."""
+        settings = file.search
         near = settings.constraints.near_field
         # The rig that one has without `search.models` costs nothing more.
         unknown = math.nan if settings.models else 0.0
@@ -137,6 +144,7 @@ class Carrier:
             vehicle_of(settings.vehicle),
             with_keep_outs(settings),
             keep_out_boxes(settings.keep_out),
+            file.voxel_roi(),
             None if near is None else Roi(near.x, near.y, near.z, near.resolution),
             tuple(requirements),
         )
@@ -185,6 +193,9 @@ def measures_of(
             found[constraint.name] = carrier.total_of(constraint.name, rig)
         elif constraint.name in ("body", "keep_out"):
             found[constraint.name] = carrier.depths_of(rig)[constraint.name]
+        elif constraint.name == "blind_lidars":
+            blind = blind_lidars(placement, carrier.roi, carrier.vehicle) if placement else rig
+            found["blind_lidars"] = float(len(blind))
         elif constraint.name == "distance":
             found["distance"] = least_distance(placement) if placement else 0.0
         elif constraint.name == "body_share":

@@ -13,6 +13,7 @@ from typing import Any
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement
 from lidarplace.configuration.vehicle import vehicle_of
+from lidarplace.lidar.blind_lidars import check_not_blind
 from lidarplace.lidar.own_body import check_mounts
 from lidarplace.mounting.near_field import near_field_coverage
 from lidarplace.mounting.vehicle import Vehicle, zone_in_body
@@ -46,7 +47,7 @@ from sweeps.tasks.task import Task, code_of, plain
 
 _ANSWERING = {
     *("lidar", "weather", "surrogate", "placement", "placements"),
-    *("detector", "training", "generalist", "mounting_errors"),
+    *("detector", "training", "generalist", "mounting_errors", "allow_blind_lidars"),
 }
 """Keys beside the scene, the ROI and the classes that decide what trials are worth."""
 
@@ -247,11 +248,10 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
     except ValueError as error:
         raise ConfigError(f"{path}: {error}") from None
     models = chosen | {OWN_MODEL: own}
-    vehicle = vehicle_of(settings.vehicle)
-    _check_body(file, space, vehicle, path)
+    _check_body(file, space, models, path)
     laid = _laid(file, chosen, with_keep_outs(settings), path)
     try:
-        carrier = Carrier.of(settings, models, laid)
+        carrier = Carrier.of(file, models, laid)
         if carrier.near_field is not None:
             probe = PAPER_PLACEMENTS["line"]
             near_field_coverage(probe, carrier.vehicle, carrier.near_field)
@@ -270,7 +270,7 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
             )
     question = Question(
         objectives=settings.objective,
-        constraints=constraints_of(settings) if settings.zones else (),
+        constraints=constraints_of(file) if settings.zones else (),
         carrier=carrier,
         method=file.surrogate.method,
         detection_probability=file.surrogate.detection_probability,
@@ -359,16 +359,20 @@ def _check_keys(file: SearchFile, source: Mapping[str, Any], path: Path) -> None
             )
 
 
-def _check_body(file: SearchFile, space: Space, vehicle: Vehicle, path: Path) -> None:
-    """Refuse fixed LiDARs inside of the body, and zones that are. Raises ConfigError."""
+def _check_body(file: SearchFile, space: Space, models: Mapping[str, Lidar], path: Path) -> None:
+    """Refuse fixed LiDARs inside of the body, and zones that are, and fixed LiDARs that see nothing
+    of the ROI. Raises ConfigError."""
+    vehicle = vehicle_of(file.search.vehicle)
     for zone in space.zones:
         if zone_in_body(zone, vehicle)[1]:
             raise ConfigError(f"{path}: search.zones.{zone.name}: is inside the vehicle's body")
     if not space.fixed:
         return
     try:
-        fixed = Placement("fixed", [own.mount for own in space.fixed], file.lidar.lidar())
+        fixed = placement_of(space.fixed, models, "fixed")
         check_mounts(fixed, vehicle)
+        if not file.allow_blind_lidars:
+            check_not_blind(fixed, file.voxel_roi(), with_keep_outs(file.search))
     except ValueError as error:
         key = "fixed" if space.zones else f"placement {file.placement}"
         raise ConfigError(f"{path}: search: {key}: {error}") from None
