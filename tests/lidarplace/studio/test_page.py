@@ -104,7 +104,21 @@ def test_a_person_types_undoes_saves_and_reloads(page):
 
         tab.reload()
         expect(shown).to_have_text(s_mig_of(studio))
-        expect(tab.get_by_label("pitch, °")).to_have_value("14.5")
+        expect(field).to_have_value("14.5")
+
+        for typed, read in (("1,0", 1.0), ("-0,5", -0.5), ("7", 7.0)):
+            field.fill(typed)
+            until(lambda read=read: studio.rig.pose(0)["pitch"] == read)
+        field.press("End")
+        field.press(",")
+        expect(field).to_have_value("7.")
+        field.fill("7,5")
+        until(lambda: studio.rig.pose(0)["pitch"] == 7.5)
+        for unclear in ("1,000.5", "1,2,3"):
+            field.fill(unclear)
+            expect(field).to_have_value("")
+            assert field.get_attribute("placeholder") == f"{unclear}?"
+        assert studio.rig.pose(0)["pitch"] == 7.5
         browser.close()
     outside = [url for url in asked if not re.match(r"(https?|ws)://127\.0\.0\.1|blob:|data:", url)]
     assert not outside
@@ -315,9 +329,21 @@ requirements:
 
 
 def test_a_page_writes_beside_its_file_alone(page):
-    for name in ("../other.yaml", "/tmp/other.yaml", "", "rigs.txt"):
-        with pytest.raises(ValueError, match="name of a file"):
+    wrong = (
+        "../other.yaml",
+        "/tmp/other.yaml",
+        "",
+        "rigs.txt",
+        ".yaml",
+        ".yml",
+        "..yaml",
+        ".a.yaml",
+    )
+    for name in (*wrong, "a\0.yaml", "a\nb.yaml", "a.yaml\n"):
+        with pytest.raises(ValueError, match=r"file name: .*found") as told:
             page.files.beside(name)
+        assert str(told.value).endswith(repr(name))
+    assert page.files.beside("a.yml").name == "a.yml"
     assert page.files.sweep().startswith("python -m sweeps.run ")
     with pytest.raises(FileExistsError):
         page.files.sweep()
