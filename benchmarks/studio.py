@@ -33,7 +33,9 @@ from lidarplace.studio.traffic import scene_of, simulated_traffic
 CLIENT = """
 import sys, viser
 from websockets.sync.client import connect
-with connect(sys.argv[1], subprotocols=[f"viser-v{viser.__version__}"], max_size=None) as server:
+address, origin = sys.argv[1:]
+protocol = f"viser-v{viser.__version__}"
+with connect(address, origin=origin, subprotocols=[protocol], max_size=None) as server:
     for _ in server:
         pass
 """
@@ -91,9 +93,9 @@ def measure(studio: Studio, moves: int) -> None:
     counts = studio.log.boxes.groupby("frame").size()
     studio.show_frame(int((counts - TOWN_OBJECTS).abs().idxmin()))
     sent = Sent()
-    with serving(None, "benchmark") as server:
-        address = f"ws://{server.get_host()}:{server.get_port()}"
-        client = subprocess.Popen([sys.executable, "-c", CLIENT, address])
+    with serving(None, "benchmark") as (server, address):
+        where = [address.replace("http", "ws"), address.rpartition("/")[0]]
+        client = subprocess.Popen([sys.executable, "-c", CLIENT, *where])
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
         page = Page(studio, server, scene_of(None))
         sent.after(0.0, CLOUD_BYTES)

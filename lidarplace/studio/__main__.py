@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from pathlib import Path
 from typing import Annotated
@@ -52,6 +53,7 @@ def studio(
 
     from lidarplace.studio.page.page import Page
     from lidarplace.studio.page.server import serving
+    from lidarplace.studio.page.tables import left_out
 
     try:
         x0, y0, z0, x1, y1, z1 = crop_of(roi)
@@ -59,10 +61,11 @@ def studio(
         file = read_rigs(rigs)
         traffic = simulated_traffic() if log is None else read_box_log(log, frames)
         state = Studio(file, traffic, region, folder=log)
-        with serving(port, "lidarplace studio") as server:
+        with serving(port, "lidarplace studio") as (server, address):
             page = Page(state, server, scene_of(log))
             try:
-                address = f"http://{server.get_host()}:{server.get_port()}"
+                if state.left_out:
+                    print(left_out(state), file=sys.stderr)
                 print(f"{address}\nCtrl-C ends it.", flush=True)
                 threading.Event().wait()
             finally:

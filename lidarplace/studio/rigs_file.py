@@ -60,6 +60,9 @@ class RigsSettings(Settings):
     )
     constraints: LimitSettings = Field(LimitSettings(), description="what a rig has to keep")
     requirements: Requirements = Field((), description="what has to be seen around the vehicle")
+    allow_blind_lidars: bool = Field(
+        False, description="whether LiDARs may see neither ground nor objects in the ROI"
+    )
 
 
 @dataclass(frozen=True)

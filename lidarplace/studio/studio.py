@@ -31,6 +31,7 @@ from lidarplace.studio.rigs_file import RigsFile, as_yaml, write_rigs
 from lidarplace.studio.sweep_files import RUNS, evaluation_of, is_evaluation, sweep_of
 from lidarplace.studio.violations import (
     Violation,
+    blind,
     judged,
     powers_of,
     prices_of,
@@ -71,6 +72,9 @@ class Studio:
         classes: of objects; those of the log by default.
         folder: of the log, if `log` has some of its frames alone: the others can be looked at, too.
 
+    Attributes:
+        left_out: classes of the log that have no numbers, and are in no sweep or evaluation.
+
     Raises:
         ValueError: the log has no frame, a box is bad, or a requirement cannot be laid out.
     """
@@ -89,6 +93,7 @@ class Studio:
         file.laid  # noqa: B018 - what is wrong with a requirement is told at the beginning
         self.file, self.log, self.roi = file, log, roi
         self.classes = tuple(classes) or tuple(c for c in CLASSES if c in there) or CLASSES
+        self.left_out = tuple(sorted(there.difference(self.classes)))
         self.lidar = file.settings.lidar.lidar()
         self.begun = {rig.name: rig for rig in file.rigs}
         self._history = History(Draft(file.rigs))
@@ -281,10 +286,14 @@ class Studio:
 
     def violations(self) -> tuple[Violation, ...]:
         """What the rig does not keep of what the file says."""
-        kept = violations(self.rig, self.file)
+        kept = self.misplaced()
         if self.placement is None:
             return (*kept, *unasked(self.file.laid))
         return (*kept, *unknown(self.rig, self.file).values(), *unmet(self.outcomes()))
+
+    def misplaced(self) -> tuple[Violation, ...]:
+        """The same without requirements, which take longer."""
+        return (*violations(self.rig, self.file), *blind(self.rig, self.file, self.roi))
 
     def outcomes(self) -> Sequence[Outcome]:
         """What becomes of the requirements that can be asked of the LiDARs; nothing without one."""
@@ -396,7 +405,7 @@ class Studio:
             scene: the traffic as a configuration has it, with frames to train and to test.
 
         Raises:
-            ValueError: no rig has a LiDAR.
+            ValueError: no rig has a LiDAR, or one is inside of the body or sees nothing.
             FileExistsError: the file is there, and may not be overwritten.
         """
         content = sweep_of(self.rigs, self.file, scene, self.roi, self.classes)
@@ -415,7 +424,7 @@ class Studio:
             The run folder of the sweep, for `found_by_sweep`.
 
         Raises:
-            ValueError: no rig has a LiDAR that works, or the file is there and no such sweep.
+            ValueError: as `sweep`, of the LiDARs that work, or the file is there and no such sweep.
         """
         before = read_yaml_file(path) if path.exists() else None
         if before is not None and not is_evaluation(before):

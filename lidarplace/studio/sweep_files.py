@@ -20,6 +20,7 @@ from lidarplace.roi import Roi
 from lidarplace.sensor import Lidar
 from lidarplace.studio.rig import POSE, Rig
 from lidarplace.studio.rigs_file import RigsFile
+from lidarplace.studio.violations import check_sweepable
 
 Content = dict[str, Any]
 """Of a configuration, as plain data."""
@@ -52,15 +53,17 @@ def sweep_of(
         scene: the traffic, as a configuration has it.
 
     Raises:
-        ValueError: no rig has a LiDAR.
+        ValueError: no rig has a LiDAR, or one is inside of the body or sees nothing of the ROI.
     """
+    for rig in rigs:
+        check_sweepable(rig, file, roi)
     placements = {rig.name: rig.written for rig in rigs if rig.lidars}
     if not placements:
         raise ValueError("no rig has a LiDAR; a sweep needs one")
-    required = {"requirements": file.content["requirements"]} if file.settings.requirements else {}
+    same = ("requirements", "allow_blind_lidars")
     return {
         **_vehicle(file),
-        **required,
+        **{key: file.content[key] for key in same if key in file.content},
         "scene": dict(scene),
         "roi": {axis: list(getattr(roi, axis)) for axis in "xyz"},
         "classes": list(classes),

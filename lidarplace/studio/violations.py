@@ -10,13 +10,16 @@ from itertools import combinations
 import numpy as np
 
 from lidarplace.catalogue.datasheet import datasheet
+from lidarplace.lidar.blind_lidars import OBJECTS_M, blind_lidars
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.housing import housings_of, without
 from lidarplace.mounting.vehicle import depth_in, depth_in_body
 from lidarplace.mounting.zone import distance
+from lidarplace.placement import Placement
 from lidarplace.requirements.judge import Outcome, judge
 from lidarplace.requirements.layout import Laid
 from lidarplace.requirements.requirement import AS_BUILT
+from lidarplace.roi import Roi
 from lidarplace.studio.rig import Rig
 from lidarplace.studio.rigs_file import RigsFile
 
@@ -31,7 +34,7 @@ class Violation:
     """A constraint that is not kept.
 
     Attributes:
-        constraint: zone, body, keep_out, distance, body_share, price, power or requirement.
+        constraint: zone, body, keep_out, distance, body_share, price, power, blind or requirement.
         lidars: numbers of those concerned; none if it is the rig.
         excess: by how much: metres, a share, money, watts, or what a requirement lacks in its own
             measure; NaN where it is not known.
@@ -137,6 +140,30 @@ def _blocked(rig: Rig, file: RigsFile) -> list[Violation]:
             )
             found.append(Violation("body_share", (number,), share - limit, text))
     return found
+
+
+def blind(rig: Rig, file: RigsFile, roi: Roi) -> list[Violation]:
+    """The LiDARs that see nothing of the ROI, dead or not, unless the file allows them."""
+    if file.settings.allow_blind_lidars or not rig.lidars:
+        return []
+    try:
+        whole = Placement(rig.name, rig.mounts, lidar=rig.models(file.settings.lidar.lidar()))
+    except ValueError:  # of two in one place `_close` tells
+        return []
+    text = (
+        f"sees no ground and nothing below {OBJECTS_M:g} m in the ROI; turn or move it, extend "
+        "the ROI, or set allow_blind_lidars: true"
+    )
+    return [
+        Violation("blind", (number,), math.nan, f"LiDAR {number}: {text}")
+        for number in blind_lidars(whole, roi, file.carrier)
+    ]
+
+
+def check_sweepable(rig: Rig, file: RigsFile, roi: Roi) -> None:
+    """Raise ValueError if a sweep would refuse the rig: a LiDAR inside of the body, or blind."""
+    for one in (*_inside(rig, file), *blind(rig, file, roi)):
+        raise ValueError(f"rig {rig.name!r}: {one.text}")
 
 
 def unmet(outcomes: Sequence[Outcome]) -> tuple[Violation, ...]:

@@ -22,7 +22,6 @@ from lidarplace.studio.page.tables import (
     violations_list,
 )
 from lidarplace.studio.studio import Studio
-from lidarplace.studio.violations import violations
 from lidarplace.viewing import style
 
 if TYPE_CHECKING:
@@ -128,7 +127,7 @@ class Drawing:
         if drawn == self._drawn:
             return
         self._drawn = drawn
-        wrong = {number for own in violations(rig, self._studio.file) for number in own.lidars}
+        wrong = {number for own in self._studio.misplaced() for number in own.lidars}
         with self._server.atomic():
             self._nodes.lidars(rig, rig.models(self._studio.lidar), chosen, wrong)
             self._draw_handle(chosen)

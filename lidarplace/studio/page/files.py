@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -55,8 +56,11 @@ class Files:
 
     def beside(self, name: str) -> Path:
         """A file in the folder of the rigs. Raises ValueError for one that is not."""
-        if not name or Path(name).name != name or not name.endswith((".yaml", ".yml")):
-            raise ValueError(f"the name of a file ends in .yaml and has no folder, found {name!r}")
+        if not re.fullmatch(r"(?!\.)[^/\x00-\x1f]+\.ya?ml", name):
+            raise ValueError(
+                "file name: invalid; expected NAME.yaml without a folder, NUL or line break, found "
+                f"{name!r}"
+            )
         return self._studio.file.path.parent / name
 
     def _asking(self, write: Callable[[bool], str]) -> str:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from lidarplace.catalogue.datasheet import catalogue
 from lidarplace.studio.blind_ground import HEIGHTS_M
 from lidarplace.studio.page.dragged import STEPS
+from lidarplace.studio.page.tables import left_out, message
 from lidarplace.studio.rig import POSE
 from lidarplace.studio.studio import Studio
 
@@ -21,17 +22,35 @@ FROM_FILE = "as the file says"
 UNITS = dict.fromkeys(POSE[:3], "m") | dict.fromkeys(POSE[3:], "°")
 SHOWN_DIGITS = 4
 
+DECIMAL_COMMA = """
+addEventListener("input", event => {
+  const field = event.target, typed = field.value;
+  if (field.inputMode !== "decimal" || !typed.includes(",")) return;
+  const point = typed.replace(",", "."), clear = point.search(/[.,].*[.,]/) < 0;
+  const end = field.selectionStart;
+  Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value")
+    .set.call(field, clear ? point : "");
+  field.setSelectionRange(end, end);
+  field.placeholder = clear ? "" : typed + "?";
+}, true)
+"""
+"""Reads 1,0 as 1.0, and empties a field of 1,000.5: the page's own fields drop all commas."""
+
 
 class Panel:
     """Makes the fields on a server; what happens when they change is said elsewhere."""
 
     def __init__(self, server: viser.ViserServer, studio: Studio) -> None:
+        from viser._messages import RunJavascriptMessage
+
         gui = server.gui
         names = [rig.name for rig in studio.rigs]
         self.rig = gui.add_dropdown("rig", names, initial_value=names[0])
         self.history = gui.add_button_group("history", ("undo", "redo"))
         self.numbers = gui.add_html("")
         self.violations = gui.add_html("")
+        if studio.left_out:
+            gui.add_html(message(left_out(studio)))
         tabs = gui.add_tab_group()
         with tabs.add_tab("LiDAR"):
             self.lidar = gui.add_dropdown("LiDAR", (NO_LIDAR,))
@@ -48,6 +67,7 @@ class Panel:
             )
             self.improve = gui.add_button("improve this LiDAR")
             self.add_best = gui.add_button("add one where it finds most")
+        gui._websock_interface.queue_message(RunJavascriptMessage(DECIMAL_COMMA))
         with tabs.add_tab("View"):
             last = len(studio.frame_numbers) - 1
             self.frame = gui.add_slider("frame", 0, max(1, last), 1, 0, disabled=last == 0)

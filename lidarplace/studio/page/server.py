@@ -1,33 +1,50 @@
-"""The server of a page: on this machine alone, and without a way out of it."""
+"""The server of a page: on this machine alone, for pages of its own address, and without a way out.
+
+viser lets nobody look at a request before it is answered, and its port would stay open behind a
+proxy. So the listening call that it makes is replaced while it starts.
+"""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+import re
+import secrets
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from functools import partial
+from http import HTTPStatus
+from typing import TYPE_CHECKING, Any
+from unittest.mock import patch
 
 from lidarplace.command_line.port import free_port
 
 if TYPE_CHECKING:
     import viser
+    from websockets.asyncio.server import ServerConnection
+    from websockets.http11 import Request, Response
 
 HOST = "127.0.0.1"
 FIRST_PORT = 8080
+NAMES = re.compile(r"(127\.0\.0\.1|localhost)(:\d+)?")
+"""What a browser on this machine calls it, with any port that is forwarded to the server's."""
+
+_Answer = Callable[["ServerConnection", "Request"], "Response | None"]
 
 
 @contextmanager
-def serving(port: int | None, title: str) -> Iterator[viser.ViserServer]:
-    """A server that listens while the block runs.
+def serving(port: int | None, title: str) -> Iterator[tuple[viser.ViserServer, str]]:
+    """A server that listens while the block runs, and its address, which holds a secret.
 
     Args:
         port: None for FIRST_PORT or the next one that is free.
         title: of the panel.
 
     Raises:
-        ValueError: the port is taken.
+        ValueError: the port is taken, or requests to this version of viser cannot be checked.
     """
     import viser
+    from websockets.asyncio import server as websockets_server
 
     class Local(viser.ViserServer):
         """Any page can ask for a public address of the server; it gets none."""
@@ -35,12 +52,43 @@ def serving(port: int | None, title: str) -> Iterator[viser.ViserServer]:
         def request_share_url(self, verbose: bool = True) -> str | None:
             return None
 
-    with redirect_stdout(io.StringIO()):  # viser's banner
+    token, listen = secrets.token_urlsafe(), websockets_server.serve
+
+    def guarded(*arguments: Any, process_request: Any = None, **options: Any) -> Any:
+        check = partial(_answer, token, process_request)
+        return listen(*arguments, process_request=check, **options)
+
+    with (
+        redirect_stdout(io.StringIO()),  # viser's banner
+        patch.object(websockets_server, "serve", side_effect=guarded) as called,
+    ):
         server = Local(HOST, free_port(port, FIRST_PORT, HOST), title, verbose=False)
     try:
+        if not called.called:
+            raise ValueError(
+                f"viser {viser.__version__}: does not let its requests be checked; expected 1.1; "
+                "pip install 'viser==1.1.*'"
+            )
         server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
         server.gui.main_panel.dock_right()
-        yield server
+        yield server, f"http://{server.get_host()}:{server.get_port()}/{token}"
     finally:
         with redirect_stdout(io.StringIO()):
             server.stop()
+
+
+def _answer(
+    token: str, viser_answer: _Answer, connection: ServerConnection, request: Request
+) -> Response | None:
+    """What viser answers to who knows the token; a connection needs the page's own origin, too.
+
+    A page from elsewhere does not know the token, and one whose name was bound to this machine
+    (DNS rebinding) says that name as its host. viser's page connects to the path that it is at.
+    """
+    host, origin = (",".join(request.headers.get_all(name)) for name in ("Host", "Origin"))
+    path = request.path.partition("?")[0].strip("/").encode(errors="replace")
+    if NAMES.fullmatch(host) and secrets.compare_digest(path, token.encode()):
+        answer = viser_answer(connection, replace(request, path="/"))
+        if answer is not None or origin == f"http://{host}":
+            return answer
+    return connection.respond(HTTPStatus.FORBIDDEN, "open the whole address of the studio\n")

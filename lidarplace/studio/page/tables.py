@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from lidarplace.studio.numbers import Numbers
+from lidarplace.studio.studio import Studio
 from lidarplace.studio.violations import Violation
 from lidarplace.studio.why_unseen import AimedRays
 
@@ -68,6 +69,14 @@ def _row(label: str, now: float, begun: float | None, form: str) -> str:
 
 def _text(value: float, form: str) -> str:
     return f"{value:{form}}".replace("-", "−") if math.isfinite(value) else DASH
+
+
+def left_out(studio: Studio) -> str:
+    """Which classes of the log have no numbers."""
+    return (
+        f"classes of the log in no number, sweep or evaluation: {', '.join(studio.left_out)}; "
+        f"expected {', '.join(studio.classes)}"
+    )
 
 
 def violations_list(found: Sequence[Violation]) -> str:

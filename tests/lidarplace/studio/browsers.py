@@ -11,6 +11,7 @@ import zstandard
 from viser import _messages
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
+from websockets.typing import Origin, Subprotocol
 
 
 class Browser:
@@ -26,7 +27,10 @@ class Browser:
     def __init__(self, address: str) -> None:
         protocol = f"viser-v{viser.__version__}"
         self._socket = connect(
-            address.replace("http", "ws"), subprotocols=[protocol], max_size=None
+            address.replace("http", "ws"),
+            origin=Origin(address.rpartition("/")[0]),
+            subprotocols=[Subprotocol(protocol)],
+            max_size=None,
         )
         self.content: dict[str, str] = {}
         self.values: dict[str, Any] = {}

@@ -14,7 +14,7 @@ from lidarplace.studio.page.page import Page
 from lidarplace.studio.page.panel import assign
 from lidarplace.studio.page.server import serving
 from tests.lidarplace.studio.browsers import Browser
-from tests.lidarplace.studio.test_page import address, until
+from tests.lidarplace.studio.test_page import until
 
 RUN = r"""
 import signal, sys, time
@@ -49,8 +49,9 @@ def page(tmp_path, monkeypatch):
     studio = Studio(
         read_rigs(written(tmp_path)), log_of([(8.0, 1.0)]), Roi((-16, 16), (-8, 8), (0, 4), 0.4)
     )
-    with serving(None, "studio") as server:
+    with serving(None, "studio") as (server, address):
         shown = Page(studio, server, {"source": "log", "folder": "logs/mine"})
+        shown.address = address
         yield shown
         shown.close()
 
@@ -77,7 +78,7 @@ def test_an_evaluation_is_shown_with_its_intervals_and_two_rigs_compared(page, t
 
 def test_the_page_goes_on_while_something_runs_which_can_be_cancelled(page, tmp_path):
     (tmp_path / "waits").touch()
-    browser = Browser(address(page))
+    browser = Browser(page.address)
     until(lambda: "evaluate all rigs" in browser.labels)
     browser.type("evaluate all rigs", True)
     until(lambda: "scene: 1 done" in page.panel.progress.content)
@@ -98,7 +99,7 @@ def test_the_page_goes_on_while_something_runs_which_can_be_cancelled(page, tmp_
 
 def test_what_runs_ends_with_the_page(page, tmp_path):
     (tmp_path / "waits").touch()
-    browser = Browser(address(page))
+    browser = Browser(page.address)
     until(lambda: "evaluate all rigs" in browser.labels)
     browser.type("evaluate all rigs", True)
     until(lambda: "scene: 1 done" in page.panel.progress.content)

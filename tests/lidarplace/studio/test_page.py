@@ -41,14 +41,11 @@ GUARD_MS = 300_000
 @pytest.fixture
 def page(tmp_path):
     studio = Studio(read_rigs(written(tmp_path)), log_of(CARS), ROI)
-    with serving(None, "studio") as server:
+    with serving(None, "studio") as (server, address):
         shown = Page(studio, server, {"source": "log", "folder": "logs/mine"})
+        shown.address = address
         yield shown
         shown.close()
-
-
-def address(page):
-    return f"http://{page._server.get_host()}:{page._server.get_port()}"
 
 
 def s_mig_of(studio):
@@ -71,7 +68,7 @@ def test_a_person_types_undoes_saves_and_reloads(page):
         tab = browser.new_page(viewport={"width": 640, "height": 480})
         tab.set_default_timeout(GUARD_MS)
         tab.on("request", lambda request: asked.append(request.url))
-        tab.goto(address(page))
+        tab.goto(page.address)
         expect = playwright.expect
         expect.set_options(timeout=GUARD_MS)
         shown = tab.locator("[data-exact=true] [data-row=s-mig] b")
@@ -107,7 +104,21 @@ def test_a_person_types_undoes_saves_and_reloads(page):
 
         tab.reload()
         expect(shown).to_have_text(s_mig_of(studio))
-        expect(tab.get_by_label("pitch, °")).to_have_value("14.5")
+        expect(field).to_have_value("14.5")
+
+        for typed, read in (("1,0", 1.0), ("-0,5", -0.5), ("7", 7.0)):
+            field.fill(typed)
+            until(lambda read=read: studio.rig.pose(0)["pitch"] == read)
+        field.press("End")
+        field.press(",")
+        expect(field).to_have_value("7.")
+        field.fill("7,5")
+        until(lambda: studio.rig.pose(0)["pitch"] == 7.5)
+        for unclear in ("1,000.5", "1,2,3"):
+            field.fill(unclear)
+            expect(field).to_have_value("")
+            assert field.get_attribute("placeholder") == f"{unclear}?"
+        assert studio.rig.pose(0)["pitch"] == 7.5
         browser.close()
     outside = [url for url in asked if not re.match(r"(https?|ws)://127\.0\.0\.1|blob:|data:", url)]
     assert not outside
@@ -169,7 +180,7 @@ def test_a_drag_without_an_end_is_drawn_at_rest_and_kept_by_the_next_step(page):
 
 
 def test_ten_browsers_see_the_same_rig_and_half_of_them_leave_in_the_midst_of_a_pull(page):
-    browsers = [Browser(address(page)) for _ in range(10)]
+    browsers = [Browser(page.address) for _ in range(10)]
     exact = 'data-exact="true"'
 
     def all_show(text, among):
@@ -189,7 +200,7 @@ def test_ten_browsers_see_the_same_rig_and_half_of_them_leave_in_the_midst_of_a_
     until(lambda: all_show(s_mig_of(page.studio), left))
     page.studio.undo()
     assert page.studio.rig.pose(0)["x"] == 0.65  # where the last one has let go
-    late = Browser(address(page))
+    late = Browser(page.address)
     page.refresh()
     until(lambda: all_show(s_mig_of(page.studio), [late]))
     for browser in (*left, late):
@@ -232,7 +243,7 @@ def test_every_button_does_what_it_says(page):
 
 
 def test_a_lidar_that_breaks_a_constraint_is_marked_in_the_scene(page):
-    browser = Browser(address(page))
+    browser = Browser(page.address)
     until(lambda: browser.texts.get("/lidars/0/name") == "0")
     browser.type("x, m", 3.0)  # outside of its zone
     until(lambda: browser.texts["/lidars/0/name"] == "0 ✗")
@@ -250,7 +261,7 @@ def test_what_is_typed_while_the_fields_are_drawn_is_not_lost(page, monkeypatch)
         say(*told)
 
     monkeypatch.setattr(page, "_say", slow)
-    browser = Browser(address(page))
+    browser = Browser(page.address)
     until(lambda: "works" in browser.labels)
     for works in (False, True, False, True, False):
         browser.type("works", works)
@@ -267,7 +278,7 @@ def test_another_rig_stands_beside_in_one_colour_over_it_or_apart(page, monkeypa
         return cloud(view, placement, most)
 
     monkeypatch.setattr(FrameView, "cloud", counted)
-    browser = Browser(address(page))
+    browser = Browser(page.address)
     until(lambda: "also, in violet" in browser.labels)
     assert not beside._node.visible
     browser.type("also, in violet", "left handed")
@@ -307,7 +318,7 @@ requirements:
   - {name: near, where: {distance: [0.2, 1]}, what: Pedestrian, at_least: {points: 900}, step: 1}
 """
     studio = Studio(read_rigs(written(tmp_path, TEXT + needs)), log_of(CARS), ROI)
-    with serving(None, "studio") as server:
+    with serving(None, "studio") as (server, _):
         page = Page(studio, server, {})
         assign(page.panel.ground, "near")
         page.refresh()
@@ -318,9 +329,21 @@ requirements:
 
 
 def test_a_page_writes_beside_its_file_alone(page):
-    for name in ("../other.yaml", "/tmp/other.yaml", "", "rigs.txt"):
-        with pytest.raises(ValueError, match="name of a file"):
+    wrong = (
+        "../other.yaml",
+        "/tmp/other.yaml",
+        "",
+        "rigs.txt",
+        ".yaml",
+        ".yml",
+        "..yaml",
+        ".a.yaml",
+    )
+    for name in (*wrong, "a\0.yaml", "a\nb.yaml", "a.yaml\n"):
+        with pytest.raises(ValueError, match=r"file name: .*found") as told:
             page.files.beside(name)
+        assert str(told.value).endswith(repr(name))
+    assert page.files.beside("a.yml").name == "a.yml"
     assert page.files.sweep().startswith("python -m sweeps.run ")
     with pytest.raises(FileExistsError):
         page.files.sweep()
@@ -347,8 +370,8 @@ def test_a_port_in_use_is_one_line(tmp_path):
 
 
 def test_a_second_studio_has_a_port_of_its_own():
-    with serving(None, "one") as one, serving(None, "another") as another:
-        assert one.get_port() != another.get_port()
+    with serving(None, "one") as (_, one), serving(None, "another") as (_, another):
+        assert {one.rpartition("/")[i] for i in (0, 2)}.isdisjoint(another.rpartition("/"))
 
 
 def test_mistakes_of_the_command_are_one_line(tmp_path):

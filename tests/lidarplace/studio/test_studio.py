@@ -1,6 +1,7 @@
 """The studio as a Python object."""
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from lidarplace.scenes.sumo.settings import SumoScene
 from lidarplace.studio.best_pose import ROUNDS
 from lidarplace.studio.blind_ground import EDGE_M, LOWEST_M, blind_ground
 from lidarplace.studio.numbers import RECALL_FRAMES, thinned
+from lidarplace.studio.page.tables import left_out
 from lidarplace.studio.rigs_file import RigsSettings, read_rigs
 from lidarplace.studio.studio import Studio
 from lidarplace.studio.sweep_files import found_by_sweep
@@ -236,6 +238,52 @@ def test_a_sweep_of_the_rigs_can_be_planned(studio, tmp_path, monkeypatch):
     assert {trial.grid_point.point.placement for trial in plan.trials} == {"roof", "left handed"}
     with pytest.raises(FileExistsError):
         studio.sweep(path, scene)
+
+
+def test_no_sweep_is_written_of_a_lidar_in_the_body_or_that_sees_nothing(tmp_path):
+    """Those that the sweep itself refuses; the same that the page marks."""
+    write_small_log(tmp_path / "log")
+    scene, path = scene_of(tmp_path / "log"), tmp_path / "sweep.yaml"
+    sky = {"x": 0, "y": 0, "z": 2.6, "lidar": "bpearl"}
+    within, outside = {"x": 0, "y": 0, "z": 0.8}, {"x": 5, "y": 0, "z": 0.8}
+    rack = {"rack": {"x": [4, 6], "y": [-1, 1], "z": [0, 1]}}
+    ahead = sky | {"x": 2.4, "z": 0.6, "pitch_deg": 90}
+    for mounts, keys, told in (
+        ([ahead, sky], {}, "LiDAR 1: sees no ground and nothing below 2 m"),
+        ([sky], {"allow_blind_lidars": False}, "LiDAR 0: sees no ground"),
+        ([ahead, within], {}, "LiDAR 1: .* m inside of the vehicle's body"),
+        ([within], {"vehicle": {"boxes": [[[-1, -1, 0], [1, 1, 1]]]}}, "LiDAR 0: 0.2 m inside"),
+        ([outside], {"keep_out": rack}, "LiDAR 0: 0.2 m inside of what is kept out"),
+        ([sky], {"allow_blind_lidars": True}, None),
+        ([ahead], {}, None),
+    ):
+        text = yaml.safe_dump({"placements": {"one": {"mounts": mounts}}, **keys})
+        studio = Studio(read_rigs(written(tmp_path, text)), log_of([(8.0, 1.0)]), ROI)
+        if told is None:
+            assert not studio.misplaced()
+            studio.sweep(path, scene)
+            read_plan(path)
+            path.unlink()
+            continue
+        violation, *_ = studio.misplaced()
+        assert re.search(told, violation.text)
+        with pytest.raises(ValueError, match=rf"^rig 'one': .*{told}"):
+            studio.sweep(path, scene)
+        with pytest.raises(ValueError, match=told):
+            studio.evaluation(path, scene)
+        assert not path.exists()
+    studio.pose(0, z=2.6, pitch=0)
+    studio.enable(0, False)
+    with pytest.raises(ValueError, match="sees no ground"):  # mounted, though dead
+        studio.sweep(path, scene)
+
+
+def test_classes_that_have_no_numbers_are_named(tmp_path):
+    log = log_of([(8.0, 1.0), (3.0, 4.0)])
+    log.boxes.loc[log.boxes["object_id"] == "car 1", "class"] = "Excavator"
+    studio = Studio(read_rigs(written(tmp_path)), log, ROI)
+    assert studio.left_out == ("Excavator",)
+    assert left_out(studio).endswith(": Excavator; expected Car")
 
 
 def test_a_sweep_has_the_vehicle_and_the_requirements_of_the_file(tmp_path, monkeypatch):

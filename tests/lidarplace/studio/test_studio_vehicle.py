@@ -105,6 +105,7 @@ def test_what_a_generalist_learns_from_keeps_out_of_the_body(tmp_path):
         vehicle=[[[-2, -2, 0], [2, 2, 2.9]]],
         zones={"roof": {"x": 0, "y": 0, "z": [1.0, 3.0]}},
         placements={"one": {"mounts": [{"z": 3.0}]}},
+        allow_blind_lidars=True,
     )
     studio.evaluation(tmp_path / "evaluation.yaml", {"source": "log", "folder": "mine"})
     rigs = yaml.safe_load((tmp_path / "evaluation.yaml").read_text())["placements"]

@@ -1,0 +1,150 @@
+"""Who may drive the studio: pages of its own address, and nobody else."""
+
+import shutil
+import socket
+import threading
+from functools import partial
+from http.client import HTTPConnection
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from types import SimpleNamespace
+from urllib.parse import urlsplit
+
+import pytest
+from websockets.asyncio.server import serve
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+pytest.importorskip("viser")
+
+import viser
+
+from lidarplace.studio.page.server import serving
+
+PROTOCOLS = [f"viser-v{viser.__version__}"]
+EVIL = "http://evil.example"
+ASK = """url => new Promise(done => {
+  const socket = new WebSocket(url, PROTOCOLS);
+  socket.onmessage = () => { done("read"); socket.close(); };
+  socket.onerror = () => done("refused");
+})""".replace("PROTOCOLS", str(PROTOCOLS))
+
+
+@pytest.fixture(scope="module")
+def address():
+    with serving(None, "studio") as (_, address):
+        yield address
+
+
+def status(address, path, host="{host}", origin="http://{host}"):
+    """How a websocket is answered; 101: it is open, and told what the page shows."""
+    own = urlsplit(address).netloc
+    origin = origin and origin.format(host=host.format(host=own))
+    try:
+        with (
+            socket.create_connection(own.split(":")) as wire,
+            connect(
+                f"ws://{host.format(host=own)}{path}",
+                sock=wire,
+                origin=origin,
+                subprotocols=PROTOCOLS,
+            ) as asked,
+        ):
+            assert asked.recv()
+            return 101
+    except InvalidStatus as error:
+        return error.response.status_code
+
+
+def test_a_websocket_needs_the_token_and_the_origin_of_the_page(address):
+    path = urlsplit(address).path
+    port = urlsplit(address).port
+    assert status(address, path) == status(address, f"{path}/?a=b") == 101
+    for wrong in ("", "/", path[:-1], f"{path}a", f"/{path[:0:-1]}", f"{path}/a", "/%00", "/é"):
+        assert status(address, wrong) == 403, wrong
+    origins = (None, "null", EVIL, "http://localhost:{port}", "https://{host}", "http://{host}.a")
+    for origin in (*origins, "http://127.0.0.1", "http://{host}/", "http://127.0.0.1:1"):
+        origin = origin and origin.replace("{port}", str(port))
+        assert status(address, path, origin=origin) == 403, origin
+        assert status(address, "/", origin=origin) == 403, origin
+
+
+def test_a_name_that_was_bound_to_this_machine_is_refused(address):
+    path, port = urlsplit(address).path, urlsplit(address).port
+    for host in ("evil.example", f"evil.example:{port}", f"127.0.0.1.evil.example:{port}"):
+        assert status(address, path, host) == 403
+    for host in (f"localhost:{port}", "localhost:9000"):  # a port that is forwarded
+        assert status(address, path, host) == 101
+
+
+def test_a_page_is_served_under_its_whole_address_alone(address):
+    own = urlsplit(address)
+    for path, host, code in (
+        (own.path, own.netloc, 200),
+        (f"{own.path}/?websocket=ws://{own.netloc}", own.netloc, 200),
+        ("/", own.netloc, 403),
+        ("/index.html", own.netloc, 403),
+        (own.path, "evil.example", 403),
+        (f"{own.path}/../../__init__.py", own.netloc, 403),
+    ):
+        asked = HTTPConnection(own.netloc)
+        asked.request("GET", path, headers={"Host": host})
+        assert asked.getresponse().status == code, path
+        asked.close()
+
+
+def test_every_session_has_a_token_of_its_own(address):
+    with serving(None, "another") as (_, other):
+        assert urlsplit(address).port != urlsplit(other).port
+        token = urlsplit(other).path
+        assert len(token) > 40
+        assert status(other, token) == 101
+        assert status(address, token) == 403
+
+
+def test_a_viser_that_cannot_be_checked_does_not_serve(monkeypatch):
+    """As if it had got hold of the listening call before."""
+    listens = SimpleNamespace(asyncio=SimpleNamespace(server=SimpleNamespace(serve=serve)))
+    monkeypatch.setattr(viser.infra._infra, "websockets", listens)
+    with (
+        pytest.raises(ValueError, match=r"viser .*checked.*pip install"),
+        serving(None, "one"),
+    ):
+        pass
+
+
+@pytest.fixture
+def elsewhere(tmp_path):
+    """The port of a server of other pages on this machine."""
+    (tmp_path / "index.html").write_text("<title>another page</title>")
+    pages = partial(SimpleHTTPRequestHandler, directory=tmp_path)
+    with ThreadingHTTPServer(("127.0.0.1", 0), pages) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield server.server_port
+        server.shutdown()
+        thread.join()
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="needs chromium")
+def test_in_a_browser_a_page_from_elsewhere_cannot_connect(address, elsewhere):
+    playwright = pytest.importorskip("playwright.sync_api", reason="needs playwright")
+    own = urlsplit(address)
+    secret, plain = address.replace("http", "ws"), f"ws://{own.netloc}/"
+    bound = secret.replace("127.0.0.1", "evil.example")
+    with playwright.sync_playwright() as browsers:
+        browser = browsers.chromium.launch(
+            executable_path=shutil.which("chromium"),
+            args=["--no-sandbox", "--host-resolver-rules=MAP evil.example 127.0.0.1"],
+        )
+        tab = browser.new_page()
+        for page, url, found in (
+            (f"{EVIL}:{elsewhere}", plain, "refused"),
+            (f"{EVIL}:{elsewhere}", secret, "refused"),
+            (f"http://127.0.0.1:{elsewhere}", secret, "refused"),
+            (f"{EVIL}:{own.port}", bound, "refused"),
+            (address, plain, "refused"),
+            (address, secret, "read"),
+        ):
+            tab.goto(page)
+            assert tab.evaluate(ASK, url) == found, (page, url)
+        browser.close()
