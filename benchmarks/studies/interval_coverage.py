@@ -238,7 +238,7 @@ def means(times: int) -> None:
             row: list[object] = [n, seeds]
             for unequal, effect in ((False, 0.0), (True, 0.0), (False, 1.0), (False, 3.0)):
                 sd = np.where(np.arange(n) < n / 2, 0.5, 1.3)[:, None] if unequal else 1.0
-                mu = np.arange(n) / 2
+                mu = 50 + np.arange(n) / 2
                 held = []
                 for _ in range(times):
                     y = mu[:, None] + sd * rng.standard_normal((n, seeds))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from lidarplace.kernel_cache import njit
 from lidarplace.lidar.own_body import sedan
 from lidarplace.lidar.raycast import Beams, along, beams_of
 from lidarplace.mounting.housing import housings_in

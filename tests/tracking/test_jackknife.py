@@ -160,10 +160,10 @@ def test_what_a_seed_adds_to_all_placements_is_in_no_comparison():
     by_hand = stats.t.ppf(0.975, freedom) * np.sqrt(whole)
     assert own["half"].tolist() == pytest.approx([by_hand] * 4)
     # One that is missing: seeds are as if they were different.
-    missing = seed_means(harsh[1:])
+    missing = seed_means(results[1:])
     assert missing["half"].tolist() == pytest.approx(
         ((missing["high"] - missing["low"]) / 2).tolist()
     )
     # So is one placement: there is nothing that it has in common with others.
-    alone = seed_means(harsh[harsh["placement"] == "p0"])
+    alone = seed_means(results[results["placement"] == "p0"])
     assert alone["half"].tolist() == pytest.approx(((alone["high"] - alone["low"]) / 2).tolist())

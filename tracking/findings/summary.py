@@ -45,8 +45,9 @@ def seed_means(
         One row per (placement, class, detector, axes, metric, iou, difficulty): `mean`, `sd`
         (n - 1; NaN for one seed), `seeds`, the smallest number of `ground_truths`;
         `sample_sd`, the error by the choice of the test objects, NaN where it is unknown; `low`
-        and `high`; and `half`, half the interval of the mean against other placements that were
-        tested on the same frames, and judged by the same generalists, two of which add in squares.
+        and `high`, in [0, 100]; and `half`, half the interval of the mean against other placements
+        that were tested on the same frames, and as a rule have the same seeds: two of them add in
+        squares.
         All three are NaN where no placement has two seeds, unless a generalist judged them. Rows
         whose value is NaN for every seed have 0 seeds.
     """
@@ -76,8 +77,8 @@ def seed_means(
     }
     return means.assign(
         sample_sd=np.sqrt(errors["single_variance"]),
-        low=means["mean"] - half["single"],
-        high=means["mean"] + half["single"],
+        low=(means["mean"] - half["single"]).clip(lower=0.0),
+        high=(means["mean"] + half["single"]).clip(upper=100.0),
         half=half["paired"],
     )
 

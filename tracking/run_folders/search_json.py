@@ -13,6 +13,7 @@ from lidarplace.roi import Roi
 from tracking.run_folders.drawn_vehicle import Boxes, Triangles, drawn_vehicle
 from tracking.run_folders.json_file import Part, ResultFile
 from tracking.run_folders.search_tables import trials_of
+from tracking.run_folders.sweep_json import Pose
 from tracking.run_folders.table import Table
 
 
@@ -93,7 +94,7 @@ class Rig(Part):
 
     role: Literal["found", "greedy", "paper"]
     feasible: bool
-    mounts: tuple[tuple[float, float, float, float, float, float], ...]
+    mounts: tuple[Pose, ...]
     models: tuple[str, ...]
     zones: tuple[str | None, ...]
     values: dict[str, float | None]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, ClassVar
 
-from pydantic import ConfigDict, Field, FiniteFloat
+from pydantic import AfterValidator, ConfigDict, Field, FiniteFloat
 
 from lidarplace.configuration.settings import Count, CountFromOne
 from lidarplace.mounting.vehicle import Vehicle
@@ -13,7 +13,15 @@ from lidarplace.roi import Roi
 from tracking.run_folders.drawn_vehicle import Boxes, Triangles, drawn_vehicle
 from tracking.run_folders.json_file import Part, ResultFile
 
-Pose = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
+_Numbers = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
+
+
+def _possible(pose: _Numbers) -> _Numbers:
+    Mount(*pose)  # raises ValueError for angles in degrees
+    return pose
+
+
+Pose = Annotated[_Numbers, AfterValidator(_possible)]
 
 
 class Frames(Part):
