@@ -159,7 +159,7 @@ def test_a_folder_that_cannot_be_written(monkeypatch, tmp_path):
     ],
 )
 def test_memory(monkeypatch, free, state, remedy):
-    monkeypatch.setattr(checks, "_memory", lambda: (int(1e11), int(free)))
+    monkeypatch.setattr(checks, "machine_memory", lambda: (int(1e11), int(free)))
     monkeypatch.setattr("os.cpu_count", lambda: 8)
     found = checks.memory()
     assert (found.state, found.remedy) == (state, remedy)
