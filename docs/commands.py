@@ -49,7 +49,8 @@ file.
 
 - `run --dry-run`: `name`; `stages`, by stage `tasks` and `cached`; `rungs`, each with `by`, `keep`,
   `set`; `scenes`, each with `scene`, `train_frames`, `test_frames`; `requirements`, as
-  `requirements --dry-run`; `trials`, each with `key`, `label`, `cached`; `anchors`; `cautions`;
+  `requirements --dry-run`; `trials`, each with `key`, `label`, `cached`; `anchors`; `memory`,
+  most bytes that the voxels of a task take; `cautions`;
   `estimate`, null without `--probe`: `stages`, by stage `seconds` and `bytes`, `seconds`,
   `at_once`, `task_memory`, `bytes`, `free_bytes`.
 - `search --dry-run`: `name`, `lidars` (least, most), `zones`, `parameters`, `objectives` (`name`,

@@ -172,7 +172,7 @@ def _disk(what: str, folder: Path, asked: Asked) -> tuple[str, str, Callable[[],
 
 def scenes(config: Path, overrides: Sequence[str] = ()) -> Found:
     """The maps, logs and checkpoints that the file names are there."""
-    from sweeps.configuration.file import ConfigError
+    from sweeps.execution.memory import check_memory
     from sweeps.plan.plan import read_plan
     from sweeps.sweep_or_search import is_search
 
@@ -180,9 +180,12 @@ def scenes(config: Path, overrides: Sequence[str] = ()) -> Found:
         if is_search(config):
             from sweeps.search.problem.problem import read_problem
 
-            return Found(f"{read_problem(config, overrides).file.search.trials} trials")
-        _, plan = read_plan(config, overrides)
-    except ConfigError as error:
+            problem = read_problem(config, overrides)
+            problem.check_memory()
+            return Found(f"{problem.file.search.trials} trials")
+        sweep, plan = read_plan(config, overrides)
+        check_memory(plan.tasks, sweep.common.ray.address)
+    except ValueError as error:
         return Found(" ".join(str(error).split()), "missing", f"mend {config}")
     return Found(f"{len(plan.trials)} trials, {len(plan.tasks)} tasks")
 

@@ -15,6 +15,7 @@ from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb,
 from sweeps.configuration.sweep import SweepFile
 from sweeps.execution.backends import backend_for
 from sweeps.execution.interrupted import interruptible
+from sweeps.execution.memory import check_memory
 from sweeps.options import ConfigUnlessSchema, DryRunOption, SchemaOption, SetOption
 from sweeps.plan.plan import read_plan
 from sweeps.results.dry_run import planned, print_planned
@@ -62,6 +63,9 @@ def run(
     try:
         sweep, plan = read_plan(config, set_ or [])
         store = store_of(sweep)
+        done = store.finished(plan.tasks)
+        to_do = [task for task in plan.tasks if task.key not in done]
+        check_memory(to_do, sweep.common.ray.address)
     except (ValueError, OSError) as error:
         wrong(error)
     console = output()

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 from lidarplace.command_line.invocation import command
 from lidarplace.files.atomic import check_takes_files
 from lidarplace.files.secret_urls import hide_secrets, public_url
+from sweeps.execution.memory import machine_memory
 
 if TYPE_CHECKING:
     from packaging.requirements import Requirement
@@ -185,7 +186,7 @@ def disk(folder: Path, cleaned: str) -> Found:
 
 def memory() -> Found:
     """RAM against the number of CPUs, each of which runs a task."""
-    total, available, cpus = *_memory(), os.cpu_count() or 1
+    total, available, cpus = *machine_memory(), os.cpu_count() or 1
     found = f"{total / _GB:.0f} GB, {available / _GB:.0f} GB free, {cpus} CPUs"
     fitting = int(available / _GB / 2)
     if fitting >= cpus:
@@ -311,16 +312,3 @@ def _ray_remedy(address: str) -> str:
 
 def _not_writable(error: OSError, remedy: str) -> Found:
     return Found(f"{error.filename}: {error.strerror}", "missing", remedy)
-
-
-def _memory() -> tuple[int, int]:
-    """Bytes of RAM of this machine or its container, and those that are free."""
-    lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
-    kib = {line.split(":")[0]: int(line.split()[1]) for line in lines}
-    total, available = kib["MemTotal"] * 1024, kib["MemAvailable"] * 1024
-    limit = Path("/sys/fs/cgroup/memory.max")
-    if limit.is_file() and (text := limit.read_text(encoding="ascii").strip()) != "max":
-        total = min(total, int(text))
-        used = int(Path("/sys/fs/cgroup/memory.current").read_text(encoding="ascii"))
-        available = min(available, total - used)
-    return total, max(0, available)

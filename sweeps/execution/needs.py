@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from sweeps.execution.memory import voxel_memory
 from sweeps.store.open import AnyStore
 from sweeps.tasks.parameters import CollectParams, ProbeParams, RecordedParams
 from sweeps.tasks.task import Task, plain
@@ -82,7 +83,7 @@ def need_of(
     """What a task asks for, by what its probe found. A failed probe tells nothing."""
     share = largest_share(gpus_per_training)
     if probe is None or not store.has(probe):
-        return Need(gpu_share=share if task.gpu else 0.0)
+        return Need(voxel_memory(task), share if task.gpu else 0.0)
     found = store.load(probe, ("batch_size", "gpu_share"))
     if gpus_per_training == "auto" and found["gpu_share"] is not None:
         share = rounded_share(found["gpu_share"] * _MARGIN)

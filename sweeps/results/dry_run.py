@@ -16,6 +16,7 @@ from lidarplace.requirements.tables import extents
 from sweeps.configuration.grid import Sweep
 from sweeps.execution.backends import Backend
 from sweeps.execution.estimate import FRAMES, Estimate, StageEstimate, estimate
+from sweeps.execution.memory import machine_memory, voxel_memory
 from sweeps.execution.running import about
 from sweeps.plan.plan import Plan
 from sweeps.results.promotion import at_most
@@ -36,6 +37,7 @@ class Planned:
         trials: key, label and whether it is cached, in the order of the grid.
         requirements: what each asks of every placement: `lidarplace.requirements.tables.extents`.
         anchors: sizes that detectors start from, of classes that have not the preset's.
+        memory: most bytes that the voxels of a task take.
         cautions: what is to be known of the classes and of the rigs.
         estimate: what it would take; None if nothing was tried.
     """
@@ -47,6 +49,7 @@ class Planned:
     trials: list[dict[str, Any]]
     requirements: list[dict[str, Any]]
     anchors: list[dict[str, Any]]
+    memory: int
     cautions: list[str]
     estimate: Estimate | None = None
 
@@ -87,6 +90,7 @@ def planned(sweep: Sweep, plan: Plan, store: AnyStore, backend: Backend | None =
         ],
         requirements=extents(plan.laid),
         anchors=as_plain(plan.typical),
+        memory=max(map(voxel_memory, tasks)),
         cautions=[*plan.cautions, *rig_cautions(plan, store)],
         estimate=None
         if backend is None
@@ -128,6 +132,12 @@ def print_planned(console: Console, shown: Planned) -> None:
             f"scene {scene['scene']}: {scene['train_frames']} frames to train, "
             f"{scene['test_frames']} to test"
         )
+    total, free = map(_amount, machine_memory())
+    console.print(
+        f"memory: the voxels of a task take up to {_amount(shown.memory)}; this machine has "
+        f"{total}, {free} of it free",
+        soft_wrap=True,
+    )
     if shown.requirements:
         console.print(extent_table(shown.requirements))
     for typical in from_plain({"typical": shown.anchors}):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 import pandas as pd
@@ -13,11 +13,12 @@ from lidarplace.coverage import coverage
 from lidarplace.lidar.clouds import PointClouds
 from lidarplace.mounting.outline import outline
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.occupancy.entropy import entropy_of_counts
+from lidarplace.occupancy.grid import OccupancyGrid
 from lidarplace.requirements.ground import Ground
 from lidarplace.surrogates.table import DECIDING
 from sweeps.plan.plan import Plan, Trial
 from sweeps.store.open import AnyStore
+from sweeps.tasks.stages import grids_of
 from tracking.run_folders.grounds import Grounds
 from tracking.run_folders.sweep_arrays import Frame, Maps
 
@@ -46,19 +47,33 @@ def drawn(known: Sequence[Trial], tested: Sequence[Trial], surrogates: pd.DataFr
 
 def maps(trials: Sequence[Trial], store: AnyStore) -> Maps:
     """The maps of the trials' placements."""
-    classes = trials[0].grid_point.point.classes
     pog = store.load(trials[0].pog)
-    found = Maps({name: pog[f"from_above_{name}"] for name in classes}, {}, {}, {}, {})
-    entropy = sum(_entropy(pog[f"counts_{name}"], pog["frames"]) for name in classes)
+    grids = grids_of(pog)
+    found = Maps({name: pog[f"from_above_{name}"] for name in grids}, {}, {}, {}, {})
     for trial in trials:
         point = trial.grid_point.point
         covered = coverage(trial.grid_point.rig, point.voxel_roi(), point.surrogate.method)
-        residual = np.where(covered, np.float32(0), entropy)
+        above, side = uncovered(grids.values(), covered)
         found.coverage[point.placement] = covered.mean(axis=2, dtype=np.float32)
         found.coverage_side[point.placement] = covered.mean(axis=1, dtype=np.float32)
-        found.residual[point.placement] = residual.sum(axis=2)
-        found.residual_side[point.placement] = residual.sum(axis=1)
+        found.residual[point.placement] = above
+        found.residual_side[point.placement] = side
     return found
+
+
+def uncovered(
+    grids: Collection[OccupancyGrid], covered: NDArray[np.bool_]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Entropy of what is not covered, nats: summed over z, shape (nx, ny), and over y, (nx, nz).
+
+    A layer at a time: an array of all voxels is as large as a machine's memory may be.
+    """
+    layers = (
+        np.where(hit, 0.0, sum(grid.entropy_of_count[grid.counts[i]] for grid in grids))
+        for i, hit in enumerate(covered)
+    )
+    above, side = zip(*((layer.sum(axis=1), layer.sum(axis=0)) for layer in layers), strict=True)
+    return np.array(above, np.float32), np.array(side, np.float32)
 
 
 def grounds(plan: Plan, trials: Sequence[Trial], store: AnyStore) -> Grounds:
@@ -73,11 +88,6 @@ def grounds(plan: Plan, trials: Sequence[Trial], store: AnyStore) -> Grounds:
                 for number in range(len(names))
             ]
     return Grounds.of(outline(trials[0].vehicle or Vehicle.car()), names, by_rig)
-
-
-def _entropy(counts: NDArray[np.int32], frames: int) -> NDArray[np.float32]:
-    """H of every voxel, nats. Not `OccupancyGrid.entropy`, which is twice as large and stays."""
-    return entropy_of_counts(np.arange(int(counts.max()) + 1), frames).astype(np.float32)[counts]
 
 
 def one_frame(trials: Sequence[Trial], store: AnyStore) -> Frame:

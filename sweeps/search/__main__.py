@@ -56,6 +56,7 @@ def search(
     try:
         problem = read_problem(config, set_ or [])
         check_candidates(problem)
+        problem.check_memory()
     except ValueError as error:
         wrong(error)
     if as_json:

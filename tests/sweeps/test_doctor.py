@@ -182,7 +182,7 @@ def test_what_is_in_the_way_of_a_run(monkeypatch, tmp_path, place, make, checked
     ],
 )
 def test_memory(monkeypatch, free, state, remedy):
-    monkeypatch.setattr(checks, "_memory", lambda: (int(1e11), int(free)))
+    monkeypatch.setattr(checks, "machine_memory", lambda: (int(1e11), int(free)))
     monkeypatch.setattr("os.cpu_count", lambda: 8)
     found = checks.memory()
     assert (found.state, found.remedy) == (state, remedy)

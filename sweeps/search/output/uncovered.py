@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from lidarplace import OccupancyGrid
 from lidarplace.coverage import coverage
+from sweeps.results.pictures import uncovered
 from sweeps.search.problem.choice import Choices, placement_of
 from sweeps.search.problem.problem import Problem
 from tracking.run_folders.search_arrays import UnseenMaps
@@ -23,9 +24,9 @@ def maps(
         placement = placement_of(rig, problem.models, rig_name)
         for name, grid in grids.items():
             covered = coverage(placement, grid.roi, problem.file.surrogate.method)
-            unseen[name][rig_name] = _columns(np.where(covered, 0.0, grid.entropy))
-    return UnseenMaps({name: _columns(grid.entropy) for name, grid in grids.items()}, unseen)
-
-
-def _columns(entropy: NDArray[np.float64]) -> NDArray[np.float32]:
-    return entropy.sum(axis=2).astype(np.float32)
+            unseen[name][rig_name], _ = uncovered([grid], covered)
+    pog = {
+        name: uncovered([grid], np.broadcast_to(np.False_, grid.counts.shape))[0]
+        for name, grid in grids.items()
+    }
+    return UnseenMaps(pog, unseen)

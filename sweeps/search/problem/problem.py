@@ -34,6 +34,7 @@ from sweeps.configuration.grid import GridPoint, Sweep, build_sweep
 from sweeps.configuration.question import check_lidars, laid_out
 from sweeps.configuration.search import RangeSettings, SearchFile, Tests, TrafficSettings
 from sweeps.configuration.sweep import Common, Point
+from sweeps.execution.memory import check_memory
 from sweeps.plan.plan import Trial, make_plan
 from sweeps.search.problem.as_sweep import own_vehicle, sweep_of, sweep_settings, verify_settings
 from sweeps.search.problem.assess import Question
@@ -206,6 +207,11 @@ class Problem:
             raise ConfigError(f"{self.path}: {error}") from None
         (trial,) = plan.trials
         return plan.needed_for([trial.pog]), trial
+
+    def check_memory(self) -> None:
+        """Raise ValueError if the POG, or surrogates of it, cannot fit into this machine."""
+        tasks, trial = self.pog_tasks(self.sweep())
+        check_memory([*tasks, trial.surrogates], self.file.ray.address)
 
     def paper_rigs(self) -> dict[str, Choices]:
         """The paper's eight with the LiDAR of the key `lidar`."""
