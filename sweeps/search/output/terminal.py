@@ -151,9 +151,13 @@ def print_failures(console: Console, found: Found) -> int:
 
 
 def _print_rigs(console: Console, rigs: Mapping[str, Judged], problem: Problem) -> None:
-    """Objectives and what constraints look at, a row a rig."""
+    """Objectives and what constraints look at, a row a rig; a count is shown if one is not 0."""
     objectives = problem.file.search.objective
-    constraints = problem.question.constraints
+    constraints = [
+        c
+        for c in problem.question.constraints
+        if c.limit or any(own.assessment.measures[c.name] for own in rigs.values())
+    ]
     rows = []
     for name, own in rigs.items():
         found, values = own.assessment, own.all_values
