@@ -28,6 +28,8 @@ def test_the_guess(monkeypatch):
 
 def test_the_log(tmp_path, monkeypatch):
     monkeypatch.chdir(ROOT)
+    monkeypatch.setenv("FORCE_COLOR", "1")  # as in a terminal, one without colours
+    monkeypatch.setenv("TERM", "dumb")
     result = convert(tmp_path / "labels", MAP)
     assert result.exit_code == 0, result.stderr
     assert result.stdout.replace(str(tmp_path), "logs") == printed("text", "Frames")

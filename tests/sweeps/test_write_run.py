@@ -115,9 +115,10 @@ def test_what_hangs_on_each_individual_stands_beside_the_results(folder):
     known = run.results[run.results["value"].notna()].set_index(keys).index
     assert set(run.left_out.set_index(keys).index) == set(known)
     cars = run.left_out[(run.left_out["class"] == "Car") & (run.left_out["metric"] == "recall")]
-    of_unit = cars.groupby(["trial", "iou", "unit"])["ground_truths"].sum()
-    assert set(of_unit) == {4}
-    assert set(of_unit.index.get_level_values("unit")) == {"route", "individual"}
+    of_unit = cars.groupby(["unit", "trial", "iou"])["ground_truths"].sum()
+    assert set(of_unit.index.get_level_values("unit")) == {"route", "individual", "nothing"}
+    assert set(of_unit.drop("nothing")) == {4}
+    assert set(of_unit["nothing"]) == {0}
 
 
 def test_found_objects_make_the_recall_of_their_class(folder):
