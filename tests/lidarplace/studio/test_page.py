@@ -331,7 +331,7 @@ requirements:
 def test_a_page_writes_beside_its_file_alone(page):
     wrong = (
         "../other.yaml",
-        "/tmp/other.yaml",
+        "/srv/other.yaml",
         "",
         "rigs.txt",
         ".yaml",
