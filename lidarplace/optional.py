@@ -18,6 +18,7 @@ EXTRAS = {
     "sumolib": "sumo",
     "imageio": "studio",
     "viser": "studio",
+    "websockets": "studio",
     "trimesh": "mesh",
     "carla": "carla",
     "foxglove": "mcap",

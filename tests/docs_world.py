@@ -95,7 +95,7 @@ def make_world(folder: Path) -> None:
     for log in ("small", "logs/mine", "logs/b", "logs/c"):
         write_small_log(folder / log)
     write_database(folder / "runs/mlflow.db")
-    rays = pd.DataFrame({"azimuth_deg": np.arange(20_000) % 360, "elevation_deg": 10.0})
+    rays = pd.DataFrame({"azimuth_deg": np.arange(20_000) % 360, "elevation_deg": -10.0})
     rays.to_csv(folder / "mid360.csv", index=False)
     trimesh.creation.box((4500, 1500, 1800)).export(folder / "body.stl")  # its y axis is up
     shutil.copytree(ROOT / "examples/labels", folder / "examples/labels")

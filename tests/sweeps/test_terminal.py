@@ -105,7 +105,7 @@ def test_the_plan_of_a_sweep():
     scenes = [{"scene": OBEYED, "train_frames": 1, "test_frames": 1}]
     stages = {"train": {"tasks": 6, "cached": 0}}
     asked = [{"requirement": name, "measure": "points"} for name in NAMES]
-    plan = Planned(OBEYED, stages, [], scenes, trials, asked, [], [OBEYED])
+    plan = Planned(OBEYED, stages, [], scenes, trials, asked, [], 0, [OBEYED])
     assert_shown(printed(print_planned, plan))
 
 
