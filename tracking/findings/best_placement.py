@@ -75,7 +75,7 @@ class BestPlacement:
 
     @property
     def tied(self) -> list[str]:
-        """Others that cannot be distinguished from the best: the lead's interval does not exceed 0."""
+        """Others not significantly behind the best: the lead's interval does not exceed 0."""
         return [str(name) for name in self.others.index[~(self.others["low"] > 0)]]
 
 
