@@ -36,7 +36,7 @@ MOST_TIMES = 10.0
 
 @dataclass(frozen=True)
 class Weakness:
-    """Why a comparison of placements is no evidence yet.
+    """Why a comparison of placements is not sufficient evidence.
 
     Attributes:
         kind: what is lacking, a word.

@@ -140,7 +140,7 @@ def holds_zero(low: float, high: float) -> str:
 
 
 def _doubts(run: SearchFolder) -> list[str]:
-    """Why the choice of a generalist is no evidence yet, and what to run for more; [] if it is."""
+    """Why a generalist's choice is not sufficient evidence, and what to run for more; or []."""
     if run.chosen is None:
         return []
     seeds = value_at(run.config, "search", "seeds") or [0]
