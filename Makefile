@@ -33,12 +33,12 @@ $(STAMP): pyproject.toml constraints.txt
 	touch $(STAMP)
 
 demo: setup
-	$(BIN)/python -m sweeps.search examples/demo.yaml
+	$(BIN)/lidarplace search examples/demo.yaml
 
 # MLflow on this machine alone; RUN: a sweep's folder, a database, or a tracking URI.
 RUN ?= runs/mlflow.db
 dashboard: setup
-	$(BIN)/python -m tracking.dashboard "$(RUN)"
+	$(BIN)/lidarplace dashboard "$(RUN)"
 
 test: setup
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder

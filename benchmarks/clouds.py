@@ -20,9 +20,9 @@ import numpy as np
 import typer
 
 from lidarplace import PAPER_PLACEMENTS, Lidar
-from lidarplace.box_log import join_logs, read_box_log
-from lidarplace.lidar.clouds import read_clouds, write_clouds
-from lidarplace.lidar.collect import collect
+from lidarplace.clouds.clouds import read_clouds, write_clouds
+from lidarplace.clouds.collect import collect
+from lidarplace.logs.box_log import join_logs, read_box_log
 
 CROP = (0.0, -20.0, -0.5, 40.0, 20.0, 4.0)
 RUNS = 5

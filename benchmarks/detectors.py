@@ -27,9 +27,9 @@ import torch
 import typer
 
 from lidarplace import PAPER_PLACEMENTS, Lidar
-from lidarplace.box_log import BoxLog
-from lidarplace.boxes import CLASSES, GEOMETRY
-from lidarplace.lidar.collect import collect
+from lidarplace.clouds.collect import collect
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.logs.boxes import CLASSES, GEOMETRY
 from training import NETWORKS, PRESETS, build_detector
 from training.dataset import TrainingFrames, as_tensors
 from training.detectors.detector import Detector

@@ -1,6 +1,6 @@
 """Expected recall: milliseconds of CPU time a rig, and its error against frames and azimuth steps.
 
-    python -m sweeps.record examples/study.yaml logs
+    lidarplace record examples/study.yaml logs
     OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 python benchmarks/expected_recall.py logs/sumo-1
 
 Cars in the front ROI of the log's test frames, the paper's eight placements, and 96 candidate
@@ -20,10 +20,10 @@ import numpy as np
 import pandas as pd
 
 from lidarplace import PAPER_PLACEMENTS, ExpectedRecall, Lidar, Mount, Placement, Roi
-from lidarplace.box_log import BoxLog, read_box_log
+from lidarplace.logs.box_log import BoxLog, read_box_log
+from lidarplace.pog.selection import Limits
 from lidarplace.recall.choice import RecallChoice
 from lidarplace.recall.surface_cells import SurfaceCells
-from lidarplace.selection import Limits
 
 ROI = Roi(x=(0, 40), y=(-20, 20), z=(0, 4), resolution=0.1)
 RIGS = list(PAPER_PLACEMENTS.values())

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 import typer
 
-from lidarplace.boxes import GEOMETRY
+from lidarplace.logs.boxes import GEOMETRY
 from training.kitti_ap import evaluate_boxes, evaluate_detections
 from training.kitti_labels import boxes_z_up
 

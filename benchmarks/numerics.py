@@ -30,9 +30,9 @@ from lidarplace import Lidar, Mount, OccupancyGrid, Placement, Roi, evaluate
 from lidarplace.coverage import coverage
 from lidarplace.coverage.cone import covered_by_cones, covered_voxel_by_voxel
 from lidarplace.coverage.rays import ray_counts
-from lidarplace.occupancy.box_counts import count_boxes
-from lidarplace.occupancy.entropy import binary_entropy
-from lidarplace.surrogates.formulas import information
+from lidarplace.pog.occupancy.box_counts import count_boxes
+from lidarplace.pog.occupancy.entropy import binary_entropy
+from lidarplace.pog.surrogates.formulas import information
 
 ROI = Roi(x=(0.0, 0.6), y=(-0.3, 0.3), z=(0.0, 0.4), resolution=0.1)
 MANY = 10**7

@@ -20,7 +20,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace import OccupancyGrid, Roi
-from lidarplace.boxes import CLASSES, GEOMETRY
+from lidarplace.logs.boxes import CLASSES, GEOMETRY
 
 ROI = Roi(x=(0, 40), y=(-20, 20), z=(0, 4), resolution=0.1)
 BOXES = 100_000

@@ -3,8 +3,8 @@
     OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 python benchmarks/raycast.py
 
 A street with 20 buildings and 34 road users, 256 parts in all. 4 LiDARs x 16 beams x 5,625 azimuth
-steps = 360,000 rays of `line_roll` are cast with the kernel of `lidarplace.lidar.raycast` (float64;
-ground and own body too) and with embreex (float32, triangles of the same parts). Then the returns
+steps = 360,000 rays of `line_roll` are cast with the kernel of `lidarplace.clouds.raycast`
+(float64; ground and own body too) and with embreex (float32, triangles of the same parts). Then the returns
 become points: drop-off, noise, cut to the paper's front ROI, merging. Minimum of 40 runs, taken in
 turns. At the end every ray is compared: those that meet another object with embreex are counted,
 and how far beside them a ray of ours meets that object too.
@@ -23,13 +23,13 @@ from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
 from lidarplace import PAPER_PLACEMENTS
-from lidarplace.lidar.facades import facades
-from lidarplace.lidar.ground import Ground, square
-from lidarplace.lidar.own_body import body_parts
-from lidarplace.lidar.raycast import EVERYWHERE, GROUND, NOTHING, cast
-from lidarplace.lidar.returns import sample_points
-from lidarplace.lidar.shapes import BUILDING, Parts, shapes_of
-from lidarplace.placement import Placement
+from lidarplace.clouds.facades import facades
+from lidarplace.clouds.ground import Ground, square
+from lidarplace.clouds.own_body import body_parts
+from lidarplace.clouds.raycast import EVERYWHERE, GROUND, NOTHING, cast
+from lidarplace.clouds.returns import sample_points
+from lidarplace.clouds.shapes import BUILDING, Parts, shapes_of
+from lidarplace.rigs.placement import Placement
 
 ROAD_USERS = 34
 PLACEMENT = PAPER_PLACEMENTS["line_roll"]

@@ -22,7 +22,11 @@ from numpy.typing import NDArray
 
 from lidarplace import PAPER_PLACEMENTS, OccupancyGrid, Placement, Roi
 from lidarplace.coverage.rays import covered_by_rays, log_miss, ray_counts, ray_weight
-from lidarplace.surrogates.formulas import Crossings, expected_ig_with_occlusion, expected_points
+from lidarplace.pog.surrogates.formulas import (
+    Crossings,
+    expected_ig_with_occlusion,
+    expected_points,
+)
 
 ROI = Roi(x=(0, 40), y=(-20, 20), z=(0, 4), resolution=0.1)
 FULL_ROI = Roi(x=(-40, 40), y=(-20, 20), z=(0, 4), resolution=0.1)

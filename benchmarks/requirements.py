@@ -16,9 +16,10 @@ import numpy as np
 import pandas as pd
 
 from lidarplace import PAPER_PLACEMENTS
-from lidarplace.boxes import CLASSES, GEOMETRY
-from lidarplace.lidar.own_body import body_parts
-from lidarplace.lidar.shapes import shapes_of
+from lidarplace.base.sectors import SECTORS, bounds_of
+from lidarplace.clouds.own_body import body_parts
+from lidarplace.clouds.shapes import shapes_of
+from lidarplace.logs.boxes import CLASSES, GEOMETRY
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.detection_curve import CELL_M, IOU, default_curves
 from lidarplace.recall.surface_cells import Frames, SurfaceCells, slices_of, surface_cells
@@ -29,7 +30,6 @@ from lidarplace.requirements.placed_object import STANDARD
 from lidarplace.requirements.presets import preset
 from lidarplace.requirements.rays_on_objects import count_cells, count_points, sights_of
 from lidarplace.requirements.requirement import AlsoWhen, Requirement
-from lidarplace.sectors import SECTORS, bounds_of
 
 CAR = Vehicle.car()
 DEAD = AlsoWhen(one_lidar_dead=True)

@@ -1,6 +1,6 @@
 """Seconds to evaluate a rig with a trained detector, beside those of training one from scratch.
 
-    python -m sweeps.record examples/study.yaml logs/study
+    lidarplace record examples/study.yaml logs/study
     OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 python benchmarks/rig_evaluation.py logs/study/*
 
 LiDARs, ROI, classes and detector of examples/study.yaml. A detector is trained from scratch on the
@@ -24,10 +24,10 @@ import torch
 import typer
 
 from lidarplace import PAPER_PLACEMENTS, Lidar
-from lidarplace.box_log import BoxLog, join_logs, read_box_log
-from lidarplace.lidar.collect import SimulatedClouds, collect, crop_for
-from lidarplace.lidar.visibility import ground_truth
-from lidarplace.placement import Placement
+from lidarplace.clouds.collect import SimulatedClouds, collect, crop_for
+from lidarplace.clouds.visibility import ground_truth
+from lidarplace.logs.box_log import BoxLog, join_logs, read_box_log
+from lidarplace.rigs.placement import Placement
 from training.detect import detect
 from training.finetune import finetune
 from training.kitti_ap import evaluate_boxes

@@ -17,8 +17,8 @@ import numpy as np
 import pandas as pd
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, OccupancyGrid, Placement, Roi
-from lidarplace.selection import Exposure, Limits, greedy, upper_bound
-from lidarplace.selection.tracing import Objective
+from lidarplace.pog.selection import Exposure, Limits, greedy, upper_bound
+from lidarplace.pog.selection.tracing import Objective
 
 SIZES = {"Car": (4.4, 1.8, 1.6), "Cyclist": (1.8, 0.7, 1.8)}
 WEIGHTS = {"Car": 1.0, "Cyclist": 2.0}

@@ -22,7 +22,7 @@ from types import SimpleNamespace
 import numpy as np
 from websockets.asyncio.server import ServerConnection
 
-from lidarplace.sensor import Lidar
+from lidarplace.rigs.lidar import Lidar
 from lidarplace.studio.page.dragged import quaternion
 from lidarplace.studio.page.page import Page
 from lidarplace.studio.page.server import serving

@@ -17,7 +17,7 @@ import numpy as np
 import trimesh
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Roi
-from lidarplace.lidar.shade import ends_of
+from lidarplace.clouds.shade import ends_of
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.housing import NO_HOUSINGS
 from lidarplace.mounting.mesh import Mesh

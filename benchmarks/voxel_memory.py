@@ -14,8 +14,8 @@ from tempfile import TemporaryDirectory
 import pandas as pd
 import yaml
 
-from lidarplace.box_log import BoxLog, write_box_log
-from lidarplace.boxes import CLASSES, GEOMETRY
+from lidarplace.logs.box_log import BoxLog, write_box_log
+from lidarplace.logs.boxes import CLASSES, GEOMETRY
 from sweeps.execution.memory import voxel_memory
 from sweeps.execution.worker import Batch, run_task
 from sweeps.plan.plan import read_plan

@@ -11,8 +11,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from lidarplace.surrogates.result import Surrogates
-from lidarplace.surrogates.table import POG_SURROGATES
+from lidarplace.pog.surrogates.result import Surrogates
+from lidarplace.pog.surrogates.table import POG_SURROGATES
 
 PAGE = Path(__file__).with_suffix(".md")
 
@@ -36,7 +36,7 @@ side by side in a table. `Mount.degrees` takes angles in degrees. Placements, gr
 
 NAMES = {
     "Box logs": {
-        "lidarplace.box_log": ("BoxLog", "read_box_log", "write_box_log", "join_logs"),
+        "lidarplace.logs.box_log": ("BoxLog", "read_box_log", "write_box_log", "join_logs"),
         "lidarplace.scenes.datasets.tabular": ("read_tabular",),
         "lidarplace.scenes.datasets.nuscenes": ("read_nuscenes",),
         "lidarplace.scenes.datasets.argoverse": ("read_argoverse",),
@@ -74,12 +74,12 @@ NAMES = {
             "default_curves",
         ),
         "lidarplace.configuration.placement": ("read_placement",),
-        "lidarplace.pose": ("rotation", "from_carla"),
+        "lidarplace.rigs.pose": ("rotation", "from_carla"),
     },
     "Point clouds": {
-        "lidarplace.lidar.collect": ("collect", "crop_for"),
-        "lidarplace.lidar.clouds": ("PointClouds", "read_clouds", "write_clouds"),
-        "lidarplace.lidar.visibility": ("ground_truth", "visibility"),
+        "lidarplace.clouds.collect": ("collect", "crop_for"),
+        "lidarplace.clouds.clouds": ("PointClouds", "read_clouds", "write_clouds"),
+        "lidarplace.clouds.visibility": ("ground_truth", "visibility"),
         "lidarplace.scenes.kitti.velodyne": ("read_kitti_clouds",),
     },
     "Detectors and their evaluation": {

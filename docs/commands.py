@@ -16,7 +16,7 @@ HEAD = """# Commands
 
 The help of every command, made from the commands (`python docs/commands.py`).
 
-`lidarplace run grid.yaml` and `python -m sweeps.run grid.yaml` are the same: each verb of the
+`lidarplace run grid.yaml` and `lidarplace run grid.yaml` are the same: each verb of the
 installed program is a module. `lidarplace --help` lists the verbs, each with the extra that it
 needs (`pip install 'lidarplace[sweeps]'`), `lidarplace --version` prints the version. Without the
 extra a verb ends with exit code 2 and the line that names it; its help, and what needs no more than

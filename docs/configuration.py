@@ -31,7 +31,7 @@ models (`python docs/configuration.py`), and so from what a command checks a fil
   text, other tags are refused. What an alias stands for is copied, so `--set` changes one place.
 - `NAME` is a name of your own, `[]` stands for each entry of a list.
 - Ego frame: x forward, y left, z up; metres. Angles are radians, unless the key ends in `_deg`.
-- `python -m sweeps.run --schema` prints the same as a JSON schema, for editors that complete YAML.
+- `lidarplace run --schema` prints the same as a JSON schema, for editors that complete YAML.
 
 How the keys are used: [long sweeps](sweeps.md), [search](search.md), [data](data.md),
 [detectors](detectors.md), [method](method.md), [requirements](requirements.md),

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from lidarplace.catalogue.datasheet import catalogue
-from lidarplace.sensors import HEAD as COLUMNS
-from lidarplace.sensors import more, row
+from lidarplace.commands.sensors import HEAD as COLUMNS
+from lidarplace.commands.sensors import more, row
+from lidarplace.rigs.catalogue.datasheet import catalogue
 
 PAGE = Path(__file__).with_suffix(".md")
 
@@ -16,8 +16,8 @@ HEAD = """# LiDARs by name
 A page that is made from the catalogue (`python docs/sensors.py`). The same in a terminal:
 
 ```sh
-python -m lidarplace.sensors              # all of them
-python -m lidarplace.sensors vlp16 at128  # these, with what else is known and where it was read
+lidarplace sensors              # all of them
+lidarplace sensors vlp16 at128  # these, with what else is known and where it was read
 ```
 
 In a configuration a name stands wherever a LiDAR does: for all mounts, as an axis of a grid,
@@ -100,13 +100,13 @@ grid:
 
 - The extinction of fog is Koschmieder's, 3.912 / visibility, with Kim's exponent for other
   wavelengths than green, which is 0 below 500 m; that of rain is of Marshall's and Palmer's drops,
-  0.000365 rain^0.63 in 1/m. `lidarplace/weather.py` has the sources. Both add up.
+  0.000365 rain^0.63 in 1/m. `lidarplace/rigs/weather.py` has the sources. Both add up.
 - A surface returns if as much light comes back as at the end of its range in clear air:
   reflectivity, what air and window leave of it, and the loss by distance that `range_10` and
   `range_80` tell, the inverse square where they do not.
 - Surrogates of the POG and the coverage of requirements, which know no reflectivity, get a shorter
   `range`: where as much light comes back as from `range` in clear air.
-- In clouds, rays end early at drops near the sensor (`lidarplace/lidar/droplets.py`), and
+- In clouds, rays end early at drops near the sensor (`lidarplace/clouds/droplets.py`), and
   intensities fall. `expected_recall`, the other surrogates of objects and requirements know the
   light that is lost, not the rays that end early.
 - A requirement that has to hold in fog, too, says `also_when: {weather: {visibility: 100}}`.

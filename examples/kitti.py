@@ -6,7 +6,7 @@
 #
 # `# %%` begins a cell: VS Code and Spyder run them one by one, and
 # `jupytext --to ipynb examples/kitti.py` makes a notebook. As a script:
-# `python examples/kitti.py data/kitti`. Without data of your own, `python -m lidarplace.export`
+# `python examples/kitti.py data/kitti`. Without data of your own, `lidarplace export`
 # writes such a folder (docs/kitti.md).
 
 # %%
@@ -19,8 +19,8 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from lidarplace import PAPER_PLACEMENTS, OccupancyGrid, Roi, evaluate
-from lidarplace.box_log import write_box_log
-from lidarplace.describe import describe
+from lidarplace.commands.describe import describe
+from lidarplace.logs.box_log import write_box_log
 from lidarplace.scenes.kitti.read import read_kitti
 
 # In a notebook there are no arguments: KITTI names the folder then.
@@ -88,11 +88,11 @@ print("kitti.html")
 # If the three surrogates below name one placement, nothing here speaks against it. If they do not,
 # the choice is between seeing more places (`covered_entropy`) and seeing them more often
 # (`expected_points`), and which of these makes a detector better only a detector can tell:
-# `python -m sweeps.run` with `scene: {source: log, folder: logs/kitti}` trains some on this log.
+# `lidarplace run` with `scene: {source: log, folder: logs/kitti}` trains some on this log.
 #
 # A caution: KITTI's frames are few places and one camera's view, and none of the surrogates knows
 # what hides behind a car unless `occlusion=True`. Differences of a percent or two say little;
-# `python -m sweeps.accuracy logs/kitti` and the sampling error in a sweep's report tell how little.
+# `lidarplace accuracy logs/kitti` and the sampling error in a sweep's report tell how little.
 
 # %%
 best = table[["covered_entropy", "expected_points", "expected_ig"]].idxmax()

@@ -1,20 +1,24 @@
 """Where do the LiDARs go on a vehicle? Box logs, occupancy, coverage and surrogates."""
 
-import lidarplace.start  # noqa: F401 - before all that takes a second to import
-from lidarplace.occupancy.grid import OccupancyGrid
-from lidarplace.placement import PAPER_PLACEMENTS, Mount, Placement
-from lidarplace.recall.expected_recall import ExpectedRecall
-from lidarplace.roi import Roi
-from lidarplace.sensor import Lidar
-from lidarplace.surrogates.compare import compare
-from lidarplace.surrogates.evaluate import (
+from __future__ import annotations
+
+from typing import Any
+
+from lidarplace.base.plotting import draw_with
+from lidarplace.base.roi import Roi
+from lidarplace.pog.occupancy.grid import OccupancyGrid
+from lidarplace.pog.surrogates.compare import compare
+from lidarplace.pog.surrogates.evaluate import (
     evaluate,
     evaluate_classes,
     evaluate_many,
     expected_ig_by_q,
 )
-from lidarplace.surrogates.result import Surrogates, sum_over_classes
-from lidarplace.weather import Weather
+from lidarplace.pog.surrogates.result import Surrogates, sum_over_classes
+from lidarplace.recall.expected_recall import ExpectedRecall
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import PAPER_PLACEMENTS, Mount, Placement
+from lidarplace.rigs.weather import Weather
 
 __all__ = [
     "PAPER_PLACEMENTS",
@@ -31,8 +35,19 @@ __all__ = [
     "evaluate_classes",
     "evaluate_many",
     "expected_ig_by_q",
+    "plot",
     "sum_over_classes",
 ]
+
+
+def plot(thing: Any) -> Any:
+    """The figure of a thing (`plotly.graph_objects.Figure`): what `thing.plot()` is."""
+    from lidarplace.viewing.figures import figure
+
+    return figure(thing)
+
+
+draw_with(plot)
 
 
 def __dir__() -> list[str]:

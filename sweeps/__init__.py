@@ -1,9 +1,1 @@
 """Sweeps and searches: configuration, tasks, execution, results and the command line."""
-
-import signal
-import sys
-
-# As in lidarplace.start, which would import numba first.
-_OURS = " ".join(sys.orig_argv[1:3]).startswith("-m sweeps.") or sys.argv[0].endswith("/lidarplace")
-if _OURS and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-    signal.signal(signal.SIGINT, signal.SIG_DFL)

@@ -1,4 +1,4 @@
-"""The installed program: `lidarplace run grid.yaml` is `python -m sweeps.run grid.yaml`.
+"""The program `lidarplace`; `python -m sweeps.run` is its verb `run`.
 
 A verb's module is imported when the verb is called. Without lidarplace's packages, as
 `lidarplace doctor` has to run where some of them are missing.
@@ -6,9 +6,13 @@ A verb's module is imported when the verb is called. Without lidarplace's packag
 
 from __future__ import annotations
 
+import signal
+import sys
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -31,33 +35,41 @@ class Verb:
 
 
 VERBS = {
-    "init": Verb("sweeps.init", "Write configurations to begin with."),
-    "run": Verb("sweeps.run", "Run a sweep.", "sweeps"),
-    "search": Verb("sweeps.search.__main__", "Search for the best placement.", "sweeps"),
-    "status": Verb("sweeps.status", "Show where a sweep or a search stands."),
-    "clean": Verb("sweeps.clean", "Show the sizes of a store, and make room in it."),
-    "doctor": Verb("sweeps.doctor", "Look whether everything is there that a sweep needs."),
-    "report": Verb("tracking.report.__main__", "Make the report of a sweep again."),
-    "search-report": Verb("tracking.search_report.__main__", "Make the report of a search again."),
+    "init": Verb("sweeps.commands.init", "Write configurations to begin with."),
+    "run": Verb("sweeps.commands.run", "Run a sweep.", "sweeps"),
+    "search": Verb("sweeps.commands.search", "Search for the best placement.", "sweeps"),
+    "status": Verb("sweeps.commands.status", "Show where a sweep or a search stands."),
+    "clean": Verb("sweeps.commands.clean", "Show the sizes of a store, and make room in it."),
+    "doctor": Verb(
+        "sweeps.commands.doctor", "Look whether everything is there that a sweep needs."
+    ),
+    "report": Verb("tracking.report.command", "Make the report of a sweep again."),
+    "search-report": Verb("tracking.search_report.command", "Make the report of a search again."),
     "dashboard": Verb("tracking.dashboard", "Open MLflow on the runs of sweeps.", "sweeps"),
-    "record": Verb("sweeps.record", "Record the scenes of a sweep as box logs.", "sweeps"),
-    "convert": Verb("lidarplace.convert", "Write the box log of a data set or a table."),
+    "record": Verb("sweeps.commands.record", "Record the scenes of a sweep as box logs.", "sweeps"),
+    "convert": Verb("lidarplace.commands.convert", "Write the box log of a data set or a table."),
     "carla": Verb(
-        "lidarplace.scenes.carla.__main__", "Collect box logs and clouds from CARLA.", "carla"
+        "lidarplace.scenes.carla.command", "Collect box logs and clouds from CARLA.", "carla"
     ),
-    "sensors": Verb("lidarplace.sensors", "List the LiDARs that are known by name."),
-    "describe": Verb("lidarplace.describe", "Print frames and objects per frame of box logs."),
-    "view": Verb("lidarplace.view", "Make a page of one frame of a box log."),
+    "sensors": Verb("lidarplace.commands.sensors", "List the LiDARs that are known by name."),
+    "describe": Verb(
+        "lidarplace.commands.describe", "Print frames and objects per frame of box logs."
+    ),
+    "view": Verb("lidarplace.commands.view", "Make a page of one frame of a box log."),
     "studio": Verb(
-        "lidarplace.studio.__main__", "Place LiDARs by hand on a page of the browser.", "studio"
+        "lidarplace.studio.command", "Place LiDARs by hand on a page of the browser.", "studio"
     ),
-    "export": Verb("lidarplace.export", "Write a box log as KITTI does, or for Foxglove."),
-    "rig": Verb("lidarplace.rig", "Read and write the rigs of other tools."),
-    "pretrain": Verb("sweeps.pretrain", "Train a detector on all placements together.", "sweeps"),
-    "calibrate": Verb("sweeps.calibrate", "Fit detection curves to the detections of a sweep."),
-    "failures": Verb("sweeps.failures", "What does one rig find and another one miss?"),
-    "requirements": Verb("sweeps.requirements", "Does a rig see what its vehicle needs?"),
-    "accuracy": Verb("sweeps.accuracy", "Compare ways to compute the surrogates."),
+    "export": Verb("lidarplace.commands.export", "Write a box log as KITTI does, or for Foxglove."),
+    "rig": Verb("lidarplace.commands.rig", "Read and write the rigs of other tools."),
+    "pretrain": Verb(
+        "sweeps.commands.pretrain", "Train a detector on all placements together.", "sweeps"
+    ),
+    "calibrate": Verb(
+        "sweeps.commands.calibrate", "Fit detection curves to the detections of a sweep."
+    ),
+    "failures": Verb("sweeps.commands.failures", "What does one rig find and another one miss?"),
+    "requirements": Verb("sweeps.commands.requirements", "Does a rig see what its vehicle needs?"),
+    "accuracy": Verb("sweeps.commands.accuracy", "Compare ways to compute the surrogates."),
 }
 """By name, in the order of help."""
 
@@ -106,3 +118,37 @@ def lidarplace(
     ] = False,
 ) -> None:
     """Where do the LiDARs go on a vehicle? Each verb has a --help with examples."""
+
+
+def main(*verb: str) -> None:
+    """Start the program.
+
+    Args:
+        verb: comes before the words of the command line.
+    """
+    # Until a verb takes care of it, Ctrl-C ends the program without the traceback of an import.
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if (folder := _foreign_package()) is not None:
+        sys.exit(
+            f"{folder}: hides the package {folder.name} of lidarplace; run lidarplace from "
+            f"another folder, or rename this one"
+        )
+    sys.argv[1:1] = verb
+    app(prog_name="lidarplace")
+
+
+def _foreign_package() -> Path | None:
+    """A folder or file that Python finds in place of a package of ours."""
+    ours = Path(__file__).parents[1]
+    for name in ("lidarplace", "training", "tracking"):
+        spec = find_spec(name)
+        if spec is not None and spec.origin is not None:
+            found = Path(spec.origin)
+            if not found.samefile(ours / name / "__init__.py"):
+                return found.parent if found.name == "__init__.py" else found
+    return None
+
+
+if __name__ == "__main__":
+    main()

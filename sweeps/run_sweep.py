@@ -196,7 +196,7 @@ def keep_to_quota(console: Console, sweep: Sweep, store: AnyStore) -> None:
     if cleaned.kept_bytes > quota_gb * 1e9:
         console.print(
             f"store: {cleaned.kept_bytes / 1e9:.3g} GB belong to sweeps, more than quota_gb "
-            f"{quota_gb:g}; {command('sweeps.clean')} lists their names, and --forget NAME gives "
+            f"{quota_gb:g}; {command('clean')} lists their names, and --forget NAME gives "
             "one up"
         )
 

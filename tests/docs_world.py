@@ -102,13 +102,13 @@ def make_world(folder: Path) -> None:
     _tables(folder)
     _data_sets(folder / "data")
     for verb, *arguments in (
-        ("sweeps.run", "grid.yaml"),
-        ("sweeps.run", "grid.yaml", "--set", "name=old", "--set", "detector=null"),
+        ("sweeps.commands.run", "grid.yaml"),
+        ("sweeps.commands.run", "grid.yaml", "--set", "name=old", "--set", "detector=null"),
         ("sweeps.search", "examples/search.yaml"),
-        ("sweeps.record", "examples/grid.yaml", "logs"),
-        ("sweeps.pretrain", "grid.yaml", "--out", "base.pt"),
-        ("lidarplace.export", "small", "data/kitti", "--placement", "line"),
-        ("lidarplace.convert", "table", LABELS, "logs/labels", "--mapping", MAPPING),
+        ("sweeps.commands.record", "examples/grid.yaml", "logs"),
+        ("sweeps.commands.pretrain", "grid.yaml", "--out", "base.pt"),
+        ("lidarplace.commands.export", "small", "data/kitti", "--placement", "line"),
+        ("lidarplace.commands.convert", "table", LABELS, "logs/labels", "--mapping", MAPPING),
     ):
         result = run(verb, *arguments)
         assert result.exit_code == 0, f"{verb} {arguments}: {result.output}"

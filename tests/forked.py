@@ -11,7 +11,6 @@ import atexit
 import gc
 import multiprocessing
 import os
-import runpy
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -20,6 +19,8 @@ from importlib.util import find_spec
 from multiprocessing import forkserver
 from pathlib import Path
 from unittest.mock import patch
+
+from sweeps.command_line import main
 
 ROOT = Path(__file__).parents[1]
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
@@ -33,7 +34,12 @@ _OTHERS = [
 ]
 """Without Ray, which reads variables when it is imported."""
 _OWN = [
-    *("sweeps.run", "sweeps.results.run_folder", "sweeps.search.__main__", "sweeps.tasks.stages"),
+    *(
+        "sweeps.commands.run",
+        "sweeps.results.run_folder",
+        "sweeps.commands.search",
+        "sweeps.tasks.stages",
+    ),
     *("tracking.report.build", "training"),
 ]
 
@@ -50,10 +56,10 @@ def _context() -> multiprocessing.context.ForkServerContext:
 
 
 class Forked:
-    """`python -m MODULE ARGUMENT…` in a folder, as far as tests need a `subprocess.Popen`.
+    """`lidarplace VERB ARGUMENT…` in a folder, as far as tests need a `subprocess.Popen`.
 
     Args:
-        command: the module, then its arguments.
+        command: the verb, then its arguments.
         folder: in which it runs.
         out: file that gets what it prints.
         err: file that gets its errors, None for `out`.
@@ -109,5 +115,4 @@ def _run(
     sys.stdout, sys.stderr = (os.fdopen(number, "w", 1, closefd=False) for number in (1, 2))
     os.chdir(folder)
     sys.argv[1:] = command[1:]
-    sys.modules.pop(command[0], None)
-    runpy.run_module(command[0], run_name="__main__", alter_sys=True)
+    main(command[0])

@@ -212,8 +212,8 @@ def log(tmp_path_factory):
     """A box log with a car in one frame of two."""
     import pandas as pd
 
-    from lidarplace.box_log import BoxLog, write_box_log
-    from lidarplace.boxes import BOX_COLUMNS
+    from lidarplace.logs.box_log import BoxLog, write_box_log
+    from lidarplace.logs.boxes import BOX_COLUMNS
 
     folder = tmp_path_factory.mktemp("logs") / "log"
     box = ("a", 0, 0.0, "1", "Car", 10.0, 0.0, 0.8, 4.0, 2.0, 1.6, 0.0)
@@ -347,13 +347,13 @@ def test_a_place_that_cannot_be_written(in_folder, log, verb, key):
         (
             "search",
             "grid: {placement: [line]}\n",
-            "grid: is a key of a sweep; python -m sweeps.run takes",
+            "grid: is a key of a sweep; lidarplace run takes",
         ),
-        ("search", "exclude: []\n", "exclude: is a key of a sweep; python -m sweeps.run takes"),
+        ("search", "exclude: []\n", "exclude: is a key of a sweep; lidarplace run takes"),
         (
             "run",
             "robustness: {}\nsearch: {}\n",
-            "search: is a key of a search; python -m sweeps.search",
+            "search: is a key of a search; lidarplace search",
         ),
     ],
 )
@@ -384,13 +384,13 @@ def test_the_name_of_a_file_that_can_be_none_of_a_sweep(in_folder, log, verb, co
 # Ends
 
 
-@pytest.mark.parametrize("verb", ["lidarplace.describe", "sweeps.doctor"])
+@pytest.mark.parametrize("verb", ["lidarplace.commands.describe", "sweeps.commands.doctor"])
 def test_ctrl_c_is_one_line(monkeypatch, verb):
     def stopped(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("lidarplace.describe.read_box_log", stopped)
-    monkeypatch.setattr("sweeps.doctor.look", stopped)
+    monkeypatch.setattr("lidarplace.commands.describe.read_box_log", stopped)
+    monkeypatch.setattr("sweeps.commands.doctor.look", stopped)
     name = verb.rpartition(".")[2]
     done = lidarplace(name, *["log"] * (name == "describe"))
     assert (done.exit_code, done.stdout, done.stderr) == (130, "", "\nStopped.\n")
@@ -498,17 +498,15 @@ def test_the_command_that_was_given(monkeypatch):
     from lidarplace.command_line.invocation import called, command
 
     main = sys.modules["__main__"]
-    spec = type("Spec", (), {"name": "sweeps.search.__main__"})
+    spec = type("Spec", (), {"name": "sweeps.commands.search"})
     monkeypatch.setattr(main, "__spec__", spec)
-    monkeypatch.setattr(sys, "argv", ["/x/sweeps/search/__main__.py", "my search.yaml"])
-    assert called() == "python -m sweeps.search 'my search.yaml'"
-    assert command("tracking.search_report", "my run") == (
-        "python -m tracking.search_report 'my run'"
-    )
+    monkeypatch.setattr(sys, "argv", ["/x/sweeps/commands/search.py", "my search.yaml"])
+    assert called() == "lidarplace search 'my search.yaml'"
+    assert command("search-report", "my run") == ("lidarplace search-report 'my run'")
     monkeypatch.setattr(main, "__spec__", None)
     monkeypatch.setattr(sys, "argv", ["/x/bin/lidarplace", "search", "a.yaml"])
     assert called() == "lidarplace search a.yaml"
-    assert command("tracking.search_report", "my run") == "lidarplace search-report 'my run'"
+    assert command("search-report", "my run") == "lidarplace search-report 'my run'"
 
 
 def test_a_verb_is_named_by_its_module(monkeypatch):

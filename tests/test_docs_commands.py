@@ -26,31 +26,38 @@ NOT_RUN = {
     "pre-commit install": "writes into the repository",
     ". .venv/bin/activate": "of the shell",
     "./CarlaUE4.sh ": "needs CARLA",
-    "python -m lidarplace.scenes.carla ": "needs a CARLA server",
+    "lidarplace carla ": "needs a CARLA server",
     "cd /shared/sweeps ": "needs several machines",
     "(umask 077; ": "needs several machines",
     "export RAY_AUTH_MODE": "needs several machines",
     "ray start ": "needs several machines",
     "ray stop": "would end other people's Ray",
-    "python -m sweeps.run grid.yaml --set ray=10.0.0.1:6379": "needs several machines",
+    "lidarplace run grid.yaml --set ray=10.0.0.1:6379": "needs several machines",
     "sbatch ": "needs Slurm",
     "python -m mlflow server ": "needs PostgreSQL",
-    "python -m tracking.dashboard": "a server; tests/tracking/test_dashboard.py starts it",
-    "python -m lidarplace.studio": "a server; tests/lidarplace/studio/test_page.py starts it",
+    "lidarplace dashboard": "a server; tests/tracking/test_dashboard.py starts it",
+    "lidarplace studio": "a server; tests/lidarplace/studio/test_page.py starts it",
     "python -m pytest": "would test within a test",
     "pytest ": "would test within a test",
     "python benchmarks/": "takes minutes, and an idle machine",
-    "python -m sweeps.run grid.yaml --set training.checkpoint=pv_rcnn_8369.pth": "not at hand",
+    "lidarplace run grid.yaml --set training.checkpoint=pv_rcnn_8369.pth": "not at hand",
     "lidarplace --install-completion": "changes the shell's own files",
     "lidarplace --show-completion": "depends on the shell",
 }
 """How commands begin that are only looked up, and why."""
 
 SMALLER = {
-    "sweeps.init": ["begin"],
-    "sweeps.accuracy": ["--resolution", "0.8", "--azimuth-steps", "90", "--frames-share", "1"],
-    "sweeps.pretrain": ["--set", "training.epochs=1"],
-    "lidarplace.export": ["--roi", "0", "20", "-10", "10", "0", "4"],
+    "sweeps.commands.init": ["begin"],
+    "sweeps.commands.accuracy": [
+        "--resolution",
+        "0.8",
+        "--azimuth-steps",
+        "90",
+        "--frames-share",
+        "1",
+    ],
+    "sweeps.commands.pretrain": ["--set", "training.epochs=1"],
+    "lidarplace.commands.export": ["--roi", "0", "20", "-10", "10", "0", "4"],
     "examples/labels/sweep.yaml": [
         *("--set", "ray=debug", "--set", "training.epochs=1", "--set", "lidar.cloud_share=0.02"),
         *("--set", "grid.seed=[1]", "--set", "surrogate.resolution=0.8"),
@@ -119,7 +126,7 @@ def test_runs(command, world):
         sweep, _ = read_plan(world / "grid.yaml", ["name=old"])
         arguments[-1] = reference(sweep)
     for name in (verb, *arguments[:1]):
-        if not (name == "mine.yaml" and verb != "sweeps.run"):
+        if not (name == "mine.yaml" and verb != "sweeps.commands.run"):
             arguments += SMALLER.get(name, [])
     result = run(verb, *arguments)
     assert result.exit_code == 0, result.output
@@ -213,7 +220,7 @@ def check(kind: str, content: dict, path: Path) -> None:
     """Raises an error that names the key if the content is not a file of that kind."""
     import yaml
 
-    from lidarplace.scenes.carla.__main__ import Collection
+    from lidarplace.scenes.carla.command import Collection
     from lidarplace.scenes.datasets.class_maps import read_class_map
     from lidarplace.scenes.label_tables.mapping import read_mapping
     from sweeps.configuration.grid import read_sweep

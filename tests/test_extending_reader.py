@@ -2,7 +2,7 @@
 
 import json
 
-from lidarplace.box_log import read_box_log
+from lidarplace.logs.box_log import read_box_log
 from tests.extending import blocks_of, check_layers, copy_tree, put, python
 
 PROGRAM = "from sweeps.command_line import app; app()"
@@ -12,7 +12,7 @@ def test_a_reader_is_two_files(tmp_path):
     tree = copy_tree(tmp_path)
     reader, lines = blocks_of("A reader of a data set")
     imported, command = lines.split("\n\n", 1)
-    convert = tree / "lidarplace/convert.py"
+    convert = tree / "lidarplace/commands/convert.py"
     (tree / "lidarplace/scenes/datasets/json_lines.py").write_text(reader, encoding="utf-8")
     put(convert, "from lidarplace.scenes.datasets.nuscenes import", f"{imported}\n")
     put(convert, "def _convert(", f"{command}\n\n")
@@ -29,6 +29,6 @@ def test_a_reader_is_two_files(tmp_path):
     assert log.boxes[["frame", "class", "x"]].to_numpy().tolist() == [[0, "Car", 9.0]]
 
     (tree / "boxes.json").write_text("[", encoding="utf-8")
-    wrong = ("-m", "lidarplace.convert", "json-lines", "boxes.json", "log")
+    wrong = ("-m", "lidarplace.commands.convert", "json-lines", "boxes.json", "log")
     assert len(python(tree, *wrong, code=2).splitlines()) == 1
     check_layers(tree)

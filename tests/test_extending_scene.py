@@ -2,7 +2,7 @@
 
 import yaml
 
-from lidarplace.box_log import read_box_log
+from lidarplace.logs.box_log import read_box_log
 from lidarplace.scenes.sumo.parts import town_parts
 from lidarplace.scenes.sumo.settings import SumoScene
 from sweeps.tasks.task import code_of
@@ -47,7 +47,7 @@ def test_a_live_scene_is_two_files(tmp_path):
     # What the store has of other kinds of scenes stays.
     assert town == code_of("scene", recording=town_parts(SumoScene())[0].recording)
 
-    python(tree, "-m", "sweeps.record", "new.yaml", "logs")
+    python(tree, "-m", "sweeps.commands.record", "new.yaml", "logs")
     log = read_box_log(tree / "logs/scene.gap_m=8.0")
     assert log.frames["split"].value_counts().to_dict() == {"train": 18, "test": 2}
     assert set(log.boxes["x"]) == {8.0, 16.0, 24.0}

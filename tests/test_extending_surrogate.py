@@ -14,10 +14,10 @@ def test_a_surrogate_is_two_files(tmp_path):
     tree = copy_tree(tmp_path)
     formula, row = blocks_of("A surrogate")
     imported, row = row.split("\n\n", 1)
-    table = tree / "lidarplace/surrogates/table.py"
+    table = tree / "lidarplace/pog/surrogates/table.py"
     (table.parent / "crossed_voxels.py").write_text(formula, encoding="utf-8")
     put(table, '}\n"""Surrogates by name', row)
-    put(table, "from lidarplace.surrogates.seen import", f"{imported}\n")
+    put(table, "from lidarplace.pog.surrogates.seen import", f"{imported}\n")
 
     write_small_log(tree / "log")
     write_database(tree / "runs/mlflow.db")
@@ -72,7 +72,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from lidarplace.boxes import GEOMETRY
+from lidarplace.logs.boxes import GEOMETRY
 from sweeps.configuration.sweep import Rung
 from sweeps.configuration.search import ObjectiveSettings
 from tests.tracking.made_up_run import write_run
@@ -107,7 +107,7 @@ def test_a_metric_is_two_files(tmp_path):
     tree = copy_tree(tmp_path)
     line, row = blocks_of("A metric")
     put(tree / "training/kitti_ap.py", "        for iou in RECALL_IOU:\n            add(name", line)
-    put(tree / "lidarplace/metrics.py", '}\n"""Metrics by name', row)
+    put(tree / "lidarplace/base/metrics.py", '}\n"""Metrics by name', row)
     values, columns = map(json.loads, python(tree, "-c", METRIC).splitlines())
     assert values == [50.0, 50.0], "both IoUs"
     assert "Car P@half@0.7" in columns

@@ -11,10 +11,10 @@ import pytest
 from typer.testing import CliRunner
 
 from lidarplace import OccupancyGrid, Roi, evaluate
-from lidarplace.box_log import BoxLog, read_box_log, write_box_log
-from lidarplace.boxes import GEOMETRY
-from lidarplace.export import app
-from lidarplace.placement import PAPER_PLACEMENTS
+from lidarplace.commands.export import app
+from lidarplace.logs.box_log import BoxLog, read_box_log, write_box_log
+from lidarplace.logs.boxes import GEOMETRY
+from lidarplace.rigs.placement import PAPER_PLACEMENTS
 
 ROOT = Path(__file__).parents[1]
 

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from lidarplace import PAPER_PLACEMENTS, OccupancyGrid, Roi, evaluate
-from lidarplace.box_log import read_box_log
+from lidarplace.logs.box_log import read_box_log
 from tests.tracking.made_up_run import write_run
 
 FOLDER = Path(__file__).parents[1] / "examples/notebooks"

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
-from lidarplace.optional import EXTRAS
+from lidarplace.base.optional import EXTRAS
 from sweeps.command_line import VERBS
 
 ROOT = Path(__file__).parents[1]
@@ -131,7 +131,7 @@ def test_constraints_have_every_requirement():
 BARE = """
 import sys
 from importlib.abc import MetaPathFinder
-from lidarplace.optional import EXTRAS
+from lidarplace.base.optional import EXTRAS
 
 class NotInstalled(MetaPathFinder):
     def find_spec(self, name, path, target=None):
@@ -210,7 +210,7 @@ for line in {list(LINES.values())}:
 def test_init_writes_the_examples(tmp_path):
     from typer.testing import CliRunner
 
-    from sweeps.init import app
+    from sweeps.commands.init import app
 
     def init(answer=None):
         return CliRunner().invoke(app, [str(tmp_path / "new")], input=answer)

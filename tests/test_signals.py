@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from lidarplace.command_line.signals import Terminated, stopped_by_signals
-from lidarplace.describe import app as describe
+from lidarplace.commands.describe import app as describe
 
 ROOT = Path(__file__).parents[1]
 SENDER = """
@@ -107,7 +107,7 @@ def as_in_a_terminal() -> None:
 @pytest.mark.parametrize(
     ("program", "imported"),
     [
-        (("-m", "lidarplace.describe"), "numba"),
+        (("-m", "lidarplace.commands.describe"), "numba"),
         (("-m", "tracking.report"), "typer"),
         (("-m", "sweeps.run"), "typer"),
         (("bin/lidarplace",), "typer"),
@@ -135,7 +135,9 @@ def test_who_imports_the_packages_keeps_ctrl_c(tmp_path, program):
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_command_says_that_it_was_stopped(monkeypatch, number, code):
-    monkeypatch.setattr("lidarplace.describe.read_box_log", lambda _: os.kill(os.getpid(), number))
+    monkeypatch.setattr(
+        "lidarplace.commands.describe.read_box_log", lambda _: os.kill(os.getpid(), number)
+    )
     as_in_a_terminal()
     before = signal.getsignal(signal.SIGTERM)
     done = CliRunner().invoke(describe, ["log"])

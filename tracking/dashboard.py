@@ -1,4 +1,4 @@
-"""Opens MLflow on the runs of sweeps: `python -m tracking.dashboard runs/mlflow.db`."""
+"""Opens MLflow on the runs of sweeps: `lidarplace dashboard runs/mlflow.db`."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from typing import Annotated, Any
 
 import typer
 
+from lidarplace.base.ranges import PORT
 from lidarplace.command_line.port import free_port
 from lidarplace.command_line.verbs import new_app, verb, within, wrong
 from lidarplace.files.secret_urls import hide_secrets, public_url
-from lidarplace.ranges import PORT
 from tracking.mlflow.connection import connect, reason
 from tracking.mlflow.ends_with_parent import ending_with_parent
 from tracking.mlflow.page import VIEW_TAG, page_of
@@ -162,7 +162,3 @@ def _page(client: Any, name: str | None) -> str:
             return ""
         experiment = known[latest[0].info.experiment_id]
     return page_of(experiment.experiment_id, VIEW_TAG in experiment.tags)
-
-
-if __name__ == "__main__":
-    app()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
-from lidarplace.metrics import EVERY_IOU, METRICS, headline_metric, kitti_iou
+from lidarplace.base.metrics import EVERY_IOU, METRICS, headline_metric, kitti_iou
 
 _OF_AP = [name for name, own in METRICS.items() if own.of_one_iou and not own.of_all]
 

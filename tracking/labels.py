@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from lidarplace.metrics import EVERY_IOU, METRICS
-from lidarplace.surrogates.table import SURROGATES
+from lidarplace.base.metrics import EVERY_IOU, METRICS
+from lidarplace.pog.surrogates.table import SURROGATES
 
 
 def surrogate_name(surrogate: str) -> str:

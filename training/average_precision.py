@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.kernel_cache import njit
+from lidarplace.base.kernel_cache import njit
 
 COUNTS, IGNORED, OTHER = 0, 1, -1
 """What a box is to the class under test: it counts, is neither hit nor miss, is not looked at."""

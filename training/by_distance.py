@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.boxes import GEOMETRY
-from lidarplace.metrics import OF_CLASSES, Overlaps
-from lidarplace.rings import bounds_of, ring_of
+from lidarplace.base.metrics import OF_CLASSES, Overlaps
+from lidarplace.base.rings import bounds_of, ring_of
+from lidarplace.logs.boxes import GEOMETRY
 from training.average_precision import FramePairs
 from training.kitti_ap import evaluation
 from training.ops.rotated_iou import paired_iou

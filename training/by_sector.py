@@ -7,8 +7,8 @@ from types import MappingProxyType
 
 import pandas as pd
 
-from lidarplace.metrics import Overlaps, iou_of
-from lidarplace.sectors import SECTORS, bounds_of, sector_of
+from lidarplace.base.metrics import Overlaps, iou_of
+from lidarplace.base.sectors import SECTORS, bounds_of, sector_of
 
 COLUMNS = ("class", "metric", "iou", "sector", "from_deg", "to_deg", "value", "ground_truths")
 
@@ -27,7 +27,7 @@ def recall_by_sector(
 
     Returns:
         Columns class, metric ("recall", and "class_recall_3D" of single classes), iou, sector, its
-        bounds from_deg and to_deg (`lidarplace.sectors.bounds_of`), value (percent) and
+        bounds from_deg and to_deg (`lidarplace.base.sectors.bounds_of`), value (percent) and
         ground_truths. Sectors without objects of the class have no row.
     """
     placed = objects[["class", "overlap", "found"]].assign(sector=sector_of(objects))

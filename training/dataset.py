@@ -11,9 +11,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from lidarplace.boxes import GEOMETRY, check_boxes
-from lidarplace.lidar.clouds import Clouds
-from lidarplace.lidar.points_in_boxes import count_points
+from lidarplace.clouds.clouds import Clouds
+from lidarplace.clouds.points_in_boxes import count_points
+from lidarplace.logs.boxes import GEOMETRY, check_boxes
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from lidarplace.boxes import GEOMETRY
-from lidarplace.lidar.clouds import Frames
+from lidarplace.clouds.clouds import Frames
+from lidarplace.logs.boxes import GEOMETRY
 from training.detectors.build import build
 from training.detectors.detector import PointRange, Selection
 from training.detectors.folding import fold_batch_norm

@@ -13,8 +13,8 @@ import pandas as pd
 import torch
 from torch import Tensor
 
-from lidarplace.boxes import CLASSES, check_boxes
-from lidarplace.lidar.clouds import Clouds
+from lidarplace.clouds.clouds import Clouds
+from lidarplace.logs.boxes import CLASSES, check_boxes
 from training.augment import Augmentation
 from training.batch_size import Memory, batch_size_for
 from training.checkpoints import load_checkpoint, read_checkpoint

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.boxes import GEOMETRY
+from lidarplace.logs.boxes import GEOMETRY
 from training.average_precision import FramePairs, hit_scores
 from training.ops.rotated_iou import paired_iou
 

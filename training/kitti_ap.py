@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.boxes import GEOMETRY, check_boxes
-from lidarplace.metrics import EVERY_IOU, MEAN_AP_IOU, Overlaps, iou_of
-from lidarplace.plausible import check_yaw
+from lidarplace.base.metrics import EVERY_IOU, MEAN_AP_IOU, Overlaps, iou_of
+from lidarplace.logs.boxes import GEOMETRY, check_boxes
+from lidarplace.logs.plausible import check_yaw
 from training.average_precision import COUNTS, FramePairs, ap_r11, ap_r40, precision_curve
 from training.kitti_labels import (
     DIFFICULTIES,
@@ -92,7 +92,7 @@ def evaluate_boxes(
     KITTI samples recall at 41 of the hits: with n < 41 ground truths even a perfect detector has
     AP_R40 (n - 1) / 40 only. Compare AP where there are more, and recall where there are fewer.
 
-    Returns columns class, metric, iou (`lidarplace.metrics.EVERY_IOU` for metrics of no single
+    Returns columns class, metric, iou (`lidarplace.base.metrics.EVERY_IOU` for metrics of no single
     one), difficulty ("all"), value (percent) and ground_truths. The
     value of a class without ground truth is NaN: it was not measured. (KITTI's rule gives 0, which
     would be averaged as a result.)

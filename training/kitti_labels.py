@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.plausible import check_yaw
+from lidarplace.logs.plausible import check_yaw
 from lidarplace.scenes.kitti.labels import LABEL_COLUMNS
 from training.average_precision import COUNTS, IGNORED, OTHER, FramePairs
 

@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.metrics import EVERY_IOU, MEAN_AP_IOU, Overlaps
+from lidarplace.base.metrics import EVERY_IOU, MEAN_AP_IOU, Overlaps
 from training.average_precision import FramePairs
 from training.matches import Matches, by_unit
 

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.kernel_cache import njit
+from lidarplace.base.kernel_cache import njit
 from training.average_precision import (
     RECALL_POINTS,
     FramePairs,

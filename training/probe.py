@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import pandas as pd
 import torch
 
-from lidarplace.lidar.clouds import Clouds
+from lidarplace.clouds.clouds import Clouds
 from training.batch_size import batch_size_for, step_bytes
 from training.detectors.build import build
 from training.detectors.detector import PointRange

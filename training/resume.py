@@ -17,8 +17,8 @@ import numpy as np
 import pandas as pd
 from torch import Tensor
 
-from lidarplace.boxes import GEOMETRY
-from lidarplace.lidar.clouds import Clouds, JoinedClouds
+from lidarplace.clouds.clouds import Clouds, JoinedClouds
+from lidarplace.logs.boxes import GEOMETRY
 from training.checkpoints import DamagedCheckpoint, read_checkpoint, save_checkpoint
 
 LAST = "last.pt"

@@ -75,7 +75,8 @@ class TrainingSettings(Settings):
     min_points: Count = Field(5, description="objects with fewer points are left out of training")
 
     checkpoint: FilePath | None = Field(
-        None, description="weights to start from: OpenPCDet's, or a base of sweeps.pretrain"
+        None,
+        description="weights to start from: OpenPCDet's, or a base of sweeps.commands.pretrain",
     )
     new_heads: bool = Field(
         False,

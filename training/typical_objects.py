@@ -8,9 +8,9 @@ from typing import Any
 
 import pandas as pd
 
-from lidarplace.boxes import SIZE
-from lidarplace.class_names import counts_of, listed
-from lidarplace.near_names import did_you_mean
+from lidarplace.base.class_names import counts_of, listed
+from lidarplace.base.suggestions import did_you_mean
+from lidarplace.logs.boxes import SIZE
 
 Size = tuple[float, float, float]
 

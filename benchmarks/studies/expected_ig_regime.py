@@ -1,6 +1,6 @@
 """What `expected_ig` measures at a q, a number of azimuth steps and a resolution.
 
-    python -m sweeps.record examples/grid.yaml logs
+    lidarplace record examples/grid.yaml logs
     python benchmarks/studies/expected_ig_regime.py logs/sumo-1
 
 A voxel that m rays cross is detected with d = 1 - (1 - q)^m. Where q m is small everywhere, d is
@@ -25,13 +25,13 @@ from rich.console import Console
 from rich.table import Table
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, OccupancyGrid, Placement, Roi, evaluate
-from lidarplace.box_log import read_box_log
-from lidarplace.surrogates.evaluate import FAINT_Q, expected_ig_by_q, linear_share
+from lidarplace.logs.box_log import read_box_log
+from lidarplace.pog.surrogates.evaluate import FAINT_Q, expected_ig_by_q, linear_share
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("log", type=Path, help="a box log, as sweeps.record writes it")
+    parser.add_argument("log", type=Path, help="a box log, as sweeps.commands.record writes it")
     parser.add_argument("--resolution", type=float, nargs="+", default=[0.1, 0.2, 0.4])
     parser.add_argument("--azimuth-steps", type=int, nargs="+", default=[900, 1800, 5625])
     parser.add_argument("--q", type=float, nargs="+", default=[0.02, 0.1, 0.3])

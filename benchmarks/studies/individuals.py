@@ -23,7 +23,7 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from lidarplace.box_log import BoxLog
+from lidarplace.logs.box_log import BoxLog
 from lidarplace.scenes.sumo.egos import choose_egos, frames_met
 from lidarplace.scenes.sumo.record import drive, record
 from lidarplace.scenes.sumo.settings import SumoScene

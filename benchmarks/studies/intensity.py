@@ -25,10 +25,10 @@ import typer
 from numpy.typing import NDArray
 
 from lidarplace import PAPER_PLACEMENTS, Lidar
-from lidarplace.box_log import BoxLog, join_logs, read_box_log
-from lidarplace.boxes import GEOMETRY
-from lidarplace.lidar.collect import collect
-from lidarplace.placement import Placement
+from lidarplace.clouds.collect import collect
+from lidarplace.logs.box_log import BoxLog, join_logs, read_box_log
+from lidarplace.logs.boxes import GEOMETRY
+from lidarplace.rigs.placement import Placement
 
 CROP = (0.0, -20.0, -0.5, 40.0, 20.0, 4.0)
 SQUARE_M = 4.0

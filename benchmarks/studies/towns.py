@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial import cKDTree
 
-from lidarplace.box_log import BoxLog
+from lidarplace.logs.box_log import BoxLog
 from lidarplace.scenes.sumo.record import drive, record_town
 from lidarplace.scenes.sumo.settings import GENERATED, SumoScene
 from lidarplace.scenes.sumo.traffic import PEDESTRIAN

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from lidarplace.boxes import CLASSES
-from lidarplace.lidar.profiles import PROFILES
-from lidarplace.placement import PAPER_PLACEMENTS
+from lidarplace.clouds.profiles import PROFILES
+from lidarplace.logs.boxes import CLASSES
+from lidarplace.rigs.placement import PAPER_PLACEMENTS
 
 
 def paper_placements() -> list[str]:

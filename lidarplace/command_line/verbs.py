@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeVar
 import typer
 from typer.core import TyperCommand
 
+from lidarplace.base.optional import needs
+from lidarplace.base.ranges import Range
 from lidarplace.command_line.signals import exit_code_of, stopped_by_signals
 from lidarplace.command_line.terminal import say, visible
 from lidarplace.files.secret_urls import hide_secrets
-from lidarplace.optional import needs
-from lidarplace.ranges import Range
 
 if TYPE_CHECKING:
-    from lidarplace.lidar.clouds import Crop
+    from lidarplace.clouds.clouds import Crop
 
 T = TypeVar("T")
 

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from lidarplace.files.regular import regular
-from lidarplace.scan_pattern import ScanPattern
+from lidarplace.rigs.scan_pattern import ScanPattern
 
 MOST_ROWS = 20_000_000
 OURS = ("azimuth_deg", "elevation_deg")

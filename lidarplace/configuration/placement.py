@@ -21,9 +21,9 @@ from lidarplace.configuration.settings import (
     short_for,
 )
 from lidarplace.configuration.yaml import read_yaml_file
-from lidarplace.placement import PAPER_PLACEMENTS, Mount, Placement
-from lidarplace.pose import from_carla
-from lidarplace.sensor import Lidar
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import PAPER_PLACEMENTS, Mount, Placement
+from lidarplace.rigs.pose import from_carla
 
 MOST_MOUNTS = 100
 

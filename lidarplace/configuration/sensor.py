@@ -8,7 +8,6 @@ from typing import Annotated, Any
 
 from pydantic import Field, Strict, field_validator, model_validator
 
-from lidarplace.catalogue.datasheet import datasheet, metres
 from lidarplace.configuration.pattern_file import read_pattern
 from lidarplace.configuration.settings import (
     CountFromOne,
@@ -20,8 +19,9 @@ from lidarplace.configuration.settings import (
     Probability,
     Settings,
 )
-from lidarplace.scan_pattern import ScanPattern
-from lidarplace.sensor import Lidar, pattern_in
+from lidarplace.rigs.catalogue.datasheet import datasheet, metres
+from lidarplace.rigs.lidar import Lidar, pattern_in
+from lidarplace.rigs.scan_pattern import ScanPattern
 
 Side = Annotated[float, Strict(), Field(ge=1, le=2000, allow_inf_nan=False)]
 """Of a LiDAR, millimetres; metres are below."""

@@ -19,9 +19,9 @@ from pydantic import (
     ValidationInfo,
 )
 
-from lidarplace.class_names import fault_of_name
-from lidarplace.near_names import did_you_mean
-from lidarplace.ranges import ANGLE, LIDAR_HEIGHT, SEED, SHARE
+from lidarplace.base.class_names import fault_of_name
+from lidarplace.base.ranges import ANGLE, LIDAR_HEIGHT, SEED, SHARE
+from lidarplace.base.suggestions import did_you_mean
 
 
 class Settings(BaseModel):

@@ -14,12 +14,12 @@ from pydantic import (
     model_validator,
 )
 
+from lidarplace.base.optional import needs
 from lidarplace.configuration.settings import Degrees, FileBeside, Length, Settings
 from lidarplace.mounting.mesh import Mesh
 from lidarplace.mounting.mesh_file import read_mesh
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.optional import needs
-from lidarplace.pose import rotation
+from lidarplace.rigs.pose import rotation
 
 Corner = tuple[Length, Length, Length]
 

@@ -8,7 +8,7 @@ from typing import Annotated
 from pydantic import Field, Strict
 
 from lidarplace.configuration.settings import Settings
-from lidarplace.weather import Weather
+from lidarplace.rigs.weather import Weather
 
 Visibility = Annotated[float, Strict(), Field(gt=0, le=1e9, allow_inf_nan=False)]
 """Metres."""

@@ -7,12 +7,12 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.roi import Roi
 from lidarplace.coverage.bits import Bits, pack, unpack
 from lidarplace.coverage.cone import cone_bits
 from lidarplace.coverage.rays import RayMethod, covered_by_rays
 from lidarplace.coverage.tiles import Tiles
-from lidarplace.placement import Placement
-from lidarplace.roi import Roi
+from lidarplace.rigs.placement import Placement
 
 Method = Literal["cone", "dda", "bresenham"]
 METHODS: tuple[Method, ...] = get_args(Method)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.kernel_cache import njit
+from lidarplace.base.kernel_cache import njit
 
 Bits = NDArray[np.uint64]
 

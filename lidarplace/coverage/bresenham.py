@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from lidarplace.kernel_cache import njit
+from lidarplace.base.kernel_cache import njit
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -29,13 +29,13 @@ import numpy as np
 from cachetools import LRUCache, cached
 from numpy.typing import NDArray
 
+from lidarplace.base.roi import Roi
 from lidarplace.coverage.bits import Bits, empty, pack, turned, unpack
 from lidarplace.coverage.cone_kernels import Columns, Sensor, cover_tiles, cover_voxels, keep_seen
 from lidarplace.coverage.rays import covered_by_rays
 from lidarplace.coverage.tiles import Tiles
-from lidarplace.placement import Mount, Placement
-from lidarplace.roi import Roi
-from lidarplace.sensor import Lidar
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount, Placement
 
 CACHE_BYTES = 2**28
 """Coverage of single sensors that is kept for the next placement; a search moves one at a time."""

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.kernel_cache import njit
+from lidarplace.base.kernel_cache import njit
 
 TILE_X, TILE_Y = 16, 32
 """Columns of a tile. Loops over TILE_Y have a fixed length, so that they become vector code."""

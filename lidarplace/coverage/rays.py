@@ -10,13 +10,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.kernel_cache import njit
+from lidarplace.base.roi import Roi
 from lidarplace.coverage.bresenham import walk_bresenham
 from lidarplace.coverage.clip import VoxelGrid, clip_rays
 from lidarplace.coverage.dda import walk_dda
-from lidarplace.kernel_cache import njit
-from lidarplace.placement import Placement
-from lidarplace.roi import Roi
-from lidarplace.sensor import Lidar
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Placement
 
 RayMethod = Literal["dda", "bresenham"]
 _WALKS = {"dda": walk_dda, "bresenham": walk_bresenham}

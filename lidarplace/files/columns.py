@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.ranges import FRAME
+from lidarplace.base.ranges import FRAME
 
 _INT64 = 2.0**63
 _LONGEST = 300  # characters of what was found

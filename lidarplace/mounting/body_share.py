@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.kernel_cache import njit
+from lidarplace.base.kernel_cache import njit
 from lidarplace.mounting.housing import NO_HOUSINGS
 from lidarplace.mounting.sight import obstacles_of, stopped
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.placement import Mount
-from lidarplace.sensor import Lidar, unit_vectors
+from lidarplace.rigs.lidar import Lidar, unit_vectors
+from lidarplace.rigs.placement import Mount
 
 AZIMUTH_STEPS = 360
 

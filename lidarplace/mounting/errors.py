@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lidarplace.placement import Mount, Placement
-from lidarplace.pose import angles
+from lidarplace.rigs.placement import Mount, Placement
+from lidarplace.rigs.pose import angles
 
 
 @dataclass(frozen=True)

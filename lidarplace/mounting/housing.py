@@ -12,9 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.kernel_cache import njit
-from lidarplace.placement import Mount, Placement
-from lidarplace.sensor import Lidar
+from lidarplace.base.kernel_cache import njit
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount, Placement
 
 COLUMNS = 17
 """Of a housing: the number of its LiDAR, its origin, its rotation row by row, half its length,

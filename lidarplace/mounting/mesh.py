@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.kernel_cache import njit
+from lidarplace.base.kernel_cache import njit
 
 _LEAF = 4  # triangles
 _EDGE = 1e-9  # a ray along an edge meets a triangle at each side, in shares of the triangle

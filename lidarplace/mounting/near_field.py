@@ -7,14 +7,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.kernel_cache import njit
+from lidarplace.base.roi import Roi
 from lidarplace.coverage.cone import sensor_bits
 from lidarplace.coverage.tiles import Tiles
-from lidarplace.kernel_cache import njit
 from lidarplace.mounting.housing import housings_in
 from lidarplace.mounting.sight import obstacles_of, stopped
 from lidarplace.mounting.vehicle import Vehicle, voxels_in_body
-from lidarplace.placement import Placement
-from lidarplace.roi import Roi
+from lidarplace.rigs.placement import Placement
 
 
 def near_field_coverage(placement: Placement, vehicle: Vehicle, roi: Roi) -> float:

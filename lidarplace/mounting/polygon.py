@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable, Iterator
 from itertools import combinations, pairwise
 
-from lidarplace.roi import Interval
+from lidarplace.base.roi import Interval
 
 Vertex = tuple[float, float]
 Polygon = tuple[Vertex, ...]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lidarplace.mounting.ring_overlap import spread_by_overlap
 from lidarplace.mounting.spacing import least_distance
-from lidarplace.placement import Mount, Placement
+from lidarplace.rigs.placement import Mount, Placement
 
 NEAR_M = 0.3
 """How far a LiDAR of a drawn rig may be beyond those of the given ones, metres."""

@@ -11,8 +11,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.placement import Mount, Placement
-from lidarplace.sensor import Lidar
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount, Placement
 
 DISTANCES_M = (8.0, 12.0, 18.0, 27.0)
 """Of the upright strips that are looked at, from the ego frame's z axis."""

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.kernel_cache import njit
+from lidarplace.base.kernel_cache import njit
 from lidarplace.mounting.housing import behind_housing
 from lidarplace.mounting.mesh import NO_TREE, Tree, first_hit
 from lidarplace.mounting.vehicle import Vehicle

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.kernel_cache import njit
+from lidarplace.base.kernel_cache import njit
 
 _HAIR = 1e-9  # metres: a touch does not count
 _MOST = 5  # corners of a triangle that two planes cut

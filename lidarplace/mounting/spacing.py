@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from itertools import combinations
 
-from lidarplace.placement import Placement
+from lidarplace.rigs.placement import Placement
 
 
 def least_distance(placement: Placement) -> float:

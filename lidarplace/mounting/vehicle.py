@@ -9,9 +9,9 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.roi import Roi
 from lidarplace.mounting.mesh import Mesh, depths
 from lidarplace.mounting.zone import Zone, position
-from lidarplace.roi import Roi
 
 _HAIR = 1e-9  # a sensor mounted on a face is outside, and a ray along a face passes
 

@@ -12,6 +12,8 @@ from itertools import accumulate
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.number_text import point
+from lidarplace.base.roi import Interval
 from lidarplace.mounting.polygon import (
     NANOMETRE,
     Polygon,
@@ -20,8 +22,6 @@ from lidarplace.mounting.polygon import (
     polygon,
     sections,
 )
-from lidarplace.roi import Interval
-from lidarplace.shown import point
 
 TOLERANCE = 1e-3
 """How far outside of a zone `shares` accepts a point, metres."""

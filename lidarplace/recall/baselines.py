@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from lidarplace.boxes import SIZE
-from lidarplace.kernel_cache import njit
+from lidarplace.base.kernel_cache import njit
+from lidarplace.logs.boxes import SIZE
 from lidarplace.recall.counted_objects import CountedObjects
 from lidarplace.recall.surface_cells import SurfaceCells, slices_of
 

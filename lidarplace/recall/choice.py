@@ -19,13 +19,13 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.kernel_cache import njit
+from lidarplace.base.kernel_cache import njit
+from lidarplace.pog.selection.cuts import Cut
+from lidarplace.pog.selection.greedy import Added, Greedy, lazy_greedy
+from lidarplace.pog.selection.limits import Limits
+from lidarplace.pog.selection.upper_bound import UpperBound, bound_by_cuts
 from lidarplace.recall.expected_recall import ExpectedRecall
 from lidarplace.recall.surface_cells import SurfaceCells, slices_of
-from lidarplace.selection.cuts import Cut
-from lidarplace.selection.greedy import Added, Greedy, lazy_greedy
-from lidarplace.selection.limits import Limits
-from lidarplace.selection.upper_bound import UpperBound, bound_by_cuts
 
 BLOCKS = 32
 """Parts of the objects that have cuts of their own: the sum of their least cuts is lower than the
@@ -66,7 +66,7 @@ class RecallChoice:
         return self._cut_of_set(chosen).slopes.sum(axis=0)
 
     def greedy(self, limits: Limits) -> Greedy:
-        """Choose candidates one by one; `lidarplace.selection.greedy` tells how good that is.
+        """Choose candidates one by one; `lidarplace.pog.selection.greedy` tells how good that is.
 
         Raises:
             ValueError: `limits` are of another number of candidates.
@@ -94,7 +94,7 @@ class RecallChoice:
             chosen: candidates in the order of `greedy`. Of each of its prefixes, what all others
                 add to it makes the first cuts (Nemhauser and Wolsey 1981, Maximizing submodular
                 set functions: formulations and analysis of algorithms).
-            seconds, relative_gap: as of `lidarplace.selection.upper_bound`.
+            seconds, relative_gap: as of `lidarplace.pog.selection.upper_bound`.
 
         Raises:
             ValueError: `limits` are of another number of candidates.

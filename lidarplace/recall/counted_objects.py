@@ -17,20 +17,20 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.box_log import BoxLog, evenly
-from lidarplace.boxes import GEOMETRY
-from lidarplace.lidar.clouds import Crop
-from lidarplace.lidar.own_body import body_parts
-from lidarplace.lidar.shade import ends_of, in_view
-from lidarplace.lidar.shapes import BUILDING
-from lidarplace.lidar.surroundings import Surroundings
-from lidarplace.lidar.visibility import ground_truth
+from lidarplace.base.roi import Roi
+from lidarplace.clouds.clouds import Crop
+from lidarplace.clouds.own_body import body_parts
+from lidarplace.clouds.shade import ends_of, in_view
+from lidarplace.clouds.shapes import BUILDING
+from lidarplace.clouds.surroundings import Surroundings
+from lidarplace.clouds.visibility import ground_truth
+from lidarplace.logs.box_log import BoxLog, evenly
+from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.mounting.housing import COLUMNS, housings_in, without
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.placement import Mount, Placement
 from lidarplace.recall.surface_cells import Frames, SurfaceCells, slices_of, surface_cells
-from lidarplace.roi import Roi
-from lidarplace.sensor import Lidar
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount, Placement
 
 _HAIR_M = 1e-6
 """Rounding of a surface, metres, and far more."""
@@ -61,7 +61,7 @@ class CountedObjects:
     """Objects of the ground truth, which is the same for every placement; `from_log` finds them.
 
     Attributes:
-        table: by frame; columns of `lidarplace.lidar.visibility.ground_truth`, indexed by row of
+        table: by frame; columns of `lidarplace.clouds.visibility.ground_truth`, indexed by row of
             the log's boxes.
         cell: edge of a cell of their surfaces, metres.
         azimuth_share: share of the azimuth steps of a LiDAR that are cast.

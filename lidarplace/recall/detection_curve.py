@@ -82,7 +82,7 @@ class DetectionCurves(BaseModel):
         known = ", ".join(f"{curve.object_class} at {curve.iou:g}" for curve in self.curves)
         raise ValueError(
             f"no detection curve of {object_class} at IoU {iou:g}; there are {known}; "
-            "python -m sweeps.calibrate makes others"
+            "lidarplace calibrate makes others"
         )
 
 
@@ -155,5 +155,5 @@ def write_curves(path: Path, command: str, curves: Sequence[DetectionCurve]) -> 
 
 def default_curves() -> DetectionCurves:
     """The curves that come with the package; their `command` says where from."""
-    text = files("lidarplace.recall").joinpath("default_curves.json").read_text(encoding="utf-8")
+    text = files(__package__).joinpath("default_curves.json").read_text(encoding="utf-8")
     return DetectionCurves.model_validate_json(text)

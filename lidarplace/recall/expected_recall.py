@@ -12,14 +12,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.box_log import BoxLog
+from lidarplace.base.ranges import LIDAR_HEIGHT
+from lidarplace.base.roi import Roi
+from lidarplace.logs.box_log import BoxLog
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.placement import Placement
-from lidarplace.ranges import LIDAR_HEIGHT
 from lidarplace.recall.counted_objects import CountedObjects
 from lidarplace.recall.detection_curve import IOU, DetectionCurves, default_curves
 from lidarplace.recall.surface_cells import SurfaceCells
-from lidarplace.roi import Roi
+from lidarplace.rigs.placement import Placement
 
 COLUMNS = ("expected_recall", "standard_error", "objects", "individuals")
 

@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.kernel_cache import njit
-from lidarplace.lidar.raycast import NO_ENDS, along, beams_of, cast_compiled, returns_light
-from lidarplace.placement import Mount
-from lidarplace.sensor import Lidar
+from lidarplace.base.kernel_cache import njit
+from lidarplace.clouds.raycast import NO_ENDS, along, beams_of, cast_compiled, returns_light
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount
 
 MOST_CELLS = 2**24
 """Cells of one box."""
@@ -65,7 +65,7 @@ class Frames(NamedTuple):
         reflectivity: of the parts, shape (P,), float64.
         first_part, first_object: of each frame, int64, shape (frames + 1,).
         near: x0, y0, z0, x1, y1, z1 that hold all objects of a frame, float64, shape (frames, 6).
-        geometry: rows of `lidarplace.boxes.GEOMETRY`, float64, shape (objects, 7).
+        geometry: rows of `lidarplace.logs.boxes.GEOMETRY`, float64, shape (objects, 7).
         slices: see `slices_of`.
     """
 
@@ -109,11 +109,11 @@ def surface_cells(
     """The objects of all frames from which one LiDAR gets light within `crop`.
 
     Args:
-        mount, lidar: as of `lidarplace.lidar.raycast.cast`.
+        mount, lidar: as of `lidarplace.clouds.raycast.cast`.
         frames: the objects, and what hides them.
         crop: x0, y0, z0, x1, y1, z1 in the ego frame, metres; the faces belong to it.
         cell: edge of a cell, metres.
-        ends: as of `lidarplace.lidar.raycast.cast`.
+        ends: as of `lidarplace.clouds.raycast.cast`.
     """
     found = _cells_in_frames(
         mount.position,

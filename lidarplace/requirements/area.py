@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.roi import Interval
 from lidarplace.mounting.mesh import depths, distances
 from lidarplace.mounting.slices import meets_slices, slices_of
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.roi import Interval
 
 _HAIR = 1e-9  # limits belong to an area, whatever rounding makes of them
 

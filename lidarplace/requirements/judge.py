@@ -13,14 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.roi import Roi
 from lidarplace.mounting.near_field import seen_in_columns
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.placement import Placement
 from lidarplace.requirements.area import Positions
 from lidarplace.requirements.layout import Laid
 from lidarplace.requirements.rays_on_objects import Sight, count_cells, count_points, sights_of
 from lidarplace.requirements.requirement import AS_BUILT, Requirement
-from lidarplace.roi import Roi
+from lidarplace.rigs.placement import Placement
 
 
 @dataclass(frozen=True)

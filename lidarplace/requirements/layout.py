@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.roi import Roi
 from lidarplace.mounting.vehicle import Vehicle, voxels_in_body
 from lidarplace.requirements.area import Positions, grid_over, in_the_way
 from lidarplace.requirements.requirement import Requirement
-from lidarplace.roi import Roi
 
 MOST_OBJECTS = 4_000_000
 """At all positions, in all headings."""
@@ -25,7 +25,7 @@ class Laid:
 
     Attributes:
         positions: of the objects, or columns of voxels.
-        boxes: the objects by heading, rows of `lidarplace.boxes.GEOMETRY`; shape
+        boxes: the objects by heading, rows of `lidarplace.logs.boxes.GEOMETRY`; shape
             (headings, P, 7), NaN where one would be within the body.
         roi: voxels of a coverage.
     """

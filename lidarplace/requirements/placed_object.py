@@ -40,7 +40,7 @@ class PlacedObject:
         return np.linspace(0.0, np.pi, self.headings, endpoint=False, dtype=np.float64)
 
     def boxes(self, points: NDArray[np.float64], heading: float) -> NDArray[np.float64]:
-        """Rows of `lidarplace.boxes.GEOMETRY` with the middle at `points`, shape (P, 2)."""
+        """Rows of `lidarplace.logs.boxes.GEOMETRY` with the middle at `points`, shape (P, 2)."""
         rows = np.empty((len(points), 7))
         rows[:, :2] = points
         rows[:, 2:] = 0.5 * self.height, *self.size, heading

@@ -14,15 +14,15 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.kernel_cache import njit
-from lidarplace.lidar.convex import enter_along, fill_corners, fill_planes, inner, window
-from lidarplace.lidar.raycast import Beams, along, beams_in, beams_of, returns_light, runs
-from lidarplace.lidar.shade import ends_in_rig
-from lidarplace.lidar.shapes import bricks
+from lidarplace.base.kernel_cache import njit
+from lidarplace.clouds.convex import enter_along, fill_corners, fill_planes, inner, window
+from lidarplace.clouds.raycast import Beams, along, beams_in, beams_of, returns_light, runs
+from lidarplace.clouds.shade import ends_in_rig
+from lidarplace.clouds.shapes import bricks
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.placement import Placement
 from lidarplace.recall.surface_cells import slices_of
 from lidarplace.requirements.placed_object import DARK
+from lidarplace.rigs.placement import Placement
 
 MOST_CELLS = 10_000_000
 """Of one object."""
@@ -85,7 +85,7 @@ def count_points(
     """Rays that hit each box and return.
 
     Args:
-        boxes: rows of `lidarplace.boxes.GEOMETRY`, shape (B, 7).
+        boxes: rows of `lidarplace.logs.boxes.GEOMETRY`, shape (B, 7).
         reflectivity: of the boxes, for LiDARs whose `range_10` is known; see `Lidar.sight`.
     """
 

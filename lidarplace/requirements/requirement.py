@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from lidarplace.base.roi import Interval
 from lidarplace.mounting.errors import MountingErrors
-from lidarplace.placement import Placement
 from lidarplace.recall.detection_curve import CELL_M, DetectionCurve
 from lidarplace.requirements.area import Area
 from lidarplace.requirements.placed_object import PlacedObject
-from lidarplace.roi import Interval
-from lidarplace.weather import Weather
+from lidarplace.rigs.placement import Placement
+from lidarplace.rigs.weather import Weather
 
 AS_BUILT = "as built"
 

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from lidarplace.base.sectors import SECTORS, bounds_of
 from lidarplace.configuration.mounting_errors import MountingErrorSettings
 from lidarplace.configuration.settings import (
     CountFromOne,
@@ -17,16 +18,15 @@ from lidarplace.configuration.settings import (
     Settings,
 )
 from lidarplace.configuration.weather import WeatherSettings
+from lidarplace.logs.plausible import MOST_SIZE_M
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.placement import Mount, Placement
-from lidarplace.plausible import MOST_SIZE_M
 from lidarplace.recall.detection_curve import IOU, DetectionCurves
 from lidarplace.requirements.area import Area
 from lidarplace.requirements.placed_object import DARK, STANDARD, PlacedObject
 from lidarplace.requirements.presets import PRESETS, preset
 from lidarplace.requirements.requirement import AlsoWhen, Measure, Requirement
-from lidarplace.sectors import SECTORS, bounds_of
-from lidarplace.sensor import Lidar
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount, Placement
 
 LANES = ("right", "own", "left")
 

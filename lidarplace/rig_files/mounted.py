@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lidarplace.configuration.sensor import SensorSettings
-from lidarplace.placement import Mount
-from lidarplace.pose import angles
+from lidarplace.rigs.placement import Mount
+from lidarplace.rigs.pose import angles
 
 Vector = tuple[float, float, float]
 """x, y, z in metres."""

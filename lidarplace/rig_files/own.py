@@ -12,8 +12,8 @@ import yaml
 from lidarplace.configuration.placement import read_placement_settings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.files.atomic import replacing
-from lidarplace.placement import Mount
 from lidarplace.rig_files.mounted import MountedLidar
+from lidarplace.rigs.placement import Mount
 
 DIGITS = 9
 """Decimals of metres and degrees: of what rounding leaves of 45 degrees there is no trace."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from lidarplace.box_log import BoxLog
+from lidarplace.logs.box_log import BoxLog
 
 
 class Recording(Protocol):

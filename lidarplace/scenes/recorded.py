@@ -10,12 +10,12 @@ from typing import Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from lidarplace.box_log import BoxLog, read_box_log, read_frames
-from lidarplace.boxes import SPLITS
-from lidarplace.class_names import IGNORE
+from lidarplace.base.class_names import IGNORE
 from lidarplace.configuration.settings import FilePath, Name, Seed, Settings
 from lidarplace.files.atomic import reading
 from lidarplace.files.regular import regular
+from lidarplace.logs.box_log import BoxLog, read_box_log, read_frames
+from lidarplace.logs.boxes import SPLITS
 from lidarplace.scenes.datasets.class_maps import (
     PAPER,
     PAPER_GROUPS,
@@ -31,7 +31,7 @@ def _is_none(value: object) -> bool:
 
 
 class LogScene(Settings):
-    """A box log on disk, as `lidarplace.box_log.write_box_log` writes it."""
+    """A box log on disk, as `lidarplace.logs.box_log.write_box_log` writes it."""
 
     source: Literal["log"] = Field(
         description="tells this kind of scene from others: a log that is there already"

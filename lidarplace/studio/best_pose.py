@@ -14,9 +14,9 @@ from scipy.stats import qmc
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.vehicle import depth_in_body
 from lidarplace.mounting.zone import Zone, distance, position
-from lidarplace.placement import Mount, Placement
 from lidarplace.recall.choice import RecallChoice
-from lidarplace.sensor import Lidar
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount, Placement
 from lidarplace.studio.limits import Limits
 from lidarplace.studio.numbers import Meter, thinned
 from lidarplace.studio.rig import Rig, added, pose_of, posed, removed

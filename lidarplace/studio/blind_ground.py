@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.roi import Roi
 from lidarplace.mounting.near_field import seen_in_columns
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.placement import Placement
 from lidarplace.requirements.judge import Outcome
-from lidarplace.roi import Roi
+from lidarplace.rigs.placement import Placement
 
 EDGE_M = 0.25
 """Of a cell of the ground."""

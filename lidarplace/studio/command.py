@@ -1,77 +1,74 @@
-"""A command of this project that runs beside the studio, in a process of its own."""
+"""Place LiDARs on a page of the browser: `lidarplace studio rigs.yaml`."""
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
 import sys
 import threading
-from collections import deque
-from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated
 
-LINES = 6
-"""The last ones that a command has printed are kept."""
-NICENESS = 10
-"""It leaves the processor to the page and to who works at this machine."""
+import typer
+
+from lidarplace.base.ranges import FRAMES, PORT, RESOLUTION
+from lidarplace.base.roi import Roi
+from lidarplace.command_line.verbs import RoiOption, crop_of, new_app, verb, within, wrong
+from lidarplace.logs.box_log import read_box_log
+from lidarplace.studio.rigs_file import read_rigs
+from lidarplace.studio.studio import PAPER_ROI, Studio
+from lidarplace.studio.traffic import scene_of, simulated_traffic
+
+MOST_FRAMES = 400
+
+app = new_app()
 
 
-class Command:
-    """`python -m MODULE …`, which starts at once.
+@verb(app, "examples/studio.yaml", "examples/studio.yaml --log logs/town --frames 1000")
+def studio(
+    rigs: Annotated[
+        Path, typer.Argument(help="YAML file of rigs, or of one placement with `mounts`")
+    ],
+    log: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="a box log; simulated traffic without one"),
+    ] = None,
+    frames: Annotated[
+        int,
+        typer.Option(
+            help="numbers are of at most so many, evenly over the log", callback=within(FRAMES)
+        ),
+    ] = MOST_FRAMES,
+    roi: RoiOption = (*PAPER_ROI.x, *PAPER_ROI.y, *PAPER_ROI.z),
+    resolution: Annotated[
+        float, typer.Option(help="edge of a voxel, metres", callback=within(RESOLUTION))
+    ] = PAPER_ROI.resolution,
+    port: Annotated[
+        int | None, typer.Option(help="8080, or the next one that is free", callback=within(PORT))
+    ] = None,
+) -> None:
+    """Open a page on this machine alone on which LiDARs are placed by hand. Ctrl-C ends it.
 
-    Args:
-        arguments: the module, and what follows it.
-        told: called with it after each line, and at the end, by a thread of its own.
-
-    Attributes:
-        cancelled: whether it was asked to end.
+    What moves changes clouds, blind spots and numbers at once. Nothing is written unless asked.
     """
+    import viser  # noqa: F401 - whether it is there is told before anything is read
 
-    def __init__(
-        self, arguments: Sequence[str], told: Callable[[Command], None] = lambda command: None
-    ) -> None:
-        self.cancelled = False
-        self._told = told
-        self._lines: deque[str] = deque(maxlen=LINES)
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", *arguments],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            encoding="utf-8",
-            errors="replace",
-            start_new_session=True,  # Ctrl-C at the studio is told to it once, by `cancel`
-        )
-        os.setpriority(os.PRIO_PROCESS, self._process.pid, NICENESS)
-        self._reader = threading.Thread(target=self._read, daemon=True, name="command")
-        self._reader.start()
+    from lidarplace.studio.page.page import Page
+    from lidarplace.studio.page.server import serving
+    from lidarplace.studio.page.tables import left_out
 
-    @property
-    def lines(self) -> tuple[str, ...]:
-        """What it has printed last."""
-        return tuple(self._lines)
-
-    @property
-    def exit_code(self) -> int | None:
-        """None while it runs."""
-        return self._process.poll()
-
-    def cancel(self) -> None:
-        """Ask it to end, from which it can go on later; `wait` tells when it has."""
-        self.cancelled = True
-        self._process.send_signal(signal.SIGTERM)
-
-    def wait(self) -> int:
-        """Its exit code, once it has ended and all its lines were read."""
-        code = self._process.wait()
-        self._reader.join()
-        return code
-
-    def _read(self) -> None:
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
-            if line.strip():
-                self._lines.append(line.rstrip())
-                self._told(self)
-        self._process.wait()
-        self._told(self)
+    try:
+        x0, y0, z0, x1, y1, z1 = crop_of(roi)
+        region = Roi((x0, x1), (y0, y1), (z0, z1), resolution)
+        file = read_rigs(rigs)
+        traffic = simulated_traffic() if log is None else read_box_log(log, frames)
+        state = Studio(file, traffic, region, folder=log)
+        with serving(port, "lidarplace studio") as (server, address):
+            page = Page(state, server, scene_of(log))
+            try:
+                if state.left_out:
+                    print(left_out(state), file=sys.stderr)
+                print(f"{address}\nCtrl-C ends it.", flush=True)
+                threading.Event().wait()
+            finally:
+                page.close()
+    except (ValueError, OSError) as error:
+        wrong(error)

@@ -9,13 +9,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.box_log import BoxLog
-from lidarplace.lidar.clouds import Crop
-from lidarplace.lidar.collect import SimulatedClouds, crop_for
+from lidarplace.base.roi import Roi
+from lidarplace.clouds.clouds import Crop
+from lidarplace.clouds.collect import SimulatedClouds, crop_for
+from lidarplace.logs.box_log import BoxLog
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.placement import Placement
 from lidarplace.recall.expected_recall import ExpectedRecall
-from lidarplace.roi import Roi
+from lidarplace.rigs.placement import Placement
 from lidarplace.studio.numbers import thinned
 from lidarplace.studio.seen_cells import SeenCells
 from lidarplace.viewing.frame import Frame, read_frame

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cachetools import LRUCache
 
-from lidarplace.box_log import BoxLog, read_boxes, read_frames
+from lidarplace.logs.box_log import BoxLog, read_boxes, read_frames
 
 PORTION = 200
 """Frames that are read at a time, one after the other in the log: who plays it needs the next."""

@@ -9,14 +9,14 @@ from statistics import fmean
 
 import numpy as np
 
-from lidarplace.box_log import BoxLog
+from lidarplace.base.roi import Roi
+from lidarplace.logs.box_log import BoxLog
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.occupancy.grid import OccupancyGrid
-from lidarplace.placement import Placement
+from lidarplace.pog.occupancy.grid import OccupancyGrid
+from lidarplace.pog.surrogates.evaluate import evaluate_classes
 from lidarplace.recall.expected_recall import ExpectedRecall
-from lidarplace.roi import Roi
+from lidarplace.rigs.placement import Placement
 from lidarplace.studio.seen_cells import SeenCells
-from lidarplace.surrogates.evaluate import evaluate_classes
 
 RECALL_FRAMES = 20
 """Frames over which `expected_recall` is taken: those of a second tell little new."""

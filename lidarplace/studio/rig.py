@@ -12,9 +12,9 @@ from pydantic import ValidationError
 
 from lidarplace.configuration.placement import MountSettings
 from lidarplace.configuration.settings import fault
-from lidarplace.placement import Mount, Placement
-from lidarplace.pose import from_carla
-from lidarplace.sensor import Lidar
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount, Placement
+from lidarplace.rigs.pose import from_carla
 
 POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 ANGLES = POSE[3:]

@@ -7,9 +7,9 @@ from functools import reduce
 
 from cachetools import LRUCache
 
-from lidarplace.placement import Placement
 from lidarplace.recall.counted_objects import CountedObjects, InRig
 from lidarplace.recall.surface_cells import SurfaceCells
+from lidarplace.rigs.placement import Placement
 
 MOUNTS = 256
 """Of which the cells are kept; those of a hundred frames take a few megabytes."""

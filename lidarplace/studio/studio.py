@@ -10,15 +10,15 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lidarplace.box_log import BoxLog
-from lidarplace.boxes import CLASSES
+from lidarplace.base.roi import Roi
 from lidarplace.command_line.invocation import command
 from lidarplace.configuration.yaml import read_yaml_file
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.logs.boxes import CLASSES
 from lidarplace.mounting.polygon import GRID_DIGITS, nearest
 from lidarplace.mounting.zone import distance
-from lidarplace.placement import Placement
 from lidarplace.requirements.judge import Outcome
-from lidarplace.roi import Roi
+from lidarplace.rigs.placement import Placement
 from lidarplace.studio import rig as edits
 from lidarplace.studio.best_pose import BestPose, best_addition, improved
 from lidarplace.studio.blind_ground import BlindGround, blind_ground, failing_ground
@@ -410,7 +410,7 @@ class Studio:
         """
         content = sweep_of(self.rigs, self.file, scene, self.roi, self.classes)
         write_rigs(path, as_yaml(content), overwrite)
-        return command("sweeps.run", str(path))
+        return command("run", str(path))
 
     def evaluation(self, path: Path, scene: Mapping[str, Any]) -> Path:
         """Write the configuration of a sweep in which a generalist judges the rigs as they work.

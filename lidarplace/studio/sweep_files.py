@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from lidarplace.base.roi import Roi
 from lidarplace.files.columns import check_columns
 from lidarplace.files.tables import read_csv
 from lidarplace.mounting.random_rigs import has_other_lidar, random_rigs
 from lidarplace.mounting.vehicle import depth_in_body
 from lidarplace.mounting.zone import position
-from lidarplace.placement import Placement
-from lidarplace.roi import Roi
-from lidarplace.sensor import Lidar
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Placement
 from lidarplace.studio.rig import POSE, Rig
 from lidarplace.studio.rigs_file import RigsFile
 from lidarplace.studio.violations import check_sweepable

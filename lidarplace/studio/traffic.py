@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from lidarplace.box_log import BoxLog
+from lidarplace.logs.box_log import BoxLog
 from lidarplace.scenes.sumo.record import record
 from lidarplace.scenes.sumo.settings import SumoScene
 

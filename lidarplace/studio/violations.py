@@ -9,17 +9,17 @@ from itertools import combinations
 
 import numpy as np
 
-from lidarplace.catalogue.datasheet import datasheet
-from lidarplace.lidar.blind_lidars import OBJECTS_M, blind_lidars
+from lidarplace.base.roi import Roi
+from lidarplace.clouds.blind_lidars import OBJECTS_M, blind_lidars
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.housing import housings_of, without
 from lidarplace.mounting.vehicle import depth_in, depth_in_body
 from lidarplace.mounting.zone import distance
-from lidarplace.placement import Placement
 from lidarplace.requirements.judge import Outcome, judge
 from lidarplace.requirements.layout import Laid
 from lidarplace.requirements.requirement import AS_BUILT
-from lidarplace.roi import Roi
+from lidarplace.rigs.catalogue.datasheet import datasheet
+from lidarplace.rigs.placement import Placement
 from lidarplace.studio.rig import Rig
 from lidarplace.studio.rigs_file import RigsFile
 

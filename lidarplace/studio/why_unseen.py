@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.lidar.own_body import body_parts
-from lidarplace.lidar.raycast import cast
-from lidarplace.lidar.shade import ends_in_rig
-from lidarplace.lidar.shapes import BODY, BUILDING, SIGN, Parts
-from lidarplace.lidar.surroundings import Surroundings
+from lidarplace.clouds.own_body import body_parts
+from lidarplace.clouds.raycast import cast
+from lidarplace.clouds.shade import ends_in_rig
+from lidarplace.clouds.shapes import BODY, BUILDING, SIGN, Parts
+from lidarplace.clouds.surroundings import Surroundings
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.placement import Mount, Placement
-from lidarplace.sensor import Lidar
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount, Placement
 from lidarplace.viewing.frame import Frame
 
 

@@ -8,9 +8,9 @@ from functools import singledispatch
 import numpy as np
 import plotly.graph_objects as go
 
-from lidarplace.occupancy.grid import OccupancyGrid
-from lidarplace.placement import Placement
-from lidarplace.surrogates.result import Surrogates
+from lidarplace.pog.occupancy.grid import OccupancyGrid
+from lidarplace.pog.surrogates.result import Surrogates
+from lidarplace.rigs.placement import Placement
 from lidarplace.viewing import style
 from lidarplace.viewing.axes import equal_axes
 from lidarplace.viewing.lidars import add_lidars

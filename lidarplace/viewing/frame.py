@@ -8,15 +8,15 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.box_log import BoxLog
-from lidarplace.boxes import GEOMETRY
-from lidarplace.lidar.clouds import Crop
-from lidarplace.lidar.collect import collect, crop_for
-from lidarplace.lidar.points_in_boxes import MARGIN_M, count_points
-from lidarplace.lidar.shapes import BUILDING
-from lidarplace.lidar.surroundings import Surroundings
+from lidarplace.clouds.clouds import Crop
+from lidarplace.clouds.collect import collect, crop_for
+from lidarplace.clouds.points_in_boxes import MARGIN_M, count_points
+from lidarplace.clouds.shapes import BUILDING
+from lidarplace.clouds.surroundings import Surroundings
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.placement import Placement
+from lidarplace.rigs.placement import Placement
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Frame:
         row: the frame's row of `BoxLog.frames`.
         objects: rows of `BoxLog.boxes` that may reach into the crop.
         inside: which of `objects` have their centre in the crop, shape (objects,), bool.
-        buildings: rows of `lidarplace.boxes.GEOMETRY` that may reach into it, shape (B, 7).
+        buildings: rows of `lidarplace.logs.boxes.GEOMETRY` that may reach into it, shape (B, 7).
     """
 
     log: BoxLog

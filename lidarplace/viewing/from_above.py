@@ -10,8 +10,8 @@ import pandas as pd
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from lidarplace.box_log import BoxLog
-from lidarplace.boxes import GEOMETRY, SIZE
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.logs.boxes import GEOMETRY, SIZE
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.viewing import style
 from lidarplace.viewing.page import write_page

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import plotly.graph_objects as go
 
-from lidarplace.placement import Placement
+from lidarplace.rigs.placement import Placement
 from lidarplace.viewing import style
 
 

@@ -15,10 +15,10 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lidarplace.boxes import POSE_COLUMNS, SIZE
+from lidarplace.clouds.clouds import PointClouds
 from lidarplace.files.atomic import replacing
-from lidarplace.lidar.clouds import PointClouds
-from lidarplace.placement import Placement
+from lidarplace.logs.boxes import POSE_COLUMNS, SIZE
+from lidarplace.rigs.placement import Placement
 from lidarplace.viewing.style import CLASSES
 
 if TYPE_CHECKING:

@@ -10,11 +10,11 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from lidarplace.box_log import BoxLog
-from lidarplace.boxes import GEOMETRY
-from lidarplace.lidar.clouds import Crop
+from lidarplace.clouds.clouds import Crop
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.placement import Placement
+from lidarplace.rigs.placement import Placement
 from lidarplace.viewing import style
 from lidarplace.viewing.axes import equal_axes, xyz
 from lidarplace.viewing.frame import Cloud, Frame, read_cloud, read_frame
@@ -60,7 +60,7 @@ def draw_frame(
         placement: mounts and LiDAR.
         crop: the ROI, x0, y0, z0, x1, y1, z1 in the ego frame, metres.
         points: of a larger cloud so many are drawn, chosen at random.
-        misaligned_heights, vehicle: see `lidarplace.lidar.collect.collect`.
+        misaligned_heights, vehicle: see `lidarplace.clouds.collect.collect`.
 
     Raises:
         ValueError: there is no such frame, a box is bad, or the crop is empty.

@@ -18,7 +18,7 @@ _TRIANGLES = np.array(
 
 
 def corners(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Corners of boxes (m, 7), rows of `lidarplace.boxes.GEOMETRY`; shape (m, 8, 3), metres.
+    """Corners of boxes (m, 7), rows of `lidarplace.logs.boxes.GEOMETRY`; shape (m, 8, 3), metres.
 
     Corner n lies in front if bit 0 of n is set, to the left for bit 1, at the top for bit 2.
     """
@@ -40,8 +40,8 @@ def edges(boxes: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 def between(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Level boxes, rows of `lidarplace.boxes.GEOMETRY`, by their lowest and highest corners, shape
-    (m, 2, 3); shape (m, 7), metres."""
+    """Level boxes, rows of `lidarplace.logs.boxes.GEOMETRY`, by their lowest and highest corners,
+    shape (m, 2, 3); shape (m, 7), metres."""
     low, high = corners[:, 0], corners[:, 1]
     return np.concatenate([(low + high) / 2, high - low, np.zeros((len(low), 1))], axis=1)
 

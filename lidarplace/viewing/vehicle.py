@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.lidar.shapes import OWN_BODY
+from lidarplace.clouds.shapes import OWN_BODY
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.viewing.solids import between, triangles
 
@@ -14,8 +14,8 @@ Surface = tuple[NDArray[np.floating], NDArray[np.integer]]
 
 
 def vehicle_boxes(vehicle: Vehicle | None) -> NDArray[np.float64]:
-    """Its boxes, rows of `lidarplace.boxes.GEOMETRY`, shape (m, 7), metres; that around a sedan
-    for None."""
+    """Its boxes, rows of `lidarplace.logs.boxes.GEOMETRY`, shape (m, 7), metres; that around a
+    sedan for None."""
     return np.array([OWN_BODY]) if vehicle is None else between(vehicle.boxes)
 
 

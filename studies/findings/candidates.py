@@ -1,6 +1,6 @@
 """Writes `candidates.yaml`: rigs at random, of which `design.py` takes those that differ most.
 
-Run as `python studies/findings/candidates.py`, then `python -m sweeps.run
+Run as `python studies/findings/candidates.py`, then `lidarplace run
 studies/findings/candidates.yaml`: surrogates alone, no detector.
 """
 

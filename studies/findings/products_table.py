@@ -9,7 +9,7 @@ from judged import SHORT, beside_table, led, number
 from predicting import by_own, own_surrogates
 from scipy import stats
 
-from lidarplace.catalogue.datasheet import catalogue
+from lidarplace.rigs.catalogue.datasheet import catalogue
 from sweeps.configuration.grid import read_sweep
 from tracking.findings.best_placement import BestPlacement
 

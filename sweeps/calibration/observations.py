@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from lidarplace.box_log import BoxLog, join_logs
-from lidarplace.metrics import iou_of
+from lidarplace.base.metrics import iou_of
+from lidarplace.logs.box_log import BoxLog, join_logs
 from lidarplace.recall.baselines import per_object
 from lidarplace.recall.counted_objects import CountedObjects
 from lidarplace.recall.detection_curve import CELL_M

@@ -6,8 +6,8 @@ from typing import Annotated, Any
 
 from pydantic import Field, field_validator
 
+from lidarplace.base.metrics import Overlaps
 from lidarplace.configuration.settings import ClassName, Distance, Probability, Settings
-from lidarplace.metrics import Overlaps
 
 Side = Annotated[Distance, Field(gt=0)]
 Share = Annotated[Probability, Field(gt=0, lt=1)]

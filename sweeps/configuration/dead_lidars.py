@@ -7,8 +7,8 @@ from dataclasses import replace
 from pydantic import Field
 
 from lidarplace.configuration.placement import MOST_MOUNTS, MountSettings, PlacementSettings
-from lidarplace.placement import Placement
-from lidarplace.sensor import Lidar
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Placement
 
 
 class SweptPlacementSettings(PlacementSettings):

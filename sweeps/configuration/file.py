@@ -11,13 +11,13 @@ from typing import Any, TypeVar
 import yaml
 from pydantic import BaseModel, ValidationError
 
+from lidarplace.base.suggestions import did_you_mean
 from lidarplace.command_line.invocation import command
 from lidarplace.configuration.settings import key_path, shortened, what_is_wrong
 from lidarplace.configuration.yaml import YamlError, parse_yaml, read_yaml_file
 from lidarplace.files.secret_urls import hide_secrets_in
-from lidarplace.near_names import did_you_mean
 from lidarplace.scenes.kinds import KINDS
-from sweeps.configuration.plain_words import plainly
+from sweeps.configuration.error_text import plainly
 from sweeps.configuration.sweep import NAME
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -25,8 +25,8 @@ Model = TypeVar("Model", bound=BaseModel)
 
 _MODULES = {
     "search": ("a search", "sweeps.search"),
-    "grid": ("a sweep", "sweeps.run"),
-    "exclude": ("a sweep", "sweeps.run"),
+    "grid": ("a sweep", "sweeps.commands.run"),
+    "exclude": ("a sweep", "sweeps.commands.run"),
 }
 """Keys that only one kind of file has, and the module of the command that takes it."""
 

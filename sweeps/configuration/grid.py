@@ -11,13 +11,13 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from lidarplace.base.metrics import RANKING
+from lidarplace.clouds.blind_lidars import check_not_blind
+from lidarplace.clouds.own_body import check_mounts
 from lidarplace.configuration.settings import found, shortened
-from lidarplace.lidar.blind_lidars import check_not_blind
-from lidarplace.lidar.own_body import check_mounts
-from lidarplace.metrics import RANKING
-from lidarplace.placement import Placement
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Placement
 from lidarplace.scenes.recorded import LogScene
-from lidarplace.sensor import Lidar
 from sweeps.configuration.file import (
     ConfigError,
     check,

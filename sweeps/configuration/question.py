@@ -8,17 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
+from lidarplace.base.number_text import point
+from lidarplace.base.suggestions import did_you_mean
+from lidarplace.clouds.own_body import check_mounts
 from lidarplace.configuration.mounting import KeepOutSettings, keep_out_boxes
 from lidarplace.configuration.placement import read_placement
 from lidarplace.configuration.vehicle import vehicle_of
-from lidarplace.lidar.own_body import check_mounts
 from lidarplace.mounting.vehicle import Vehicle, depth_in
-from lidarplace.near_names import did_you_mean
-from lidarplace.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.recall.detection_curve import DetectionCurves, default_curves, read_curves
 from lidarplace.requirements.layout import Laid, lay_out
 from lidarplace.requirements.settings import RequirementSettings
-from lidarplace.shown import point
+from lidarplace.rigs.placement import PAPER_PLACEMENTS, Placement
 from sweeps.configuration.file import ConfigError, override, read_yaml
 from sweeps.configuration.file import check as check_file
 from sweeps.configuration.requirements_file import RequirementsFile

@@ -1,4 +1,4 @@
-"""The configuration of `sweeps.requirements`: rigs, their vehicle, and what has to be seen."""
+"""The configuration of `lidarplace requirements`: rigs, their vehicle, and what has to be seen."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class RequirementsFile(Settings):
     )
     curves: FilePath | None = Field(
         None,
-        description="detection curves, a file of python -m sweeps.calibrate; those of the package "
+        description="detection curves, a file of lidarplace calibrate; those of the package "
         "if null",
     )
     requirements: Requirements = Field(min_length=1, description="what has to be seen")

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
 
-from lidarplace.catalogue.datasheet import datasheet
+from lidarplace.base.metrics import RANKING, Direction, headline_metric
 from lidarplace.configuration.mounting import (
     KeepOuts,
     LimitSettings,
@@ -38,9 +38,9 @@ from lidarplace.configuration.settings import (
     short_for,
 )
 from lidarplace.configuration.vehicle import OwnVehicle
-from lidarplace.metrics import RANKING, Direction, headline_metric
+from lidarplace.pog.surrogates.table import ASKED_OF_POG, SURROGATES
 from lidarplace.requirements.settings import Requirements
-from lidarplace.surrogates.table import ASKED_OF_POG, SURROGATES
+from lidarplace.rigs.catalogue.datasheet import datasheet
 from sweeps.configuration.sweep import (
     Common,
     Point,

@@ -14,7 +14,10 @@ from pydantic import (
     model_validator,
 )
 
-from lidarplace.boxes import CLASSES
+from lidarplace.base.metrics import METRICS, RANKING, Direction, Overlaps
+from lidarplace.base.roi import Roi
+from lidarplace.base.suggestions import did_you_mean
+from lidarplace.clouds.profiles import PROFILES
 from lidarplace.configuration.mounting_errors import MountingErrorSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import (
@@ -35,19 +38,16 @@ from lidarplace.configuration.settings import (
 from lidarplace.configuration.vehicle import OwnVehicle
 from lidarplace.configuration.weather import WeatherSettings
 from lidarplace.coverage import Method
-from lidarplace.lidar.profiles import PROFILES
-from lidarplace.metrics import METRICS, RANKING, Direction, Overlaps
+from lidarplace.logs.boxes import CLASSES
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.near_names import did_you_mean
-from lidarplace.placement import PAPER_PLACEMENTS, Placement
+from lidarplace.pog.surrogates.table import ASKED_FOR, SURROGATES
 from lidarplace.requirements.settings import Requirements
-from lidarplace.roi import Roi
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.scenes.kinds import Scene
 from lidarplace.scenes.recorded import LogScene
 from lidarplace.scenes.routes import KEEP_M
 from lidarplace.scenes.sumo.settings import SumoScene
-from lidarplace.sensor import Lidar
-from lidarplace.surrogates.table import ASKED_FOR, SURROGATES
 from sweeps.configuration.classes import ClassSettings
 from sweeps.configuration.dead_lidars import SweptPlacementSettings
 from training import DETECTORS
@@ -132,7 +132,7 @@ class SurrogateSettings(Settings):
     occlusion: bool = Field(False, description="expected_ig with rays weakened on their way")
     curves: FilePath | None = Field(
         None,
-        description="detection curves of expected_recall, a file of python -m sweeps.calibrate; "
+        description="detection curves of expected_recall, a file of lidarplace calibrate; "
         "those of the package if null",
     )
     accuracy: bool = Field(

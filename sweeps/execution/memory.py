@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rich.filesize import decimal
 
-from lidarplace.roi import Roi
+from lidarplace.base.roi import Roi
 from sweeps.tasks.task import Task
 
 _BYTES_A_VOXEL = {

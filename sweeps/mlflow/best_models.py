@@ -10,9 +10,9 @@ from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from lidarplace.boxes import GEOMETRY
+from lidarplace.base.metrics import HEADLINE_METRIC
 from lidarplace.files.atomic import sync
-from lidarplace.metrics import HEADLINE_METRIC
+from lidarplace.logs.boxes import GEOMETRY
 from sweeps.plan.plan import Trial
 from sweeps.results.trial_results import metric_mean
 from sweeps.store.open import AnyStore

@@ -17,7 +17,7 @@ from mlflow.models import set_model
 from mlflow.pyfunc import PythonModel, PythonModelContext
 from numpy.typing import NDArray
 
-from lidarplace.lidar.clouds import valid_points
+from lidarplace.clouds.clouds import valid_points
 from training.detect import detect
 from training.settings import TrainingSettings
 from training.typical_objects import from_plain

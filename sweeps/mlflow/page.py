@@ -8,8 +8,8 @@ import platform
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from lidarplace.base.metrics import Overlaps, headline_metric, iou_of
 from lidarplace.files.secret_urls import hide_secrets
-from lidarplace.metrics import Overlaps, headline_metric, iou_of
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.grid import Sweep
 from sweeps.plan.plan import Trial, further_axes

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pandas as pd
 
-from lidarplace.boxes import CLASSES
-from lidarplace.class_names import counts_of, listed
-from lidarplace.near_names import did_you_mean
+from lidarplace.base.class_names import counts_of, listed
+from lidarplace.base.suggestions import did_you_mean
+from lidarplace.logs.boxes import CLASSES
 from lidarplace.scenes.recorded import LogScene
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.sweep import Point

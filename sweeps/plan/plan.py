@@ -14,22 +14,22 @@ import numpy as np
 from cachetools import cached
 
 from lidarplace import Placement, Roi
+from lidarplace.clouds.clouds import Crop
+from lidarplace.clouds.collect import crop_for
+from lidarplace.clouds.profiles import with_tilt_in_degrees
+from lidarplace.clouds.recorded import check_rig, clouds_digest
 from lidarplace.configuration.vehicle import VehicleSettings, vehicle_of
 from lidarplace.configuration.weather import WeatherSettings
-from lidarplace.lidar.clouds import Crop
-from lidarplace.lidar.collect import crop_for
-from lidarplace.lidar.profiles import with_tilt_in_degrees
-from lidarplace.lidar.recorded import check_rig, clouds_digest
 from lidarplace.mounting.errors import MountingErrors
 from lidarplace.mounting.random_rigs import has_other_lidar, random_rigs
 from lidarplace.mounting.ring_overlap import Interleaving, interleaving
 from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, POG_SURROGATES
 from lidarplace.recall.detection_curve import IOU, DetectionCurves, default_curves, read_curves
 from lidarplace.requirements.layout import Laid
 from lidarplace.scenes.kinds import scene_parts
 from lidarplace.scenes.parts import ScenePart
 from lidarplace.scenes.recorded import LogScene
-from lidarplace.surrogates.table import OBJECT_SURROGATES, POG_SURROGATES
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import GridPoint, Sweep, read_sweep
 from sweeps.configuration.question import check_asked, laid_out
@@ -624,7 +624,7 @@ def _curves(path: Path | None, classes: Sequence[tuple[str, str | None]]) -> Det
                     f"expected_recall has no detection curve of {name} at IoU {IOU:g}, only of "
                     f"{known}; leave expected_recall out of surrogate.names, say whose curve it "
                     f"takes with class_settings.{name}.curve, or make its own with python -m "
-                    "sweeps.calibrate"
+                    "sweeps.commands.calibrate"
                 )
     except OSError as error:
         raise ConfigError(f"surrogate.curves: {path}: {error.strerror}") from None

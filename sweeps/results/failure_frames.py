@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.boxes import GEOMETRY
-from lidarplace.lidar.clouds import JoinedClouds, PointClouds
-from lidarplace.lidar.points_in_boxes import box_of_points
+from lidarplace.clouds.clouds import JoinedClouds, PointClouds
+from lidarplace.clouds.points_in_boxes import box_of_points
+from lidarplace.logs.boxes import GEOMETRY
 from sweeps.plan.plan import Trial
 from sweeps.store.open import AnyStore
 from tracking.findings.failures import Failures

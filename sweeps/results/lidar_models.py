@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from lidarplace.catalogue.datasheet import datasheet
-from lidarplace.placement import Placement
+from lidarplace.rigs.catalogue.datasheet import datasheet
+from lidarplace.rigs.placement import Placement
 from sweeps.configuration.grid import Sweep
 from sweeps.configuration.sweep import Point
 from tracking.run_folders.sweep_json import LidarModel

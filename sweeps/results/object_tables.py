@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from lidarplace.boxes import GEOMETRY
-from lidarplace.metrics import kitti_iou
+from lidarplace.base.metrics import kitti_iou
+from lidarplace.logs.boxes import GEOMETRY
 from sweeps.plan.plan import Trial
 from sweeps.results.trial_results import axis_values, with_columns
 from sweeps.store.open import AnyStore

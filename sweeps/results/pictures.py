@@ -8,14 +8,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.boxes import GEOMETRY
+from lidarplace.clouds.clouds import PointClouds
 from lidarplace.coverage import coverage
-from lidarplace.lidar.clouds import PointClouds
+from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.mounting.outline import outline
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.occupancy.grid import OccupancyGrid
+from lidarplace.pog.occupancy.grid import OccupancyGrid
+from lidarplace.pog.surrogates.table import DECIDING
 from lidarplace.requirements.ground import Ground
-from lidarplace.surrogates.table import DECIDING
 from sweeps.plan.plan import Plan, Trial
 from sweeps.store.open import AnyStore
 from sweeps.tasks.stages import grids_of

@@ -15,7 +15,7 @@ from typing import Any
 
 import pandas as pd
 
-from lidarplace.metrics import OF_CLASSES, RANKING, Direction
+from lidarplace.base.metrics import OF_CLASSES, RANKING, Direction
 from sweeps.configuration.grid import Sweep
 from sweeps.configuration.sweep import Rung
 from sweeps.plan.plan import Plan, Trial

@@ -6,12 +6,12 @@ import math
 from collections.abc import Sequence
 
 from lidarplace import Placement
+from lidarplace.base.metrics import headline_metric
+from lidarplace.clouds.own_body import body_parts
+from lidarplace.clouds.raycast import cast
+from lidarplace.clouds.shade import ends_of
+from lidarplace.clouds.shapes import BODY
 from lidarplace.coverage import count_covered
-from lidarplace.lidar.own_body import body_parts
-from lidarplace.lidar.raycast import cast
-from lidarplace.lidar.shade import ends_of
-from lidarplace.lidar.shapes import BODY
-from lidarplace.metrics import headline_metric
 from lidarplace.mounting.body_share import AZIMUTH_STEPS
 from lidarplace.mounting.housing import NO_HOUSINGS
 from lidarplace.mounting.random_rigs import outside

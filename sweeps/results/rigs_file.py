@@ -8,8 +8,8 @@ from typing import Any
 import yaml
 
 from lidarplace.configuration.sensor import SensorSettings
-from lidarplace.placement import PAPER_PLACEMENTS
 from lidarplace.rig_files.own import as_written
+from lidarplace.rigs.placement import PAPER_PLACEMENTS
 from sweeps.configuration.grid import Sweep
 
 FILE = "rigs.yaml"

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from lidarplace.clouds.points_by_distance import points_by_distance
 from lidarplace.files.secret_urls import hide_secrets, public_url
-from lidarplace.lidar.points_by_distance import points_by_distance
 from lidarplace.mounting.vehicle import Vehicle
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.grid import Sweep

@@ -1,1 +1,1 @@
-"""The search for placements: `python -m sweeps.search search.yaml`."""
+"""The search for placements: `lidarplace search search.yaml`."""

@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
 from lidarplace import Placement, Roi
+from lidarplace.base.metrics import Overlaps
+from lidarplace.base.roi import Interval
+from lidarplace.clouds.clouds import Crop
 from lidarplace.coverage import Method
-from lidarplace.lidar.clouds import Crop
-from lidarplace.metrics import Overlaps
 from lidarplace.mounting.errors import MountingErrors
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.detection_curve import DetectionCurves
 from lidarplace.requirements.requirement import Requirement
-from lidarplace.roi import Interval
 from lidarplace.scenes.parts import Recording
 from training.settings import TrainingSettings
 from training.typical_objects import TypicalObject
@@ -109,7 +109,7 @@ class RequirementsParams:
 
 @dataclass(frozen=True)
 class AccuracyParams:
-    """The rig, and what is compared: see `lidarplace.surrogates.error_against_time`."""
+    """The rig, and what is compared: see `lidarplace.pog.surrogates.error_against_time`."""
 
     placement: Annotated[Placement, "placement", "lidar", "weather"]
     roi: Annotated[Roi, "roi", "surrogate.resolution"]

@@ -93,9 +93,11 @@ def _without_shows(statement: ast.stmt) -> ast.stmt:
 
 
 def _never_runs(statement: ast.stmt) -> bool:
-    """A text, or what only type checkers or a call as a program see."""
+    """A text, what only type checkers or a call as a program see, or how figures are drawn."""
     match statement:
         case ast.Expr(value=ast.Constant()):
+            return True
+        case ast.Expr(value=ast.Call(func=ast.Name(id="draw_with"))):
             return True
         case ast.If(test=ast.Name(id="TYPE_CHECKING"), orelse=[]):
             return True

@@ -33,10 +33,10 @@ from lidarplace import (
     evaluate_classes,
     expected_ig_by_q,
 )
-from lidarplace.box_log import BoxLog, join_logs
-from lidarplace.lidar.clouds import Clouds, JoinedClouds, PointClouds
-from lidarplace.surrogates.evaluate import FAINT_Q, linear_share
-from lidarplace.surrogates.table import RAY_SURROGATES, SURROGATES
+from lidarplace.clouds.clouds import Clouds, JoinedClouds, PointClouds
+from lidarplace.logs.box_log import BoxLog, join_logs
+from lidarplace.pog.surrogates.evaluate import FAINT_Q, linear_share
+from lidarplace.pog.surrogates.table import RAY_SURROGATES, SURROGATES
 from sweeps.tasks.parameters import (
     AccuracyParams,
     CollectParams,
@@ -57,7 +57,7 @@ from sweeps.tasks.parameters import (
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from lidarplace.lidar.collect import SimulatedClouds
+    from lidarplace.clouds.collect import SimulatedClouds
     from lidarplace.recall.expected_recall import ExpectedRecall
 
 Value = dict[str, Any]
@@ -71,7 +71,7 @@ def scene(params: SceneParams) -> Value:
 
 def ground_truth(params: GroundTruthParams, log: Value) -> Value:
     """Objects of every frame that count, the same for every placement, and all frames."""
-    from lidarplace.lidar.visibility import ground_truth as visible_objects
+    from lidarplace.clouds.visibility import ground_truth as visible_objects
 
     recorded = box_log(log)
     objects = visible_objects(recorded, params.x, params.y, params.z, seed=params.seed)
@@ -179,7 +179,7 @@ def requirements(params: RequirementsParams) -> Value:
 
 def accuracy(params: AccuracyParams, *logs: Value) -> Value:
     """Surrogates of one class against seconds: methods, resolutions, azimuth steps, frames."""
-    from lidarplace.surrogates.error_against_time import accuracy as compare
+    from lidarplace.pog.surrogates.error_against_time import accuracy as compare
 
     log = _training_log(logs)
     table = compare(
@@ -202,7 +202,7 @@ def sampling_error(params: SamplingErrorParams, *logs: Value) -> Value:
 
     Empty for a single frame, which has no spread.
     """
-    from lidarplace.surrogates.sampling_error import pog_sampling_error
+    from lidarplace.pog.surrogates.sampling_error import pog_sampling_error
 
     log = _training_log(logs)
     if len(log.frames) < 2:
@@ -222,8 +222,8 @@ def sampling_error(params: SamplingErrorParams, *logs: Value) -> Value:
 
 def collect(params: CollectParams | RecordedParams, log: Value) -> Value:
     """Point clouds of one split under one placement, and the points on every object."""
-    from lidarplace.lidar.points_in_boxes import count_points_per_object
-    from lidarplace.lidar.recorded import clouds_digest, recorded_clouds
+    from lidarplace.clouds.points_in_boxes import count_points_per_object
+    from lidarplace.clouds.recorded import clouds_digest, recorded_clouds
 
     recorded = box_log(log)
     if isinstance(params, RecordedParams):
@@ -393,7 +393,7 @@ def _frames_of(log: BoxLog, split: str) -> NDArray[np.int64]:
 
 def _simulated(params: CollectParams, log: BoxLog) -> SimulatedClouds:
     """Clouds of the frames that the parameters name, as they are asked for."""
-    from lidarplace.lidar.collect import SimulatedClouds
+    from lidarplace.clouds.collect import SimulatedClouds
 
     return SimulatedClouds(
         log,

@@ -42,17 +42,19 @@ class Line:
 
 
 LINES = {
-    "init": Line("sweeps.init", ("new",), ()),
-    "run": Line("sweeps.run", ("sweep.yaml", "--dry-run"), ("sweep.yaml", "log")),
-    "search": Line("sweeps.search.__main__", ("search.yaml", "--dry-run"), ("search.yaml", "log")),
-    "status": Line("sweeps.status", ("sweep.yaml",), ("sweep.yaml", "log")),
-    "clean": Line("sweeps.clean", ("sweep.yaml",), ("sweep.yaml", "log", "runs"), codes=(0, 1)),
-    "doctor": Line("sweeps.doctor", ("sweep.yaml",), ("sweep.yaml", "log"), codes=(0, 1)),
+    "init": Line("sweeps.commands.init", ("new",), ()),
+    "run": Line("sweeps.commands.run", ("sweep.yaml", "--dry-run"), ("sweep.yaml", "log")),
+    "search": Line("sweeps.commands.search", ("search.yaml", "--dry-run"), ("search.yaml", "log")),
+    "status": Line("sweeps.commands.status", ("sweep.yaml",), ("sweep.yaml", "log")),
+    "clean": Line(
+        "sweeps.commands.clean", ("sweep.yaml",), ("sweep.yaml", "log", "runs"), codes=(0, 1)
+    ),
+    "doctor": Line("sweeps.commands.doctor", ("sweep.yaml",), ("sweep.yaml", "log"), codes=(0, 1)),
     "report": Line(
-        "tracking.report.__main__", ("run",), ("run",), "tracking.report.build.build_report"
+        "tracking.report.command", ("run",), ("run",), "tracking.report.build.build_report"
     ),
     "search-report": Line(
-        "tracking.search_report.__main__",
+        "tracking.search_report.command",
         ("found",),
         ("found",),
         "tracking.search_report.build.build_search_report",
@@ -61,77 +63,87 @@ LINES = {
         "tracking.dashboard", ("runs/mlflow.db",), ("runs",), "tracking.dashboard.connect"
     ),
     "record": Line(
-        "sweeps.record",
+        "sweeps.commands.record",
         ("sweep.yaml", "out"),
         ("sweep.yaml", "log"),
         "sweeps.execution.run_tasks.run_tasks",
     ),
     "pretrain": Line(
-        "sweeps.pretrain",
+        "sweeps.commands.pretrain",
         ("sweep.yaml", "--out", "base.pt"),
         ("sweep.yaml", "log"),
         "sweeps.execution.run_tasks.run_tasks",
     ),
     "calibrate": Line(
-        "sweeps.calibrate",
+        "sweeps.commands.calibrate",
         ("sweep.yaml", "--out", "curves.json"),
         ("sweep.yaml", "log"),
         "sweeps.calibration.observations.rigs_of",
     ),
     "failures": Line(
-        "sweeps.failures",
+        "sweeps.commands.failures",
         ("run", "--rigs", "center,line", "--where", "seed=1", "--out", "out"),
         ("run",),
-        "sweeps.failures._compared",
+        "sweeps.commands.failures._compared",
     ),
-    "convert table": Line("lidarplace.convert", ("table", "csv", "out"), ("csv", "classes.yaml")),
+    "convert table": Line(
+        "lidarplace.commands.convert", ("table", "csv", "out"), ("csv", "classes.yaml")
+    ),
     "convert a table": Line(
-        "lidarplace.convert", ("table", "csv/boxes.csv", "out", "--frames", "9"), ("csv",)
+        "lidarplace.commands.convert", ("table", "csv/boxes.csv", "out", "--frames", "9"), ("csv",)
     ),
     "convert labels": Line(
-        "lidarplace.convert",
+        "lidarplace.commands.convert",
         ("table", "labels/labels.csv", "out", "--mapping", "labels/map.yaml"),
         ("labels",),
     ),
-    "convert kitti": Line("lidarplace.convert", ("kitti", "kitti", "out"), ("kitti",)),
-    "convert nuscenes": Line("lidarplace.convert", ("nuscenes", "nuscenes", "out"), ("nuscenes",)),
-    "convert argoverse": Line("lidarplace.convert", ("argoverse", "av2", "out"), ("av2",)),
-    "convert waymo": Line("lidarplace.convert", ("waymo", "waymo", "out"), ("waymo",)),
+    "convert kitti": Line("lidarplace.commands.convert", ("kitti", "kitti", "out"), ("kitti",)),
+    "convert nuscenes": Line(
+        "lidarplace.commands.convert", ("nuscenes", "nuscenes", "out"), ("nuscenes",)
+    ),
+    "convert argoverse": Line("lidarplace.commands.convert", ("argoverse", "av2", "out"), ("av2",)),
+    "convert waymo": Line("lidarplace.commands.convert", ("waymo", "waymo", "out"), ("waymo",)),
     "convert openlabel": Line(
-        "lidarplace.convert",
+        "lidarplace.commands.convert",
         ("openlabel", "openlabel", "out", "--origin", "0", "0", "0"),
         ("openlabel",),
     ),
     "carla": Line(
-        "lidarplace.scenes.carla.__main__",
+        "lidarplace.scenes.carla.command",
         ("carla.yaml", "out", "--host", "127.0.0.1", "--port", "1", "--timeout", "0.1"),
         ("carla.yaml",),
-        "lidarplace.scenes.carla.__main__.collect",
+        "lidarplace.scenes.carla.command.collect",
     ),
-    "sensors": Line("lidarplace.sensors", ("vlp16",), ()),
+    "sensors": Line("lidarplace.commands.sensors", ("vlp16",), ()),
     "rig": Line(
-        "lidarplace.rig",
+        "lidarplace.commands.rig",
         ("rig.yaml", "objects.json", "--format", "carla", "--lidar", "vlp16"),
         ("rig.yaml",),
     ),
     "read a rig": Line(
-        "lidarplace.rig",
+        "lidarplace.commands.rig",
         ("rigs/urdf.urdf", "new.yaml", "--origin", "0", "0", "0", "--only", "*"),
         ("rigs",),
     ),
-    "describe": Line("lidarplace.describe", ("log",), ("log",)),
-    "view": Line("lidarplace.view", ("log", "--placement", "line"), ("log", "rig.yaml")),
+    "describe": Line("lidarplace.commands.describe", ("log",), ("log",)),
+    "view": Line("lidarplace.commands.view", ("log", "--placement", "line"), ("log", "rig.yaml")),
     "studio": Line(
-        "lidarplace.studio.__main__",
+        "lidarplace.studio.command",
         ("rig.yaml", "--log", "log", "--resolution", "0.4"),
         ("rig.yaml", "log"),
         "lidarplace.studio.page.server.serving",
     ),
-    "export": Line("lidarplace.export", ("log", "out", "--placement", "line"), ("log", "rig.yaml")),
-    "requirements": Line("sweeps.requirements", ("needs.yaml",), ("needs.yaml",), codes=(0, 1)),
-    "accuracy": Line("sweeps.accuracy", ("log", *QUICK), ("log", "sweep.yaml")),
+    "export": Line(
+        "lidarplace.commands.export", ("log", "out", "--placement", "line"), ("log", "rig.yaml")
+    ),
+    "requirements": Line(
+        "sweeps.commands.requirements", ("needs.yaml",), ("needs.yaml",), codes=(0, 1)
+    ),
+    "accuracy": Line("sweeps.commands.accuracy", ("log", *QUICK), ("log", "sweep.yaml")),
     "accuracy of a table": Line(
-        "sweeps.accuracy", ("csv/boxes.csv", "--frames", "9", *QUICK), ("csv", "sweep.yaml", "log")
+        "sweeps.commands.accuracy",
+        ("csv/boxes.csv", "--frames", "9", *QUICK),
+        ("csv", "sweep.yaml", "log"),
     ),
 }
 """By verb."""

@@ -66,7 +66,7 @@ def _nonsense(name: str, world: Path) -> str:
 
 
 def _box_log(world: Path) -> object:
-    from lidarplace.box_log import read_box_log
+    from lidarplace.logs.box_log import read_box_log
 
     return read_box_log(world / "log")
 
@@ -78,15 +78,15 @@ def _kitti_clouds(world: Path) -> object:
 
 
 def _recorded(world: Path) -> object:
-    from lidarplace.lidar.recorded import clouds_digest, recorded_clouds
+    from lidarplace.clouds.recorded import clouds_digest, recorded_clouds
 
     clouds_digest(world / "clouds")
     return list(recorded_clouds(world / "clouds", FRAMES, (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)))
 
 
 def _rig(world: Path) -> object:
-    from lidarplace.lidar.recorded import check_rig
-    from lidarplace.placement import PAPER_PLACEMENTS
+    from lidarplace.clouds.recorded import check_rig
+    from lidarplace.rigs.placement import PAPER_PLACEMENTS
 
     return check_rig(world / "clouds", PAPER_PLACEMENTS["line"])
 
@@ -130,7 +130,7 @@ def _map(name: str, world: Path) -> object:
 
 AT_ORIGIN = ("--origin", "0", "0", "0", "--only", "*")
 LOG = ("log/*.parquet",)
-CONVERT = "lidarplace.convert"
+CONVERT = "lidarplace.commands.convert"
 SOUND = partial(_nonsense, "log")
 QUICK = (
     "--config",
@@ -146,18 +146,33 @@ QUICK = (
 
 DATA: tuple[Target, ...] = (
     Target("box log", LOG, read=_box_log, check=SOUND),
-    Target("describe", LOG, "lidarplace.describe", ("log",), check=SOUND),
-    Target("view", LOG, "lidarplace.view", ("log", "--placement", "line"), check=SOUND),
-    Target("export", LOG, "lidarplace.export", ("log", "out", "--placement", "line"), check=SOUND),
-    Target("accuracy", LOG, "sweeps.accuracy", ("log", *QUICK), needs=("sweep.yaml",), check=SOUND),
+    Target("describe", LOG, "lidarplace.commands.describe", ("log",), check=SOUND),
+    Target("view", LOG, "lidarplace.commands.view", ("log", "--placement", "line"), check=SOUND),
+    Target(
+        "export",
+        LOG,
+        "lidarplace.commands.export",
+        ("log", "out", "--placement", "line"),
+        check=SOUND,
+    ),
+    Target(
+        "accuracy",
+        LOG,
+        "sweeps.commands.accuracy",
+        ("log", *QUICK),
+        needs=("sweep.yaml",),
+        check=SOUND,
+    ),
     Target(
         "accuracy of a table",
         ("csv/boxes.csv",),
-        "sweeps.accuracy",
+        "sweeps.commands.accuracy",
         ("csv/boxes.csv", "--frames", "9", *QUICK),
         needs=("sweep.yaml", "log"),
     ),
-    Target("run", LOG, "sweeps.run", ("sweep.yaml", "--dry-run"), needs=("sweep.yaml", "log")),
+    Target(
+        "run", LOG, "sweeps.commands.run", ("sweep.yaml", "--dry-run"), needs=("sweep.yaml", "log")
+    ),
     Target(
         "convert table",
         ("csv/*.csv",),
@@ -247,7 +262,7 @@ DATA: tuple[Target, ...] = (
         Target(
             f"rig {name}",
             (f"rigs/{name}{files}",),
-            "lidarplace.rig",
+            "lidarplace.commands.rig",
             (f"rigs/{name}{suffix}", "out.yaml", "--format", name, *AT_ORIGIN),
         )
         for name, suffix, files in (
@@ -281,60 +296,81 @@ MAPS: tuple[Target, ...] = tuple(
 """They start SUMO."""
 
 REPORTS: tuple[Target, ...] = (
-    Target("report", ("run/*.parquet", "run/*.npz"), "tracking.report.__main__", ("run",)),
+    Target("report", ("run/*.parquet", "run/*.npz"), "tracking.report.command", ("run",)),
     Target(
         "search-report",
         ("found/*.parquet", "found/*.npz", "found/optuna/*.json"),
-        "tracking.search_report.__main__",
+        "tracking.search_report.command",
         ("found",),
     ),
 )
 """Whole reports: a second each."""
 
 SETTINGS: tuple[Target, ...] = (
-    Target("run", ("sweep.yaml",), "sweeps.run", ("sweep.yaml", "--dry-run"), needs=("log",)),
+    Target(
+        "run", ("sweep.yaml",), "sweeps.commands.run", ("sweep.yaml", "--dry-run"), needs=("log",)
+    ),
     Target(
         "search",
         ("search.yaml",),
-        "sweeps.search.__main__",
+        "sweeps.commands.search",
         ("search.yaml", "--dry-run"),
         needs=("log",),
     ),
     Target(
-        "status", ("sweep.yaml", "search.yaml"), "sweeps.status", ("{}", "--json"), needs=("log",)
+        "status",
+        ("sweep.yaml", "search.yaml"),
+        "sweeps.commands.status",
+        ("{}", "--json"),
+        needs=("log",),
     ),
     Target(
-        "doctor", ("sweep.yaml",), "sweeps.doctor", ("sweep.yaml",), needs=("log",), codes=(0, 1)
+        "doctor",
+        ("sweep.yaml",),
+        "sweeps.commands.doctor",
+        ("sweep.yaml",),
+        needs=("log",),
+        codes=(0, 1),
     ),
     Target(
         "clean",
         ("sweep.yaml", "search.yaml"),
-        "sweeps.clean",
+        "sweeps.commands.clean",
         ("{}", "--dry-run"),
         needs=("log", "runs"),
     ),
-    Target("requirements", ("needs.yaml",), "sweeps.requirements", ("needs.yaml",), codes=(0, 1)),
     Target(
-        "accuracy --config", ("sweep.yaml",), "sweeps.accuracy", ("log", *QUICK), needs=("log",)
+        "requirements",
+        ("needs.yaml",),
+        "sweeps.commands.requirements",
+        ("needs.yaml",),
+        codes=(0, 1),
+    ),
+    Target(
+        "accuracy --config",
+        ("sweep.yaml",),
+        "sweeps.commands.accuracy",
+        ("log", *QUICK),
+        needs=("log",),
     ),
     Target(
         "view --placement",
         ("rig.yaml",),
-        "lidarplace.view",
+        "lidarplace.commands.view",
         ("log", "--placement", "rig.yaml"),
         needs=("log",),
     ),
     Target(
         "export --placement",
         ("rig.yaml",),
-        "lidarplace.export",
+        "lidarplace.commands.export",
         ("log", "out", "--placement", "rig.yaml"),
         needs=("log",),
     ),
     Target(
         "rig",
         ("rig.yaml",),
-        "lidarplace.rig",
+        "lidarplace.commands.rig",
         ("rig.yaml", "out.urdf", "--origin", "0", "0", "0"),
     ),
     Target(
@@ -354,7 +390,7 @@ SETTINGS: tuple[Target, ...] = (
     Target(
         "carla",
         ("carla.yaml",),
-        "lidarplace.scenes.carla.__main__",
+        "lidarplace.scenes.carla.command",
         ("carla.yaml", "out", "--host", "127.0.0.1", "--port", "1", "--timeout", "0.1"),
     ),
     Target("run folder's sweep.json", ("run/sweep.json",), read=_run_folder),

@@ -120,9 +120,9 @@ def write_world(folder: Path) -> None:
 def _rigs(folder: Path) -> None:
     """A rig in the format of every other tool."""
     from lidarplace.configuration.sensor import SensorSettings
-    from lidarplace.placement import Mount
     from lidarplace.rig_files.formats import FORMATS
     from lidarplace.rig_files.mounted import MountedLidar
+    from lidarplace.rigs.placement import Mount
 
     folder.mkdir()
     model = SensorSettings(name="vlp32c")
@@ -194,9 +194,9 @@ def _data_sets(folder: Path) -> None:
 def _clouds(folder: Path) -> None:
     import json
 
-    from lidarplace.lidar.clouds import PointClouds, write_clouds
-    from lidarplace.lidar.recorded import rig_record
-    from lidarplace.placement import PAPER_PLACEMENTS
+    from lidarplace.clouds.clouds import PointClouds, write_clouds
+    from lidarplace.clouds.recorded import rig_record
+    from lidarplace.rigs.placement import PAPER_PLACEMENTS
 
     random = np.random.default_rng(0)
     clouds = [(random.uniform(0, 1, (50, 4)).astype(np.float32), [20, 30]) for _ in FRAMES]

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from lidarplace.box_log import BoxLog
-from lidarplace.boxes import BOX_COLUMNS, POSE_COLUMNS
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.logs.boxes import BOX_COLUMNS, POSE_COLUMNS
 
 LENGTH = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
 ANGLE = {"rad": 1.0, "deg": 180.0 / math.pi}

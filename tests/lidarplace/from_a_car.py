@@ -2,13 +2,13 @@
 
 from typing import Any
 
-from lidarplace.lidar import raycast
-from lidarplace.lidar.own_body import body_parts
-from lidarplace.lidar.shapes import Parts
-from lidarplace.placement import Mount
-from lidarplace.sensor import Lidar
+from lidarplace.clouds import raycast
+from lidarplace.clouds.own_body import body_parts
+from lidarplace.clouds.shapes import Parts
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount
 
 
 def cast(mount: Mount, lidar: Lidar, parts: Parts, *further: Any, **keywords: Any) -> raycast.Hits:
-    """`lidarplace.lidar.raycast.cast` with the sedan among the parts."""
+    """`lidarplace.clouds.raycast.cast` with the sedan among the parts."""
     return raycast.cast(mount, lidar, body_parts(None).and_(parts), *further, **keywords)

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from lidarplace import Lidar, Mount, OccupancyGrid, Placement, Roi, evaluate
-from lidarplace.surrogates.error_against_time import accuracy, scale
+from lidarplace.pog.surrogates.error_against_time import accuracy, scale
 
 ROI = Roi((0, 8), (-4, 4), (0, 2), 0.4)
 LIDAR = Lidar(tuple(np.radians(np.linspace(-25, 5, 8))), azimuth_steps=720)

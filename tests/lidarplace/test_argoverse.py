@@ -9,7 +9,7 @@ import pytest
 from argoverse_layout import LEVEL, Box, Log, write_argoverse
 from scipy.spatial.transform import Rotation
 
-from lidarplace.boxes import BOX_COLUMNS, CLASSES, FRAME_COLUMNS, POSE_COLUMNS, check_boxes
+from lidarplace.logs.boxes import BOX_COLUMNS, CLASSES, FRAME_COLUMNS, POSE_COLUMNS, check_boxes
 from lidarplace.scenes.datasets.argoverse import read_argoverse
 from lidarplace.scenes.datasets.class_maps import ARGOVERSE, IGNORE
 

@@ -8,14 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement, Roi
-from lidarplace.lidar.blind_lidars import OBJECTS_M, SPACE_M, blind_lidars, check_not_blind
-from lidarplace.lidar.own_body import body_parts, sedan
-from lidarplace.lidar.raycast import cast
-from lidarplace.lidar.shade import ends_of
+from lidarplace.clouds.blind_lidars import OBJECTS_M, SPACE_M, blind_lidars, check_not_blind
+from lidarplace.clouds.own_body import body_parts, sedan
+from lidarplace.clouds.raycast import cast
+from lidarplace.clouds.shade import ends_of
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.housing import NO_HOUSINGS
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.scan_pattern import ScanPattern
+from lidarplace.rigs.scan_pattern import ScanPattern
 
 FRONT = Roi((0, 40), (-20, 20), (0, 4), 0.5)
 AROUND = Roi((-40, 40), (-20, 20), (0, 4), 0.5)

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lidarplace.box_log import BoxLog, join_logs, read_box_log, write_box_log
-from lidarplace.boxes import BOX_COLUMNS, BUILDING_COLUMNS
+from lidarplace.logs.box_log import BoxLog, join_logs, read_box_log, write_box_log
+from lidarplace.logs.boxes import BOX_COLUMNS, BUILDING_COLUMNS
 from tests.sweeps.small_log import write_small_log
 
 BOXES = pd.DataFrame(

@@ -1,7 +1,7 @@
 import pandas as pd
 import pytest
 
-from lidarplace.boxes import BOX_COLUMNS, check_boxes, frame_ids
+from lidarplace.logs.boxes import BOX_COLUMNS, check_boxes, frame_ids
 
 BOXES = pd.DataFrame(
     [

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lidarplace.boxes import BUILDING_COLUMNS, check_boxes
+from lidarplace.logs.boxes import BUILDING_COLUMNS, check_boxes
 from lidarplace.scenes.sumo.buildings import REACH_M, build_along, within_reach
 from lidarplace.scenes.sumo.maps import build_network
 

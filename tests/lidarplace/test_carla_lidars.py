@@ -9,10 +9,10 @@ pytest.importorskip("carla")
 
 from carla_world import cast
 
-from lidarplace.placement import PAPER_PLACEMENTS, Mount
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import PAPER_PLACEMENTS, Mount
 from lidarplace.scenes.carla.lidars import attributes, even_fans, mount_transform
 from lidarplace.scenes.carla.returns import ego_points
-from lidarplace.sensor import Lidar
 
 PAPER = Lidar.paper()
 

@@ -12,12 +12,12 @@ pytest.importorskip("carla")
 
 from carla_world import Server
 
-from lidarplace.scenes.carla.__main__ import Collection, app
+from lidarplace.rigs.lidar import Lidar
 from lidarplace.scenes.carla.classes import object_class
+from lidarplace.scenes.carla.command import Collection, app
 from lidarplace.scenes.carla.drive import starts
 from lidarplace.scenes.carla.server import check_versions, connect
 from lidarplace.scenes.carla.settings import CarlaScene
-from lidarplace.sensor import Lidar
 
 
 def closed_port():

@@ -9,8 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 from lidarplace import Lidar
-from lidarplace.catalogue.datasheet import catalogue, datasheet
-from lidarplace.sensors import app
+from lidarplace.commands.sensors import app
+from lidarplace.rigs.catalogue.datasheet import catalogue, datasheet
 
 SHEETS = catalogue()
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from lidarplace.lidar.clouds import JoinedClouds, PointClouds, read_clouds, write_clouds
+from lidarplace.clouds.clouds import JoinedClouds, PointClouds, read_clouds, write_clouds
 
 CROP = (0.0, -20.0, -0.5, 40.0, 20.0, 4.0)
 

@@ -7,18 +7,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lidarplace.box_log import BoxLog
-from lidarplace.boxes import GEOMETRY
-from lidarplace.lidar.collect import SimulatedClouds, collect, crop_for
-from lidarplace.lidar.ground import CELL_M, CELLS, Ground
-from lidarplace.lidar.raycast import GROUND
-from lidarplace.lidar.returns import ATTENUATION_PER_M, LARGEST_ERROR, sample_points
-from lidarplace.lidar.shapes import OWN_BODY, SIGN, bricks
-from lidarplace.lidar.surroundings import Surroundings
+from lidarplace.clouds.collect import SimulatedClouds, collect, crop_for
+from lidarplace.clouds.ground import CELL_M, CELLS, Ground
+from lidarplace.clouds.raycast import GROUND
+from lidarplace.clouds.returns import ATTENUATION_PER_M, LARGEST_ERROR, sample_points
+from lidarplace.clouds.shapes import OWN_BODY, SIGN, bricks
+from lidarplace.clouds.surroundings import Surroundings
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.mounting.errors import MountingErrors
-from lidarplace.placement import Mount, Placement
-from lidarplace.pose import rotation
-from lidarplace.sensor import Lidar
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount, Placement
+from lidarplace.rigs.pose import rotation
 from tests.lidarplace.from_a_car import cast
 
 CROP = (0.0, -20.0, -1.0, 40.0, 20.0, 4.0)
@@ -362,7 +362,7 @@ def test_normal_numbers_are_quantiles_of_the_uniform_ones():
     special = pytest.importorskip("scipy.special")
     from numba import njit
 
-    from lidarplace.lidar.returns import _fill_normals
+    from lidarplace.clouds.returns import _fill_normals
 
     fill = njit(lambda numbers, flank: _fill_normals(numbers, len(numbers), flank))
     tails = 2.0 ** -np.arange(2, 54)

@@ -6,8 +6,8 @@ from argoverse_layout import Box as ArgoverseBox
 from nuscenes_layout import Box, Sample, Scene, write_nuscenes
 from typer.testing import CliRunner
 
-from lidarplace.box_log import read_box_log
-from lidarplace.convert import app
+from lidarplace.commands.convert import app
+from lidarplace.logs.box_log import read_box_log
 
 CATEGORIES = ["vehicle.car", "movable_object.barrier", "vehicle.bus.rigid"]
 

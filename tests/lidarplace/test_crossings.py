@@ -3,8 +3,8 @@ import pytest
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, OccupancyGrid, Roi, evaluate
 from lidarplace.coverage.rays import log_miss, ray_counts, ray_weight
-from lidarplace.surrogates import formulas
-from lidarplace.surrogates.formulas import (
+from lidarplace.pog.surrogates import formulas
+from lidarplace.pog.surrogates.formulas import (
     Crossings,
     expected_ig,
     expected_ig_with_occlusion,

@@ -5,9 +5,9 @@ import sys
 
 import pandas as pd
 
-from lidarplace.box_log import BoxLog, write_box_log
-from lidarplace.boxes import BOX_COLUMNS
-from lidarplace.describe import describe
+from lidarplace.commands.describe import describe
+from lidarplace.logs.box_log import BoxLog, write_box_log
+from lidarplace.logs.boxes import BOX_COLUMNS
 
 FRAMES = pd.DataFrame(
     {
@@ -57,7 +57,7 @@ def test_a_log_without_boxes():
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "lidarplace.describe", *arguments]
+    command = [sys.executable, "-m", "lidarplace.commands.describe", *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 

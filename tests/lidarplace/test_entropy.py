@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidarplace.occupancy.entropy import binary_entropy
+from lidarplace.pog.occupancy.entropy import binary_entropy
 
 
 def exact(p, rest):

@@ -1,4 +1,4 @@
-"""`python -m lidarplace.export`, its result read by code that is not the exporter's."""
+"""`lidarplace export`, its result read by code that is not the exporter's."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import pytest
 from kitti_reader import read_frame
 from typer.testing import CliRunner
 
-from lidarplace.box_log import BoxLog, write_box_log
-from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS, GEOMETRY
-from lidarplace.export import app
-from lidarplace.lidar.collect import collect
-from lidarplace.lidar.points_in_boxes import count_points
-from lidarplace.placement import PAPER_PLACEMENTS
+from lidarplace.clouds.collect import collect
+from lidarplace.clouds.points_in_boxes import count_points
+from lidarplace.commands.export import app
+from lidarplace.logs.box_log import BoxLog, write_box_log
+from lidarplace.logs.boxes import BOX_COLUMNS, FRAME_COLUMNS, GEOMETRY
+from lidarplace.rigs.placement import PAPER_PLACEMENTS
 from lidarplace.scenes.kitti.read import read_kitti
 
 

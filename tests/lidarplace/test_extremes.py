@@ -13,12 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarplace import Lidar, Mount, OccupancyGrid, Placement, Roi, evaluate
-from lidarplace.boxes import GEOMETRY
 from lidarplace.coverage import coverage
 from lidarplace.coverage.bits import pack
 from lidarplace.coverage.cone import covered_by_cones, covered_voxel_by_voxel
 from lidarplace.coverage.rays import ray_counts
-from lidarplace.surrogates.formulas import information
+from lidarplace.logs.boxes import GEOMETRY
+from lidarplace.pog.surrogates.formulas import information
 
 ROI = Roi(x=(0.0, 1.5), y=(-0.75, 0.75), z=(0.0, 1.0), resolution=0.25)
 DECIMAL = Roi(x=(0.0, 0.6), y=(-0.3, 0.3), z=(0.0, 0.4), resolution=0.1)

@@ -9,21 +9,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidarplace.box_log import BoxLog
-from lidarplace.boxes import GEOMETRY
-from lidarplace.lidar.collect import collect
-from lidarplace.lidar.raycast import NO_ENDS
-from lidarplace.lidar.shade import ends_in_rig, ends_of, in_view
+from lidarplace.base.roi import Roi
+from lidarplace.clouds.collect import collect
+from lidarplace.clouds.raycast import NO_ENDS
+from lidarplace.clouds.shade import ends_in_rig, ends_of, in_view
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.housing import housings_of, without
 from lidarplace.mounting.near_field import near_field_coverage, seen_in_columns
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.placement import Mount, Placement
 from lidarplace.recall.detection_curve import default_curves
 from lidarplace.recall.expected_recall import ExpectedRecall
 from lidarplace.requirements.rays_on_objects import count_points, sights_of
-from lidarplace.roi import Roi
-from lidarplace.sensor import Lidar
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount, Placement
 
 NOTHING = Vehicle("nothing", np.empty((0, 2, 3)))
 ROUND, BOX = (0.2, 0.2, 0.1), (0.1, 0.3, 0.2)

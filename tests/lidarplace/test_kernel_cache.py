@@ -6,13 +6,13 @@ import sys
 import numba
 import pytest
 
-from lidarplace import kernel_cache
+from lidarplace.base import kernel_cache
 
 FILES = {
     "__init__": "",
     "numbers": "FACTOR = 2.0\n",
     "inner": """
-from lidarplace.kernel_cache import njit
+from lidarplace.base.kernel_cache import njit
 from toy.numbers import (
     FACTOR,  # of all
 )
@@ -22,7 +22,7 @@ def inner(x):
     return FACTOR * x + 1.0
 """,
     "middle": """
-from lidarplace.kernel_cache import njit
+from lidarplace.base.kernel_cache import njit
 from toy import inner as kernels
 
 inner = kernels.inner
@@ -32,7 +32,7 @@ def middle(x):
     return inner(x)
 """,
     "outer": """
-from lidarplace.kernel_cache import njit
+from lidarplace.base.kernel_cache import njit
 from toy.middle import middle
 
 @njit(cache=True)

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from kitti_reader import read_frame
 
-from lidarplace.lidar.clouds import PointClouds
+from lidarplace.clouds.clouds import PointClouds
 from lidarplace.scenes.kitti.labels import NEAR_M, in_image, label_lines, to_labels
 from lidarplace.scenes.kitti.write import NOTHING, black_png, write_kitti
 

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidarplace.box_log import read_box_log, write_box_log
-from lidarplace.boxes import CLASSES, GEOMETRY
-from lidarplace.lidar.clouds import PointClouds
+from lidarplace.clouds.clouds import PointClouds
+from lidarplace.logs.box_log import read_box_log, write_box_log
+from lidarplace.logs.boxes import CLASSES, GEOMETRY
 from lidarplace.scenes.datasets.class_maps import OwnNames
 from lidarplace.scenes.kitti.calibration import STANDARD, calibration_text
 from lidarplace.scenes.kitti.labels import label_lines, to_labels

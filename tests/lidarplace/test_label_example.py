@@ -3,7 +3,7 @@
 import yaml
 from typer.testing import CliRunner
 
-from lidarplace.convert import app
+from lidarplace.commands.convert import app
 from lidarplace.scenes.label_tables.propose import propose_mapping
 from tests.docs_blocks import ROOT, blocks
 

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from lidarplace.box_log import read_box_log
-from lidarplace.boxes import GEOMETRY, POSE_COLUMNS
-from lidarplace.convert import app
+from lidarplace.commands.convert import app
+from lidarplace.logs.box_log import read_box_log
+from lidarplace.logs.boxes import GEOMETRY, POSE_COLUMNS
 from lidarplace.scenes.label_tables.mapping import TableMapping, read_mapping
 from lidarplace.scenes.label_tables.read import read_label_table
 

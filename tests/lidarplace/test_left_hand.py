@@ -8,7 +8,7 @@ from xml.etree.ElementTree import Element, fromstring, tostring
 import numpy as np
 import pytest
 
-from lidarplace.box_log import BoxLog
+from lidarplace.logs.box_log import BoxLog
 from lidarplace.scenes.sumo.mirror import mirror_map
 from lidarplace.scenes.sumo.settings import SumoScene
 

@@ -4,7 +4,7 @@ from hypothesis import strategies as st
 
 from lidarplace.coverage.bits import empty, pack, turned, unpack
 from lidarplace.coverage.tiles import Tiles
-from lidarplace.occupancy.levels import Levels
+from lidarplace.pog.occupancy.levels import Levels
 
 shapes = st.tuples(st.integers(1, 40), st.integers(1, 70), st.integers(1, 140))
 

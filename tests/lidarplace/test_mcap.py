@@ -10,13 +10,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from lidarplace.box_log import BoxLog, read_box_log, write_box_log
-from lidarplace.boxes import GEOMETRY
-from lidarplace.export import app
-from lidarplace.lidar.clouds import write_clouds
-from lidarplace.lidar.collect import collect
-from lidarplace.lidar.recorded import rig_record
-from lidarplace.placement import PAPER_PLACEMENTS
+from lidarplace.clouds.clouds import write_clouds
+from lidarplace.clouds.collect import collect
+from lidarplace.clouds.recorded import rig_record
+from lidarplace.commands.export import app
+from lidarplace.logs.box_log import BoxLog, read_box_log, write_box_log
+from lidarplace.logs.boxes import GEOMETRY
+from lidarplace.rigs.placement import PAPER_PLACEMENTS
 from lidarplace.viewing.mcap import clock
 from tests.sweeps.small_log import write_small_log
 

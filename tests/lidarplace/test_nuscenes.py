@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from nuscenes_layout import Box, Sample, Scene, write_nuscenes
 
-from lidarplace.box_log import read_box_log, write_box_log
-from lidarplace.boxes import BOX_COLUMNS, CLASSES, FRAME_COLUMNS, POSE_COLUMNS, check_boxes
+from lidarplace.logs.box_log import read_box_log, write_box_log
+from lidarplace.logs.boxes import BOX_COLUMNS, CLASSES, FRAME_COLUMNS, POSE_COLUMNS, check_boxes
 from lidarplace.scenes.datasets.class_maps import IGNORE, NUSCENES, named_class_map
 from lidarplace.scenes.datasets.nuscenes import ORIGIN, read_nuscenes
 

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarplace import OccupancyGrid, Roi
-from lidarplace.boxes import GEOMETRY
 from lidarplace.coverage.bits import pack
+from lidarplace.logs.boxes import GEOMETRY
 
 ROI = Roi(x=(-1.0, 3.0), y=(-2.0, 1.0), z=(0.0, 1.5), resolution=0.25)
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from lidarplace.box_log import read_box_log
-from lidarplace.boxes import GEOMETRY, POSE_COLUMNS
-from lidarplace.convert import app
+from lidarplace.commands.convert import app
+from lidarplace.logs.box_log import read_box_log
+from lidarplace.logs.boxes import GEOMETRY, POSE_COLUMNS
 from lidarplace.scenes.datasets.openlabel import read_openlabel
 
 DRIVE = Path(__file__).parents[1] / "data/openlabel/drive.json"

@@ -7,7 +7,7 @@ import pytest
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement, Roi
 from lidarplace.coverage import coverage
 from lidarplace.coverage.rays import ray_counts
-from lidarplace.pose import from_carla
+from lidarplace.rigs.pose import from_carla
 
 TABLE = pd.read_csv(Path(__file__).parents[1] / "data/paper_placements.csv")
 

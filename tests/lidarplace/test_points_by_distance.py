@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from lidarplace.lidar.points_by_distance import COLUMNS, points_by_distance
+from lidarplace.clouds.points_by_distance import COLUMNS, points_by_distance
 
 
 def test_against_a_loop():

@@ -3,15 +3,15 @@
 import numpy as np
 import pandas as pd
 
-from lidarplace.boxes import GEOMETRY
-from lidarplace.lidar.clouds import PointClouds
-from lidarplace.lidar.points_in_boxes import (
+from lidarplace.clouds.clouds import PointClouds
+from lidarplace.clouds.points_in_boxes import (
     MARGIN_M,
     box_of_points,
     count_points,
     count_points_per_object,
 )
-from lidarplace.pose import rotation
+from lidarplace.logs.boxes import GEOMETRY
+from lidarplace.rigs.pose import rotation
 
 
 def test_counts_agree_with_rotated_points():

@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidarplace.pose import from_carla, rotation
+from lidarplace.rigs.pose import from_carla, rotation
 
 CARLA = json.loads((Path(__file__).parents[1] / "data/carla_transforms.json").read_text())["poses"]
 

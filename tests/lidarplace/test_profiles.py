@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from lidarplace import PAPER_PLACEMENTS
-from lidarplace.lidar.profiles import PROFILES, Profile, with_tilt_in_degrees
-from lidarplace.sensor import Lidar
+from lidarplace.clouds.profiles import PROFILES, Profile, with_tilt_in_degrees
+from lidarplace.rigs.lidar import Lidar
 
 
 def test_points_of_a_frame():

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
+from lidarplace.commands.convert import app
 from lidarplace.configuration.yaml import parse_yaml
-from lidarplace.convert import app
 from lidarplace.scenes.label_tables.column_names import guess_columns
 from lidarplace.scenes.label_tables.propose import propose_mapping
 

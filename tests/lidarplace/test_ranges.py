@@ -6,15 +6,15 @@ import pytest
 from typer.testing import CliRunner
 
 from lidarplace import Lidar, Roi
-from lidarplace.convert import app as convert
-from lidarplace.export import app as export
-from lidarplace.lidar.clouds import Crop
-from lidarplace.ranges import FRAMES, LIDAR_HEIGHT
-from lidarplace.scenes.carla.__main__ import app as carla
+from lidarplace.base.ranges import FRAMES, LIDAR_HEIGHT
+from lidarplace.clouds.clouds import Crop
+from lidarplace.commands.convert import app as convert
+from lidarplace.commands.export import app as export
+from lidarplace.commands.view import app as view
+from lidarplace.scenes.carla.command import app as carla
 from lidarplace.scenes.kitti.read import read_kitti
 from lidarplace.scenes.kitti.velodyne import read_kitti_clouds
-from lidarplace.view import app as view
-from sweeps.accuracy import app as accuracy
+from sweeps.commands.accuracy import app as accuracy
 
 WIDE: Crop = (-50.0, -50.0, -3.0, 50.0, 50.0, 5.0)
 

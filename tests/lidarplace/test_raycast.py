@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidarplace.lidar.raycast import GROUND, NOTHING, Hits, visible_share
-from lidarplace.lidar.shapes import BODY, Parts, bricks, own_body
-from lidarplace.placement import Mount
-from lidarplace.pose import rotation
-from lidarplace.sensor import Lidar
+from lidarplace.clouds.raycast import GROUND, NOTHING, Hits, visible_share
+from lidarplace.clouds.shapes import BODY, Parts, bricks, own_body
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount
+from lidarplace.rigs.pose import rotation
 from tests.lidarplace.from_a_car import cast as cast_parts
 
 SMALL = Lidar(tuple(np.radians([-25.0, -9.0, -3.0, 0.0, 5.0])), azimuth_steps=180)

@@ -9,11 +9,11 @@ import pandas as pd
 import pytest
 from pydantic import ValidationError
 
-from lidarplace.box_log import BoxLog, write_box_log
-from lidarplace.boxes import BOX_COLUMNS
-from lidarplace.lidar.clouds import PointClouds, read_clouds, write_clouds
-from lidarplace.lidar.recorded import check_rig, clouds_digest, recorded_clouds, rig_record
-from lidarplace.placement import PAPER_PLACEMENTS
+from lidarplace.clouds.clouds import PointClouds, read_clouds, write_clouds
+from lidarplace.clouds.recorded import check_rig, clouds_digest, recorded_clouds, rig_record
+from lidarplace.logs.box_log import BoxLog, write_box_log
+from lidarplace.logs.boxes import BOX_COLUMNS
+from lidarplace.rigs.placement import PAPER_PLACEMENTS
 from lidarplace.scenes.recorded import LogScene
 from tests.fuzz.mutate_bytes import NO_FILES
 

@@ -6,18 +6,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lidarplace.box_log import BoxLog
-from lidarplace.boxes import GEOMETRY
-from lidarplace.lidar.collect import collect
-from lidarplace.lidar.facades import facades
-from lidarplace.lidar.ground import CELL_M, CELLS, square
-from lidarplace.lidar.raycast import GROUND
-from lidarplace.lidar.reflectivity import REFLECTIVITY, Material, reflectivity
-from lidarplace.lidar.returns import ATTENUATION_PER_M, sample_points
-from lidarplace.lidar.shapes import BUILDING, SIGN, bricks
-from lidarplace.lidar.surroundings import Surroundings
-from lidarplace.placement import Mount, Placement
-from lidarplace.sensor import Lidar
+from lidarplace.clouds.collect import collect
+from lidarplace.clouds.facades import facades
+from lidarplace.clouds.ground import CELL_M, CELLS, square
+from lidarplace.clouds.raycast import GROUND
+from lidarplace.clouds.reflectivity import REFLECTIVITY, Material, reflectivity
+from lidarplace.clouds.returns import ATTENUATION_PER_M, sample_points
+from lidarplace.clouds.shapes import BUILDING, SIGN, bricks
+from lidarplace.clouds.surroundings import Surroundings
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.logs.boxes import GEOMETRY
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount, Placement
 from tests.lidarplace.from_a_car import cast
 
 CROP = (0.0, -20.0, -0.5, 40.0, 20.0, 4.0)

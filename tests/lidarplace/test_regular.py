@@ -15,13 +15,13 @@ READ = re.compile(
 )
 """A file is opened, and not by what `regular` returns."""
 OWN = {
-    "lidarplace.catalogue.datasheet": "of the package",
+    "lidarplace.rigs.catalogue.datasheet": "of the package",
     "lidarplace.recall.detection_curve": "of the package",
     "lidarplace.viewing.page": "of the package",
     "lidarplace.files.atomic": "fsync",
-    "lidarplace.kernel_cache": "of the package",
+    "lidarplace.base.kernel_cache": "of the package",
     "lidarplace.scenes.sumo.parts": "found by find_map, which sees to it",
-    "sweeps.init": "of the package",
+    "sweeps.commands.init": "of the package",
     "sweeps.tasks.source": "of the package",
     "sweeps.execution.memory": "of the kernel",
     "sweeps.execution.worker": "of the kernel",

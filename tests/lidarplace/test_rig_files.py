@@ -12,15 +12,15 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
+from lidarplace.commands.rig import app
 from lidarplace.configuration.placement import read_placement
 from lidarplace.configuration.sensor import SensorSettings
-from lidarplace.placement import Mount
-from lidarplace.pose import angles, rotation
-from lidarplace.rig import app
 from lidarplace.rig_files.formats import FORMATS
 from lidarplace.rig_files.mounted import MountedLidar
 from lidarplace.rig_files.own import read_own, write_own
-from lidarplace.sensor import Lidar
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount
+from lidarplace.rigs.pose import angles, rotation
 from tests.lidarplace.nuscenes_layout import Sample, Scene, write_nuscenes
 
 DATA = Path(__file__).parents[1] / "data/rigs"

@@ -5,9 +5,9 @@ import pandas as pd
 import pytest
 
 from lidarplace import Lidar, Mount, OccupancyGrid, Placement, Roi, evaluate
-from lidarplace.occupancy.block_counts import BlockCounts
-from lidarplace.surrogates.sampling_error import frame_blocks, pog_sampling_error
-from lidarplace.surrogates.table import ASKED_OF_POG
+from lidarplace.pog.occupancy.block_counts import BlockCounts
+from lidarplace.pog.surrogates.sampling_error import frame_blocks, pog_sampling_error
+from lidarplace.pog.surrogates.table import ASKED_OF_POG
 
 ROI = Roi((0, 20), (-5, 5), (0, 2), 0.5)
 LIDAR = Lidar(tuple(np.radians(np.linspace(-25, 5, 8))), azimuth_steps=180)

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull, KDTree
 
 from lidarplace import Lidar, Mount, Placement, Roi
+from lidarplace.clouds.collect import collect
+from lidarplace.clouds.raycast import beams_of
+from lidarplace.clouds.shade import ends_of
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.coverage import coverage
 from lidarplace.coverage.rays import ray_counts, ray_weight
-from lidarplace.lidar.collect import collect
-from lidarplace.lidar.raycast import beams_of
-from lidarplace.lidar.shade import ends_of
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.housing import NO_HOUSINGS, housings_of, without
 from lidarplace.mounting.mesh import Mesh
@@ -25,7 +25,7 @@ from lidarplace.mounting.ring_overlap import interleaving, rings
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.recall.expected_recall import ExpectedRecall
 from lidarplace.requirements.rays_on_objects import count_cells, count_points, sights_of
-from lidarplace.scan_pattern import ScanPattern
+from lidarplace.rigs.scan_pattern import ScanPattern
 from tests.lidarplace.from_a_car import cast
 from tests.lidarplace.recall.small_scenes import CURVES, MOUNTS, ROWS, log_of
 from tests.lidarplace.recall.small_scenes import ROI as ROI_OF_ROWS

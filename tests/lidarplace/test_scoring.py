@@ -18,7 +18,7 @@ from lidarplace import (
 )
 from lidarplace.coverage import count_covered
 from lidarplace.coverage.rays import ray_counts
-from lidarplace.surrogates.evaluate import FAINT_Q, linear_share
+from lidarplace.pog.surrogates.evaluate import FAINT_Q, linear_share
 
 ROI = Roi(x=(0.0, 6.0), y=(-3.0, 3.0), z=(0.0, 2.0), resolution=0.2)
 LIDAR = Lidar(tuple(np.radians([-40.0, -20.0, -3.0, 5.0])), azimuth_steps=360)

@@ -8,18 +8,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidarplace.boxes import GEOMETRY
-from lidarplace.lidar.reflectivity import uniforms
-from lidarplace.lidar.shapes import (
+from lidarplace.clouds.reflectivity import uniforms
+from lidarplace.clouds.shapes import (
     BODY,
     OWN_BODY,
     Parts,
     own_body,
     shapes_of,
 )
-from lidarplace.placement import Mount
-from lidarplace.pose import rotation
-from lidarplace.sensor import Lidar
+from lidarplace.logs.boxes import GEOMETRY
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount
+from lidarplace.rigs.pose import rotation
 from tests.lidarplace.from_a_car import cast
 
 NAMES = ("Car", "Cyclist", "Pedestrian", "Tram")

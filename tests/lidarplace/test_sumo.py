@@ -13,9 +13,15 @@ import pandas as pd
 import pytest
 from pydantic import ValidationError
 
-from lidarplace.box_log import BoxLog, write_box_log
-from lidarplace.boxes import BOX_COLUMNS, BUILDING_COLUMNS, FRAME_COLUMNS, POSE_COLUMNS, check_boxes
-from lidarplace.lidar.shapes import OWN_BODY
+from lidarplace.clouds.shapes import OWN_BODY
+from lidarplace.logs.box_log import BoxLog, write_box_log
+from lidarplace.logs.boxes import (
+    BOX_COLUMNS,
+    BUILDING_COLUMNS,
+    FRAME_COLUMNS,
+    POSE_COLUMNS,
+    check_boxes,
+)
 from lidarplace.scenes.sumo.overlap import overlaps, rectangles_meet
 from lidarplace.scenes.sumo.parts import town_parts
 from lidarplace.scenes.sumo.record import KEEP_M, boxes_around, drive, moved, record
@@ -62,7 +68,7 @@ def test_same_bytes_again_in_this_and_in_other_processes(log, tmp_path):
     write_box_log(tmp_path / "second", record(TINY))
     script = (
         "import sys; from pathlib import Path\n"
-        "from lidarplace.box_log import write_box_log\n"
+        "from lidarplace.logs.box_log import write_box_log\n"
         "from lidarplace.scenes.sumo.settings import SumoScene\n"
         "from lidarplace.scenes.sumo.record import record\n"
         "scene = SumoScene.model_validate_json(sys.argv[1])\n"

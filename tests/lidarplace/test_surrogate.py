@@ -19,7 +19,7 @@ from lidarplace import (
     evaluate_classes,
 )
 from lidarplace.coverage.rays import log_miss, ray_counts
-from lidarplace.surrogates.formulas import information
+from lidarplace.pog.surrogates.formulas import information
 
 DATA = Path(__file__).parents[1] / "data/smig"
 GOLDEN = json.loads((DATA / "golden.json").read_text())

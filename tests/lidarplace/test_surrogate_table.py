@@ -15,7 +15,7 @@ from lidarplace import (
     evaluate_classes,
     sum_over_classes,
 )
-from lidarplace.surrogates.table import POG_SURROGATES, RAY_SURROGATES
+from lidarplace.pog.surrogates.table import POG_SURROGATES, RAY_SURROGATES
 
 ROI = Roi(x=(0.0, 6.0), y=(-3.0, 3.0), z=(0.0, 2.0), resolution=0.25)
 LIDAR = Lidar(tuple(np.radians([-40.0, -20.0, -3.0])), azimuth_steps=180)

@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lidarplace.box_log import read_box_log, write_box_log
-from lidarplace.boxes import (
+from lidarplace.logs.box_log import read_box_log, write_box_log
+from lidarplace.logs.boxes import (
     BOX_COLUMNS,
     BUILDING_COLUMNS,
     FRAME_COLUMNS,

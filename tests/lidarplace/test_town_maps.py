@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidarplace.boxes import POSE_COLUMNS
+from lidarplace.logs.boxes import POSE_COLUMNS
 from lidarplace.scenes.sumo.maps import PACKAGE, build_network, find_carla_map
 from lidarplace.scenes.sumo.record import record, record_town
 from lidarplace.scenes.sumo.settings import SumoScene, TownRun

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from lidarplace.lidar.truncation import truncation
+from lidarplace.clouds.truncation import truncation
 
 X, Y = (0.0, 40.0), (-20.0, 20.0)
 

@@ -10,11 +10,11 @@ import pytest
 from typer.testing import CliRunner
 
 from lidarplace import PAPER_PLACEMENTS
-from lidarplace.box_log import BoxLog, write_box_log
-from lidarplace.boxes import BOX_COLUMNS, BUILDING_COLUMNS
+from lidarplace.clouds.profiles import PROFILES
+from lidarplace.commands.view import app
 from lidarplace.configuration.placement import read_placement
-from lidarplace.lidar.profiles import PROFILES
-from lidarplace.view import app
+from lidarplace.logs.box_log import BoxLog, write_box_log
+from lidarplace.logs.boxes import BOX_COLUMNS, BUILDING_COLUMNS
 from lidarplace.viewing.frame import busiest_frame, read_frame
 from lidarplace.viewing.scene import draw_frame
 from lidarplace.viewing.solids import corners, edges, headings, triangles

@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 
 from lidarplace import Roi
-from lidarplace.box_log import BoxLog
-from lidarplace.boxes import GEOMETRY
-from lidarplace.lidar.visibility import ground_truth, occluded, visibility
+from lidarplace.clouds.visibility import ground_truth, occluded, visibility
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.logs.boxes import GEOMETRY
 
 FRONT = Roi((0, 40), (-20, 20), (0, 4), resolution=0.5)
 

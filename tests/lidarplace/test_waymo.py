@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lidarplace.boxes import GEOMETRY, POSE_COLUMNS
+from lidarplace.logs.boxes import GEOMETRY, POSE_COLUMNS
 from lidarplace.scenes.datasets.waymo import read_waymo
 from tests.lidarplace.waymo_layout import Box, Segment, write_waymo
 

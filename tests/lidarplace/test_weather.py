@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from lidarplace import Lidar, Mount, Placement, Roi
+from lidarplace.clouds.droplets import DROPS, drop_reflectivity, scatter_back, sight_of_drops
+from lidarplace.clouds.raycast import GROUND, Hits
+from lidarplace.clouds.shapes import bricks
 from lidarplace.coverage import covered_bits
 from lidarplace.coverage.tiles import Tiles
-from lidarplace.lidar.droplets import DROPS, drop_reflectivity, scatter_back, sight_of_drops
-from lidarplace.lidar.raycast import GROUND, Hits
-from lidarplace.lidar.shapes import bricks
-from lidarplace.weather import Weather, fog_extinction, rain_extinction, shortened
+from lidarplace.rigs.weather import Weather, fog_extinction, rain_extinction, shortened
 from tests.lidarplace.from_a_car import cast
 
 BEAMS = tuple(np.radians(np.linspace(-20, 5, 6)))

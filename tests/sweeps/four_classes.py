@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from lidarplace.box_log import BoxLog, write_box_log
-from lidarplace.boxes import GEOMETRY
+from lidarplace.logs.box_log import BoxLog, write_box_log
+from lidarplace.logs.boxes import GEOMETRY
 
 CLASSES = ("Car", "Truck", "Scooter", "Pedestrian")
 SIZES = {

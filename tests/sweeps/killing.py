@@ -62,7 +62,7 @@ class Sweep:
     def start(self, *options: str) -> Forked:
         """Give the command."""
         self.runs += 1
-        command = ["sweeps.run", "tiny.yaml", *options]
+        command = ["run", "tiny.yaml", *options]
         # Five refused checks make a dead node; one that is only slow has ten seconds for each.
         environment = os.environ | {"RAY_health_check_period_ms": "300"}
         log = self.folder / f"run{self.runs}.log"

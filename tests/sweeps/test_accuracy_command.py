@@ -1,4 +1,4 @@
-"""`python -m sweeps.accuracy`: what it writes, and one line for a mistake."""
+"""`lidarplace accuracy`: what it writes, and one line for a mistake."""
 
 import re
 
@@ -8,8 +8,8 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from lidarplace.box_log import BoxLog, write_box_log
-from sweeps.accuracy import app
+from lidarplace.logs.box_log import BoxLog, write_box_log
+from sweeps.commands.accuracy import app
 
 FRAMES = 12
 

@@ -12,7 +12,7 @@ import pytest
 import yaml
 from small_log import write_small_log
 
-from lidarplace.lidar.clouds import PointClouds
+from lidarplace.clouds.clouds import PointClouds
 from sweeps.configuration.grid import read_sweep
 from sweeps.mlflow.best_models import log_best_models
 from sweeps.plan.plan import make_plan

@@ -9,13 +9,13 @@ import yaml
 from typer.testing import CliRunner
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Roi
-from lidarplace.box_log import BoxLog, write_box_log
-from lidarplace.boxes import BOX_COLUMNS, GEOMETRY
+from lidarplace.logs.box_log import BoxLog, write_box_log
+from lidarplace.logs.boxes import BOX_COLUMNS, GEOMETRY
 from lidarplace.recall.counted_objects import CountedObjects
 from lidarplace.recall.detection_curve import read_curves
-from sweeps.calibrate import app
 from sweeps.calibration.left_out import check
 from sweeps.calibration.observations import observations, rigs_of
+from sweeps.commands.calibrate import app
 from sweeps.plan.plan import read_plan
 from sweeps.store.of_sweep import store_of
 

@@ -6,7 +6,7 @@ import pytest
 from search_files import write_search
 
 from lidarplace import ExpectedRecall, OccupancyGrid
-from lidarplace.box_log import BoxLog, read_box_log
+from lidarplace.logs.box_log import BoxLog, read_box_log
 from sweeps.configuration.file import ConfigError
 from sweeps.search.greedy.candidates import grid_points
 from sweeps.search.greedy.certificate import (

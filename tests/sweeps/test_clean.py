@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from sweeps.clean import app
+from sweeps.commands.clean import app
 from sweeps.store.cleaning import clean_store
 from sweeps.store.entries import size_of
 from sweeps.store.local import Store

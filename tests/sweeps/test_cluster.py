@@ -169,7 +169,7 @@ def sweep(folder: Path, address: str, env: dict[str, str]) -> subprocess.Complet
         "ray": address,
     }
     (folder / "small.yaml").write_text(yaml.safe_dump(config))
-    return run_forked(["sweeps.run", "small.yaml"], folder, folder, env)
+    return run_forked(["run", "small.yaml"], folder, folder, env)
 
 
 @pytest.mark.parametrize("client", [False, True], ids=["host:port", "ray://"])

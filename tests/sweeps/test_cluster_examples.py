@@ -95,7 +95,7 @@ def test_kuberay_job():
     assert job["apiVersion"] == "ray.io/v1"
     assert set(job["spec"]) <= JOB
     check_cluster(job["spec"]["rayClusterSpec"])
-    assert "python -m sweeps.run grid.yaml --set ray=auto" in job["spec"]["entrypoint"]
+    assert "lidarplace run grid.yaml --set ray=auto" in job["spec"]["entrypoint"]
 
 
 def test_machines_are_what_ray_up_takes():

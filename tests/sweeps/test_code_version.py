@@ -270,7 +270,7 @@ def test_figures_converters_and_the_command_line_leave_all_stages_as_they_are(co
             {"surrogates", "requirements", "accuracy", "sampling_error"},
         ),
         (
-            "lidarplace/lidar/returns.py",
+            "lidarplace/clouds/returns.py",
             "ATTENUATION_PER_M = 0.004",
             "ATTENUATION_PER_M = 0.005",
             {"collect", "judge"},

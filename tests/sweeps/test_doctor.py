@@ -1,4 +1,4 @@
-"""What sweeps.doctor says where something is missing, and on this machine."""
+"""What sweeps.commands.doctor says where something is missing, and on this machine."""
 
 import json
 import os
@@ -15,8 +15,8 @@ from urllib.parse import quote
 import pytest
 from typer.testing import CliRunner
 
-from sweeps import doctor
-from sweeps.doctor import Finding
+from sweeps.commands import doctor
+from sweeps.commands.doctor import Finding
 from sweeps.execution import checks
 from sweeps.execution.checks import Found
 
@@ -28,7 +28,7 @@ def test_this_machine(tmp_path):
     config = tmp_path / "grid.yaml"
     config.write_text("ray: debug\ngrid:\n  placement: [line]\n")
     done = subprocess.run(
-        [sys.executable, "-m", "sweeps.doctor", str(config), "--json"],
+        [sys.executable, "-m", "sweeps.commands.doctor", str(config), "--json"],
         cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
@@ -136,7 +136,7 @@ def test_a_disk(monkeypatch, tmp_path, free, state):
     monkeypatch.setattr("shutil.disk_usage", lambda path: Usage(1e12, 1e12 - free, free))
     found = checks.disk(tmp_path / "runs", "my grid.yaml")
     assert found.state == state
-    clean = "python -m sweeps.clean 'my grid.yaml', or another output in the file"
+    clean = "lidarplace clean 'my grid.yaml', or another output in the file"
     assert found.remedy == ("" if state == "good" else clean)
     assert not list(tmp_path.iterdir())
 

@@ -10,13 +10,13 @@ from small_log import write_small_log
 from toy import Loud
 from typer.testing import CliRunner
 
+from sweeps.commands.run import app
 from sweeps.configuration.grid import read_sweep
 from sweeps.execution import estimate as module
 from sweeps.execution.backends import InProcess, Later
 from sweeps.execution.estimate import estimate
 from sweeps.execution.execute import execute
 from sweeps.plan.plan import make_plan
-from sweeps.run import app
 from sweeps.store.local import Store
 
 pytestmark = pytest.mark.usefixtures("one_thread")

@@ -11,10 +11,10 @@ from small_log import write_small_log
 from typer.testing import CliRunner
 
 from lidarplace import Lidar
+from sweeps.commands.run import app
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import read_plan
-from sweeps.run import app
 
 EXAMPLE = Path(__file__).parents[2] / "examples/grid.yaml"
 BASE = {"placement": "line", "grid": {"placement": ["line", "center"], "seed": [1, 2]}}

@@ -10,12 +10,12 @@ from small_log import write_small_log
 from typer.testing import CliRunner
 
 from lidarplace import OccupancyGrid, Roi
-from lidarplace.boxes import GEOMETRY
+from lidarplace.logs.boxes import GEOMETRY
 from sweeps import doctor, run
+from sweeps.commands.search import app as search_app
 from sweeps.execution import memory
 from sweeps.plan.plan import read_plan
 from sweeps.results.pictures import uncovered
-from sweeps.search.__main__ import app as search_app
 from sweeps.tasks.parameters import PogParams
 from sweeps.tasks.stages import FUNCTIONS
 from sweeps.tasks.task import Task

@@ -16,18 +16,18 @@ from test_detector_sweep import Loud
 from typer.testing import CliRunner
 
 from lidarplace import Lidar, Mount, Placement
-from lidarplace.box_log import read_box_log
-from lidarplace.lidar.collect import collect
+from lidarplace.clouds.collect import collect
+from lidarplace.logs.box_log import read_box_log
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.studio.rigs_file import read_rigs
 from lidarplace.studio.violations import violations
+from sweeps.commands.requirements import app as requirements
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from sweeps.configuration.question import read_question
 from sweeps.execution.backends import InProcess
 from sweeps.execution.execute import Outcome, execute
 from sweeps.plan.plan import make_plan
-from sweeps.requirements import app as requirements
 from sweeps.results.promotion import Promotion
 from sweeps.results.rig_cautions import rig_cautions
 from sweeps.results.rigs_page import write_rigs_page
@@ -271,7 +271,9 @@ def test_the_run_folder_of_a_sweep_has_the_mesh(folder):
     plan, store, outcome = make_plan(sweep), Store(folder / "store"), Outcome()
     (folder / "body.stl").unlink()  # it was read when the sweep began
     execute(plan.tasks, store, InProcess(), Loud(), outcome)
-    run = Run(outcome, Promotion(complete=True), set(), 1, "sweeps.run grid.yaml", 0.0, 1.0)
+    run = Run(
+        outcome, Promotion(complete=True), set(), 1, "sweeps.commands.run grid.yaml", 0.0, 1.0
+    )
     write_run(folder / "run", sweep, plan, store, run)
     body = RunFolder.read(folder / "run").sweep.body
     assert len(body.mesh.faces) == 12

@@ -12,10 +12,10 @@ from typer.testing import CliRunner
 
 from lidarplace import Mount, Placement
 from lidarplace.mounting.vehicle import Vehicle
+from sweeps.commands.run import app
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import make_plan
-from sweeps.run import app
 from sweeps.search.greedy.candidates import candidates_of
 from sweeps.search.problem.as_sweep import verify_settings
 from sweeps.search.problem.assess import assess
@@ -231,7 +231,7 @@ def test_a_search_of_objects_has_its_vehicle(tmp_path):
 
 def test_the_paper_s_rigs_are_above_the_car():
     from lidarplace import PAPER_PLACEMENTS
-    from lidarplace.lidar.own_body import check_mounts
+    from lidarplace.clouds.own_body import check_mounts
 
     for rig in PAPER_PLACEMENTS.values():
         check_mounts(rig, None)

@@ -16,14 +16,14 @@ from test_search_recall import objects_of, run
 from typer.testing import CliRunner
 
 from lidarplace import Lidar, Mount, Placement
-from lidarplace.lidar.shade import ends_in_rig
+from lidarplace.clouds.shade import ends_in_rig
+from lidarplace.pog.selection import Limits
 from lidarplace.recall.one_dead import OneDeadChoice
 from lidarplace.recall.surface_cells import SurfaceCells
-from lidarplace.selection import Limits
+from sweeps.commands.search import app
 from sweeps.configuration.file import check
 from sweeps.configuration.sweep import SweepFile
-from sweeps.search.__main__ import app
-from sweeps.search.greedy.worth import OneDeadWorth
+from sweeps.search.greedy.objective_value import OneDeadWorth
 from sweeps.search.judgement.robustness import _cases
 from sweeps.search.problem.as_sweep import sweep_settings
 from sweeps.search.problem.assess import assess

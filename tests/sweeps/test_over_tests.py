@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from sweeps.results.trial_results import with_columns
-from sweeps.search.trials.over_tests import left_out_over_tests, metrics_over_tests
+from sweeps.search.trials.aggregate import left_out_over_tests, metrics_over_tests
 from training.kitti_ap import evaluation
 
 ROWS = [("Car", "AP_R40_3D", 0.7), ("Car", "recall", 0.5), ("all", "recall", 0.5)]

@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 from four_classes import CLASSES, SIZES, write_four_classes
 
-from lidarplace.box_log import BoxLog, read_box_log, write_box_log
+from lidarplace.logs.box_log import BoxLog, read_box_log, write_box_log
+from lidarplace.pog.surrogates.table import ASKED_FOR
 from lidarplace.scenes.recorded import LogScene
-from lidarplace.surrogates.table import ASKED_FOR
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import build_sweep
 from sweeps.plan.plan import make_plan
@@ -80,7 +80,7 @@ def test_only_what_judges_depends_on_the_overlaps(log, tmp_path):
         (
             {"surrogate": {"names": ["expected_recall"]}},
             r"surrogate.curves: .*no detection curve of Truck .*class_settings.Truck.curve, .*"
-            "sweeps.calibrate",
+            "sweeps.commands.calibrate",
         ),
         (
             {"class_settings": {"Truck": {"curve": "Tram"}}, "surrogate": {}},
@@ -165,7 +165,7 @@ grid: {{placement: [line, center]}}
     )
     write_database(tmp_path / "runs" / "mlflow.db")
     for options in (["--dry-run"], []):
-        done = run_forked(["sweeps.run", str(config), *options], ROOT, tmp_path)
+        done = run_forked(["run", str(config), *options], ROOT, tmp_path)
         assert done.returncode == 0, done.stdout + done.stderr
         assert "anchors of Truck " in done.stdout
     run = tmp_path / "runs" / "own"

@@ -6,10 +6,10 @@ import pandas as pd
 import pytest
 import yaml
 
-from lidarplace.box_log import BoxLog, write_box_log
-from lidarplace.boxes import BOX_COLUMNS, GEOMETRY
 from lidarplace.files.tables import read_parquet
-from lidarplace.weather import Weather
+from lidarplace.logs.box_log import BoxLog, write_box_log
+from lidarplace.logs.boxes import BOX_COLUMNS, GEOMETRY
+from lidarplace.rigs.weather import Weather
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from sweeps.execution.schedule import Schedule
@@ -282,7 +282,8 @@ def test_more_placements_read_no_more_of_a_log(tmp_path, monkeypatch):
     write_small_log(tmp_path / "log")
     read, reads = [], []
     monkeypatch.setattr(
-        "lidarplace.box_log.read_parquet", lambda *a, **k: read.append(a) or read_parquet(*a, **k)
+        "lidarplace.logs.box_log.read_parquet",
+        lambda *a, **k: read.append(a) or read_parquet(*a, **k),
     )
     for placements in (["line", "center"], ["line", "center", "pyramid", "trapezoid"]):
         read.clear()

@@ -11,13 +11,13 @@ import yaml
 from small_log import write_small_log
 from typer.testing import CliRunner
 
+from sweeps.commands.pretrain import app
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from sweeps.execution.backends import InProcess
 from sweeps.execution.execute import execute
 from sweeps.plan.plan import make_plan
 from sweeps.plan.pretrain_task import pretrain_task
-from sweeps.pretrain import app
 from sweeps.store.local import Store
 from sweeps.tasks.task import with_inputs
 from training import build_detector

@@ -9,13 +9,13 @@ import yaml
 from typer.testing import CliRunner
 
 from lidarplace import ExpectedRecall, Placement
-from lidarplace.box_log import BoxLog, read_box_log
+from lidarplace.logs.box_log import BoxLog, read_box_log
+from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, SURROGATES
 from lidarplace.recall.detection_curve import DetectionCurve, write_curves
-from lidarplace.surrogates.table import OBJECT_SURROGATES, SURROGATES
+from sweeps.commands.run import app
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import make_plan
-from sweeps.run import app
 from sweeps.tasks.parameters import RecallParams
 from sweeps.tasks.stages import FUNCTIONS
 from tests.lidarplace.recall.small_scenes import CURVES, LIDAR, MOUNTS, ROI, ROWS, cells_hit, log_of

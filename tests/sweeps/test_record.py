@@ -9,13 +9,13 @@ import yaml
 from typer.testing import CliRunner, Result
 
 from lidarplace import PAPER_PLACEMENTS, Lidar
-from lidarplace.box_log import read_box_log
-from lidarplace.lidar.clouds import PointClouds, write_clouds
-from lidarplace.lidar.collect import collect
-from lidarplace.lidar.recorded import clouds_digest
+from lidarplace.clouds.clouds import PointClouds, write_clouds
+from lidarplace.clouds.collect import collect
+from lidarplace.clouds.recorded import clouds_digest
+from lidarplace.logs.box_log import read_box_log
 from lidarplace.mounting.errors import MountingErrors
 from lidarplace.scenes.recorded import LogRecording, LogScene
-from sweeps.record import app
+from sweeps.commands.record import app
 from sweeps.tasks import stages
 from sweeps.tasks.parameters import CollectParams, RecordedParams, SceneParams
 

@@ -1,4 +1,4 @@
-"""`python -m sweeps.requirements`: what it prints and writes, and one line for a mistake."""
+"""`lidarplace requirements`: what it prints and writes, and one line for a mistake."""
 
 import json
 from pathlib import Path
@@ -9,7 +9,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from sweeps.requirements import app
+from sweeps.commands.requirements import app
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = yaml.safe_load((ROOT / "examples/requirements.yaml").read_text(encoding="utf-8"))

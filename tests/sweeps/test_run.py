@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 import yaml
 
-from lidarplace.metrics import METRICS
+from lidarplace.base.metrics import METRICS
 from tests.forked import run_forked
 from tests.mlflow_database import write_database
 
@@ -37,7 +37,7 @@ TINY = {
 def sweep(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
     config = folder / "tiny.yaml"
     config.write_text(yaml.safe_dump(TINY | {"output": str(folder / "runs")}))
-    return run_forked(["sweeps.run", str(config), *options], ROOT, folder)
+    return run_forked(["run", str(config), *options], ROOT, folder)
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +95,7 @@ def test_the_run_folder_holds_the_results(folder, first):
     about = json.loads((run / "sweep.json").read_text())
     assert about["frames"] == {"train": 8, "test": 4}
     assert about["tracking_uri"] == f"sqlite:///{folder / 'runs/mlflow.db'}"
-    assert about["command"].startswith("python -m sweeps.run ")
+    assert about["command"].startswith("lidarplace run ")
     model = {
         "name": None,
         "price_usd": None,
@@ -200,5 +200,5 @@ def test_a_mistake_in_the_configuration_is_one_line_and_exit_code_2(folder):
 
 
 def test_schema(tmp_path):
-    schema = json.loads(run_forked(["sweeps.run", "--schema"], ROOT, tmp_path).stdout)
+    schema = json.loads(run_forked(["run", "--schema"], ROOT, tmp_path).stdout)
     assert {"placement", "grid", "exclude", "training", "ray"} <= set(schema["properties"])

@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 from lidarplace import Lidar, Mount, Placement
 from lidarplace.mounting.errors import MountingErrors
+from sweeps.commands.search import app
 from sweeps.configuration.file import ConfigError
-from sweeps.search.__main__ import app
 from sweeps.search.output.terminal import rig_warnings
 from sweeps.search.problem.judged_sweep import generalists, judged_rigs
 from sweeps.search.problem.problem import read_problem

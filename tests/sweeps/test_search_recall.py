@@ -7,10 +7,10 @@ from search_files import write_search
 from typer.testing import CliRunner
 
 from lidarplace import ExpectedRecall, Roi
-from lidarplace.box_log import BoxLog, read_box_log
 from lidarplace.configuration.placement import read_placement
+from lidarplace.logs.box_log import BoxLog, read_box_log
 from lidarplace.recall.detection_curve import DetectionCurve, write_curves
-from sweeps.search.__main__ import app
+from sweeps.commands.search import app
 from sweeps.search.greedy.certificate import why_none
 from sweeps.search.output.terminal import greedy_warnings
 from sweeps.search.problem.problem import read_problem

@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 
 from lidarplace import Mount
 from lidarplace.requirements.judge import judge
+from sweeps.commands.search import app
 from sweeps.configuration.file import ConfigError
-from sweeps.search.__main__ import app
 from sweeps.search.problem.assess import assess
 from sweeps.search.problem.choice import Choice, placement_of
 from sweeps.search.problem.constraints import ROUNDING, Constraint

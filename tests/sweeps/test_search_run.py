@@ -14,10 +14,10 @@ from typer.testing import CliRunner
 from written_tables import check_columns
 
 from lidarplace import OccupancyGrid, Placement, Roi, evaluate
-from lidarplace.box_log import read_box_log
 from lidarplace.configuration.placement import read_placement
+from lidarplace.logs.box_log import read_box_log
+from sweeps.commands.search import app
 from sweeps.configuration.grid import read_sweep
-from sweeps.search.__main__ import app
 from sweeps.search.problem.problem import read_problem
 from sweeps.search.trials.study import journal_path
 from tests.forked import GUARD_S, Forked
@@ -417,7 +417,7 @@ def test_the_outcome_does_not_depend_on_workers(tmp_path, tracking):
 def test_a_killed_process(tmp_path, tracking):
     """SIGKILL, at a moment when trials are there and others are not."""
     path = write_search(tmp_path, tracking={"uri": tracking}, name="k", search={"trials": 60})
-    process = Forked(["sweeps.search.__main__", str(path)], ROOT, tmp_path / "log.txt")
+    process = Forked(["search", str(path)], ROOT, tmp_path / "log.txt")
     journal = journal_path(tmp_path / "runs/k")
     give_up = time.monotonic() + GUARD_S
     while not (journal.exists() and journal.read_bytes().count(b"\n") > 300):

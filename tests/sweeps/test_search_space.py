@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from lidarplace import Lidar, Mount
 from lidarplace.mounting.zone import distance
-from lidarplace.pose import rotation
+from lidarplace.rigs.pose import rotation
 from sweeps.configuration.search import SearchSettings
 from sweeps.search.problem.choice import Choice, is_possible, mirrored, ordered, rounded
 from sweeps.search.problem.slots import params_of, placed_in, rig_of

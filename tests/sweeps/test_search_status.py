@@ -9,7 +9,7 @@ from search_files import write_search
 from typer.testing import CliRunner
 
 from sweeps import clean, doctor, status
-from sweeps.search.__main__ import app as search_app
+from sweeps.commands.search import app as search_app
 from sweeps.search.output import state
 from sweeps.search.output.state import search_state
 from sweeps.search.problem.assess import Assessment

@@ -8,7 +8,7 @@ import yaml
 from search_files import write_search
 from typer.testing import CliRunner
 
-from sweeps.search.__main__ import app
+from sweeps.commands.search import app
 from sweeps.search.trials import by_detectors
 
 TINY = {

@@ -11,14 +11,14 @@ from small_log import write_small_log
 from typer.testing import CliRunner
 
 from lidarplace import PAPER_PLACEMENTS, Mount
-from lidarplace.box_log import read_box_log
-from lidarplace.lidar.collect import collect
-from lidarplace.lidar.own_body import check_mounts
+from lidarplace.clouds.collect import collect
+from lidarplace.clouds.own_body import check_mounts
+from lidarplace.logs.box_log import read_box_log
 from lidarplace.recall.expected_recall import ExpectedRecall
+from sweeps.commands.search import app
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import make_plan
-from sweeps.search.__main__ import app
 from sweeps.search.judgement.verify import read_verification
 from sweeps.search.problem.as_sweep import sweep_of, sweep_settings
 from sweeps.search.problem.choice import Choice, ordered, placement_of

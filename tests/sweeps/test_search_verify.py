@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from lidarplace.metrics import EVERY_IOU
+from lidarplace.base.metrics import EVERY_IOU
 from sweeps.search.judgement.verify import verified_table
 
 Y = {

@@ -10,12 +10,12 @@ import yaml
 from small_log import write_small_log
 from typer.testing import CliRunner
 
+from sweeps.commands.status import app
 from sweeps.configuration.grid import read_sweep
 from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.execution.schedule import Schedule
 from sweeps.plan.plan import make_plan
 from sweeps.results.state import sweep_state
-from sweeps.status import app
 from sweeps.store.local import Store
 from sweeps.store.lock import locked
 
@@ -116,7 +116,7 @@ def test_a_result_outweighs_an_old_failure(sweep):
 
 def test_many_trials_are_summed_up(sweep, monkeypatch):
     path, _, plan, store = sweep
-    monkeypatch.setattr("sweeps.status._MOST_TRIALS", 3)
+    monkeypatch.setattr("sweeps.commands.status._MOST_TRIALS", 3)
     finish(store, *plan.needed_for(plan.trials[0].results))
     short = CliRunner().invoke(app, [str(path)]).output
     assert "4 more trials: --all lists them" in short

@@ -1,4 +1,4 @@
-"""Requirements of a sweep: the verdicts of `sweeps.requirements`, in tables and on pages."""
+"""Requirements of a sweep: the verdicts of `lidarplace requirements`, in tables and on pages."""
 
 import json
 from pathlib import Path
@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from lidarplace import PAPER_PLACEMENTS
 from sweeps import requirements as verb
-from sweeps import run
+from sweeps.commands import run
 from tests.mlflow_database import write_database
 from tests.sweeps.small_log import write_small_log
 from tracking.run_folders.sweep import RunFolder

@@ -11,13 +11,13 @@ from rich.table import Table
 
 from lidarplace.command_line.terminal import Terminal, output, say, table, visible
 from lidarplace.command_line.verbs import wrong
-from sweeps.doctor import Finding
-from sweeps.doctor import _print as print_findings
+from sweeps.commands.doctor import Finding
+from sweeps.commands.doctor import _print as print_findings
+from sweeps.commands.status import print_state
 from sweeps.execution.failures import Failure
 from sweeps.execution.progress import StageProgress
 from sweeps.results.dry_run import Planned, print_planned
 from sweeps.results.state import SweepState, TrialState
-from sweeps.status import print_state
 from sweeps.store.local import Store
 from sweeps.tasks.task import Task
 from tests.sweeps.toy import Toy
@@ -83,7 +83,7 @@ def test_a_line_is_not_longer_than_somebody_reads(capsys):
 
 
 def test_an_option_that_is_unknown(capsys, monkeypatch):
-    from sweeps.status import app
+    from sweeps.commands.status import app
 
     monkeypatch.setattr(sys, "argv", ["status", f"--{OBEYED}"])
     with pytest.raises(SystemExit) as exit_:

@@ -13,11 +13,11 @@ from test_detector_sweep import SWEEP, Loud
 from typer.testing import CliRunner
 from written_tables import check_columns
 
-from lidarplace.lidar.clouds import PointClouds
+from lidarplace.clouds.clouds import PointClouds
+from sweeps.commands.failures import app
 from sweeps.configuration.grid import read_sweep
 from sweeps.execution.backends import InProcess
 from sweeps.execution.execute import Outcome, execute
-from sweeps.failures import app
 from sweeps.plan.plan import make_plan, read_plan
 from sweeps.results.failure_frames import failure_frames
 from sweeps.results.promotion import Promotion
@@ -61,7 +61,9 @@ def folder(tmp_path_factory):
     sweep = read_sweep(config)
     plan, store, outcome = make_plan(sweep), Store(path / "runs" / "store"), Outcome()
     execute(plan.tasks, store, InProcess(), Loud(), outcome)
-    run = Run(outcome, Promotion(complete=True), set(), 1, "sweeps.run small.yaml", 0.0, 1.0)
+    run = Run(
+        outcome, Promotion(complete=True), set(), 1, "sweeps.commands.run small.yaml", 0.0, 1.0
+    )
     write_run(path / "run", sweep, plan, store, run)
     return path / "run"
 

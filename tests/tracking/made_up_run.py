@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from lidarplace.boxes import CLASSES
+from lidarplace.logs.boxes import CLASSES
 from tests.tracking.made_up_objects import made_up_found, made_up_frames, made_up_objects
 from tracking.findings.training_cost import COST_AXES
 
@@ -100,7 +100,7 @@ def write_run(
 
     sweep = {
         "name": path.name,
-        "command": f"python -m sweeps.run examples/{path.name}.yaml",
+        "command": f"lidarplace run examples/{path.name}.yaml",
         "axes": ["placement", "training.seed", *settings[0]],
         "placements": {
             name: [[0.0, y, 2.2, 0.0, 0.0, 0.0] for y in (-0.6, -0.4, 0.4, 0.6)] for name in names

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from lidarplace import PAPER_PLACEMENTS, OccupancyGrid, Roi
-from lidarplace.placement import Mount
+from lidarplace.rigs.placement import Mount
 
 ROI = {"x": [0.0, 20.0], "y": [-10.0, 10.0], "z": [0.0, 4.0], "resolution": 0.5}
 ANGLES = {"roll_deg": [-20, 20], "pitch_deg": [-20, 20], "yaw_deg": [-20, 20]}
@@ -81,7 +81,7 @@ def write_search(
     rigs = front | {"greedy": greedy} | papers
     search = {
         "name": "made up",
-        "command": "python -m sweeps.search examples/search.yaml",
+        "command": "lidarplace search examples/search.yaml",
         "seconds": 41.5,
         "objectives": _objectives(several),
         "sampler": "tpe",
@@ -120,7 +120,7 @@ def write_search(
         "commands": [
             {
                 "what": "train detectors on it",
-                "line": "python -m sweeps.run runs/made_up/sweep.yaml",
+                "line": "lidarplace run runs/made_up/sweep.yaml",
             }
         ],
         "tracking_uri": None,

@@ -11,7 +11,7 @@ from made_up_run import write_run
 from test_report import Page
 
 from lidarplace import PAPER_PLACEMENTS
-from lidarplace.placement import Mount
+from lidarplace.rigs.placement import Mount
 from tracking.findings.sensitivity import sensitivity
 from tracking.findings.summary import seed_means
 from tracking.findings.tilt_pairs import TiltPair, tilt_pairs

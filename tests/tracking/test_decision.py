@@ -14,7 +14,7 @@ import pytest
 from made_up_run import write_run
 from test_report import Page
 
-from lidarplace.placement import Mount
+from lidarplace.rigs.placement import Mount
 from tracking.figures.of_sweeps.bin_table import bin_table
 from tracking.figures.of_sweeps.by_bin import Bins
 from tracking.figures.of_sweeps.rig_views import ViewedRig, rig_views
@@ -95,9 +95,7 @@ def test_it_names_the_command_that_opens_its_rigs_in_the_studio(folder, page, tm
     shutil.copytree(folder, tmp_path / "run")
     (tmp_path / "run/rigs.yaml").write_text("placements: {a: {mounts: [{z: 2}]}}")
     build_report(tmp_path / "run")
-    assert (
-        f"python -m lidarplace.studio {tmp_path / 'run/rigs.yaml'}" in read(tmp_path / "run").text
-    )
+    assert f"lidarplace studio {tmp_path / 'run/rigs.yaml'}" in read(tmp_path / "run").text
 
 
 def test_it_says_where_the_recommended_rig_is_furthest_behind(folder, page):

@@ -172,7 +172,7 @@ def test_no_page_is_surer_than_the_weakest_link(run, tmp_path):
     terminal = headline(RunFolder.read(folder))
     assert terminal[0].startswith("Not enough evidence to recommend a rig: ")
     assert terminal[-2].startswith("Not enough evidence: a short training")
-    assert terminal[-1].startswith("For more evidence, run: python -m sweeps.run ")
+    assert terminal[-1].startswith("For more evidence, run: lidarplace run ")
     said = (folder / "report.md").read_text(encoding="utf-8")
     assert "--set 'grid.seed=[1,2,3]'" in said
     assert "Reasons for doubt: " in said

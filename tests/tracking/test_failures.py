@@ -15,7 +15,7 @@ from made_up_run import write_run
 from scipy import stats
 from test_report import Page
 
-from lidarplace.sectors import SECTORS
+from lidarplace.base.sectors import SECTORS
 from tests.tracking.made_up_objects import made_up_frames
 from tests.tracking.test_drawn_vehicle import SURFACE
 from tracking.figures.of_sweeps.frame_in_space import FOUND, frame_in_space

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lidarplace.placement import Mount
-from lidarplace.roi import Roi
+from lidarplace.base.roi import Roi
+from lidarplace.rigs.placement import Mount
 from tracking.figures.kit.from_above import pog_from_above
 from tracking.figures.kit.label_places import apart, label_places, labels_on_top
 from tracking.figures.kit.style import (

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lidarplace.metrics import EVERY_IOU, RANKING
+from lidarplace.base.metrics import EVERY_IOU, RANKING
 from sweeps.configuration.search import ObjectiveSettings
 from sweeps.configuration.sweep import Rung
 from sweeps.results.trial_results import headline_value

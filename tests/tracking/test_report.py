@@ -21,8 +21,8 @@ from tracking.findings.ceiling import beside, ceilings
 from tracking.findings.correlation import correlate
 from tracking.findings.leave_one_out import leave_one_out
 from tracking.labels import surrogate_name
-from tracking.report.__main__ import app
 from tracking.report.build import build_report
+from tracking.report.command import app
 from tracking.report.sections.predictors import predictors_section
 from tracking.report.sections.where_time_went import where_time_went
 from tracking.run_folders.sweep import RunFolder
@@ -141,7 +141,7 @@ def test_the_sections_are_in_order(page):
     ]
     assert [word for word in page.words if word in titles] == titles
     assert not {"Promotion", "Do the surrogates agree?"} & {*page.words}
-    assert "python -m sweeps.run examples/grid.yaml" in page.words
+    assert "lidarplace run examples/grid.yaml" in page.words
 
 
 def test_the_surrogate_that_a_finding_names_is_in_its_figures(built):
@@ -380,5 +380,5 @@ def test_the_command_rebuilds_it_or_says_what_is_wrong(built, tmp_path):
     early = report(tmp_path)
     assert early.exit_code == 2
     assert "its sweep has not finished" in early.stderr
-    assert "python -m sweeps.status FILE" in early.stderr
+    assert "lidarplace status FILE" in early.stderr
     assert len(early.stderr.splitlines()) == 1

@@ -13,7 +13,7 @@ from made_up_run import write_run
 from test_report import Page
 from typer.testing import CliRunner
 
-from tracking.report.__main__ import app
+from tracking.report.command import app
 from tracking.report.comparison.build import build_comparison
 from tracking.report.comparison.pooled import pooled_table
 from tracking.report.comparison.variants import differing_settings, shared_placements

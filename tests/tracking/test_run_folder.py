@@ -11,7 +11,7 @@ import pytest
 from made_up_run import NAMES, write_run
 from pandas.testing import assert_frame_equal
 
-from lidarplace.boxes import CLASSES
+from lidarplace.logs.boxes import CLASSES
 from tracking.findings.summary import (
     by_surrogate,
     deciding_surrogate,
@@ -126,7 +126,7 @@ def test_two_rows_of_the_same_are_named(copy, file, column, said):
 
 def test_a_folder_of_which_only_the_lock_is_there_is_of_an_unfinished_sweep(tmp_path):
     (tmp_path / ".lock").touch()
-    with pytest.raises(ValueError, match=r"its sweep has not finished. `python -m sweeps.status F"):
+    with pytest.raises(ValueError, match=r"its sweep has not finished. `lidarplace status F"):
         RunFolder.read(tmp_path)
 
 

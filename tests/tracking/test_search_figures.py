@@ -7,8 +7,8 @@ import pandas as pd
 import plotly.graph_objects as go
 import pytest
 
+from lidarplace.base.roi import Roi
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.roi import Roi
 from tracking.figures.kit.rig_picture import PicturedRig, rig_picture
 from tracking.figures.of_searches.from_optuna import from_optuna
 from tracking.figures.of_searches.pareto import pareto_fronts

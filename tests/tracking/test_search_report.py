@@ -17,8 +17,8 @@ from typer.testing import CliRunner
 
 from lidarplace import PAPER_PLACEMENTS
 from tracking.run_folders.search import SearchFolder
-from tracking.search_report.__main__ import app
 from tracking.search_report.build import build_search_report
+from tracking.search_report.command import app
 from tracking.search_report.headline import cards, summary
 from tracking.search_report.tables import rig_table
 
@@ -77,7 +77,7 @@ def test_the_first_screen_tells_value_peers_bound_mounts_and_commands(folder, pa
     assert f"{fired}: the error is at most 0.2 % of one rig's value." in page.words
     assert "Feasible: it keeps all 2 constraints." in page.words
     assert "the sampler's share is 25 %." in page.text
-    assert "python -m sweeps.run runs/made_up/sweep.yaml" in page.words
+    assert "lidarplace run runs/made_up/sweep.yaml" in page.words
     trial = pd.read_parquet(folder / "trials.parquet").loc[7]
     table = page.words[page.words.index("found_1 · expected_ig 1,212.1 nats") :]
     cells = [word.strip() for word in table if word.strip()]

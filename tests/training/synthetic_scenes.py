@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from lidarplace.boxes import GEOMETRY
-from lidarplace.lidar.clouds import PointClouds
+from lidarplace.clouds.clouds import PointClouds
+from lidarplace.logs.boxes import GEOMETRY
 
 SIZES = {
     "Car": (4.5, 1.9, 1.6),

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from synthetic_scenes import scenes
 
-from lidarplace.lidar.points_in_boxes import count_points
+from lidarplace.clouds.points_in_boxes import count_points
 from training.augment import Augmentation, moved, within_range
 from training.dataset import Sample, TrainingFrames
 from training.ground_truth_sampling import ObjectDatabase

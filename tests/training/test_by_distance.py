@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lidarplace.rings import EDGES_M, bounds_of, ring_of
+from lidarplace.base.rings import EDGES_M, bounds_of, ring_of
 from training.by_distance import evaluate_by_distance
 from training.kitti_ap import evaluate_boxes, evaluation
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from lidarplace.boxes import GEOMETRY
-from lidarplace.lidar.clouds import PointClouds
+from lidarplace.clouds.clouds import PointClouds
+from lidarplace.logs.boxes import GEOMETRY
 from training import detect as module
 from training.detect import detect
 from training.detectors.detector import Detector, Selection

@@ -14,9 +14,9 @@ import pytest
 import torch
 from synthetic_scenes import scenes
 
-from lidarplace.boxes import GEOMETRY
-from lidarplace.lidar.clouds import JoinedClouds, PointClouds
-from lidarplace.lidar.points_in_boxes import count_points
+from lidarplace.clouds.clouds import JoinedClouds, PointClouds
+from lidarplace.clouds.points_in_boxes import count_points
+from lidarplace.logs.boxes import GEOMETRY
 from training import build_detector
 from training.batch_size import batch_size_for, largest_that_fits
 from training.dataset import TrainingFrames, as_tensors, occurring_classes, spread

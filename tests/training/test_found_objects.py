@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lidarplace.boxes import GEOMETRY
+from lidarplace.logs.boxes import GEOMETRY
 from training.found_objects import found_objects
 from training.kitti_ap import evaluate_boxes
 

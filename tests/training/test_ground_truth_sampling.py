@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 from synthetic_scenes import scenes
 
-from lidarplace.boxes import GEOMETRY
-from lidarplace.lidar.clouds import PointClouds
-from lidarplace.lidar.points_in_boxes import count_points
+from lidarplace.clouds.clouds import PointClouds
+from lidarplace.clouds.points_in_boxes import count_points
+from lidarplace.logs.boxes import GEOMETRY
 from training.dataset import Sample, TrainingFrames
 from training.ground_truth_sampling import ObjectDatabase
 from training.ops.rotated_iou import iou_bev

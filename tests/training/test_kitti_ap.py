@@ -17,7 +17,7 @@ import pandas as pd
 import pytest
 from plain_curve import plain_curve
 
-from lidarplace.boxes import GEOMETRY
+from lidarplace.logs.boxes import GEOMETRY
 from training.average_precision import COUNTS, IGNORED, OTHER, FramePairs, ap_r40, precision_curve
 from training.kitti_ap import evaluate_boxes, evaluate_detections
 from training.kitti_labels import DIFFICULTIES

@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 from plain_curve import plain_curve
 
-from lidarplace.boxes import GEOMETRY
-from lidarplace.metrics import EVERY_IOU, MEAN_AP_IOU
+from lidarplace.base.metrics import EVERY_IOU, MEAN_AP_IOU
+from lidarplace.logs.boxes import GEOMETRY
 from training.average_precision import COUNTS
 from training.kitti_ap import evaluate_boxes, evaluation
 from training.leave_out import MOST_UNITS

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plain_curve import plain_curve
 
-from lidarplace.boxes import GEOMETRY
-from lidarplace.metrics import EVERY_IOU, MEAN_AP_IOU
-from lidarplace.sectors import SECTORS, bounds_of, sector_of
+from lidarplace.base.metrics import EVERY_IOU, MEAN_AP_IOU
+from lidarplace.base.sectors import SECTORS, bounds_of, sector_of
+from lidarplace.logs.boxes import GEOMETRY
 from training.average_precision import COUNTS, FramePairs, precision_curve
 from training.by_sector import recall_by_sector
 from training.kitti_ap import evaluate_boxes, evaluation

@@ -7,9 +7,9 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lidarplace.boxes import GEOMETRY
-from lidarplace.lidar.clouds import PointClouds
-from lidarplace.metrics import Overlaps
+from lidarplace.base.metrics import Overlaps
+from lidarplace.clouds.clouds import PointClouds
+from lidarplace.logs.boxes import GEOMETRY
 from training import NETWORKS, build_detector
 from training.checkpoints import load_checkpoint, read_checkpoint, write_checkpoint
 from training.finetune import finetune

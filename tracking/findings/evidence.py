@@ -11,8 +11,8 @@ from typing import Any
 
 import pandas as pd
 
+from lidarplace.base.metrics import HEADLINE_METRIC
 from lidarplace.configuration.yaml import parse_yaml
-from lidarplace.metrics import HEADLINE_METRIC
 from tracking.findings.groups import GENERALIST, Group
 from tracking.findings.individuals import MOST_FREQUENT, count_individuals
 from tracking.kitti_iou import headline_iou, judged

@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.rings import EDGES_M, ring_of
-from lidarplace.sectors import SECTORS, bounds_of, sector_of
+from lidarplace.base.rings import EDGES_M, ring_of
+from lidarplace.base.sectors import SECTORS, bounds_of, sector_of
 from tracking.findings.groups import GENERALIST, Group
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_tables import FOUND, OBJECTS

@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from lidarplace.metrics import HEADLINE_METRIC, headline_metric
+from lidarplace.base.metrics import HEADLINE_METRIC, headline_metric
 from tracking.findings.groups import GENERALIST, JUDGE
 from tracking.findings.paired import group_columns
 from tracking.kitti_iou import judged, judged_by_all

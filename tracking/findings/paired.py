@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from lidarplace.surrogates.table import SURROGATES
+from lidarplace.pog.surrogates.table import SURROGATES
 
 
 @dataclass(frozen=True)

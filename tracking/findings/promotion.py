@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from lidarplace.metrics import HEADLINE_METRIC
+from lidarplace.base.metrics import HEADLINE_METRIC
 from tracking.findings.training_cost import is_longest
 from tracking.kitti_iou import headline_iou
 from tracking.labels import metric_label, setting_label, surrogate_name

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
-from lidarplace.surrogates.evaluate import MOSTLY_LINEAR
+from lidarplace.pog.surrogates.evaluate import MOSTLY_LINEAR
 
 
 def ray_counting_caution(share: float) -> str | None:

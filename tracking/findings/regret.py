@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from lidarplace.surrogates.table import SURROGATES
+from lidarplace.pog.surrogates.table import SURROGATES
 from tracking.findings.best_placement import BestPlacement
 from tracking.labels import some
 from tracking.statistics.regret import expected_regret

@@ -6,7 +6,7 @@ from itertools import combinations
 
 import pandas as pd
 
-from lidarplace.surrogates.sampling_error import NORMAL_95
+from lidarplace.pog.surrogates.sampling_error import NORMAL_95
 
 PAIR_COLUMNS = ("class", "surrogate", "placement", "other", "difference", "low", "high")
 
@@ -22,8 +22,8 @@ def paired_differences(estimates: pd.DataFrame, resamples: pd.DataFrame) -> pd.D
 
     Returns:
         PAIR_COLUMNS: each pair once, the difference of the values of placement and other, and its
-        95 % interval, bias taken off as in `lidarplace.surrogates.sampling_error`; empty for one
-        placement.
+        95 % interval, bias taken off as in `lidarplace.pog.surrogates.sampling_error`; empty for
+        one placement.
     """
     rows = []
     for (name, surrogate), own in estimates.groupby(["class", "surrogate"], sort=False):

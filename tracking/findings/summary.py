@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from lidarplace.metrics import EVERY_IOU, HEADLINE_METRIC, METRICS, RANKING, headline_metric
-from lidarplace.surrogates.table import DECIDING, SURROGATES
+from lidarplace.base.metrics import EVERY_IOU, HEADLINE_METRIC, METRICS, RANKING, headline_metric
+from lidarplace.pog.surrogates.table import DECIDING, SURROGATES
 from tracking.findings.groups import GENERALIST, judges
 from tracking.findings.paired import group_columns
 from tracking.findings.requirements import met, verdicts

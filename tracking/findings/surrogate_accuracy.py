@@ -20,7 +20,7 @@ def rank_agreement(values: ArrayLike, reference: ArrayLike) -> tuple[float, floa
 
 
 def relative_errors(table: pd.DataFrame) -> pd.DataFrame:
-    """`table` of `lidarplace.surrogates.error_against_time.accuracy` with the errors of each row.
+    """`table` of `lidarplace.pog.surrogates.error_against_time.accuracy` with errors of each row.
 
     `reference_value` is the reference of the same placement, class and surrogate, and
     `relative_error` the distance to it. `method_error` is the distance to the value that is as

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from itertools import combinations
 
-from lidarplace.placement import Mount
+from lidarplace.rigs.placement import Mount
 
 ANGLES = ("roll", "pitch")
 _DIGITS = 6  # a micrometre, a microradian

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from lidarplace.metrics import HEADLINE_METRIC
+from lidarplace.base.metrics import HEADLINE_METRIC
 from tracking.findings.surrogate_accuracy import rank_agreement
 from tracking.kitti_iou import headline_iou
 

@@ -11,10 +11,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from lidarplace.base.optional import needs
 from lidarplace.files.atomic import temporary
 from lidarplace.files.regular import regular
 from lidarplace.files.secret_urls import public_url
-from lidarplace.optional import needs
 from tracking.mlflow.uri import is_server, sqlite_file
 
 

@@ -11,7 +11,7 @@ from typing import Literal
 
 import pandas as pd
 
-from lidarplace.metrics import EVERY_IOU
+from lidarplace.base.metrics import EVERY_IOU
 from lidarplace.requirements.tables import worst_cases
 
 

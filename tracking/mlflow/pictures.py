@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from lidarplace.base.metrics import METRICS
 from lidarplace.files.atomic import replacing
-from lidarplace.metrics import METRICS
 from lidarplace.mounting.outline import closed_lines
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.placement import Mount
-from lidarplace.pose import rotation
-from lidarplace.sensor import Lidar
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount
+from lidarplace.rigs.pose import rotation
 from tracking.figures.kit.style import OUTLINE, colour
 from tracking.figures.kit.vehicle_lines import extent_of
 

@@ -49,4 +49,4 @@ def ui_command(uri: str, page: str = "") -> str:
     if is_server(uri):
         return public_url(uri).rstrip("/") + page
     uri = absolute_uri(uri)
-    return command("tracking.dashboard", str(sqlite_file(uri) or public_url(uri)))
+    return command("dashboard", str(sqlite_file(uri) or public_url(uri)))

@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from lidarplace.placement import Mount
+from lidarplace.rigs.placement import Mount
 from tracking.figures.of_rigs.requirement_map import requirement_map
 from tracking.numbers import digits
 from tracking.pages.section import Section

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import plotly.graph_objects as go
 
-from lidarplace.boxes import GEOMETRY
+from lidarplace.base.roi import Roi
+from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.roi import Roi
 from tracking.figures.kit.vehicle_in_space import vehicle_in_space
 from tracking.figures.of_sweeps.frame_in_space import (
     DETECTION,

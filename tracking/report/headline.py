@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from lidarplace.metrics import headline_metric
-from lidarplace.surrogates.table import HEADLINE_SURROGATES
+from lidarplace.base.metrics import headline_metric
+from lidarplace.pog.surrogates.table import HEADLINE_SURROGATES
 from tracking.findings.best_placement import BestPlacement, best_placement
 from tracking.findings.best_surrogate import Predictors
 from tracking.findings.evidence import Weakness, grade, weaknesses

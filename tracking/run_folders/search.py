@@ -12,9 +12,9 @@ import plotly.graph_objects as go
 import plotly.io
 from numpy.typing import NDArray
 
+from lidarplace.base.roi import Roi
 from lidarplace.files.atomic import read_text
 from lidarplace.files.regular import is_there
-from lidarplace.roi import Roi
 from tracking.run_folders.grounds import Grounds
 from tracking.run_folders.search_arrays import UnseenMaps
 from tracking.run_folders.search_json import Rig, SearchResult

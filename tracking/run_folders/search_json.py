@@ -7,9 +7,9 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
+from lidarplace.base.roi import Roi
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.placement import Mount
-from lidarplace.roi import Roi
+from lidarplace.rigs.placement import Mount
 from tracking.run_folders.drawn_vehicle import Boxes, Triangles, drawn_vehicle
 from tracking.run_folders.json_file import Part, ResultFile
 from tracking.run_folders.search_tables import trials_of
@@ -234,7 +234,7 @@ class SearchResult(ResultFile):
     cautions: tuple[str, ...] = ()
     """What is to be known of the best rig and of those that it began with."""
     linear_share: float | None = None
-    """Of `expected_ig` of the best rig, see `lidarplace.surrogates.evaluate.linear_share`; the
+    """Of `expected_ig` of the best rig, see `lidarplace.pog.surrogates.evaluate.linear_share`; the
     largest of the classes that the search weighs, null if it is no objective."""
     tracking_uri: str | None
     """Where MLflow has the runs, without passwords."""

@@ -8,11 +8,11 @@ from typing import Any
 
 import pandas as pd
 
+from lidarplace.base.roi import Roi
 from lidarplace.command_line.invocation import command
 from lidarplace.files.atomic import read_text
 from lidarplace.files.regular import is_there
-from lidarplace.placement import Mount
-from lidarplace.roi import Roi
+from lidarplace.rigs.placement import Mount
 from tracking.run_folders.grounds import Grounds
 from tracking.run_folders.sweep_arrays import FailureFrames, Frame, Maps
 from tracking.run_folders.sweep_json import SweepResult
@@ -87,7 +87,7 @@ class RunFolder:
         if missing == required and (path / _LOCK).is_file():
             raise ValueError(
                 f"{path} has no results yet: its sweep has not finished. "
-                f"`{command('sweeps.status', 'FILE')}` tells where it stands, FILE being its "
+                f"`{command('status', 'FILE')}` tells where it stands, FILE being its "
                 "configuration"
             )
         if missing:

@@ -6,10 +6,10 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator, ConfigDict, Field, FiniteFloat
 
+from lidarplace.base.roi import Roi
 from lidarplace.configuration.settings import Count, CountFromOne
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.placement import Mount
-from lidarplace.roi import Roi
+from lidarplace.rigs.placement import Mount
 from tracking.run_folders.drawn_vehicle import Boxes, Triangles, drawn_vehicle
 from tracking.run_folders.json_file import Part, ResultFile
 

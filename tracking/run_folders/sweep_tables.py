@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from lidarplace.metrics import METRICS
+from lidarplace.base.metrics import METRICS
 from tracking.run_folders.table import Column, Table
 
 _EVERY_AXIS = ("",)

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
-from lidarplace.boxes import CLASSES
-from lidarplace.class_names import fault_of_name
-from lidarplace.near_names import did_you_mean
+from lidarplace.base.class_names import fault_of_name
+from lidarplace.base.suggestions import did_you_mean
+from lidarplace.logs.boxes import CLASSES
 from training.typical_objects import TypicalObject
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from lidarplace.kernel_cache import njit
+from lidarplace.base.kernel_cache import njit
 from training.ops.grouping import group
 
 _CHUNK = 1 << 24

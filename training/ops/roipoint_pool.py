@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from lidarplace.kernel_cache import njit
+from lidarplace.base.kernel_cache import njit
 from training.ops.first_hits import first_hits
 from training.ops.grouping import group
 from training.ops.points_in_boxes import MARGIN, inside_boxes

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lidarplace.kernel_cache import njit
+from lidarplace.base.kernel_cache import njit
 
 BoxArray = NDArray[np.float64]
 """Boxes (N, 7): x, y, z of the centre, length, width, height in metres, yaw in radians."""

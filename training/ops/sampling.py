@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from lidarplace.kernel_cache import njit
+from lidarplace.base.kernel_cache import njit
 
 _THREADS = 1024
 """Largest block of upstream's kernel; fixes which of several furthest points it takes."""

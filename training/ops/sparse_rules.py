@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from lidarplace.kernel_cache import njit
+from lidarplace.base.kernel_cache import njit
 
 Triple = tuple[int, int, int]
 """Along z, y, x."""

@@ -20,12 +20,12 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from lidarplace.box_log import BoxLog, join_logs, read_box_log, write_box_log
+from lidarplace.clouds.clouds import PointClouds, write_clouds
+from lidarplace.clouds.recorded import rig_record
+from lidarplace.configuration.json_file import read_json
 from lidarplace.files.atomic import replacing
-from lidarplace.files.json import read_json
-from lidarplace.lidar.clouds import PointClouds, write_clouds
-from lidarplace.lidar.recorded import rig_record
-from lidarplace.placement import Placement
+from lidarplace.logs.box_log import BoxLog, join_logs, read_box_log, write_box_log
+from lidarplace.rigs.placement import Placement
 from lidarplace.scenes.carla.drive import Report, drive
 from lidarplace.scenes.carla.replay import replay
 from lidarplace.scenes.carla.seen import unhit

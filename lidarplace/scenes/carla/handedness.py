@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.pose import from_carla
+from lidarplace.rigs.pose import from_carla
 
 Array = NDArray[np.float64]
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 def right_handed(
     position: NDArray[np.floating], degrees: NDArray[np.floating]
 ) -> tuple[Array, Array]:
-    """`lidarplace.pose.from_carla` on arrays.
+    """`lidarplace.rigs.pose.from_carla` on arrays.
 
     Args:
         position: x, y, z, shape (N, 3), metres.

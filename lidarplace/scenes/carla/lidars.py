@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lidarplace.lidar.clouds import Crop
-from lidarplace.placement import Mount, Placement
-from lidarplace.pose import from_carla
+from lidarplace.clouds.clouds import Crop
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount, Placement
+from lidarplace.rigs.pose import from_carla
 from lidarplace.scenes.carla.returns import Points, ego_points
 from lidarplace.scenes.carla.server import Actors
 from lidarplace.scenes.routes import STEP_S
-from lidarplace.sensor import Lidar
 
 if TYPE_CHECKING:
     import carla

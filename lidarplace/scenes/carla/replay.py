@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lidarplace.lidar.clouds import PointClouds
-from lidarplace.placement import Placement
+from lidarplace.clouds.clouds import PointClouds
+from lidarplace.rigs.placement import Placement
 from lidarplace.scenes.carla.lidars import Rig
 from lidarplace.scenes.carla.returns import Points
 from lidarplace.scenes.carla.server import Actors, actors, load_town, synchronous

@@ -7,11 +7,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.kernel_cache import njit
-from lidarplace.lidar.clouds import Crop
-from lidarplace.placement import Mount
+from lidarplace.base.kernel_cache import njit
+from lidarplace.clouds.clouds import Crop
+from lidarplace.rigs.lidar import HAIR, Lidar
+from lidarplace.rigs.placement import Mount
 from lidarplace.scenes.carla.handedness import right_handed
-from lidarplace.sensor import HAIR, Lidar
 
 BODY_MARGIN_M = 0.1
 """Mirrors and aerials reach so far out of the ego's box; returns from it are left out."""

@@ -7,8 +7,8 @@ from collections import Counter
 import numpy as np
 import pandas as pd
 
-from lidarplace.boxes import GEOMETRY
-from lidarplace.lidar.clouds import PointClouds
+from lidarplace.clouds.clouds import PointClouds
+from lidarplace.logs.boxes import GEOMETRY
 
 NEAR_M = 15.0
 """So near, few things are hidden, and what is seen gets many points."""

@@ -8,9 +8,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from lidarplace.class_names import fault_of_name
+from lidarplace.base.class_names import fault_of_name
+from lidarplace.clouds.clouds import Crop
 from lidarplace.configuration.settings import Count, CountFromOne, Length, Seconds, Seed, Text
-from lidarplace.lidar.clouds import Crop
 from lidarplace.scenes.routes import Part, RouteSettings, seed_of
 
 PAPER_TOWNS = ("Town01", "Town03", "Town04", "Town06")

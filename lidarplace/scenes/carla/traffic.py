@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from lidarplace.box_log import BoxLog
-from lidarplace.boxes import BOX_COLUMNS, GEOMETRY, POSE_COLUMNS
-from lidarplace.pose import rotation
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.logs.boxes import BOX_COLUMNS, GEOMETRY, POSE_COLUMNS
+from lidarplace.rigs.pose import rotation
 from lidarplace.scenes.carla.handedness import Array, right_handed
 from lidarplace.scenes.routes import KEEP_M
 

@@ -10,10 +10,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.box_log import BoxLog
-from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS, POSE_COLUMNS
 from lidarplace.files.columns import integers, numbers, sizes, texts
 from lidarplace.files.tables import read_feather
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.logs.boxes import BOX_COLUMNS, FRAME_COLUMNS, POSE_COLUMNS
 from lidarplace.scenes.datasets.class_maps import (
     ARGOVERSE,
     IGNORE,

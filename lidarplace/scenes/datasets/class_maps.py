@@ -17,10 +17,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.boxes import CLASSES
-from lidarplace.class_names import IGNORE, fault_of_name
+from lidarplace.base.class_names import IGNORE, fault_of_name
 from lidarplace.configuration.settings import found
 from lidarplace.configuration.yaml import read_yaml_file
+from lidarplace.logs.boxes import CLASSES
 
 ClassMap = Mapping[str, str]
 """Category -> class, or `IGNORE`."""

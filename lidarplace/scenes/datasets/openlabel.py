@@ -14,9 +14,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.box_log import BoxLog
-from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS, GEOMETRY, POSE_COLUMNS
 from lidarplace.configuration.record import read_record
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.logs.boxes import BOX_COLUMNS, FRAME_COLUMNS, GEOMETRY, POSE_COLUMNS
 from lidarplace.scenes.datasets.class_maps import (
     BOX_LOG,
     IGNORE,

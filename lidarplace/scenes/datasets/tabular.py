@@ -10,15 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from lidarplace.box_log import BoxLog, checked_buildings
-from lidarplace.boxes import (
-    BOX_COLUMNS,
-    FRAME_COLUMNS,
-    GEOMETRY,
-    POSE_COLUMNS,
-    SIZE,
-    SPLITS,
-)
+from lidarplace.base.ranges import FRAMES
 from lidarplace.files.columns import (
     check_columns,
     frame_numbers,
@@ -30,7 +22,15 @@ from lidarplace.files.columns import (
 )
 from lidarplace.files.regular import is_there
 from lidarplace.files.tables import read_csv, read_parquet
-from lidarplace.ranges import FRAMES
+from lidarplace.logs.box_log import BoxLog, checked_buildings
+from lidarplace.logs.boxes import (
+    BOX_COLUMNS,
+    FRAME_COLUMNS,
+    GEOMETRY,
+    POSE_COLUMNS,
+    SIZE,
+    SPLITS,
+)
 from lidarplace.scenes.datasets.class_maps import (
     BOX_LOG,
     IGNORE,

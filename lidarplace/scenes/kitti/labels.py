@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.boxes import GEOMETRY
+from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.scenes.kitti.calibration import (
     CAMERA_AHEAD_M,
     CAMERA_BELOW_M,

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from lidarplace.base.ranges import LIDAR_HEIGHT
+from lidarplace.clouds.clouds import STEP_M, Crop, PointClouds, valid_points
 from lidarplace.files.regular import is_there, regular
-from lidarplace.lidar.clouds import STEP_M, Crop, PointClouds, valid_points
-from lidarplace.ranges import LIDAR_HEIGHT
 from lidarplace.scenes.kitti.calibration import LIDAR_HEIGHT_M
 from lidarplace.scenes.kitti.folder import fault, frame_name, part
 

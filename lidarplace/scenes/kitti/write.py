@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pandas as pd
 
+from lidarplace.clouds.clouds import PointClouds
 from lidarplace.files.atomic import replacing
-from lidarplace.lidar.clouds import PointClouds
 from lidarplace.scenes.kitti.calibration import IMAGE_SIZE, calibration_text
 from lidarplace.scenes.kitti.folder import frame_name
 from lidarplace.scenes.kitti.labels import label_lines

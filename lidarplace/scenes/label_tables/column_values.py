@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.boxes import SIZE
+from lidarplace.logs.boxes import SIZE
 from lidarplace.scenes.label_tables.column_names import class_in
 from lidarplace.scenes.label_tables.guess_units import guess_angle
 from lidarplace.scenes.label_tables.units import RADIANS

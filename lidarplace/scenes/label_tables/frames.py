@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.ranges import FRAMES
 from lidarplace.files.columns import integers, numbers, texts
-from lidarplace.ranges import FRAMES
 from lidarplace.scenes.label_tables.mapping import TableMapping
 from lidarplace.scenes.label_tables.units import SECONDS
 

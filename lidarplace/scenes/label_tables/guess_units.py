@@ -9,7 +9,7 @@ from typing import Generic, TypeVar, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.plausible import STEP_S
+from lidarplace.logs.plausible import STEP_S
 from lidarplace.scenes.label_tables.column_names import unit_in
 from lidarplace.scenes.label_tables.units import SECONDS, AngleUnit, LengthUnit, TimeUnit
 

@@ -7,12 +7,12 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
-from lidarplace.boxes import CLASSES
-from lidarplace.class_names import fault_of_name
+from lidarplace.base.class_names import fault_of_name
 from lidarplace.configuration.settings import FilePath, Length, Name, Settings, fault, found
 from lidarplace.configuration.yaml import read_yaml_file
-from lidarplace.scenes.doubts.doubt import Check
+from lidarplace.logs.boxes import CLASSES
 from lidarplace.scenes.label_tables.units import AngleUnit, LengthUnit, TimeUnit
+from lidarplace.scenes.sanity_checks.doubt import Check
 
 Value = Annotated[Name, BeforeValidator(lambda value: str(value) if type(value) is int else value)]
 """Of a column: text, or a number that names something."""

@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.files.columns import numbers
-from lidarplace.plausible import MOST_YAW
+from lidarplace.logs.plausible import MOST_YAW
 from lidarplace.scenes.label_tables.frames import Stamps, read_stamps
 from lidarplace.scenes.label_tables.mapping import EgoPoses, Origin, TableMapping
 from lidarplace.scenes.label_tables.read_table import check_mapped, read_table

@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.boxes import SIZE
-from lidarplace.plausible import SIZES
+from lidarplace.logs.boxes import SIZE
+from lidarplace.logs.plausible import SIZES
 from lidarplace.scenes.label_tables.column_names import class_in, guess_columns
 from lidarplace.scenes.label_tables.column_values import add_columns_by_values
 from lidarplace.scenes.label_tables.guess_units import (

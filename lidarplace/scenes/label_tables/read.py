@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.box_log import BoxLog
-from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS, GEOMETRY, SIZE
 from lidarplace.files.columns import numbers, sizes, texts
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.logs.boxes import BOX_COLUMNS, FRAME_COLUMNS, GEOMETRY, SIZE
 from lidarplace.scenes.label_tables.frames import Stamps, frames_of, read_stamps
 from lidarplace.scenes.label_tables.mapping import TableMapping
 from lidarplace.scenes.label_tables.poses import read_track

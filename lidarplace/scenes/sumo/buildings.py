@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from lidarplace.boxes import BUILDING_COLUMNS
+from lidarplace.logs.boxes import BUILDING_COLUMNS
 from lidarplace.scenes.sumo.overlap import rectangles_meet
 
 if TYPE_CHECKING:

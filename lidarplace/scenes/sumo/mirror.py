@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.box_log import BoxLog
+from lidarplace.logs.box_log import BoxLog
 
 _POLYNOMIAL = ("a", "b", "c", "d")
 

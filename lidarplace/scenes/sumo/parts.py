@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 
-from lidarplace.box_log import BoxLog
+from lidarplace.logs.box_log import BoxLog
 from lidarplace.scenes.parts import ScenePart
 from lidarplace.scenes.sumo.maps import find_map
 from lidarplace.scenes.sumo.record import record_town

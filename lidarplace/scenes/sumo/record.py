@@ -13,8 +13,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.box_log import BoxLog, join_logs
-from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS, POSE_COLUMNS
+from lidarplace.logs.box_log import BoxLog, join_logs
+from lidarplace.logs.boxes import BOX_COLUMNS, FRAME_COLUMNS, POSE_COLUMNS
 from lidarplace.scenes.routes import KEEP_M, split_of
 from lidarplace.scenes.sumo.buildings import build_along, within_reach
 from lidarplace.scenes.sumo.egos import choose_egos

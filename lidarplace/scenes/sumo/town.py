@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lidarplace.optional import needs
+from lidarplace.base.optional import needs
 
 JUNCTIONS = (4, 3)
 """Junctions along x and y: some 1.5 km of street, so an ego meets about five of 80 vehicles."""

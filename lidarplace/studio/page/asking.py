@@ -6,12 +6,12 @@ import threading
 from collections.abc import Callable, Sequence
 
 from lidarplace.studio.best_pose import BestPose
-from lidarplace.studio.command import Command
 from lidarplace.studio.page.editing import Editing
 from lidarplace.studio.page.files import Files
 from lidarplace.studio.page.panel import Panel
 from lidarplace.studio.page.tables import evaluation_tables, progress
 from lidarplace.studio.studio import Studio
+from lidarplace.studio.subprocess_command import Command
 from lidarplace.studio.sweep_files import found_by_sweep
 
 
@@ -54,7 +54,7 @@ class Asking:
         with self._starting:
             self._idle()
             path, run = self._files.evaluation()
-            self._start(["sweeps.run", str(path)])
+            self._start(["run", str(path)])
         if self._ended():
             self._panel.found.content = evaluation_tables(found_by_sweep(run))
             self._say(f"evaluated: {run.absolute() / 'decision.html'}", True)
@@ -71,7 +71,7 @@ class Asking:
                 raise ValueError("evaluate the rigs first")
             out = run / "compared"
             rigs = ["--rigs", f"{one},{other}", "--out", str(out)]
-            self._start(["sweeps.failures", str(run), *rigs])
+            self._start(["failures", str(run), *rigs])
         if self._ended():
             self._say(f"compared: {out.absolute() / 'failures.html'}", True)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from lidarplace.placement import Placement
-from lidarplace.roi import Roi
+from lidarplace.base.roi import Roi
+from lidarplace.rigs.placement import Placement
 from lidarplace.studio.frame_view import MOVING_POINTS, RESTING_POINTS, FrameView
 from lidarplace.studio.page.panel import NO_RIG, Panel
 from lidarplace.studio.page.rig_nodes import RigNodes

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from lidarplace.placement import Mount
+from lidarplace.rigs.placement import Mount
 from lidarplace.studio.rig import ANGLES, POSE
 
 STEPS = dict.fromkeys(POSE[:3], 0.001) | dict.fromkeys(ANGLES, 0.1)

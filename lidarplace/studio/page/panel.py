@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from lidarplace.catalogue.datasheet import catalogue
+from lidarplace.rigs.catalogue.datasheet import catalogue
 from lidarplace.studio.blind_ground import HEIGHTS_M
 from lidarplace.studio.page.dragged import STEPS
 from lidarplace.studio.page.tables import left_out, message

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.placement import Mount
-from lidarplace.sensor import Lidar, unit_vectors
+from lidarplace.rigs.lidar import Lidar, unit_vectors
+from lidarplace.rigs.placement import Mount
 from lidarplace.studio.frame_view import SimulatedCloud
 from lidarplace.studio.page.dragged import quaternion
 from lidarplace.studio.rig import Rig

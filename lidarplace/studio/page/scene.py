@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.boxes import GEOMETRY
+from lidarplace.base.roi import Roi
+from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.mounting.zone import Zone
-from lidarplace.roi import Roi
 from lidarplace.studio.blind_ground import BlindGround
 from lidarplace.studio.page.rig_nodes import rgb
 from lidarplace.studio.rigs_file import RigsFile

@@ -10,11 +10,11 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from lidarplace import Mount
-from lidarplace.lidar.blind_lidars import blind_lidars
+from lidarplace.clouds.blind_lidars import blind_lidars
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.spacing import least_distance
 from lidarplace.mounting.zone import Zone, grid
-from lidarplace.selection import Limits
+from lidarplace.pog.selection import Limits
 from sweeps.configuration.search import TOTALS, GreedySettings, Pair, SearchSettings
 from sweeps.search.problem.choice import (
     Choice,

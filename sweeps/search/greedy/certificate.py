@@ -12,18 +12,18 @@ from typing import Any
 import pandas as pd
 
 from lidarplace import Mount, Placement
+from lidarplace.configuration.json_file import read_json
 from lidarplace.coverage.rays import ray_weight
 from lidarplace.files.atomic import replacing
-from lidarplace.files.json import read_json
-from lidarplace.surrogates.table import RAY_SURROGATES
+from lidarplace.pog.surrogates.table import RAY_SURROGATES
 from sweeps.configuration.file import ConfigError
 from sweeps.search.greedy.candidates import (
     candidates_of,
     limits_of,
     number_of_candidates,
 )
+from sweeps.search.greedy.objective_value import SUBMODULAR, worth_of
 from sweeps.search.greedy.refine import keeps, refine
-from sweeps.search.greedy.worth import SUBMODULAR, worth_of
 from sweeps.search.problem.choice import Choice, Choices, ordered
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.slots import Placed, params_of, placed_in, rig_of

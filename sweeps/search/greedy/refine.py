@@ -9,7 +9,7 @@ from dataclasses import astuple, replace
 
 import numpy as np
 
-from sweeps.search.greedy.worth import worth_of
+from sweeps.search.greedy.objective_value import worth_of
 from sweeps.search.problem.choice import Choices, is_possible, ordered, rounded
 from sweeps.search.problem.constraints import measures_of
 from sweeps.search.problem.problem import Problem

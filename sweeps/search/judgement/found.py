@@ -10,7 +10,7 @@ import pandas as pd
 from optuna.trial import FrozenTrial
 
 from lidarplace import OccupancyGrid
-from lidarplace.surrogates.evaluate import FAINT_Q, expected_ig_by_q, linear_share
+from lidarplace.pog.surrogates.evaluate import FAINT_Q, expected_ig_by_q, linear_share
 from sweeps.search.greedy.certificate import Certificate
 from sweeps.search.judgement.winners import Judged
 from sweeps.search.problem.assess import Question

@@ -10,8 +10,8 @@ from typing import Any
 import pandas as pd
 from rich.console import Console
 
+from lidarplace.base.metrics import RANKING
 from lidarplace.command_line.verbs import wrong
-from lidarplace.metrics import RANKING
 from sweeps.configuration.grid import Sweep
 from sweeps.plan.plan import Plan, read_plan
 from sweeps.search.judgement.found import Found

@@ -12,16 +12,16 @@ from pathlib import Path
 import yaml
 
 from lidarplace import Mount, Roi
+from lidarplace.base.metrics import METRICS
+from lidarplace.clouds.blind_lidars import check_not_blind
 from lidarplace.command_line.invocation import command
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.files.secret_urls import public_url
-from lidarplace.lidar.blind_lidars import check_not_blind
-from lidarplace.metrics import METRICS
 from lidarplace.mounting.outline import outline
+from lidarplace.pog.surrogates.table import RAY_SURROGATES, SURROGATES
 from lidarplace.requirements.ground import Ground
 from lidarplace.requirements.judge import judge
 from lidarplace.requirements.tables import by_rig, case_table
-from lidarplace.surrogates.table import RAY_SURROGATES, SURROGATES
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.question import check_asked
 from sweeps.configuration.search import ObjectiveSettings
@@ -116,7 +116,7 @@ def _write_requirements(folder: Path, problem: Problem, found: Found) -> None:
 
 
 def _placement(problem: Problem, found: Found) -> str:
-    """The best rig as a file for `lidarplace.view` and others, metres and radians."""
+    """The best rig as a file for `lidarplace.commands.view` and others, metres and radians."""
     rig, file = found.judged["found_1"].rig, problem.file
     settings = placement_settings(rig, file)
     # Read by itself, the file has to say what the key `lidar` says here.
@@ -129,7 +129,7 @@ def _placement(problem: Problem, found: Found) -> str:
 
 
 def _sweep(problem: Problem, found: Found) -> str:
-    """A sweep of the winners and the paper's rigs, which `sweeps.run` takes as it is.
+    """A sweep of the winners and the paper's rigs, which `sweeps.commands.run` takes as it is.
 
     Without those of `_ruled_out`, which a sweep refuses.
     """
@@ -342,9 +342,7 @@ def _commands(problem: Problem, found: Found) -> list[Command]:
     if found.trials:
         rig = str(folder / "placement.yaml")
         lines |= {
-            _verification(problem, found): command("sweeps.run", str(folder / "sweep.yaml")),
-            "see what it sees in a frame of a box log": command(
-                "lidarplace.view", "LOG", "--placement", rig
-            ),
+            _verification(problem, found): command("run", str(folder / "sweep.yaml")),
+            "see what it sees in a frame of a box log": command("view", "LOG", "--placement", rig),
         }
     return [Command(what=what, line=line) for what, line in lines.items()]

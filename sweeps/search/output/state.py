@@ -9,7 +9,7 @@ import optuna
 from optuna.storages import RDBStorage
 
 from lidarplace.files.secret_urls import hide_secrets
-from lidarplace.surrogates.table import RAY_SURROGATES
+from lidarplace.pog.surrogates.table import RAY_SURROGATES
 from sweeps.results.state import SweepState, sweep_state
 from sweeps.search.judgement.verify import read_verification
 from sweeps.search.judgement.winners import best_trials

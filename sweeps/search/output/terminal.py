@@ -9,7 +9,7 @@ from rich.console import Console
 from lidarplace.command_line.terminal import table
 from lidarplace.mounting.random_rigs import outside
 from lidarplace.mounting.ring_overlap import interleaving
-from lidarplace.surrogates.table import OBJECT_SURROGATES, RAY_SURROGATES, SURROGATES
+from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, RAY_SURROGATES, SURROGATES
 from sweeps.results.rig_cautions import beyond_what_is_seen, coinciding
 from sweeps.search.greedy.certificate import why_none
 from sweeps.search.judgement.found import Found

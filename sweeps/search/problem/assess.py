@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from lidarplace import evaluate_classes, expected_ig_by_q
 from lidarplace.coverage import Method
-from lidarplace.surrogates.table import OBJECT_SURROGATES, RAY_SURROGATES
+from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, RAY_SURROGATES
 from sweeps.configuration.search import TOTALS, ObjectiveSettings
 from sweeps.search.problem.choice import Choices, is_possible, placement_of
 from sweeps.search.problem.constraints import Carrier, Constraint, margin_of, measures_of

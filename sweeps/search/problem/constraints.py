@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lidarplace import Lidar, Roi
+from lidarplace.clouds.blind_lidars import blind_lidars
 from lidarplace.configuration.mounting import keep_out_boxes
 from lidarplace.configuration.vehicle import vehicle_of
-from lidarplace.lidar.blind_lidars import blind_lidars
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.housing import housings_of, without
 from lidarplace.mounting.near_field import near_field_coverage

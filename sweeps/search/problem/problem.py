@@ -12,16 +12,16 @@ from pathlib import Path
 from typing import Any
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement
+from lidarplace.base.suggestions import did_you_mean
+from lidarplace.clouds.blind_lidars import check_not_blind
+from lidarplace.clouds.own_body import check_mounts
 from lidarplace.configuration.vehicle import vehicle_of
-from lidarplace.lidar.blind_lidars import check_not_blind
-from lidarplace.lidar.own_body import check_mounts
 from lidarplace.mounting.near_field import near_field_coverage
 from lidarplace.mounting.vehicle import Vehicle, zone_in_body
-from lidarplace.near_names import did_you_mean
+from lidarplace.pog.surrogates.table import OBJECT_SURROGATES
 from lidarplace.recall.detection_curve import default_curves, read_curves
 from lidarplace.requirements.layout import Laid
 from lidarplace.scenes.sumo.settings import SumoScene
-from lidarplace.surrogates.table import OBJECT_SURROGATES
 from sweeps.configuration.file import (
     ConfigError,
     check,

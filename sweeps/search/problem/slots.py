@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import astuple, dataclass
 
 from lidarplace import Mount
+from lidarplace.base.number_text import point
 from lidarplace.mounting.zone import TOLERANCE, Zone, distance
-from lidarplace.shown import point
 from sweeps.search.problem.choice import Choice, Choices, mirrored, ordered
 from sweeps.search.problem.space import Slot, Space
 

@@ -11,7 +11,7 @@ from typing import Any
 import optuna
 import pandas as pd
 
-from lidarplace.metrics import METRICS, RANKING
+from lidarplace.base.metrics import METRICS, RANKING
 from sweeps.configuration.search import ObjectiveSettings
 from sweeps.execution.backends import Backend
 from sweeps.execution.execute import Listener, Outcome, execute

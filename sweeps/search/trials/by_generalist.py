@@ -16,7 +16,7 @@ import numpy as np
 import optuna
 import pandas as pd
 
-from lidarplace.metrics import Overlaps
+from lidarplace.base.metrics import Overlaps
 from sweeps.configuration.search import ObjectiveSettings
 from sweeps.execution.backends import Backend
 from sweeps.execution.execute import Listener, execute
@@ -25,8 +25,8 @@ from sweeps.plan.plan import Trial
 from sweeps.search.problem.judged_sweep import JudgedRig, generalists, judged_rigs
 from sweeps.search.problem.one_dead import cases_of, value_of
 from sweeps.search.problem.problem import Problem
+from sweeps.search.trials.aggregate import metrics_over_tests
 from sweeps.search.trials.by_detectors import all_values, weighted_value
-from sweeps.search.trials.over_tests import metrics_over_tests
 from sweeps.search.trials.pool import Pool
 from sweeps.search.trials.study import Candidate, finished_trials, tell
 from sweeps.store.of_sweep import reference

@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console
 
 from lidarplace import ExpectedRecall
-from lidarplace.surrogates.table import OBJECT_SURROGATES
+from lidarplace.pog.surrogates.table import OBJECT_SURROGATES
 from sweeps.execution.backends import Backend
 from sweeps.execution.execute import execute
 from sweeps.execution.progress import StageProgress

@@ -7,16 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lidarplace.lidar.shade import ends_of
+from lidarplace.base.roi import Roi
+from lidarplace.clouds.shade import ends_of
 from lidarplace.mounting.body_share import body_share
 from lidarplace.mounting.housing import NO_HOUSINGS
 from lidarplace.mounting.mesh import Mesh, depths, distances, first_hit, winding_numbers
 from lidarplace.mounting.near_field import near_field_coverage
 from lidarplace.mounting.vehicle import Vehicle, depth_in_body, voxels_in_body, zone_in_body
 from lidarplace.mounting.zone import Zone
-from lidarplace.placement import Mount, Placement
-from lidarplace.roi import Roi
-from lidarplace.sensor import Lidar
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount, Placement
 
 trimesh = pytest.importorskip("trimesh")
 NO_BOXES = np.empty((0, 2, 3))

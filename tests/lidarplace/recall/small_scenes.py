@@ -7,8 +7,8 @@ import pandas as pd
 from hypothesis import strategies as st
 
 from lidarplace import Lidar, Mount, Roi
-from lidarplace.box_log import BoxLog
-from lidarplace.boxes import GEOMETRY
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.recall.detection_curve import DetectionCurves
 from lidarplace.recall.surface_cells import SurfaceCells
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from small_scenes import CURVES, LIDAR, ROI, ROWS, log_of, rows_of_cells, table_of
 
 from lidarplace import ExpectedRecall, Mount, Placement
+from lidarplace.pog.selection import Limits
 from lidarplace.recall.choice import RecallChoice
-from lidarplace.selection import Limits
 from tests.lidarplace.selection.small_exposures import feasible_sets, limits_of
 
 WEIGHTS = {"Tram": 1.0, "Bus": 0.4}

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from small_scenes import CURVES, LIDAR, ROI, ROWS, log_of
 
-from lidarplace.lidar.collect import collect
-from lidarplace.lidar.shade import ends_in_rig
+from lidarplace.base.roi import Roi
+from lidarplace.clouds.collect import collect
+from lidarplace.clouds.shade import ends_in_rig
 from lidarplace.mounting.errors import MountingErrors
 from lidarplace.mounting.near_field import seen_in_columns
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.placement import Mount, Placement
 from lidarplace.recall import counted_objects
 from lidarplace.recall.expected_recall import ExpectedRecall
 from lidarplace.requirements.rays_on_objects import count_points, sights_of
-from lidarplace.roi import Roi
+from lidarplace.rigs.placement import Mount, Placement
 
 NOTHING = Vehicle("nothing", np.empty((0, 2, 3)))
 ROUND = replace(LIDAR, size=(0.3, 0.3, 0.3))

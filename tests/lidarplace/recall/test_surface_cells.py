@@ -20,8 +20,8 @@ from small_scenes import (
 )
 
 from lidarplace import Mount, Placement
-from lidarplace.boxes import BUILDING_COLUMNS
-from lidarplace.lidar.surroundings import Surroundings
+from lidarplace.clouds.surroundings import Surroundings
+from lidarplace.logs.boxes import BUILDING_COLUMNS
 from lidarplace.recall.expected_recall import ExpectedRecall
 from lidarplace.recall.surface_cells import slices_of
 from tests.lidarplace.from_a_car import cast

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from lidarplace.mounting.mesh import Mesh
 from lidarplace.mounting.slices import meets_slices, slices_of
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.placement import Mount, Placement
 from lidarplace.requirements.area import Area, distance_from, grid_over, in_the_way
 from lidarplace.requirements.presets import PRESETS, preset
 from lidarplace.requirements.rays_on_objects import count_points, sights_of
-from lidarplace.sensor import Lidar
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount, Placement
 
 LOW, HIGH = (-2.0, -0.8, 0.3), (2.2, 0.9, 1.5)
 BOX = Vehicle("box", np.array([[LOW, HIGH]]))

@@ -18,7 +18,7 @@ from lidarplace.requirements.layout import lay_out
 from lidarplace.requirements.placed_object import STANDARD, PlacedObject
 from lidarplace.requirements.presets import preset
 from lidarplace.requirements.requirement import AlsoWhen, Requirement
-from lidarplace.weather import Weather
+from lidarplace.rigs.weather import Weather
 from tests.lidarplace.requirements.brute_force import hits_of
 
 CAR = Vehicle.car()

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from lidarplace import Lidar, Mount, Placement
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.requirements.rays_on_objects import count_cells, count_points, sights_of
-from lidarplace.weather import Weather
+from lidarplace.rigs.weather import Weather
 from tests.lidarplace.requirements.brute_force import cells_of, hits_of
 
 CAR = Vehicle.car()

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 from hypothesis import strategies as st
 
-from lidarplace.selection import Exposure, Limits
-from lidarplace.selection.voxel_gain import VoxelGain
+from lidarplace.pog.selection import Exposure, Limits
+from lidarplace.pog.selection.voxel_gain import VoxelGain
 
 SHAPES = ("cover", "information", "linear")
 VOXELS = 8

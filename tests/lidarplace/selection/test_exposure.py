@@ -10,7 +10,7 @@ from lidarplace import (
     Roi,
     evaluate_classes,
 )
-from lidarplace.selection import Exposure, Limits, greedy, upper_bound
+from lidarplace.pog.selection import Exposure, Limits, greedy, upper_bound
 
 ROI = Roi(x=(0.0, 6.0), y=(-3.0, 3.0), z=(0.0, 2.0), resolution=0.2)
 LIDAR = Lidar(tuple(np.radians([-40.0, -20.0, -3.0, 5.0])), azimuth_steps=360)

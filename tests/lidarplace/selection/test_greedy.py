@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_exposures import best_of_all, exposure_of, exposures, limits_of
 
-from lidarplace.selection import Limits, greedy
+from lidarplace.pog.selection import Limits, greedy
 
 
 def plain_greedy(exposure, limits):

@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 from small_exposures import SHAPES, best_of_all, exposure_of, exposures, feasible_sets, limits_of
 
-from lidarplace.selection import Limits, greedy, upper_bound
-from lidarplace.selection.majorant import Majorant
+from lidarplace.pog.selection import Limits, greedy, upper_bound
+from lidarplace.pog.selection.majorant import Majorant
 
 
 @settings(max_examples=100)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from lidarplace.box_log import BoxLog
-from lidarplace.boxes import BOX_COLUMNS, FRAME_COLUMNS
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.logs.boxes import BOX_COLUMNS, FRAME_COLUMNS
 
 TEXT = """\
 lidar: {beams: 8, elevation_deg: [-25, 5], azimuth_steps: 720}

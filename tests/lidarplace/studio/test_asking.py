@@ -40,11 +40,11 @@ print("3 objects are found by roof alone")
 
 @pytest.fixture
 def page(tmp_path, monkeypatch):
-    """In a folder in which `python -m sweeps.run` is a stand-in."""
+    """In a folder in which `lidarplace run` is a stand-in."""
     (tmp_path / "sweeps").mkdir()
     (tmp_path / "sweeps/__init__.py").touch()
-    (tmp_path / "sweeps/run.py").write_text(RUN)
-    (tmp_path / "sweeps/failures.py").write_text(FAILURES)
+    (tmp_path / "sweeps/commands/run.py").write_text(RUN)
+    (tmp_path / "sweeps/commands/failures.py").write_text(FAILURES)
     monkeypatch.chdir(tmp_path)
     studio = Studio(
         read_rigs(written(tmp_path)), log_of([(8.0, 1.0)]), Roi((-16, 16), (-8, 8), (0, 4), 0.4)

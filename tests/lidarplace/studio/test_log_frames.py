@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 
 from lidarplace import Roi
-from lidarplace.box_log import read_box_log, write_box_log
+from lidarplace.logs.box_log import read_box_log, write_box_log
 from lidarplace.studio import log_frames
 from lidarplace.studio.log_frames import PORTIONS, LogFrames
 from lidarplace.studio.rigs_file import read_rigs

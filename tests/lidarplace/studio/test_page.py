@@ -344,11 +344,11 @@ def test_a_page_writes_beside_its_file_alone(page):
             page.files.beside(name)
         assert str(told.value).endswith(repr(name))
     assert page.files.beside("a.yml").name == "a.yml"
-    assert page.files.sweep().startswith("python -m sweeps.run ")
+    assert page.files.sweep().startswith("lidarplace run ")
     with pytest.raises(FileExistsError):
         page.files.sweep()
     assert page.panel.overwrite.visible
-    assert page.files.confirm().startswith("python -m sweeps.run ")
+    assert page.files.confirm().startswith("lidarplace run ")
     assert page.files.confirm() == ""
 
 
@@ -375,7 +375,7 @@ def test_a_second_studio_has_a_port_of_its_own():
 
 
 def test_mistakes_of_the_command_are_one_line(tmp_path):
-    from lidarplace.studio.__main__ import app
+    from lidarplace.studio.command import app
 
     for name, text, told in (
         ("none.yaml", "", "none.yaml: No such file"),

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from lidarplace.configuration.placement import PlacementSettings
 from lidarplace.configuration.yaml import parse_yaml
-from lidarplace.sensor import Lidar
+from lidarplace.rigs.lidar import Lidar
 from lidarplace.studio import rig as edits
 from lidarplace.studio.history import History
 from lidarplace.studio.rig import POSE, Rig

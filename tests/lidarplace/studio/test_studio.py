@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarplace import ExpectedRecall, Lidar, Mount, OccupancyGrid, Placement, Roi, evaluate
-from lidarplace.catalogue.datasheet import datasheet
 from lidarplace.configuration.placement import PlacementSettings, read_placement
 from lidarplace.configuration.yaml import parse_yaml, read_yaml_file
 from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.rigs.catalogue.datasheet import datasheet
 from lidarplace.scenes.sumo.settings import SumoScene
 from lidarplace.studio.best_pose import ROUNDS
 from lidarplace.studio.blind_ground import EDGE_M, LOWEST_M, blind_ground
@@ -233,7 +233,7 @@ def test_a_sweep_of_the_rigs_can_be_planned(studio, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_small_log(tmp_path / "log")
     path, scene = tmp_path / "sweep.yaml", scene_of(tmp_path / "log")
-    assert studio.sweep(path, scene) == f"python -m sweeps.run {path}"
+    assert studio.sweep(path, scene) == f"lidarplace run {path}"
     _, plan = read_plan(path)
     assert {trial.grid_point.point.placement for trial in plan.trials} == {"roof", "left handed"}
     with pytest.raises(FileExistsError):

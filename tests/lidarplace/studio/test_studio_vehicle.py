@@ -5,7 +5,7 @@ import pytest
 import yaml
 
 from lidarplace import Roi
-from lidarplace.lidar.collect import collect
+from lidarplace.clouds.collect import collect
 from lidarplace.studio.rigs_file import read_rigs
 from lidarplace.studio.studio import Studio
 from lidarplace.studio.traffic import scene_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.roi import Interval
+from lidarplace.base.roi import Interval
 
 
 def averaged(

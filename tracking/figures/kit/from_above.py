@@ -6,8 +6,8 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
+from lidarplace.base.roi import Roi
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.roi import Roi
 from tracking.figures.kit.averaged import averaged
 from tracking.figures.kit.style import SEQUENTIAL, figure
 from tracking.figures.kit.vehicle_lines import extent_of, vehicle_from_above

@@ -11,7 +11,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.placement import Mount
+from lidarplace.rigs.placement import Mount
 from lidarplace.viewing.axes import equal_axes, xyz
 from tracking.figures.kit.style import add_menu, figure, lidar_colour, text
 from tracking.figures.kit.vehicle_in_space import vehicle_in_space

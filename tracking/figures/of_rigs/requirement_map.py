@@ -10,8 +10,8 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from lidarplace.placement import Mount
 from lidarplace.requirements.ground import Ground
+from lidarplace.rigs.placement import Mount
 from tracking.figures.kit.style import figure, lidar_colour, text
 from tracking.figures.kit.vehicle_lines import VEHICLE_OUTLINE
 

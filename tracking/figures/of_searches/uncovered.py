@@ -6,8 +6,8 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
+from lidarplace.base.roi import Roi
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.roi import Roi
 from tracking.figures.kit.from_above import add_vehicle, pog_from_above
 from tracking.figures.kit.style import text
 

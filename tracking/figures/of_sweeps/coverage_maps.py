@@ -11,9 +11,9 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
+from lidarplace.base.roi import Interval, Roi
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.placement import Mount
-from lidarplace.roi import Interval, Roi
+from lidarplace.rigs.placement import Mount
 from tracking.figures.kit.averaged import averaged
 from tracking.figures.kit.from_above import in_view
 from tracking.figures.kit.style import SEQUENTIAL, figure

@@ -9,10 +9,10 @@ import pandas as pd
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from lidarplace.boxes import GEOMETRY
-from lidarplace.lidar.points_in_boxes import box_of_points
+from lidarplace.base.roi import Roi
+from lidarplace.clouds.points_in_boxes import box_of_points
+from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.roi import Roi
 from lidarplace.viewing.axes import equal_axes, xyz
 from lidarplace.viewing.scene import CAMERAS
 from lidarplace.viewing.solids import edges, headings

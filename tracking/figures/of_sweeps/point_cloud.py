@@ -9,8 +9,8 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
+from lidarplace.base.roi import Roi
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.roi import Roi
 from tracking.figures.kit.from_above import add_vehicle
 from tracking.figures.kit.style import OUTLINE, add_menu, figure, lidar_colour, text
 from tracking.run_folders.sweep_arrays import Frame

@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.placement import Mount
+from lidarplace.rigs.placement import Mount
 from tracking.figures.kit.style import figure, lidar_colour, symbol
 from tracking.figures.kit.vehicle_lines import (
     extent_of,

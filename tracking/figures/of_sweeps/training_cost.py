@@ -8,7 +8,7 @@ import pandas as pd
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from lidarplace.metrics import HEADLINE_METRIC
+from lidarplace.base.metrics import HEADLINE_METRIC
 from tracking.figures.kit.style import SYMBOLS, colour, figure, text
 from tracking.findings.training_cost import COST_AXES
 from tracking.labels import metric_label

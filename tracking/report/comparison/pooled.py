@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from lidarplace.metrics import headline_metric
-from lidarplace.surrogates.table import HEADLINE_SURROGATES
+from lidarplace.base.metrics import headline_metric
+from lidarplace.pog.surrogates.table import HEADLINE_SURROGATES
 from tracking.findings.groups import groups
 from tracking.findings.paired import with_sums
 from tracking.findings.summary import seed_means, surrogates_of

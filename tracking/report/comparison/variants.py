@@ -11,7 +11,7 @@ from typing import Any
 import pandas as pd
 
 from lidarplace.configuration.yaml import YamlError, parse_yaml
-from lidarplace.placement import Mount
+from lidarplace.rigs.placement import Mount
 from tracking.findings.groups import Group, groups
 from tracking.findings.paired import with_sums
 from tracking.findings.summary import seed_means, surrogates_of

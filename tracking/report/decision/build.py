@@ -65,8 +65,8 @@ def write_decision(
         required=first.required(run),
         warnings=warnings,
         tables=_tables(run.path / FOLDER),
-        dashboard=command("tracking.dashboard", str(run.path)),
-        studio=command("lidarplace.studio", str(rigs)) if rigs.exists() else None,
+        dashboard=command("dashboard", str(run.path)),
+        studio=command("studio", str(rigs)) if rigs.exists() else None,
     )
 
 

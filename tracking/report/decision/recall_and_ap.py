@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
-from lidarplace.metrics import headline_metric
+from lidarplace.base.metrics import headline_metric
 from tracking.figures.of_sweeps.side_by_side import side_by_side
 from tracking.kitti_iou import headline_iou, judged
 from tracking.labels import metric_label

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from lidarplace.metrics import headline_metric
+from lidarplace.base.metrics import headline_metric
 from tracking.findings.best_placement import BestPlacement
 from tracking.findings.distinct_rigs import copies, without
 from tracking.findings.evidence import grade, remedy

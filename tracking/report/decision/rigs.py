@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from lidarplace.placement import Mount
+from lidarplace.rigs.placement import Mount
 from tracking.figures.kit.style import text
 from tracking.figures.kit.vehicle_lines import name_of
 from tracking.figures.of_sweeps.rig_views import ViewedRig, rig_views

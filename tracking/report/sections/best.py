@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from lidarplace.metrics import headline_metric
+from lidarplace.base.metrics import headline_metric
 from tracking.figures.kit.style import text
 from tracking.figures.of_sweeps.forest import forest
 from tracking.findings.best_placement import BestPlacement

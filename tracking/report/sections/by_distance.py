@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from lidarplace.metrics import HEADLINE_METRIC
+from lidarplace.base.metrics import HEADLINE_METRIC
 from tracking.figures.kit.style import text
 from tracking.figures.of_sweeps.by_bin import Bins, by_bin
 from tracking.findings.groups import Group, by_setting, has_detectors

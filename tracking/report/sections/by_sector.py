@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
-from lidarplace.metrics import headline_metric
+from lidarplace.base.metrics import headline_metric
 from tracking.figures.kit.style import text
 from tracking.figures.of_sweeps.by_bin import Bins, by_bin
 from tracking.findings.groups import Group

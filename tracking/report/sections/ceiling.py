@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from lidarplace.metrics import headline_metric
+from lidarplace.base.metrics import headline_metric
 from tracking.findings.groups import has_detectors
 from tracking.kitti_iou import headline_iou
 from tracking.labels import setting_label

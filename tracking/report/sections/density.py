@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pandas as pd
 
-from lidarplace.metrics import headline_metric
+from lidarplace.base.metrics import headline_metric
 from tracking.figures.kit.style import text
 from tracking.figures.of_sweeps.by_density import by_density
 from tracking.findings.groups import Group

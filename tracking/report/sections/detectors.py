@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from lidarplace.metrics import RANKING, headline_metric
+from lidarplace.base.metrics import RANKING, headline_metric
 from tracking.figures.of_sweeps.sensitivity import sensitivity_figure
 from tracking.findings.groups import Group
 from tracking.findings.sensitivity import sensitivity

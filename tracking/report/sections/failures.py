@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from lidarplace.metrics import kitti_iou
+from lidarplace.base.metrics import kitti_iou
 from tracking.figures.of_sweeps.found_alone import found_alone
 from tracking.findings.failures import DIMENSIONS, Failures
 from tracking.findings.groups import has_detectors

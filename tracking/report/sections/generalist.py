@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from lidarplace.metrics import headline_metric
+from lidarplace.base.metrics import headline_metric
 from tracking.figures.kit.style import text
 from tracking.figures.of_sweeps.generalist import against_generalist
 from tracking.findings.best_placement import BestPlacement

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from lidarplace.metrics import headline_metric
+from lidarplace.base.metrics import headline_metric
 from tracking.findings.groups import Group
 from tracking.findings.requirements import met, verdicts
 from tracking.findings.summary import by_surrogate, deciding_surrogate, surrogates_of

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from lidarplace.metrics import headline_metric
-from lidarplace.surrogates.table import HEADLINE_SURROGATES
+from lidarplace.base.metrics import headline_metric
+from lidarplace.pog.surrogates.table import HEADLINE_SURROGATES
 from tracking.figures.kit.style import text
 from tracking.figures.of_sweeps.heat_map import heat_map
 from tracking.figures.of_sweeps.left_out import left_out

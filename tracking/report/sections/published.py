@@ -8,9 +8,9 @@ from dataclasses import astuple, replace
 import pandas as pd
 
 from lidarplace import PAPER_PLACEMENTS
-from lidarplace.metrics import HEADLINE_METRIC, headline_metric
-from lidarplace.placement import Mount
-from lidarplace.surrogates.table import HEADLINE_SURROGATES
+from lidarplace.base.metrics import HEADLINE_METRIC, headline_metric
+from lidarplace.pog.surrogates.table import HEADLINE_SURROGATES
+from lidarplace.rigs.placement import Mount
 from tracking.figures.kit.style import text
 from tracking.figures.of_sweeps.heat_map import heat_map
 from tracking.figures.of_sweeps.published import against_own, published_scatter

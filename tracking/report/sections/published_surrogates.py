@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pandas as pd
 
-from lidarplace.metrics import HEADLINE_METRIC
+from lidarplace.base.metrics import HEADLINE_METRIC
 from tracking.figures.of_sweeps.published import published_scatter
 from tracking.findings.correlation import correlate
 from tracking.labels import in_order, metric_label, surrogate_label

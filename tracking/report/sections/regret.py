@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from lidarplace.metrics import headline_metric
-from lidarplace.surrogates.table import DECIDING, HEADLINE_SURROGATES
+from lidarplace.base.metrics import headline_metric
+from lidarplace.pog.surrogates.table import DECIDING, HEADLINE_SURROGATES
 from tracking.findings.best_placement import BestPlacement
 from tracking.findings.generalist import JUDGEMENTS
 from tracking.findings.groups import Group

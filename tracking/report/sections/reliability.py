@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from lidarplace.metrics import METRICS, headline_metric
+from lidarplace.base.metrics import METRICS, headline_metric
 from tracking.findings.groups import has_detectors
 from tracking.findings.halves import agreement_of_halves
 from tracking.kitti_iou import judged_by_all

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
-from lidarplace.surrogates.table import HEADLINE_SURROGATES
+from lidarplace.pog.surrogates.table import HEADLINE_SURROGATES
 from tracking.figures.of_sweeps.intervals import intervals
 from tracking.findings.groups import by_setting, studied
 from tracking.findings.sampling_error import paired_differences
@@ -61,7 +61,7 @@ def sampling_error_section(run: RunFolder, ranked: list[str]) -> Section:
 
 
 def sampling_error_table(estimates: pd.DataFrame, title: str) -> Table:
-    """Estimates of `lidarplace.surrogates.sampling_error` of one class as text."""
+    """Estimates of `lidarplace.pog.surrogates.sampling_error` of one class as text."""
     columns = [
         words("surrogate", show=surrogate_label),
         words("placement"),

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from lidarplace.metrics import RANKING
-from lidarplace.surrogates.table import HEADLINE_SURROGATES
+from lidarplace.base.metrics import RANKING
+from lidarplace.pog.surrogates.table import HEADLINE_SURROGATES
 from tracking.figures.kit.style import text
 from tracking.figures.of_sweeps.side_by_side import differences_figure
 from tracking.findings.groups import Group

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.utils.fusion import fuse_linear_bn_weights
 
-from lidarplace.kernel_cache import njit
+from lidarplace.base.kernel_cache import njit
 from training.detectors.backbones.pillars import PillarEncoder, PillarFeatureLayer
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from lidarplace.kernel_cache import njit
+from lidarplace.base.kernel_cache import njit
 from training.detectors.detector import PointRange
 from training.detectors.layers import PaddedBatchNorm
 

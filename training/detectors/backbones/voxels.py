@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from lidarplace.kernel_cache import njit
+from lidarplace.base.kernel_cache import njit
 from training.detectors.detector import PointRange
 from training.ops.sparse_conv import SparseTensor, Triple
 

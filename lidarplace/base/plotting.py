@@ -1,0 +1,22 @@
+"""`.plot()`: things have a figure, which the top of the package draws."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+
+class Plottable:
+    """A public thing with a figure."""
+
+    def plot(self) -> Any:
+        """A plotly figure (`plotly.graph_objects.Figure`); a notebook draws it."""
+        return _DRAW[-1](self)
+
+
+_DRAW: list[Callable[[Any], Any]] = []
+
+
+def draw_with(draw: Callable[[Any], Any]) -> None:
+    """Say what draws a figure: `lidarplace` does, as drawing stands above all that it draws."""
+    _DRAW.append(draw)

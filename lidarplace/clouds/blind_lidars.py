@@ -1,0 +1,84 @@
+"""LiDARs of a rig that see nothing of the ROI."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lidarplace.base.kernel_cache import njit
+from lidarplace.base.roi import Roi
+from lidarplace.clouds.own_body import sedan
+from lidarplace.clouds.raycast import Beams, along, beams_of
+from lidarplace.mounting.housing import housings_in
+from lidarplace.mounting.sight import Obstacles, obstacles_of, stopped
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.rigs.placement import Placement
+
+OBJECTS_M = 2.0
+"""Height above the ground up to which objects count: higher up are only the tops of trucks."""
+SPACE_M = 0.5
+"""Least length of a ray in the space of objects; next to the body there is no room for one."""
+
+
+def blind_lidars(rig: Placement, roi: Roi, vehicle: Vehicle | None) -> list[int]:
+    """Numbers, from 0, of the LiDARs that see neither ground nor the space of objects in the ROI.
+
+    A ray sees if it reaches the ground of the ROI, or SPACE_M of it are in the ROI below OBJECTS_M,
+    between the least range and the range, before the vehicle or another LiDAR stops it. All rays of
+    a LiDAR are fired, of a pattern those of all frames, until one sees.
+
+    Args:
+        vehicle: carries the rig; None: a sedan.
+    """
+    floor = max(roi.z[0], 0.0)
+    low = np.array([roi.x[0], roi.y[0], floor])
+    high = np.array([roi.x[1], roi.y[1], min(roi.z[1], floor + OBJECTS_M)])
+    obstacles = obstacles_of(sedan() if vehicle is None else vehicle, housings_in(rig))
+    found = []
+    for number, (mount, lidar) in enumerate(zip(rig.mounts, rig.lidars, strict=True)):
+        frames = range(1 if lidar.pattern is None else lidar.pattern.frames)
+        if not any(
+            _sees(mount.position, mount.rotation, beams, lidar.reach, low, high, obstacles, number)
+            for beams in (beams_of(lidar.in_frame(frame)) for frame in frames)
+        ):
+            found.append(number)
+    return found
+
+
+def check_not_blind(rig: Placement, roi: Roi, vehicle: Vehicle | None) -> None:
+    """Raise ValueError for the first of `blind_lidars`."""
+    for number in blind_lidars(rig, roi, vehicle):
+        x, y, z = rig.mounts[number].position.tolist()
+        raise ValueError(
+            f"{rig.name!r}: LiDAR {number + 1} at ({x:g}, {y:g}, {z:g}) sees no ground and nothing "
+            f"below {OBJECTS_M:g} m in the ROI (x {list(roi.x)}, y {list(roi.y)} m); turn or move "
+            "it, extend the ROI, or set allow_blind_lidars: true"
+        )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sees(
+    origin, rotation, beams: Beams, reach, low, high, obstacles: Obstacles, own
+):  # pragma: no cover - compiled
+    for beam in range(len(beams.elevations)):
+        _, ce, se = beams.elevations[beam]
+        cosines, sines = along(beams, beam)
+        for step in range(len(cosines)):
+            x, y = ce * cosines[step], ce * sines[step]
+            dx = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * se
+            dy = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * se
+            dz = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * se
+            enter, leave = beams.nearest, np.inf
+            for axis, d in enumerate((dx, dy, dz)):
+                to_low, to_high = low[axis] - origin[axis], high[axis] - origin[axis]
+                if d == 0.0:
+                    if to_low > 0.0 or to_high < 0.0:
+                        leave = -np.inf
+                else:
+                    t0, t1 = to_low / d, to_high / d
+                    enter, leave = max(enter, min(t0, t1)), min(leave, max(t0, t1))
+            grounded = low[2] == 0.0 and dz < 0.0 and leave == -origin[2] / dz
+            needed = min(enter + SPACE_M, leave) if grounded else enter + SPACE_M
+            room = enter <= leave and needed <= min(leave, reach)
+            if room and not stopped(origin, dx, dy, dz, needed, obstacles, own):
+                return True
+    return False

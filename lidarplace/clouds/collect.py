@@ -1,0 +1,172 @@
+"""Point clouds of a placement: all its LiDARs in every frame of a box log."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lidarplace.base.roi import Interval
+from lidarplace.clouds.clouds import Crop, PointClouds, as_kept
+from lidarplace.clouds.droplets import scatter_back
+from lidarplace.clouds.hashed import key_of
+from lidarplace.clouds.own_body import body_parts
+from lidarplace.clouds.raycast import Hits, cast
+from lidarplace.clouds.returns import LARGEST_ERROR, sample_points
+from lidarplace.clouds.shade import ends_in_rig
+from lidarplace.clouds.surroundings import Surroundings
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.mounting.errors import MountingErrors
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.rigs.placement import Placement
+
+GROUND_MARGIN_M = 0.5
+"""Points this far below the ROI are kept: a noisy return from the ground lies under z = 0."""
+
+
+def crop_for(
+    x: Interval, y: Interval, z: Interval, placement: Placement, misaligned_heights: bool = False
+) -> Crop:
+    """The region of a cloud that holds the ROI x, y, z and the ground under it.
+
+    Deeper where clouds are merged without regard to heights, as the ground of a LiDAR that is
+    higher than the first one sinks.
+    """
+    heights = [mount.z for mount in placement.mounts]
+    sinks = max(heights) - heights[0] if misaligned_heights else 0.0
+    return x[0], y[0], z[0] - GROUND_MARGIN_M - sinks, x[1], y[1], z[1]
+
+
+def collect(
+    log: BoxLog,
+    frames: ArrayLike,
+    placement: Placement,
+    crop: Crop,
+    seed: int = 0,
+    misaligned_heights: bool = False,
+    errors: MountingErrors = MountingErrors(),
+    vehicle: Vehicle | None = None,
+) -> PointClouds:
+    """Simulate the merged clouds of all LiDARs of `placement` in the given frames.
+
+    Every placement sees the same objects and buildings. Drop-off and range noise of a ray depend on
+    seed, frame number, LiDAR and ray only, so frames may be collected in any portions. So does what
+    a LiDAR with a pattern fires of it: real ones are not in step.
+
+    Args:
+        log: a box log; its other frames are ignored.
+        frames: frame numbers, shape (F,); a frame without a box shows ground and buildings.
+        placement: mounts and LiDAR.
+        crop: x0, y0, z0, x1, y1, z1 in the ego frame, metres; points outside are left out.
+        seed: of shapes and materials, drop-off and range noise.
+        misaligned_heights: merge the clouds as if every LiDAR were as high as the first: those of
+            higher ones sink, those of lower ones rise. They are cut after that.
+        errors: of the mounts, drawn anew for every frame: a fleet, whose vehicles differ.
+        vehicle: carries the LiDARs; None: a sedan.
+
+    Raises:
+        ValueError: a box is bad, a frame is not in the log, the crop is empty, or there are more
+            than 256 LiDARs.
+    """
+    simulated = SimulatedClouds(
+        log, frames, placement, crop, seed, misaligned_heights, errors, vehicle
+    )
+    return simulated.kept()
+
+
+class SimulatedClouds:
+    """The clouds of `collect`, each simulated when it is asked for and not kept.
+
+    For who looks at a frame once: `clouds[i]` has the points of `collect(…)[i]`, to the last bit,
+    without packing them. Arguments and errors as of `collect`; a bad frame is named when it is
+    asked for.
+
+    Attributes:
+        frames: frame numbers, shape (F,), int64.
+    """
+
+    def __init__(
+        self,
+        log: BoxLog,
+        frames: ArrayLike,
+        placement: Placement,
+        crop: Crop,
+        seed: int = 0,
+        misaligned_heights: bool = False,
+        errors: MountingErrors = MountingErrors(),
+        vehicle: Vehicle | None = None,
+    ) -> None:
+        if not all(low < high for low, high in zip(crop[:3], crop[3:], strict=True)):
+            raise ValueError(f"crop needs x0 < x1, y0 < y1, z0 < z1, found {crop}")
+        lidars, mounts = placement.lidars, placement.mounts
+        if len(mounts) > 256:
+            raise ValueError(f"a cloud holds at most 256 LiDARs, found {len(mounts)}")
+        self.frames = np.asarray(frames, np.int64)
+        self._surroundings = Surroundings(log, seed)
+        self._placement, self._errors = placement, errors
+        self._vehicle, self._body = vehicle, body_parts(vehicle)
+        self._patterns = any(lidar.pattern is not None for lidar in lidars)
+        self._ends = [] if errors or self._patterns else ends_in_rig(placement, vehicle)
+        self._crop, self._seed = crop, seed
+        self._lifts = [mounts[0].z - mount.z if misaligned_heights else 0.0 for mount in mounts]
+        # A point may err into the crop from outside, so what is cast is a little larger.
+        slack = LARGEST_ERROR * max(lidar.range_noise for lidar in lidars)
+        self._low, self._high = np.array(crop[:3]) - slack, np.array(crop[3:]) + slack
+        # A building matters if it can stand before a point of the crop: as seen from above, neither
+        # farther than the crop's farthest corner nor than the sensor itself.
+        corners = np.maximum(np.abs(self._low), np.abs(self._high))
+        away = max(math.hypot(mount.x, mount.y) for mount in mounts) + math.sqrt(2) * errors.offset
+        longest = max(lidar.range for lidar in lidars)
+        self._reach = min(max(math.hypot(*corners[:2]), away), longest + slack + away)
+        self._points = np.empty((sum(lidar.rays for lidar in lidars), 4), np.float32)
+        self._hits: dict[int, Hits] = {}
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __getitem__(self, index: int) -> NDArray[np.float32]:
+        """Points of the `index`-th frame, shape (n, 4), float32, the caller's own."""
+        return as_kept(self.returns(index)[0], self._crop)
+
+    def kept(self) -> PointClouds:
+        """All of them, packed."""
+        clouds = (self.returns(index) for index in range(len(self)))
+        return PointClouds.from_frames(self.frames, clouds, self._crop)
+
+    def returns(self, index: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+        """Points of a frame before rounding, and how many come from each LiDAR.
+
+        The points' memory is used again by the next call.
+        """
+        frame = int(self.frames[index])
+        parts = self._body.and_(self._surroundings.parts(frame, self._reach))
+        ground = self._surroundings.ground(frame)
+        rig, ends = self._placement, self._ends
+        if self._errors:
+            rig = self._errors.drawn(rig, self._seed, frame)
+        if self._patterns:
+            rig = _in_frame(rig, self._seed, frame)
+        if rig is not self._placement:
+            ends = ends_in_rig(rig, self._vehicle)
+        counts = np.zeros(len(rig.mounts), np.int32)
+        views = zip(rig.mounts, rig.lidars, self._lifts, ends, strict=True)
+        for m, (mount, lidar, lift, own) in enumerate(views):
+            wide = (*(self._low - [0, 0, lift]), *(self._high - [0, 0, lift]))
+            into = self._hits.get(lidar.rays)
+            hits = cast(mount, lidar, parts, wide, into, own)
+            self._hits[lidar.rays] = hits
+            free, key = self._points[counts.sum() :], (self._seed, frame, m)
+            scatter_back(lidar, hits, key)
+            counts[m] = sample_points(mount, lidar, hits, ground, self._crop, key, free, lift)
+        return self._points[: counts.sum()], counts
+
+
+def _in_frame(placement: Placement, seed: int, frame: int) -> Placement:
+    """The rig with the part of its patterns that each LiDAR fires in a frame."""
+    drawn = [
+        int(np.random.default_rng(key_of(seed, frame, number)).integers(2**32))
+        for number in range(len(placement.mounts))
+    ]
+    lidars = zip(placement.lidars, drawn, strict=True)
+    return placement.with_lidar([lidar.in_frame(number) for lidar, number in lidars])

@@ -1,0 +1,56 @@
+"""What the ground is made of: asphalt, paving and grass in patches, with road markings.
+
+A box log does not say where roads are. So the ground is one square of patches, repeated all over
+the world: what lies at a place lies there in every frame and under every placement, and intensities
+vary as on a street, but the marks follow no lane.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarplace.clouds.reflectivity import Material, reflectivity
+
+CELL_M = 0.25
+CELLS = 256
+"""Cells of `CELL_M` along an edge of the square; a power of two."""
+
+_STREAM = 905  # beside the seed, so that nothing else draws the same numbers
+_PATCH = 16  # cells along an edge of a patch
+_SURFACES = ((Material.ASPHALT, 0.6), (Material.PAVING, 0.25), (Material.GRASS, 0.15))
+_LINES, _DASH, _GAP = 4, 12, 20  # marked lines along each axis; cells of a dash, and between dashes
+
+
+@dataclass(frozen=True)
+class Ground:
+    """The ground around the vehicle in one frame.
+
+    Attributes:
+        reflectivity: of the cells of the square, [y, x], shape (CELLS, CELLS), float32.
+        pose: x, y and yaw of the ego frame in that of the square; metres, radians; finite.
+    """
+
+    reflectivity: NDArray[np.float32]
+    pose: tuple[float, float, float]
+
+
+@lru_cache(maxsize=4)
+def square(seed: int) -> NDArray[np.float32]:
+    """The square of patches of a seed; `Ground.reflectivity`."""
+    rng = np.random.default_rng([seed % 2**64, _STREAM])
+    materials, shares = zip(*_SURFACES, strict=True)
+    patches = (CELLS // _PATCH, CELLS // _PATCH)
+    patch = reflectivity(rng.choice(materials, patches, p=shares), rng.random(patches))
+    cells = np.kron(patch, np.ones((_PATCH, _PATCH)))
+    for lines in (cells, cells.T):
+        for line in rng.choice(CELLS, _LINES, replace=False):
+            for start in range(int(rng.integers(_DASH + _GAP)), CELLS, _DASH + _GAP):
+                dash = lines[line, start : start + _DASH]
+                dash[:] = reflectivity(np.full(1, Material.MARKING), rng.random(1))
+    found = cells.astype(np.float32)
+    found.flags.writeable = False  # shared by all callers
+    return found

@@ -1,0 +1,59 @@
+"""The body of the vehicle that carries the LiDARs, as its clouds have it.
+
+A vehicle that nobody describes is a sedan of convex parts, a shape of its own beside
+`Vehicle.car()`, whose two boxes are somewhat larger.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from lidarplace.base.number_text import point
+from lidarplace.clouds.convex import fill_corners
+from lidarplace.clouds.shapes import BODY, Parts, bricks, own_body
+from lidarplace.mounting.mesh import Mesh
+from lidarplace.mounting.vehicle import Vehicle, depth_in_body
+from lidarplace.rigs.placement import Placement
+
+_SEDAN = own_body()
+
+# Triangles of a part, corners as `fill_corners` numbers them, counterclockwise from outside.
+_OUTWARDS = np.array(
+    [
+        [0, 2, 3], [0, 3, 1], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4],
+        [2, 6, 7], [2, 7, 3], [0, 4, 6], [0, 6, 2], [1, 3, 7], [1, 7, 5],
+    ]
+)  # fmt: skip
+
+
+def body_parts(vehicle: Vehicle | None) -> Parts:
+    """What of the body is convex parts, without light; a sedan for None."""
+    if vehicle is None:
+        return _SEDAN
+    low, high = vehicle.boxes[:, 0], vehicle.boxes[:, 1]
+    level = np.zeros((len(low), 1))
+    return bricks(np.concatenate([(low + high) / 2, high - low, level], axis=1), BODY, 0.0)
+
+
+@cache
+def sedan() -> Vehicle:
+    """The sedan as a surface."""
+    corners = np.empty((len(_SEDAN), 8, 3))
+    for part, own in zip(_SEDAN.geometry, corners, strict=True):
+        fill_corners.py_func(part, own)
+    faces = (8 * np.arange(len(corners))[:, None, None] + _OUTWARDS).reshape(-1, 3)
+    return Vehicle("sedan", np.empty((0, 2, 3)), Mesh(corners.reshape(-1, 3), faces))
+
+
+def check_mounts(rig: Placement, vehicle: Vehicle | None) -> None:
+    """Raise ValueError if a LiDAR of the rig is inside of the body of its vehicle."""
+    places = np.array([mount.position for mount in rig.mounts])
+    held = depth_in_body(sedan() if vehicle is None else vehicle, places) > 0
+    if held.any():
+        number = int(held.argmax())
+        raise ValueError(
+            f"{rig.name!r}: LiDAR {number + 1} at {point(*places[number])} is inside the vehicle's "
+            "body, which the key vehicle describes"
+        )

@@ -1,0 +1,59 @@
+"""How the paper says its clouds were collected, and how its published code collects them.
+
+They differ in three ways, each of which can be had alone, so that a study can tell what each does
+to AP:
+
+- the LiDAR fires 4,000 rays a frame (5,000 points a second and beam at 20 Hz), not 90,000;
+- roll and pitch in radians are passed to CARLA, which takes degrees: 0.28 rad become 0.28 degrees;
+- every LiDAR's cloud is turned and moved into the vehicle's frame, but then the LiDAR's own height
+  is taken off, so clouds of LiDARs at different heights are merged at different heights.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Placement
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A way to collect.
+
+    Attributes:
+        lidar: the sensor of every mount.
+        tilt_in_degrees: take the numbers of roll and pitch for degrees.
+        misaligned_heights: merge clouds as if all LiDARs were as high as the first; an argument of
+            `lidarplace.clouds.collect.collect`.
+    """
+
+    lidar: Lidar
+    tilt_in_degrees: bool = False
+    misaligned_heights: bool = False
+
+    def placement(self, placement: Placement) -> Placement:
+        """`placement` as this profile tilts it."""
+        return with_tilt_in_degrees(placement) if self.tilt_in_degrees else placement
+
+
+def with_tilt_in_degrees(placement: Placement) -> Placement:
+    """The same placement, the numbers of roll and pitch taken for degrees."""
+    return replace(
+        placement,
+        mounts=[
+            replace(mount, roll=math.radians(mount.roll), pitch=math.radians(mount.pitch))
+            for mount in placement.mounts
+        ],
+    )
+
+
+PROFILES: dict[str, Profile] = {
+    "paper": Profile(Lidar.paper()),
+    "released-code": Profile(
+        replace(Lidar.paper(), azimuth_steps=250), tilt_in_degrees=True, misaligned_heights=True
+    ),
+}
+"""The paper's text and its published code. Both know neither range noise nor drop-off; what CARLA
+itself adds by default is the LiDAR's to say."""

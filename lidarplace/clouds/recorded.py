@@ -1,0 +1,150 @@
+"""Clouds that were recorded, not simulated: folders that hold the frames of one placement."""
+
+from __future__ import annotations
+
+import hashlib
+import reprlib
+from collections.abc import Iterator
+from dataclasses import asdict, astuple, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, model_validator
+
+from lidarplace.clouds.clouds import Crop, PointClouds, read_clouds
+from lidarplace.configuration.record import read_record
+from lidarplace.files.regular import is_there
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount, Placement
+
+
+def rig_record(placement: Placement) -> dict[str, Any]:
+    """What `placement.json` beside recorded clouds says of their placement."""
+    return {
+        "mounts": [asdict(mount) for mount in placement.mounts],
+        "lidars": [asdict(lidar) for lidar in placement.lidars],
+    }
+
+
+def check_rig(folder: Path, placement: Placement) -> None:
+    """Raise ValueError if `placement.json` in `folder` tells of no rig or another than `placement`.
+
+    A folder without that file is taken at its word.
+    """
+    path = folder / "placement.json"
+    if not is_there(path):
+        return
+    recorded = read_record(path, _Rig, "record of a rig")
+    mounts, own = ([astuple(mount) for mount in rig.mounts] for rig in (recorded, placement))
+    if len(mounts) != len(own) or not np.allclose(mounts, own, rtol=0, atol=1e-9):
+        raise ValueError(f"{path}: clouds of other mounts than those of {placement.name}")
+    for n, (model, asked) in enumerate(zip(recorded.models, placement.lidars, strict=True)):
+        for key in (item.name for item in fields(asked)):
+            if key == "size":  # what it hid of others was recorded, whatever is known of it
+                continue
+            found, value = getattr(model, key), getattr(asked, key)
+            if not _alike(found, value):
+                was, wanted = reprlib.repr(found), reprlib.repr(value)
+                raise ValueError(f"{path}: LiDAR {n} was one with {key} {was}, not {wanted}")
+
+
+def _alike(found: Any, value: Any) -> bool:
+    """Whether both are unknown, or numbers or rows of them that are equal up to rounding."""
+    if found is None or value is None:
+        return found is value
+    return np.shape(found) == np.shape(value) and np.allclose(found, value, rtol=0, atol=1e-9)
+
+
+class _Rig(BaseModel):
+    """`rig_record` as it was written. A rig of one model may be told of once, as `lidar`."""
+
+    mounts: list[Mount]
+    lidars: list[Lidar] | None = None
+    lidar: Lidar | None = None
+
+    @property
+    def models(self) -> list[Lidar]:
+        """The LiDAR of every mount."""
+        if self.lidars is not None:
+            return self.lidars
+        return [] if self.lidar is None else [self.lidar] * len(self.mounts)
+
+    @model_validator(mode="after")
+    def _a_lidar_each(self) -> _Rig:
+        if len(self.models) != len(self.mounts):
+            raise ValueError(f"{len(self.models)} lidars for {len(self.mounts)} mounts")
+        return self
+
+
+def recorded_clouds(folder: Path, frames: NDArray[np.int64], crop: Crop) -> PointClouds:
+    """The clouds of `frames` within `crop`, its faces included.
+
+    Args:
+        folder: of one placement; each folder in it is of `lidarplace.clouds.clouds.write_clouds`.
+        frames: frame numbers, shape (F,).
+        crop: what is kept.
+
+    Raises:
+        ValueError: there is no such folder, a frame is missing or there twice, or less than `crop`
+            was recorded.
+    """
+    place: dict[int, tuple[PointClouds, int]] = {}
+    for path in _parts(folder):
+        part = read_clouds(path)
+        if not _holds(part.crop, crop):
+            raise ValueError(
+                f"{path}: clouds of {part.crop.tolist()} were recorded; {list(crop)} is asked for"
+            )
+        for index, frame in enumerate(part.frames.tolist()):
+            if frame in place:
+                raise ValueError(f"{path}: frame {frame} is in another folder of {folder} too")
+            place[frame] = part, index
+    missing = [frame for frame in frames.tolist() if frame not in place]
+    if missing:
+        raise ValueError(
+            f"{folder}: no cloud of frame {missing[0]}, and of {len(missing) - 1} more"
+        )
+    low, high = np.array(crop[:3]), np.array(crop[3:])
+
+    def cut() -> Iterator[tuple[NDArray[np.float32], NDArray[np.int64]]]:
+        for frame in frames.tolist():
+            part, index = place[frame]
+            try:
+                points = part[index]
+            except (OSError, ValueError) as error:  # of the codec
+                raise ValueError(f"{folder}: cloud of frame {frame} is damaged: {error}") from None
+            inside = ((points[:, :3] >= low) & (points[:, :3] <= high)).all(axis=1)
+            lidars = part.counts.shape[1]
+            yield points[inside], np.bincount(part.lidar(index)[inside], minlength=lidars)
+
+    return PointClouds.from_frames(frames, cut(), crop)
+
+
+def clouds_digest(folder: Path) -> str:
+    """Hash of all clouds in `folder`; 0.6 s per GB where the processor has SHA instructions.
+
+    Raises:
+        OSError: a file is missing.
+        ValueError: there is no such folder.
+    """
+    digest = hashlib.sha256()
+    for path in _parts(folder):
+        digest.update(path.name.encode())
+        for array in read_clouds(path).arrays().values():
+            digest.update(array.reshape(-1).data)
+    return digest.hexdigest()
+
+
+def _holds(recorded: NDArray[np.float64], crop: Crop) -> bool:
+    """Whether one region holds another one."""
+    low, high = recorded[:3] <= crop[:3], recorded[3:] >= crop[3:]
+    return bool(low.all() and high.all())
+
+
+def _parts(folder: Path) -> list[Path]:
+    parts = sorted(path.parent for path in folder.glob("*/data.npy"))
+    if not parts:
+        raise ValueError(f"{folder}: no recorded clouds")
+    return parts

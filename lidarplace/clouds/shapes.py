@@ -1,0 +1,318 @@
+"""What a LiDAR meets of an object: a few convex parts inside its box.
+
+A part is an upright box whose top may be shorter and narrower than its bottom, so that a cabin has
+a sloped windscreen. The parts of an object together touch all six faces of its box and never leave
+it. Proportions and materials are drawn from a hash of seed and object id: an object looks the same
+in every frame and under every placement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from lidarplace.clouds.reflectivity import Material, reflectivity, uniforms
+from lidarplace.logs.boxes import GEOMETRY
+
+BUILDING, SIGN, BODY = -2, -3, -4
+"""Owners of parts that belong to no object: a building, a sign, and the vehicle's own body."""
+
+PART_COLUMNS = (*GEOMETRY, "front", "rear", "side")
+"""A part: box of its bottom and height, and how far its top stays behind it: at the front, at the
+rear, and on each of the two sides; metres."""
+
+TRUCK_LENGTH = 4.0
+"""The class Cyclist holds box trucks too: what is longer than this, in metres, is one."""
+
+MOTORCYCLE_LENGTH = 1.95
+"""A two-wheeler at least so long, in metres, is a motorcycle, a shorter one a bicycle."""
+
+_DRAWS = 5  # uniform numbers of an object: the first chooses a variant
+_MOST_PARTS = 8
+
+_PROUD = 0.002
+"""How far plates and lamps stand out of the body, as a share of the length: a centimetre."""
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Convex parts in the ego frame.
+
+    Attributes:
+        geometry: rows of `PART_COLUMNS`, shape (P, 10), float64, metres and radians.
+        owner: row of the object that a part belongs to, or BUILDING, SIGN or BODY, shape (P,),
+            int32; parts of one object follow each other.
+        reflectivity: share of the light that comes back at normal incidence, in terms of a white
+            diffuser; of retroreflectors more than 1; shape (P,), float64.
+    """
+
+    geometry: NDArray[np.float64]
+    owner: NDArray[np.int32]
+    reflectivity: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.owner)
+
+    def and_(self, others: Parts) -> Parts:
+        """These parts, followed by others."""
+        return Parts(
+            np.concatenate([self.geometry, others.geometry]),
+            np.concatenate([self.owner, others.owner]),
+            np.concatenate([self.reflectivity, others.reflectivity]),
+        )
+
+
+def bricks(
+    boxes: NDArray[np.float64],
+    owner: NDArray[np.int32] | int,
+    reflectivity: NDArray[np.float64] | float = 1.0,
+) -> Parts:
+    """Boxes, rows of `GEOMETRY`, shape (P, 7), as parts."""
+    number = len(boxes)
+    return Parts(
+        np.concatenate([boxes, np.zeros((number, 3))], axis=1),
+        np.broadcast_to(np.asarray(owner, np.int32), number).copy(),
+        np.broadcast_to(np.asarray(reflectivity, np.float64), number).copy(),
+    )
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """How the objects of a table of boxes look.
+
+    Attributes:
+        unit: parts of every different shape, as shares of the box, shape (S, _MOST_PARTS, 10):
+            the fields of `Part`, with its reflectivity in the place of the material. NaN where a
+            shape has fewer parts.
+        of_row: shape of every row of the table, shape (rows,), int64.
+    """
+
+    unit: NDArray[np.float64]
+    of_row: NDArray[np.int64]
+
+    def parts(self, rows: NDArray[np.int64], geometry: NDArray[np.float64]) -> Parts:
+        """Parts of the objects in `rows` of the table, whose boxes are `geometry`, shape (B, 7).
+
+        Owners are numbered from 0 in the order of `rows`.
+        """
+        unit = self.unit[self.of_row[rows]]
+        x0, x1, width, z0, z1, front, rear, side, reflects, left = np.moveaxis(unit, 2, 0)
+        x, y, z, length, breadth, height, yaw = geometry.T[:, :, None]
+        along, aside = length * (0.5 * (x0 + x1) - 0.5), breadth * left
+        columns = (
+            x + np.cos(yaw) * along - np.sin(yaw) * aside,
+            y + np.sin(yaw) * along + np.cos(yaw) * aside,
+            z + height * (0.5 * (z0 + z1) - 0.5),
+            length * (x1 - x0),
+            breadth * width,
+            height * (z1 - z0),
+            np.broadcast_to(yaw, x0.shape),
+            length * front,
+            length * rear,
+            breadth * side,
+        )
+        there = ~np.isnan(x0)
+        owner = np.broadcast_to(np.arange(len(rows), dtype=np.int32)[:, None], x0.shape)
+        return Parts(np.stack(columns, axis=2)[there], owner[there], reflects[there])
+
+
+def shapes_of(boxes: pd.DataFrame, seed: int = 0) -> Shapes:
+    """Draw the shapes of all objects of a box log; needs `object_id`, `class` and sizes.
+
+    Raises:
+        ValueError: there is no column `object_id`.
+    """
+    if "object_id" not in boxes.columns:
+        raise ValueError(f"box log: no column object_id; found {list(boxes.columns)}")
+    codes, unique = pd.factorize(boxes["object_id"], use_na_sentinel=False)
+    ids = unique.tolist()
+    draws = _drawn(ids, seed, _DRAWS)
+    kinds = _kinds(boxes, draws[codes, 0])
+    different, of_row = np.unique(codes * len(_KINDS) + kinds, return_inverse=True)
+    unit = np.full((len(different), _MOST_PARTS, len(Part._fields)), np.nan)
+    for row, code in enumerate(different.tolist()):
+        parts = _KINDS[code % len(_KINDS)](*draws[code // len(_KINDS), 1:].tolist())
+        unit[row, : len(parts)] = parts
+    shares = _drawn(ids, seed, _MOST_PARTS, b"reflectivity")[different // len(_KINDS)]
+    material = unit[:, :, Part._fields.index("material")]
+    there = ~np.isnan(material)
+    material[there] = reflectivity(material[there].astype(int), shares[there])
+    return Shapes(unit, of_row.reshape(len(boxes)))
+
+
+def _drawn(
+    ids: Sequence[object], seed: int, number: int, purpose: bytes = b""
+) -> NDArray[np.float64]:
+    """Uniform numbers of every object, shape (ids, number)."""
+    rows = [uniforms(f"{seed}/{object_id}", number, purpose) for object_id in ids]
+    return np.array(rows).reshape(len(ids), number)
+
+
+def _kinds(boxes: pd.DataFrame, draw: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Index into `_KINDS` of every row."""
+    name, length = boxes["class"].to_numpy(str), boxes["length"].to_numpy(np.float64)
+    car, cyclist = name == "Car", name == "Cyclist"
+    kind = [
+        (car & (draw < 0.40), _sedan),
+        (car & (draw < 0.65), _hatchback),
+        (car & (draw < 0.93), _suv),
+        (car, _pickup),
+        (cyclist & (length > TRUCK_LENGTH), _box_truck),
+        (cyclist & (length >= MOTORCYCLE_LENGTH), _motorcycle),
+        (cyclist, _bicycle),
+        (name == "Pedestrian", _pedestrian),
+    ]
+    return np.select(
+        [which for which, _ in kind], [_KINDS.index(k) for _, k in kind], _KINDS.index(_brick)
+    )
+
+
+class Part(NamedTuple):
+    """A part of an object; lengths are shares of the length, width and height of its box."""
+
+    rear: float
+    front: float
+    width: float
+    bottom: float
+    top: float
+    front_inset: float
+    rear_inset: float
+    side_inset: float
+    material: Material
+    left: float = 0.0
+    """Of the middle of the part from the middle of the box."""
+
+
+def _sedan(a: float, b: float, c: float, d: float) -> Sequence[Part]:
+    windscreen, boot = 0.70 + 0.04 * a, 0.08 + 0.05 * b
+    return _car(0.57 + 0.04 * c, boot, windscreen, slope=0.15 + 0.03 * d, rear_slope=0.11)
+
+
+def _hatchback(a: float, b: float, c: float, d: float) -> Sequence[Part]:
+    windscreen, tail = 0.74 + 0.04 * a, 0.01 + 0.02 * b
+    return _car(0.56 + 0.04 * c, tail, windscreen, slope=0.16 + 0.03 * d, rear_slope=0.07)
+
+
+def _suv(a: float, b: float, c: float, d: float) -> Sequence[Part]:
+    windscreen, tail = 0.73 + 0.05 * a, 0.005 + 0.01 * b
+    return _car(0.58 + 0.04 * c, tail, windscreen, slope=0.11 + 0.03 * d, rear_slope=0.03)
+
+
+def _pickup(a: float, b: float, c: float, d: float) -> Sequence[Part]:
+    windscreen, bed = 0.72 + 0.03 * a, 0.34 + 0.06 * b
+    return _car(0.57 + 0.04 * c, bed, windscreen, slope=0.10 + 0.03 * d, rear_slope=0.02)
+
+
+def _car(
+    belt: float, tail: float, windscreen: float, slope: float, rear_slope: float
+) -> Sequence[Part]:
+    """Body on two axles, a cabin from `tail` to the foot of the windscreen above the belt, lights.
+
+    Plates and lamps are bars through the whole body, of which only the ends stand out.
+    """
+    bottom, nose, back = 0.14, 0.04, 0.03
+
+    def bar(width: float, low: float, high: float, material: Material, left: float = 0.0) -> Part:
+        """Its ends are parallel to those of the body."""
+        up, steep = (low - bottom) / (belt - bottom), (high - low) / (belt - bottom)
+        rear, front = back * up - _PROUD, 1.0 - nose * up + _PROUD
+        return Part(rear, front, width, low, high, nose * steep, back * steep, 0.0, material, left)
+
+    return [
+        Part(0.0, 1.0, 1.0, bottom, belt, nose, back, 0.03, Material.PAINT),
+        Part(tail, windscreen, 0.94, belt, 1.0, slope, rear_slope, 0.10, Material.GLASS),
+        Part(0.12, 0.26, 0.94, 0.0, 0.30, 0.03, 0.03, 0.0, Material.TYRE),
+        Part(0.76, 0.90, 0.94, 0.0, 0.30, 0.03, 0.03, 0.0, Material.TYRE),
+        bar(0.28, 0.26, 0.34, Material.RETROREFLECTOR),
+        bar(0.16, 0.38, 0.47, Material.LAMP, left=0.36),
+        bar(0.16, 0.38, 0.47, Material.LAMP, left=-0.36),
+    ]
+
+
+def _box_truck(a: float, b: float, c: float, d: float) -> Sequence[Part]:
+    cab, roof, slope = 0.76 + 0.05 * a, 0.68 + 0.12 * c, 0.04 + 0.03 * d
+    reach = 1.0 - slope * 0.10 / (roof - 0.14) + _PROUD
+    lamp = slope * 0.05 / (roof - 0.14)
+    return [
+        Part(0.0, cab - 0.02, 1.0, 0.28 + 0.06 * b, 1.0, 0.0, 0.0, 0.0, Material.PAINT),
+        Part(cab, 1.0, 0.94, 0.14, roof, slope, 0.0, 0.04, Material.PAINT),
+        Part(0.02, cab, 0.5, 0.16, 0.34, 0.0, 0.0, 0.0, Material.TYRE),
+        Part(0.14, 0.27, 0.94, 0.0, 0.27, 0.03, 0.03, 0.0, Material.TYRE),
+        Part(0.80, 0.93, 0.92, 0.0, 0.27, 0.03, 0.03, 0.0, Material.TYRE),
+        Part(0.0, 0.02, 0.9, 0.17, 0.21, 0.0, 0.0, 0.0, Material.RETROREFLECTOR),
+        Part(0.9, reach, 0.12, 0.24, 0.29, lamp, 0.0, 0.0, Material.LAMP, left=0.36),
+        Part(0.9, reach, 0.12, 0.24, 0.29, lamp, 0.0, 0.0, Material.LAMP, left=-0.36),
+    ]
+
+
+def _motorcycle(a: float, b: float, c: float, d: float) -> Sequence[Part]:
+    return _two_wheeler(0.30, 0.16, 0.30 + 0.15 * a, 0.56, 0.28 + 0.06 * b, 0.12 * c)
+
+
+def _bicycle(a: float, b: float, c: float, d: float) -> Sequence[Part]:
+    return _two_wheeler(0.36, 0.07, 0.07 + 0.03 * a, 0.52, 0.30 + 0.06 * b, 0.08 * c)
+
+
+def _two_wheeler(
+    wheel: float, tyre: float, frame: float, saddle: float, back: float, lean: float
+) -> Sequence[Part]:
+    """Two wheels, what joins them, a rider whose back begins at `back`, reflector and lamp."""
+    rim, seat = 0.09, saddle - 0.02
+    nape, face = back + 0.10 + lean, back + 0.24 + lean
+    return [
+        Part(0.0, wheel, tyre, 0.0, 0.36, rim, rim, 0.0, Material.TYRE),
+        Part(1.0 - wheel, 1.0, tyre, 0.0, 0.36, rim, rim, 0.0, Material.TYRE),
+        Part(0.18, 0.78, frame, 0.18, saddle, 0.06, 0.0, 0.0, Material.PAINT),
+        Part(back, back + 0.30, 0.55, 0.14, saddle, 0.0, 0.0, 0.06, Material.CLOTHES),
+        Part(back, back + 0.34, 1.0, seat, 0.87, 0.14 - lean, lean, 0.24, Material.CLOTHES),
+        Part(nape, face, 0.34, 0.86, 1.0, 0.02, 0.02, 0.06, Material.SKIN),
+        Part(0.08, 0.12, 0.12, 0.36, 0.42, 0.0, 0.0, 0.0, Material.RETROREFLECTOR),
+        Part(0.86, 0.90, 0.12, 0.46, 0.52, 0.0, 0.0, 0.0, Material.LAMP),
+    ]
+
+
+def _pedestrian(a: float, b: float, c: float, d: float) -> Sequence[Part]:
+    hip, shoulder, head = 0.47 + 0.04 * a, 0.84 + 0.03 * b, 0.14 + 0.04 * d
+    return [
+        Part(0.0, 1.0, 0.64 + 0.1 * c, 0.0, hip, 0.26, 0.26, 0.04, Material.CLOTHES),
+        Part(0.20, 0.80, 1.0, hip - 0.02, shoulder, 0.08, 0.08, head, Material.CLOTHES),
+        Part(0.32, 0.68, 0.36, shoulder - 0.01, 1.0, 0.05, 0.05, 0.04, Material.SKIN),
+    ]
+
+
+def _brick(a: float, b: float, c: float, d: float) -> Sequence[Part]:
+    """What is of no known class fills its box."""
+    return [Part(0.0, 1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, Material.PAINT)]
+
+
+_KINDS = (
+    _sedan,
+    _hatchback,
+    _suv,
+    _pickup,
+    _box_truck,
+    _motorcycle,
+    _bicycle,
+    _pedestrian,
+    _brick,
+)
+
+OWN_BODY = (0.0, 0.0, 0.75, 4.6, 1.9, 1.5, 0.0)
+"""The box of the vehicle's own body in the ego frame: a row of `GEOMETRY`."""
+
+
+def own_body() -> Parts:
+    """Parts of the vehicle's own body, a sedan. It returns no light."""
+    solid = [part for part in _sedan(0.5, 0.5, 0.5, 0.5) if part.material not in _LIGHTS]
+    shape = Shapes(np.array([solid], np.float64), np.zeros(1, np.int64))
+    parts = shape.parts(np.zeros(1, np.int64), np.array([OWN_BODY]))
+    return Parts(parts.geometry, np.full(len(parts), BODY, np.int32), np.zeros(len(parts)))
+
+
+_LIGHTS = (Material.RETROREFLECTOR, Material.LAMP)
+"""They lie on the body and hide nothing that it does not."""

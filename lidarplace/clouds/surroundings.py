@@ -1,0 +1,107 @@
+"""What is around the vehicle in a frame of a box log: objects, buildings nearby, and the ground."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from lidarplace.clouds.facades import facades
+from lidarplace.clouds.ground import CELL_M, CELLS, Ground, square
+from lidarplace.clouds.reflectivity import uniforms
+from lidarplace.clouds.shapes import Parts, shapes_of
+from lidarplace.logs.box_log import BoxLog
+from lidarplace.logs.boxes import GEOMETRY, POSE_COLUMNS, check_boxes
+
+
+class Surroundings:
+    """The parts and the ground in every frame of a log.
+
+    Args:
+        log: objects, frames and buildings.
+        seed: decides what objects look like together with their ids, and buildings and ground
+            together with their place.
+
+    Raises:
+        ValueError: a box is bad, a frame is listed twice, or buildings stand in a scene of which a
+            frame has no pose.
+    """
+
+    def __init__(self, log: BoxLog, seed: int = 0) -> None:
+        check_boxes(log.boxes)
+        self._seed = seed
+        self._shapes = shapes_of(log.boxes, seed)
+        frame = log.boxes["frame"].to_numpy(np.int64)
+        self._rows = np.argsort(frame, kind="stable")
+        self._frame = frame[self._rows]
+        self._geometry = log.boxes[list(GEOMETRY)].to_numpy(np.float64)
+        numbers = log.frames["frame"].to_numpy(np.int64)
+        if len(np.unique(numbers)) < len(numbers):
+            raise ValueError("box log: a frame is listed twice in its frames")
+        self._listed = set(numbers.tolist())
+        self._buildings = {
+            scene: facades(table[list(GEOMETRY)].to_numpy(np.float64), seed)
+            for scene, table in log.buildings.groupby("scene", sort=False)
+        }
+        self._poses = self._poses_of(log)
+
+    def _poses_of(self, log: BoxLog) -> dict[int, tuple[str, NDArray[np.float64]]]:
+        """Scene and pose of every frame that has a finite one."""
+        missing = [name for name in POSE_COLUMNS if name not in log.frames.columns]
+        if missing and self._buildings:
+            raise ValueError(
+                f"frames: no column {', '.join(missing)}; buildings need the pose of the vehicle"
+            )
+        if missing:
+            return {}
+        columns = log.frames[list(POSE_COLUMNS)].apply(pd.to_numeric, errors="coerce")
+        poses = columns.to_numpy(np.float64, na_value=np.nan)
+        numbers, scenes = log.frames["frame"].tolist(), log.frames["scene"]
+        finite = np.isfinite(poses).all(axis=1)
+        bad = ~finite & scenes.isin(list(self._buildings)).to_numpy()
+        if bad.any():
+            raise ValueError(
+                f"frames: frame {numbers[int(bad.argmax())]} needs a finite pose of the vehicle, "
+                f"found {poses[bad.argmax()].tolist()}; its scene has buildings"
+            )
+        rows = zip(numbers, scenes, poses, finite, strict=True)
+        return {n: (scene, pose) for n, scene, pose, there in rows if there}
+
+    def rows(self, frame: int) -> NDArray[np.int64]:
+        """Rows of the log's boxes in this frame, in their order."""
+        first, last = np.searchsorted(self._frame, [frame, frame + 1])
+        return self._rows[first:last]
+
+    def parts(self, frame: int, reach: float) -> Parts:
+        """Objects of the frame, owners numbered as in `rows`, and buildings, in the ego frame.
+
+        Buildings farther than `reach` metres from the vehicle are left out.
+
+        Raises:
+            ValueError: the log does not list this frame.
+        """
+        if frame not in self._listed:
+            raise ValueError(f"frame {frame} is not in the box log")
+        rows = self.rows(frame)
+        objects = self._shapes.parts(rows, self._geometry[rows])
+        scene, (x, y, yaw) = self._poses.get(frame, ("", np.zeros(3)))
+        if scene not in self._buildings:
+            return objects
+        buildings = self._buildings[scene]
+        geometry = buildings.geometry
+        dx, dy = geometry[:, 0] - x, geometry[:, 1] - y
+        near = np.hypot(dx, dy) - 0.5 * np.hypot(geometry[:, 3], geometry[:, 4]) <= reach
+        moved = geometry[near]
+        dx, dy, c, s = dx[near], dy[near], np.cos(yaw), np.sin(yaw)
+        moved[:, 0], moved[:, 1] = c * dx + s * dy, c * dy - s * dx
+        moved[:, 6] -= yaw
+        return objects.and_(Parts(moved, buildings.owner[near], buildings.reflectivity[near]))
+
+    def ground(self, frame: int) -> Ground:
+        """The ground of a frame; without a pose of the vehicle a place is drawn for it."""
+        cells = square(self._seed)
+        if frame in self._poses:
+            x, y, yaw = self._poses[frame][1].tolist()
+            return Ground(cells, (x, y, yaw))
+        u, v, turn = uniforms(f"{self._seed}/{frame}", 3, b"ground").tolist()
+        return Ground(cells, (u * CELLS * CELL_M, v * CELLS * CELL_M, turn * 2 * np.pi))

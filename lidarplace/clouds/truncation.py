@@ -1,0 +1,68 @@
+"""How much of an object lies outside of a region, seen from above."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarplace.base.kernel_cache import njit
+from lidarplace.base.roi import Interval
+
+
+def truncation(boxes: NDArray[np.float64], x: Interval, y: Interval) -> NDArray[np.float64]:
+    """Share of the footprint of each box outside the rectangle x, y; shape (B,), in [0, 1].
+
+    Exact: the footprint is clipped as a polygon (Sutherland and Hodgman 1974). One without an area
+    counts as its centre.
+
+    Args:
+        boxes: rows of `lidarplace.logs.boxes.GEOMETRY`, shape (B, 7).
+        x, y: the rectangle, in the frame of the boxes; its edges belong to it.
+    """
+    return _truncation(np.ascontiguousarray(boxes, np.float64), (*x, *y))
+
+
+@njit(cache=True, error_model="numpy")
+def _truncation(boxes, bounds):  # pragma: no cover - compiled
+    share = np.empty(len(boxes))
+    polygon, clipped = np.empty((8, 2)), np.empty((8, 2))
+    for b in range(len(boxes)):
+        box = boxes[b]
+        whole = box[3] * box[4]
+        if not whole > 0.0:
+            inside = bounds[0] <= box[0] <= bounds[1] and bounds[2] <= box[1] <= bounds[3]
+            share[b] = 0.0 if inside else 1.0
+            continue
+        c, s = math.cos(box[6]), math.sin(box[6])
+        for n, (i, j) in enumerate(((1, 1), (-1, 1), (-1, -1), (1, -1))):
+            lx, ly = 0.5 * i * box[3], 0.5 * j * box[4]
+            # Relative to the centre, so that areas far from the origin stay exact.
+            polygon[n, 0], polygon[n, 1] = c * lx - s * ly, s * lx + c * ly
+        number, cut = 4, False
+        for edge in range(4):
+            axis, sign = edge >> 1, 1.0 if edge & 1 else -1.0
+            limit = sign * (bounds[edge] - box[axis])
+            kept = 0
+            for n in range(number):
+                here, there = polygon[n], polygon[(n + 1) % number]
+                over, next_over = sign * here[axis] - limit, sign * there[axis] - limit
+                if over <= 0.0:
+                    clipped[kept] = here
+                    kept += 1
+                if (over <= 0.0) != (next_over <= 0.0):
+                    cut = True
+                    t = over / (over - next_over)
+                    clipped[kept] = here + t * (there - here)
+                    kept += 1
+            polygon, clipped = clipped, polygon
+            number = kept
+        area = 0.0
+        for n in range(number):
+            here, there = polygon[n], polygon[(n + 1) % number]
+            area += 0.5 * (here[0] * there[1] - here[1] * there[0])
+        # What no edge cuts lies inside or outside as a whole, without rounding.
+        outside = 1.0 - area / whole if cut else (1.0 if number == 0 else 0.0)
+        share[b] = min(max(outside, 0.0), 1.0)
+    return share

@@ -1,0 +1,353 @@
+"""Box logs from data sets and tables: `lidarplace convert --help`."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Callable
+from itertools import chain
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from lidarplace.base.class_names import counts_of
+from lidarplace.base.ranges import LIDAR_HEIGHT, SHARE
+from lidarplace.command_line.terminal import output, say
+from lidarplace.command_line.terminal import table as shown_table
+from lidarplace.command_line.verbs import known, new_app, verb, within, wrong
+from lidarplace.files.atomic import read_text
+from lidarplace.logs.box_log import BoxLog, write_box_log
+from lidarplace.logs.boxes import CLASSES
+from lidarplace.scenes.datasets.argoverse import read_argoverse
+from lidarplace.scenes.datasets.class_maps import PAPER, named_class_map
+from lidarplace.scenes.datasets.nuscenes import read_nuscenes
+from lidarplace.scenes.datasets.openlabel import read_openlabel
+from lidarplace.scenes.datasets.tabular import read_tabular
+from lidarplace.scenes.datasets.waymo import read_waymo
+from lidarplace.scenes.kitti.calibration import LIDAR_HEIGHT_M
+from lidarplace.scenes.kitti.read import read_kitti
+from lidarplace.scenes.label_tables.mapping import TableMapping, read_mapping
+from lidarplace.scenes.label_tables.propose import propose_mapping
+from lidarplace.scenes.label_tables.read import read_label_table
+from lidarplace.scenes.label_tables.units import SECONDS
+from lidarplace.scenes.sanity_checks.motion import doubts_of_motion, doubts_of_poses
+from lidarplace.scenes.sanity_checks.surroundings import doubts_of_surroundings
+from lidarplace.scenes.sanity_checks.units import doubts_of_degrees, doubts_of_units
+
+app = new_app(
+    no_args_is_help=True,
+    help="Write the box log of a data set or a table: a folder of Parquet files that a sweep and "
+    "`accuracy` take.",
+)
+
+Out = Annotated[Path, typer.Argument(help="folder of the box log to write")]
+ClassMapOption = Annotated[
+    str,
+    typer.Option(
+        "--class-map",
+        metavar="paper|own|FILE",
+        help="paper: Car, Cyclist (with trucks) and Pedestrian, as the paper groups them; own: "
+        "road users keep the names of the data set; or a YAML file of lines `category: class`, "
+        "where class is any name, or ignore. What it does not name stays as it is.",
+    ),
+]
+
+
+@verb(app, "data/nuscenes logs/nuscenes --version v1.0-mini")
+def nuscenes(
+    source: Annotated[Path, typer.Argument(help="the folder v1.0-… of tables, or the one above")],
+    out: Out,
+    version: Annotated[str | None, typer.Option(help="such as v1.0-trainval")] = None,
+    test_share: Annotated[
+        float, typer.Option(help="share of the recordings that are test", callback=within(SHARE))
+    ] = 0.2,
+    test_scenes: Annotated[
+        Path | None, typer.Option(help="instead: text file with the name of a test scene a line")
+    ] = None,
+    class_map: ClassMapOption = PAPER,
+) -> None:
+    """nuScenes v1.0, its annotated key frames."""
+
+    def read(ignored: Counter[str]) -> BoxLog:
+        return read_nuscenes(
+            source,
+            version=version,
+            class_map=named_class_map(class_map),
+            test_scenes=read_text(test_scenes).split() if test_scenes else test_share,
+            ignored=ignored,
+        )
+
+    _convert(read, out)
+
+
+@verb(app, "data/av2/sensor logs/av2 --split val")
+def argoverse(
+    source: Annotated[Path, typer.Argument(help="folder that holds train and val")],
+    out: Out,
+    split: Annotated[
+        list[str] | None, typer.Option(help="train, val or test; by default train and val")
+    ] = None,
+    class_map: ClassMapOption = PAPER,
+) -> None:
+    """Argoverse 2 sensor data set; train stays train, val becomes test."""
+
+    def read(ignored: Counter[str]) -> BoxLog:
+        return read_argoverse(
+            source, splits=split or (), class_map=named_class_map(class_map), ignored=ignored
+        )
+
+    _convert(read, out)
+
+
+@verb(app, "data/waymo logs/waymo")
+def waymo(
+    source: Annotated[Path, typer.Argument(help="folder that holds training and validation")],
+    out: Out,
+    split: Annotated[
+        list[str] | None,
+        typer.Option(help="training, validation or testing; by default the first two"),
+    ] = None,
+    class_map: ClassMapOption = PAPER,
+) -> None:
+    """Waymo perception data set v2, tables of Parquet; validation becomes test."""
+
+    def read(ignored: Counter[str]) -> BoxLog:
+        return read_waymo(
+            source, splits=split or (), class_map=named_class_map(class_map), ignored=ignored
+        )
+
+    _convert(read, out)
+
+
+@verb(app, "data/openlabel logs/openlabel --origin -1.4 0 0.3 --test drive_2")
+def openlabel(
+    source: Annotated[Path, typer.Argument(help="a file, or a folder of a file a drive")],
+    out: Out,
+    origin: Annotated[
+        tuple[float, float, float],
+        typer.Option(
+            metavar="X Y Z", help="where the file's vehicle frame starts, metres of our ego frame"
+        ),
+    ],
+    vehicle: Annotated[
+        str | None,
+        typer.Option(help="the vehicle's coordinate system; by default the one of type local_cs"),
+    ] = None,
+    time_unit: Annotated[
+        str, typer.Option(metavar="|".join(SECONDS), help="of time stamps that are numbers")
+    ] = "s",
+    test: Annotated[
+        list[str] | None, typer.Option(help="drive whose frames are test; repeatable")
+    ] = None,
+    class_map: ClassMapOption = PAPER,
+) -> None:
+    """ASAM OpenLABEL 1.0, the cuboids in it."""
+
+    def read(ignored: Counter[str]) -> BoxLog:
+        return read_openlabel(
+            source,
+            origin=origin,
+            vehicle=vehicle,
+            seconds=known(
+                "time-unit", time_unit, {str(unit): value for unit, value in SECONDS.items()}
+            ),
+            test=test or (),
+            class_map=named_class_map(class_map),
+            ignored=ignored,
+        )
+
+    _convert(read, out)
+
+
+@verb(
+    app,
+    "boxes.csv logs/boxes --frames 4000",
+    "labels.csv --propose guess.yaml",
+    "labels.csv --mapping map.yaml --preview first.html",
+    "labels.csv logs/labels --mapping map.yaml",
+)
+def table(
+    source: Annotated[
+        Path,
+        typer.Argument(help="table of boxes (.parquet, .csv), or folder of boxes and frames"),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Argument(help="folder of the box log; without it --propose or --preview"),
+    ] = None,
+    frames: Annotated[
+        str | None, typer.Option(help="table of all frames, or their number: empty ones count too")
+    ] = None,
+    class_map: ClassMapOption = PAPER,
+    mapping: Annotated[
+        Path | None,
+        typer.Option(help="YAML file that says what the columns of a table of other make mean"),
+    ] = None,
+    propose: Annotated[
+        Path | None,
+        typer.Option(help="write a first guess of such a mapping there; no file is overwritten"),
+    ] = None,
+    preview: Annotated[
+        Path | None,
+        typer.Option(help="page of the first frames from above, drawn before anything is written"),
+    ] = None,
+) -> None:
+    """Tables of your own: of the columns of docs/data.md, or of any with a mapping."""
+    if propose is not None:
+        if any(given is not None for given in (out, frames, mapping, preview)) or (
+            class_map != PAPER
+        ):
+            wrong("--propose writes a mapping and nothing else: leave out OUT and other options")
+        _propose(source, propose)
+        return
+    if mapping is not None and (frames is not None or class_map != PAPER):
+        wrong("--mapping tells frames and classes: --frames and --class-map are without it")
+    if out is None and preview is None:
+        wrong("OUT: name the folder of the box log to write")
+    try:
+        meaning = None if mapping is None else read_mapping(mapping)
+    except (ValueError, OSError) as error:
+        wrong(error)
+
+    def read(ignored: Counter[str]) -> BoxLog:
+        if meaning is not None:
+            return read_label_table(source, meaning, ignored)
+        number = int(frames) if frames and frames.isdecimal() else None
+        return read_tabular(
+            source,
+            frames=Path(frames) if frames and number is None else number,
+            class_map=named_class_map(class_map),
+            ignored=ignored,
+        )
+
+    def check(log: BoxLog) -> None:
+        if preview is not None:
+            from lidarplace.viewing.from_above import write_from_above
+
+            write_from_above(preview, log, f"{source.name}: the first frames from above")
+            say(preview)
+        _refuse(log, source, meaning)
+
+    _convert(read, out, check)
+
+
+@verb(app, "data/kitti logs/kitti --skip-bad")
+def kitti(
+    source: Annotated[Path, typer.Argument(help="folder of label_2 and calib, or the one above")],
+    out: Out,
+    standard_calibration: Annotated[
+        bool, typer.Option(help="where a frame has no calib, take KITTI's usual camera")
+    ] = False,
+    lidar_height: Annotated[
+        float,
+        typer.Option(
+            help="height of the LiDAR above the ground, metres", callback=within(LIDAR_HEIGHT)
+        ),
+    ] = LIDAR_HEIGHT_M,
+    skip_bad: Annotated[
+        bool, typer.Option("--skip-bad", help="leave out what is wrong, and list it")
+    ] = False,
+    class_map: ClassMapOption = PAPER,
+) -> None:
+    """KITTI's object layout, as `export` writes it; labels are enough."""
+    skipped: list[str] = []
+
+    def read(ignored: Counter[str]) -> BoxLog:
+        return read_kitti(
+            source,
+            class_map=named_class_map(class_map),
+            standard_calibration=standard_calibration,
+            lidar_height=lidar_height,
+            ignored=ignored,
+            skipped=skipped if skip_bad else None,
+        )
+
+    _convert(read, out)
+    if skipped:
+        say("\n".join([f"skipped {len(skipped)}:", *map(str, skipped)]))
+
+
+def _convert(
+    read: Callable[[Counter[str]], BoxLog],
+    out: Path | None,
+    check: Callable[[BoxLog], None] | None = None,
+) -> None:
+    """Read a log, write it to `out` and say what is in it; a mistake ends with code 2.
+
+    Values that can hardly be meant are warned of, unless `check` looks at the log instead, which
+    raises ValueError. Without `out` nothing is written.
+    """
+    ignored: Counter[str] = Counter()
+    try:
+        log = read(ignored)
+        if check is not None:
+            check(log)
+        else:
+            for doubt in doubts_of_units(log):
+                say(f"warning: {doubt.why}: {doubt.where(log.boxes)}", sys.stderr)
+        if out is not None:
+            write_box_log(out, log)
+    except (ValueError, OSError) as error:
+        wrong(error)
+    output().print(_frames_table(log), _boxes_table(log, ignored), sep="\n", soft_wrap=True)
+    if out is not None:
+        say(out)
+
+
+def _propose(source: Path, path: Path) -> None:
+    """Write a guess of the mapping of `source` to `path`, which must be free."""
+    try:
+        text = propose_mapping(source)
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        wrong(f"{path}: is there already, and is not overwritten; name another file")
+    except (ValueError, OSError) as error:
+        wrong(error)
+    say(path)
+
+
+def _refuse(log: BoxLog, source: Path, mapping: TableMapping | None) -> None:
+    """Raise ValueError for the first values that can hardly be meant, and tell what mends them."""
+    if mapping is None:
+        found = [*doubts_of_units(log), *doubts_of_motion(log, "rad")]
+        accept = "a mapping (--propose begins one)"
+    else:
+        every = chain(
+            doubts_of_poses(log),
+            doubts_of_units(log),
+            doubts_of_degrees(log) if mapping.units.angle == "deg" else (),
+            doubts_of_surroundings(log),
+            doubts_of_motion(log, mapping.units.angle),
+        )
+        found = [doubt for doubt in every if doubt.check not in mapping.accept]
+        accept = "the mapping; if it is meant: accept: [{check}]"
+    if found:
+        doubt = found[0]
+        rows = log.frames if doubt.check == "poses" else log.boxes
+        column = doubt.column if mapping is None else mapping.column(doubt.column)
+        raise ValueError(
+            f"{source}: column {column}: {doubt.why}: {doubt.where(rows)}; mend "
+            f"{doubt.remedy} of {accept.format(check=doubt.check)}"
+        )
+
+
+def _frames_table(log: BoxLog) -> Table:
+    shown = shown_table("Frames", ("split", "scenes", "frames", "empty frames", "boxes"))
+    filled = log.frames["frame"].isin(log.boxes["frame"])
+    split_of_box = log.boxes["frame"].map(log.frames.set_index("frame")["split"])
+    boxes = split_of_box.value_counts()
+    for split, own in log.frames.groupby("split"):
+        empty = (~filled[own.index]).sum()
+        numbers = (own["scene"].nunique(), len(own), empty, boxes.get(split, 0))
+        shown.add_row(str(split), *(f"{number:,}" for number in numbers))
+    return shown
+
+
+def _boxes_table(log: BoxLog, ignored: Counter[str]) -> Table:
+    counts = dict.fromkeys(CLASSES, 0) | counts_of(log.boxes["class"])
+    counts |= {f"ignored: {name}": count for name, count in ignored.most_common()}
+    rows = ((name, f"{count:,}") for name, count in counts.items())
+    return shown_table("Boxes", ("class", "boxes"), rows)

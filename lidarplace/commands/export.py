@@ -1,0 +1,186 @@
+"""Write a box log and its point clouds for other tools: `lidarplace export LOG OUT`."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import pandas as pd
+import typer
+
+from lidarplace.base.ranges import SEED
+from lidarplace.clouds.clouds import Crop, PointClouds
+from lidarplace.clouds.collect import collect, crop_for
+from lidarplace.clouds.profiles import PROFILES
+from lidarplace.clouds.recorded import check_rig, recorded_clouds
+from lidarplace.clouds.visibility import ground_truth
+from lidarplace.command_line.options import LogArgument, ProfileOption, paper_placements, splits
+from lidarplace.command_line.terminal import Terminal, say
+from lidarplace.command_line.verbs import (
+    FRONT_ROI,
+    RoiOption,
+    crop_of,
+    known,
+    new_app,
+    verb,
+    within,
+    wrong,
+)
+from lidarplace.configuration.placement import named_placement
+from lidarplace.logs.box_log import BoxLog, read_box_log
+from lidarplace.scenes.kitti.labels import in_image, to_labels
+from lidarplace.scenes.kitti.write import check_new, write_kitti
+from lidarplace.viewing.mcap import write_mcap
+
+PORTION = 100
+"""Frames whose clouds are in memory at a time."""
+
+MCAP = ".mcap"
+
+CloudsOf = Callable[[BoxLog], PointClouds]
+"""The clouds of all frames of a log."""
+
+app = new_app()
+
+
+@verb(
+    app,
+    "logs/town kitti/line --placement line --images",
+    "logs/town line.mcap --placement line",
+)
+def export(
+    log: LogArgument,
+    out: Annotated[Path, typer.Argument(help="folder to write, new or empty; or FILE.mcap")],
+    placement: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME|FILE",
+            help="the paper's by name, an own one as FILE.yaml with `mounts`",
+            autocompletion=paper_placements,
+        ),
+    ],
+    profile: ProfileOption = "paper",
+    roi: RoiOption = FRONT_ROI,
+    split: Annotated[
+        str | None,
+        typer.Option(metavar="train|test", help="both by default", autocompletion=splits),
+    ] = None,
+    all_around: Annotated[
+        bool, typer.Option("--all-around", help="label objects outside the image too")
+    ] = False,
+    images: Annotated[
+        bool, typer.Option("--images", help="black images, for tools that read the size of them")
+    ] = False,
+    seed: Annotated[
+        int, typer.Option(help="of shapes, drop-off and range noise", callback=within(SEED))
+    ] = 0,
+    recorded: Annotated[
+        bool,
+        typer.Option("--recorded", help="clouds of LOG/clouds/PLACEMENT, none are simulated"),
+    ] = False,
+) -> None:
+    """Write KITTI's object layout, as OpenPCDet reads it (docs/kitti.md), or FILE.mcap.
+
+    An MCAP file is a recording that Foxglove plays: clouds, boxes, mounts (docs/rigs.md).
+    """
+    counts: Counter[str] = Counter()
+    try:
+        if out.suffix != MCAP:
+            check_new(out)
+        elif all_around or images:
+            raise ValueError("--all-around and --images: are of KITTI's layout, not of FILE.mcap")
+        crop = crop_of(roi)
+        how = known("profile", profile, PROFILES)
+        rig = how.placement(named_placement(placement, how.lidar))
+        table = read_box_log(log)
+        frames = table.frames
+        if split is not None:
+            frames = frames[frames["split"] == split]
+        if frames.empty:
+            found = ", ".join(sorted(set(table.frames["split"]))) or "no frame"
+            raise ValueError(f"{log}: no frame of split {split or 'train or test'}; found {found}")
+        chosen = replace(table, frames=frames)
+        kept = crop_for(crop[::3], crop[1::3], crop[2::3], rig, how.misaligned_heights)
+        if recorded:
+            check_rig(log / "clouds" / rig.name, rig)
+
+        def clouds_of(some: BoxLog) -> PointClouds:
+            numbers = some.frames["frame"].to_numpy(np.int64)
+            if recorded:
+                return recorded_clouds(log / "clouds" / rig.name, numbers, kept)
+            return collect(some, numbers, rig, kept, seed, how.misaligned_heights)
+
+        if out.suffix == MCAP:
+            write_mcap(out, frames, _played(chosen, clouds_of, crop, counts), rig)
+        else:
+            portions = _portions(chosen, clouds_of, crop, seed, all_around, counts)
+            write_kitti(out, frames, portions, images)
+    except (ValueError, OSError) as error:
+        wrong(error)
+    if out.suffix == MCAP:
+        say(
+            f"{out}: {len(frames):,} frames, {counts['boxes']:,} boxes, {counts['points']:,} points"
+        )
+        return
+    outside = "labelled all the same" if all_around else "left out (--all-around labels them)"
+    say(
+        f"{out}: {len(frames):,} frames, {counts['labels']:,} labels, {counts['points']:,} points\n"
+        f"  {counts['hidden']:,} objects of the ROI left out: an ideal sensor would not see them\n"
+        f"  {counts['outside']:,} objects outside the image {outside}"
+    )
+
+
+def _some_at_a_time(log: BoxLog) -> Iterator[BoxLog]:
+    """Parts of a log, `PORTION` frames each."""
+    from rich.progress import track
+
+    starts, console = range(0, len(log.frames), PORTION), Terminal(stderr=True)
+    for first in track(starts, "frames", console=console, disable=not console.is_terminal):
+        frames = log.frames.iloc[first : first + PORTION]
+        boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])]
+        yield replace(log, boxes=boxes, frames=frames)
+
+
+def _within(boxes: pd.DataFrame, roi: Crop) -> pd.Series:
+    """Whether the centre of each box is in the region."""
+    x0, y0, z0, x1, y1, z1 = roi
+    inside = boxes["x"].between(x0, x1) & boxes["y"].between(y0, y1)
+    return inside & boxes["z"].between(z0, z1)
+
+
+def _played(
+    log: BoxLog, clouds_of: CloudsOf, roi: Crop, counts: Counter[str]
+) -> Iterator[tuple[pd.DataFrame, PointClouds]]:
+    """Boxes of the ROI and clouds of some frames at a time; counts what is in them."""
+    for some in _some_at_a_time(log):
+        boxes, clouds = some.boxes[_within(some.boxes, roi)], clouds_of(some)
+        counts["boxes"] += len(boxes)
+        counts["points"] += int(clouds.counts.sum())
+        yield boxes, clouds
+
+
+def _portions(
+    log: BoxLog,
+    clouds_of: CloudsOf,
+    roi: Crop,
+    seed: int,
+    all_around: bool,
+    counts: Counter[str],
+) -> Iterator[tuple[pd.DataFrame, PointClouds]]:
+    """Labels and clouds of some frames at a time; counts what is in them."""
+    x0, y0, z0, x1, y1, z1 = roi
+    for some in _some_at_a_time(log):
+        objects = ground_truth(some, (x0, x1), (y0, y1), (z0, z1), seed)
+        clouds = clouds_of(some)
+        labels = to_labels(objects)
+        shown = in_image(labels)
+        counts["hidden"] += int(_within(some.boxes, roi).sum()) - len(objects)
+        counts["outside"] += int((~shown).sum())
+        counts["points"] += int(clouds.counts.sum())
+        labels = labels if all_around else labels[shown]
+        counts["labels"] += len(labels)
+        yield labels, clouds

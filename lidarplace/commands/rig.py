@@ -1,0 +1,134 @@
+"""Rigs from and to the files of other tools: `lidarplace rig SOURCE OUT`."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from pydantic import ValidationError
+
+from lidarplace.command_line.terminal import output, say, table
+from lidarplace.command_line.verbs import new_app, verb, wrong
+from lidarplace.configuration.sensor import SensorSettings
+from lidarplace.configuration.settings import fault
+from lidarplace.rig_files.formats import FORMATS, RigFormat, format_of
+from lidarplace.rig_files.mounted import MountedLidar, Vector, check_lidars
+from lidarplace.rig_files.own import read_own, write_own
+from lidarplace.rigs.catalogue.datasheet import catalogue
+
+app = new_app()
+
+OWN = (".yaml", ".yml")
+HEAD = ("LiDAR", "x", "y", "z", "roll", "pitch", "yaw", "beams")
+
+
+@verb(
+    app,
+    "car.urdf rig.yaml --origin -1.4 0 0.3 --only '*lidar*'",
+    "data/nuscenes/v1.0-mini rig.yaml --format nuscenes --lidar hdl32e",
+    "rig.yaml objects.json --format carla",
+)
+def rig(
+    source: Annotated[Path, typer.Argument(help="rig to read")],
+    out: Annotated[Path, typer.Argument(help="file to write; nuscenes: folder")],
+    format_: Annotated[
+        str | None,
+        typer.Option(
+            "--format",
+            metavar="|".join(FORMATS),
+            help="of the file that is not YAML; .urdf and .launch.xml tell it",
+            autocompletion=lambda: list(FORMATS),
+        ),
+    ] = None,
+    origin: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(
+            metavar="X Y Z",
+            help="where that file's vehicle frame starts, in metres of our ego frame; nuscenes and "
+            "carla have one by default",
+        ),
+    ] = None,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PATTERN",
+            help="LiDARs by name, * being any text; repeatable. urdf and ros2 have frames of all "
+            "kinds, and need it; of the others all are taken",
+        ),
+    ] = None,
+    lidar: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="model of those without one, of the catalogue (`lidarplace sensors`)",
+            autocompletion=lambda: list(catalogue()),
+        ),
+    ] = None,
+) -> None:
+    """Read a rig from another tool's file, or write one; SOURCE or OUT is a YAML file of `mounts`.
+
+    Prints the mounts in our ego frame: metres, degrees. docs/rigs.md tells what each format has.
+    """
+    try:
+        reads = out.suffix in OWN
+        if reads == (source.suffix in OWN):
+            raise ValueError(f"{source} and {out}: one of the two is a YAML file with mounts")
+        source.stat()  # raises if it is not there, before its frame is asked for
+        known = format_of(source if reads else out, format_)
+        start = _start(known, origin, source if reads else out)
+        lidars = _read(source, known, start, only or []) if reads else read_own(source)
+        if not reads and only:
+            raise ValueError("--only: chooses of what is read of another tool's file")
+        check_lidars(lidars, str(source))
+        lidars = _with_model(lidars, lidar)
+        if reads:
+            write_own(out, lidars)
+        else:
+            known.write(out, [each.moved(-start[0], -start[1], -start[2]) for each in lidars])
+    except (ValueError, OSError) as error:
+        wrong(error)
+    for each in lidars:
+        if each.mount.z < 0:
+            say(f"warning: {each.name} is {-each.mount.z:g} m under the ground", sys.stderr)
+    output().print(table(None, HEAD, map(_row, lidars)))
+    say(out)
+
+
+def _start(known: RigFormat, origin: Vector | None, path: Path) -> Vector:
+    found = known.origin if origin is None else origin
+    if found is None:
+        raise ValueError(
+            f"{path}: its vehicle frame may start anywhere; say where in metres of ours, which is "
+            "on the ground under the centre: --origin -1.4 0 0.3 is the middle of a rear axle"
+        )
+    if not all(abs(value) <= 100 for value in found):
+        raise ValueError(f"--origin: must be within 100 m, found {' '.join(map(str, found))}")
+    return found
+
+
+def _read(path: Path, known: RigFormat, start: Vector, only: Sequence[str]) -> list[MountedLidar]:
+    return [each.moved(*start) for each in known.read(path, only)]
+
+
+def _with_model(lidars: Sequence[MountedLidar], name: str | None) -> list[MountedLidar]:
+    """`name` of the catalogue for those without a model."""
+    if name is None:
+        return list(lidars)
+    try:
+        model = SensorSettings(name=name)
+    except ValidationError as error:
+        raise ValueError(f"--lidar: {fault(error)}") from None
+    return [each if each.model else replace(each, model=model) for each in lidars]
+
+
+def _row(lidar: MountedLidar) -> tuple[str, ...]:
+    mount = lidar.mount
+    angles = (math.degrees(angle) for angle in (mount.roll, mount.pitch, mount.yaw))
+    numbers = (mount.x, mount.y, mount.z, *angles)
+    beams = "–" if lidar.model is None else str(lidar.model.lidar().beams)
+    return (lidar.name, *(f"{value:z.6g}" for value in numbers), beams)

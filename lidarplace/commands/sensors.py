@@ -1,0 +1,91 @@
+"""The LiDARs that are known by name: `lidarplace sensors [NAME …]`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated
+
+import typer
+
+from lidarplace.command_line.terminal import output, say, table
+from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
+from lidarplace.rigs.catalogue.datasheet import Datasheet, catalogue, datasheet
+
+app = new_app()
+
+HEAD = (
+    *("name", "model", "beams", "elevation", "azimuth", "rays"),
+    *("range", "at 10 %", "at 80 %", "nearest", "noise", "nm", "kg", "W"),
+)
+"""Degrees and metres."""
+
+
+@verb(app, "", "vlp16 at128", "vlp16 --json")
+def main(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[NAME...]",
+            help="these alone, with what else is known and where it was read",
+            autocompletion=lambda: list(catalogue()),
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """List the LiDARs that `lidar: NAME` and `Lidar.named` take, at 10 frames a second.
+
+    Angles in degrees, ranges in metres: the farthest, those at reflectivities of 10 % and 80 %, the
+    nearest, and the standard deviation. A dash stands where no source told.
+    """
+    try:
+        sheets = [datasheet(name) for name in names or catalogue()]
+    except ValueError as error:
+        wrong(error)
+    if as_json:
+        print_json({sheet.name: sheet.model_dump(mode="json") for sheet in sheets})
+        return
+    words = ("model", "elevation")
+    output().print(table(None, HEAD, (row(sheet) for sheet in sheets), words))
+    for sheet in sheets if names else ():
+        say("\n".join(["", f"{sheet.maker} {sheet.model}", *more(sheet)]))
+
+
+def row(sheet: Datasheet) -> tuple[str, ...]:
+    """The cells of `HEAD`."""
+    return (
+        sheet.name,
+        f"{sheet.maker} {sheet.model}",
+        *_view(sheet),
+        f"{sheet.rays:,}",
+        f"{sheet.range:g}",
+        *map(_number, (sheet.range_10, sheet.range_80, sheet.min_range, sheet.range_noise)),
+        *map(_number, (sheet.wavelength_nm, sheet.mass_kg, sheet.power_w)),
+    )
+
+
+def _view(sheet: Datasheet) -> tuple[str, str, str]:
+    """Beams, elevations and width in azimuth."""
+    if sheet.rosette is not None:
+        half = sheet.rosette.field_of_view_deg / 2
+        return "rosette", f"{-half:.1f} to {half:.1f}", f"{2 * half:g}"
+    low, high = sheet.azimuth_deg
+    beams = sheet.elevations_deg
+    return str(len(beams)), f"{beams[0]:.1f} to {beams[-1]:.1f}", f"{high - low:g}"
+
+
+def more(sheet: Datasheet) -> Iterator[str]:
+    """Lines of what `row` leaves out."""
+    if sheet.size_mm is not None:
+        yield f"  size: {' × '.join(f'{side:g}' for side in sheet.size_mm)} mm"
+    if sheet.accuracy is not None:
+        yield f"  accuracy: ±{sheet.accuracy:g} m"
+    if sheet.points_per_second is not None:
+        yield f"  points a second: {sheet.points_per_second:,}"
+    if sheet.price_usd is not None:
+        yield f"  price: {sheet.price_usd:,g} US dollars"
+    yield from (f"  approximate: {told}" for told in sheet.approximate)
+    yield from (f"  {source.title}: {source.url}" for source in sheet.sources)
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:g}"

@@ -1,0 +1,104 @@
+"""Look at a frame of a box log: `lidarplace view LOG`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lidarplace.base.ranges import FRAME
+from lidarplace.clouds.clouds import Crop
+from lidarplace.clouds.profiles import PROFILES, Profile
+from lidarplace.command_line.options import LogArgument, ProfileOption, paper_placements
+from lidarplace.command_line.terminal import say
+from lidarplace.command_line.verbs import (
+    FRONT_ROI,
+    RoiOption,
+    crop_of,
+    known,
+    new_app,
+    verb,
+    within,
+    wrong,
+)
+from lidarplace.configuration.placement import named_placement
+from lidarplace.logs.box_log import read_box_log
+from lidarplace.rigs.placement import Placement
+from lidarplace.viewing.frame import Frame, busiest_frame, read_frame
+from lidarplace.viewing.page import write_page
+from lidarplace.viewing.scene import POINTS, draw_frame
+
+DEFAULT = ("line", "center", "pyramid", "line_roll")
+"""Placements that are shown when none is named."""
+MOST_PLACEMENTS = 12
+"""Browsers keep about 16 3D scenes alive; the next one blanks the first."""
+
+app = new_app()
+
+
+@verb(app, "logs/town --placement line --placement center")
+def view(
+    log: LogArgument,
+    frame: Annotated[
+        int | None,
+        typer.Option(
+            help="the one with most objects in the ROI by default", callback=within(FRAME)
+        ),
+    ] = None,
+    placement: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME|FILE",
+            help="the paper's by name, own ones as FILE.yaml with `mounts`; repeatable",
+            autocompletion=paper_placements,
+        ),
+    ] = None,
+    profile: ProfileOption = "paper",
+    roi: RoiOption = FRONT_ROI,
+    out: Annotated[Path, typer.Option(metavar="FILE", help="the page")] = Path("view.html"),
+) -> None:
+    """Make a page of one frame: clouds, boxes, buildings and the ROI, placements side by side."""
+    try:
+        crop = crop_of(roi)
+        how = known("profile", profile, PROFILES)
+        rigs = _placements(placement or DEFAULT, how)
+        table = read_box_log(log)
+        try:
+            number = busiest_frame(table, crop) if frame is None else frame
+            shown = read_frame(table, number, crop)
+        except ValueError as error:
+            raise ValueError(f"{log}: {error}") from None
+        figures = [
+            draw_frame(table, number, rig, crop, POINTS // len(rigs), how.misaligned_heights)
+            for rig in rigs
+        ]
+        title = f"{shown.row['scene']}, frame {number}"
+        write_page(out, title, _notes(shown, crop, profile), figures)
+    except (ValueError, OSError) as error:
+        wrong(error)
+    say(f"{out}: frame {number}, {shown.inside.sum()} objects in the ROI")
+
+
+def _placements(names: Sequence[str], profile: Profile) -> list[Placement]:
+    if len(names) > MOST_PLACEMENTS:
+        raise ValueError(
+            f"--placement: a page shows at most {MOST_PLACEMENTS} placements, found {len(names)}"
+        )
+    return [profile.placement(named_placement(name, profile.lidar)) for name in names]
+
+
+def _notes(frame: Frame, crop: Crop, profile: str) -> list[str]:
+    counts = frame.objects.loc[frame.inside, "class"].value_counts().sort_index()
+    objects = ", ".join(f"{name} {count}" for name, count in counts.items()) or "none"
+    x0, y0, z0, x1, y1, z1 = crop
+    return [
+        f"Route {frame.row['route']} ({frame.row['split']}), t = {frame.row['timestamp_s']:g} s; "
+        f"LiDARs of profile {profile}. "
+        f"ROI x {x0:g} to {x1:g}, y {y0:g} to {y1:g}, z {z0:g} to {z1:g} m. "
+        f"Objects with their centre in it: {objects}.",
+        "x is forward, y left. Points of the ROI have the colour of their LiDAR, boxes that of "
+        "their class and a line towards the front; of many points a random part is drawn. "
+        "Dragging turns all scenes, scrolling zooms; fronts and LiDARs tell about themselves.",
+    ]

@@ -1,0 +1,1 @@
+"""Box logs: which objects were around the vehicle in every frame."""

@@ -1,0 +1,217 @@
+"""A box log as a whole: its tables, and the folder that holds them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from lidarplace.files.atomic import replacing
+from lidarplace.files.columns import (
+    check_columns,
+    frame_numbers,
+    groups,
+    numbers,
+    numbers_if_known,
+    one_of,
+    sizes,
+    texts,
+)
+from lidarplace.files.regular import is_there
+from lidarplace.files.tables import read_parquet
+from lidarplace.logs.boxes import (
+    BOX_COLUMNS,
+    BUILDING_COLUMNS,
+    FRAME_COLUMNS,
+    GEOMETRY,
+    POSE_COLUMNS,
+    SIZE,
+    SPLITS,
+    check_boxes,
+    check_classes,
+)
+
+
+def _no_buildings() -> pd.DataFrame:
+    columns = {"scene": pd.Series(dtype=str)}
+    return pd.DataFrame(columns | {c: pd.Series(dtype=float) for c in BUILDING_COLUMNS[1:]})
+
+
+@dataclass(frozen=True)
+class BoxLog:
+    """What was around the vehicle in every frame.
+
+    Attributes:
+        boxes: one row a box, columns `BOX_COLUMNS`, ego frame.
+        frames: one row a frame, columns `FRAME_COLUMNS`; frames without boxes too. A source that
+            knows where the vehicle was adds `POSE_COLUMNS`.
+        buildings: what stands still and is no object: columns `BUILDING_COLUMNS`, in the world
+            frame of its scene, in which `POSE_COLUMNS` place the vehicle. Mostly empty.
+    """
+
+    boxes: pd.DataFrame
+    frames: pd.DataFrame
+    buildings: pd.DataFrame = field(default_factory=_no_buildings)
+
+    def __repr__(self) -> str:
+        splits = self.frames["split"].value_counts()
+        counts = self.boxes["class"].value_counts()
+        of = ", ".join(f"{count:,} {split}" for split, count in splits.items())
+        boxes = ", ".join(f"{name} {count:,}" for name, count in counts.items())
+        text = f"{len(self.frames):,} frames ({of}), {len(self.boxes):,} boxes ({boxes})"
+        if len(self.buildings):
+            text += f", {len(self.buildings):,} buildings"
+        return f"BoxLog({text.replace(' ()', '')})"
+
+
+def join_logs(logs: Sequence[BoxLog]) -> BoxLog:
+    """One log of several, in their order; their frame numbers must differ.
+
+    Raises:
+        ValueError: there is no log, or a frame number occurs in two of them.
+    """
+    if not logs:
+        raise ValueError("no box log to join")
+    if len(logs) == 1:
+        return logs[0]
+    joined = BoxLog(
+        *(
+            pd.concat([getattr(log, name) for log in logs], ignore_index=True)
+            for name in ("boxes", "frames", "buildings")
+        )
+    )
+    twice = joined.frames["frame"].duplicated()
+    if twice.any():
+        frame = joined.frames.loc[twice, "frame"].iloc[0]
+        raise ValueError(f"frame {frame} is in two of the logs; frame numbers must differ")
+    return joined
+
+
+def write_box_log(folder: Path, log: BoxLog) -> None:
+    """Write `boxes.parquet`, `frames.parquet` and `buildings.parquet`.
+
+    They are renamed into place when all of them are written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    poses = [name for name in POSE_COLUMNS if name in log.frames.columns]
+    with ExitStack() as stack:
+        for name, table, columns in (
+            ("frames", log.frames, (*FRAME_COLUMNS, *poses)),
+            ("buildings", log.buildings, BUILDING_COLUMNS),
+            ("boxes", log.boxes, BOX_COLUMNS),
+        ):
+            partial = stack.enter_context(replacing(folder / f"{name}.parquet"))
+            with partial.open("wb") as file:  # pandas would take http:/… for an address
+                table[list(columns)].to_parquet(file, index=False)
+
+
+def evenly(frames: pd.DataFrame, most: int | None) -> pd.DataFrame:
+    """At most so many rows of a table, spread evenly over it; all of them for None."""
+    if most is None or most >= len(frames):
+        return frames
+    return frames.iloc[np.linspace(0, len(frames) - 1, most).round().astype(int)]
+
+
+def read_box_log(folder: Path, most_frames: int | None = None) -> BoxLog:
+    """Read what `write_box_log` wrote; `buildings.parquet` may be missing.
+
+    Args:
+        most_frames: read at most so many frames, spread evenly over the log; the boxes of others
+            are not kept in memory.
+
+    Raises:
+        ValueError: a table cannot be read or lacks a column, a value is not of its column's kind
+            (a class no name, a split none of `SPLITS`), or a box is in no frame of
+            `frames`; names file and row.
+    """
+    if most_frames is None:
+        boxes, frames = _boxes(folder / "boxes.parquet"), read_frames(folder)
+    else:
+        frames = evenly(read_frames(folder), most_frames).reset_index(drop=True)
+        boxes = read_boxes(folder, frames["frame"].tolist())
+    unlisted = ~boxes["frame"].isin(frames["frame"]).to_numpy()
+    if unlisted.any():
+        row = int(unlisted.argmax())
+        raise ValueError(
+            f"{folder / 'boxes.parquet'}: row {row}: frame {boxes['frame'].iloc[row]} is not in "
+            "frames.parquet, which lists every frame"
+        )
+    path = folder / "buildings.parquet"
+    if not is_there(path):
+        return BoxLog(boxes, frames)
+    buildings = checked_buildings(read_parquet(path), str(path))
+    if len(buildings) and (missing := set(POSE_COLUMNS) - set(frames.columns)):
+        raise ValueError(
+            f"{folder / 'frames.parquet'}: no column {', '.join(sorted(missing))}; "
+            "buildings need the pose of the vehicle"
+        )
+    return BoxLog(boxes, frames, buildings)
+
+
+def read_frames(folder: Path) -> pd.DataFrame:
+    """The table of frames alone. Raises ValueError as `read_box_log` does."""
+    path = folder / "frames.parquet"
+    frames = _frames(path)
+    twice = frames["frame"].duplicated().to_numpy()
+    if twice.any():
+        row = int(twice.argmax())
+        raise ValueError(
+            f"{path}: row {row}: frame {frames['frame'].iloc[row]} is there twice; a frame has a "
+            "number of its own in the whole log, whatever its scene"
+        )
+    return frames
+
+
+def read_boxes(folder: Path, frames: Sequence[int]) -> pd.DataFrame:
+    """The boxes of these frames alone; those of others are not kept in memory.
+
+    Raises ValueError as `read_box_log` does.
+    """
+    return _boxes(folder / "boxes.parquet", frames)
+
+
+def _boxes(path: Path, frames: Sequence[int] | None = None) -> pd.DataFrame:
+    boxes, source = _table(path, BOX_COLUMNS, frames), str(path)
+    check_boxes(boxes, source)
+    check_classes(boxes, source)
+    boxes["frame"] = frame_numbers(boxes, source)
+    boxes["timestamp_s"] = numbers_if_known(boxes, "timestamp_s", source)
+    boxes[list(GEOMETRY)] = numbers(boxes, GEOMETRY, source)
+    return _with_texts(boxes, ("scene", "object_id"), source)
+
+
+def _frames(path: Path) -> pd.DataFrame:
+    frames, source = _table(path, FRAME_COLUMNS), str(path)
+    one_of(frames, "split", SPLITS, source)
+    frames["frame"] = frame_numbers(frames, source)
+    frames["route"] = groups(frames, "route", source)
+    for name in ("timestamp_s", *frames.columns.intersection(list(POSE_COLUMNS))):
+        frames[name] = numbers_if_known(frames, name, source)
+    return _with_texts(frames, ("scene",), source)
+
+
+def checked_buildings(buildings: pd.DataFrame, source: str) -> pd.DataFrame:
+    """The table of buildings, its numbers and names as such.
+
+    Raises:
+        ValueError: a column is missing, or a value is wrong.
+    """
+    check_columns(list(buildings.columns), BUILDING_COLUMNS, source)
+    buildings[list(GEOMETRY)] = numbers(buildings, GEOMETRY, source)
+    sizes(buildings, SIZE, source)
+    return _with_texts(buildings, ("scene",), source)
+
+
+def _with_texts(table: pd.DataFrame, names: Sequence[str], source: str) -> pd.DataFrame:
+    """The table with names that are numbers as text, which joins with other tables."""
+    return table.assign(**{name: texts(table, name, source) for name in names})
+
+
+def _table(path: Path, columns: Sequence[str], frames: Sequence[int] | None = None) -> pd.DataFrame:
+    table = read_parquet(path) if frames is None else read_parquet(path, {"frame": frames})
+    check_columns(list(table.columns), columns, str(path))
+    return table

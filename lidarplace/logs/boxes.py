@@ -1,0 +1,76 @@
+"""The box log: which objects were around the vehicle in every frame.
+
+Columns of its tables, and checks of boxes; metres and radians. `boxes` has one row a box, in the
+ego frame; `frames` lists every frame, so that frames without a box count too. `frame` is unique
+within a log. `lidarplace.logs.box_log` holds the tables together.
+"""
+
+from __future__ import annotations
+
+import reprlib
+
+import numpy as np
+import pandas as pd
+
+from lidarplace.base.class_names import fault_of_name
+from lidarplace.files.columns import check_columns, numbers, sizes
+
+CLASSES = ("Car", "Cyclist", "Pedestrian")
+"""The classes of simulated traffic, and those that are meant unless others are named: KITTI's. Here
+Cyclist is the paper's *Van and Cyclist*: bicycles, motorcycles, box trucks."""
+
+GEOMETRY = ("x", "y", "z", "length", "width", "height", "yaw")
+"""A box: centre, size, and yaw about z from the ego x axis."""
+
+SIZE = GEOMETRY[3:6]
+BOX_COLUMNS = ("scene", "frame", "timestamp_s", "object_id", "class", *GEOMETRY)
+FRAME_COLUMNS = ("scene", "frame", "timestamp_s", "route", "split")
+SPLITS = ("train", "test")
+"""What a frame is for."""
+POSE_COLUMNS = ("ego_x", "ego_y", "ego_yaw")
+"""Where the vehicle was in the world frame of its scene; a log may lack them."""
+BUILDING_COLUMNS = ("scene", *GEOMETRY)
+"""A building: a box in the world frame of its scene."""
+
+
+def check_boxes(boxes: pd.DataFrame, source: str = "box log") -> None:
+    """Raise ValueError that names the column or row, unless `boxes` can be used.
+
+    Needs `frame`, `class` and the columns of `GEOMETRY`, with finite values and sizes >= 0, and
+    no frame (or scene, where there is one) missing.
+    """
+    if not isinstance(boxes, pd.DataFrame):
+        raise ValueError(f"{source}: is a DataFrame, found {reprlib.repr(boxes)}")
+    check_columns(list(boxes.columns), ("frame", "class", *GEOMETRY), source)
+    for name in frame_keys(boxes):
+        missing = boxes[name].isna().to_numpy(bool)
+        if missing.any():
+            raise ValueError(f"{source}: row {int(np.argmax(missing))}: {name} is missing")
+    numbers(boxes, GEOMETRY, source)
+    sizes(boxes, SIZE, source)
+
+
+def check_classes(boxes: pd.DataFrame, source: str) -> None:
+    """Raise ValueError that names the first row whose class is no name of one."""
+    for name in boxes["class"].unique():
+        if (fault := fault_of_name(name)) is not None:
+            own = boxes["class"].isna() if pd.isna(name) else boxes["class"] == name
+            raise ValueError(
+                f"{source}: row {int(np.argmax(own.to_numpy(bool)))}: {fault}; convert table "
+                "--class-map names classes"
+            )
+
+
+def frame_ids(table: pd.DataFrame) -> np.ndarray:
+    """One integer a row, equal where `scene` (if there is one) and `frame` are equal.
+
+    Shape (rows,), int64, numbered from 0 in sorted order.
+    """
+    groups = table.groupby(frame_keys(table), sort=True, observed=True)
+    return groups.ngroup().to_numpy(np.int64)
+
+
+def frame_keys(*tables: pd.DataFrame) -> list[str]:
+    """Columns that name a frame in all of `tables`: `scene`, where they have it, and `frame`."""
+    scene = all("scene" in table.columns for table in tables)
+    return ["scene", "frame"] if scene else ["frame"]

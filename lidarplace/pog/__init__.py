@@ -1,0 +1,1 @@
+"""The paper's mathematics: the probabilistic occupancy grid, surrogates, and choice by them."""

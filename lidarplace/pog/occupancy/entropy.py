@@ -1,0 +1,51 @@
+"""The binary entropy, from both probabilities."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lidarplace.base.kernel_cache import njit
+
+
+def binary_entropy(p: ArrayLike, rest: ArrayLike) -> NDArray[np.float64]:
+    """`H = -p ln p - (1-p) ln(1-p)` in nats, 0 at p = 0 and p = 1.
+
+    `rest` is 1 - p. A float near 1 does not know its distance to 1, and H depends on that distance
+    alone, so the caller hands over both. The result is then exact to one or two units in the last
+    place for every p: both terms are positive, and no logarithm is taken of a number near 1.
+
+    Args:
+        p, rest: probabilities of equal shape, float64, each rounded on its own.
+
+    Raises:
+        ValueError: NaN, a number outside [0, 1], or a pair whose sum is not 1.
+    """
+    p, rest = np.broadcast_arrays(np.asarray(p, np.float64), np.asarray(rest, np.float64))
+    entropy = np.empty(p.shape)
+    bad = _binary_entropy(p.reshape(-1), rest.reshape(-1), entropy.reshape(-1))
+    if bad >= 0:
+        raise ValueError(
+            f"p and 1 - p must be within [0, 1] and add up to 1, "
+            f"found {p.reshape(-1)[bad]} and {rest.reshape(-1)[bad]}"
+        )
+    return entropy
+
+
+def entropy_of_counts(counts: NDArray[np.integer], frames: int) -> NDArray[np.float64]:
+    """H in nats of voxels that are occupied in `counts` of `frames` frames, shape of `counts`."""
+    return binary_entropy(counts / frames, (frames - counts) / frames)
+
+
+@njit(cache=True)
+def _binary_entropy(p, rest, entropy):  # pragma: no cover - compiled
+    """Fill `entropy`; returns the index of the first pair that is no probability, or -1."""
+    for i in range(len(p)):
+        small, large = min(p[i], rest[i]), max(p[i], rest[i])
+        # Rounding moves the sum by 2e-16 at most; NaN fails the last comparison.
+        if small < 0 or large > 1 or not abs(p[i] + rest[i] - 1) <= 1e-15:
+            return i
+        entropy[i] = -small * math.log(small) - large * math.log1p(-small) if small > 0 else 0.0
+    return -1

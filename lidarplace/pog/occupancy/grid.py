@@ -1,0 +1,206 @@
+"""The probabilistic occupancy grid (POG): how often an object of a class fills each voxel."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from numbers import Integral
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from lidarplace.base.class_names import counts_of, listed
+from lidarplace.base.plotting import Plottable
+from lidarplace.base.roi import Roi
+from lidarplace.base.suggestions import did_you_mean
+from lidarplace.logs.boxes import CLASSES, GEOMETRY, check_boxes, frame_ids
+from lidarplace.logs.plausible import implausible
+from lidarplace.pog.occupancy.box_counts import count_boxes
+from lidarplace.pog.occupancy.entropy import entropy_of_counts
+from lidarplace.pog.occupancy.levels import Levels
+
+
+@dataclass(frozen=True)
+class OccupancyGrid(Plottable):
+    """Occupancy of the voxels of an ROI by one class of objects.
+
+    The counts are integers, so `p = counts / frames` is exact and grids of the same counts are
+    equal whatever the order of the boxes was.
+
+    Attributes:
+        roi: the voxels.
+        object_class: class of the objects counted.
+        counts: number of frames in which a voxel's centre lies in a box, shape (nx, ny, nz), int32.
+        frames: number of frames looked at, T; frames without a box count.
+    """
+
+    roi: Roi
+    object_class: str
+    counts: NDArray[np.int32]
+    frames: int
+
+    def __repr__(self) -> str:
+        voxels = " × ".join(map(str, self.roi.shape))
+        return (
+            f"OccupancyGrid({self.object_class!r}: {voxels} voxels of {self.roi.resolution:g} m, "
+            f"{np.count_nonzero(self.counts):,} of them occupied in some of {self.frames:,} frames)"
+        )
+
+    def _repr_html_(self) -> str:
+        rows = {
+            "class": self.object_class,
+            "voxels": " × ".join(map(str, self.roi.shape)),
+            "edge, m": f"{self.roi.resolution:g}",
+            "frames": f"{self.frames:,}",
+            "occupied voxels": f"{np.count_nonzero(self.counts):,}",
+            "highest p": f"{self.counts.max() / self.frames:.3g}",
+            "entropy, nats": f"{self.h_pog:,.6g}",
+        }
+        return pd.Series(rows, dtype=str).to_frame().to_html(header=False)
+
+    @classmethod
+    def from_boxes(
+        cls, boxes: pd.DataFrame, roi: Roi, object_class: str, frames: int
+    ) -> OccupancyGrid:
+        """Count the boxes of `object_class` in a box log (paper, equation of p-hat).
+
+        A voxel is occupied when its centre lies in a box or on its surface. A frame counts once,
+        however many boxes overlap in it. Boxes are cut at the ROI.
+
+        Args:
+            boxes: rows of the box log; `frame`, `class` and the box geometry are used, and `scene`
+                where there is one.
+            frames: T, the number of frames that the log covers.
+
+        Raises:
+            ValueError: a column is missing, a value is not finite, the boxes come from more than
+                `frames` frames, or nothing knows the class.
+
+        Warns:
+            UserWarning: boxes look as if they were in degrees or millimetres.
+        """
+        return cls.by_class(boxes, roi, (object_class,), frames)[object_class]
+
+    @classmethod
+    def by_class(
+        cls, boxes: pd.DataFrame, roi: Roi, classes: Collection[str], frames: int
+    ) -> dict[str, OccupancyGrid]:
+        """`from_boxes` for several classes; checks and frame numbers are made once.
+
+        Raises:
+            ValueError: as `from_boxes`; the boxes of all `classes` together must not have more
+                than `frames` frames.
+        """
+        _check_frames(frames)
+        if not isinstance(roi, Roi):
+            raise ValueError(f"roi is a Roi, found {roi!r}")
+        if isinstance(classes, str):
+            raise ValueError(f"classes is a list of names, found {classes!r}; write [{classes!r}]")
+        check_boxes(boxes)
+        for name in classes:
+            _check_class(name, boxes)
+        for told in implausible(boxes):
+            warnings.warn(told, stacklevel=3)
+        of_class = {name: np.flatnonzero(boxes["class"].isin([name])) for name in classes}
+        rows = np.concatenate([np.empty(0, np.int64), *of_class.values()])
+        frame = frame_ids(boxes)
+        found = np.count_nonzero(np.bincount(frame[rows]))
+        if found > frames:
+            names = ", ".join(repr(name) for name in of_class)
+            raise ValueError(
+                f"the boxes of class {names} come from {found} frames, more than frames={frames}"
+            )
+        geometry = boxes[list(GEOMETRY)].to_numpy(np.float64)
+        grids = {}
+        for name, rows in of_class.items():
+            rows = rows[np.argsort(frame[rows], kind="stable")]
+            grids[name] = cls(roi, name, count_boxes(geometry[rows], frame[rows], roi), frames)
+        return grids
+
+    @classmethod
+    def merged(cls, parts: Iterable[OccupancyGrid]) -> OccupancyGrid:
+        """The grid of all frames, from grids of disjoint sets of whole frames.
+
+        Equal to the grid that `from_boxes` counts in one go, however the frames were split.
+
+        Raises:
+            ValueError: there are no parts, they differ in ROI or class, or their frames add up to
+                2**31 or more.
+        """
+        parts = iter(parts)
+        first = next(parts, None)
+        if first is None:
+            raise ValueError("merged() needs at least one grid, found none")
+        counts, frames = first.counts.copy(), first.frames
+        for part in parts:
+            for name in ("roi", "object_class"):
+                expected, found = getattr(first, name), getattr(part, name)
+                if found != expected:
+                    raise ValueError(
+                        f"grids to merge must agree in {name}, found {expected!r} and {found!r}"
+                    )
+            frames += part.frames
+            _check_frames(frames)
+            counts += part.counts
+        return cls(first.roi, first.object_class, counts, frames)
+
+    @cached_property
+    def probability(self) -> NDArray[np.float64]:
+        """p of every voxel, shape (nx, ny, nz)."""
+        return self.counts / self.frames
+
+    @cached_property
+    def entropy(self) -> NDArray[np.float64]:
+        """H of every voxel in nats, shape (nx, ny, nz)."""
+        return self.entropy_of_count[self.counts]
+
+    @cached_property
+    def entropy_of_count(self) -> NDArray[np.float64]:
+        """H in nats of a voxel that is occupied in 0, 1, ... frames, shape (max count + 1,).
+
+        A grid has few different counts, so entropies are looked up, not computed by voxel.
+        """
+        return entropy_of_counts(np.arange(int(self.counts.max()) + 1), self.frames)
+
+    @cached_property
+    def levels(self) -> Levels:
+        """The occupied voxels by column and count."""
+        return Levels.of_counts(self.counts)
+
+    @cached_property
+    def h_pog(self) -> float:
+        """Entropy of the POG in nats, the sum of H over the ROI."""
+        return self.entropy_of_levels(self.levels.total)
+
+    @cached_property
+    def entropy_of_level(self) -> NDArray[np.float64]:
+        """H in nats of a voxel of every level, shape (levels,)."""
+        return entropy_of_counts(self.levels.counts, self.frames)
+
+    def entropy_of_levels(self, number: NDArray[np.int64]) -> float:
+        """Sum of H over `number[n]` voxels of level n, in nats.
+
+        The integers are exact and few terms remain, so the sum has no error to speak of.
+        """
+        return math.fsum(number * self.entropy_of_level)
+
+
+def _check_class(name: str, boxes: pd.DataFrame) -> None:
+    """A class that never occurs is empty; one that is neither known nor there is mistyped."""
+    if not isinstance(name, str):
+        raise ValueError(f"object_class is the name of a class, found {name!r}")
+    there = counts_of(boxes["class"])
+    if name not in CLASSES and name not in there:
+        hint = did_you_mean(name, {*there, *CLASSES})
+        raise ValueError(f"no box is of class {name!r}{hint}; there are {listed(there)}")
+
+
+def _check_frames(frames: int) -> None:
+    if not isinstance(frames, Integral):
+        raise ValueError(f"frames must be a whole number, found {frames!r}")
+    if not 1 <= frames < 2**31:  # counts are int32
+        raise ValueError(f"frames must be within 1 and 2**31 - 1, found {frames}")

@@ -1,0 +1,223 @@
+"""How much every candidate exposes every occupied voxel: the matrix behind greedy and bound."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarplace.base.kernel_cache import njit
+from lidarplace.coverage import Method, check_method
+from lidarplace.pog.occupancy.grid import OccupancyGrid
+from lidarplace.pog.selection.tracing import OBJECTIVES, Objective, Tracing
+from lidarplace.pog.selection.voxel_gain import SATURATED, VoxelGain, gain_at
+from lidarplace.rigs.placement import Placement
+
+_ENOUGH = 45.0  # nats: a chance of exp(-45) to be missed moves no float64
+_LADDER = 2**22  # entries: 32 MB
+
+
+@dataclass(frozen=True, eq=False)
+class Exposure:
+    """Exposures of voxels to candidates, by rows: what candidate e gives is in entries
+    `offsets[e]` to `offsets[e + 1]`. Exposures add up over the candidates of a set.
+
+    Voxels that no class occupies are left out. With occlusion what a ray gives depends on the
+    class, so a voxel stands there once for each class.
+
+    Attributes:
+        offsets: int64, shape (candidates + 1,).
+        voxels: ascending within a candidate, uint32, shape (entries,).
+        amounts: exposure, positive, float32 or float64, shape (entries,): 1 for a covered voxel,
+            rays traced, or `-ln(1 - d)` with occlusion.
+        scale: what one of its amounts counts in `gain`, float64, shape (candidates,).
+        gain: what a voxel is worth by the sum of its exposures.
+    """
+
+    offsets: NDArray[np.int64]
+    voxels: NDArray[np.uint32]
+    amounts: NDArray[np.float32] | NDArray[np.float64]
+    scale: NDArray[np.float64]
+    gain: VoxelGain
+
+    @classmethod
+    def of_candidates(
+        cls,
+        grids: Mapping[str, OccupancyGrid],
+        weights: Mapping[str, float],
+        candidates: Sequence[Placement],
+        surrogate: Objective = "expected_ig",
+        method: Method = "cone",
+        detection_probability: float = 0.1,
+        occlusion: bool = False,
+        azimuth_stride: int = 1,
+    ) -> Exposure:
+        """Trace every candidate once, in as many threads as numba has.
+
+        The keywords are those of `lidarplace.evaluate_classes`. The value of a set is the weighted
+        sum over the classes of the surrogate of its union, if the LiDARs of all candidates have
+        the same `ray_weight`; where the stride does not divide their azimuth steps evenly,
+        `evaluate_classes` takes the mean over the LiDARs of a rig, and this each candidate's own.
+
+        Args:
+            grids: a POG for each class, of one ROI.
+            weights: weight of each class, not negative; classes without weight do not count.
+
+        Raises:
+            ValueError: an unknown surrogate or method, a weight that is negative or of an unknown
+                class, grids of different ROIs, q outside (0, 1], or a stride below 1.
+        """
+        check_method(method)
+        if surrogate not in OBJECTIVES:
+            raise ValueError(f"surrogate must be {', '.join(OBJECTIVES)}, found {surrogate!r}")
+        if not 0 < detection_probability <= 1:
+            raise ValueError(
+                f"detection_probability must be within (0, 1], found {detection_probability}"
+            )
+        _check_weights(weights, grids)
+        weighted = {name: grid for name, grid in grids.items() if weights.get(name, 0) > 0}
+        if not weighted:
+            return cls._empty(len(candidates))
+        source = Tracing(
+            weighted,
+            surrogate,
+            method,
+            detection_probability=detection_probability,
+            occlusion=occlusion,
+            azimuth_stride=azimuth_stride,
+        )
+        with ThreadPoolExecutor(numba.get_num_threads()) as threads:
+            parts = list(threads.map(source.of_candidate, candidates))
+        voxels, amounts = [part[0] for part in parts], [part[1] for part in parts]
+        del parts  # so that each can be given free
+        offsets = np.concatenate([[0], np.cumsum([len(part) for part in voxels], dtype=np.int64)])
+        kind = np.result_type(np.float32, *(part.dtype for part in amounts))
+        counts = np.concatenate([block.counts for block in source.blocks], axis=1)
+        return cls(
+            offsets.astype(np.int64),
+            _joined(voxels, np.uint32),
+            _joined(amounts, kind),
+            np.array([source.scale(candidate) for candidate in candidates]),
+            VoxelGain.of_voxels(source.shape, weighted, weights, counts),
+        )
+
+    @classmethod
+    def _empty(cls, candidates: int) -> Exposure:
+        none, nothing = np.empty(0), np.empty((0, 0))
+        profile = np.empty(0, np.int32)
+        gain = VoxelGain("linear", profile, worth=none, p=nothing, rest=nothing, weights=none)
+        offsets, scale = np.zeros(candidates + 1, np.int64), np.ones(candidates)
+        return cls(offsets, np.empty(0, np.uint32), np.empty(0, np.float32), scale, gain)
+
+    @property
+    def candidates(self) -> int:
+        """Number of candidates."""
+        return len(self.scale)
+
+    @property
+    def rows(self) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+        """Arguments of the compiled functions."""
+        return self.offsets, self.voxels, self.amounts, self.scale
+
+    def total(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Exposure of every voxel to `share` of each candidate, float64, shape (voxels,)."""
+        total = np.zeros(len(self.gain.profile))
+        for candidate in np.flatnonzero(share):
+            add_exposure(self.rows, candidate, share[candidate], total)
+        return total
+
+    def value(self, chosen: Iterable[int]) -> float:
+        """The value of a set of candidates, in nats (`expected_points`: points a frame)."""
+        share = np.zeros(self.candidates)
+        share[list(chosen)] = 1.0
+        return float(np.sum(gains_of(self.gain.tables, self.total(share))))
+
+    @cached_property
+    def ladder(self) -> NDArray[np.float64]:
+        """g at 0, 1, 2, ... rays, the last at infinitely many, shape (profiles, rungs).
+
+        For expected_ig, whose formula takes long; empty where the rays of the candidates count
+        differently, or where the table would be large.
+        """
+        profiles, one = len(self.gain.worth), self.scale[:1]
+        counted = self.gain.shape == "information" and self.amounts.dtype == np.float32
+        if not counted or not one.size or not (self.scale == one).all():
+            return np.empty((0, 0))
+        rungs = 2 + math.ceil(_ENOUGH / one[0])
+        if profiles * rungs > _LADDER:
+            return np.empty((0, 0))
+        exposure = np.append(np.arange(rungs - 1) * one, SATURATED)
+        _, first = np.unique(self.gain.profile, return_index=True)
+        return _ladder_of(self.gain.tables, first, exposure)
+
+    @cached_property
+    def least(self) -> NDArray[np.float64]:
+        """Least positive exposure that a candidate gives a voxel, inf if none does, (voxels,)."""
+        least = np.full(len(self.gain.profile), np.inf)
+        _least(self.rows, least)
+        return least
+
+
+def _check_weights(weights: Mapping[str, float], grids: Mapping[str, OccupancyGrid]) -> None:
+    for name, weight in weights.items():
+        if name not in grids:
+            raise ValueError(f"weights has {name!r}, but the classes are {', '.join(grids)}")
+        if not 0 <= weight < np.inf:
+            raise ValueError(f"the weight of {name} must be finite and >= 0, found {weight}")
+
+
+def _joined(parts: list[NDArray], kind: type[np.generic] | np.dtype) -> NDArray:
+    """The parts one after another, each given free once copied.
+
+    Where all are covered voxels their ones take no memory: an array of stride 0.
+    """
+    if parts and all(part.strides == (0,) for part in parts):
+        return np.broadcast_to(np.array(1, kind), sum(len(part) for part in parts))
+    joined = np.empty(sum(len(part) for part in parts), kind)
+    end = len(joined)
+    while parts:
+        part = parts.pop()
+        joined[end - len(part) : end] = part
+        end -= len(part)
+    return joined
+
+
+@njit(cache=True, nogil=True)
+def add_exposure(rows, candidate, share, total):  # pragma: no cover - compiled
+    """Add `share` of what a candidate gives."""
+    offsets, voxels, amounts, scale = rows
+    for n in range(offsets[candidate], offsets[candidate + 1]):
+        total[voxels[n]] += share * scale[candidate] * amounts[n]
+
+
+@njit(cache=True, nogil=True)
+def gains_of(tables, total):  # pragma: no cover - compiled
+    """g_v of every voxel at its exposure."""
+    gains = np.empty(len(total))
+    for v in range(len(total)):
+        gains[v] = gain_at(tables, v, total[v])
+    return gains
+
+
+@njit(cache=True, nogil=True)
+def _ladder_of(tables, voxels, exposure):  # pragma: no cover - compiled
+    """g of one voxel of every profile at some exposures, shape (profiles, exposures)."""
+    ladder = np.empty((len(voxels), len(exposure)))
+    for n in range(len(voxels)):
+        for rung in range(len(exposure)):
+            ladder[n, rung] = gain_at(tables, voxels[n], exposure[rung])
+    return ladder
+
+
+@njit(cache=True, nogil=True)
+def _least(rows, least):  # pragma: no cover - compiled
+    offsets, voxels, amounts, scale = rows
+    for candidate in range(len(scale)):
+        for n in range(offsets[candidate], offsets[candidate + 1]):
+            least[voxels[n]] = min(least[voxels[n]], scale[candidate] * amounts[n])

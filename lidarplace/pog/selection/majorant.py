@@ -1,0 +1,178 @@
+"""Functions that are never below the value of a set, and linear in its candidates.
+
+For every voxel take a function of the exposures m_e that candidates would add to it:
+
+- a line above the concave g_v: `constant + slope * sum of m_e`, or
+- steps from an exposure s, any: `g_v(s) + sum of (g_v(s + m_e) - g_v(s))`, which is at least
+  `g_v(s + sum of m_e)` because g_v is concave, and so at least `g_v(sum of m_e)`.
+
+Summed over the voxels they bound the value of every set. With s the exposure that a set has
+already, the steps are what each candidate adds to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarplace.base.kernel_cache import njit
+from lidarplace.pog.selection.exposure import Exposure, gains_of
+from lidarplace.pog.selection.voxel_gain import gain_at, slope_at
+
+_STEPS = -1.0
+_PART = 1024  # terms summed up before they join the sum, whose error stays below 1e-13
+
+
+@dataclass(frozen=True, eq=False)
+class Majorant:
+    """A line or steps for every voxel.
+
+    Attributes:
+        exposure: the candidates.
+        constant: where no candidate adds anything, float64, shape (voxels,).
+        slopes: slope of the line, or -1 for steps, float64, shape (voxels,).
+        start: exposure at which steps start, in the unit of the rungs of the ladder if there is
+            one, float64, shape (voxels,).
+    """
+
+    exposure: Exposure
+    constant: NDArray[np.float64]
+    slopes: NDArray[np.float64]
+    start: NDArray[np.float64]
+
+    @classmethod
+    def of_set(cls, exposure: Exposure, chosen: Sequence[int]) -> Majorant:
+        """What candidates add to a set; its `constant` are the gains of the set."""
+        share = np.zeros(exposure.candidates)
+        share[list(chosen)] = 1.0
+        total = exposure.total(share)
+        constant = gains_of(exposure.gain.tables, total)
+        if exposure.gain.shape == "information":
+            return cls(exposure, constant, np.full(len(total), _STEPS), _start(exposure, total))
+        # The part of g that a candidate can still reach is a line.
+        return cls(exposure, constant, slopes_of(exposure.gain.tables, total), total)
+
+    @classmethod
+    def at(cls, exposure: Exposure, share: NDArray[np.float64]) -> Majorant:
+        """Low where `share` of each candidate is chosen, shape (candidates,), in [0, 1].
+
+        Lines touch g_v at the exposure t to all shares. As no candidate adds less than the least
+        exposure, where t is smaller the line may go through 0 and g_v there, which is lower.
+        Steps from 0 are lower still where single candidates nearly saturate a voxel, steps from t
+        where a part of them did.
+        """
+        tables = exposure.gain.tables
+        total = exposure.total(share)
+        constant, slopes = np.empty(len(total)), np.empty(len(total))
+        _lines(tables, total, exposure.least, constant, slopes)
+        start = np.zeros(len(total))
+        if exposure.gain.shape == "information":
+            value = constant + slopes * total
+            for begin in (0.0, 0.5, 1.0):
+                exposed = _start(exposure, begin * total)
+                gains = gains_of(tables, exposed * _unit(exposure))
+                reached = gains.copy()
+                for e in np.flatnonzero(share):
+                    rows, ladder = exposure.rows, exposure.ladder
+                    _climb(rows, e, tables, ladder, share[e], exposed, gains, reached)
+                lower = reached < value
+                value = np.where(lower, reached, value)
+                constant = np.where(lower, gains, constant)
+                slopes[lower] = _STEPS
+                start = np.where(lower, exposed, start)
+        return cls(exposure, constant, slopes, start)
+
+    def added(self, candidate: int, edges: NDArray[np.int64] | None = None) -> NDArray[np.float64]:
+        """What a candidate adds, by blocks of voxels `edges[b]` to `edges[b + 1]`, (blocks,)."""
+        edges = np.array([0, len(self.constant)]) if edges is None else edges
+        return _added(
+            self.exposure.rows,
+            candidate,
+            self.exposure.gain.tables,
+            self.exposure.ladder,
+            constant=self.constant,
+            slopes=self.slopes,
+            start=self.start,
+            edges=edges,
+        )
+
+    def added_by_all(self, edges: NDArray[np.int64]) -> NDArray[np.float64]:
+        """`added` by every candidate, shape (blocks, candidates)."""
+        with ThreadPoolExecutor(numba.get_num_threads()) as threads:
+            parts = threads.map(lambda e: self.added(e, edges), range(self.exposure.candidates))
+            return np.array(list(parts)).reshape(-1, len(edges) - 1).T
+
+
+def _unit(exposure: Exposure) -> float:
+    """Exposure of a rung of the ladder; 1 where there is none."""
+    return float(exposure.scale[0]) if exposure.ladder.size else 1.0
+
+
+def _start(exposure: Exposure, total: NDArray[np.float64]) -> NDArray[np.float64]:
+    """An exposure near `total` from which steps may start: a rung of the ladder if there is one."""
+    return np.rint(total / _unit(exposure)) if exposure.ladder.size else total
+
+
+@njit(cache=True, nogil=True)
+def slopes_of(tables, total):  # pragma: no cover - compiled
+    """A slope of g_v for every voxel at its exposure."""
+    slopes = np.empty(len(total))
+    for v in range(len(total)):
+        slopes[v] = slope_at(tables, v, total[v])
+    return slopes
+
+
+@njit(cache=True, nogil=True)
+def _lines(tables, total, least, constant, slopes):  # pragma: no cover - compiled
+    for v in range(len(total)):
+        if total[v] < least[v]:
+            constant[v] = 0.0
+            slopes[v] = gain_at(tables, v, least[v]) / least[v] if least[v] < np.inf else 0.0
+        else:
+            slopes[v] = slope_at(tables, v, total[v])
+            constant[v] = max(0.0, gain_at(tables, v, total[v]) - slopes[v] * total[v])
+
+
+@njit(cache=True, nogil=True)
+def _climb(rows, candidate, tables, ladder, share, start, gains, reached):  # pragma: no cover
+    """Add `share` of what a candidate adds by steps to `reached`."""
+    offsets, voxels, amounts, scale = rows
+    profile, top, scaled = tables[1], ladder.shape[1] - 1, scale[candidate]
+    for n in range(offsets[candidate], offsets[candidate + 1]):
+        v = voxels[n]
+        if top >= 0:
+            after = ladder[profile[v], min(int(start[v] + amounts[n]), top)]
+        else:
+            after = gain_at(tables, v, start[v] + scaled * amounts[n])
+        reached[v] += share * (after - gains[v])
+
+
+@njit(cache=True, nogil=True)
+def _added(
+    rows, candidate, tables, ladder, constant, slopes, start, edges
+):  # pragma: no cover - compiled
+    offsets, voxels, amounts, scale = rows
+    profile, top, scaled = tables[1], ladder.shape[1] - 1, scale[candidate]
+    added = np.zeros(len(edges) - 1)
+    n, last = offsets[candidate], offsets[candidate + 1]
+    for block in range(len(added)):
+        edge = edges[block + 1]
+        while n < last and voxels[n] < edge:
+            part, stop = 0.0, min(n + _PART, last)
+            while n < stop and voxels[n] < edge:
+                v = voxels[n]
+                if slopes[v] >= 0:
+                    part += slopes[v] * scaled * amounts[n]
+                elif top >= 0:
+                    rung = min(int(start[v] + amounts[n]), top)
+                    part += ladder[profile[v], rung] - constant[v]
+                else:
+                    part += gain_at(tables, v, start[v] + scaled * amounts[n]) - constant[v]
+                n += 1
+            added[block] += part
+    return added

@@ -1,0 +1,207 @@
+"""Surrogates against what they cost: coverage method, resolution, azimuth steps, frames in the POG.
+
+Values of different resolutions are made comparable by what they measure (`comparable`). What
+objects fill and what stays unseen is a volume: nats m^3. The cone of a beam is a sheet without
+thickness, so what it covers is an area: nats m^2. Rays within objects are lengths: metres. What is
+left is the error of the grid: where sheets are closer than voxels a voxel is covered once for
+several of them, and the unseen volume grows as the sheets get thinner.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import pandas as pd
+
+from lidarplace.base.roi import Roi
+from lidarplace.coverage import METHODS, Method
+from lidarplace.coverage.cone import sensor_bits
+from lidarplace.logs.boxes import frame_keys
+from lidarplace.pog.occupancy.grid import OccupancyGrid
+from lidarplace.pog.surrogates.evaluate import evaluate
+from lidarplace.pog.surrogates.table import ASKED_OF_POG, RAY_SURROGATES, SURROGATES
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import Mount, Placement
+
+COLUMNS = (
+    *("placement", "class", "surrogate", "method", "resolution", "azimuth_steps", "frames"),
+    *("value", "comparable", "reference", "seconds", "pog_seconds"),
+)
+
+
+@dataclass(frozen=True)
+class _Variant:
+    """One way to compute surrogates on a given POG.
+
+    Attributes:
+        method: of coverage, or of the rays.
+        azimuth_steps: rays of a beam in one turn; 0 for cones.
+        rays: whether the RAY_SURROGATES are computed, the others if not.
+    """
+
+    method: Method
+    azimuth_steps: int
+    rays: bool
+
+    def is_best(self, placement: Placement) -> bool:
+        """Whether no other variant is more accurate."""
+        if not self.rays:
+            return self.method == "cone"
+        return self.method == "dda" and self.azimuth_steps == _azimuth_steps(placement)
+
+
+def accuracy(
+    boxes: pd.DataFrame,
+    frames: pd.DataFrame,
+    roi: Roi,
+    classes: Sequence[str],
+    placements: Sequence[Placement],
+    resolutions: Collection[float] = (),
+    azimuth_steps: Collection[int] = (90, 360, 1440, 5760),
+    frame_shares: Collection[float] = (0.5, 0.25),
+    detection_probability: float = 0.1,
+    occlusion: bool = False,
+) -> pd.DataFrame:
+    """Every surrogate of every placement, computed in several ways.
+
+    One thing is varied at a time. At the resolution of `roi` and with all frames: each method of
+    rays with each number of `azimuth_steps`, beside the cones, which know no azimuth steps. Only
+    with cones (for the RAY_SURROGATES: `dda` with the LiDAR's own azimuth steps) each of
+    `resolutions`, and each of `frame_shares` at the resolution of `roi`.
+
+    The reference of a surrogate is `cone` (`dda` with the LiDAR's own azimuth steps) at the finest
+    resolution with all frames. Fewer azimuth steps of the RAY_SURROGATES are those of an
+    `azimuth_stride`, so the sensor stays the same; `azimuth_steps` of the table is what was
+    traced. The LiDAR's own number is always among them, more than that never.
+
+    Args:
+        boxes: box log; boxes of frames that are not in `frames` are left out.
+        frames: the frames of the POG, rows with `frame` (and `scene`), in the order of time.
+        roi: the voxels; each of `resolutions` must divide its edges.
+        frame_shares: a share s is every round(1/s)-th frame, from the first.
+        detection_probability, occlusion: of `expected_ig`, see `evaluate`.
+
+    Returns:
+        One row per (placement, class, surrogate, method, resolution, azimuth_steps, frames):
+        value; comparable, the value in units that do not depend on the resolution; reference,
+        whether the row is the reference; seconds of the evaluation (that of `m_sog` counts the
+        covered voxels too, `expected_points` and `expected_ig` are computed together);
+        pog_seconds of counting the POG and what depends on it alone. azimuth_steps is 0 for cones.
+
+    Raises:
+        ValueError: a share outside (0, 1], azimuth steps below 1, a resolution that does not
+            divide the ROI, or a bad box log.
+    """
+    for share in frame_shares:
+        if not 0 < share <= 1:
+            raise ValueError(f"a share of the frames must be within (0, 1], found {share}")
+    for steps in azimuth_steps:
+        if steps < 1:
+            raise ValueError(f"azimuth steps must be at least 1, found {steps}")
+    if not len(frames):
+        raise ValueError("expected at least one frame, found none")
+    finest = min(roi.resolution, *resolutions, roi.resolution)
+    rois = [replace(roi, resolution=r) for r in dict.fromkeys((roi.resolution, *resolutions))]
+    settings = [(grid_roi, 1) for grid_roi in rois]
+    settings += [(roi, n) for n in dict.fromkeys(round(1 / s) for s in frame_shares) if n > 1]
+    options = {"detection_probability": detection_probability, "occlusion": occlusion}
+    _warm_up(options)
+    tables = []
+    for object_class in classes:
+        for grid_roi, every in settings:
+            grid, pog_seconds = _pog(boxes, frames.iloc[::every], grid_roi, object_class)
+            base = every == 1 and grid_roi == roi
+            for placement in placements:
+                for variant in _variants(placement, azimuth_steps if base else ()):
+                    table = _timed(grid, placement, variant, options)
+                    table["reference"] = (
+                        grid_roi.resolution == finest and every == 1 and variant.is_best(placement)
+                    )
+                    tables.append(table.assign(pog_seconds=pog_seconds))
+    table = pd.concat(tables, ignore_index=True)
+    return table[list(COLUMNS)]
+
+
+def scale(surrogate: str, resolution: float) -> float:
+    """Factor that makes values of different resolutions comparable."""
+    return resolution ** SURROGATES[surrogate].power
+
+
+def _variants(placement: Placement, azimuth_steps: Collection[int]) -> Iterator[_Variant]:
+    """The most accurate ways, and further methods and steps if there are `azimuth_steps`."""
+    own = _azimuth_steps(placement)
+    yield _Variant("cone", 0, rays=False)
+    if not azimuth_steps:
+        yield _Variant("dda", own, rays=True)
+        return
+    strides = {round(own / steps) for steps in azimuth_steps if steps < own} | {1}
+    for method in METHODS:
+        if method == "cone":
+            continue
+        for steps in dict.fromkeys(azimuth_steps):
+            yield _Variant(method, steps, rays=False)
+        for stride in sorted(strides, reverse=True):
+            yield _Variant(method, round(own / stride), rays=True)
+
+
+def _azimuth_steps(placement: Placement) -> int:
+    """Those of the LiDAR that has most."""
+    return max(lidar.azimuth_steps for lidar in placement.lidars)
+
+
+def _timed(
+    grid: OccupancyGrid, placement: Placement, variant: _Variant, options: dict[str, Any]
+) -> pd.DataFrame:
+    """Rows of a variant: names, values and seconds of its surrogates."""
+    sensor_bits.cache_clear()  # kept coverage would be free
+    if variant.rays:
+        stride = round(_azimuth_steps(placement) / variant.azimuth_steps)
+        # With "cone" the rays are those of dda, and they are not traced for coverage as well.
+        method: Method = "cone" if variant.method == "dda" else variant.method
+        options = options | {"surrogates": RAY_SURROGATES, "azimuth_stride": stride}
+        result = evaluate(grid, placement, method, **options)
+    else:
+        result = evaluate(grid, placement, variant.method, variant.azimuth_steps or None)
+    rows = []
+    for name in ASKED_OF_POG:
+        if SURROGATES[name].needs_rays == variant.rays:
+            start = time.perf_counter()
+            value = getattr(result, name)  # for some the covered voxels are counted now
+            rows.append((name, value, result.seconds + time.perf_counter() - start))
+    table = pd.DataFrame(rows, columns=["surrogate", "value", "seconds"])
+    return table.assign(
+        comparable=[value * scale(name, grid.roi.resolution) for name, value, _ in rows],
+        placement=placement.name,
+        method=variant.method,
+        resolution=grid.roi.resolution,
+        azimuth_steps=variant.azimuth_steps,
+        frames=grid.frames,
+    ).assign(**{"class": grid.object_class})
+
+
+def _pog(
+    boxes: pd.DataFrame, frames: pd.DataFrame, roi: Roi, object_class: str
+) -> tuple[OccupancyGrid, float]:
+    """The POG with what depends on it alone, and the seconds that this took."""
+    keys = frame_keys(boxes, frames)
+    start = time.perf_counter()
+    grid = OccupancyGrid.from_boxes(
+        boxes.merge(frames[keys]), roi, object_class, frames=len(frames)
+    )
+    grid.levels, grid.h_pog  # noqa: B018 - computed here, kept by the grid
+    return grid, time.perf_counter() - start
+
+
+def _warm_up(options: dict[str, Any]) -> None:
+    """Compile, or load, all kernels before the clock starts."""
+    roi = Roi((0, 2), (0, 2), (0, 2), 1.0)
+    box = {"frame": [0], "class": ["any"], "x": [1.0], "y": [1.0], "z": [1.0], "yaw": [0.1]}
+    sizes = {name: [1.5] for name in ("length", "width", "height")}
+    boxes = pd.DataFrame(box | sizes)
+    grid, _ = _pog(boxes, pd.DataFrame({"frame": [0, 1]}), roi, "any")
+    placement = Placement("any", [Mount(z=1.5)], Lidar((-0.1, 0.3), azimuth_steps=8))
+    for variant in _variants(placement, (4,)):
+        _timed(grid, placement, variant, options)

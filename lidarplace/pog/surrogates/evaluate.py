@@ -1,0 +1,330 @@
+"""Placements in, surrogates out: one placement, several classes, or many placements at once."""
+
+from __future__ import annotations
+
+import functools
+import reprlib
+import time
+from collections.abc import Collection, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numba
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from lidarplace.base.roi import Roi
+from lidarplace.coverage import Method, check_method, count_covered, covered_bits, rays_of
+from lidarplace.coverage.bits import pack
+from lidarplace.coverage.rays import RayMethod, log_miss, ray_counts, ray_weight
+from lidarplace.coverage.tiles import Tiles
+from lidarplace.pog.occupancy.grid import OccupancyGrid
+from lidarplace.pog.surrogates.formulas import (
+    Crossings,
+    expected_ig,
+    expected_ig_with_occlusion,
+    expected_points,
+    log_miss_of_ray,
+)
+from lidarplace.pog.surrogates.result import CoveredVoxels, Surrogates
+from lidarplace.pog.surrogates.seen import Seen
+from lidarplace.pog.surrogates.table import RAY_SURROGATES, SURROGATES
+from lidarplace.rigs.placement import Placement
+
+
+def evaluate(
+    grid: OccupancyGrid,
+    placement: Placement,
+    method: Method = "cone",
+    azimuth_steps: int | None = None,
+    surrogates: Collection[str] = (),
+    detection_probability: float = 0.1,
+    occlusion: bool = False,
+    azimuth_stride: int = 1,
+) -> Surrogates:
+    """Surrogates of `placement` for the class of `grid`.
+
+    Args:
+        method: how coverage is computed, see `lidarplace.coverage.coverage`.
+        azimuth_steps: rays of a beam in one turn instead of the LiDAR's own number; a pattern
+            stays as it is.
+        surrogates: names from RAY_SURROGATES to compute as well; the others always are. With
+            `method="cone"` their ray counts come from `dda`.
+        detection_probability: q, the chance that a ray which crosses an occupied voxel detects it.
+        occlusion: whether rays are weakened by the voxels that they pass first (expected_ig).
+        azimuth_stride: count only every so many rays of a beam, each in the place of as many;
+            faster, less accurate, and for the RAY_SURROGATES alone.
+
+    Raises:
+        ValueError: an unknown method or surrogate, q outside (0, 1], or a stride below 1.
+    """
+    check_grid(grid)
+    result = evaluate_classes(
+        {grid.object_class: grid},
+        placement,
+        method,
+        azimuth_steps,
+        surrogates,
+        detection_probability,
+        occlusion,
+        azimuth_stride,
+    )
+    return result[grid.object_class]
+
+
+def check_grid(grid: OccupancyGrid) -> None:
+    """Raise ValueError unless it is one."""
+    if not isinstance(grid, OccupancyGrid):
+        raise ValueError(
+            f"grid is an OccupancyGrid, as from_boxes counts it, found {reprlib.repr(grid)}"
+        )
+
+
+def evaluate_many(
+    grids: Mapping[str, OccupancyGrid], placements: Sequence[Placement], **options: Any
+) -> list[dict[str, Surrogates]]:
+    """`evaluate_classes` for many placements on all cores, in the order of `placements`.
+
+    A sensor that several placements share is covered once. Threads are as many as numba's
+    (`NUMBA_NUM_THREADS`), so a Ray worker with one core stays on it. `options` are the keywords of
+    `evaluate_classes`.
+    """
+    for grid in grids.values():
+        grid.levels  # noqa: B018 - made once, before the threads start
+    with ThreadPoolExecutor(numba.get_num_threads()) as threads:
+        return list(threads.map(functools.partial(evaluate_classes, grids, **options), placements))
+
+
+def evaluate_classes(
+    grids: Mapping[str, OccupancyGrid],
+    placement: Placement,
+    method: Method = "cone",
+    azimuth_steps: int | None = None,
+    surrogates: Collection[str] = (),
+    detection_probability: float = 0.1,
+    occlusion: bool = False,
+    azimuth_stride: int = 1,
+) -> dict[str, Surrogates]:
+    """`evaluate` for several classes on one ROI; what does not depend on the class is done once.
+
+    `seconds` of each class is the common part plus its own. What depends on the POG alone (its
+    entropy, the columns that have any) is computed with the first placement and kept; `seconds`
+    leaves it out.
+    """
+    if not isinstance(placement, Placement):
+        raise ValueError(
+            "placement is a Placement, such as PAPER_PLACEMENTS['line'], "
+            f"found {reprlib.repr(placement)}"
+        )
+    if isinstance(surrogates, str):
+        raise ValueError(
+            f"surrogates is a list of names, found {surrogates!r}; write [{surrogates!r}]"
+        )
+    unknown = sorted(set(surrogates) - set(RAY_SURROGATES))
+    if unknown:
+        raise ValueError(
+            f"surrogates takes {', '.join(RAY_SURROGATES)} (the others are always computed), "
+            f"found {unknown[0]!r}"
+        )
+    check_method(method)
+    _check_probability(detection_probability)
+    roi = _common_roi(grids)
+    if azimuth_steps is not None:
+        placement = placement.with_lidar(
+            [
+                replace(lidar, azimuth_steps=azimuth_steps) if lidar.pattern is None else lidar
+                for lidar in placement.lidars
+            ]
+        )
+    tiles = occupied_tiles(grids)
+    for grid in grids.values():
+        grid.h_pog  # noqa: B018 - computed here, kept by the grid
+
+    start = time.perf_counter()
+    ray_method = rays_of(method)
+    needs_counts = any(not (occlusion and SURROGATES[name].occludes) for name in surrogates)
+    same_rays = method == ray_method and azimuth_stride == 1
+    occupied = occupied_layers(roi, tiles, ray_method)
+    counts = None
+    if needs_counts:
+        counts = ray_counts(placement, roi if same_rays else occupied, ray_method, azimuth_stride)
+    if counts is not None and same_rays:
+        covered = pack(counts > 0)
+    else:
+        covered = covered_bits(placement, roi, method, tiles)
+    # Rays pass all voxels anyway; cones are followed there if somebody wants to know.
+    whole = functools.partial(count_covered, placement, roi, method)
+    if method != "cone":
+        whole = functools.partial(int, np.bitwise_count(covered).sum())
+    voxels = CoveredVoxels(whole)
+    rays = _Rays(
+        placement=placement,
+        roi=occupied,
+        method=ray_method,
+        azimuth_stride=azimuth_stride,
+        counts=counts,
+        q=detection_probability,
+        occlusion=occlusion,
+    )
+    common = time.perf_counter() - start
+
+    results = {}
+    for object_class, grid in grids.items():
+        start = time.perf_counter()
+        seen = rays.seen(grid, grid.levels.covered(covered))
+        results[object_class] = Surrogates(
+            placement=placement,
+            roi=roi,
+            method=method,
+            values={
+                name: own.of_seen(seen)
+                for name, own in SURROGATES.items()
+                if own.of_seen is not None and (name in surrogates or not own.needs_rays)
+            },
+            covered=voxels,
+            covered_nonzero=int(seen.covered.sum()),
+            seconds=common + time.perf_counter() - start,
+        )
+    return results
+
+
+@dataclass(frozen=True, eq=False)
+class _Rays:
+    """What the rays of a placement are, and what they meet.
+
+    Attributes:
+        roi: up to the highest occupied layer.
+        counts: rays through every voxel; None if nobody needs their number.
+        q: the chance that a ray detects what it crosses.
+    """
+
+    placement: Placement
+    roi: Roi
+    method: RayMethod
+    azimuth_stride: int
+    counts: NDArray[np.int32] | None
+    q: float
+    occlusion: bool
+
+    @functools.cached_property
+    def weight(self) -> float:
+        """Rays that stand behind each one traced."""
+        return ray_weight(self.placement, self.azimuth_stride)
+
+    def seen(self, grid: OccupancyGrid, covered: NDArray[np.int64]) -> Seen:
+        """What is seen of a class; `covered` voxels by level."""
+
+        @functools.cache
+        def crossings() -> Crossings:
+            assert self.counts is not None
+            return Crossings.of_grid(grid, self.counts)
+
+        def information() -> float:
+            if not self.occlusion:
+                return expected_ig(grid, crossings(), self.weight * log_miss_of_ray(self.q))
+            missed = log_miss(
+                self.placement,
+                self.roi,
+                self.method,
+                counts=grid.counts[..., : self.roi.shape[2]],
+                frames=grid.frames,
+                detection_probability=self.q,
+                azimuth_stride=self.azimuth_stride,
+            )
+            return expected_ig_with_occlusion(grid, missed)
+
+        return Seen(
+            frames=grid.frames,
+            counts=grid.levels.counts,
+            voxels=grid.levels.total,
+            covered=covered,
+            entropy=grid.entropy_of_level,
+            h_pog=grid.h_pog,
+            crossings=crossings,
+            points=lambda: expected_points(grid, crossings(), self.weight),
+            information=information,
+        )
+
+
+def expected_ig_by_q(
+    grids: Mapping[str, OccupancyGrid],
+    placement: Placement,
+    detection_probabilities: Sequence[float],
+    azimuth_stride: int = 1,
+) -> pd.DataFrame:
+    """`expected_ig` without occlusion for many q: the rays are traced once.
+
+    `tracking.findings.fitted_q` fits q to measured AP with it.
+
+    Returns:
+        A row a class (index), a column a q; nats.
+
+    Raises:
+        ValueError: a q outside (0, 1], or grids of different ROIs.
+    """
+    for q in detection_probabilities:
+        _check_probability(q)
+    roi = occupied_layers(_common_roi(grids), occupied_tiles(grids), "dda")
+    rays = ray_counts(placement, roi, "dda", azimuth_stride)
+    weight = ray_weight(placement, azimuth_stride)
+    gains = {}
+    for object_class, grid in grids.items():
+        crossings = Crossings.of_grid(grid, rays)
+        gains[object_class] = {
+            q: expected_ig(grid, crossings, weight * log_miss_of_ray(q))
+            for q in detection_probabilities
+        }
+    return pd.DataFrame.from_dict(gains, orient="index")
+
+
+FAINT_Q = 1e-7
+"""A probability of detection so small that `expected_ig` is proportional to it."""
+
+MOSTLY_LINEAR = 2 / 3
+"""A `linear_share` beyond which `expected_ig` ranks placements by the number of their rays within
+objects rather than by what these cover (`python benchmarks/studies/expected_ig_regime.py`)."""
+
+
+def linear_share(by_q: pd.DataFrame, q: float) -> pd.Series[float]:
+    """`expected_ig` as a share of what it were if every ray counted by itself, by class.
+
+    A voxel that m rays cross is detected with d = 1 - (1 - q)^m. Where q m is small in all of them
+    d is q m, and `expected_ig` a sum over rays, in which a ray through a voxel that others have
+    seen counts as much as one through a new voxel: the share is 1, or a hair more, as information
+    is convex in d. It falls as rays, q or voxels grow, and `expected_ig` comes to be
+    `covered_entropy`. NaN for a class that no ray meets.
+
+    Args:
+        by_q: of `expected_ig_by_q`, with the columns `q` and FAINT_Q.
+    """
+    return by_q[q] / (by_q[FAINT_Q] * (q / FAINT_Q))
+
+
+def _common_roi(grids: Mapping[str, OccupancyGrid]) -> Roi:
+    rois = {grid.roi for grid in grids.values()}
+    if len(rois) != 1:
+        raise ValueError(f"the grids must share one ROI, found {len(rois)}")
+    return rois.pop()
+
+
+def occupied_tiles(grids: Mapping[str, OccupancyGrid]) -> Tiles:
+    """Where any of the classes is."""
+    return functools.reduce(Tiles.__or__, (grid.levels.tiles for grid in grids.values()))
+
+
+def occupied_layers(roi: Roi, tiles: Tiles, method: RayMethod) -> Roi:
+    """`roi` up to the highest layer that matters: rays need not be followed above it.
+
+    The whole `roi` for `bresenham`, whose lines depend on where they leave it.
+    """
+    if method == "bresenham":
+        return roi
+    layers = max(1, int(tiles.highest.max()) + 1)
+    return replace(roi, z=(roi.z[0], roi.z[0] + layers * roi.resolution))
+
+
+def _check_probability(q: float) -> None:
+    if not 0 < q <= 1:
+        raise ValueError(f"detection_probability must be within (0, 1], found {q}")

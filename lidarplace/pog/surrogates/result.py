@@ -1,0 +1,107 @@
+"""The surrogates of one placement, and their sum over classes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import pandas as pd
+
+from lidarplace.base.plotting import Plottable
+from lidarplace.base.roi import Roi
+from lidarplace.coverage import Method
+from lidarplace.pog.surrogates.table import POG_SURROGATES
+from lidarplace.rigs.placement import Placement
+
+
+@dataclass(frozen=True)
+class CoveredVoxels:
+    """Covered voxels of the whole ROI, those included in which no object ever was.
+
+    Most surrogates do not look at those: they are covered when the number is first read, once for
+    all classes.
+    """
+
+    count: Callable[[], int]
+
+    @cached_property
+    def number(self) -> int:
+        """How many there are."""
+        return self.count()
+
+
+@dataclass(frozen=True, repr=False)
+class Surrogates(Plottable):
+    """Surrogates of one placement for one class, or for the sum of classes; entropies in nats.
+
+    Every name of `lidarplace.pog.surrogates.table.POG_SURROGATES` is an attribute, such as `s_mig`:
+    a float; None for one that needs rays and was not asked for, or that has no sum over classes.
+
+    Attributes:
+        placement, roi, method: what was evaluated.
+        values: the surrogates that do not follow from others, by name.
+        covered: voxels of the whole ROI.
+        covered_nonzero: covered voxels with p > 0.
+        seconds: wall time of the evaluation.
+    """
+
+    placement: Placement
+    roi: Roi
+    method: Method
+    values: Mapping[str, float]
+    covered: CoveredVoxels
+    covered_nonzero: int
+    seconds: float
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in POG_SURROGATES:
+            raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
+        of_others = POG_SURROGATES[name].of_others
+        return self.values.get(name) if of_others is None else of_others(self)
+
+    def __repr__(self) -> str:
+        told = ", ".join(f"{name}={value:.6g}" for name, value in self.values.items())
+        return f"Surrogates({self.placement.name!r} by {self.method}: {told})"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (own.label, f"{value:,.6g}", own.unit)
+            for name, own in POG_SURROGATES.items()
+            if (value := getattr(self, name)) is not None
+        ]
+        table = pd.DataFrame(rows, columns=["surrogate", self.placement.name, "unit"])
+        return table.to_html(index=False)
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *POG_SURROGATES]
+
+
+def sum_over_classes(results: Mapping[str, Surrogates]) -> Surrogates:
+    """The sum of every surrogate over the classes, as the paper compares it with recall.
+
+    "Since the recall is calculated for all Cars, Vans and Cyclists, our total information gain
+    surrogate metric is the sum of S-MIG of Car, Van and Cyclist" (appendix). `m_sog` divides the
+    sum by the covered voxels, `seconds` are the slowest class's.
+
+    Raises:
+        ValueError: no class, or the classes are not of one placement, ROI and method.
+    """
+    if len({(r.placement, r.roi, r.method) for r in results.values()}) != 1:
+        raise ValueError("a sum over classes needs results of one placement, ROI and method")
+    parts = list(results.values())
+    return Surrogates(
+        placement=parts[0].placement,
+        roi=parts[0].roi,
+        method=parts[0].method,
+        values={
+            name: math.fsum(part.values[name] for part in parts)
+            for name in parts[0].values
+            if POG_SURROGATES[name].additive and all(name in part.values for part in parts)
+        },
+        covered=parts[0].covered,  # the same for all classes
+        covered_nonzero=sum(part.covered_nonzero for part in parts),
+        seconds=max(part.seconds for part in parts),
+    )

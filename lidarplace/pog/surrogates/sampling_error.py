@@ -1,0 +1,293 @@
+"""How far a surrogate may be off because the POG was counted over these frames and no others.
+
+Frames that follow each other show the same objects, so frames cannot be drawn one by one: blocks
+of consecutive frames of one route are drawn with replacement (moving traffic forgets itself within
+a block), and every surrogate is computed again from the POG of what was drawn. Coverage and the
+number of rays do not depend on the POG and are computed once.
+
+Entropies of a POG from few frames are too low: voxels look more certain than they are (Miller and
+Madow, 1955). The resamples show how much, since they know the log as the log knows the traffic:
+`bias` is their mean less the value.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from lidarplace.base.kernel_cache import njit
+from lidarplace.base.roi import Roi
+from lidarplace.coverage import Method, coverage, rays_of
+from lidarplace.coverage.rays import log_miss, ray_counts
+from lidarplace.logs.boxes import frame_keys
+from lidarplace.pog.occupancy.block_counts import BlockCounts
+from lidarplace.pog.occupancy.entropy import entropy_of_counts
+from lidarplace.pog.occupancy.grid import OccupancyGrid
+from lidarplace.pog.surrogates.formulas import Crossings, information, log_miss_of_ray
+from lidarplace.pog.surrogates.result import CoveredVoxels, Surrogates
+from lidarplace.pog.surrogates.seen import Seen
+from lidarplace.pog.surrogates.table import ASKED_OF_POG, SURROGATES
+from lidarplace.rigs.placement import Placement
+
+NORMAL_95 = 1.959963984540054
+"""97.5 % quantile of the normal distribution."""
+
+LN2 = math.log(2)
+_BITS = 60  # a ray more changes nothing once ln(1 - d) is below -60 ln 2
+
+
+@dataclass(frozen=True)
+class SamplingError:
+    """Sampling error of the surrogates of one placement.
+
+    Attributes:
+        estimates: one row per (class, surrogate): value; sd, standard deviation of the resamples;
+            bias, mean of the resamples less the value; low and high, the 95 % interval
+            `value - bias ± 1.96 sd`; blocks; resamples.
+        resamples: class, surrogate, resample (0, 1, ...), value. Placements with the same frames,
+            blocks and seed have the same draws in the same order, so they can be paired.
+    """
+
+    estimates: pd.DataFrame
+    resamples: pd.DataFrame
+
+
+def pog_sampling_error(
+    boxes: pd.DataFrame,
+    frames: pd.DataFrame,
+    roi: Roi,
+    classes: Collection[str],
+    placement: Placement,
+    method: Method = "cone",
+    detection_probability: float = 0.1,
+    occlusion: bool = False,
+    blocks: int = 40,
+    resamples: int = 200,
+    seed: int = 0,
+) -> SamplingError:
+    """Sampling error of every surrogate of `placement`, by a bootstrap over blocks of frames.
+
+    With `occlusion` the rays keep the weights w_r of the POG of all frames; only p is resampled.
+    It is several times slower then: no two voxels share ln(1 - d).
+
+    Args:
+        boxes: box log of the frames; boxes of other frames are left out.
+        frames: the frames of the POG, see `frame_blocks`.
+        blocks: about how many blocks, see `frame_blocks`.
+        resamples: draws of as many blocks as there are.
+        seed: of the draws.
+
+    Raises:
+        ValueError: fewer than two blocks or resamples, or what `OccupancyGrid.by_class` raises.
+    """
+    if resamples < 2:
+        raise ValueError(f"resamples must be at least 2, found {resamples}")
+    of_frame = frame_blocks(frames, blocks)
+    lengths = np.bincount(of_frame)
+    if len(lengths) < 2:
+        raise ValueError(
+            f"the sampling error needs at least 2 blocks of frames, found {len(lengths)} "
+            f"for {len(frames)} frames"
+        )
+    rng = np.random.default_rng(seed)
+    drawn = rng.multinomial(len(lengths), np.full(len(lengths), 1 / len(lengths)), resamples)
+    draws = np.vstack([np.ones_like(lengths), drawn])  # the log itself first
+    block_of_box = _block_of_box(boxes, frames, of_frame)
+    covered = coverage(placement, roi, method).reshape(-1)
+    ray_method = rays_of(method)
+    rays = ray_counts(placement, roi, ray_method).reshape(-1)
+    totals = draws @ lengths
+    all_covered = CoveredVoxels(partial(int, np.count_nonzero(covered)))
+    tables = []
+    for object_class in classes:
+        histories = BlockCounts.of_blocks(
+            OccupancyGrid.from_boxes(boxes[block_of_box == b], roi, object_class, int(n)).counts
+            for b, n in enumerate(lengths)
+        )
+        here = histories.voxels
+        if occlusion:
+            occupied = np.zeros(covered.size, np.int32)
+            occupied[here] = histories.counts(draws[0])[histories.history]
+            log_misses = log_miss(
+                placement,
+                roi,
+                ray_method,
+                counts=occupied.reshape(roi.shape),
+                frames=int(totals[0]),
+                detection_probability=detection_probability,
+            )
+            gain = _gain_by_voxel(histories, log_misses.reshape(-1)[here])
+        else:
+            gain = _gain_by_rays(histories, rays[here], log_miss_of_ray(detection_probability))
+        voxels = _by_history(histories, np.ones(len(here), np.int64))
+        covered_voxels = _by_history(histories, covered[here])
+        met_rays = _by_history(histories, rays[here])
+        values: dict[str, list[float]] = {name: [] for name in ASKED_OF_POG}
+        for draw, total in zip(draws, totals.tolist(), strict=True):
+            counts = histories.counts(draw)
+            levels = np.arange(1, int(counts.max()) + 1)
+            of_level = np.bincount(counts, voxels)[1:]
+            entropy = entropy_of_counts(levels, total)
+            seen = Seen(
+                frames=total,
+                counts=levels,
+                voxels=of_level,
+                covered=np.bincount(counts, covered_voxels)[1:],
+                entropy=entropy,
+                h_pog=math.fsum(of_level * entropy),
+                crossings=partial(_crossings, histories, rays[here], counts),
+                points=partial(_points, met_rays, counts, total),
+                information=partial(gain, counts, total),
+            )
+            result = Surrogates(
+                placement=placement,
+                roi=roi,
+                method=method,
+                values={n: own.of_seen(seen) for n, own in SURROGATES.items() if own.of_seen},
+                covered=all_covered,
+                covered_nonzero=int(seen.covered.sum()),
+                seconds=0.0,
+            )
+            for name in ASKED_OF_POG:
+                values[name].append(getattr(result, name))
+        for name, estimates in values.items():
+            tables.append(
+                pd.DataFrame({"class": object_class, "surrogate": name, "value": estimates})
+            )
+    return _summary(tables, len(lengths))
+
+
+def frame_blocks(frames: pd.DataFrame, blocks: int) -> NDArray[np.int64]:
+    """Block of every row of the frames table: consecutive frames of one route.
+
+    A route gives blocks by its share of the frames, at least one, of equal length up to a frame;
+    so their number is about `blocks`. Without a column `route` (or `scene`) the log is one route.
+
+    Args:
+        frames: rows of the frames table; `frame` orders them within a route.
+
+    Raises:
+        ValueError: no column `frame`, no frames, or `blocks` is below 1.
+    """
+    if "frame" not in frames.columns:
+        raise ValueError(f"the frames table has no column frame; found {list(frames.columns)}")
+    if blocks < 1 or not len(frames):
+        raise ValueError(f"expected at least 1 block and 1 frame, found {blocks} and {len(frames)}")
+    keys = [key for key in ("scene", "route") if key in frames.columns]
+    route = frames.groupby(keys).ngroup().to_numpy() if keys else np.zeros(len(frames), np.int64)
+    result, first = np.empty(len(frames), np.int64), 0
+    order = np.lexsort((frames["frame"].to_numpy(), route))
+    for rows in np.split(order, np.flatnonzero(np.diff(route[order])) + 1):
+        parts = min(len(rows), max(1, round(blocks * len(rows) / len(frames))))
+        result[rows] = first + np.arange(len(rows)) * parts // len(rows)
+        first += parts
+    return result
+
+
+def _block_of_box(
+    boxes: pd.DataFrame, frames: pd.DataFrame, of_frame: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Block of every box, shape (boxes,); -1 for a box of another frame."""
+    keys = frame_keys(boxes, frames)
+    found = boxes[keys].merge(frames[keys].assign(block=of_frame), on=keys, how="left")["block"]
+    return found.fillna(-1).to_numpy(np.int64)
+
+
+def _by_history(histories: BlockCounts, amount: NDArray[np.generic]) -> NDArray[np.int64]:
+    """Sum over the voxels of every history, shape (nodes,); sums below 2**53 are exact."""
+    sums = np.bincount(histories.history, amount, len(histories.parent))
+    return sums.astype(np.int64)
+
+
+def _crossings(
+    histories: BlockCounts, rays: NDArray[np.integer], counts: NDArray[np.int64]
+) -> Crossings:
+    """The voxels that are crossed and occupied, each by itself."""
+    count = counts[histories.history]
+    met = (rays > 0) & (count > 0)
+    return Crossings(count[met], rays[met].astype(np.int64), np.ones(met.sum(), np.int64))
+
+
+def _points(rays: NDArray[np.int64], counts: NDArray[np.int64], frames: int) -> float:
+    """expected_points from the rays and the counts of the histories."""
+    return int(np.dot(rays, counts)) / frames
+
+
+_Gain = Callable[[NDArray[np.int64], int], float]
+"""expected_ig from the counts of the histories and the number of frames."""
+
+
+def _gain_by_rays(histories: BlockCounts, rays: NDArray[np.integer], log_miss: float) -> _Gain:
+    """Without occlusion: voxels of equal history and rays are one term.
+
+    Rays beyond the point where a miss has probability 2**-_BITS are not told apart: they change
+    no bit of the result.
+    """
+    enough = 1 if log_miss == -math.inf else math.ceil(-_BITS * LN2 / log_miss)
+    most = min(enough, int(rays.max(initial=0)))
+    met = rays > 0
+    key = histories.history[met].astype(np.int64) * (most + 1) + np.minimum(rays[met], most)
+    pairs, number = np.unique(key, return_counts=True)
+    history, crossing = np.divmod(pairs, most + 1)
+
+    def gain(counts: NDArray[np.int64], frames: int) -> float:
+        shape = (int(counts.max()) + 1, most + 1)
+        terms = _histogram(counts, history, crossing, number, np.zeros(shape, np.int64))
+        terms[0] = 0  # never occupied in this draw
+        count, through = np.nonzero(terms)
+        p, rest = count / frames, (frames - count) / frames
+        return math.fsum(terms[count, through] * information(p, rest, through * log_miss))
+
+    return gain
+
+
+def _gain_by_voxel(histories: BlockCounts, log_misses: NDArray[np.float64]) -> _Gain:
+    """With occlusion: every voxel has its own ln(1 - d)."""
+    met = log_misses < 0
+    history, log_misses = histories.history[met], log_misses[met]
+
+    def gain(counts: NDArray[np.int64], frames: int) -> float:
+        count = counts[history]
+        some = count > 0
+        p, rest = count[some] / frames, (frames - count[some]) / frames
+        return float(information(p, rest, log_misses[some]).sum())
+
+    return gain
+
+
+@njit(cache=True, nogil=True)
+def _histogram(counts, history, crossing, number, result):  # pragma: no cover - compiled
+    """Add up `number` by count and rays."""
+    for n in range(len(history)):
+        result[counts[history[n]], crossing[n]] += number[n]
+    return result
+
+
+def _summary(tables: list[pd.DataFrame], blocks: int) -> SamplingError:
+    """Estimates from values of which the first of each table is that of the log itself."""
+    rows, drawn = [], []
+    for table in tables:
+        value, resampled = table["value"].iloc[0], table["value"].to_numpy()[1:]
+        sd, bias = resampled.std(ddof=1), resampled.mean() - value
+        rows.append(
+            {
+                "class": table["class"].iloc[0],
+                "surrogate": table["surrogate"].iloc[0],
+                "value": value,
+                "sd": sd,
+                "bias": bias,
+                "low": value - bias - NORMAL_95 * sd,
+                "high": value - bias + NORMAL_95 * sd,
+                "blocks": blocks,
+                "resamples": len(resampled),
+            }
+        )
+        drawn.append(table.iloc[1:].assign(resample=range(len(resampled))))
+    columns = ["class", "surrogate", "resample", "value"]
+    return SamplingError(pd.DataFrame(rows), pd.concat(drawn, ignore_index=True)[columns])

@@ -1,0 +1,50 @@
+"""What a placement sees of a class: all that a surrogate is computed from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lidarplace.pog.surrogates.formulas import Crossings
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What a placement sees of the POG of one class.
+
+    Voxels that are occupied in equally many frames are one level, as there are few of them and the
+    numbers of their voxels are exact. What needs rays is worked out when a surrogate calls for it.
+
+    Attributes:
+        frames: of the POG, T.
+        counts: in how many of them a voxel of each level is occupied, int, shape (levels,).
+        voxels: number of voxels of each level, shape (levels,).
+        covered: how many of these are covered, shape (levels,).
+        entropy: H of a voxel of each level, nats, shape (levels,).
+        h_pog: entropy of the POG, nats.
+        crossings: counts and rays of the occupied voxels that are crossed.
+        points: `sum of m(v) p(v)`, see `lidarplace.pog.surrogates.formulas.expected_points`.
+        information: nats, see `lidarplace.pog.surrogates.formulas.expected_ig`.
+    """
+
+    frames: int
+    counts: NDArray[np.integer]
+    voxels: NDArray[np.number]
+    covered: NDArray[np.number]
+    entropy: NDArray[np.float64]
+    h_pog: float
+    crossings: Callable[[], Crossings]
+    points: Callable[[], float]
+    information: Callable[[], float]
+
+    def entropy_of(self, number: NDArray[np.number]) -> float:
+        """Sum of H over `number[n]` voxels of level n, nats.
+
+        Few terms are left, each of an exact number: the sum is right to its last bits, whatever
+        the order of the voxels.
+        """
+        return math.fsum(number * self.entropy)

@@ -1,0 +1,1 @@
+"""Rigs: LiDAR models, mounts, placements, and the catalogue of LiDARs that can be bought."""

@@ -1,0 +1,137 @@
+"""What is known of a LiDAR that can be bought, by name."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Mapping
+from functools import cache
+from importlib.resources import files
+
+import yaml
+from pydantic import BaseModel, ConfigDict, PositiveFloat, PositiveInt, model_validator
+
+FRAMES_PER_S = 10
+
+
+class Source(BaseModel):
+    """Where a number was read."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    title: str
+    url: str
+
+
+class Rosette(BaseModel):
+    """What draws a pattern that does not repeat: two turning prisms.
+
+    Attributes:
+        rpm: turns of either prism a minute, signed.
+        field_of_view_deg: of the cone that they fill, degrees.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    rpm: tuple[float, float]
+    field_of_view_deg: PositiveFloat
+
+
+class Datasheet(BaseModel):
+    """A LiDAR model; None where no source told.
+
+    Attributes:
+        name: in settings and for `Lidar.named`.
+        maker, model: as it is sold.
+        elevations_deg: of every beam above the horizon, ascending, degrees; none of a rosette.
+        azimuth_deg: horizontal field of view [min, max), 0 ahead, degrees.
+        azimuth_steps: firings of a beam in a turn of 360 degrees, at FRAMES_PER_S.
+        rosette: in place of beams that turn.
+        range: farthest return of any surface, metres.
+        range_10, range_80: of a surface that reflects 10 % and 80 %, metres.
+        min_range: of the nearest return, metres.
+        range_noise: standard deviation of a range, metres, where a source gives one as such.
+        accuracy: of a range, plus or minus, metres, as the data sheet has it: mostly a bound.
+        points_per_second: one return of each ray.
+        wavelength_nm: nanometres.
+        size_mm: length, width and height, millimetres; the diameter twice for a cylinder.
+        mass_kg, power_w: without cables; of usual work.
+        price_usd: what a source asked for one, US dollars.
+        sources: where these numbers were read.
+        approximate: which are not the sensor's own, and why.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str
+    maker: str
+    model: str
+    elevations_deg: tuple[float, ...] = ()
+    azimuth_deg: tuple[float, float] = (-180.0, 180.0)
+    azimuth_steps: PositiveInt = 1
+    rosette: Rosette | None = None
+    range: PositiveFloat
+    range_10: PositiveFloat | None = None
+    range_80: PositiveFloat | None = None
+    min_range: PositiveFloat | None = None
+    range_noise: PositiveFloat | None = None
+    accuracy: PositiveFloat | None = None
+    points_per_second: PositiveInt | None = None
+    wavelength_nm: PositiveFloat | None = None
+    size_mm: tuple[PositiveFloat, PositiveFloat, PositiveFloat] | None = None
+    mass_kg: PositiveFloat | None = None
+    power_w: PositiveFloat | None = None
+    price_usd: PositiveFloat | None = None
+    sources: tuple[Source, ...]
+    approximate: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _beams_or_rosette(self) -> Datasheet:
+        if bool(self.elevations_deg) == (self.rosette is not None):
+            raise ValueError(f"{self.name}: either beams or a rosette")
+        if self.rosette is not None and self.points_per_second is None:
+            raise ValueError(f"{self.name}: a rosette needs points_per_second")
+        return self
+
+    @property
+    def rays(self) -> int:
+        """Of a frame."""
+        if not self.elevations_deg:
+            return (self.points_per_second or 0) // FRAMES_PER_S
+        low, high = self.azimuth_deg
+        return len(self.elevations_deg) * round(self.azimuth_steps * (high - low) / 360)
+
+
+def metres(size_mm: tuple[float, float, float]) -> tuple[float, float, float]:
+    """A size in metres."""
+    length, width, height = size_mm
+    return 1e-3 * length, 1e-3 * width, 1e-3 * height
+
+
+@cache
+def catalogue() -> Mapping[str, Datasheet]:
+    """All data sheets by name, in the order of the file."""
+    text = files(__package__).joinpath("datasheets.yaml").read_text(encoding="utf-8")
+    return {name: Datasheet(name=name, **own) for name, own in yaml.safe_load(text).items()}
+
+
+def datasheet(name: str) -> Datasheet:
+    """The data sheet of that name; case, hyphens and blanks do not matter: "VLP-16" is "vlp16".
+
+    Raises:
+        ValueError: there is none; the message has those that are called alike, or else all.
+    """
+    names = {_bare(known): known for known in catalogue()}
+    if _bare(name) in names:
+        return catalogue()[names[_bare(name)]]
+    close = difflib.get_close_matches(_bare(name), names, n=3)
+    hint = (
+        f"did you mean {' or '.join(names[key] for key in close)}?"
+        if close
+        else f"allowed are {', '.join(catalogue())}"
+    )
+    raise ValueError(f"no LiDAR is called {name!r}; {hint}")
+
+
+def _bare(name: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", name.lower())

@@ -1,0 +1,366 @@
+"""A LiDAR model: its beams, its azimuth steps and what limits and disturbs its returns."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import InstanceOf
+from pydantic.json_schema import SkipJsonSchema
+
+from lidarplace.base.ranges import AZIMUTH_STEPS
+from lidarplace.rigs.catalogue.datasheet import FRAMES_PER_S, Datasheet, datasheet, metres
+from lidarplace.rigs.scan_pattern import ScanPattern
+from lidarplace.rigs.weather import Weather, shortened
+
+# Ends of a field of view, and a whole turn, are meant up to the rounding of degrees to radians.
+HAIR = 1e-12
+FULL_TURN = 2 * math.pi + HAIR
+
+PATTERN_FRAMES = 20
+"""Of a rosette, until it begins anew."""
+
+
+@lru_cache(maxsize=8)
+def pattern_in(sheet: Datasheet) -> ScanPattern | None:
+    """The pattern of a LiDAR of the catalogue; None for one whose beams turn."""
+    if sheet.rosette is None:
+        return None
+    first, second = (rpm / 60.0 / FRAMES_PER_S for rpm in sheet.rosette.rpm)
+    angle = math.radians(sheet.rosette.field_of_view_deg)
+    return ScanPattern.of_prisms((first, second), angle, sheet.rays, PATTERN_FRAMES)
+
+
+@dataclass(frozen=True)
+class Lidar:
+    """A LiDAR that fires every beam at every azimuth step within its field of view; or each of
+    the rays of a pattern, which are beams that fire once in a frame, at an azimuth of their own.
+
+    Attributes:
+        elevations: elevation of every beam above the sensor's xy plane, radians, in [-pi/2, pi/2].
+        azimuth_steps: firings of each beam in one full turn; those outside `azimuth` are left out.
+        range: farthest return, metres, in clear air; see `reach`.
+        range_noise: standard deviation of the measured range, metres.
+        drop_off: probability that a return is lost, in [0, 1).
+        azimuth: horizontal field of view, [min, max) in radians, at most one turn; 0 is the
+            sensor's x axis, growing towards y. May cross pi: (2.0, 4.0) looks back. A part of a
+            turn that is a whole number of steps wide has just as many, wherever it begins.
+        min_range: nearest return, metres; what is nearer stops the ray and returns nothing.
+        range_10, range_80: farthest return, metres, of a surface that reflects 10 % and 80 % of
+            the light and faces the ray; None for the first: all surfaces return from up to `range`;
+            for the second alone: light thins out by the square of the distance. See `sight`.
+        wavelength: of its light, metres.
+        extinction: rate at which the air takes light, 1/m; see `in_weather`.
+        window: share of the light that passes its front window, on either way; 1: as new.
+        size: length, width and height of the housing around the origin of the sensor's frame,
+            metres, by which it hides what is behind it from other LiDARs; equal length and width
+            are the diameter of a cylinder. None: not known, nothing is hidden.
+        pattern: of rays, for a LiDAR without beams that turn; it decides `elevations` and
+            `azimuth`, whatever is given for them, and there is one azimuth step. See `patterned`.
+        frame: of the pattern that is fired.
+
+    Raises:
+        ValueError: a value is out of its bounds, no azimuth step is in the field of view, light
+            is lost by a LiDAR that sees surfaces of 10 % as far as those of 80 %, or a LiDAR with a
+            pattern has azimuth steps.
+    """
+
+    elevations: tuple[float, ...]
+    azimuth_steps: int
+    range: float = 100.0
+    range_noise: float = 0.0
+    drop_off: float = 0.0
+    azimuth: tuple[float, float] = (-math.pi, math.pi)
+    min_range: float = 0.0
+    range_10: float | None = None
+    range_80: float | None = None
+    wavelength: float = 905e-9
+    extinction: float = 0.0
+    window: float = 1.0
+    size: tuple[float, float, float] | None = None
+    pattern: SkipJsonSchema[InstanceOf[ScanPattern]] | None = None  # no file holds one
+    frame: int = 0
+
+    def __post_init__(self) -> None:
+        if self.pattern is not None:
+            if self.azimuth_steps != 1:
+                raise ValueError(
+                    f"a LiDAR with a pattern has 1 azimuth step, found {self.azimuth_steps}"
+                )
+            elevations = tuple(self.pattern.of_frame(self.frame)[1].tolist())
+            object.__setattr__(self, "elevations", elevations)
+            object.__setattr__(self, "azimuth", self.pattern.field_of_view)
+        else:
+            object.__setattr__(self, "elevations", tuple(float(e) for e in self.elevations))
+        if not self.elevations:
+            raise ValueError("a LiDAR needs at least one beam")
+        if self.pattern is None and not all(abs(e) <= math.pi / 2 for e in self.elevations):
+            raise ValueError(
+                f"elevations must lie within [-pi/2, pi/2] radians, found {self.elevations}"
+            )
+        AZIMUTH_STEPS.check_whole("azimuth_steps", self.azimuth_steps)
+        if not self.range > 0:
+            raise ValueError(f"range must be positive, found {self.range}")
+        if not (self.range_noise >= 0 and 0 <= self.drop_off < 1):
+            raise ValueError(
+                "range_noise must be >= 0 and drop_off within [0, 1), "
+                f"found {self.range_noise} and {self.drop_off}"
+            )
+        if not 0 <= self.min_range < self.range:
+            raise ValueError(f"min_range must be within [0, range), found {self.min_range}")
+        if self.range_10 is None and self.range_80 is not None:
+            raise ValueError("range_80 needs range_10")
+        if self.range_10 is not None and not 0 < self.range_10 <= (self.range_80 or math.inf):
+            raise ValueError(
+                "range_10 must be positive and not beyond range_80, "
+                f"found {self.range_10} and {self.range_80}"
+            )
+        if not (self.wavelength > 0 and 0 <= self.extinction < math.inf and 0 < self.window <= 1):
+            raise ValueError(
+                "wavelength must be positive, extinction finite and >= 0, window within (0, 1], "
+                f"found {self.wavelength}, {self.extinction} and {self.window}"
+            )
+        if self.falloff == 0 and (self.extinction > 0 or self.window < 1):
+            raise ValueError(
+                f"range_80 is range_10, {self.range_10}: light makes no difference to this LiDAR, "
+                "so nobody knows what it sees where light is lost"
+            )
+        if self.size is not None:
+            object.__setattr__(self, "size", tuple(float(side) for side in self.size))
+            if len(self.size) != 3 or not all(0 < side < math.inf for side in self.size):
+                raise ValueError(f"size needs length, width and height > 0, found {self.size}")
+        low, high = (float(angle) for angle in self.azimuth)
+        object.__setattr__(self, "azimuth", (low, high))
+        if not (math.isfinite(low) and math.isfinite(high) and 0 < high - low <= FULL_TURN):
+            raise ValueError(
+                "azimuth needs finite min < max, at most one turn of 2 pi radians, "
+                f"found ({low}, {high})"
+            )
+        if self.fired_steps < 1:
+            raise ValueError(
+                f"none of the {self.azimuth_steps} azimuth steps of a turn lies within "
+                f"the field of view [{low}, {high}) radians"
+            )
+
+    def __repr__(self) -> str:
+        low, high = np.degrees([min(self.elevations), max(self.elevations)])
+        left, right = np.degrees(self.azimuth)
+        view = "" if self.full_turn else f", azimuth {left:.6g} to {right:.6g} degrees"
+        steps = f"{self.azimuth_steps} azimuth steps a turn"
+        beams, steps = (
+            (f"{self.beams} beams", f", {steps}")
+            if self.pattern is None
+            else (f"pattern of {self.beams:,} rays a frame", "")
+        )
+        return (
+            f"Lidar({beams}, {low:.6g} to {high:.6g} degrees{steps}{view}, "
+            f"range {self.range:.6g} m)"
+        )
+
+    @classmethod
+    def paper(cls) -> Lidar:
+        """The paper's sensor: 16 beams from -25 to 5 degrees, 90,000 points a frame at 20 Hz."""
+        return cls.even()
+
+    @classmethod
+    def even(
+        cls,
+        beams: int = 16,
+        elevation_deg: tuple[float, float] = (-25.0, 5.0),
+        azimuth_steps: int = 5625,
+        azimuth_deg: tuple[float, float] = (-180.0, 180.0),
+        **limits: Any,
+    ) -> Lidar:
+        """Beams evenly spread from the lowest to the highest elevation, degrees, as in settings.
+
+        Args:
+            limits: the other attributes by name, `range` and so on.
+        """
+        if beams < 1:
+            raise ValueError(f"beams must be at least 1, found {beams}")
+        low, high = azimuth_deg
+        return cls(
+            tuple(np.radians(np.linspace(*elevation_deg, beams))),
+            azimuth_steps,
+            azimuth=(math.radians(low), math.radians(high)),
+            **limits,
+        )
+
+    @classmethod
+    def named(cls, name: str) -> Lidar:
+        """A LiDAR of the catalogue, "vlp16" or "VLP-16": `lidarplace sensors` lists them.
+
+        Its range noise is 0 where no source gives a standard deviation. Raises ValueError if there
+        is none of that name.
+        """
+        sheet = datasheet(name)
+        return cls(
+            tuple(math.radians(e) for e in sheet.elevations_deg),
+            sheet.azimuth_steps,
+            sheet.range,
+            sheet.range_noise or 0.0,
+            azimuth=(math.radians(sheet.azimuth_deg[0]), math.radians(sheet.azimuth_deg[1])),
+            pattern=pattern_in(sheet),
+            min_range=sheet.min_range or 0.0,
+            range_10=sheet.range_10,
+            range_80=sheet.range_80,
+            wavelength=1e-9 * (sheet.wavelength_nm or 905.0),
+            size=sheet.size_mm and metres(sheet.size_mm),
+        )
+
+    @classmethod
+    def patterned(cls, pattern: ScanPattern, **limits: Any) -> Lidar:
+        """A LiDAR that fires the rays of `pattern`.
+
+        Args:
+            limits: the other attributes by name, `range` and so on.
+        """
+        return cls((), 1, pattern=pattern, **limits)
+
+    def in_frame(self, number: int) -> Lidar:
+        """As it fires in a frame of that number: the same but for a pattern that goes on."""
+        if self.pattern is None or number % self.pattern.frames == self.frame:
+            return self
+        return _in_frame(self, number % self.pattern.frames)
+
+    def in_weather(self, weather: Weather) -> Lidar:
+        """The same LiDAR in that weather, whatever air it was in."""
+        return replace(self, extinction=weather.extinction(self.wavelength))
+
+    def nearsighted(self, factor: float) -> Lidar:
+        """The same LiDAR that sees so much of its ranges, whatever reflects."""
+        known = {name: getattr(self, name) for name in ("range", "range_10", "range_80")}
+        return replace(self, **{n: factor * own for n, own in known.items() if own is not None})
+
+    @property
+    def beams(self) -> int:
+        """Number of beams; of a pattern the rays in a frame."""
+        return len(self.elevations)
+
+    @property
+    def full_turn(self) -> bool:
+        """Whether the field of view is the whole turn."""
+        return self.azimuth[1] - self.azimuth[0] >= 2 * math.pi - HAIR
+
+    @property
+    def first_step(self) -> int:
+        """The first azimuth step that is fired, in [0, azimuth_steps); the next ones follow it."""
+        if self.full_turn or self.pattern is not None:
+            return 0
+        return math.ceil((self.azimuth[0] - HAIR) / self._step) % self.azimuth_steps
+
+    @property
+    def fired_steps(self) -> int:
+        """Number of azimuth steps that are fired."""
+        if self.full_turn or self.pattern is not None:
+            return self.azimuth_steps
+        low, high = (math.ceil((end - HAIR) / self._step) for end in self.azimuth)
+        return high - low
+
+    @property
+    def rays(self) -> int:
+        """Number of rays, `beams * fired_steps`."""
+        return self.beams * self.fired_steps
+
+    @property
+    def falloff(self) -> float:
+        """k of `sight`: 1/2 is the inverse square law; less where the air takes light, too."""
+        if self.range_10 is None or self.range_80 is None:
+            return 0.5
+        return math.log(self.range_80 / self.range_10) / math.log(8.0)
+
+    @property
+    def reach(self) -> float:
+        """How far is seen what is seen up to `range` in clear air through a clean window, metres.
+
+        For who knows no reflectivity: surrogates of the POG, coverage.
+        """
+        clean = self.range * self.window ** (2.0 * self.falloff)
+        return float(shortened(clean, self.fading))
+
+    @property
+    def fading(self) -> float:
+        """Of a surface at R metres `sight` is as of one at `R exp(fading R)` in clear air, 1/m.
+
+        The air leaves exp(-2 extinction R) of the light on its way out and back (Beer and Lambert),
+        and what the light is worth in metres is its power of k, see `falloff`.
+        """
+        return 2.0 * self.falloff * self.extinction
+
+    def sight(self, reflected: ArrayLike) -> NDArray[np.float64]:
+        """How far surfaces still return, metres: `min(range, range_10 (light / 0.1)^k)`.
+
+        With k such that it is `range_80` for 0.8, see `falloff`; `light` is what of the reflected
+        passes air and window. `reach` where `range_10` is not known.
+
+        Args:
+            reflected: reflectivity times the cosine of incidence (Lambert's law), any shape.
+        """
+        light = np.asarray(reflected, np.float64) * self.window**2
+        if self.range_10 is None:
+            return np.full(light.shape, self.reach)
+        clear = self.range_10 * (10.0 * light) ** self.falloff
+        return np.minimum(self.range, shortened(clear, self.fading))
+
+    @property
+    def _step(self) -> float:
+        return 2 * math.pi / self.azimuth_steps
+
+    def thinned(self, share: float) -> Lidar:
+        """The same LiDAR with `share` of its azimuth steps, rounded, at least one in a turn.
+
+        Of a pattern a share of the rays.
+
+        Raises:
+            ValueError: `share` is not within (0, 1], or none of the steps that are left is in the
+                field of view.
+        """
+        if not 0 < share <= 1:
+            raise ValueError(f"share must be within (0, 1], found {share}")
+        if self.pattern is not None:
+            return replace(self, pattern=self.pattern.thinned(share))
+        return replace(self, azimuth_steps=max(1, round(share * self.azimuth_steps)))
+
+    def azimuths(self) -> NDArray[np.float64]:
+        """Azimuths at which beams fire, in this order, radians, in [0, 2 pi) for those that turn.
+
+        Multiples of a step, `2 pi / azimuth_steps`, from 0 for a full turn, else from the first
+        one in the field of view: the same for all beams, shape (fired_steps,). Of a pattern one
+        of each beam, ascending in [-pi, pi), shape (beams, 1).
+        """
+        if self.pattern is not None:
+            return self.pattern.of_frame(self.frame)[0][:, None]
+        steps = (self.first_step + np.arange(self.fired_steps)) % self.azimuth_steps
+        return steps.astype(np.float64) * self._step
+
+    def directions(self) -> NDArray[np.float64]:
+        """Unit vectors of all rays in the sensor's frame, shape (beams * fired_steps, 3).
+
+        Rays of one beam are contiguous.
+        """
+        return unit_vectors(np.asarray(self.elevations), self.azimuths())
+
+
+@lru_cache(maxsize=64)
+def _in_frame(lidar: Lidar, number: int) -> Lidar:
+    return replace(lidar, frame=number)
+
+
+def unit_vectors(
+    elevations: NDArray[np.float64], azimuths: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Directions of rays, shape (beams * steps, 3); those of one beam are contiguous.
+
+    Args:
+        elevations: above the xy plane, radians, shape (beams,).
+        azimuths: from the x axis towards y, radians, of all beams, shape (steps,), or of each,
+            shape (beams, steps).
+    """
+    up = elevations[:, None]
+    level = np.cos(up)
+    x, y = level * np.cos(azimuths), level * np.sin(azimuths)
+    return np.stack([x, y, np.broadcast_to(np.sin(up), x.shape)], axis=-1).reshape(-1, 3)

@@ -1,0 +1,230 @@
+"""Where the LiDARs sit: mounts, placements and the paper's eight."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, replace
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from lidarplace.base.number_text import point, span
+from lidarplace.base.plotting import Plottable
+from lidarplace.base.ranges import ANGLE
+from lidarplace.base.suggestions import did_you_mean
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.pose import from_carla, rotation
+from lidarplace.rigs.weather import Weather
+
+_POSE = ("x", "y", "z", "roll", "pitch", "yaw")
+
+
+@dataclass(frozen=True)
+class Mount:
+    """Pose of one LiDAR in the ego frame: metres and radians, `R = Rz(yaw) Ry(pitch) Rx(roll)`.
+
+    Raises:
+        ValueError: a number is not finite, or an angle is more than a turn, as if it were in
+            degrees, which `Mount.degrees` takes.
+    """
+
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    roll: float = 0.0
+    pitch: float = 0.0
+    yaw: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not all(math.isfinite(value) for value in astuple(self)):
+            raise ValueError(f"a mount needs finite coordinates and angles, found {astuple(self)}")
+        for name in _POSE:
+            value = float(getattr(self, name))
+            if name not in "xyz":
+                ANGLE.check(f"{name} of a mount (radians; Mount.degrees takes degrees)", value)
+            # NumPy's numbers would be written to files as `np.float64(1.5)`.
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def degrees(
+        cls,
+        x: float = 0.0,
+        y: float = 0.0,
+        z: float = 0.0,
+        roll: float = 0.0,
+        pitch: float = 0.0,
+        yaw: float = 0.0,
+    ) -> Mount:
+        """A mount whose angles are given in degrees."""
+        return cls(x, y, z, math.radians(roll), math.radians(pitch), math.radians(yaw))
+
+    def __repr__(self) -> str:
+        angles = {"roll": self.roll, "pitch": self.pitch, "yaw": self.yaw}
+        turned = [f"{n}={math.degrees(angle):.6g}" for n, angle in angles.items() if angle]
+        at = [f"{name}={getattr(self, name):.6g}" for name in "xyz"]
+        return f"Mount.degrees({', '.join([*at, *turned])})"
+
+    @property
+    def position(self) -> NDArray[np.float64]:
+        """Position in the ego frame, shape (3,), metres."""
+        return np.array([self.x, self.y, self.z])
+
+    @property
+    def rotation(self) -> NDArray[np.float64]:
+        """Sensor-to-ego rotation, shape (3, 3)."""
+        return rotation(self.roll, self.pitch, self.yaw)
+
+
+@dataclass(frozen=True)
+class Placement(Plottable):
+    """A named rig: LiDARs on one or more mounts.
+
+    Attributes:
+        lidar: the model of every mount, or a sequence with one for each.
+        dead: further mounts and their models, of LiDARs that see nothing; they hide what is behind
+            them, where their size is known.
+
+    Raises:
+        ValueError: there is no mount, two LiDARs sit in one place, or there are not as many models
+            as mounts.
+    """
+
+    name: str
+    mounts: Sequence[Mount]
+    lidar: Lidar | Sequence[Lidar]
+    dead: Sequence[tuple[Mount, Lidar]] = ()
+
+    def __post_init__(self) -> None:
+        mounts = (None,) if isinstance(self.mounts, Mount) else tuple(self.mounts)
+        if not all(isinstance(mount, Mount) for mount in mounts):
+            raise ValueError(
+                f"placement {self.name!r}: mounts is a list of Mount(…), found {self.mounts!r}"
+            )
+        object.__setattr__(self, "mounts", mounts)
+        if not self.mounts:
+            raise ValueError(f"placement {self.name!r} has no LiDAR")
+        if not isinstance(self.lidar, Lidar):
+            models = tuple(self.lidar)
+            if not all(isinstance(model, Lidar) for model in models):
+                raise ValueError(
+                    f"placement {self.name!r}: lidar is a Lidar, or a list of them, "
+                    f"found {self.lidar!r}"
+                )
+            if len(models) != len(self.mounts):
+                raise ValueError(
+                    f"placement {self.name!r}: expected one LiDAR model or one for each of "
+                    f"{len(self.mounts)} mounts, found {len(models)}"
+                )
+            # Rigs that are alike shall be equal.
+            object.__setattr__(self, "lidar", models[0] if len(set(models)) == 1 else models)
+        object.__setattr__(self, "dead", tuple(self.dead))
+        for i, a in enumerate(self.mounts):
+            for j, b in enumerate(self.mounts[:i]):
+                if (a.x, a.y, a.z) == (b.x, b.y, b.z):
+                    raise ValueError(
+                        f"placement {self.name!r}: LiDARs {j} and {i} are both at "
+                        f"{point(a.x, a.y, a.z)}; two LiDARs cannot sit in one place"
+                    )
+
+    def __repr__(self) -> str:
+        at = ", ".join(
+            f"{axis} {span([getattr(mount, axis) for mount in self.mounts])}" for axis in "xyz"
+        )
+        beams = span([lidar.beams for lidar in self.lidars])
+        number = f"{len(self.mounts)} LiDAR{'s' if len(self.mounts) > 1 else ''}"
+        return f"Placement({self.name!r}: {number} of {beams} beams; {at} m)"
+
+    def _repr_html_(self) -> str:
+        table = pd.DataFrame([astuple(mount) for mount in self.mounts], columns=_POSE)
+        table[list(_POSE[3:])] = np.degrees(table[list(_POSE[3:])]) + 0.0
+        table["beams"] = [lidar.beams for lidar in self.lidars]
+        head = f"<p>{html.escape(self.name)}: metres and degrees</p>"
+        return head + table.to_html(float_format="{:.3g}".format)
+
+    @property
+    def lidars(self) -> tuple[Lidar, ...]:
+        """The model of every mount."""
+        if isinstance(self.lidar, Lidar):
+            return (self.lidar,) * len(self.mounts)
+        return tuple(self.lidar)
+
+    def with_lidar(self, lidar: Lidar | Sequence[Lidar]) -> Placement:
+        """The same mounts with another LiDAR model, or with one for each."""
+        return replace(self, lidar=lidar)
+
+    def in_weather(self, weather: Weather) -> Placement:
+        """The same rig in that weather."""
+        return self.with_lidar([lidar.in_weather(weather) for lidar in self.lidars])
+
+
+# The paper's table of coordinates, in CARLA's convention: (x, y, z, roll, pitch).
+_PAPER_TABLE: dict[str, tuple[tuple[float, float, float, float, float], ...]] = {
+    "line": (
+        (0.0, -0.6, 2.2, 0.0, 0.0),
+        (0.0, -0.4, 2.2, 0.0, 0.0),
+        (0.0, 0.4, 2.2, 0.0, 0.0),
+        (0.0, 0.6, 2.2, 0.0, 0.0),
+    ),
+    "center": (
+        (0.0, 0.0, 2.4, 0.0, 0.0),
+        (0.0, 0.0, 2.6, 0.0, 0.0),
+        (0.0, 0.0, 2.8, 0.0, 0.0),
+        (0.0, 0.0, 3.0, 0.0, 0.0),
+    ),
+    "trapezoid": (
+        (-0.4, 0.2, 2.2, 0.0, 0.0),
+        (-0.4, -0.2, 2.2, 0.0, 0.0),
+        (0.2, 0.5, 2.2, 0.0, 0.0),
+        (0.2, -0.5, 2.2, 0.0, 0.0),
+    ),
+    "square": (
+        (-0.5, 0.5, 2.2, 0.0, 0.0),
+        (-0.5, -0.5, 2.2, 0.0, 0.0),
+        (0.5, 0.5, 2.2, 0.0, 0.0),
+        (0.5, -0.5, 2.2, 0.0, 0.0),
+    ),
+    "line_roll": (
+        (0.0, -0.6, 2.2, -0.28, 0.0),
+        (0.0, -0.4, 2.2, 0.0, 0.0),
+        (0.0, 0.4, 2.2, 0.0, 0.0),
+        (0.0, 0.6, 2.2, 0.28, 0.0),
+    ),
+    "pyramid": (
+        (-0.2, -0.6, 2.2, 0.0, 0.0),
+        (0.4, 0.0, 2.4, 0.0, 0.0),
+        (-0.2, 0.0, 2.6, 0.0, 0.0),
+        (-0.2, 0.6, 2.2, 0.0, 0.0),
+    ),
+    "pyramid_roll": (
+        (-0.2, -0.6, 2.2, -0.28, 0.0),
+        (0.4, 0.0, 2.4, 0.0, 0.0),
+        (-0.2, 0.0, 2.6, 0.0, 0.0),
+        (-0.2, 0.6, 2.2, 0.28, 0.0),
+    ),
+    "pyramid_pitch": (
+        (-0.2, -0.6, 2.2, 0.0, 0.0),
+        (0.4, 0.0, 2.4, 0.0, -0.09),
+        (-0.2, 0.0, 2.6, 0.0, 0.0),
+        (-0.2, 0.6, 2.2, 0.0, 0.0),
+    ),
+}
+
+
+class _ByName(dict[str, Placement]):
+    """Says which name may have been meant."""
+
+    def __missing__(self, name: object) -> Placement:
+        hint = did_you_mean(name, self) if isinstance(name, str) else ""
+        raise KeyError(f"no placement {name!r}{hint}; there are {', '.join(self)}")
+
+
+PAPER_PLACEMENTS: dict[str, Placement] = _ByName(
+    {
+        name: Placement(name, [Mount(*from_carla(*row)) for row in rows], lidar=Lidar.paper())
+        for name, rows in _PAPER_TABLE.items()
+    }
+)
+"""The paper's eight placements in our right-handed ego frame, with its LiDAR."""

@@ -1,0 +1,100 @@
+"""Collect box logs and clouds from CARLA: `lidarplace carla SETTINGS OUT`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
+
+from lidarplace.base.ranges import PORT, TIMEOUT
+from lidarplace.command_line.terminal import say
+from lidarplace.command_line.verbs import new_app, verb, within, wrong
+from lidarplace.configuration.placement import PlacementSettings
+from lidarplace.configuration.settings import Name, Settings, fault
+from lidarplace.configuration.yaml import read_yaml_file
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import PAPER_PLACEMENTS, Placement
+from lidarplace.scenes.carla.collect import collect
+from lidarplace.scenes.carla.settings import CarlaScene
+
+app = new_app()
+
+
+def _named(lidar: object) -> object:
+    return Lidar.named(lidar) if isinstance(lidar, str) else lidar
+
+
+class Collection(Settings):
+    """A settings file.
+
+    Attributes:
+        scene: see `lidarplace.scenes.carla.settings.CarlaScene`.
+        lidar: of every placement, by its name in the catalogue, or lengths in metres and angles in
+            radians; null is the paper's.
+        placements: `PlacementSettings` by name, as in a sweep; the name alone, without mounts, is
+            one of the paper's eight.
+    """
+
+    scene: CarlaScene = Field(default_factory=CarlaScene)
+    lidar: Annotated[Lidar, BeforeValidator(_named)] | None = None
+    placements: dict[Name, PlacementSettings | None] = Field(
+        default_factory=lambda: dict.fromkeys(PAPER_PLACEMENTS)
+    )
+
+    @model_validator(mode="after")
+    def _possible(self) -> Collection:
+        self.rigs()
+        return self
+
+    def rigs(self) -> dict[str, Placement]:
+        """The placements. Raises ValueError for a name without mounts that is not the paper's,
+        and for LiDARs with a pattern."""
+        lidar = self.lidar or Lidar.paper()
+        rigs = {}
+        for name, settings in self.placements.items():
+            if settings is not None:
+                rigs[name] = settings.placement(name, lidar)
+            elif name in PAPER_PLACEMENTS:
+                rigs[name] = PAPER_PLACEMENTS[name].with_lidar(lidar)
+            else:
+                raise ValueError(
+                    f"placements: {name} has no mounts; allowed without are "
+                    f"{', '.join(PAPER_PLACEMENTS)}"
+                )
+            if any(own.pattern is not None for own in rigs[name].lidars):
+                raise ValueError(
+                    f"placements: {name}: a LiDAR has a pattern of rays; beams of CARLA's turn"
+                )
+        return rigs
+
+
+@verb(app, "town.yaml logs/carla --host localhost")
+def carla(
+    config: Annotated[Path, typer.Argument(help="YAML file of scene, placements, lidar")],
+    out: Annotated[Path, typer.Argument(help="folder of the box log and the clouds")],
+    host: Annotated[str | None, typer.Option(help="of the server, before the file's")] = None,
+    port: Annotated[
+        int | None, typer.Option(help="of the server, before the file's", callback=within(PORT))
+    ] = None,
+    timeout: Annotated[
+        float | None, typer.Option(help="s, before the file's", callback=within(TIMEOUT))
+    ] = None,
+) -> None:
+    """Collect a box log, and the clouds of placements, from a running CARLA server.
+
+    What OUT holds already is not done again. A server that cannot be had is a wrong input.
+    """
+    try:
+        content = read_yaml_file(config) or {}
+        given = {"host": host, "port": port, "timeout_s": timeout}
+        if isinstance(content, dict) and isinstance(content.get("scene", {}), dict):
+            named = {key: value for key, value in given.items() if value is not None}
+            content = content | {"scene": content.get("scene", {}) | named}
+        collection = Collection.model_validate(content)
+        collect(collection.scene, collection.rigs(), out, report=say)
+    except ValidationError as error:
+        wrong(f"{config}: {fault(error)}")
+    except (ValueError, OSError, RuntimeError, ImportError) as error:
+        wrong(error)

@@ -1,0 +1,53 @@
+"""What is doubted about a box log: which column, which boxes, and what would mend it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from lidarplace.base.number_text import number
+from lidarplace.logs.boxes import SIZE
+
+Check = Literal["yaw", "size", "place", "ground", "time", "poses"]
+"""What is looked at; a mapping of columns may accept it as it is."""
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Boxes, or for `poses` frames, whose values can hardly be meant.
+
+    Attributes:
+        check: what was looked at.
+        column: of the box log; `SIZE[0]` for sizes, `x` for places, `z` for heights;
+            `ego_yaw` of the frames for poses.
+        boxes: which, or which frames, shape (boxes,), bool; at least one.
+        why: what is wrong with them.
+        remedy: the keys of a mapping that would mend it.
+    """
+
+    check: Check
+    column: str
+    boxes: NDArray[np.bool_]
+    why: str
+    remedy: str
+
+    def where(self, boxes: pd.DataFrame) -> str:
+        """How many of the boxes (or frames) of the log, and the first of them with its values."""
+        rows = "frames" if self.check == "poses" else "boxes"
+        share = self.boxes.mean()
+        first = boxes[self.boxes].iloc[0]
+        return (
+            f"{self.boxes.sum():,} of {len(boxes):,} {rows} ({share:.1%}), the first in frame "
+            f"{first['frame']} with {self._value(first)}"
+        )
+
+    def _value(self, box: pd.Series) -> str:
+        if self.check == "size":
+            return " x ".join(number(box[side]) for side in SIZE)
+        if self.check == "place":
+            return f"x {number(box['x'])}, y {number(box['y'])}"
+        return number(box[self.column])

@@ -1,0 +1,167 @@
+"""Sizes of a store, and room in it: `lidarplace clean grid.yaml`."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.filesize import decimal
+
+from lidarplace.command_line.terminal import output, table
+from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
+from sweeps.store.entries import SWEEPS, Entry, size_of
+
+if TYPE_CHECKING:
+    from sweeps.store.cleaning import Cleaned
+    from sweeps.store.open import AnyStore
+
+app = new_app()
+
+
+@verb(
+    app,
+    "examples/grid.yaml --dry-run",
+    "runs/store --quota 50GB",
+    failed="what sweeps refer to is larger than the quota",
+)
+def clean(
+    store: Annotated[
+        str,
+        typer.Argument(help="YAML file of a sweep or a search, or folder or URL of a store"),
+    ],
+    quota: Annotated[
+        str | None,
+        typer.Option(metavar="SIZE", help="remove only as much as keeps the store below: 50GB"),
+    ] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="remove nothing, tell all")] = False,
+    forget: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="a sweep whose results are needed no more"),
+    ] = None,
+    unlocked: Annotated[
+        bool, typer.Option("--unlocked", help="no sweep uses the store: trust me; needed for a URL")
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Show the sizes of a store and remove what no sweep or search refers to.
+
+    A sweep refers to the results of its last configuration. A store that a sweep uses is left
+    alone. A store at a URL needs --unlocked, because no lock tells whether a sweep uses it;
+    --dry-run locks nothing.
+    """
+    from sweeps.store.cleaning import clean_store
+
+    try:
+        if dry_run and forget:
+            raise ValueError("--forget: leave it out with --dry-run, which changes nothing")
+        limit = None if quota is None else _bytes(quota)
+        opened = _store_of(store)
+        with nullcontext() if unlocked or dry_run else opened.exclusive():
+            opened.forget(*forget or ())
+            cleaned = clean_store(opened, limit, dry_run)
+    except (OSError, ValueError) as error:
+        wrong(error)
+    if as_json:
+        print_json(summary_of(cleaned, dry_run))
+    else:
+        print_cleaned(output(), cleaned, dry_run, limit)
+    if limit is not None and cleaned.kept_bytes > limit:
+        raise typer.Exit(1)
+
+
+def _store_of(name: str) -> AnyStore:
+    """The store of a file, or the one of that name. Raises ValueError if there is none."""
+    from sweeps.store.local import Store
+    from sweeps.store.of_sweep import store_of
+    from sweeps.store.open import open_store
+    from sweeps.sweep_or_search import read_either
+
+    if Path(name).suffix in (".yaml", ".yml"):
+        opened = store_of(read_either(Path(name)))
+    else:
+        opened = open_store(name, Path())
+    if isinstance(opened, Store) and not (opened.folder / SWEEPS).is_dir():
+        raise ValueError(f"{opened.folder} is no store: no sweep has left its results there")
+    return opened
+
+
+def _bytes(size: str) -> int:
+    from pydantic import ByteSize, TypeAdapter, ValidationError
+
+    try:
+        return int(TypeAdapter(ByteSize).validate_python(size))
+    except ValidationError:
+        raise ValueError(f"--quota {size}: expected a size such as 500MB or 50GB") from None
+
+
+def print_cleaned(console: Console, cleaned: Cleaned, dry_run: bool, limit: int | None) -> None:
+    """Print sizes by stage and by sweep, and what was removed."""
+    summary, whole = summary_of(cleaned, dry_run), _of_results(_results(cleaned), cleaned)
+    stages = table(
+        None,
+        ("stage", "results", "size", "of no sweep", "size of these"),
+        ((stage, *_counted(*own.values())) for stage, own in summary["stages"].items()),
+    )
+    stages.add_row("all", *_counted(*whole.values()), style="bold")
+    console.print(stages)
+    usable = [e for e in cleaned.contents if e.kind == "working" and e not in cleaned.leftovers]
+    told = {
+        "checkpoints of unfinished trainings": usable,
+        "leftovers of killed processes": cleaned.leftovers,
+    }
+    for what, entries in told.items():
+        console.print(f"{what}: {_told(entries)}")
+    rows = ((n, own["refers_to"], *_counted(own)) for n, own in summary["sweeps"].items())
+    console.print(table(None, ("sweep", "refers to", "of these there", "size"), rows))
+    done = "would be removed" if dry_run else "removed"
+    console.print(f"{done}: {_told(cleaned.removed)}; left: {decimal(cleaned.kept_bytes)}")
+    if limit is not None and cleaned.kept_bytes > limit:
+        console.print(
+            f"what sweeps refer to is larger than {decimal(limit)}; name those that are needed no "
+            "more with --forget",
+            soft_wrap=True,
+        )
+
+
+def summary_of(cleaned: Cleaned, dry_run: bool) -> dict[str, Any]:
+    """The same for a script, sizes in bytes."""
+    results = _results(cleaned)
+    return {
+        "dry_run": dry_run,
+        "stages": {
+            stage: _of_results([entry for entry in results if entry.stage == stage], cleaned)
+            for stage in dict.fromkeys(entry.stage for entry in results)
+        },
+        "sweeps": {
+            name: {"refers_to": len(keys), **_sizes([e for e in results if e.key in keys])}
+            for name, keys in cleaned.references.items()
+        },
+        "leftovers": _sizes(cleaned.leftovers),
+        "removed": _sizes(cleaned.removed),
+        "left_bytes": cleaned.kept_bytes,
+    }
+
+
+def _results(cleaned: Cleaned) -> list[Entry]:
+    return [entry for entry in cleaned.contents if entry.kind == "result"]
+
+
+def _of_results(results: Collection[Entry], cleaned: Cleaned) -> dict[str, dict[str, int]]:
+    unused = [entry for entry in results if entry.key not in cleaned.referred]
+    return {"all": _sizes(results), "of_no_sweep": _sizes(unused)}
+
+
+def _sizes(entries: Collection[Entry]) -> dict[str, int]:
+    return {"count": len(entries), "bytes": size_of(entries)}
+
+
+def _counted(*sizes: Mapping[str, int]) -> list[str]:
+    return [cell for own in sizes for cell in (str(own["count"]), decimal(own["bytes"]))]
+
+
+def _told(entries: Collection[Entry]) -> str:
+    return f"{len(entries)} ({decimal(size_of(entries))})"

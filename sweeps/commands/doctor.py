@@ -1,0 +1,227 @@
+"""Is everything there that a sweep needs? `lidarplace doctor [grid.yaml]`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from lidarplace.base.optional import needs
+from lidarplace.command_line.terminal import output, visible
+from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
+from lidarplace.files.secret_urls import public_url
+from sweeps.execution import checks
+from sweeps.execution.checks import Found
+from sweeps.options import SetOption
+
+app = new_app()
+
+_SIGNS = {
+    "good": Text("✓", "green"),
+    "weak": Text("!", "yellow"),
+    "optional": Text("–", "dim"),
+    "missing": Text("✗", "red"),
+}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a check found, see `checks.Found`.
+
+    Attributes:
+        check: what was looked at.
+        needed_for: what does not work without it.
+    """
+
+    check: str
+    found: str
+    needed_for: str
+    state: checks.State = "good"
+    remedy: str = ""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a configuration asks of the machine; the defaults without one.
+
+    Attributes:
+        path: the file.
+        overrides: KEY=VALUE in place of what the file says.
+        run_folder: of the sweep; the folder of all of them without a configuration.
+        folder: of the store, or of the copies from a remote one.
+        store: URL of a remote store, None for a folder.
+    """
+
+    path: Path | None = None
+    overrides: tuple[str, ...] = ()
+    run_folder: Path = Path("runs")
+    folder: Path = Path("runs/store")
+    store: str | None = None
+    tracking_uri: str = "sqlite:///runs/mlflow.db"
+    ray: str = "local"
+    sumo: bool = True
+
+    @property
+    def cleaned(self) -> str:
+        """What `sweeps.commands.clean` takes: the file, or the store, as it knows no overrides."""
+        if self.path and not self.overrides:
+            return str(self.path)
+        return self.store or str(self.folder)
+
+
+@verb(app, "", "examples/grid.yaml --json", failed="something that is needed is missing")
+def doctor(
+    config: Annotated[
+        Path | None, typer.Argument(metavar="CONFIG", help="YAML file of a sweep or a search")
+    ] = None,
+    set_: SetOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Look whether everything is there that a sweep needs, and say how to mend what is not.
+
+    Servers are asked only if the configuration names them.
+    """
+    if set_ and config is None:
+        wrong("--set: name the configuration file too")
+    try:
+        findings = look(asked_of(config, set_ or []) if config else Asked())
+    except ImportError as error:  # a package is missing without which no file can be read
+        findings = [
+            *look(Asked()),
+            Finding(str(config), f"cannot be read: {error}", "this sweep", "missing", "make setup"),
+        ]
+    if as_json:
+        print_json([asdict(finding) for finding in findings])
+    else:
+        _print(output(), findings)
+    if any(finding.state == "missing" for finding in findings):
+        raise typer.Exit(1)
+
+
+def asked_of(config: Path, overrides: Sequence[str] = ()) -> Asked:
+    """What the file and `overrides` ask for. Ends the program with exit code 2 if it is wrong."""
+    from lidarplace.scenes.sumo.settings import SumoScene
+    from sweeps.configuration.file import ConfigError
+    from sweeps.sweep_or_search import read_either
+
+    try:
+        sweep = read_either(config, overrides)
+    except ConfigError as error:
+        wrong(error)
+    common = sweep.common
+    url = common.store.url
+    remote = url is not None and "://" in url
+    return Asked(
+        path=config,
+        overrides=tuple(overrides),
+        run_folder=common.output / common.name,
+        folder=Path((common.store.cache if remote else url) or common.output / "store"),
+        store=url if remote else None,
+        tracking_uri=common.tracking_uri,
+        ray=common.ray.address,
+        sumo=any(isinstance(point.point.scene, SumoScene) for point in sweep.points),
+    )
+
+
+def look(asked: Asked) -> list[Finding]:
+    """All findings, in the order in which things are needed. One check does not stop the others."""
+    client = asked.ray.startswith("ray://")
+    postgres = asked.tracking_uri.startswith("postgres")
+    s3 = (asked.store or "").startswith("s3")
+    wanted: list[tuple[str, str, Callable[[], Found]]] = [
+        ("Python", "everything", checks.python_version),
+        ("packages", "everything", partial(checks.packages, None, True)),
+        ("sweeps", "detectors, sweeps", partial(checks.packages, "sweeps", True)),
+        ("GPU", "fast trainings", checks.gpu),
+        ("memory", "a training on every CPU, some 2 GB each", checks.memory),
+        ("shared memory", "Ray's object store, 0.1 GB or more", checks.shared_memory),
+        ("Ray", "parallel tasks", partial(checks.ray, asked.ray)),
+        ("SUMO", "simulated traffic (scene.source: sumo)", partial(checks.sumo, asked.sumo)),
+        _disk("run folder", asked.run_folder, asked),
+        _disk("copies" if asked.store else "store", asked.folder, asked),
+    ]
+    if asked.store:
+        what = f"results in {public_url(asked.store)}"
+        wanted.append(("store", what, partial(checks.remote_store, asked.store)))
+    wanted.append(("MLflow", "logging of trials", partial(checks.mlflow, asked.tracking_uri)))
+    if asked.path:
+        from sweeps.sweep_or_search import is_search
+
+        kind = "this search" if is_search(asked.path) else "this sweep"
+        wanted.append(("scenes", kind, partial(scenes, asked.path, asked.overrides)))
+    for extra, name, needed_for, needed in (
+        ("cluster", "Ray client", "ray: ray://…", client),
+        ("postgres", "PostgreSQL driver", "MLflow in PostgreSQL", postgres),
+        ("s3", "S3 client", "store: s3://…", s3),
+        ("carla", "CARLA client", "point clouds from a CARLA server", False),
+    ):
+        wanted.append((name, needed_for, partial(checks.packages, extra, needed)))
+    return [_tried(*one) for one in wanted]
+
+
+def _disk(what: str, folder: Path, asked: Asked) -> tuple[str, str, Callable[[], Found]]:
+    return f"disk: {what}", f"results in {folder}", partial(checks.disk, folder, asked.cleaned)
+
+
+def scenes(config: Path, overrides: Sequence[str] = ()) -> Found:
+    """The maps, logs and checkpoints that the file names are there."""
+    from sweeps.execution.memory import check_memory
+    from sweeps.plan.plan import read_plan
+    from sweeps.sweep_or_search import is_search
+
+    try:
+        if is_search(config):
+            from sweeps.search.problem.problem import read_problem
+
+            problem = read_problem(config, overrides)
+            problem.check_memory()
+            return Found(f"{problem.file.search.trials} trials")
+        sweep, plan = read_plan(config, overrides)
+        check_memory(plan.tasks, sweep.common.ray.address)
+    except ValueError as error:
+        return Found(" ".join(str(error).split()), "missing", f"mend {config}")
+    return Found(f"{len(plan.trials)} trials, {len(plan.tasks)} tasks")
+
+
+def _tried(name: str, needed_for: str, check: Callable[[], Found]) -> Finding:
+    """What the check found; its failure is a finding too."""
+    try:
+        found = check()
+    except Exception as error:
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+        remedy = needs(error) if isinstance(error, ModuleNotFoundError) else None
+        return Finding(name, text, "see the message", "missing", remedy or "make setup")
+    return Finding(name, found.found, needed_for, found.state, found.remedy)
+
+
+def _print(console: Console, findings: list[Finding]) -> None:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for column in ("", "check", "found", "needed for"):
+        table.add_column(column, overflow="fold")
+    for finding in findings:
+        table.add_row(_SIGNS[finding.state], finding.check, finding.found, finding.needed_for)
+    console.print(table)
+    # Below the table, where a command is one line that can be copied.
+    for state, title in (
+        ("missing", "Missing"),
+        ("weak", "Could be better"),
+        ("optional", "Not asked for"),
+    ):
+        mends = [f for f in findings if f.state == state and f.remedy]
+        if mends:
+            console.print("\n", _SIGNS[state], " ", Text(title, "bold"), sep="")
+        for finding in mends:
+            console.print(
+                Text.assemble(f"  {finding.check}: ", (visible(finding.remedy), "cyan")),
+                soft_wrap=True,
+            )
+    missing = [f.check for f in findings if f.state == "missing"]
+    last = f"Missing: {', '.join(missing)}" if missing else "All that is needed is there."
+    console.print(f"\n{last}")

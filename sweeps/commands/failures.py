@@ -1,0 +1,176 @@
+"""What does one rig find and another one miss? `lidarplace failures runs/grid`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from lidarplace.command_line.invocation import command
+from lidarplace.command_line.terminal import output, say
+from lidarplace.command_line.verbs import new_app, verb, wrong
+
+if TYPE_CHECKING:
+    from tracking.findings.failures import Failures
+    from tracking.findings.groups import Group
+    from tracking.run_folders.sweep import RunFolder
+    from tracking.run_folders.sweep_arrays import FailureFrames
+
+app = new_app()
+
+
+@verb(app, "runs/grid", "runs/grid --rigs center,line --out compared")
+def failures(
+    run: Annotated[Path, typer.Argument(help="folder of a sweep, runs/NAME")],
+    rigs: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME,NAME",
+            help="two placements; by default the one that the sweep recommends and the next one",
+        ),
+    ] = None,
+    where: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=VALUE",
+            help="detector or value of a further axis, such as judge=generalist; repeatable",
+        ),
+    ] = None,
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="of page and tables")] = Path(
+        "failures"
+    ),
+) -> None:
+    """Count the objects that one rig finds and another one misses, and show the frames that tell
+    most.
+
+    Trains and detects nothing. Writes OUT/failures.html, OUT/tables/failures.csv with the counts
+    and OUT/objects.parquet and .csv with what became of each object. The frames need the
+    configuration of the sweep in RUN and its results in the store.
+    """
+    from tracking.pages.csv_files import FOLDER, write_csv_files
+    from tracking.report.failures import FILE, write_failures
+    from tracking.report.sections.failures import failures_section
+    from tracking.run_folders.sweep import RunFolder
+
+    try:
+        folder = RunFolder.read(run)
+        found = _compared(folder, rigs, where or [])
+        shown, lacking = _frames(folder, found)
+        section = failures_section(found, FILE)
+        out.mkdir(parents=True, exist_ok=True)
+        write_csv_files(out / FOLDER, [section])
+        _write_objects(found, out)
+        extent = f"{folder.sweep.name}: {folder.sweep.frames.test:,} test frames."
+        page = write_failures(
+            out / FILE, found, shown, section, folder.roi, folder.sweep.body, extent, {}
+        )
+    except (ValueError, OSError) as error:
+        wrong(error)
+    for sentence in section.notes[:2]:
+        output().print(sentence, soft_wrap=True)
+    if lacking:
+        say(f"no frames are shown: {lacking}")
+    say(str(page))
+
+
+def _compared(run: RunFolder, rigs: str | None, where: list[str]) -> Failures:
+    """Raises ValueError that says what is not there."""
+    from tracking.findings.distinct_rigs import copies, without
+    from tracking.findings.failures import failures
+    from tracking.findings.groups import groups
+    from tracking.findings.promotion import fully_trained
+    from tracking.report.failures import compared_failures
+    from tracking.report.headline import headline_ranking
+
+    for name in ("objects", "found"):
+        if getattr(run, name) is None:
+            raise ValueError(
+                f"{run.path} has no {name}.parquet, as its sweep ran before there was any; "
+                "its command writes it, and computes nothing again that is in the store: "
+                f"{run.sweep.command}"
+            )
+    run = fully_trained(run if rigs else without(run, set(copies(run))))
+    every = [group for group in groups(run) if group.detector]
+    chosen = [group for group in every if _holds(group, where)]
+    if not chosen:
+        places = "; ".join(
+            ", ".join(f"{key}={value}" for key, value in group.place.items()) for group in every
+        )
+        raise ValueError(f"--where {' '.join(where)}: {run.path} has {places or 'no detector'}")
+    if rigs is None:
+        ranked = ((group, headline_ranking(run, group)) for group in chosen)
+        found = compared_failures(run, ranked)
+        named = "two rigs"
+    else:
+        first, second = _two(rigs, run)
+        both = (failures(run, group, (first, second)) for group in chosen)
+        found = next((own for own in both if own is not None), None)
+        named = f"both {first} and {second}"
+    if found is None:
+        raise ValueError(f"{run.path}: no detector of one seed was tested under {named}")
+    return found
+
+
+def _two(rigs: str, run: RunFolder) -> tuple[str, str]:
+    names = rigs.split(",")
+    if len(names) != 2 or names[0] == names[1]:
+        raise ValueError(f"--rigs {rigs}: expected two placements, such as center,line")
+    for name in names:
+        if name not in run.placements:
+            raise ValueError(
+                f"--rigs: {run.path} has no placement {name}; it has {', '.join(run.placements)}"
+            )
+    return names[0], names[1]
+
+
+def _holds(group: Group, where: list[str]) -> bool:
+    place = {key: str(value) for key, value in group.place.items()}
+    return all(place.get(key) == value for key, _, value in (own.partition("=") for own in where))
+
+
+def _frames(run: RunFolder, found: Failures) -> tuple[FailureFrames | None, str]:
+    """The frames of the rigs, or why there are none."""
+    from sweeps.plan.plan import read_plan
+    from sweeps.results.failure_frames import failure_frames
+    from sweeps.results.trial_results import identity
+    from sweeps.store.of_sweep import store_of
+
+    config = run.path / "config.yaml"
+    sweep, plan = read_plan(config, [])
+    store = store_of(sweep)
+    # Not by their keys, in which surrogates count.
+    place = ["placement", "detector", "seed", *run.axes]
+    wanted = run.trials.set_index("trial")[place].loc[list(found.trials)]
+    by_place = {tuple(identity(t, run.axes)[key] for key in place): t for t in plan.trials}
+    trials = {
+        str(key): by_place[row]
+        for key, row in zip(wanted.index, wanted.itertuples(index=False, name=None), strict=True)
+        if row in by_place
+    }
+    needed = {
+        task.key: task
+        for trial in trials.values()
+        for task in (trial.evaluate, *trial.collect_test)
+        if task is not None
+    }
+    recorded = set() if run.tasks is None else set(run.tasks.get("key", ()))
+    known = recorded & store.finished(needed.values())
+    if len(trials) < len(found.trials) or not known.issuperset(needed):
+        return None, (
+            f"the store of {config} has no clouds and detections of {' and '.join(found.rigs)} by "
+            f"this code; {command('run')} {config} makes them"
+        )
+    return failure_frames(found, trials, store), ""
+
+
+def _write_objects(found: Failures, out: Path) -> None:
+    """What became of each object, as Parquet and CSV."""
+    from lidarplace.files.atomic import replacing
+    from lidarplace.files.csv import write_csv
+
+    table = found.table()
+    with replacing(out / "objects.parquet") as partial:
+        table.to_parquet(partial, index=False)
+    with replacing(out / "objects.csv") as partial:
+        write_csv(table, partial)

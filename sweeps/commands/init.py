@@ -1,0 +1,51 @@
+"""Configurations to begin with: `lidarplace init [FOLDER]`."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lidarplace.command_line.invocation import command
+from lidarplace.command_line.terminal import say
+from lidarplace.command_line.verbs import new_app, verb, wrong
+from lidarplace.files.atomic import replacing
+from lidarplace.files.regular import regular
+
+app = new_app()
+
+
+@verb(app, "", "mine")
+def init(
+    folder: Annotated[Path, typer.Argument(help="where they are written")] = Path("examples"),
+) -> None:
+    """Write files to begin with: a sweep, a search, requirements, a studio, the paper's experiment.
+
+    They are the examples that the help of other verbs names. What is there already stays, unless
+    you say yes to the question.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for source in sorted(files("sweeps").joinpath("examples").iterdir(), key=str):
+            text = source.read_text(encoding="utf-8")
+            path = folder / source.name
+            if path.exists() and not _replaced(path, text):
+                continue
+            with replacing(path) as partial:
+                partial.write_text(text, encoding="utf-8")
+            say(path)
+    except OSError as error:
+        wrong(error)
+    say(f"Next: {command('run', str(folder / 'grid.yaml'), '--dry-run')}")
+
+
+def _replaced(path: Path, text: str) -> bool:
+    """Whether what is there makes room for `text`. Who cannot be asked keeps it."""
+    if regular(path).read_bytes() == text.encode():
+        return False
+    try:
+        return typer.confirm(f"{path} is there. Overwrite it?")
+    except typer.Abort:
+        wrong(f"{path}: is there; move it away, or name another folder")

@@ -1,0 +1,109 @@
+"""A base checkpoint of mixed placements: `lidarplace pretrain grid.yaml --out base.pt`."""
+
+from __future__ import annotations
+
+import tempfile
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from lidarplace.command_line.terminal import output
+from lidarplace.command_line.verbs import new_app, verb, wrong
+from lidarplace.files.atomic import check_replaceable
+from sweeps.execution.interrupted import interruptible
+from sweeps.options import ConfigArgument, SetOption
+
+if TYPE_CHECKING:
+    from sweeps.execution.failures import Failure
+    from sweeps.store.result_folder import Value
+
+app = new_app()
+
+
+@verb(
+    app,
+    "examples/grid.yaml --out base.pt --set training.epochs=80",
+    failed="the training or the machine failed",
+)
+def pretrain(
+    config: ConfigArgument,
+    out: Annotated[
+        Path, typer.Option(metavar="FILE", help="file for the weights, such as base.pt")
+    ],
+    set_: SetOption = None,
+) -> None:
+    """Train the detector of a sweep on the training clouds of all its placements together.
+
+    A sweep then starts every training from the same weights, which favour no placement, with
+    `training.checkpoint: base.pt`. All classes of the configuration are trained; where it names
+    the file to be written already, the base starts from scratch. Scenes and clouds come from the
+    sweep's store and stay there; one that is stopped goes on at its last epoch.
+    """
+    from sweeps.configuration.file import ConfigError
+    from sweeps.configuration.grid import read_sweep
+    from sweeps.execution.failures import Failure, FailureFolder
+    from sweeps.execution.run_tasks import run_tasks
+    from sweeps.plan.plan import read_plan
+    from sweeps.plan.pretrain_task import pretrain_task
+    from sweeps.store.of_sweep import reference, store_of
+    from sweeps.tasks.task import with_inputs
+    from training.checkpoints import write_checkpoint
+
+    if out.is_dir():  # before hours of training, not after
+        wrong(f"--out {out}: is a folder; a file for the weights is expected")
+    overrides = set_ or []
+    try:
+        checkpoints = [
+            item.point.training.checkpoint for item in read_sweep(config, overrides).points
+        ]
+        if any(path is not None and path.resolve() == out.resolve() for path in checkpoints):
+            overrides = [*overrides, "training.checkpoint=null"]
+        sweep, plan = read_plan(config, overrides)
+        check_replaceable(out)
+        out.parent.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=out.parent).close()
+    except (ConfigError, OSError) as error:
+        wrong(error)
+    try:
+        task = pretrain_task(sweep, plan)
+        store = store_of(sweep)
+    except ValueError as error:
+        wrong(f"{config}: {error}")
+    tasks = with_inputs([task])
+    try:
+        store.refer(reference(sweep, "pretrain"), [needed.key for needed in tasks])
+    except OSError as error:
+        wrong(error)
+    console = output()
+    logs = FailureFolder(sweep.common.output / sweep.common.name / "failed")
+    say = partial(console.print, soft_wrap=True)
+
+    def trained() -> Value | Failure:
+        failures = run_tasks(console, sweep.common, store, tasks, logs)
+        return failures[task.key] if task.key in failures else store.load(task)
+
+    value = interruptible(console, trained)
+    if isinstance(value, Failure):
+        say(f"failed: {task.label}: {value.reason}")
+        say(f"see {logs.folder}")
+        raise typer.Exit(1)
+    try:
+        write_checkpoint(
+            out,
+            value["state_dict"],
+            task.params.detector,
+            value["classes"],
+            task.params.typical,
+        )
+    except OSError as error:
+        say(f"failed: {error}")
+        raise typer.Exit(1) from None
+    curve = value["curve"]
+    losses = curve.loc[curve["metric"] == "loss", "value"].tolist()
+    console.print(
+        f"{out}: {task.label}, classes {', '.join(value['classes'])}, from {value['weights']}, "
+        f"loss {losses[0]:.3g} in the first of {len(losses)} epochs, {losses[-1]:.3g} in the last",
+        soft_wrap=True,
+    )

@@ -1,0 +1,166 @@
+"""Does a rig see what its vehicle needs? `lidarplace requirements rigs.yaml`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from lidarplace.command_line.terminal import Terminal, output, say, table
+from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
+from sweeps.options import DryRunOption, SetOption
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from lidarplace.requirements.judge import Outcome
+    from sweeps.configuration.question import Question
+    from tracking.pages.section import Section
+
+MOST_FIGURES = 120
+"""Of a page; those that fail come first."""
+
+app = new_app()
+
+
+@verb(
+    app,
+    "examples/requirements.yaml",
+    "examples/requirements.yaml --dry-run",
+    failed="a rig fails a requirement",
+)
+def requirements(
+    config: Annotated[Path, typer.Argument(help="YAML file of rigs and requirements")],
+    set_: SetOption = None,
+    dry_run: DryRunOption = False,
+    out: Annotated[
+        Path, typer.Option(metavar="PATH", help="of the results, without suffix")
+    ] = Path("requirements"),
+    as_json: JsonOption = False,
+) -> None:
+    """Place objects all around the vehicle, and look whether each rig sees enough of them.
+
+    No traffic is needed. Writes OUT.csv, a row for each rig, requirement and case, and OUT.html
+    with pictures of the ground around the vehicle.
+    """
+    from rich.progress import track
+
+    from lidarplace.requirements.judge import judge
+    from lidarplace.requirements.tables import worst_cases
+    from sweeps.configuration.question import read_question
+    from tracking.pages.requirements import verdict_table
+
+    try:
+        question = read_question(config, set_ or [])
+        if dry_run:
+            _print_plan(question, as_json)
+            return
+        console = Terminal(stderr=True)
+        rigs = track(question.rigs, "rigs", console=console, disable=not console.is_terminal)
+        outcomes = [judge(question.laid, rig, question.vehicle) for rig in rigs]
+        cases = _cases(question, outcomes)
+        worst = worst_cases(cases, ["rig"])
+        paths = _write(question, outcomes, cases, worst, out)
+    except (ValueError, OSError) as error:
+        wrong(error)
+    if as_json:
+        told = [_as_json(outcome) for of_rig in outcomes for outcome in of_rig]
+        print_json({"files": paths, "outcomes": told})
+    else:
+        shown = verdict_table(worst, ["rig"])
+        words = {shown.head[i] for i in shown.words}
+        output().print(table(None, shown.head, shown.rows, words=words))
+        say(f"{(~worst['met']).sum()} of {len(worst)} fail; {', '.join(paths.values())}")
+    if not worst["met"].all():
+        raise typer.Exit(1)
+
+
+def _print_plan(question: Question, as_json: bool) -> None:
+    from lidarplace.requirements.tables import extents
+    from sweeps.results.dry_run import extent_table
+
+    plan = extents(question.laid)
+    if as_json:
+        print_json({"rigs": [rig.name for rig in question.rigs], "requirements": plan})
+        return
+    say(f"rigs: {', '.join(rig.name for rig in question.rigs)}")
+    output().print(extent_table(plan))
+
+
+def _as_json(outcome: Outcome) -> dict[str, Any]:
+    from lidarplace.requirements.tables import case_row
+
+    wanted = outcome.requirement
+    return {
+        "rig": outcome.rig,
+        "requirement": wanted.name,
+        "met": outcome.met,
+        "measure": wanted.measure,
+        "at_least": wanted.least,
+        "for": wanted.share,
+        "cases": [case_row(outcome, finding) for finding in outcome.findings],
+    }
+
+
+def _cases(question: Question, outcomes: Sequence[Sequence[Outcome]]) -> pd.DataFrame:
+    """A row for each rig, requirement and case."""
+    from lidarplace.requirements.tables import by_rig, case_table
+
+    names = (rig.name for rig in question.rigs)
+    return by_rig(dict(zip(names, map(case_table, outcomes), strict=True)))
+
+
+def _write(
+    question: Question,
+    outcomes: Sequence[Sequence[Outcome]],
+    cases: pd.DataFrame,
+    worst: pd.DataFrame,
+    out: Path,
+) -> dict[str, str]:
+    """The table of all cases, and a page of pictures. Returns the paths by suffix."""
+    from lidarplace.files.atomic import replacing
+    from lidarplace.files.csv import write_csv
+    from tracking.pages.page import SECTIONS_ALONE, write_page
+
+    paths = {suffix: out.with_name(f"{out.name}.{suffix}") for suffix in ("csv", "html")}
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(paths["csv"]) as partial:
+        write_csv(cases, partial)
+    sections = list(_sections(question, outcomes, worst))
+    write_page(paths["html"], SECTIONS_ALONE, sections, name=out.name)
+    return {suffix: str(path) for suffix, path in paths.items()}
+
+
+def _sections(
+    question: Question, outcomes: Sequence[Sequence[Outcome]], worst: pd.DataFrame
+) -> Iterator[Section]:
+    """The verdicts, and for each requirement the ground around every rig."""
+    from lidarplace.mounting.outline import outline
+    from lidarplace.requirements.ground import Ground
+    from tracking.figures.of_rigs.requirement_map import requirement_map
+    from tracking.pages.requirements import ALONE, COLOURS, counted, verdict_table
+    from tracking.pages.section import Section
+
+    rigs = {rig.name: rig for rig in question.rigs}
+    found = {(own.rig, own.requirement.name): own for of_rig in outcomes for own in of_rig}
+    shown = worst.sort_values("met", kind="stable").head(MOST_FIGURES)
+    first = Section("Requirements", [counted(worst), ALONE], tables=[verdict_table(worst, ["rig"])])
+    if len(shown) < len(worst):
+        first.notes.append(f"Pictures of {len(shown)} of them, those that fail first.")
+    yield first
+    for laid in question.laid:
+        name = laid.requirement.name
+        figures = [
+            requirement_map(
+                row,
+                Ground.of(found[row["rig"], name]),
+                row["rig"],
+                rigs[row["rig"]].mounts,
+                outline(question.vehicle),
+            )
+            for row in shown[shown["requirement"] == name].to_dict("records")
+        ]
+        if figures:
+            yield Section(name, notes=[COLOURS], figures=figures)

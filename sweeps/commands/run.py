@@ -1,0 +1,97 @@
+"""The main job: `lidarplace run grid.yaml`."""
+
+from __future__ import annotations
+
+import os
+from contextlib import nullcontext
+from dataclasses import asdict
+from typing import Annotated
+
+import typer
+
+from lidarplace.command_line.invocation import called, command
+from lidarplace.command_line.terminal import output, say
+from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
+from sweeps.configuration.sweep import SweepFile
+from sweeps.execution.backends import backend_for
+from sweeps.execution.interrupted import interruptible
+from sweeps.execution.memory import check_memory
+from sweeps.options import ConfigUnlessSchema, DryRunOption, SchemaOption, SetOption
+from sweeps.plan.plan import read_plan
+from sweeps.results.dry_run import planned, print_planned
+from sweeps.results.rigs_page import write_rigs_page
+from sweeps.store.of_sweep import check_writable, store_of
+
+app = new_app()
+
+
+@verb(
+    app,
+    "examples/grid.yaml",
+    "examples/grid.yaml --set training.epochs=2 --dry-run --probe",
+    failed="trials failed, the machine failed the sweep, or MLflow has not got all",
+)
+def run(
+    config: ConfigUnlessSchema = None,
+    set_: SetOption = None,
+    dry_run: DryRunOption = False,
+    probe: Annotated[
+        bool,
+        typer.Option(
+            "--probe", help="with --dry-run: tell time and disk, from tasks on few frames"
+        ),
+    ] = False,
+    rerun_failed: Annotated[
+        bool, typer.Option("--rerun-failed", help="try again what failed for good")
+    ] = False,
+    schema: SchemaOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Run a sweep: scenes, surrogates, point clouds, detectors, MLflow, report.
+
+    The same command continues a sweep that was stopped. What failed because of its data or
+    settings is not tried again without --rerun-failed; what a machine was to blame for is.
+    """
+    if schema:
+        print_json(SweepFile.model_json_schema())
+        return
+    if config is None:
+        wrong("name a configuration file, such as examples/grid.yaml")
+    if as_json and not dry_run:
+        told = command("status", "--json")
+        wrong(f"--json: is for --dry-run and --schema; {told} tells how a sweep goes")
+    try:
+        sweep, plan = read_plan(config, set_ or [])
+        store = store_of(sweep)
+        done = store.finished(plan.tasks)
+        to_do = [task for task in plan.tasks if task.key not in done]
+        check_memory(to_do, sweep.common.ray.address)
+    except (ValueError, OSError) as error:
+        wrong(error)
+    console = output()
+    if probe and not dry_run:
+        wrong("--probe: is for --dry-run")
+    if dry_run:
+        try:
+            with backend_for(sweep.common.ray) if probe else nullcontext() as backend:
+                shown = planned(sweep, plan, store, backend)
+            page = None if as_json else write_rigs_page(sweep, shown.cautions)
+        except (ValueError, OSError) as error:
+            wrong(error)
+        if as_json:
+            print_json(asdict(shown))
+        else:
+            print_planned(console, shown)
+            say(f"rigs drawn: {page}")
+        return
+    os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"  # before anything imports it
+    from sweeps.run_sweep import run_sweep
+
+    try:
+        check_writable(sweep, store)
+    except OSError as error:
+        wrong(error)
+    if not interruptible(
+        console, lambda: run_sweep(console, sweep, plan, store, called(), rerun_failed)
+    ):
+        raise typer.Exit(1)

@@ -1,0 +1,80 @@
+"""The command: `lidarplace search search.yaml`."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lidarplace.command_line.invocation import called, command
+from lidarplace.command_line.terminal import output
+from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
+from sweeps.execution.interrupted import interruptible
+from sweeps.options import DryRunOption, SchemaOption, SetOption
+
+app = new_app()
+
+
+@verb(
+    app,
+    "examples/search.yaml",
+    "examples/search.yaml --set search.trials=50 --no-verify",
+    failed="no placement keeps all constraints, trainings or the machine failed, or MLflow has "
+    "not got all",
+)
+def search(
+    config: Annotated[Path | None, typer.Argument(help="YAML file of a search")] = None,
+    set_: SetOption = None,
+    dry_run: DryRunOption = False,
+    verify: Annotated[
+        bool, typer.Option(help="train detectors for the winners, as `verify` says")
+    ] = True,
+    schema: SchemaOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Search for the placement that is best by a surrogate, or by a detector's measured AP.
+
+    The same command continues a search that was stopped, or that is given more trials.
+    """
+    from sweeps.configuration.search import SearchFile
+
+    if schema:
+        print_json(SearchFile.model_json_schema())
+        return
+    if config is None:
+        wrong("name a configuration file, such as examples/search.yaml")
+    if as_json and not dry_run:
+        told = command("status", "--json")
+        wrong(f"--json: is for --dry-run and --schema; {told} tells how a search goes")
+    from sweeps.search.greedy.certificate import check_candidates
+    from sweeps.search.output.dry_run import planned
+    from sweeps.search.output.terminal import print_problem
+    from sweeps.search.problem.problem import read_problem
+
+    try:
+        problem = read_problem(config, set_ or [])
+        check_candidates(problem)
+        problem.check_memory()
+    except ValueError as error:
+        wrong(error)
+    if as_json:
+        print_json(planned(problem))
+        return
+    console = output()
+    print_problem(console, problem)
+    if dry_run:
+        return
+    os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"  # before anything imports it
+    from sweeps.search.run import run_search
+    from sweeps.store.of_sweep import check_writable, store_of
+
+    try:
+        sweep = problem.sweep()
+        store = store_of(sweep)
+        check_writable(sweep, store)
+    except (ValueError, OSError) as error:
+        wrong(error)
+    if not interruptible(console, lambda: run_search(console, problem, store, called(), verify)):
+        raise typer.Exit(1)

@@ -1,0 +1,131 @@
+"""Where a sweep or a search stands: `lidarplace status grid.yaml`."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from lidarplace.command_line.invocation import command
+from lidarplace.command_line.terminal import output
+from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
+from sweeps.options import SetOption
+
+if TYPE_CHECKING:
+    from sweeps.results.state import Status, SweepState
+    from sweeps.search.output.state import SearchState
+
+_MOST_TRIALS = 40
+_MOST_BEST = 5
+_STATUSES: tuple[Status, ...] = ("done", "running", "stopped", "waiting", "failed", "pruned")
+_COLOURS = {"done": "green", "running": "cyan", "stopped": "yellow", "failed": "red"}
+
+app = new_app()
+
+
+@verb(app, "examples/grid.yaml", "examples/search.yaml --json")
+def status(
+    config: Annotated[Path, typer.Argument(help="YAML file of a sweep or a search")],
+    set_: SetOption = None,
+    all_: Annotated[bool, typer.Option("--all", help="list every trial, however many")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Show where a sweep or a search stands, also while it runs. Runs nothing.
+
+    Of a sweep the tasks by stage and the trials; of many trials, without --all, those that run or
+    failed. Of a search its trials, the best so far and the trainings of `verify`.
+    """
+    from sweeps.plan.plan import read_plan
+    from sweeps.results.state import sweep_state
+    from sweeps.store.damage import until_whole
+    from sweeps.store.of_sweep import store_of
+    from sweeps.sweep_or_search import is_search
+
+    overrides = set_ or []
+    say = partial(print, file=sys.stderr)
+    try:
+        if is_search(config):
+            from sweeps.search.output.state import search_state
+            from sweeps.search.problem.problem import read_problem  # Optuna
+
+            problem = read_problem(config, overrides)
+            found = until_whole(lambda: search_state(problem), say)
+            if as_json:
+                print_json({"kind": "search"} | asdict(found))
+            else:
+                print_search(output(), found, all_)
+            return
+        sweep, plan = read_plan(config, overrides)
+        store = store_of(sweep)
+        state = until_whole(lambda: sweep_state(sweep, plan, store), say)
+    except (ValueError, OSError) as error:
+        wrong(error)
+    if as_json:
+        print_json({"kind": "sweep"} | asdict(state))
+    else:
+        print_state(output(), state, all_)
+
+
+def print_state(console: Console, state: SweepState, every: bool) -> None:
+    """Print tables of stages and trials; of many trials, unless `every`, what runs or failed."""
+    by_status = Counter(trial.status for trial in state.trials)
+    counts = ", ".join(f"{by_status[name]} {name}" for name in _STATUSES if by_status[name])
+    console.print(f"{state.name}: {_alive(state.alive)}; {len(state.trials)} trials: {counts}")
+    table = Table()
+    table.add_column("stage")
+    shown = [name for name in _STATUSES if any(name in own for own in state.stages.values())]
+    for name in shown:
+        table.add_column(name, justify="right", style=_COLOURS.get(name))
+    for stage, own in state.stages.items():
+        table.add_row(stage, *(str(own.get(name, "")) for name in shown))
+    console.print(table)
+    trials = state.trials
+    if len(trials) > _MOST_TRIALS and not every:
+        trials = [t for t in trials if t.status in ("running", "stopped", "failed")]
+    if trials:
+        table = Table("trial", "status", "")
+        for trial in trials:
+            detail = trial.detail + (f"\n{trial.log}" if trial.log else "")
+            table.add_row(trial.label, Text(trial.status, _COLOURS.get(trial.status, "")), detail)
+        console.print(table)
+    if len(trials) < len(state.trials):
+        console.print(f"{len(state.trials) - len(trials)} more trials: --all lists them")
+    if by_status["failed"]:
+        again = command("run")
+        console.print(f"What failed for good is tried again by {again} with --rerun-failed.")
+
+
+def print_search(console: Console, state: SearchState, every: bool) -> None:
+    """Print how far the trials are, the best of them, what failed, and the state of `verify`."""
+    trials = state.trials
+    console.print(
+        f"{state.name}: {_alive(state.alive)}; {trials['done']} of {trials['wanted']} trials "
+        f"done, {trials['feasible']} keep all constraints, {trials['failed']} failed"
+    )
+    stride = state.azimuth_stride
+    rays = f" (as searched, rays of 1 in {stride} azimuth steps)" if stride > 1 else ""
+    best = state.best if every else state.best[:_MOST_BEST]
+    for found in best:
+        values = ", ".join(f"{name} {value:.6g}" for name, value in found["values"].items())
+        beside = "".join(f", {key}={value}" for key, value in found["beside"].items())
+        console.print(f"best so far: trial {found['trial']}: {values}{beside}{rays}")
+    if len(best) < len(state.best):
+        console.print(f"{len(state.best) - len(best)} more of the Pareto front: --all lists them")
+    for failure in state.failures:
+        text = f"trial {failure['trial']} failed: {failure['reason']}"
+        console.print(text, soft_wrap=True)
+    if state.verify is not None:
+        console.print()
+        print_state(console, state.verify, every)
+
+
+def _alive(alive: bool) -> str:
+    return "running" if alive else "no driver runs"

@@ -1,0 +1,68 @@
+"""A rig in several tests, such as towns, densities and vehicles: its mean over them, or its worst.
+
+Each metric of each class is taken by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from lidarplace.base.metrics import METRICS
+from tracking.statistics.jackknife import NOTHING
+
+Over = Literal["mean", "worst"]
+
+_KEY = ["class", "metric", "iou"]
+
+
+def metrics_over_tests(tables: Sequence[pd.DataFrame], over: Over) -> pd.DataFrame:
+    """One table of metrics, see `training.kitti_ap.evaluate_boxes`, from that of each test.
+
+    A value is NaN where a test had no object; ground truths are those of all tests.
+    """
+    first = tables[0]
+    values = np.stack([table["value"].to_numpy(np.float64) for table in tables])
+    truths = np.sum([table["ground_truths"] for table in tables], axis=0)
+    return first.assign(value=_over(values, first["metric"], over), ground_truths=truths)
+
+
+def left_out_over_tests(
+    left_out: Sequence[pd.DataFrame], traffic: Sequence[int], over: Over
+) -> pd.DataFrame:
+    """A rig without each route, without each individual and with nothing left out.
+
+    Args:
+        left_out: of each test, see `training.kitti_ap.Evaluation`.
+        traffic: number of each test's traffic; what is left out of one is left out of all tests
+            on that traffic.
+    """
+    wholes = [table[table["unit"] == NOTHING].set_index(_KEY)["value"] for table in left_out]
+    tables = []
+    for number in dict.fromkeys(traffic):
+        own = next(t for t, other in zip(left_out, traffic, strict=True) if other == number)
+        keys = pd.MultiIndex.from_frame(own[_KEY])
+        values = np.stack(
+            [
+                (without["value"] if other == number else whole.reindex(keys)).to_numpy(np.float64)
+                for whole, without, other in zip(wholes, left_out, traffic, strict=True)
+            ]
+        )
+        names = f"traffic {number}: " + own["left_out"].astype(str)
+        names = names.where(own["unit"] != NOTHING, "")
+        tables.append(own.assign(left_out=names, value=_over(values, own["metric"], over)))
+    table = pd.concat(tables)
+    table = table[table["unit"] != "half"]  # of one traffic they are no halves of all
+    return table.drop_duplicates([*_KEY, "unit", "left_out"], ignore_index=True)
+
+
+def _over(values: NDArray[np.float64], metric: pd.Series, over: Over) -> NDArray[np.float64]:
+    """Of every column, shape (tests, rows) to (rows,)."""
+    if over == "mean":
+        return values.mean(axis=0)
+    more = metric.map(lambda name: METRICS[name].direction == "maximize").to_numpy()
+    return np.where(more, values.min(axis=0), values.max(axis=0))

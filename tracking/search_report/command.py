@@ -1,0 +1,31 @@
+"""The command: `lidarplace search-report RUN`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lidarplace.command_line.terminal import say
+from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
+
+app = new_app()
+
+
+@verb(app, "runs/search")
+def search_report(
+    run: Annotated[Path, typer.Argument(help="folder that a search has left, runs/NAME")],
+    as_json: JsonOption = False,
+) -> None:
+    """Make search.html again from the folder of a search alone, and print its path."""
+    from tracking.search_report.build import build_search_report
+
+    try:
+        page = build_search_report(run)
+    except (ValueError, OSError) as error:
+        wrong(error)
+    if as_json:
+        print_json({"report": str(page)})
+    else:
+        say(page)
