@@ -4,10 +4,10 @@
 
 A street with 20 buildings and 34 road users, 256 parts in all. 4 LiDARs x 16 beams x 5,625 azimuth
 steps = 360,000 rays of `line_roll` are cast with the kernel of `lidarplace.clouds.raycast`
-(float64; ground and own body too) and with embreex (float32, triangles of the same parts). Then the returns
-become points: drop-off, noise, cut to the paper's front ROI, merging. Minimum of 40 runs, taken in
-turns. At the end every ray is compared: those that meet another object with embreex are counted,
-and how far beside them a ray of ours meets that object too.
+(float64; ground and own body too) and with embreex (float32, triangles of the same parts). Then the
+returns become points: drop-off, noise, cut to the paper's front ROI, merging. Minimum of 40 runs,
+taken in turns. At the end every ray is compared: those that meet another object with embreex are
+counted, and how far beside them a ray of ours meets that object too.
 """
 
 from __future__ import annotations

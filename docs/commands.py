@@ -79,21 +79,21 @@ file.
 """
 
 
-def commands() -> list[tuple[str, str, str]]:
-    """Verb, module and sub-command (or nothing), in the order of `lidarplace --help`."""
+def commands() -> list[tuple[str, str]]:
+    """Verb and sub-command (or nothing), in the order of `lidarplace --help`."""
     found = []
     for name, verb in VERBS.items():
         command = get_command(import_module(verb.module).app)
         inner = getattr(command, "commands", {"": None})
-        found += [(name, verb.module.removesuffix(".__main__"), sub) for sub in inner]
+        found += [(name, sub) for sub in inner]
     return found
 
 
 def page() -> str:
     """The page as Markdown."""
     parts = [HEAD]
-    for name, module, sub in commands():
-        program = f"python -m {module}"
+    for name, sub in commands():
+        program = f"lidarplace {name}"
         app = import_module(VERBS[name].module).app
         words = [sub] if sub else []
         done = CliRunner().invoke(app, [*words, "--help"], prog_name=program, env={"COLUMNS": "80"})

@@ -1,4 +1,4 @@
-"""The program `lidarplace`; `python -m sweeps.run` is its verb `run`.
+"""The verbs of the program `lidarplace`.
 
 A verb's module is imported when the verb is called. Without lidarplace's packages, as
 `lidarplace doctor` has to run where some of them are missing.
@@ -6,13 +6,9 @@ A verb's module is imported when the verb is called. Without lidarplace's packag
 
 from __future__ import annotations
 
-import signal
-import sys
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import version
-from importlib.util import find_spec
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -118,37 +114,3 @@ def lidarplace(
     ] = False,
 ) -> None:
     """Where do the LiDARs go on a vehicle? Each verb has a --help with examples."""
-
-
-def main(*verb: str) -> None:
-    """Start the program.
-
-    Args:
-        verb: comes before the words of the command line.
-    """
-    # Until a verb takes care of it, Ctrl-C ends the program without the traceback of an import.
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
-    if (folder := _foreign_package()) is not None:
-        sys.exit(
-            f"{folder}: hides the package {folder.name} of lidarplace; run lidarplace from "
-            f"another folder, or rename this one"
-        )
-    sys.argv[1:1] = verb
-    app(prog_name="lidarplace")
-
-
-def _foreign_package() -> Path | None:
-    """A folder or file that Python finds in place of a package of ours."""
-    ours = Path(__file__).parents[1]
-    for name in ("lidarplace", "training", "tracking"):
-        spec = find_spec(name)
-        if spec is not None and spec.origin is not None:
-            found = Path(spec.origin)
-            if not found.samefile(ours / name / "__init__.py"):
-                return found.parent if found.name == "__init__.py" else found
-    return None
-
-
-if __name__ == "__main__":
-    main()

@@ -1,21 +1,18 @@
-"""Commands of this project by the module after `python -m`."""
+"""Commands of this project by their verb."""
 
 from __future__ import annotations
 
-import importlib
+from importlib import import_module
 from typing import Any
 
 import typer
 
-PACKAGES = ("lidarplace", "training", "tracking", "sweeps")
+from sweeps.command_line import VERBS
 
 
-def app_of(module: str) -> typer.Typer:
-    """The app that `python -m MODULE` starts."""
-    found = importlib.import_module(module)
-    if hasattr(found, "__path__"):
-        found = importlib.import_module(f"{module}.__main__")
-    return found.app
+def app_of(verb: str) -> typer.Typer:
+    """The app of a verb."""
+    return import_module(VERBS[verb].module).app
 
 
 def check_options(app: typer.Typer, arguments: list[str]) -> None:

@@ -73,7 +73,7 @@ GENERALIST = SWEEP | {
 
 @cache
 def run(verb: str, *arguments: str) -> Result:
-    """Run `python -m VERB …` in this process; what several pages say, once."""
+    """Run `lidarplace VERB …` in this process; what several pages say, once."""
     return CliRunner().invoke(app_of(verb), list(arguments), catch_exceptions=False)
 
 
@@ -102,13 +102,13 @@ def make_world(folder: Path) -> None:
     _tables(folder)
     _data_sets(folder / "data")
     for verb, *arguments in (
-        ("sweeps.commands.run", "grid.yaml"),
-        ("sweeps.commands.run", "grid.yaml", "--set", "name=old", "--set", "detector=null"),
-        ("sweeps.search", "examples/search.yaml"),
-        ("sweeps.commands.record", "examples/grid.yaml", "logs"),
-        ("sweeps.commands.pretrain", "grid.yaml", "--out", "base.pt"),
-        ("lidarplace.commands.export", "small", "data/kitti", "--placement", "line"),
-        ("lidarplace.commands.convert", "table", LABELS, "logs/labels", "--mapping", MAPPING),
+        ("run", "grid.yaml"),
+        ("run", "grid.yaml", "--set", "name=old", "--set", "detector=null"),
+        ("search", "examples/search.yaml"),
+        ("record", "examples/grid.yaml", "logs"),
+        ("pretrain", "grid.yaml", "--out", "base.pt"),
+        ("export", "small", "data/kitti", "--placement", "line"),
+        ("convert", "table", LABELS, "logs/labels", "--mapping", MAPPING),
     ):
         result = run(verb, *arguments)
         assert result.exit_code == 0, f"{verb} {arguments}: {result.output}"

@@ -20,7 +20,7 @@ from multiprocessing import forkserver
 from pathlib import Path
 from unittest.mock import patch
 
-from sweeps.command_line import main
+from sweeps.main import main
 
 ROOT = Path(__file__).parents[1]
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}

@@ -78,12 +78,12 @@ def test_names_of_options_and_arguments(command):
 
 
 def test_the_list_of_verbs_has_all_modules():
-    """Every module that is a program has a verb."""
+    """Every module with commands has a verb."""
     programs = {
         ".".join(path.relative_to(ROOT).with_suffix("").parts)
         for package in ("lidarplace", "sweeps", "tracking")
         for path in (ROOT / package).rglob("*.py")
-        if '\nif __name__ == "__main__":' in path.read_text(encoding="utf-8")
+        if "\napp = new_app(" in path.read_text(encoding="utf-8")
     }
     assert programs == {verb.module for verb in VERBS.values()}
 
@@ -497,24 +497,26 @@ def test_the_script_of_a_shell(shell):
 def test_the_command_that_was_given(monkeypatch):
     from lidarplace.command_line.invocation import called, command
 
-    main = sys.modules["__main__"]
-    spec = type("Spec", (), {"name": "sweeps.commands.search"})
-    monkeypatch.setattr(main, "__spec__", spec)
-    monkeypatch.setattr(sys, "argv", ["/x/sweeps/commands/search.py", "my search.yaml"])
+    monkeypatch.setattr(sys, "argv", ["/x/bin/lidarplace", "search", "my search.yaml"])
     assert called() == "lidarplace search 'my search.yaml'"
-    assert command("search-report", "my run") == ("lidarplace search-report 'my run'")
-    monkeypatch.setattr(main, "__spec__", None)
-    monkeypatch.setattr(sys, "argv", ["/x/bin/lidarplace", "search", "a.yaml"])
-    assert called() == "lidarplace search a.yaml"
     assert command("search-report", "my run") == "lidarplace search-report 'my run'"
 
 
-def test_a_verb_is_named_by_its_module(monkeypatch):
-    from lidarplace.command_line.invocation import command
-
-    monkeypatch.setattr(sys, "argv", ["/x/bin/lidarplace"])
-    for name, verb in VERBS.items():
-        assert command(verb.module.removesuffix(".__main__")) == f"lidarplace {name}"
+@pytest.mark.parametrize("name", ["training", "tracking"])
+def test_a_foreign_package_in_the_way(tmp_path, name):
+    (tmp_path / name).mkdir()
+    (tmp_path / name / "__init__.py").touch()
+    done = subprocess.run(
+        [sys.executable, "-m", "sweeps.run", "--help"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith(f"{tmp_path / name}: hides the package {name} of lidarplace; ")
+    assert done.stderr.count("\n") == 1
 
 
 def test_every_verb_is_an_app():

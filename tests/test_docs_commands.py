@@ -17,7 +17,7 @@ from sweeps.command_line import app as lidarplace
 from sweeps.plan.plan import read_plan
 from sweeps.store.of_sweep import reference
 from tests.docs_blocks import ROOT, Block, blocks, commands, commands_in_text
-from tests.docs_verbs import PACKAGES, app_of, check_options
+from tests.docs_verbs import app_of, check_options
 from tests.docs_world import make_world, run
 
 NOT_RUN = {
@@ -47,8 +47,8 @@ NOT_RUN = {
 """How commands begin that are only looked up, and why."""
 
 SMALLER = {
-    "sweeps.commands.init": ["begin"],
-    "sweeps.commands.accuracy": [
+    "init": ["begin"],
+    "accuracy": [
         "--resolution",
         "0.8",
         "--azimuth-steps",
@@ -56,8 +56,8 @@ SMALLER = {
         "--frames-share",
         "1",
     ],
-    "sweeps.commands.pretrain": ["--set", "training.epochs=1"],
-    "lidarplace.commands.export": ["--roi", "0", "20", "-10", "10", "0", "4"],
+    "pretrain": ["--set", "training.epochs=1"],
+    "export": ["--roi", "0", "20", "-10", "10", "0", "4"],
     "examples/labels/sweep.yaml": [
         *("--set", "ray=debug", "--set", "training.epochs=1", "--set", "lidar.cloud_share=0.02"),
         *("--set", "grid.seed=[1]", "--set", "surrogate.resolution=0.8"),
@@ -117,16 +117,14 @@ def test_runs(command, world):
     if ".mcap" in command.text:
         pytest.importorskip("foxglove")
     words = shlex.split(command.text)
-    if words[0] == "lidarplace":
-        words = ["python", "-m", VERBS[words[1]].module.removesuffix(".__main__"), *words[2:]]
-    python, minus_m, verb, *arguments = words
-    assert (python, minus_m) == ("python", "-m"), f"{command.text}: neither runs nor is listed"
+    program, verb, *arguments = words
+    assert program == "lidarplace", f"{command.text}: neither runs nor is listed"
     arguments = [PLACEHOLDERS.get(argument, argument) for argument in arguments]
     if "--forget" in arguments:  # the name ends in a hash of the output folder
         sweep, _ = read_plan(world / "grid.yaml", ["name=old"])
         arguments[-1] = reference(sweep)
     for name in (verb, *arguments[:1]):
-        if not (name == "mine.yaml" and verb != "sweeps.commands.run"):
+        if not (name == "mine.yaml" and verb != "run"):
             arguments += SMALLER.get(name, [])
     result = run(verb, *arguments)
     assert result.exit_code == 0, result.output
@@ -145,10 +143,7 @@ def test_what_it_names_is_there(command):
     elif program[-1] == "pytest" or words[0] == "pytest":
         look_up_tests(words[words.index("pytest") + 1 :])
     elif words[0].endswith("python") and program[1] == "-m":
-        if program[2].split(".")[0] in PACKAGES:
-            check_options(app_of(program[2]), words[3:])
-        else:
-            assert importlib.util.find_spec(program[2].split(".")[0]), program[2]
+        assert importlib.util.find_spec(program[2].split(".")[0]), program[2]
     elif words[0].endswith("python") and program[1] != "-c":
         script = (ROOT / program[1]).read_text(encoding="utf-8")
         for option in (word for word in words[2:] if word.startswith("--")):
@@ -158,7 +153,7 @@ def test_what_it_names_is_there(command):
         check_options(lidarplace, words[1:])
     elif words[0] == "lidarplace":
         assert words[1] in VERBS
-        check_options(app_of(VERBS[words[1]].module), words[2:])
+        check_options(app_of(words[1]), words[2:])
 
 
 def look_up_tests(words: list[str]) -> None:

@@ -82,6 +82,7 @@ FLOORS = {
         "sweep_or_search",
         "commands",
         "command_line",
+        "main",
         "run",
     ),
     "sweeps.search": ("problem", "greedy trials", "judgement", "output", "run"),

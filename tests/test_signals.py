@@ -107,8 +107,7 @@ def as_in_a_terminal() -> None:
 @pytest.mark.parametrize(
     ("program", "imported"),
     [
-        (("-m", "lidarplace.commands.describe"), "numba"),
-        (("-m", "tracking.report"), "typer"),
+        (("-m", "sweeps.main", "describe", "log"), "numba"),
         (("-m", "sweeps.run"), "typer"),
         (("bin/lidarplace",), "typer"),
     ],
@@ -116,7 +115,7 @@ def as_in_a_terminal() -> None:
 def test_ctrl_c_while_a_program_imports_is_quiet(tmp_path, program, imported):
     (tmp_path / f"{imported}.py").write_text(f"{COME}\nprint('still there')")
     (tmp_path / "bin").mkdir()
-    (tmp_path / "bin/lidarplace").write_text("from sweeps.command_line import app")
+    (tmp_path / "bin/lidarplace").write_text("from sweeps.main import main\nmain()")
     with python(*program, folder=tmp_path) as process:
         assert process.communicate() == ("", "")
     assert process.returncode == -signal.SIGINT  # of which a shell makes 130

@@ -17,10 +17,10 @@ NICENESS = 10
 
 
 class Command:
-    """`lidarplace VERB …`, which starts at once.
+    """`python -m MODULE …`, which starts at once.
 
     Args:
-        arguments: the verb, and what follows it.
+        arguments: the module, and what follows it.
         told: called with it after each line, and at the end, by a thread of its own.
 
     Attributes:
@@ -34,7 +34,7 @@ class Command:
         self._told = told
         self._lines: deque[str] = deque(maxlen=LINES)
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "sweeps.command_line", *arguments],
+            [sys.executable, "-m", *arguments],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

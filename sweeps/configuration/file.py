@@ -23,12 +23,12 @@ from sweeps.configuration.sweep import NAME
 Model = TypeVar("Model", bound=BaseModel)
 
 
-_MODULES = {
-    "search": ("a search", "sweeps.search"),
-    "grid": ("a sweep", "sweeps.commands.run"),
-    "exclude": ("a sweep", "sweeps.commands.run"),
+_VERBS = {
+    "search": ("a search", "search"),
+    "grid": ("a sweep", "run"),
+    "exclude": ("a sweep", "run"),
 }
-"""Keys that only one kind of file has, and the module of the command that takes it."""
+"""Keys that only one kind of file has, and the verb that takes it."""
 
 
 class ConfigError(ValueError):
@@ -46,11 +46,9 @@ def read_yaml(path: Path, model: type[BaseModel]) -> dict[str, Any]:
     if not isinstance(raw, dict):
         what = "nothing" if raw is None else type(raw).__name__
         raise ConfigError(f"{path}: found {what}; a mapping of keys is expected")
-    for key, (kind, module) in _MODULES.items():
+    for key, (kind, verb) in _VERBS.items():
         if key in raw and key not in model.model_fields:
-            raise ConfigError(
-                f"{path}: {key}: is a key of {kind}; {command(module)} takes this file"
-            )
+            raise ConfigError(f"{path}: {key}: is a key of {kind}; {command(verb)} takes this file")
     for key in raw:
         if key not in model.model_fields:
             raise ConfigError(f"{path}: {shortened(str(key))}: {unknown_key(str(key), model)}")

@@ -623,8 +623,8 @@ def _curves(path: Path | None, classes: Sequence[tuple[str, str | None]]) -> Det
                 raise ValueError(
                     f"expected_recall has no detection curve of {name} at IoU {IOU:g}, only of "
                     f"{known}; leave expected_recall out of surrogate.names, say whose curve it "
-                    f"takes with class_settings.{name}.curve, or make its own with python -m "
-                    "sweeps.commands.calibrate"
+                    f"takes with class_settings.{name}.curve, or make its own with lidarplace "
+                    "calibrate"
                 )
     except OSError as error:
         raise ConfigError(f"surrogate.curves: {path}: {error.strerror}") from None

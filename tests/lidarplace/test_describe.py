@@ -57,7 +57,7 @@ def test_a_log_without_boxes():
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "lidarplace.commands.describe", *arguments]
+    command = [sys.executable, "-m", "sweeps.main", "describe", *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 

@@ -54,7 +54,7 @@ class Asking:
         with self._starting:
             self._idle()
             path, run = self._files.evaluation()
-            self._start(["run", str(path)])
+            self._start(["sweeps.main", "run", str(path)])
         if self._ended():
             self._panel.found.content = evaluation_tables(found_by_sweep(run))
             self._say(f"evaluated: {run.absolute() / 'decision.html'}", True)
@@ -71,7 +71,7 @@ class Asking:
                 raise ValueError("evaluate the rigs first")
             out = run / "compared"
             rigs = ["--rigs", f"{one},{other}", "--out", str(out)]
-            self._start(["failures", str(run), *rigs])
+            self._start(["sweeps.main", "failures", str(run), *rigs])
         if self._ended():
             self._say(f"compared: {out.absolute() / 'failures.html'}", True)
 
