@@ -183,3 +183,20 @@ def test_importing_lidarplace_brings_in_no_heavy_or_optional_library():
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
     )
     assert found.stdout.strip() == "[]"
+
+
+def test_importing_any_module_changes_nothing_of_the_process():
+    code = """
+import os, signal, sys
+from importlib import import_module
+import numpy
+def state():
+    handlers = {number: signal.getsignal(number) for number in signal.valid_signals()}
+    return handlers, [*sys.path], sys.excepthook, os.getcwd(), numpy.geterr()
+before = state()
+for module in sys.argv[1:]:
+    import_module(module)
+    assert state() == before, module
+"""
+    modules = sorted(module for module in MODULES if ".carla" not in module)  # needs its client
+    subprocess.run([sys.executable, "-c", code, *modules], cwd=ROOT, check=True)
