@@ -68,7 +68,7 @@ FLOORS = {
         "cautions sections",
         "decision",
         "failures",
-        "build comparison",
+        "build",
         "command",
     ),
     "sweeps": (
