@@ -62,7 +62,7 @@ FLOORS = {
         "mlflow pages",
         "dashboard report search_report",
     ),
-    "tracking.figures": ("kit", "of_rigs of_searches of_sweeps"),
+    "tracking.figures": ("kit", "of_searches of_sweeps"),
     "tracking.report": (
         "headline",
         "cautions sections",
