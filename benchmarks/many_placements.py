@@ -16,7 +16,7 @@ import pandas as pd
 import yaml
 from random_placements import random_placements
 
-from tracking.findings.efficiency import stage_efficiency
+from tracking.report.sections.where_time_went import stage_efficiency
 
 SWEEP = {
     "scene": {

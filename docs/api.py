@@ -96,7 +96,6 @@ NAMES = {
         "tracking.findings.best_surrogate": ("best_surrogates",),
         "tracking.statistics.power": ("placements_needed", "power_table"),
         "tracking.report.build": ("build_report",),
-        "tracking.report.comparison.build": ("build_comparison",),
     },
 }
 """Public names by part and module."""

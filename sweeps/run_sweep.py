@@ -36,7 +36,6 @@ from tracking.findings.summary import summary_table
 from tracking.mlflow.content import ParentRun
 from tracking.mlflow.log import SweepLog
 from tracking.mlflow.source import source_tags
-from tracking.mlflow.system import SystemMonitor
 from tracking.report.build import build_report
 from tracking.report.decision.recommendation import headline
 from tracking.run_folders.sweep import RunFolder
@@ -121,10 +120,7 @@ class SweepWork:
         except ValueError as error:
             wrong(error)
         outcome = Outcome()
-        with (
-            SystemMonitor(log.sample, say),
-            StageProgress(self.console, at_most(sweep, plan), store) as progress,
-        ):
+        with StageProgress(self.console, at_most(sweep, plan), store) as progress:
             listener = TrialLog(
                 progress,
                 plan.trials,

@@ -62,13 +62,13 @@ FLOORS = {
         "mlflow pages",
         "dashboard report search_report",
     ),
-    "tracking.figures": ("kit", "of_rigs of_searches of_sweeps"),
+    "tracking.figures": ("kit", "of_searches of_sweeps"),
     "tracking.report": (
         "headline",
         "cautions sections",
         "decision",
         "failures",
-        "build comparison",
+        "build",
         "command",
     ),
     "sweeps": (

@@ -43,6 +43,7 @@ MAY_IMPORT = {
 NOT_IMPORTED = {
     "cmaes": "Optuna's sampler of that name",
     "optuna_dashboard": "a program",
+    "psutil": "MLflow's monitors of the machine",
     "psycopg2": "SQLAlchemy's driver",
     "s3fs": "fsspec's client",
 }

@@ -3,14 +3,9 @@
 from __future__ import annotations
 
 import os
-import signal
-import subprocess
 import sys
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import typer
 
@@ -19,7 +14,6 @@ from lidarplace.command_line.port import free_port
 from lidarplace.command_line.verbs import new_app, verb, within, wrong
 from lidarplace.files.secret_urls import hide_secrets, public_url
 from tracking.mlflow.connection import connect, reason
-from tracking.mlflow.ends_with_parent import ending_with_parent
 from tracking.mlflow.page import VIEW_TAG, page_of
 from tracking.mlflow.uri import absolute_uri, is_server, sqlite_file
 from tracking.run_folders.json_file import Part, read_result_file
@@ -27,9 +21,6 @@ from tracking.run_folders.json_file import Part, read_result_file
 app = new_app()
 
 FIRST_PORT = 5000
-
-_TOLD_EVERY_S = 10.0
-"""Seconds between two lines on what it waits for."""
 
 
 @verb(app, "", "runs/grid", "runs/mlflow.db --port 8000", failed="MLflow does not start")
@@ -59,63 +50,24 @@ def dashboard(
     if port is None:
         print(public_url(uri).rstrip("/") + page)
         return
-    with server(uri, port) as (process, address):
-        print(f"{address}{page}\nCtrl-C ends it.", flush=True)
-        if code := process.wait():
-            print(f"MLflow ended with exit code {code}", file=sys.stderr)
-            raise typer.Exit(1)
+    print(f"http://127.0.0.1:{port}{page}\nMLflow starts there in some seconds; Ctrl-C ends it.")
+    serve(uri, port)
 
 
-@contextmanager
-def server(uri: str, port: int) -> Iterator[tuple[subprocess.Popen[bytes], str]]:
-    """MLflow's server for a database, on the loopback interface, ready to answer.
-
-    Raises:
-        typer.Exit: it does not start; what it said is on stderr.
-    """
-    address = f"http://127.0.0.1:{port}"
+def serve(uri: str, port: int) -> NoReturn:
+    """Become MLflow's server for a database, on the loopback interface."""
+    sys.stdout.flush()
+    own = {
+        # Not as an argument, where every user of the machine could read a password.
+        "MLFLOW_BACKEND_STORE_URI": uri,
+        "MLFLOW_DISABLE_TELEMETRY": "true",
+        "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false",
+        "PYTHONWARNINGS": "ignore:starlette.middleware.wsgi",  # MLflow's to mend
+        "UVICORN_LOG_LEVEL": "warning",
+    }
     command = [sys.executable, "-m", "mlflow", "server", "--host", "127.0.0.1"]
     command += ["--port", str(port), "--workers", "1"]
-    quiet = {"MLFLOW_DISABLE_TELEMETRY": "true", "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
-    quiet["PYTHONWARNINGS"] = "ignore:starlette.middleware.wsgi"  # MLflow's to mend
-    # Not as an argument, where every user of the machine could read a password.
-    own = {"MLFLOW_BACKEND_STORE_URI": uri, "UVICORN_LOG_LEVEL": "warning"}
-    process = subprocess.Popen(
-        ending_with_parent(command),
-        stdin=subprocess.PIPE,  # its end tells that this process has ended, however it did
-        stdout=subprocess.DEVNULL,
-        env=os.environ | quiet | own,
-        start_new_session=True,
-    )
-    try:
-        _wait(process, address)
-        yield process, address
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGTERM)
-            process.wait(30)
-
-
-def _wait(process: subprocess.Popen[bytes], address: str) -> None:
-    """Wait for as long as the server lives: to bring an old database up to date takes minutes."""
-    import requests
-
-    told = time.monotonic()
-    while process.poll() is None:
-        try:
-            if requests.get(f"{address}/health", timeout=5).ok:
-                return
-        except requests.RequestException:
-            time.sleep(0.2)
-        if time.monotonic() - told > _TOLD_EVERY_S:
-            told = time.monotonic()
-            print(
-                f"MLflow is starting at {address}: it imports its parts and looks at its database, "
-                "which takes longer the first time and on a busy machine",
-                file=sys.stderr,
-            )
-    print(f"MLflow ended with exit code {process.returncode} before it answered", file=sys.stderr)
-    raise typer.Exit(1)
+    os.execve(sys.executable, command, os.environ | own)
 
 
 class _About(Part):

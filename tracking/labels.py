@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 from lidarplace.base.metrics import EVERY_IOU, METRICS
 from lidarplace.pog.surrogates.table import SURROGATES
@@ -51,8 +52,11 @@ def metric_label(metric: str, iou: float) -> str:
     return metric_name(metric) if iou == EVERY_IOU else f"{metric_name(metric)} @ {iou:g}"
 
 
-def setting_label(names: Iterable[str], values: Iterable[object]) -> str:
+def setting_label(axes: Iterable[str], row: Mapping[Any, Any]) -> str:
     """Values of further axes, for example "density = 40, lr = 0.001"; last part of the key path."""
-    return ", ".join(
-        f"{name.rsplit('.', 1)[-1]} = {value}" for name, value in zip(names, values, strict=True)
-    )
+    return ", ".join(f"{axis.rsplit('.', 1)[-1]} = {row[axis]}" for axis in axes)
+
+
+def detector_label(axes: Iterable[str], row: Mapping[Any, Any]) -> str:
+    """Detector and setting, for example "second, density = 40"."""
+    return ", ".join(filter(None, (str(row["detector"]), setting_label(axes, row))))

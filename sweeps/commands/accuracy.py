@@ -159,9 +159,9 @@ def _write(errors: pd.DataFrame, summary: pd.DataFrame, out: Path) -> dict[str, 
     """The table of all errors, and a page of figures. Returns the paths by suffix."""
     from lidarplace.files.atomic import replacing
     from lidarplace.files.csv import write_csv
-    from tracking.figures.of_sweeps.accuracy import accuracy_figure
     from tracking.pages.page import SECTIONS_ALONE, write_page
     from tracking.pages.section import Section
+    from tracking.report.sections.accuracy import accuracy_figure
 
     paths = {suffix: out.with_name(f"{out.name}.{suffix}") for suffix in ("parquet", "csv", "html")}
     out.parent.mkdir(parents=True, exist_ok=True)

@@ -139,8 +139,7 @@ def _sections(
     """The verdicts, and for each requirement the ground around every rig."""
     from lidarplace.mounting.outline import outline
     from lidarplace.requirements.ground import Ground
-    from tracking.figures.of_rigs.requirement_map import requirement_map
-    from tracking.pages.requirements import ALONE, COLOURS, counted, verdict_table
+    from tracking.pages.requirements import ALONE, COLOURS, counted, requirement_map, verdict_table
     from tracking.pages.section import Section
 
     rigs = {rig.name: rig for rig in question.rigs}

@@ -31,7 +31,6 @@ OWN = {
     "sweeps.store.remote": "of the store",
     "sweeps.store.result_folder": "of the store",
     "sweeps.mlflow.detector_model": "of MLflow",
-    "tracking.mlflow.samples": "of the sweep",
 }
 """Modules that read what no user names."""
 

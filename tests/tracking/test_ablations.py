@@ -14,10 +14,10 @@ from lidarplace import PAPER_PLACEMENTS
 from lidarplace.rigs.placement import Mount
 from tracking.findings.sensitivity import sensitivity
 from tracking.findings.summary import seed_means
-from tracking.findings.tilt_pairs import TiltPair, tilt_pairs
 from tracking.published import TABLES, published_detection, published_surrogates
 from tracking.report.build import build_report
 from tracking.report.sections.published import paper_names
+from tracking.report.sections.tilts import TiltPair, tilt_pairs
 
 SHOWN = ("line", "line_roll", "center", "trapezoid", "pyramid", "pyramid_pitch")
 PAPER = {name: tuple(placement.mounts) for name, placement in PAPER_PLACEMENTS.items()}

@@ -6,17 +6,16 @@ import json
 import shutil
 import subprocess
 import sys
-from contextlib import contextmanager
+from contextlib import suppress
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 import requests
-from mlflow_runs_of import free_port, logging, new_store, trial
+from mlflow_runs_of import free_port, logging, new_store, trial, until
 from typer.testing import CliRunner
 
 from tests.forked import GUARD_S
-from tracking.dashboard import _wait, app, server
+from tracking.dashboard import app
 
 COLUMNS = ["metrics.AP_R40_3D.Car.0.70", "metrics.seconds"]
 
@@ -44,8 +43,26 @@ def runs(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def address(runs):
-    with server(f"sqlite:///{runs}/store/mlflow.db", free_port()) as (_, address):
+    """Of the server that the command becomes, which ends with it."""
+    port = free_port()
+    command = (
+        f"from tracking.dashboard import app; app(['{runs}/store/mlflow.db', '--port={port}'])"
+    )
+    with subprocess.Popen([sys.executable, "-c", command], stdout=subprocess.PIPE) as server:
+        told = server.stdout.readline().decode()
+        address = f"http://127.0.0.1:{port}"
+        assert told.startswith(f"{address}/#/experiments/")
+        until(lambda: answers(address))
         yield address
+        server.terminate()
+        assert server.wait(GUARD_S) is not None
+    assert not answers(address)
+
+
+def answers(address):
+    with suppress(requests.ConnectionError):
+        return requests.get(f"{address}/health", timeout=GUARD_S).ok
+    return False
 
 
 def post(address, call, body):
@@ -152,28 +169,3 @@ def test_a_port_of_somebody_elses_server_is_refused(address, runs):
     assert done.exit_code == 2
     assert done.stderr == f"--port {port}: Address already in use\n"
     assert not done.stdout
-
-
-def test_a_server_that_dies_is_a_failure(runs, monkeypatch):
-    @contextmanager
-    def dies(uri, port):
-        yield subprocess.Popen([sys.executable, "-c", "raise SystemExit(3)"]), "http://127.0.0.1"
-
-    monkeypatch.setattr("tracking.dashboard.server", dies)
-    done = dashboard(runs / "demo")
-    assert done.exit_code == 1
-    assert "MLflow ended with exit code 3" in done.stderr
-
-
-def test_it_says_why_it_waits_and_keeps_waiting(monkeypatch, capsys):
-    answers = iter([requests.ConnectionError, requests.ReadTimeout, requests.ConnectionError, None])
-
-    def get(url, timeout):
-        if (error := next(answers)) is not None:
-            raise error
-        return SimpleNamespace(ok=True)
-
-    monkeypatch.setattr("requests.get", get)
-    monkeypatch.setattr("tracking.dashboard._TOLD_EVERY_S", 0.0)
-    _wait(SimpleNamespace(poll=lambda: None), "http://127.0.0.1:5000")
-    assert capsys.readouterr().err.count("MLflow is starting at http://127.0.0.1:5000") == 3

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tracking.findings.groups import groups
-from tracking.report.sections.by_distance import by_distance_section
-from tracking.report.sections.by_sector import by_sector_section
+from tracking.report.sections.binned import by_distance_section, by_sector_section
 from tracking.report.sections.coverage import coverage_section, rigs_section
 from tracking.run_folders.sweep import RunFolder
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tracking.findings.efficiency import WHOLE_SWEEP, stage_efficiency
+from tracking.report.sections.where_time_went import WHOLE_SWEEP, stage_efficiency
 
 STAGES = ("pog", "surrogates", "train")
 TASK = st.tuples(st.sampled_from(STAGES), st.integers(0, 40), st.integers(0, 12))

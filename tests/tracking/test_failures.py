@@ -18,11 +18,10 @@ from test_report import Page
 from lidarplace.base.sectors import SECTORS
 from tests.tracking.made_up_objects import made_up_frames
 from tests.tracking.test_drawn_vehicle import SURFACE
-from tracking.figures.of_sweeps.frame_in_space import FOUND, frame_in_space
 from tracking.findings.failures import Failures, _within_bounds, failures
 from tracking.findings.groups import groups
 from tracking.report.build import build_report
-from tracking.report.failures import failures_to_show
+from tracking.report.failures import FOUND, failures_to_show, frame_in_space
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import SweepResult
 

@@ -22,13 +22,13 @@ from tracking.figures.kit.style import (
     symbol,
     theme,
 )
-from tracking.figures.of_sweeps.accuracy import accuracy_figure
-from tracking.figures.of_sweeps.coverage_maps import SeenFrom, coverage_maps, densest
-from tracking.figures.of_sweeps.point_cloud import POINTS, point_clouds
 from tracking.figures.of_sweeps.published import against_own
-from tracking.figures.of_sweeps.times import times
 from tracking.findings.surrogate_accuracy import relative_errors, summarise
 from tracking.pages.section import figure_title
+from tracking.report.sections.accuracy import accuracy_figure
+from tracking.report.sections.clouds import POINTS, point_clouds
+from tracking.report.sections.coverage import SeenFrom, coverage_maps, densest
+from tracking.report.sections.where_time_went import times
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_arrays import Frame
 

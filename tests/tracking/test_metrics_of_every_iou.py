@@ -16,7 +16,6 @@ from tracking.findings.summary import seed_means, summary_table
 from tracking.kitti_iou import headline_iou, judged, judged_by_all
 from tracking.mlflow.content import trial_metrics
 from tracking.report.build import build_report
-from tracking.report.comparison.build import build_comparison
 from tracking.report.sections.reliability import reliability_section
 from tracking.run_folders.sweep import RunFolder
 
@@ -79,15 +78,12 @@ def test_the_summary_has_them_of_the_first_class(run):
     assert not [name for name in columns if name.endswith("@0")]
 
 
-def test_report_and_comparison_name_them_without_an_iou(folder, made_up_run, tmp_path):
-    other = shutil.copytree(folder, tmp_path / "other")
-    pages = [build_report(folder), build_comparison([folder, other], tmp_path / "both")]
-    for page in pages:
-        text = page.read_text(encoding="utf-8")
-        assert "Car · 3D AP @ 0.3–0.8 (%)" in text
-        assert "All objects · mean overlap (%)" in text or "all objects · mean overlap" in text
-        assert "@ 0 " not in text
-        assert "@ 0<" not in text
+def test_the_report_names_them_without_an_iou(folder):
+    text = build_report(folder).read_text(encoding="utf-8")
+    assert "Car · 3D AP @ 0.3–0.8 (%)" in text
+    assert "All objects · mean overlap (%)" in text or "all objects · mean overlap" in text
+    assert "@ 0 " not in text
+    assert "@ 0<" not in text
 
 
 def test_rungs_and_objectives_may_ask_for_them():

@@ -11,7 +11,6 @@ from mlflow_runs_of import logging, new_store, runs_of, trial, until
 from tracking.mlflow import log as mlflow_log
 from tracking.mlflow.content import Dataset, Model
 from tracking.mlflow.page import VIEW_TAG
-from tracking.mlflow.samples import Sample, Samples
 
 DATA = [
     Dataset(
@@ -83,43 +82,18 @@ def test_a_trial_cut_before_its_picture_gets_it_and_has_its_data_once(uri, tmp_p
     assert len(run.inputs.dataset_inputs) == 2
 
 
-def samples(uri):
-    run = runs_of(uri)["demo"]
-    return [
-        (point.step, point.value)
-        for point in client(uri).get_metric_history(run.info.run_id, "system/cpu")
-    ]
+def test_system_metrics_go_on_after_a_stop_and_come_once(uri, tmp_path, monkeypatch):
+    monkeypatch.setenv("MLFLOW_SYSTEM_METRICS_SAMPLING_INTERVAL", "0.05")
 
+    def steps():
+        run = runs_of(uri)["demo"].info.run_id
+        found = client(uri).get_metric_history(run, "system/cpu_utilization_percentage")
+        return [point.step for point in found]
 
-def test_samples_go_on_after_a_stop_and_come_once(uri, tmp_path):
-    file = tmp_path / "system_metrics.jsonl"
-    with logging(uri, tmp_path):
-        start = runs_of(uri)["demo"].info.start_time
-
-    for seconds in ((1, 11), (1, 11, 21), (600,)):  # the second driver finds old ones again
-        left = Samples(file)
-        for second in seconds:
-            left.add(Sample(start + 1000 * second, {"system/cpu": second}))
+    for least in (2, 4):
         with logging(uri, tmp_path):
-            pass
-        assert not file.exists()
-    assert samples(uri) == [(1, 1), (11, 11), (21, 21), (600, 600)]
-    with logging(uri, tmp_path) as log:
-        log.sample({"system/memory": 7.0})
-    assert runs_of(uri)["demo"].data.metrics["system/memory"] == 7
-
-
-def test_half_a_line_of_samples_is_skipped(tmp_path):
-    file = tmp_path / "system_metrics.jsonl"
-    written = [Sample(time, {"system/cpu": 0.1 + 0.2}) for time in (1, 2, 3)]
-    Samples(file).add(written[0])
-    whole = file.read_bytes()
-    Samples(file).add(written[1])
-    second = file.read_bytes()
-    for end in range(len(whole), len(second)):
-        file.write_bytes(second[:end])
-        Samples(file).add(written[2])
-        assert Samples(file).waiting() == [written[0], written[2]]
+            until(lambda least=least: len(steps()) >= least)
+        assert steps() == list(range(len(steps())))
 
 
 def test_the_view_of_the_page_is_the_experiments(uri, tmp_path):

@@ -23,11 +23,9 @@ from mlflow_runs_of import (
 )
 
 from tracking.mlflow.content import Model
-from tracking.mlflow.samples import Sample, Samples
 
 SEEDS = range(1, 5)
 KILLS = 5
-MOMENTS = [1_800_000_000_000 + 10_000 * i for i in range(3)]
 
 
 def log_all(uri: str, folder: Path) -> None:
@@ -101,8 +99,6 @@ def killed_often(uri: str, store: str, folder: Path, limits: Sequence[int]) -> N
     (run / "placement.png").write_bytes(b"a picture")
     (run / "model").mkdir()
     (run / "model" / "MLmodel").write_text("flavors: {}")
-    for moment in MOMENTS:
-        Samples(run / "system_metrics.jsonl").add(Sample(moment, {"system/cpu": 50.0}))
     chance = random.Random(3)  # the first driver dies in the middle of a trial
     for limit in limits:
         step = chance.randrange(1, limit)
@@ -114,10 +110,7 @@ def killed_often(uri: str, store: str, folder: Path, limits: Sequence[int]) -> N
     assert_logged_once(store, SEEDS)
     parent = runs_of(store)["demo"]
     assert parent.data.params == {"epochs": "3"}
-    assert not (run / "system_metrics.jsonl").exists()
     mlflow = MlflowClient(tracking_uri=store)
-    samples = mlflow.get_metric_history(parent.info.run_id, "system/cpu")
-    assert [point.timestamp for point in samples] == MOMENTS
     files = sorted(path.name for path in folder.rglob("artifacts/**/*.*"))
     assert files == len(SEEDS) * ["placement.png"] + ["report.html"]
     (model,) = mlflow.search_logged_models([parent.info.experiment_id])

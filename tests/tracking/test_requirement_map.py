@@ -10,7 +10,7 @@ from lidarplace.requirements.ground import Ground
 from lidarplace.requirements.judge import Finding, Outcome
 from lidarplace.requirements.requirement import Requirement
 from lidarplace.requirements.tables import case_table, worst_cases
-from tracking.figures.of_rigs.requirement_map import requirement_map
+from tracking.pages.requirements import requirement_map
 
 
 def drawn(numbers, held, needed):

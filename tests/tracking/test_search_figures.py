@@ -17,7 +17,7 @@ from tracking.figures.of_searches.search_history import search_history
 from tracking.figures.of_searches.uncovered import unseen
 from tracking.figures.of_searches.verified import verified_figure
 from tracking.run_folders.search_json import Objective, Rig, Zone
-from tracking.search_report.edges import at_the_edge
+from tracking.search_report.cautions import at_the_edge
 
 GAIN = Objective(name="gain", by="expected_ig", unit="nats", direction="maximize")
 PRICE = Objective(name="price", by="price", unit="€", direction="minimize")

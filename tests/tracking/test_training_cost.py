@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 from made_up_run import NAMES, write_run
 
-from tracking.figures.of_sweeps.training_cost import training_cost_figure
 from tracking.findings.training_cost import (
     COST_AXES,
     is_longest,
@@ -16,6 +15,7 @@ from tracking.findings.training_cost import (
     varied_cost_axes,
 )
 from tracking.report.build import build_report
+from tracking.report.sections.training_cost import training_cost_figure
 from tracking.run_folders.sweep import RunFolder
 
 TRAININGS = [(epochs, share) for epochs in (1, 4) for share in (0.25, 1.0)]

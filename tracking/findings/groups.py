@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from tracking.labels import setting_label
+from tracking.labels import detector_label, setting_label
 from tracking.run_folders.sweep import RunFolder
 
 JUDGE = "judge"
@@ -39,8 +39,7 @@ class Group:
     @property
     def title(self) -> str:
         """Detector and setting, for example "second, density = 40"."""
-        axes = setting_label(self.setting, self.setting.values())
-        return ", ".join(part for part in (self.detector, axes) if part)
+        return detector_label(self.setting, self.place)
 
     @property
     def place(self) -> dict[str, Any]:
@@ -72,7 +71,7 @@ def pictured(run: RunFolder) -> str:
     """
     known = {a: v for a, v in run.sweep.pictured.items() if a in run.surrogates.columns}
     varied = {a: v for a, v in known.items() if run.surrogates[a].nunique() > 1}
-    return f"at {setting_label(varied, varied.values())}" if varied else ""
+    return f"at {setting_label(varied, varied)}" if varied else ""
 
 
 def studied(run: RunFolder, table: pd.DataFrame) -> list[str]:
@@ -95,7 +94,7 @@ def by_setting(table: pd.DataFrame, axes: Sequence[str]) -> Iterator[tuple[str, 
         yield "", table
         return
     for values, part in table.groupby(own, sort=False, dropna=False):
-        yield setting_label(own, values), part
+        yield setting_label(own, dict(zip(own, values, strict=True))), part
 
 
 def groups(run: RunFolder) -> Iterator[Group]:

@@ -12,7 +12,7 @@ import pandas as pd
 from lidarplace.base.metrics import HEADLINE_METRIC
 from tracking.findings.training_cost import is_longest
 from tracking.kitti_iou import headline_iou
-from tracking.labels import metric_label, setting_label, surrogate_name
+from tracking.labels import detector_label, metric_label, surrogate_name
 from tracking.run_folders.sweep import RunFolder
 from tracking.run_folders.sweep_json import Rung
 
@@ -94,13 +94,13 @@ def promoted(
     own = [axis for axis in axes if axis in promotions.columns]
     for values, part in promotions.groupby(["detector", *own], dropna=False, sort=False):
         match = pd.Series(True, index=full_trials.index)
-        for key, value in zip(("detector", *own), values, strict=True):
+        place = dict(zip(("detector", *own), values, strict=True))
+        for key, value in place.items():
             match &= full_trials[key] == value
         finished = full_trials[match & (full_trials["status"] == "finished")]
         part = part.sort_values(["rung", "rank"], kind="stable")
-        label = setting_label(own, values[1:])
         yield Promoted(
-            title=", ".join(name for name in (str(values[0]), label) if name),
+            title=detector_label(own, place),
             stages=(*_stage_names(part, results), FULL_TRAINING),
             rungs=part,
             trials=finished,

@@ -37,9 +37,9 @@ def connect(uri: str) -> Any:
     os.environ.setdefault("PGCONNECT_TIMEOUT", "10")
     from mlflow import MlflowClient  # heavy, and reads the environment when imported
 
-    # A connection that is lost is told in one line, and the steps of creating a database are no
-    # news for a reader of the sweep's output.
-    for logger in ("mlflow.store.db.utils", "alembic"):
+    # A connection that is lost is told in one line, without a password; the steps of creating a
+    # database and of watching the machine are no news for a reader of the sweep's output.
+    for logger in ("mlflow.store.db.utils", "mlflow.system_metrics", "alembic"):
         logging.getLogger(logger).setLevel(logging.CRITICAL)
     if (database := sqlite_file(uri)) is not None:
         if database.exists():

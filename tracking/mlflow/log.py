@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -14,7 +13,6 @@ from lidarplace.files.secret_urls import hide_secrets, public_url
 from tracking.mlflow.connection import Away
 from tracking.mlflow.content import EndedTrial, Model, ParentRun
 from tracking.mlflow.runs import SweepRuns
-from tracking.mlflow.samples import Sample, Samples
 from tracking.mlflow.uri import absolute_uri, sqlite_file
 
 T = TypeVar("T")
@@ -71,7 +69,6 @@ class SweepLog:
         self._runs = SweepRuns(self._uri, own, artifacts)
         self._print = say
         self._patience_s = patience_s
-        self._samples = Samples(folder / "system_metrics.jsonl")
         self._trials: Callable[[], Iterable[EndedTrial]] = tuple
         self._files: dict[tuple[object, ...], Callable[[], None]] = {}
         self._models: dict[tuple[object, ...], Callable[[], None]] = {}
@@ -168,14 +165,6 @@ class SweepLog:
         """
         self._models[model.name, model.trial] = partial(self._runs.write_model, model)
 
-    def sample(self, values: Mapping[str, float]) -> None:
-        """Log metrics of this moment to the parent run. Their step is the second of the run.
-
-        Raises:
-            OSError: the disk is full; if the driver is killed they may be lost.
-        """
-        self._samples.add(Sample(time.time_ns() // 1_000_000, values))
-
     def page(self) -> str:
         """The experiment's page below a server's address; empty while the server was never there.
 
@@ -229,9 +218,6 @@ class SweepLog:
         for trial in filter(self._lacks, self._ended()):
             if (run := self._told(trial.describe, None)) is not None:
                 self._write(trial.key, run.name, partial(self._runs.write_trial, trial, run))
-        if samples := self._samples.waiting():
-            self._write("samples", "samples", partial(self._runs.write_samples, samples))
-            self._samples.delivered(len(samples))
         for waiting, items in ((self._files, list(self._files.items())), (self._models, models)):
             for key, write in items:
                 self._write(key, str(key[0]), write)

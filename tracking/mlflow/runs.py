@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,6 @@ from tracking.mlflow.connection import (
 from tracking.mlflow.content import Dataset, EndedTrial, Model, ParentRun, TrialRun
 from tracking.mlflow.models import write_model
 from tracking.mlflow.page import NOTE_TAG, VIEW_TAG, page_of, view
-from tracking.mlflow.samples import Sample
 from tracking.mlflow.uri import is_server
 
 SWEEP_TAG = "lidarplace.sweep"
@@ -58,7 +57,7 @@ class SweepRuns:
         self._trials: dict[str, Any] = {}
         self._whole: dict[str, str | None] = {}
         """By the trial's key, why it failed."""
-        self._last_steps: dict[str, int] = {}
+        self._monitor: Any = None
 
     @property
     def is_open(self) -> bool:
@@ -80,6 +79,7 @@ class SweepRuns:
             self._whole = {key: _error(r) for key, r in self._trials.items() if _is_whole(r)}
             self._parent = self._one_parent([r for r in runs if TRIAL_TAG not in r.data.tags])
             self._describe()
+            self._watch_machine()
         except ValueError:
             self._client = None
             raise
@@ -133,26 +133,10 @@ class SweepRuns:
         with self._connected(files=True):
             write_model(self._client, self._experiment, self._wanted.key, run, model)
 
-    def write_samples(self, samples: Sequence[Sample]) -> None:
-        """Log metrics of moments to the parent run; their step is the second of the run.
-
-        They come in the order of their steps, so what is not after the last one is there.
-        """
-        from mlflow.entities import Metric
-
-        info = self._parent.info
-        points = []
-        for sample in samples:
-            step = (sample.time - info.start_time) // 1000
-            new = {k: v for k, v in sample.values.items() if step > self._last_steps.get(k, -1)}
-            points += [Metric(name, value, sample.time, step) for name, value in new.items()]
-            self._last_steps |= dict.fromkeys(new, step)
-        with self._connected():
-            self._client.log_batch(info.run_id, points)
-
     def end(self, status: str) -> None:
         """End the parent run with one of MLflow's statuses."""
         with self._connected():
+            self._monitor.finish()
             self._client.set_terminated(self._parent.info.run_id, status)
 
     def page(self) -> str:
@@ -175,6 +159,20 @@ class SweepRuns:
                 raise
             self._client = None
             raise Away(reason(error)) from error
+
+    def _watch_machine(self) -> None:
+        """Let MLflow's monitor log system metrics of the parent run.
+
+        Its thread ends where MLflow is away, so each connection gets a new one, which goes on after
+        the last step.
+        """
+        from mlflow.system_metrics.system_metrics_monitor import SystemMetricsMonitor
+
+        if self._monitor is not None:
+            self._monitor.finish()
+        run_id = self._parent.info.run_id
+        self._monitor = SystemMetricsMonitor(run_id, resume_logging=True, tracking_uri=self._uri)
+        self._monitor.start()
 
     def _find_experiment(self) -> str:
         name = self._wanted.name
@@ -294,7 +292,6 @@ class SweepRuns:
                     f"run {run.info.run_name!r} in MLflow has {name} = {value}, now it is "
                     f"{params[name]}: a resumed sweep cannot change it, give it another name"
                 )
-        self._last_steps = {point.key: point.step for point in run.data.to_proto().metrics}
         tags = {**own.tags} | ({NOTE_TAG: own.note} if own.note else {})
         self._client.log_batch(
             run.info.run_id,

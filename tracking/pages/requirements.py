@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import html
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import pandas as pd
+import plotly.graph_objects as go
+from numpy.typing import NDArray
 
+from lidarplace.requirements.ground import Ground
 from lidarplace.rigs.placement import Mount
-from tracking.figures.of_rigs.requirement_map import requirement_map
+from tracking.figures.kit.style import figure, lidar_colour, text
+from tracking.figures.kit.vehicle_lines import VEHICLE_OUTLINE
 from tracking.numbers import digits
 from tracking.pages.section import Section
 from tracking.pages.tables import Column, Table, words
@@ -25,6 +31,14 @@ COLOURS = (
 )
 MOST_DRAWN = 12
 """Of what fails."""
+_ENOUGH = 0.5
+_COLOURS = (
+    (0.0, "#7a2b00"),
+    (_ENOUGH, "#f0a070"),
+    (_ENOUGH, "#a8d4f0"),
+    (1.0, "#15619f"),
+)
+"""Orange is too little, the darker the less; blue is enough, the darker the more."""
 
 
 def counted(worst: pd.DataFrame) -> str:
@@ -101,3 +115,97 @@ def draw_failures(
     section.notes.append(COLOURS)
     if len(failing) > MOST_DRAWN:
         section.notes.append(f"The first {MOST_DRAWN} of {len(failing)} failures are drawn.")
+
+
+def requirement_map(
+    worst: Mapping[Any, Any],
+    ground: Ground,
+    rig: str,
+    mounts: Sequence[Mount],
+    body: NDArray[np.float64],
+) -> go.Figure:
+    """What every place has, in terms of what it needs, in the worst of all cases.
+
+    The colours end at nothing and at twice the need. A cross marks the worst position of the worst
+    case.
+
+    Args:
+        worst: the worst case, a row of `lidarplace.requirements.tables.worst_cases`.
+        rig: its name.
+        body: `lidarplace.mounting.outline.outline` of the vehicle.
+    """
+    needed, measure = float(worst["at_least"]), worst["measure"]
+    x, y, least = ground.x, ground.y, ground.least.astype(np.float64)
+    verdict = "met" if worst["met"] else "FAILED"
+    title = f"{text(rig)} · {text(worst['requirement'])}: {verdict}"
+    plot = figure(title, height=_height(x, y))
+    plot.add_heatmap(
+        x=x,
+        y=y,
+        z=np.clip(least.T / needed, 0.0, 2.0).astype(np.float32),
+        customdata=least.T.astype(np.float32),
+        zmin=0.0,
+        zmax=2.0,
+        colorscale=_COLOURS,
+        colorbar={
+            "title": {"text": html.escape("of need")},
+            "tickvals": [0, 1, 2],
+            "ticktext": ["0", "1", "2 ≤"],
+            "thickness": 10,
+            "x": 1.03,
+            "len": 1.0,
+        },
+        hovertemplate="x %{x:.2f}, y %{y:.2f} m<br>"
+        f"%{{customdata:.3g}} {measure} of {needed:g}<extra></extra>",
+        hoverongaps=False,
+    )
+    plot.add_scatter(x=body[:, 0], y=body[:, 1], **VEHICLE_OUTLINE)
+    _add_lidars(plot, mounts)
+    plot.add_scatter(
+        x=[worst["x"]],
+        y=[worst["y"]],
+        mode="markers",
+        marker={
+            "symbol": "x",
+            "size": 11,
+            "color": "#ffffff",
+            "line": {"color": "#000000", "width": 1.5},
+        },
+        hovertext=f"worst: {worst['at_worst']:.3g} {measure}, {text(worst['case'])}",
+        hoverinfo="text",
+        showlegend=False,
+    )
+    reach = np.concatenate([body, [[x[0], y[0]], [x[-1], y[-1]]]])
+    (x0, y0), (x1, y1) = np.nanmin(reach, axis=0) - 0.3, np.nanmax(reach, axis=0) + 0.3
+    plot.update_xaxes(title="x, forward (m)", range=[x0, x1], constrain="domain", showgrid=False)
+    plot.update_yaxes(
+        title="y, left (m)",
+        range=[y0, y1],
+        scaleanchor="x",
+        constrain="domain",
+        showgrid=False,
+    )
+    return plot
+
+
+def _height(x: NDArray[np.float64], y: NDArray[np.float64]) -> int:
+    """What fits the shape of the ground in a narrow column."""
+    shape = (np.ptp(y) + 2.0) / (np.ptp(x) + 4.0)
+    return int(np.clip(98 + 265 * shape, 220, 560))
+
+
+def _add_lidars(plot: go.Figure, mounts: Sequence[Mount]) -> None:
+    plot.add_scatter(
+        x=[mount.x for mount in mounts],
+        y=[mount.y for mount in mounts],
+        mode="markers",
+        marker={
+            "symbol": "diamond",
+            "size": 8,
+            "color": [lidar_colour(number) for number in range(len(mounts))],
+            "line": {"color": "#ffffff", "width": 1},
+        },
+        hovertext=[f"LiDAR {number + 1}, {mount.z:g} m up" for number, mount in enumerate(mounts)],
+        hoverinfo="text",
+        showlegend=False,
+    )

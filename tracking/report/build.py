@@ -36,8 +36,7 @@ from tracking.report.headline import Verdict, headline_ranking, surrogate_verdic
 from tracking.report.sections.accuracy import accuracy_section
 from tracking.report.sections.agreement import agreement_section
 from tracking.report.sections.best import best_section
-from tracking.report.sections.by_distance import by_distance_section
-from tracking.report.sections.by_sector import by_sector_section
+from tracking.report.sections.binned import by_distance_section, by_sector_section
 from tracking.report.sections.ceiling import ceiling_section
 from tracking.report.sections.clouds import clouds_section
 from tracking.report.sections.correlation import correlation_section

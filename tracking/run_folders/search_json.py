@@ -252,6 +252,13 @@ class SearchResult(ResultFile):
         return self.objectives[0]
 
     @property
+    def strided(self) -> str:
+        """Which rays the search fired, as words; "" if it fired all, or none at all."""
+        if self.stride is None or self.stride.azimuth_stride <= 1:
+            return ""
+        return f"rays of 1 in {self.stride.azimuth_stride} azimuth steps"
+
+    @property
     def trials_table(self) -> Table:
         """What the table of trials holds."""
         return trials_of((o.name for o in self.objectives), (c.name for c in self.constraints))

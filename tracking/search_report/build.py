@@ -27,7 +27,6 @@ from tracking.run_folders.search_json import Rig
 from tracking.search_report.cautions import cautions
 from tracking.search_report.feasibility import constraint_table, infeasible_sentences, nearest_trial
 from tracking.search_report.headline import cards, of_front, of_objective, summary, with_unit
-from tracking.search_report.strided import strided
 from tracking.search_report.tables import (
     greedy_table,
     mount_table,
@@ -187,7 +186,7 @@ def _part(value: float, whole: float) -> str:
 def _history(run: SearchFolder) -> Section:
     search = run.search
     section = Section("How the search went", columns=2)
-    bound, rays = search.bound, strided(search)
+    bound, rays = search.bound, search.strided
     if rays:
         section.notes.append(
             f"All figures here are as searched, with {rays}; the table of rigs is with all rays."
@@ -225,7 +224,7 @@ def _pareto(run: SearchFolder) -> Section | None:
     if len(search.objectives) < 2:
         return None
     notes = [f"{of_front(search)}: none of them is better than another in every objective."]
-    rays = strided(search)
+    rays = search.strided
     if rays:
         notes.append(f"All values here are as searched, with {rays}.")
     plots = pareto_fronts(run.evaluated, search.objectives, search.rigs, search.best)

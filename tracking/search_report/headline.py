@@ -12,7 +12,6 @@ from tracking.numbers import digits, number, span
 from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_json import Objective, Rig, SearchResult
 from tracking.search_report.feasibility import infeasible_sentences, nothing_found
-from tracking.search_report.strided import strided
 
 
 @dataclass(frozen=True)
@@ -177,7 +176,7 @@ def _against_bound(search: SearchResult) -> list[str]:
             f"at most {bound.gap_percent:.1f} % below the best possible {among} "
             f"(upper bound {limit})."
         )
-    rays = strided(search)
+    rays = search.strided
     if rays:  # the bound is of such values, not of the exact one above
         value = with_unit(search.first, search.rigs[search.best[0]].searched_value(search.first))
         return [f"As searched, with {rays}: {value}, {said}"]
@@ -197,7 +196,7 @@ def _effort(search: SearchResult) -> Card:
             f"{search.evaluation_seconds:,.1f} s: the sampler's share is "
             f"{100 * search.sampler_seconds / busy:.0f} %."
         )
-    rays = strided(search)
+    rays = search.strided
     if search.stride is not None and rays:
         error = search.stride.relative_error
         known = (

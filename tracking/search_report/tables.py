@@ -13,7 +13,6 @@ from tracking.pages.tables import Column, Table, numbers, words
 from tracking.run_folders.search import SearchFolder
 from tracking.run_folders.search_json import Objective, Rig
 from tracking.search_report.feasibility import excess
-from tracking.search_report.strided import strided
 
 MOST_TRIALS = 20
 _MOUNT_HEAD = (
@@ -107,7 +106,7 @@ def trial_table(run: SearchFolder) -> Table:
         )
         for row, words in zip(best.to_dict("records"), mounts, strict=True)
     )
-    rays = strided(search)
+    rays = search.strided
     caption = (
         f"The best {len(rows)} of {len(done):,} trials by {search.first.name}, feasible first · "
         f"{f'as searched, with {rays} · ' if rays else ''}"
@@ -118,7 +117,7 @@ def trial_table(run: SearchFolder) -> Table:
 
 
 def greedy_table(greedy: pd.DataFrame, rays: str) -> Table:
-    """What every LiDAR that greedy took added, with its mount; `rays` as of `strided`."""
+    """What every LiDAR that greedy took added, with its mount; `rays`: `SearchResult.strided`."""
     head = tuple(str(column) for column in greedy.columns)
     rows = tuple(tuple(_cell(cell) for cell in row) for row in greedy.itertuples(index=False))
     words = {

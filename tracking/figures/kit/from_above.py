@@ -6,9 +6,8 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from lidarplace.base.roi import Roi
+from lidarplace.base.roi import Interval, Roi
 from lidarplace.mounting.vehicle import Vehicle
-from tracking.figures.kit.averaged import averaged
 from tracking.figures.kit.style import SEQUENTIAL, figure
 from tracking.figures.kit.vehicle_lines import extent_of, vehicle_from_above
 
@@ -26,7 +25,21 @@ def pog_from_above(
     It is averaged to at most `most` cells along the longer side.
     """
     cells, x, y = averaged(entropy, (roi.x, roi.y), most)
-    return _map(cells.astype(np.float32), x, y, title, "nats", None, "%{z:.3g} nats")
+    # The height that fits the map's shape in a narrow column.
+    shape = (y[-1] - y[0]) / (x[-1] - x[0])
+    plot = figure(title, height=int(np.clip(98 + 265 * shape, 190, 480)))
+    shown = cells.astype(np.float32)
+    plot.add_heatmap(
+        z=shown.T,  # rows of a heat map run along y
+        x=x,
+        y=y,
+        zmin=0.0,
+        zmax=float(shown.max()) or 1.0,
+        colorscale=SEQUENTIAL,
+        colorbar={"title": {"text": "nats"}, "thickness": 10, "x": 1.03, "len": 1.0},
+        hovertemplate="x %{x:.1f}, y %{y:.1f} m<br>%{z:.3g} nats<extra></extra>",
+    )
+    return plot
 
 
 def add_vehicle(plot: go.Figure, vehicle: Vehicle | None, roi: Roi) -> None:
@@ -53,27 +66,27 @@ def in_view(vehicle: Vehicle | None, roi: Roi) -> list[list[float]]:
     return [[min(side[0], first), max(side[1], last)] for side, first, last in sides]
 
 
-def _map(
-    cells: NDArray[np.generic],
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    title: str,
-    unit: str,
-    limits: tuple[float, float] | None,
-    hover: str,
-) -> go.Figure:
-    # The height that fits the map's shape in a narrow column.
-    shape = (y[-1] - y[0]) / (x[-1] - x[0])
-    plot = figure(title, height=int(np.clip(98 + 265 * shape, 190, 480)))
-    low, high = limits or (0.0, float(cells.max()) or 1.0)
-    plot.add_heatmap(
-        z=cells.T,  # rows of a heat map run along y
-        x=x,
-        y=y,
-        zmin=low,
-        zmax=high,
-        colorscale=SEQUENTIAL,
-        colorbar={"title": {"text": unit}, "thickness": 10, "x": 1.03, "len": 1.0},
-        hovertemplate="x %{x:.1f}, y %{y:.1f} m<br>" + hover + "<extra></extra>",
-    )
-    return plot
+def averaged(
+    cells: NDArray[np.float32], sides: tuple[Interval, Interval], most: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Means over blocks of cells.
+
+    Args:
+        cells: shape (n, m).
+        sides: what the map spans along both axes, metres.
+        most: the blocks are square, and so large that no axis has more than these.
+
+    Returns:
+        The means, and the edges of the blocks along both axes in metres.
+    """
+    step = -(-max(cells.shape) // most)
+    means = cells.astype(np.float64)
+    edges = []
+    for axis, (low, high) in enumerate(sides):
+        n = cells.shape[axis]
+        starts = np.arange(0, n, step)
+        size = np.diff(np.append(starts, n))
+        means = np.add.reduceat(means, starts, axis=axis)
+        means /= size[:, None] if axis == 0 else size
+        edges.append(low + (high - low) / n * np.append(starts, n))
+    return means, edges[0], edges[1]

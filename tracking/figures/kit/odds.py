@@ -11,21 +11,16 @@ from tracking.figures.kit.style import text
 
 def add_odds(plot: go.Figure, odds: Sequence[str]) -> None:
     """Write them on the right, a row each from 0 at the top on, with a head above."""
-    for row, said in enumerate(odds):
-        _add(plot, row, text(said))
-    _add(plot, -0.9, "likely to<br>be the best")
+    for row, words in [*enumerate(map(text, odds)), (-0.9, "likely to<br>be the best")]:
+        plot.add_annotation(
+            x=1.01,
+            xref="paper",
+            xanchor="left",
+            y=row,
+            text=words,
+            align="left",
+            showarrow=False,
+            font={"size": 11},
+        )
     plot.update_yaxes(range=[len(odds) - 0.5, -1.4])
     plot.update_layout(margin={"r": 84})
-
-
-def _add(plot: go.Figure, row: float, words: str) -> None:
-    plot.add_annotation(
-        x=1.01,
-        xref="paper",
-        xanchor="left",
-        y=row,
-        text=words,
-        align="left",
-        showarrow=False,
-        font={"size": 11},
-    )

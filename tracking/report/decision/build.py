@@ -8,16 +8,21 @@ from pathlib import Path
 
 import pandas as pd
 
+from lidarplace.base.metrics import headline_metric
 from lidarplace.command_line.invocation import command
+from tracking.figures.of_sweeps.side_by_side import side_by_side
 from tracking.findings.best_placement import BestPlacement
 from tracking.findings.groups import Group
+from tracking.kitti_iou import headline_iou, judged
+from tracking.labels import metric_label
+from tracking.numbers import percent
 from tracking.pages.csv_files import FOLDER
 from tracking.pages.page import write_page
 from tracking.pages.section import Section
-from tracking.report.decision.recall_and_ap import recall_and_ap_section
-from tracking.report.decision.recommendation import answer, recommendations
+from tracking.report.decision.recommendation import Recommendation, answer, recommendations
 from tracking.report.decision.rigs import rigs_section
 from tracking.report.decision.where_blind import where_blind_section
+from tracking.report.headline import class_label
 from tracking.report.sections.requirements import rigs_requirements_section
 from tracking.run_folders.sweep import RunFolder
 
@@ -83,3 +88,36 @@ def _tables(folder: Path) -> list[str]:
         r"(best|placements|recall-by-direction|ap-by-distance|failures|requirements)"
     )
     return sorted(file.name for file in folder.glob("*.csv") if known.match(file.name))
+
+
+def recall_and_ap_section(
+    run: RunFolder, found: Recommendation, means: pd.DataFrame, enough: bool
+) -> Section:
+    """Every class' AP and the recall of all objects, with intervals, the best rig on top.
+
+    Args:
+        means: `seed_means` of the run.
+        enough: whether the evidence allows to say how likely each is to be the best.
+    """
+    section = Section("What they find", columns=1)
+    own = found.group.of(means)
+    alone = len(found.ranked) <= 2
+    columns = {}
+    for name in found.ranked:
+        metric = metric_label(headline_metric(name), headline_iou(run.results, name))
+        table = judged(own, run.results, name).set_index("placement")
+        label = metric if alone else f"{metric}, {class_label(name)}"
+        columns[label] = table.assign(
+            low=(table["mean"] - table["half"]).clip(lower=0),
+            high=(table["mean"] + table["half"]).clip(upper=100),
+        )[["mean", "low", "high"]]
+    rows = found.shown
+    odds = [percent(share) for share in found.best.sure.loc[rows]] if enough else []
+    section.figures.append(side_by_side(columns, rows, "Recall and AP", "percent", odds))
+    section.notes.append(
+        "Means over seeds. Bars are 95 % intervals for a comparison, over seeds"
+        + (" and over test objects, which all rigs share." if found.best.sample else ".")
+        if any(table["low"].notna().any() for table in columns.values())
+        else "One seed each: how much the training scatters is unknown, so there are no bars."
+    )
+    return section

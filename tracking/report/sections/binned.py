@@ -7,13 +7,23 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-from tracking.figures.of_sweeps.by_bin import Bins
-from tracking.findings.groups import Group
+from lidarplace.base.metrics import HEADLINE_METRIC, headline_metric
+from tracking.figures.kit.style import text
+from tracking.figures.of_sweeps.by_bin import Bins, by_bin
+from tracking.findings.groups import Group, by_setting, has_detectors
 from tracking.findings.summary import seed_means
 from tracking.kitti_iou import judged
+from tracking.labels import metric_label
 from tracking.numbers import plus_minus
-from tracking.pages.tables import Table
+from tracking.pages.section import Section
+from tracking.pages.tables import Table, slug
 from tracking.run_folders.sweep import RunFolder
+
+_METRIC = headline_metric("all")
+SECTOR = ["sector", "from_deg", "to_deg"]
+"""Columns that tell sectors apart."""
+RING = ["from_m", "to_m"]
+"""Columns that tell rings apart."""
 
 
 def means_by_bin(
@@ -64,4 +74,100 @@ def binned_table(own: pd.DataFrame, bins: Bins, caption: str, name: str) -> Tabl
         best,
         name=name,
         data=own.drop(columns="bin").rename(columns={"mean": "mean_percent", "sd": "sd_percent"}),
+    )
+
+
+def by_sector_section(run: RunFolder, found: list[Group]) -> Section | None:
+    """Recall by sector around the vehicle; None where it was not measured."""
+    if run.sector is None or run.sector.empty:
+        return None
+    section = Section("Objects by their direction", columns=2)
+    section.notes.append(
+        "Test frames, sectors of 45 degrees around the vehicle; an object is in that of its "
+        "centre. Recall: means over seeds with 95 % intervals, which do not contain the chance of "
+        "which objects are in a sector."
+    )
+    for label, rows in means_by_bin(run, found, run.sector, SECTOR, _METRIC):
+        own, sectors = in_sectors(rows)
+        metric = f"{metric_label(_METRIC, own['iou'].iloc[0])} (%)"
+        drawn = own.rename(columns={"mean": "value", "ground_truths": "objects"})
+        heading = f"Recall by direction · {text(label)}"
+        section.figures.append(by_bin(drawn, sectors, heading, metric, list(run.placements)))
+        caption = f"{metric} by direction · {label}"
+        name = slug("recall by direction", label)
+        section.tables.append(binned_table(own, sectors, caption, name))
+    return section
+
+
+def in_sectors(table: pd.DataFrame) -> tuple[pd.DataFrame, Bins]:
+    """The table with the sector of every row as `bin`, and all sectors from the left on."""
+    named = table.assign(bin=table["sector"])
+    from_the_left = named.sort_values("from_deg", ascending=False)["bin"].unique()
+    return named, Bins("direction of the object", tuple(from_the_left))
+
+
+def by_distance_section(run: RunFolder, found: list[Group]) -> Section | None:
+    """Points per object, then AP, by distance; None for a sweep without detectors."""
+    if not has_detectors(run):
+        return None
+    section = Section("Objects by their distance", columns=2)
+    if run.points is None or run.points.empty or run.distance is None:
+        section.notes.append("The run folder has no points.parquet and distance.parquet.")
+        return section
+    section.notes.append(
+        "Test frames; distance is from the origin of the ego frame to the centre of the object. "
+        "Points: the mean over objects, those without any included. AP: means over seeds with 95 % "
+        "intervals, which do not contain the chance of which objects are in a ring; with n below "
+        "41 of them even a perfect detector has (n - 1) / 40."
+    )
+    names = list(run.placements)
+    for title, part in by_setting(run.points, run.axes):
+        for name, rows in part.groupby("class", sort=False):
+            label = f"{name} · {title}" if title else str(name)
+            own, rings = in_rings(rows)
+            drawn = own.assign(value=own["mean"], low=np.nan, high=np.nan)
+            heading = f"Points per object · {text(label)}"
+            section.figures.append(by_bin(drawn, rings, heading, "points per object", names, True))
+            section.tables.append(_points_table(own, rings, label))
+    for label, rows in means_by_bin(run, found, run.distance, RING, HEADLINE_METRIC):
+        own, rings = in_rings(rows)
+        metric = f"{metric_label(HEADLINE_METRIC, own['iou'].iloc[0])} (%)"
+        drawn = own.rename(columns={"mean": "value", "ground_truths": "objects"})
+        heading = f"AP by distance · {text(label)}"
+        section.figures.append(by_bin(drawn, rings, heading, metric, names))
+        caption = f"{metric} by distance · {label}"
+        section.tables.append(binned_table(own, rings, caption, slug("ap by distance", label)))
+    return section
+
+
+def in_rings(table: pd.DataFrame) -> tuple[pd.DataFrame, Bins]:
+    """The table with the ring of every row as `bin`, and all rings from the nearest on."""
+    low, high = table["from_m"], table["to_m"]
+    labels = [
+        f"{a:g}–{b:g}" if np.isfinite(b) else f"{a:g}+" for a, b in zip(low, high, strict=True)
+    ]
+    named = table.assign(bin=labels)
+    order = named.sort_values("from_m")["bin"].unique()
+    return named, Bins("distance of the object (m)", tuple(order), " m")
+
+
+def _points_table(own: pd.DataFrame, rings: Bins, label: str) -> Table:
+    means, unseen = wide(own, rings, "mean"), wide(own, rings, "unseen")
+    rows = tuple(
+        (
+            str(name),
+            *(
+                "–" if np.isnan(mean) else f"{mean:,.1f} ({100 * share:.0f} %)"
+                for mean, share in zip(means.loc[name], unseen.loc[name], strict=True)
+            ),
+        )
+        for name in means.index
+    )
+    data = own.drop(columns="bin")
+    return Table(
+        f"Points per object, share of the objects without any in brackets · {label}",
+        ("placement", *(f"{ring}{rings.unit}" for ring in rings.names)),
+        rows,
+        name=slug("points per object", label),
+        data=data.rename(columns={"mean": "points_mean", "median": "points_median"}),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import pandas as pd
 from lidarplace.base.metrics import headline_metric
 from tracking.findings.groups import has_detectors
 from tracking.kitti_iou import headline_iou
-from tracking.labels import setting_label
+from tracking.labels import detector_label
 from tracking.numbers import digits, span
 from tracking.pages.section import Section
 from tracking.pages.tables import METRIC, Column, Table, numbers, words
@@ -66,10 +67,6 @@ def ceiling_section(run: RunFolder, ceilings: pd.DataFrame) -> Section | None:
         )
     ]
 
-    def detector(row: Mapping[Any, Any]) -> str:
-        axes = setting_label(run.axes, [row[axis] for axis in run.axes])
-        return ", ".join(part for part in (str(row["detector"]), axes) if part)
-
     def halves(row: Mapping[Any, Any]) -> str:
         shown = digits(row["agreement_of_halves"], ".2f")
         known = np.isfinite(row["agreement_of_halves"])
@@ -77,7 +74,7 @@ def ceiling_section(run: RunFolder, ceilings: pd.DataFrame) -> Section | None:
 
     columns = [
         words("class"),
-        Column("detector", detector, words=True),
+        Column("detector", partial(detector_label, run.axes), words=True),
         METRIC,
         numbers("placements", "n", ",.0f"),
         numbers("seeds", "seeds", ".3g"),

@@ -2,13 +2,27 @@
 
 from __future__ import annotations
 
-from tracking.figures.of_sweeps.point_cloud import point_clouds
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import NDArray
+
+from lidarplace.base.roi import Roi
+from lidarplace.mounting.vehicle import Vehicle
+from tracking.figures.kit.from_above import add_vehicle
+from tracking.figures.kit.style import OUTLINE, add_menu, figure, lidar_colour, text
 from tracking.findings.groups import has_detectors, pictured
 from tracking.pages.section import Section
 from tracking.run_folders.sweep import RunFolder
+from tracking.run_folders.sweep_arrays import Frame
 
 MOST_CLOUDS = 12
 """Placements in the menus: a page must stay small."""
+POINTS = 8000
+"""Points kept of a placement's cloud, drawn at random."""
+_DASHES = {"Car": "solid", "Cyclist": "dash", "Pedestrian": "dot"}
 
 
 def clouds_section(run: RunFolder, ranked: list[str]) -> Section | None:
@@ -35,3 +49,94 @@ def clouds_section(run: RunFolder, ranked: list[str]) -> Section | None:
             )
         )
     return section
+
+
+def point_clouds(
+    frame: Frame,
+    roi: Roi,
+    vehicle: Vehicle | None,
+    placements: Sequence[str],
+    first: str,
+    seed: int = 0,
+    colours: Mapping[str, str] = MappingProxyType({}),
+) -> go.Figure:
+    """One placement at a time, a menu chooses; a colour a LiDAR, outlines for the ground truth.
+
+    Args:
+        vehicle: None for a nominal car.
+        placements: those in the menu, keys of `frame.points`.
+        first: the one shown at the start.
+        seed: of the choice of points.
+        colours: of outlines, by class; grey by default.
+    """
+    shape = (roi.y[1] - roi.y[0]) / (roi.x[1] - roi.x[0])
+    plot = figure(text(first), height=int(np.clip(220 + 450 * shape, 300, 620)))
+    owner: list[str] = []
+    for name in placements:
+        points, lidar = _thinned(frame, roi, name, seed)
+        for mount in np.unique(frame.lidar[name]):
+            own = points[lidar == mount]
+            plot.add_scattergl(
+                x=own[:, 0],
+                y=own[:, 1],
+                mode="markers",
+                marker={"size": 2.5, "color": lidar_colour(int(mount))},
+                name=f"LiDAR {mount}",
+                visible=name == first,
+                hoverinfo="skip",
+            )
+            owner.append(name)
+    for object_class in dict.fromkeys(frame.labels.tolist()):
+        x, y = _outlines(frame.boxes[frame.labels == object_class])
+        plot.add_scatter(
+            x=x,
+            y=y,
+            mode="lines",
+            line={
+                "color": colours.get(object_class, OUTLINE),
+                "width": 1.5,
+                "dash": _DASHES.get(object_class, "dash"),
+            },
+            name=text(object_class),
+            hoverinfo="skip",
+        )
+        owner.append("")
+    add_vehicle(plot, vehicle, roi)
+    owner.append("")
+    plot.update_layout(
+        margin={"t": 96},
+        legend={"orientation": "h", "y": -0.25, "itemsizing": "constant"},
+    )
+    changes = [
+        ({"visible": [who in ("", name) for who in owner]}, {"title.text": text(name)})
+        for name in placements
+    ]
+    active = list(placements).index(first)
+    add_menu(plot, [text(name) for name in placements], changes, active, y=1.06)
+    return plot
+
+
+def _thinned(
+    frame: Frame, roi: Roi, name: str, seed: int
+) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """At most `POINTS` points over the ROI, x and y, and the mounts that they come from."""
+    points = frame.points[name]
+    inside = np.flatnonzero(
+        (points[:, 0] >= roi.x[0])
+        & (points[:, 0] <= roi.x[1])
+        & (points[:, 1] >= roi.y[0])
+        & (points[:, 1] <= roi.y[1])
+    )
+    if len(inside) > POINTS:
+        inside = np.random.default_rng(seed).choice(inside, POINTS, replace=False)
+    return np.ascontiguousarray(points[inside, :2], dtype=np.float32), frame.lidar[name][inside]
+
+
+def _outlines(boxes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Rectangles of boxes (m, 7) from above as one line, broken by NaN between boxes."""
+    corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1], [np.nan, np.nan]]) / 2
+    local = corners[None] * boxes[:, None, 3:5]
+    c, s = np.cos(boxes[:, 6, None]), np.sin(boxes[:, 6, None])
+    x = boxes[:, 0, None] + c * local[..., 0] - s * local[..., 1]
+    y = boxes[:, 1, None] + s * local[..., 0] + c * local[..., 1]
+    return x.ravel(), y.ravel()

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import plotly.graph_objects as go
 
-from tracking.figures.kit.style import text
-from tracking.figures.of_sweeps.scatter import scatter
+from tracking.figures.kit.label_places import label_places
+from tracking.figures.kit.placement_points import add_placements
+from tracking.figures.kit.style import add_menu, broken, figure, text
 from tracking.findings.groups import Group, has_detectors
 from tracking.findings.paired import group_columns, with_sums
 from tracking.findings.summary import surrogates_of
 from tracking.kitti_iou import judged
+from tracking.labels import in_order, metric_label, surrogate_label, surrogate_name
 from tracking.numbers import interval, signed
 from tracking.pages.section import Section
 from tracking.pages.tables import METRIC, SURROGATE, Column, Table, numbers, words
@@ -123,3 +126,83 @@ def correlation_table(correlations: pd.DataFrame, axes: Sequence[str]) -> Table:
 def _with_interval(kind: str, row: Mapping[Any, Any]) -> str:
     value, low, high = (row[f"{kind}{suffix}"] for suffix in ("", "_low", "_high"))
     return "–" if np.isnan(value) else f"{signed(value)} {interval(low, high)}"
+
+
+def scatter(
+    metric: pd.DataFrame,
+    surrogates: pd.DataFrame,
+    correlations: pd.DataFrame,
+    title: str,
+    placements: Sequence[str],
+) -> go.Figure:
+    """Points labelled by placement, bars of 95 % intervals for a comparison, a menu of surrogates.
+
+    Args:
+        metric: rows of `seed_means` for one class, detector, metric, IoU and setting.
+        surrogates: placements as rows, surrogates as columns (`surrogates_of`).
+        correlations: rows of `correlate` beside their ceilings, with those of `leave_one_out` for
+            the same; its surrogates make the menu. The first of the largest |rho| is shown at the
+            start.
+        title: plotly text above the coefficient.
+        placements: all of the sweep, in order, so that a placement keeps its colour.
+    """
+    known = {row["surrogate"]: row for row in correlations.to_dict("records")}
+    menu = [name for name in in_order(known) if known[name]["n"] > 0]
+    strength = [np.nan_to_num(abs(known[name]["spearman"])) for name in menu]
+    first = int(np.argmax(strength))
+    table = metric[metric["seeds"] > 0].set_index("placement").join(surrogates, how="inner")
+    table = table.loc[[name for name in placements if name in table.index]]
+    names = [str(name) for name in table.index]
+    label = metric_label(*metric.iloc[0][["metric", "iou"]])
+
+    heads = [
+        f'{title}<br><span style="font-size:12px">{_coefficient(known[name])}</span>'
+        for name in menu
+    ]
+
+    def places(surrogate: str) -> list[str]:
+        x, y = table[surrogate].to_numpy(np.float64), table["mean"].to_numpy(np.float64)
+        return label_places(x, y, names, table["half"].to_numpy(np.float64))
+
+    plot = figure(heads[first], height=400, margin={"t": 120})
+    add_placements(
+        plot,
+        table[menu[first]],
+        table["mean"],
+        table["half"],
+        names,
+        placements,
+        hovertemplate="%{text}<br>%{x:.6g}<br>%{y:.2f} %<extra></extra>",
+    )
+    plot.update_xaxes(title=surrogate_label(menu[first]))
+    plot.update_yaxes(title=f"{label} (%)")
+    changes = [
+        (
+            {"x": [table[name].to_list()], "textposition": [places(name)]},
+            {
+                "title.text": broken(head),
+                "xaxis.title.text": surrogate_label(name),
+                "xaxis.autorange": True,
+            },
+        )
+        for name, head in zip(menu, heads, strict=True)
+    ]
+    add_menu(plot, [surrogate_name(name) for name in menu], changes, first, y=1.02)
+    return plot
+
+
+def _coefficient(row: Mapping[Hashable, Any]) -> str:
+    if np.isnan(row["spearman"]):
+        return text(row["note"])
+    rho = (
+        f"ρ = {signed(row['spearman'])} "
+        f"{interval(row['spearman_low'], row['spearman_high'])}, "
+        f"p = {row['spearman_p']:.2g}, n = {row['n']}"
+    )
+    if np.isfinite(row["ceiling"]):
+        rho += f", ceiling {row['ceiling']:.2f}"
+    others = f"r = {signed(row['pearson'])}, τ = {signed(row['kendall'])}"
+    if np.isnan(row["spearman_min"]):
+        return f"{rho}<br>{others}"
+    span = f"{signed(row['spearman_min'])} to {signed(row['spearman_max'])}"
+    return f"{rho}<br>{others}; one left out: ρ {span}"

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import NDArray
+from plotly.subplots import make_subplots
+
+from lidarplace.base.roi import Interval, Roi
 from lidarplace.mounting.vehicle import Vehicle
-from tracking.figures.kit.from_above import add_vehicle, pog_from_above
+from lidarplace.rigs.placement import Mount
+from tracking.figures.kit.from_above import add_vehicle, averaged, in_view, pog_from_above
 from tracking.figures.kit.rig_picture import PicturedRig, rig_picture
-from tracking.figures.kit.style import text
-from tracking.figures.kit.vehicle_lines import name_of
-from tracking.figures.of_sweeps.coverage_maps import SeenFrom, coverage_maps, densest
+from tracking.figures.kit.style import SEQUENTIAL, figure, text
+from tracking.figures.kit.vehicle_lines import name_of, vehicle_from_above, vehicle_from_the_side
 from tracking.findings.groups import pictured
 from tracking.pages.section import Section
 from tracking.run_folders.sweep import RunFolder
@@ -15,6 +25,10 @@ from tracking.run_folders.sweep_arrays import Maps
 
 MOST_MAPS = 12
 """Placements drawn in maps: a page must stay small."""
+_CELLS = {"coverage": 160, "residual": 80}
+"""Cells along the longer side of a map; a page holds two for every placement."""
+_MARK = "#D55E00"
+_TOP, _BOTTOM = 44, 170  # pixels around the maps
 
 
 def rigs_section(run: RunFolder, ranked: list[str]) -> Section:
@@ -77,3 +91,136 @@ def _seen(maps: Maps, name: str) -> tuple[SeenFrom, SeenFrom]:
         SeenFrom(maps.coverage[name], maps.residual[name]),
         SeenFrom(maps.coverage_side[name], maps.residual_side[name]),
     )
+
+
+@dataclass(frozen=True)
+class SeenFrom:
+    """Two maps of the ROI, its columns of voxels from above or its rows from the side.
+
+    Attributes:
+        covered: share of each, in [0, 1], shape (nx, ny) or (nx, nz).
+        residual: entropy that no beam covers in each, nats, same shape.
+    """
+
+    covered: NDArray[np.float32]
+    residual: NDArray[np.float32]
+
+
+def coverage_maps(
+    above: SeenFrom,
+    side: SeenFrom,
+    roi: Roi,
+    vehicle: Vehicle | None,
+    title: str,
+    mounts: Sequence[Mount],
+    most: tuple[float, float],
+) -> go.Figure:
+    """Four maps: coverage on the left, residual entropy on the right; from above, from the side.
+
+    Args:
+        vehicle: None for a nominal car.
+        title: plotly text.
+        mounts: drawn as dots.
+        most: residual entropy of the brightest colour from above and from the side, nats a square
+            metre, so that the maps of several placements share their scales; `densest`.
+    """
+    depth, length = roi.y[1] - roi.y[0], roi.x[1] - roi.x[0]
+    drawn = int(np.clip(205 * 1.4 * depth / length, 160, 560))  # pixels of both rows
+    plot = make_subplots(
+        figure=figure(
+            title,
+            height=drawn + _TOP + _BOTTOM,
+            margin={"l": 56, "r": 16, "t": _TOP, "b": _BOTTOM},
+        ),
+        rows=2,
+        cols=2,
+        row_heights=[0.75, 0.25],
+        vertical_spacing=0.1,
+        horizontal_spacing=0.05,
+        shared_xaxes=True,
+        shared_yaxes=True,
+    )
+    for row, (seen, other) in enumerate(((above, roi.y), (side, roi.z)), start=1):
+        for column, name in enumerate(("coverage", "residual"), start=1):
+            limit = 100.0 if name == "coverage" else most[row - 1]
+            map_ = _map(seen, (roi, other), name, row, limit, drawn)
+            plot.add_trace(map_, row=row, col=column)
+            outline = (vehicle_from_above if row == 1 else vehicle_from_the_side)(vehicle)
+            plot.add_trace(outline, row=row, col=column)
+            plot.add_trace(_dots(mounts, row), row=row, col=column)
+    _axes(plot, in_view(vehicle, roi))
+    return plot
+
+
+def densest(residual: Sequence[NDArray[np.float32]], roi: Roi, other: Interval) -> float:
+    """The largest residual entropy that any of these maps shows, nats a square metre.
+
+    `other` is the interval of y for maps from above, of z for those from the side.
+    """
+    cells = (averaged(map_, (roi.x, other), _CELLS["residual"])[0] for map_ in residual)
+    return max((float(c.max()) for c in cells), default=0.0) / roi.resolution**2
+
+
+def _map(
+    seen: SeenFrom, over: tuple[Roi, Interval], name: str, row: int, limit: float, drawn: int
+) -> go.Heatmap:
+    roi, other = over
+    values = seen.covered if name == "coverage" else seen.residual
+    cells, x, y = averaged(values, (roi.x, other), _CELLS[name])
+    if name == "coverage":
+        shown, bar = np.rint(100 * cells).astype(np.uint8), _bar("covered (%)", 0.0, 0, drawn)
+        hover = "%{z} % covered"
+    else:
+        shown = (cells / roi.resolution**2).astype(np.float32)
+        side = "from above" if row == 1 else "from the side"
+        bar = _bar(f"residual entropy<br>{side} (nats/m²)", 0.525, row - 1, drawn)
+        hover = "%{z:.3g} nats/m²"
+    place = "x %{x:.1f}, " + ("y" if row == 1 else "z") + " %{y:.1f} m<br>"
+    return go.Heatmap(
+        z=shown.T,  # rows of a heat map run along the second axis
+        x=x,
+        y=y,
+        zmin=0,
+        zmax=limit or 1.0,
+        colorscale=SEQUENTIAL,
+        showscale=name == "residual" or row == 1,
+        colorbar=bar,
+        hovertemplate=place + hover + "<extra></extra>",
+    )
+
+
+def _bar(title: str, left: float, number: int, drawn: int) -> dict[str, Any]:
+    """A colour bar below the maps; `number` bars of its column are above it."""
+    return {
+        "title": {"text": title, "side": "bottom", "font": {"size": 11}},
+        "orientation": "h",
+        "thickness": 8,
+        "len": 0.475,
+        "x": left,
+        "xanchor": "left",
+        "y": -(44 + 64 * number) / drawn,
+        "yanchor": "top",
+        "ypad": 0,
+        "nticks": 6,
+    }
+
+
+def _dots(mounts: Sequence[Mount], row: int) -> go.Scatter:
+    return go.Scatter(
+        x=[mount.x for mount in mounts],
+        y=[mount.y if row == 1 else mount.z for mount in mounts],
+        mode="markers",
+        marker={"size": 5, "color": _MARK, "line": {"color": "#ffffff", "width": 1}},
+        hovertemplate="LiDAR at %{x:.2f}, %{y:.2f} m<extra></extra>",
+        showlegend=False,
+    )
+
+
+def _axes(plot: go.Figure, ranges: Sequence[Sequence[float]]) -> None:
+    """Of x, y and z, metres."""
+    x, y, z = ranges
+    plot.update_xaxes(range=x, showgrid=False, ticks="outside")
+    plot.update_xaxes(title={"text": "x, forward (m)", "standoff": 2}, row=2)
+    plot.update_yaxes(showgrid=False)
+    plot.update_yaxes(range=y, title="y, left (m)", row=1, col=1)
+    plot.update_yaxes(range=z, title="z, up (m)", nticks=4, row=2, col=1)

@@ -2,30 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
 import pandas as pd
+import plotly.graph_objects as go
 
 from lidarplace.base.metrics import headline_metric
-from tracking.figures.kit.style import text
-from tracking.figures.of_sweeps.by_density import by_density
+from tracking.figures.kit.style import colour, error_bars, figure, legend_below, symbol, text
 from tracking.findings.groups import Group
 from tracking.findings.paired import with_sums
 from tracking.findings.summary import surrogates_of
 from tracking.kitti_iou import headline_iou, judged
-from tracking.labels import metric_label
-from tracking.numbers import plus_minus, points
+from tracking.labels import in_order, metric_label, surrogate_label
+from tracking.numbers import number, plus_minus, points
 from tracking.pages.section import Section
 from tracking.pages.tables import MOST_ROWS, PERCENT, Table, slug, with_units
 from tracking.report.headline import class_label
 from tracking.report.sections.published_surrogates import published_density_table
-from tracking.report.sections.surrogates_beside import surrogates_beside
 from tracking.run_folders.sweep import RunFolder
 
 DENSITY = "scene.density"
 SHOWN = ("s_mig", "h_pog", "ig", "expected_ig")
 """The surrogates of the paper's table, and expected IG."""
+MOST_LINES = 12
 
 
 def density_section(run: RunFolder, found: list[Group], means: pd.DataFrame) -> Section | None:
@@ -129,3 +130,78 @@ def _surrogate_tables(
         return []
     caption, name = f"{heading} · surrogates by density", slug("density surrogates", heading)
     return [surrogates_beside(values, known, shown, caption, name, unit=" (nats)")]
+
+
+def by_density(
+    means: pd.DataFrame, axis: str, title: str, label: str, placements: Sequence[str]
+) -> go.Figure:
+    """A line a placement with 95 % intervals, moved apart a little.
+
+    Args:
+        means: rows of `seed_means` for one class, detector and metric.
+        axis: the column of the density, vehicles in the town.
+        title: plotly text.
+        label: of the metric, with its unit.
+        placements: all of the sweep, in order, so that a placement keeps its colour; the first
+            `MOST_LINES` with a value are drawn.
+    """
+    plot = figure(title, height=420)
+    known = set(means.loc[means["seeds"] > 0, "placement"])
+    shown = [name for name in placements if name in known][:MOST_LINES]
+    values = sorted(means[axis].unique())
+    apart = 0.012 * (values[-1] - values[0])
+    for i, name in enumerate(shown):
+        own = means[means["placement"] == name].sort_values(axis)
+        rank = list(placements).index(name)
+        plot.add_scatter(
+            x=(own[axis] + apart * (i - (len(shown) - 1) / 2)).to_numpy(),
+            y=own["mean"].to_numpy(),
+            error_y=error_bars((own["high"] - own["mean"]).fillna(0), thickness=1, width=2),
+            mode="lines+markers",
+            line={"color": colour(rank), "width": 1.5},
+            marker={"size": 8, "symbol": symbol(rank)},
+            name=text(name),
+            customdata=own[axis].to_numpy(),
+            hovertemplate="density %{customdata}: %{y:.1f} %<extra>%{fullData.name}</extra>",
+        )
+    plot.update_xaxes(title="density (vehicles in the town)", tickvals=values)
+    plot.update_yaxes(title=label)
+    legend_below(plot)
+    return plot
+
+
+def surrogates_beside(
+    columns: Mapping[str, pd.DataFrame],
+    surrogates: Iterable[str],
+    placements: Sequence[str],
+    caption: str,
+    name: str,
+    unit: str = "",
+) -> Table:
+    """A row a surrogate and placement, a column for each of `columns`.
+
+    Args:
+        columns: by head, placements as rows, surrogates as columns (`surrogates_of`).
+        surrogates: those that are shown.
+        placements: in the order of the rows.
+        name: of the CSV file.
+        unit: follows the heads there.
+    """
+    rows, data = [], []
+    for surrogate in in_order(surrogates):
+        for placement in placements:
+            values = [
+                float(table[surrogate].get(placement, np.nan)) if surrogate in table else np.nan
+                for table in columns.values()
+            ]
+            rows.append((surrogate_label(surrogate), placement, *map(number, values)))
+            data.append((surrogate, placement, *values))
+    keys = ("surrogate", "placement")
+    return Table(
+        caption,
+        (*keys, *columns),
+        tuple(rows),
+        words=frozenset({0, 1}),
+        name=name,
+        data=pd.DataFrame(data, columns=[*keys, *(f"{head}{unit}" for head in columns)]),
+    ).first(MOST_ROWS)

@@ -7,13 +7,14 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
+import plotly.graph_objects as go
 
 from lidarplace.base.metrics import RANKING, headline_metric
-from tracking.figures.of_sweeps.sensitivity import sensitivity_figure
+from tracking.figures.kit.style import colour, figure, legend_below, symbol, text
 from tracking.findings.groups import Group
 from tracking.findings.sensitivity import sensitivity
 from tracking.kitti_iou import headline_iou, judged, judged_by_all
-from tracking.labels import metric_label, setting_label
+from tracking.labels import detector_label, metric_label, setting_label
 from tracking.numbers import plus_minus
 from tracking.pages.section import Section
 from tracking.pages.tables import METRIC, PERCENT, Column, Table, numbers, slug, with_units, words
@@ -97,7 +98,7 @@ def _most_sensitive(object_class: str, spreads: pd.DataFrame, axes: Sequence[str
     name = class_label(object_class)
     settings = own[list(axes)].drop_duplicates()
     kinds = "detectors" if len(settings) == 1 else "detectors and settings"
-    title = ", ".join(filter(None, (row["detector"], setting_label(axes, row[list(axes)]))))
+    title = detector_label(axes, row.to_dict())
     who = f" of {title}, the most of {len(own)} {kinds}," if len(own) > 1 else ""
     verdict = (
         "one seed, so it is not known how much of it is chance"
@@ -150,3 +151,59 @@ def _sensitivity_table(spreads: pd.DataFrame, run: RunFolder) -> Table:
         name="sensitivity",
         units={"mean": "%", "spread": "points", "by_chance": "points"},
     )
+
+
+def sensitivity_figure(spreads: pd.DataFrame, axes: Sequence[str], title: str) -> go.Figure | None:
+    """A row a detector and setting, a point a metric; a tick where seeds alone would reach.
+
+    Args:
+        spreads: rows of `tracking.findings.sensitivity.sensitivity` for one class.
+        axes: further axes of the grid.
+        title: a name, not yet plotly's text.
+
+    Returns:
+        None if there is nothing to draw.
+    """
+    if spreads.empty:
+        return None
+    rows = [
+        "<br>".join(text(part) for part in (row["detector"], setting_label(axes, row)) if part)
+        for row in spreads.to_dict("records")
+    ]
+    table = spreads.assign(row=rows)
+    order = list(dict.fromkeys(rows))
+    metrics = list(dict.fromkeys(zip(table["metric"], table["iou"], strict=True)))
+    plot = figure(f"Spread over placements · {text(title)}", height=150 + 34 * len(order))
+    for i, (metric, iou) in enumerate(metrics):
+        own = table[(table["metric"] == metric) & (table["iou"] == iou)]
+        label = metric_label(metric, iou)
+        plot.add_scatter(
+            x=own["spread"].to_numpy(),
+            y=own["row"].tolist(),
+            mode="markers",
+            marker={"size": 10, "color": colour(i), "symbol": symbol(i)},
+            name=label,
+            customdata=np.stack([own["best"], own["worst"]], axis=-1),
+            hovertemplate="%{y}: %{x:.1f} points, from %{customdata[1]} to %{customdata[0]}"
+            f"<extra>{label}</extra>",
+        )
+        chance = own[own["by_chance"].notna()]
+        plot.add_scatter(
+            x=chance["by_chance"].to_numpy(),
+            y=chance["row"].tolist(),
+            mode="markers",
+            marker={
+                "size": 14,
+                "symbol": "line-ns-open",
+                "line": {"width": 2, "color": colour(i)},
+                "color": colour(i),
+            },
+            name="by seeds alone",
+            legendgroup="chance",
+            showlegend=i == 0 and len(chance) > 0,
+            hovertemplate=f"%{{y}}: seeds alone make up to %{{x:.1f}} points<extra>{label}</extra>",
+        )
+    plot.update_xaxes(title="best less worst placement (points)", rangemode="tozero")
+    plot.update_yaxes(categoryorder="array", categoryarray=order[::-1])
+    legend_below(plot)
+    return plot

@@ -19,7 +19,7 @@ from tracking.findings.best_surrogate import SIGNIFICANT, Predictors
 from tracking.findings.generalist import JUDGEMENTS
 from tracking.findings.groups import has_detectors
 from tracking.kitti_iou import headline_iou, judged_by_all
-from tracking.labels import metric_label, setting_label, surrogate_name
+from tracking.labels import detector_label, metric_label, setting_label, surrogate_name
 from tracking.numbers import interval, signed, span
 from tracking.pages.section import Section
 from tracking.pages.tables import METRIC, SURROGATE, Column, Table, numbers, words
@@ -144,9 +144,7 @@ def _group_label(run: RunFolder, group: Mapping) -> str:
     """Detector and setting, as far as the sweep has several of them."""
     varying = _varying(run)
     axes = [axis for axis in varying if axis != "detector"]
-    detector = str(group["detector"]) if "detector" in varying else ""
-    setting = setting_label(axes, [group[axis] for axis in axes])
-    return ", ".join(part for part in (detector, setting) if part)
+    return (detector_label if "detector" in varying else setting_label)(axes, group)
 
 
 def _labels(run: RunFolder, table: pd.DataFrame) -> list[str]:
@@ -212,10 +210,6 @@ def _ranking_table(
     table = table.merge(ranges, how="left", on=keys).merge(most, how="left", on=keys)
     headline = np.repeat([_is_headline(run, one) for one in found], [len(o.ranking) for o in found])
 
-    def detector(row: Mapping[Any, Any]) -> str:
-        axes = setting_label(run.axes, [row[axis] for axis in run.axes])
-        return ", ".join(part for part in (str(row["detector"]), axes) if part)
-
     def left_out(row: Mapping[Any, Any]) -> str:
         low, high = row["spearman_min"], row["spearman_max"]
         return span(low, high, "+z.2f")
@@ -226,7 +220,7 @@ def _ranking_table(
 
     columns = [
         words("class"),
-        Column("detector", detector, words=True),
+        Column("detector", partial(detector_label, run.axes), words=True),
         METRIC,
         SURROGATE,
         numbers("ρ", "spearman", signed),

@@ -153,14 +153,10 @@ def _beside_own(published: pd.DataFrame, means: pd.DataFrame, run: RunFolder) ->
     own = own.rename(columns={"detector": "own_detector"})
     pairs = published.merge(own, left_on=[*keys, "detector"], right_on=[*keys, "network"])
     series = [
-        " · ".join(part for part in (row["own_detector"], _setting(row, run.axes)) if part)
+        " · ".join(part for part in (row["own_detector"], setting_label(run.axes, row)) if part)
         for row in pairs.to_dict("records")
     ]
     return pairs.assign(series=series)
-
-
-def _setting(row: Mapping, axes: Sequence[str]) -> str:
-    return setting_label(axes, [row[axis] for axis in axes])
 
 
 def _beside_table(pairs: pd.DataFrame) -> Table:

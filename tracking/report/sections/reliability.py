@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from lidarplace.base.metrics import METRICS, headline_metric
 from tracking.findings.groups import has_detectors
-from tracking.findings.halves import agreement_of_halves
+from tracking.findings.paired import group_columns
+from tracking.findings.surrogate_accuracy import rank_agreement
 from tracking.kitti_iou import judged_by_all
-from tracking.labels import metric_label, setting_label
+from tracking.labels import detector_label, metric_label
 from tracking.numbers import digits, signed
 from tracking.pages.section import Section
 from tracking.pages.tables import METRIC, Column, Table, numbers, words
 from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
+from tracking.statistics.reliability import reliability_of_mean
 
 _NOTE = (
     "Halves of the test routes are evaluated apart, in up to five splits: Spearman's ρ of the "
@@ -36,13 +40,9 @@ def reliability_section(run: RunFolder) -> Section | None:
     rows = [judged_by_all(rated, run.results, name) for name in (*run.classes, "all")]
     shown = pd.concat([_in_order(own, run.axes) for own in rows])
 
-    def detector(row: Mapping[Any, Any]) -> str:
-        axes = setting_label(run.axes, [row[axis] for axis in run.axes])
-        return ", ".join(part for part in (str(row["detector"]), axes) if part)
-
     columns = [
         words("class"),
-        Column("detector", detector, words=True),
+        Column("detector", partial(detector_label, run.axes), words=True),
         METRIC,
         numbers("placements", "n", ",.0f"),
         numbers("splits", "splits", ""),
@@ -81,3 +81,32 @@ def _label(row: Mapping[Any, Any]) -> str:
 
 def _rated(row: Mapping[Any, Any]) -> str:
     return digits(row["reliability"], ".2f")
+
+
+def agreement_of_halves(left_out: pd.DataFrame, axes: Sequence[str] = ()) -> pd.DataFrame:
+    """How alike halves of the test routes rank placements, by every metric.
+
+    Args:
+        left_out: `left_out.parquet`.
+        axes: further axes of the grid.
+
+    Returns:
+        One row per (class, detector, axes, metric, iou) with three placements or more: `n`
+        placements; `splits` of the routes; `agreement`, Spearman's rho between the halves, the mean
+        over splits, of means over seeds; and `reliability`, what Spearman and Brown's formula makes
+        of it for all routes, 0 where halves contradict each other.
+    """
+    keys = [key for key in group_columns(axes) if key != "difficulty"]
+    halves = left_out[left_out["unit"] == "half"]
+    rows = []
+    for key, own in halves.groupby(keys, dropna=False, sort=False, observed=True):
+        means = own.groupby(["left_out", "placement"])["value"].mean().unstack("left_out").dropna()
+        splits = sorted({str(name)[:-1] for name in means})
+        if len(means) < 3:
+            continue
+        rho = [rank_agreement(means[f"{one}a"], means[f"{one}b"])[0] for one in splits]
+        agreement = float(np.mean(rho))
+        reliable = float(reliability_of_mean(max(agreement, 0.0), 2)) if rho else np.nan
+        if not np.isnan(agreement):
+            rows.append((*key, len(means), len(splits), agreement, reliable))
+    return pd.DataFrame(rows, columns=[*keys, "n", "splits", "agreement", "reliability"])

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple, dataclass, replace
+from itertools import combinations
+
 import numpy as np
 import pandas as pd
 
 from lidarplace.base.metrics import RANKING
 from lidarplace.pog.surrogates.table import HEADLINE_SURROGATES
+from lidarplace.rigs.placement import Mount
 from tracking.figures.kit.style import text
 from tracking.figures.of_sweeps.side_by_side import differences_figure
 from tracking.findings.groups import Group
 from tracking.findings.paired import with_sums
 from tracking.findings.summary import surrogates_of
-from tracking.findings.tilt_pairs import TiltPair, tilt_pairs
 from tracking.kitti_iou import judged
 from tracking.labels import metric_label, surrogate_name
 from tracking.numbers import points
@@ -20,6 +24,9 @@ from tracking.pages.section import Section
 from tracking.pages.tables import METRIC, Column, Table, numbers, words
 from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
+
+ANGLES = ("roll", "pitch")
+_DIGITS = 6  # a micrometre, a microradian
 
 
 def tilts_section(run: RunFolder, found: list[Group], means: pd.DataFrame) -> Section | None:
@@ -129,3 +136,44 @@ def _table(differences: pd.DataFrame, found: list[Group]) -> Table:
 
 def _with_interval(value: float, low: float, high: float) -> str:
     return points(value) if np.isnan(low) else f"{points(value)} [{points(low)}, {points(high)}]"
+
+
+@dataclass(frozen=True)
+class TiltPair:
+    """Two placements, equal but for one angle of some LiDARs.
+
+    Attributes:
+        angle: "roll" or "pitch".
+        upright: the name of the placement that is tilted less, summed over LiDARs.
+        tilted: the other's.
+    """
+
+    angle: str
+    upright: str
+    tilted: str
+
+
+def tilt_pairs(placements: Mapping[str, Sequence[Mount]]) -> list[TiltPair]:
+    """All pairs of `placements` that differ in one of `ANGLES` alone, in their order.
+
+    The order of the LiDARs does not matter. Pairs in which both are tilted equally much have no
+    upright one and are left out.
+    """
+    found = []
+    for angle in ANGLES:
+        bases = {name: _without(mounts, angle) for name, mounts in placements.items()}
+        tilts = {name: _tilt(mounts, angle) for name, mounts in placements.items()}
+        for a, b in combinations(placements, 2):
+            if bases[a] == bases[b] and tilts[a] != tilts[b]:
+                upright, tilted = sorted((a, b), key=tilts.__getitem__)
+                found.append(TiltPair(angle, upright, tilted))
+    return found
+
+
+def _without(mounts: Sequence[Mount], angle: str) -> list[tuple[float, ...]]:
+    level = (astuple(replace(mount, **{angle: 0.0})) for mount in mounts)
+    return sorted(tuple(round(value, _DIGITS) + 0.0 for value in mount) for mount in level)
+
+
+def _tilt(mounts: Sequence[Mount], angle: str) -> float:
+    return round(sum(abs(getattr(mount, angle)) for mount in mounts), _DIGITS)

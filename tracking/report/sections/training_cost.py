@@ -6,9 +6,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pandas as pd
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
 
-from tracking.figures.kit.style import text
-from tracking.figures.of_sweeps.training_cost import training_cost_figure
+from lidarplace.base.metrics import HEADLINE_METRIC
+from tracking.figures.kit.style import SYMBOLS, colour, figure, text
 from tracking.findings.groups import by_setting
 from tracking.findings.training_cost import (
     COST_AXES,
@@ -16,10 +18,16 @@ from tracking.findings.training_cost import (
     training_cost,
     varied_cost_axes,
 )
+from tracking.labels import metric_label
 from tracking.numbers import plus_minus, signed
 from tracking.pages.section import Section
 from tracking.pages.tables import Column, Table, numbers, slug
 from tracking.run_folders.sweep import RunFolder
+
+_EPOCHS, _SHARE = COST_AXES
+_PANELS = (("ap", "{} (%)"), ("error", "AP below the longest training"))
+_DASHES = ("solid", "dash", "dot", "dashdot", "longdash")
+"""Colours that some eyes take for one come with different ones."""
 
 
 def training_cost_section(run: RunFolder) -> Section | None:
@@ -77,3 +85,72 @@ def training_cost_table(summary: pd.DataFrame, axes: Sequence[str], title: str) 
     caption = f"Means over placements and seeds, rank agreement of the placements · {title}"
     units = {"seconds": "s", "ap": "%", "error": "points"}
     return Table.of(caption, summary, columns, name=slug("training cost", title), units=units)
+
+
+def training_cost_figure(cost: pd.DataFrame, title: str, placements: Sequence[str]) -> go.Figure:
+    """Left AP, right its error, over seconds of training: a mark a trial.
+
+    A colour and a dash are a placement of a detector, a symbol a share of the frames; lines join
+    trainings that differ in their epochs alone. Stars are the longest trainings.
+
+    Args:
+        cost: `tracking.findings.training_cost.training_cost` for one class and setting of the other
+            axes.
+        title: what the figure is about.
+        placements: all of the sweep, in order, so that a placement keeps its colour.
+    """
+    plot = make_subplots(rows=1, cols=2, horizontal_spacing=0.09, figure=figure(title, height=420))
+    cost = cost.assign(**{axis: 1 for axis in COST_AXES if axis not in cost})
+    detectors = list(dict.fromkeys(cost["detector"]))
+    shares = sorted(cost[_SHARE].unique(), reverse=True)
+    named: set[int] = set()
+    for (detector, placement, share, _), line in cost.groupby(
+        ["detector", "placement", _SHARE, "seed"], sort=False
+    ):
+        line = line.sort_values(_EPOCHS)
+        rank = detectors.index(detector) * len(placements) + placements.index(placement)
+        name = text(placement if len(detectors) == 1 else f"{detector} · {placement}")
+        shape = SYMBOLS[shares.index(share) % len(SYMBOLS)]
+        for column, (value, _) in enumerate(_PANELS, start=1):
+            plot.add_scatter(
+                x=line["seconds"].to_numpy(),
+                y=line[value].to_numpy(),
+                mode="lines+markers",
+                line={"color": colour(rank), "width": 1.5, "dash": _DASHES[rank % len(_DASHES)]},
+                marker={
+                    "size": [13 if best else 8 for best in line["reference"]],
+                    "symbol": ["star" if best else shape for best in line["reference"]],
+                },
+                customdata=line[[_EPOCHS, "seed"]].to_numpy(),
+                hovertemplate=f"{name}, seed %{{customdata[1]}}<br>%{{customdata[0]}} epochs, "
+                f"{share:g} of the frames<br>%{{x:.3g}} s: %{{y:.2f}}<extra></extra>",
+                name=name,
+                legendgroup=str(rank),
+                showlegend=column == 1 and rank not in named,
+                row=1,
+                col=column,
+            )
+        named.add(rank)
+    for share in shares if len(shares) > 1 else ():
+        shape = SYMBOLS[shares.index(share) % len(SYMBOLS)]
+        _key(plot, shape, "all frames" if share == 1 else f"{share:g} of the frames")
+    _key(plot, "star", "longest training")
+    label = metric_label(HEADLINE_METRIC, cost["iou"].iloc[0])
+    for column, (_, axis) in enumerate(_PANELS, start=1):
+        plot.update_yaxes(title=axis.format(label), col=column)
+    plot.update_xaxes(type="log", title="seconds of training")
+    plot.update_layout(legend={"orientation": "h", "y": -0.2}, margin={"b": 96})
+    return plot
+
+
+def _key(plot: go.Figure, shape: str, name: str) -> None:
+    """An entry of the legend for a symbol."""
+    plot.add_scatter(
+        x=[None],
+        y=[None],
+        mode="markers",
+        marker={"symbol": shape, "size": 9, "color": "#888888"},
+        name=name,
+        row=1,
+        col=1,
+    )
