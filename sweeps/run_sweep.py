@@ -23,7 +23,8 @@ from sweeps.execution.runner import Say, drive
 from sweeps.mlflow.best_models import log_best_models
 from sweeps.mlflow.page import ABOUT, columns, note
 from sweeps.mlflow.trials import TrialLog
-from sweeps.plan.plan import Plan, Trial, further_axes
+from sweeps.plan.plan import further_axes
+from sweeps.plan.trial import Plan, Trial, with_detector
 from sweeps.results.promotion import at_most, promote
 from sweeps.results.run_folder import Run, write_run
 from sweeps.results.trial_results import trial_failure
@@ -163,7 +164,7 @@ class SweepWork:
             log.artifact(path)
         for path in sorted((folder / "tables").glob("*.csv")):
             log.artifact(path, "tables")
-        log_best_models(self.plan.trials, self.store, folder / "models", log)
+        log_best_models(with_detector(self.plan.trials), self.store, folder / "models", log)
         _print_summary(self.console, folder)
         return report
 

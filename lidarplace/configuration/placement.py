@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -65,7 +66,8 @@ class MountSettings(Settings):
 
 
 class PlacementSettings(Settings):
-    """A placement by coordinates."""
+    """A placement by coordinates, as files have it: its keys are checked one by one, and mounts
+    without a LiDAR model get one later."""
 
     convention: Literal["ego", "carla"] = Field(
         "ego",
@@ -76,20 +78,37 @@ class PlacementSettings(Settings):
         min_length=1, max_length=MOST_MOUNTS, description="a LiDAR each"
     )
 
-    @property
-    def poses(self) -> list[tuple[float, float, float, float, float, float]]:
-        """x, y, z, roll, pitch, yaw of every mount in our ego frame, metres and radians."""
-        if self.convention == "carla":
-            return [from_carla(*mount.pose) for mount in self.mounts]
-        return [mount.pose for mount in self.mounts]
+    def in_ego(self, mounts: Sequence[MountSettings]) -> list[Mount]:
+        """Mounts of the placement in our ego frame."""
+        poses = (mount.pose for mount in mounts)
+        return [Mount(*(from_carla(*p) if self.convention == "carla" else p)) for p in poses]
 
     def placement(self, name: str, lidar: Lidar) -> Placement:
         """The placement in our ego frame, `lidar` on mounts that have none of their own.
 
         Raises ValueError as `Placement` does.
         """
-        lidars = [lidar if m.lidar is None else m.lidar.lidar() for m in self.mounts]
-        return Placement(name, [Mount(*pose) for pose in self.poses], lidar=lidars)
+        return Placement(name, self.in_ego(self.mounts), _lidars(self.mounts, lidar))
+
+
+class SweptPlacementSettings(PlacementSettings):
+    """A placement of a sweep, of which LiDARs may be dead; other files have working ones alone."""
+
+    dead: tuple[MountSettings, ...] = Field(
+        (),
+        max_length=MOST_MOUNTS,
+        description="further LiDARs that see nothing; by their size they hide what is behind them",
+    )
+
+    def placement(self, name: str, lidar: Lidar) -> Placement:
+        """As that of `PlacementSettings`, with what is dead."""
+        lidars = _lidars(self.mounts, lidar)
+        dead = zip(self.in_ego(self.dead), _lidars(self.dead, lidar), strict=True)
+        return Placement(name, self.in_ego(self.mounts), lidars, tuple(dead))
+
+
+def _lidars(mounts: Sequence[MountSettings], lidar: Lidar) -> list[Lidar]:
+    return [lidar if mount.lidar is None else mount.lidar.lidar() for mount in mounts]
 
 
 def named_placement(name: str, lidar: Lidar) -> Placement:

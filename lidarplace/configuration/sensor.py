@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from itertools import pairwise
 from typing import Annotated, Any
 
@@ -150,15 +151,16 @@ class SensorSettings(Settings):
                 f"azimuth_steps: found {self.azimuth_steps:,} with {beams:,} beams; allowed are "
                 f"{MOST_RAYS:,} rays, beams times azimuth steps"
             )
-        self.lidar()
+        self.built  # noqa: B018 - what is wrong with it is wrong with the settings
         return self
 
     def lidar(self) -> Lidar:
-        """The sensor in radians.
+        """The sensor in radians."""
+        return self.built
 
-        Raises:
-            ValueError: the file of the pattern is wrong or cannot be read.
-        """
+    @cached_property
+    def built(self) -> Lidar:
+        """The sensor, as `lidar` has it."""
         pattern = self._pattern()
         degrees = self.elevations_deg
         if degrees is None:

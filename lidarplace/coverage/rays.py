@@ -86,7 +86,7 @@ def thinned(placement: Placement, azimuth_stride: int) -> Placement:
     """
     if azimuth_stride < 1:
         raise ValueError(f"azimuth_stride must be at least 1, found {azimuth_stride}")
-    return placement.with_lidar([lidar.thinned(1 / azimuth_stride) for lidar in placement.lidars])
+    return placement.each_lidar(lambda lidar: lidar.thinned(1 / azimuth_stride))
 
 
 def ray_weight(placement: Placement, azimuth_stride: int) -> float:

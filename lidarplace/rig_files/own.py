@@ -13,7 +13,6 @@ from lidarplace.configuration.placement import read_placement_settings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.files.atomic import replacing
 from lidarplace.rig_files.mounted import MountedLidar
-from lidarplace.rigs.placement import Mount
 
 DIGITS = 9
 """Decimals of metres and degrees: of what rounding leaves of 45 degrees there is no trace."""
@@ -26,8 +25,10 @@ def read_own(path: Path) -> list[MountedLidar]:
     """
     settings = read_placement_settings(path)
     return [
-        MountedLidar(each.name or f"lidar_{number}", Mount(*pose), each.lidar)
-        for number, (each, pose) in enumerate(zip(settings.mounts, settings.poses, strict=True))
+        MountedLidar(each.name or f"lidar_{number}", mount, each.lidar)
+        for number, (each, mount) in enumerate(
+            zip(settings.mounts, settings.in_ego(settings.mounts), strict=True)
+        )
     ]
 
 

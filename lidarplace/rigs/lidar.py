@@ -229,7 +229,8 @@ class Lidar:
 
     def in_weather(self, weather: Weather) -> Lidar:
         """The same LiDAR in that weather, whatever air it was in."""
-        return replace(self, extinction=weather.extinction(self.wavelength))
+        extinction = weather.extinction(self.wavelength)
+        return self if extinction == self.extinction else replace(self, extinction=extinction)
 
     def nearsighted(self, factor: float) -> Lidar:
         """The same LiDAR that sees so much of its ranges, whatever reflects."""
@@ -321,6 +322,8 @@ class Lidar:
         """
         if not 0 < share <= 1:
             raise ValueError(f"share must be within (0, 1], found {share}")
+        if share == 1:
+            return self
         if self.pattern is not None:
             return replace(self, pattern=self.pattern.thinned(share))
         return replace(self, azimuth_steps=max(1, round(share * self.azimuth_steps)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, replace
 
 import numpy as np
@@ -153,11 +153,17 @@ class Placement(Plottable):
 
     def with_lidar(self, lidar: Lidar | Sequence[Lidar]) -> Placement:
         """The same mounts with another LiDAR model, or with one for each."""
-        return replace(self, lidar=lidar)
+        same = lidar == self.lidar if isinstance(lidar, Lidar) else tuple(lidar) == self.lidars
+        return self if same else replace(self, lidar=lidar)
+
+    def each_lidar(self, change: Callable[[Lidar], Lidar]) -> Placement:
+        """The same mounts with a change of every LiDAR model, which is made once a model."""
+        changed = {lidar: change(lidar) for lidar in dict.fromkeys(self.lidars)}
+        return self.with_lidar([changed[lidar] for lidar in self.lidars])
 
     def in_weather(self, weather: Weather) -> Placement:
         """The same rig in that weather."""
-        return self.with_lidar([lidar.in_weather(weather) for lidar in self.lidars])
+        return self.each_lidar(lambda lidar: lidar.in_weather(weather))
 
 
 # The paper's table of coordinates, in CARLA's convention: (x, y, z, roll, pitch).

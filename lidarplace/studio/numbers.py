@@ -90,6 +90,4 @@ class Meter:
 
 def thinned(placement: Placement, rays: int) -> Placement:
     """The same rig with every n-th azimuth step, so that no LiDAR has more rays than this."""
-    return placement.with_lidar(
-        [lidar.thinned(min(1.0, rays / lidar.rays)) for lidar in placement.lidars]
-    )
+    return placement.each_lidar(lambda lidar: lidar.thinned(min(1.0, rays / lidar.rays)))

@@ -19,9 +19,7 @@ def properties() -> pd.DataFrame:
     Spinning: all LiDARs see all around. Redundancy is `lidarplace.mounting.ring_overlap`'s.
     """
     sweep = read_sweep(FOLDER / "findings.yaml")
-    lidar = sweep.points[0].point.lidar.lidar()
-    names = dict.fromkeys(one.point.placement for one in sweep.points)
-    rigs = [sweep.common.placement_named(name, lidar) for name in names]
+    rigs = {one.point.placement: one.rig for one in sweep.points}.values()
     rows = [
         {
             "placement": rig.name,

@@ -16,7 +16,7 @@ from lidarplace.recall.detection_curve import CELL_M
 from lidarplace.recall.surface_cells import SurfaceCells
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.sweep import Point
-from sweeps.plan.plan import Trial
+from sweeps.plan.trial import DetectorTrial, Trial, with_detector
 from sweeps.store.open import AnyStore
 from sweeps.tasks.parameters import CollectParams
 from sweeps.tasks.stages import box_log
@@ -37,14 +37,14 @@ class Rig:
 
     label: str
     point: Point
-    trials: tuple[Trial, ...]
+    trials: tuple[DetectorTrial, ...]
 
 
 def rigs_of(trials: Sequence[Trial], store: AnyStore) -> list[Rig]:
     """The rigs of which the store has detections. Raises ConfigError for recorded clouds."""
-    own: dict[str, list[Trial]] = {}
-    for trial in trials:
-        if trial.evaluate is None or not store.has(trial.evaluate):
+    own: dict[str, list[DetectorTrial]] = {}
+    for trial in with_detector(trials):
+        if not store.has(trial.evaluate):
             continue
         if not all(isinstance(task.params, CollectParams) for task in trial.collect_test):
             raise ConfigError("scene.clouds: which rays made recorded clouds is not known")
@@ -96,7 +96,7 @@ def _of_rig(rig: Rig, objects: CountedObjects, store: AnyStore) -> list[pd.DataF
     (placement,) = {task.params.placement for task in rig.trials[0].collect_test}
     seen: SurfaceCells = objects.seen_by([placement])[0]
     table = per_object(objects, seen).assign(rig=rig.label, scene=objects.table["scene"])
-    boxes = [store.load(trial.evaluate)["detections"] for trial in rig.trials if trial.evaluate]
+    boxes = [store.load(trial.evaluate)["detections"] for trial in rig.trials]
     tables = []
     for name in rig.point.classes:
         of_class = (table["class"] == name).to_numpy()

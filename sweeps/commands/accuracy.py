@@ -136,10 +136,7 @@ def _scene(
         point = sweep.points[0].point
         roi = Roi(point.roi.x, point.roi.y, point.roi.z, resolution)
         used = [grid_point.point.placement for grid_point in sweep.points]
-        placements = {
-            name: sweep.common.rig_named(name, point)
-            for name in dict.fromkeys([*used, *sweep.common.placements])
-        }
+        placements = {name: sweep.rigs.of(point, name) for name in [*used, *sweep.rigs.own]}
     return roi, [known("placement", name, placements) for name in (names or placements)]
 
 

@@ -132,6 +132,7 @@ def _holds(group: Group, where: list[str]) -> bool:
 def _frames(run: RunFolder, found: Failures) -> tuple[FailureFrames | None, str]:
     """The frames of the rigs, or why there are none."""
     from sweeps.plan.plan import read_plan
+    from sweeps.plan.trial import with_detector
     from sweeps.results.failure_frames import failure_frames
     from sweeps.results.trial_results import identity
     from sweeps.store.of_sweep import store_of
@@ -142,7 +143,9 @@ def _frames(run: RunFolder, found: Failures) -> tuple[FailureFrames | None, str]
     # Not by their keys, in which surrogates count.
     place = ["placement", "detector", "seed", *run.axes]
     wanted = run.trials.set_index("trial")[place].loc[list(found.trials)]
-    by_place = {tuple(identity(t, run.axes)[key] for key in place): t for t in plan.trials}
+    by_place = {
+        tuple(identity(t, run.axes)[key] for key in place): t for t in with_detector(plan.trials)
+    }
     trials = {
         str(key): by_place[row]
         for key, row in zip(wanted.index, wanted.itertuples(index=False, name=None), strict=True)
@@ -152,7 +155,6 @@ def _frames(run: RunFolder, found: Failures) -> tuple[FailureFrames | None, str]
         task.key: task
         for trial in trials.values()
         for task in (trial.evaluate, *trial.collect_test)
-        if task is not None
     }
     recorded = set() if run.tasks is None else set(run.tasks.get("key", ()))
     known = recorded & store.finished(needed.values())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from pathlib import Path
 from typing import Any, TypeVar
@@ -53,31 +53,6 @@ def read_yaml(path: Path, model: type[BaseModel]) -> dict[str, Any]:
         if key not in model.model_fields:
             raise ConfigError(f"{path}: {shortened(str(key))}: {unknown_key(str(key), model)}")
     return raw
-
-
-BESIDE_THE_FILE = {"mesh", "pattern", "vehicle"}
-"""Keys of paths that are relative to the folder of the configuration; `vehicle` may be short for
-one."""
-
-
-def with_whole_paths(config: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """A checked configuration with paths that hold in any folder, so that a copy can be read.
-
-    Files of a mesh and of a pattern are beside the file, in `folder`; other paths are relative to
-    where a command is typed.
-    """
-    return {key: _with_whole_paths(value, key, folder) for key, value in config.items()}
-
-
-def _with_whole_paths(value: Any, key: str, folder: Path) -> Any:
-    """What is below `key`, or an axis that ends with it."""
-    if isinstance(value, dict):
-        return {name: _with_whole_paths(own, str(name), folder) for name, own in value.items()}
-    if isinstance(value, list):
-        return [_with_whole_paths(own, key, folder) for own in value]
-    beside = isinstance(value, str) and key.rpartition(".")[2] in BESIDE_THE_FILE
-    # A name of one's own may be called like such a key.
-    return str((folder / value).absolute()) if beside and (folder / value).is_file() else value
 
 
 def public_yaml(config: Mapping[str, Any]) -> str:
@@ -155,44 +130,20 @@ def put(data: dict[str, Any], key_path: str, value: Any, path: Path) -> None:
     data[last] = deepcopy(value)
 
 
-def refuse_overlaps(
-    key_paths: Collection[str],
-    where: str,
-    others: Collection[str] = (),
-    whose: str = "which is given too",
-) -> None:
-    """Refuse a key path inside of another: which of the two counts would depend on their order.
-
-    Args:
-        key_paths: of the mapping `where`, which the message names.
-        others: key paths that are set beside them; `whose` says what they are.
-
-    Raises:
-        ConfigError: the key path that is inside of another, or that has another inside.
-    """
-    for outer, inner in (*_nested(key_paths, key_paths), *_nested(others, key_paths)):
-        what = "which is given too" if outer in key_paths else whose
-        raise ConfigError(f"{where}.{inner}: is inside of {outer}, {what}")
-    for outer, inner in _nested(key_paths, others):
-        raise ConfigError(f"{where}.{outer}: has {inner} inside, {whose}")
-
-
-def _nested(outer: Iterable[str], inner: Iterable[str]) -> Iterator[tuple[str, str]]:
-    """Pairs of which the second is a key path inside of the first."""
-    known = set(outer)
-    for path in inner:
-        for i, letter in enumerate(path):
-            if letter == "." and path[:i] in known:
-                yield path[:i], path
-
-
 def check(
-    model: type[Model], data: Mapping[str, Any], path: Path, names: Mapping[str, str] | None = None
+    model: type[Model],
+    data: Mapping[str, Any],
+    path: Path,
+    names: Mapping[str, str] | None = None,
+    changes: Mapping[str, Any] | None = None,
 ) -> Model:
-    """Validate, and turn the first error into one line.
+    """Validate, with `changes` by key path in `data`, and turn the first error into one line.
 
     `names` maps a key path to what the user wrote it as; the empty path is the model as a whole.
     """
+    data = dict(data)
+    for changed, value in (changes or {}).items():
+        put(data, changed, value, path)
     try:
         return model.model_validate(data, context={"folder": path.parent})
     except ValidationError as error:

@@ -4,30 +4,26 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel
 
 from lidarplace.base.metrics import RANKING
+from lidarplace.base.roi import Roi
 from lidarplace.clouds.blind_lidars import check_not_blind
 from lidarplace.clouds.own_body import check_mounts
 from lidarplace.configuration.settings import found, shortened
-from lidarplace.rigs.lidar import Lidar
+from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.rigs.placement import Placement
 from lidarplace.scenes.recorded import LogScene
-from sweeps.configuration.file import (
-    ConfigError,
-    check,
-    put,
-    read_named,
-    refuse_overlaps,
-    unknown_key,
-    with_whole_paths,
-)
+from sweeps.configuration.file import ConfigError, check, read_named, unknown_key
+from sweeps.configuration.rigs import Rigs
 from sweeps.configuration.sweep import Common, Point, SweepFile
+from sweeps.configuration.whole_paths import with_whole_paths
 from training.settings import TrainingSettings
 
 MOST_POINTS = 20_000
@@ -52,6 +48,16 @@ class GridPoint:
     rung: int = 0
     set_by_rungs: tuple[str, ...] = ()
 
+    @cached_property
+    def roi(self) -> Roi:
+        """The ROI of the point, with its voxels."""
+        return self.point.voxel_roi()
+
+    @cached_property
+    def vehicle(self) -> Vehicle | None:
+        """What carries the LiDARs; None: a sedan."""
+        return self.point.body()
+
 
 @dataclass(frozen=True)
 class Sweep:
@@ -63,12 +69,14 @@ class Sweep:
             rung of `promote` that trains, the full trainings last.
         axes: key paths of the grid, and those that rungs of `promote` set.
         source: the configuration after `--set`, as plain data.
+        rigs: of the points, and all others that the configuration names.
     """
 
     common: Common
     points: tuple[GridPoint, ...]
     axes: tuple[str, ...]
     source: Mapping[str, Any]
+    rigs: Rigs
 
 
 def read_sweep(path: Path, overrides: Sequence[str] = ()) -> Sweep:
@@ -91,24 +99,23 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
     grid = _axes(raw, path)
     common = {key: value for key, value in raw.items() if key in Common.model_fields}
     own = {key: value for key, value in raw.items() if key not in (*common, "grid", "exclude")}
-    base = dict(own)
-    for axis, values in grid.items():
-        put(base, axis, values[0], path)
     # Every value of every axis by itself first: the error can then name it.
     checked_common = check(Common, common, path)
-    first = check(Point, base, path, {axis: f"grid.{axis}[0]" for axis in grid})
-    _check_own_values(own, base, grid, checked_common, path)
+    at_first = {axis: values[0] for axis, values in grid.items()}
+    first = check(Point, own, path, {axis: f"grid.{axis}[0]" for axis in grid}, at_first)
+    try:
+        rigs = Rigs(checked_common.placements, first)
+    except ValueError as error:
+        raise ConfigError(f"{path}: {error}") from None
+    _check_own_values(own, at_first, rigs, first, path)
     rungs = _trained_rungs(checked_common, grid, path)
     # A section in which nothing varies is one object for all points: one log is read once.
     varied_keys = [*grid, *(key for _, settings in rungs for key in settings)]
-    for key in base.keys() - {key.partition(".")[0] for key in varied_keys}:
-        if isinstance(section := getattr(first, key), BaseModel):
-            base[key] = section
+    base = own | unvaried(first, own, varied_keys)
     for axis, values in grid.items():
         for i, value in enumerate(values[1:], start=1):
-            varied = dict(base)
-            put(varied, axis, value, path)
-            check(Point, varied, path, {axis: f"grid.{axis}[{i}]", "": f"grid.{axis}[{i}]"})
+            names = {axis: f"grid.{axis}[{i}]", "": f"grid.{axis}[{i}]"}
+            check(Point, base, path, names, at_first | {axis: value})
     exclude = _exclusions(raw.get("exclude", []), grid, path)
 
     points = []
@@ -117,15 +124,12 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
             axes = dict(zip(grid, combination, strict=True))
             if any(all(_key(axes[k]) in v for k, v in rule.items()) for rule in exclude):
                 continue
-            data = dict(base)
-            for key, value in (axes | settings).items():
-                put(data, key, value, path)
             names = {key: f"promote[{rung}].set.{key}" for key in settings}
-            point = check(Point, data, path, names)
+            point = check(Point, base, path, names, axes | settings)
             if not settings:  # the full trainings
                 _check_rungs(checked_common, point, path)
             try:
-                rig = checked_common.rig_named(point.placement, point)
+                rig = rigs.of(point)
             except ValueError as error:
                 key = "grid.placement" if "placement" in grid else "placement"
                 raise ConfigError(f"{path}: {key}: {error}") from None
@@ -134,7 +138,13 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
     if not points:
         raise ConfigError(f"{path}: exclude: no point of the grid is left")
     source = with_whole_paths(raw, path.parent)
-    return Sweep(checked_common, tuple(points), tuple(points[0].axes), source)
+    return Sweep(checked_common, tuple(points), tuple(points[0].axes), source, rigs)
+
+
+def unvaried(checked: Point, keys: Iterable[str], varied: Iterable[str]) -> dict[str, BaseModel]:
+    """The checked sections among `keys` in which no key path of `varied` is."""
+    known = {key: getattr(checked, key) for key in {*keys} - {v.partition(".")[0] for v in varied}}
+    return {key: section for key, section in known.items() if isinstance(section, BaseModel)}
 
 
 def _check_mounts(sweep: Sweep, path: Path) -> None:
@@ -153,35 +163,30 @@ def _check_mounts(sweep: Sweep, path: Path) -> None:
         if question in checked:
             continue
         checked.add(question)
-        body = point.body()
         try:
-            check_mounts(own.rig, body)
+            check_mounts(own.rig, own.vehicle)
             if not sweep.common.allow_blind_lidars:
-                check_not_blind(own.rig, point.voxel_roi(), body)
+                check_not_blind(own.rig, own.roi, own.vehicle)
         except ValueError as error:
             raise ConfigError(f"{path}: placement {error}") from None
 
 
 def _check_own_values(
-    own: dict[str, Any],
-    base: Mapping[str, Any],
-    grid: Mapping[str, list[Any]],
-    common: Common,
-    path: Path,
+    own: Mapping[str, Any], at_first: Mapping[str, Any], rigs: Rigs, first: Point, path: Path
 ) -> None:
     """Refuse what the file says wrongly beside the grid, though an axis replaces it."""
-    for axis in grid:
-        key, _, _ = axis.partition(".")
-        if key not in own:
-            continue
-        data = dict(base) | {key: own[key]}
-        for other, values in grid.items():
-            if other.startswith(f"{key}.") and not _has(own, other):
-                put(data, other, values[0], path)
-        check(Point, data, path)
-    if "placement" in own and "placement" in grid:
+    for key in dict.fromkeys(axis.partition(".")[0] for axis in at_first):
+        if key in own:
+            changes = {
+                axis: value
+                for axis, value in at_first.items()
+                if axis.partition(".")[0] != key
+                or (axis.startswith(f"{key}.") and not _has(own, axis))
+            }
+            check(Point, own, path, changes=changes)
+    if "placement" in own and "placement" in at_first:
         try:
-            common.placement_named(str(own["placement"]), Lidar.paper())
+            rigs.of(first, str(own["placement"]))
         except ValueError as error:
             raise ConfigError(f"{path}: placement: {error}") from None
 
@@ -232,6 +237,37 @@ def _check_rungs(common: Common, point: Point, path: Path) -> None:
             )
         if rung.object_class and rung.object_class not in point.classes:
             raise ConfigError(f"{key}.class: {rung.object_class} is not among classes")
+
+
+def refuse_overlaps(
+    key_paths: Collection[str],
+    where: str,
+    others: Collection[str] = (),
+    whose: str = "which is given too",
+) -> None:
+    """Refuse a key path inside of another: which of the two counts would depend on their order.
+
+    Args:
+        key_paths: of the mapping `where`, which the message names.
+        others: key paths that are set beside them; `whose` says what they are.
+
+    Raises:
+        ConfigError: the key path that is inside of another, or that has another inside.
+    """
+    for outer, inner in (*_nested(key_paths, key_paths), *_nested(others, key_paths)):
+        what = "which is given too" if outer in key_paths else whose
+        raise ConfigError(f"{where}.{inner}: is inside of {outer}, {what}")
+    for outer, inner in _nested(key_paths, others):
+        raise ConfigError(f"{where}.{outer}: has {inner} inside, {whose}")
+
+
+def _nested(outer: Iterable[str], inner: Iterable[str]) -> Iterator[tuple[str, str]]:
+    """Pairs of which the second is a key path inside of the first."""
+    known = set(outer)
+    for path in inner:
+        for i, letter in enumerate(path):
+            if letter == "." and path[:i] in known:
+                yield path[:i], path
 
 
 def _effort(training: TrainingSettings) -> float:

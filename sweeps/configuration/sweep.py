@@ -19,6 +19,7 @@ from lidarplace.base.roi import Roi
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.clouds.profiles import PROFILES
 from lidarplace.configuration.mounting_errors import MountingErrorSettings
+from lidarplace.configuration.placement import SweptPlacementSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import (
     Amount,
@@ -42,14 +43,11 @@ from lidarplace.logs.boxes import CLASSES
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.pog.surrogates.table import ASKED_FOR, SURROGATES
 from lidarplace.requirements.settings import Requirements
-from lidarplace.rigs.lidar import Lidar
-from lidarplace.rigs.placement import PAPER_PLACEMENTS, Placement
 from lidarplace.scenes.kinds import Scene
 from lidarplace.scenes.recorded import LogScene
 from lidarplace.scenes.routes import KEEP_M
 from lidarplace.scenes.sumo.settings import SumoScene
 from sweeps.configuration.classes import ClassSettings
-from sweeps.configuration.dead_lidars import SweptPlacementSettings
 from training import DETECTORS
 from training.settings import TrainingSettings
 
@@ -412,18 +410,6 @@ class Common(Settings):
         "a file of requirements; nothing is left out for it",
     )
 
-    @field_validator("placements")
-    @classmethod
-    def _new_and_possible(
-        cls, placements: dict[str, SweptPlacementSettings]
-    ) -> dict[str, SweptPlacementSettings]:
-        taken = sorted(set(placements) & set(PAPER_PLACEMENTS))
-        if taken:
-            raise ValueError(f"{taken[0]!r} is the paper's; choose another name")
-        for name, settings in placements.items():
-            settings.placement(name, Lidar.paper())
-        return placements
-
     @property
     def tracking_uri(self) -> str:
         """MLflow's tracking URI."""
@@ -433,29 +419,6 @@ class Common(Settings):
     def urls(self) -> tuple[str, ...]:
         """Addresses that may hold secrets."""
         return tuple(filter(None, (self.tracking.uri, self.store.url)))
-
-    def placement_named(self, name: str, lidar: Lidar) -> Placement:
-        """The placement called `name`, the paper's or an own one, with `lidar` on its mounts.
-
-        Raises:
-            ValueError: there is none of that name.
-        """
-        if name in self.placements:
-            return self.placements[name].placement(name, lidar)
-        if name in PAPER_PLACEMENTS:
-            return PAPER_PLACEMENTS[name].with_lidar(lidar)
-        known = [*PAPER_PLACEMENTS, *self.placements]
-        hint = did_you_mean(name, known)
-        raise ValueError(f"no placement {name!r}{hint}; allowed are {', '.join(known)}")
-
-    def rig_named(self, name: str, point: Point) -> Placement:
-        """The placement called `name` with the LiDARs of a point, in its weather.
-
-        Raises:
-            ValueError: there is none of that name, or the weather tells a LiDAR nothing.
-        """
-        rig = self.placement_named(name, point.lidar.lidar())
-        return rig.in_weather(point.weather.weather())
 
 
 class SweepFile(Common, Point):

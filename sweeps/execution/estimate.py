@@ -17,7 +17,7 @@ import pandas as pd
 from sweeps.execution.backends import Backend
 from sweeps.execution.needs import Need
 from sweeps.execution.worker import Batch, peak_memory, reset_peak_memory, run_task
-from sweeps.plan.plan import Trial
+from sweeps.plan.trial import DetectorTrial, Trial
 from sweeps.store.local import Store, Value
 from sweeps.tasks.parameters import CollectParams, RecordedParams
 from sweeps.tasks.stages import FUNCTIONS
@@ -217,7 +217,8 @@ def _cut(log: Value, frames: int) -> Value:
 def _in_small(trial: Trial) -> list[Task]:
     """A trial's tasks for one part of its scene with training frames, and one with test frames;
     of trainings a single epoch."""
-    scenes = {trial.scenes[0].key, *(task.key for t in trial.collect_test[:1] for task in t.inputs)}
+    tests = trial.collect_test[:1] if isinstance(trial, DetectorTrial) else ()
+    scenes = {trial.scenes[0].key, *(task.key for test in tests for task in test.inputs)}
     made: dict[str, Task | None] = {}
 
     def small(task: Task) -> Task | None:

@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 from lidarplace.base.metrics import HEADLINE_METRIC
 from lidarplace.files.atomic import sync
 from lidarplace.logs.boxes import GEOMETRY
-from sweeps.plan.plan import Trial
+from sweeps.plan.trial import DetectorTrial
 from sweeps.results.trial_results import metric_mean
 from sweeps.store.open import AnyStore
 from sweeps.store.whole_folder import whole_folder
@@ -27,14 +27,16 @@ _BOXES = {"frame": "long", "class": "string"} | dict.fromkeys((*GEOMETRY, "score
 _CODE = Path(__file__).with_name("detector_model.py")
 
 
-def log_best_models(trials: Iterable[Trial], store: AnyStore, folder: Path, log: SweepLog) -> None:
+def log_best_models(
+    trials: Iterable[DetectorTrial], store: AnyStore, folder: Path, log: SweepLog
+) -> None:
     """Log the trial of each detector with the highest 3D AP of the first class at KITTI's IoU.
 
     Args:
         folder: where models are made, DETECTOR/KEY of the trial; one that is there is not made
             again.
     """
-    best: dict[str, tuple[float, Trial]] = {}
+    best: dict[str, tuple[float, DetectorTrial]] = {}
     for trial in trials:
         point = trial.grid_point.point
         ap = metric_mean([trial], HEADLINE_METRIC, point.classes[0], store)
@@ -53,7 +55,7 @@ def log_best_models(trials: Iterable[Trial], store: AnyStore, folder: Path, log:
         log.model(Model(detector, trial.key, own, about))
 
 
-def save_model(trial: Trial, store: AnyStore, path: Path) -> None:
+def save_model(trial: DetectorTrial, store: AnyStore, path: Path) -> None:
     """Write a trained detector in MLflow's format, in one step: its weights and no pickled code."""
     from mlflow.models import ModelSignature
     from mlflow.pyfunc import save_model as save_pyfunc
@@ -81,11 +83,9 @@ def save_model(trial: Trial, store: AnyStore, path: Path) -> None:
             sync(file)
 
 
-def _write_parts(trial: Trial, store: AnyStore, folder: Path) -> tuple[Path, Path]:
+def _write_parts(trial: DetectorTrial, store: AnyStore, folder: Path) -> tuple[Path, Path]:
     from training.checkpoints import write_tensors
 
-    assert trial.finetune is not None
-    assert trial.evaluate is not None
     params = trial.evaluate.params
     training = store.load(trial.finetune, ("state_dict", "classes"))
     about = {

@@ -12,7 +12,8 @@ from lidarplace.base.metrics import Overlaps, headline_metric, iou_of
 from lidarplace.files.secret_urls import hide_secrets
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.grid import Sweep
-from sweeps.plan.plan import Trial, further_axes
+from sweeps.plan.plan import further_axes
+from sweeps.plan.trial import DetectorTrial, Trial
 from sweeps.results.trial_results import axis_values
 from sweeps.tasks.task import Task
 from tracking.mlflow.content import Dataset
@@ -89,9 +90,8 @@ def tags(trial: Trial, axes: Sequence[str]) -> dict[str, Any]:
     return own | place | axis_values(trial, axes)
 
 
-def datasets(trial: Trial) -> list[Dataset]:
+def datasets(trial: DetectorTrial) -> list[Dataset]:
     """The recorded frames that a trial was trained and tested on; the digest is the store's key."""
-    assert trial.finetune is not None
     train, test = trial.grid_point.point.scene.frame_counts()
     collected = {"train": trial.finetune.inputs, "test": trial.collect_test}
     found = []

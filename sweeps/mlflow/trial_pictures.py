@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sweeps.plan.plan import Trial
+from sweeps.plan.trial import DetectorTrial
 from sweeps.store.open import AnyStore
 
 
-def trial_pictures(trial: Trial, store: AnyStore, folder: Path) -> list[Path]:
+def trial_pictures(trial: DetectorTrial, store: AnyStore, folder: Path) -> list[Path]:
     """PNGs of the placement, which trials share, and of precision over recall, if there is any.
 
     Args:
@@ -23,7 +23,6 @@ def trial_pictures(trial: Trial, store: AnyStore, folder: Path) -> list[Path]:
         rig = trial.surrogates.params.placement
         name = trial.grid_point.point.placement
         draw_rig(placement, name, rig.mounts, rig.lidars, trial.vehicle)
-    assert trial.evaluate is not None
     table = store.load(trial.evaluate, ("pr_curves",))["pr_curves"]
     if table.empty:  # no object of any class in the test frames
         return [placement]

@@ -13,7 +13,7 @@ from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.execution.progress import StageProgress
 from sweeps.mlflow.page import datasets, tags
 from sweeps.mlflow.trial_pictures import trial_pictures
-from sweeps.plan.plan import Trial
+from sweeps.plan.trial import DetectorTrial, Trial, with_detector
 from sweeps.results.trial_results import (
     surrogate_table,
     trial_failure,
@@ -50,7 +50,7 @@ class TrialLog:
         pictures: Path,
     ) -> None:
         self._progress = progress
-        self._trials = [trial for trial in trials if trial.evaluate is not None]
+        self._trials = with_detector(trials)
         self._store = store
         self._axes = axes
         self._times = dict.fromkeys(there, _now_ms())
@@ -83,9 +83,7 @@ class TrialLog:
         self._progress.failed(task, failure)
         self._failures.write(task, failure)
 
-    def _finished(self, trial: Trial) -> TrialRun:
-        assert trial.finetune is not None
-        assert trial.evaluate is not None
+    def _finished(self, trial: DetectorTrial) -> TrialRun:
         store = self._store
         training = store.load(trial.finetune, ("weights", "batch_size", "classes", "curve"))
         memory = max(store.record(t)["peak_memory"] for t in (trial.finetune, trial.evaluate))

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from cachetools import cached
 
-from lidarplace import Placement, Roi
+from lidarplace import Lidar, Placement, Roi
 from lidarplace.clouds.clouds import Crop
 from lidarplace.clouds.collect import crop_for
 from lidarplace.clouds.profiles import with_tilt_in_degrees
@@ -22,10 +21,9 @@ from lidarplace.configuration.vehicle import VehicleSettings, vehicle_of
 from lidarplace.configuration.weather import WeatherSettings
 from lidarplace.mounting.errors import MountingErrors
 from lidarplace.mounting.random_rigs import has_other_lidar, random_rigs
-from lidarplace.mounting.ring_overlap import Interleaving, interleaving
+from lidarplace.mounting.ring_overlap import interleaving
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, POG_SURROGATES
-from lidarplace.recall.detection_curve import IOU, DetectionCurves, default_curves, read_curves
 from lidarplace.requirements.layout import Laid
 from lidarplace.scenes.kinds import scene_parts
 from lidarplace.scenes.parts import ScenePart
@@ -35,6 +33,9 @@ from sweeps.configuration.grid import GridPoint, Sweep, read_sweep
 from sweeps.configuration.question import check_asked, laid_out
 from sweeps.configuration.sweep import Point
 from sweeps.plan.classes import boxes_by_split, check_classes, typical_of
+from sweeps.plan.labels import task_label, trial_label
+from sweeps.plan.named_files import checkpoint_of, curve_names, curves_of
+from sweeps.plan.trial import DetectorTrial, Plan, Trial
 from sweeps.tasks.parameters import (
     AccuracyParams,
     CollectParams,
@@ -51,7 +52,7 @@ from sweeps.tasks.parameters import (
     keys_of,
 )
 from sweeps.tasks.task import Task
-from training.typical_objects import TypicalObject, from_plain
+from training.typical_objects import TypicalObject
 
 ACCURACY_STEPS = (90, 360, 1440, 5760)
 """Azimuth steps at which coverage methods are compared with the exact cones."""
@@ -67,102 +68,6 @@ ACCURACY_SHARES = (0.5, 0.25)
 
 ACCURACY_VOXELS = 60_000_000
 """Half the resolution is the reference if it makes no more voxels than these (about 2 GB)."""
-
-
-@dataclass(frozen=True)
-class Trial:
-    """What becomes of one point of the grid.
-
-    Attributes:
-        grid_point: the point and its axes.
-        label: "placement · detector · seed 1", and the further axes.
-        scene_label: what its scene is called.
-        vehicle: carries the LiDARs; None: a sedan.
-        scenes, ground_truths, collect_test: its tasks for every part of the scene, of those with
-            test frames for the last.
-        pog, surrogates, recall: its cheap tasks, by which `promote` may rank; recall is None if no
-            surrogate of objects is asked for.
-        requirements: what becomes of them; None if there are none.
-        accuracy, sampling_error: None if they are not asked for, or of other placements.
-        finetune, evaluate: the training whose weights tell of the placement, which is shared where
-            a generalist does; None without a detector.
-        interleaving: how its rings would lie between each other, where they coincide.
-        evaluate_interleaved: of that rig, where a generalist judges.
-    """
-
-    grid_point: GridPoint
-    label: str
-    scene_label: str
-    vehicle: Vehicle | None
-    scenes: tuple[Task, ...]
-    ground_truths: tuple[Task, ...]
-    collect_test: tuple[Task, ...]
-    pog: Task
-    surrogates: Task
-    recall: Task | None
-    requirements: Task | None
-    accuracy: Task | None
-    sampling_error: Task | None
-    finetune: Task | None
-    evaluate: Task | None
-    interleaving: Interleaving | None
-    evaluate_interleaved: Task | None
-
-    @cached_property
-    def key(self) -> str:
-        """Names the trial: the same for the same work under the same name of the placement."""
-        last = (self.evaluate or self.pog).key
-        found = (*self.scores, *filter(None, [self.requirements]))
-        parts = (self.grid_point.point.placement, last, *(task.key for task in found))
-        return hashlib.sha256("/".join(parts).encode()).hexdigest()[:12]
-
-    @property
-    def scores(self) -> tuple[Task, ...]:
-        """The tasks whose results have tables of surrogates."""
-        return (self.surrogates,) if self.recall is None else (self.surrogates, self.recall)
-
-    def score_by(self, surrogate: str) -> Task:
-        """The one of `scores` that has a surrogate."""
-        return self.scores[-1] if surrogate in OBJECT_SURROGATES else self.surrogates
-
-    @cached_property
-    def results(self) -> tuple[Task, ...]:
-        """The tasks whose results the trial reports."""
-        detected = (self.finetune, self.evaluate, self.evaluate_interleaved)
-        further = (self.requirements, self.accuracy, self.sampling_error, *detected)
-        return (self.pog, *self.scores, *filter(None, further))
-
-
-@dataclass(frozen=True)
-class Plan:
-    """All tasks, each once and after its inputs, and the trials that they make up.
-
-    Attributes:
-        laid: what is required, around the vehicle; by the curves of the first trial.
-        cautions: what is to be known of the classes of the logs, a sentence each.
-    """
-
-    tasks: tuple[Task, ...]
-    trials: tuple[Trial, ...]
-    laid: tuple[Laid, ...] = ()
-    cautions: tuple[str, ...] = ()
-
-    @property
-    def typical(self) -> tuple[TypicalObject, ...]:
-        """Objects of which anchors are, of classes that have not the preset's; each once."""
-        params = (t.params for t in self.tasks if isinstance(t.params, NetworkParams))
-        return tuple(dict.fromkeys(item for own in params for item in own.typical))
-
-    def needed_for(self, results: Iterable[Task]) -> list[Task]:
-        """The tasks that lead to `results`, and these, in the order of the plan."""
-        needed: set[str] = set()
-        open_ = list(results)
-        while open_:
-            task = open_.pop()
-            if task.key not in needed:
-                needed.add(task.key)
-                open_ += task.inputs
-        return [task for task in self.tasks if task.key in needed]
 
 
 def read_plan(path: Path, overrides: Sequence[str] = ()) -> tuple[Sweep, Plan]:
@@ -211,18 +116,19 @@ class _Builder:
 
     def __init__(self, sweep: Sweep) -> None:
         self.tasks: dict[str, Task] = {}
-        self._common = sweep.common
+        self._common, self._rigs = sweep.common, sweep.rigs
         self._placements = list(dict.fromkeys(g.point.placement for g in sweep.points))
         self._parts_of = cache(scene_parts)
         self._digest_of = cache(clouds_digest)
-        self._checkpoint = cache(_checkpoint)
-        self._curves = cache(_curves)
+        self._checkpoint = cache(checkpoint_of)
+        self._curves = cache(curves_of)
         self._laid = cache(self._lay_out)
         self._boxes_of = cache(boxes_by_split)
         self._typical = cached({}, key=_classes_of)(self._typical_of)
         self.cautions: dict[str, None] = {}
         self._random_rigs = cache(random_rigs)
         self._interleaving = cache(interleaving)
+        self._simulated, self._thinned = cache(self._simulate), cache(Lidar.thinned)
 
     def _once(self, task: Task) -> Task:
         return self.tasks.setdefault(task.key, task)
@@ -239,20 +145,25 @@ class _Builder:
             self._task("scene", grid_point, SceneParams(part.recording), (), part.name)
             for part in parts
         ]
-        for_pog = tuple(
+        logs = tuple(
             scene for part, scene in zip(parts, scenes, strict=True) if "train" in part.splits
         )
-        return Trial(
+        requirements = self._requirements(grid_point)
+        pog = self._task("pog", grid_point, PogParams(grid_point.roi, point.classes), logs)
+        trial = Trial(
             grid_point=grid_point,
-            label=_trial_label(point, grid_point.axes),
-            scene_label=_label(grid_point, scenes[0].uses),
-            vehicle=point.body(),
+            label=trial_label(point, grid_point.axes),
+            scene_label=task_label(grid_point, scenes[0].uses),
             interleaving=self._interleaving(rig),
             scenes=tuple(scenes),
-            requirements=self._requirements(grid_point, rig),
-            **self._surrogates(grid_point, rig, for_pog),
-            **self._detection(grid_point, rig, parts, scenes, typical),
+            requirements=requirements,
+            pog=pog,
+            surrogates=self._task("surrogates", grid_point, _of_pog(point, rig), (pog,)),
+            recall=self._recall(grid_point, logs),
+            accuracy=self._accuracy(grid_point, logs),
+            sampling_error=self._sampling_error(grid_point, logs),
         )
+        return trial if point.detector is None else self._detected(trial, parts, typical)
 
     def _typical_of(self, point: Point) -> tuple[TypicalObject, ...]:
         """Of the classes whose anchors are not the preset's; refuses a class that is not there."""
@@ -267,70 +178,60 @@ class _Builder:
     ) -> Task:
         """A task named after what makes a difference to it, and after `names`."""
         keys = keys_of(params).union(*(task.uses for task in inputs))
-        return self._once(Task(stage, _join(_label(grid_point, keys), *names), params, inputs))
+        return self._once(Task(stage, task_label(grid_point, keys, *names), params, inputs))
 
-    def _surrogates(
-        self, grid_point: GridPoint, rig: Placement, logs: tuple[Task, ...]
-    ) -> dict[str, Any]:
-        """Tasks that need boxes alone."""
-        point, roi = grid_point.point, grid_point.point.voxel_roi()
-        settings, placement = point.surrogate, _nameless(rig)
-        pog = self._task("pog", grid_point, PogParams(roi, point.classes), logs)
-        params = SurrogateParams(
-            placement=placement,
-            names=tuple(name for name in settings.names if name in POG_SURROGATES),
-            method=settings.method,
+    def _recall(self, grid_point: GridPoint, logs: tuple[Task, ...]) -> Task | None:
+        point = grid_point.point
+        of_objects = tuple(name for name in point.surrogate.names if name in OBJECT_SURROGATES)
+        if not of_objects:
+            return None
+        params = RecallParams(
+            placement=self._as_collected(point, grid_point.rig),
+            names=of_objects,
+            roi=grid_point.roi,
+            classes=point.classes,
+            curves=self._curves(point.surrogate.curves, curve_names(point)),
+            seed=point.scene.seed,
+            frames=RECALL_FRAMES,
+            vehicle=grid_point.vehicle,
+        )
+        return self._task("recall", grid_point, params, logs)
+
+    def _studied(self, point: Point) -> bool:
+        """Whether accuracy and sampling error are worked out, if they are asked for."""
+        # A sweep with rungs works them out for what goes on alone.
+        chosen = spread(self._placements, point.surrogate.studied_placements)
+        return point.placement in chosen or bool(self._common.promote)
+
+    def _accuracy(self, grid_point: GridPoint, logs: tuple[Task, ...]) -> Task | None:
+        point, settings = grid_point.point, grid_point.point.surrogate
+        if not settings.accuracy or not self._studied(point):
+            return None
+        params = AccuracyParams(
+            placement=grid_point.rig,
+            roi=grid_point.roi,
             detection_probability=settings.detection_probability,
             occlusion=settings.occlusion,
-            fitted_q=FITTED_Q,
+            object_class=point.classes[0],
+            resolutions=_resolutions(grid_point.roi),
+            azimuth_steps=ACCURACY_STEPS,
+            frame_shares=ACCURACY_SHARES,
         )
-        found: dict[str, Any] = {
-            "pog": pog,
-            "surrogates": self._task("surrogates", grid_point, params, (pog,)),
-            "recall": None,
-            "accuracy": None,
-            "sampling_error": None,
-        }
-        of_objects = tuple(name for name in settings.names if name in OBJECT_SURROGATES)
-        if of_objects:
-            seen = RecallParams(
-                placement=_nameless(self._as_collected(point, rig)),
-                names=of_objects,
-                roi=roi,
-                classes=point.classes,
-                curves=self._curves(settings.curves, _curve_names(point)),
-                seed=point.scene.seed,
-                frames=RECALL_FRAMES,
-                vehicle=point.body(),
-            )
-            found["recall"] = self._task("recall", grid_point, seen, logs)
-        chosen = spread(self._placements, settings.studied_placements)
-        # A sweep with rungs works them out for what goes on alone.
-        if point.placement not in chosen and not self._common.promote:
-            return found
-        if settings.accuracy:
-            studied = AccuracyParams(
-                placement=placement,
-                roi=roi,
-                detection_probability=settings.detection_probability,
-                occlusion=settings.occlusion,
-                object_class=point.classes[0],
-                resolutions=_resolutions(roi),
-                azimuth_steps=ACCURACY_STEPS,
-                frame_shares=ACCURACY_SHARES,
-            )
-            found["accuracy"] = self._task("accuracy", grid_point, studied, logs)
-        if settings.sampling_error:
-            drawn = SamplingErrorParams(
-                placement=placement,
-                roi=roi,
-                detection_probability=settings.detection_probability,
-                occlusion=settings.occlusion,
-                classes=point.classes,
-                method=settings.method,
-            )
-            found["sampling_error"] = self._task("sampling_error", grid_point, drawn, logs)
-        return found
+        return self._task("accuracy", grid_point, params, logs)
+
+    def _sampling_error(self, grid_point: GridPoint, logs: tuple[Task, ...]) -> Task | None:
+        point, settings = grid_point.point, grid_point.point.surrogate
+        if not settings.sampling_error or not self._studied(point):
+            return None
+        params = SamplingErrorParams(
+            placement=grid_point.rig,
+            roi=grid_point.roi,
+            detection_probability=settings.detection_probability,
+            occlusion=settings.occlusion,
+            classes=point.classes,
+            method=settings.method,
+        )
+        return self._task("sampling_error", grid_point, params, logs)
 
     def laid(self, point: Point) -> tuple[Laid, ...]:
         """What is required of the placement of a point, laid out around the vehicle."""
@@ -342,37 +243,25 @@ class _Builder:
         known = self._curves(curves, ())
         return laid_out(self._common.requirements, vehicle_of(body), known, "")
 
-    def _requirements(self, grid_point: GridPoint, rig: Placement) -> Task | None:
+    def _requirements(self, grid_point: GridPoint) -> Task | None:
         laid = self.laid(grid_point.point)
         if not laid:
             return None
         vehicle = vehicle_of(grid_point.point.vehicle)
         try:
-            check_asked(rig, vehicle, self._common.requirements)
+            check_asked(grid_point.rig, vehicle, self._common.requirements)
         except ValueError as error:
             raise ConfigError(f"requirements: {error}") from None
         asked = tuple(own.requirement for own in laid)
-        params = RequirementsParams(_nameless(rig), vehicle, asked)
+        params = RequirementsParams(grid_point.rig, vehicle, asked)
         return self._task("requirements", grid_point, params, ())
 
-    def _detection(
-        self,
-        grid_point: GridPoint,
-        rig: Placement,
-        parts: Sequence[ScenePart],
-        scenes: Sequence[Task],
-        typical: tuple[TypicalObject, ...],
-    ) -> dict[str, Any]:
-        """Tasks that a detector needs."""
-        point = grid_point.point
-        if point.detector is None:
-            return {
-                "ground_truths": (),
-                "collect_test": (),
-                "finetune": None,
-                "evaluate": None,
-                "evaluate_interleaved": None,
-            }
+    def _detected(
+        self, trial: Trial, parts: Sequence[ScenePart], typical: tuple[TypicalObject, ...]
+    ) -> DetectorTrial:
+        """The same trial with the tasks of its detector."""
+        grid_point, scenes = trial.grid_point, trial.scenes
+        point, rig = grid_point.point, grid_point.rig
         # Without the resolution, which has no part in the ground truth.
         roi, settings = point.roi, point.training
         edges = GroundTruthParams(roi.x, roi.y, roi.z, point.scene.seed)
@@ -387,7 +276,7 @@ class _Builder:
             split: str, rig: Placement, *names: str, first: int = 0, every: int = 1
         ) -> list[Task]:
             """Clouds of a rig in every part with frames of the split, of some of these frames."""
-            params = self._collection(point, rig, split, crop)
+            params = self._collection(point, rig, split, crop, trial.vehicle)
             if isinstance(params, CollectParams):
                 params = replace(params, first=first, every=every)
             return [
@@ -410,7 +299,6 @@ class _Builder:
             )
         network = NetworkParams(point.detector, point.classes, settings, crop, typical=typical)
         training = TrainingParams(**vars(network), seed=point.seed, checkpoint=checkpoint)
-        label = _trial_label(point, grid_point.axes)
         before: tuple[Task, ...] = ()
         if point.judge != "specialist":
             before = (self._generalist(point, training, collected, truths["train"]),)
@@ -419,23 +307,24 @@ class _Builder:
         else:
             inputs = (*before, *collected("train", rig), *truths["train"])
             finetune = self._once(
-                Task("finetune", label, training, inputs, gpu=True, resumable=True)
+                Task("finetune", trial.label, training, inputs, gpu=True, resumable=True)
             )
         judged = replace(network, ious=tuple(point.own_ious().items()))
         pitched = None
-        better = self._interleaving(rig) if point.judge == "generalist" else None
+        better = trial.interleaving if point.judge == "generalist" else None
         if better is not None:
             inputs = (finetune, *collected("test", better.placement, "pitched"), *truths["test"])
-            name = f"{label} · pitched"
+            name = f"{trial.label} · pitched"
             pitched = self._once(Task("evaluate", name, judged, inputs, gpu=True))
         inputs = (finetune, *test, *truths["test"])
-        return {
-            "ground_truths": tuple(dict.fromkeys(truths["train"] + truths["test"])),
-            "collect_test": tuple(test),
-            "finetune": finetune,
-            "evaluate": self._once(Task("evaluate", label, judged, inputs, gpu=True)),
-            "evaluate_interleaved": pitched,
-        }
+        return DetectorTrial(
+            **vars(trial),
+            ground_truths=tuple(dict.fromkeys(truths["train"] + truths["test"])),
+            collect_test=tuple(test),
+            finetune=finetune,
+            evaluate=self._once(Task("evaluate", trial.label, judged, inputs, gpu=True)),
+            evaluate_interleaved=pitched,
+        )
 
     def _generalist(
         self,
@@ -466,17 +355,17 @@ class _Builder:
 
     def _training_rigs(self, point: Point) -> list[Placement]:
         """The rigs of a generalist: drawn with the seed of the training, or named."""
-        common, rigs = self._common, point.generalist.rigs
+        rigs = point.generalist.rigs
         try:
             if isinstance(rigs, int):
                 judged = sorted(self._placements)
-                around = [common.rig_named(name, point) for name in judged]
+                around = [self._rigs.of(point, name) for name in judged]
                 return self._random_rigs(tuple(around), rigs, point.seed)
             judged = sorted(set(rigs) & set(self._placements))
             if judged:
                 raise ValueError(f"{judged[0]} is judged, so it cannot be trained on")
-            named = [common.rig_named(name, point) for name in rigs]
-            if has_other_lidar(common.rig_named(point.placement, point), named):
+            named = [self._rigs.of(point, name) for name in rigs]
+            if has_other_lidar(self._rigs.of(point), named):
                 raise ValueError(
                     f"none of {', '.join(rigs)} has a LiDAR of {point.placement}: name rigs of the "
                     "models that are judged"
@@ -486,7 +375,7 @@ class _Builder:
             raise ConfigError(f"generalist.rigs: {error}") from None
 
     def _collection(
-        self, point: Point, placement: Placement, split: str, crop: Crop
+        self, point: Point, placement: Placement, split: str, crop: Crop, body: Vehicle | None
     ) -> CollectParams | RecordedParams:
         """What decides clouds besides the scene.
 
@@ -514,7 +403,7 @@ class _Builder:
                 return RecordedParams(folder, self._digest_of(folder), split, crop)
             except (OSError, ValueError) as error:
                 raise ConfigError(f"placement: {error}") from None
-        placement = _nameless(self._as_collected(point, placement))
+        placement = self._as_collected(point, placement)
         errors, vehicle = point.mounting_errors.errors(), point.mounting_errors.vehicle
         if split == "test" and vehicle is not None:
             placement, errors = errors.drawn(placement, scene.seed, vehicle), MountingErrors()
@@ -525,28 +414,26 @@ class _Builder:
             split,
             crop,
             errors,
-            vehicle=point.body(),
+            vehicle=body,
         )
 
     def _as_collected(self, point: Point, placement: Placement) -> Placement:
         """A rig as clouds are simulated: with the quirk of its angles and fewer azimuth steps."""
-        if point.lidar.tilt_in_degrees:
-            placement = with_tilt_in_degrees(placement)
         share = point.lidar.cloud_share
         try:
-            return placement.with_lidar([own.thinned(share) for own in placement.lidars])
+            return self._simulated(placement, point.lidar.tilt_in_degrees, share)
         except ValueError as error:
             raise ConfigError(f"lidar.cloud_share: {share:g}: {error}") from None
+
+    def _simulate(self, placement: Placement, tilted: bool, share: float) -> Placement:
+        if tilted:
+            placement = with_tilt_in_degrees(placement)
+        return placement.each_lidar(lambda lidar: self._thinned(lidar, share))
 
 
 def _classes_of(point: Point) -> tuple[Any, ...]:
     """What decides the typical objects of a point."""
     return point.scene, point.classes, tuple(point.class_settings.items())
-
-
-def _nameless(placement: Placement) -> Placement:
-    """The same rig for all names, so that a rig of two names is computed once."""
-    return replace(placement, name="placement")
 
 
 def spread(names: Sequence[str], most: int) -> set[str]:
@@ -560,6 +447,18 @@ def further_axes(sweep: Sweep) -> tuple[str, ...]:
     return tuple(axis for axis in sweep.axes if axis not in ("placement", "detector", "seed"))
 
 
+def _of_pog(point: Point, rig: Placement) -> SurrogateParams:
+    settings = point.surrogate
+    return SurrogateParams(
+        placement=rig,
+        names=tuple(name for name in settings.names if name in POG_SURROGATES),
+        method=settings.method,
+        detection_probability=settings.detection_probability,
+        occlusion=settings.occlusion,
+        fitted_q=FITTED_Q,
+    )
+
+
 def _resolutions(roi: Roi) -> tuple[float, ...]:
     """Half and twice the resolution, where they divide the ROI and half of it is affordable."""
     found = []
@@ -571,94 +470,3 @@ def _resolutions(roi: Roi) -> tuple[float, ...]:
         if math.prod(other.shape) <= ACCURACY_VOXELS:
             found.append(resolution)
     return tuple(found)
-
-
-def _join(*names: str) -> str:
-    return " · ".join(filter(None, names))
-
-
-def _label(grid_point: GridPoint, keys: Collection[str]) -> str:
-    """The placement and the axes among `keys` of the configuration, or the scene."""
-    parts = [grid_point.point.placement] if "placement" in keys else []
-    parts += [
-        f"{axis}={value}"
-        for axis, value in grid_point.axes.items()
-        if axis != "placement" and any(_overlap(axis, key) for key in keys)
-    ]
-    return " · ".join(parts) or grid_point.point.scene.name
-
-
-def _overlap(one: str, other: str) -> bool:
-    """Whether a key path is the other, or above or below it."""
-    return one == other or one.startswith(f"{other}.") or other.startswith(f"{one}.")
-
-
-def _trial_label(point: Point, axes: Mapping[str, Any]) -> str:
-    further = [
-        f"{axis}={value}"
-        for axis, value in axes.items()
-        if axis not in ("placement", "detector", "seed")
-    ]
-    detected = [point.detector, f"seed {point.seed}"] if point.detector else []
-    return " · ".join([point.placement, *detected, *further])
-
-
-def _curve_names(point: Point) -> tuple[tuple[str, str | None], ...]:
-    """The classes that need a detection curve, each with the one whose curve it may take."""
-    if "expected_recall" not in point.surrogate.names:
-        return ()
-    own = point.class_settings
-    return tuple((name, own[name].curve if name in own else None) for name in point.classes)
-
-
-def _curves(path: Path | None, classes: Sequence[tuple[str, str | None]]) -> DetectionCurves:
-    """Detection curves, with one for each of `classes`: its own, or that of another."""
-    try:
-        curves = default_curves() if path is None else read_curves(path)
-        for name, other in classes:
-            if other is not None and not curves.has(name, IOU):
-                curves = curves.lent(other, name, IOU)
-            if not curves.has(name, IOU):
-                known = ", ".join(curve.object_class for curve in curves.curves if curve.iou == IOU)
-                raise ValueError(
-                    f"expected_recall has no detection curve of {name} at IoU {IOU:g}, only of "
-                    f"{known}; leave expected_recall out of surrogate.names, say whose curve it "
-                    f"takes with class_settings.{name}.curve, or make its own with lidarplace "
-                    "calibrate"
-                )
-    except OSError as error:
-        raise ConfigError(f"surrogate.curves: {path}: {error.strerror}") from None
-    except ValueError as error:
-        raise ConfigError(f"surrogate.curves: {error}") from None
-    return curves
-
-
-def _checkpoint(
-    path: Path,
-    new_heads: bool,
-    detector: str,
-    classes: Sequence[str],
-    point_range: Crop,
-    typical: tuple[TypicalObject, ...],
-    fixed: frozenset[str],
-) -> tuple[str, tuple[TypicalObject, ...]]:
-    """SHA-256 of a checkpoint that fits; better told now than after hours of scenes.
-
-    And the typical objects of the classes: those of the checkpoint, unless `new_heads` are trained,
-    before those of the data. Sizes of the configuration, of the classes `fixed`, stay.
-    """
-    from training import build_detector  # torch, which a sweep from scratch need not wait for
-    from training.checkpoints import load_checkpoint, read_checkpoint
-
-    try:
-        known = {item.name: item for item in typical}
-        if not new_heads:
-            kept = from_plain(read_checkpoint(path)[0])
-            known |= {t.name: t for t in kept if t.name in classes and t.name not in fixed}
-        typical = tuple(known[name] for name in classes if name in known)
-        model = build_detector(detector, classes, point_range=point_range, typical=typical)
-        return load_checkpoint(model, path, new_heads).digest, typical
-    except OSError as error:
-        raise ConfigError(f"training.checkpoint: {path}: {error.strerror}") from None
-    except ValueError as error:
-        raise ConfigError(f"training.checkpoint: {error}") from None

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import Sweep
-from sweeps.plan.plan import Plan
+from sweeps.plan.trial import Plan, with_detector
 from sweeps.tasks.task import Task
 
 _MIXED = ("placement", "lidar", "seed", "surrogate")
@@ -29,7 +29,7 @@ def pretrain_task(sweep: Sweep, plan: Plan) -> Task:
                 f"grid.{axis}: a base is trained for one value, found {', '.join(sorted(values))}; "
                 f"choose with --set 'grid.{axis}=[…]'"
             )
-    trainings = [trial.finetune for trial in plan.trials if trial.finetune is not None]
+    trainings = [trial.finetune for trial in with_detector(plan.trials)]
     if not trainings:
         raise ConfigError("detector: null trains nothing; name the detector of the base")
     inputs = {needed.key: needed for training in trainings for needed in training.inputs}

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lidarplace.clouds.clouds import JoinedClouds, PointClouds
 from lidarplace.clouds.points_in_boxes import box_of_points
 from lidarplace.logs.boxes import GEOMETRY
-from sweeps.plan.plan import Trial
+from sweeps.plan.trial import DetectorTrial
 from sweeps.store.open import AnyStore
 from tracking.findings.failures import Failures
 from tracking.run_folders.sweep_arrays import FailureFrames
@@ -21,7 +21,7 @@ POINTS = 3000
 
 
 def failure_frames(
-    failures: Failures, trials: Mapping[str, Trial], store: AnyStore
+    failures: Failures, trials: Mapping[str, DetectorTrial], store: AnyStore
 ) -> FailureFrames:
     """The frames of `Failures.telling`, with the detections of the lowest seed.
 
@@ -36,7 +36,6 @@ def failure_frames(
         trial = trials[key]
         clouds = _clouds(trial, store)
         index = {frame: i for i, frame in enumerate(clouds.frames.tolist())}
-        assert trial.evaluate is not None
         detections = store.load(trial.evaluate, ("detections",))["detections"]
         for place, frame in enumerate(shown["frame"].tolist()):
             objects = failures.objects[failures.objects["frame"] == frame]
@@ -47,7 +46,7 @@ def failure_frames(
     return found
 
 
-def _clouds(trial: Trial, store: AnyStore) -> JoinedClouds[PointClouds]:
+def _clouds(trial: DetectorTrial, store: AnyStore) -> JoinedClouds[PointClouds]:
     return JoinedClouds([PointClouds.from_arrays(store.load(task)) for task in trial.collect_test])
 
 

@@ -9,7 +9,7 @@ import pandas as pd
 
 from lidarplace.base.metrics import kitti_iou
 from lidarplace.logs.boxes import GEOMETRY
-from sweeps.plan.plan import Trial
+from sweeps.plan.trial import DetectorTrial
 from sweeps.results.trial_results import axis_values, with_columns
 from sweeps.store.open import AnyStore
 from tracking.run_folders.sweep_tables import OBJECTS
@@ -19,7 +19,7 @@ _ABOUT = ("scene", "frame", "route", "object_id", "class", *GEOMETRY, "visibilit
 
 
 def object_tables(
-    trials: Sequence[Trial], store: AnyStore, axes: Sequence[str]
+    trials: Sequence[DetectorTrial], store: AnyStore, axes: Sequence[str]
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """`objects` and `found` of the run folder; objects that several trials share stand there once.
 
@@ -49,7 +49,7 @@ def object_tables(
     )
 
 
-def _test_objects(trial: Trial, store: AnyStore) -> pd.DataFrame:
+def _test_objects(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
     """Those that count, with the routes of their frames."""
     values = [store.load(task, ("objects", "frames")) for task in trial.ground_truths]
     objects = pd.concat([value["objects"] for value in values])
@@ -59,9 +59,8 @@ def _test_objects(trial: Trial, store: AnyStore) -> pd.DataFrame:
     return objects.merge(test, on="frame")[list(_ABOUT)]
 
 
-def _found(trial: Trial, objects: pd.DataFrame, store: AnyStore) -> pd.DataFrame:
+def _found(trial: DetectorTrial, objects: pd.DataFrame, store: AnyStore) -> pd.DataFrame:
     """Points on each object, and whether the detector of the trial found it."""
-    assert trial.evaluate is not None
     detections = store.load(trial.evaluate, ("detections",))["detections"]
     hit = np.zeros(len(objects), np.bool_)
     for name in trial.grid_point.point.classes:

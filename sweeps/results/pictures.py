@@ -16,7 +16,7 @@ from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.pog.occupancy.grid import OccupancyGrid
 from lidarplace.pog.surrogates.table import DECIDING
 from lidarplace.requirements.ground import Ground
-from sweeps.plan.plan import Plan, Trial
+from sweeps.plan.trial import DetectorTrial, Plan, Trial
 from sweeps.store.open import AnyStore
 from sweeps.tasks.stages import grids_of
 from tracking.run_folders.grounds import Grounds
@@ -90,7 +90,7 @@ def grounds(plan: Plan, trials: Sequence[Trial], store: AnyStore) -> Grounds:
     return Grounds.of(outline(trials[0].vehicle or Vehicle.car()), names, by_rig)
 
 
-def one_frame(trials: Sequence[Trial], store: AnyStore) -> Frame:
+def one_frame(trials: Sequence[DetectorTrial], store: AnyStore) -> Frame:
     """The test frame with most objects, as every placement sees it."""
     objects = pd.concat([store.load(task)["objects"] for task in trials[0].ground_truths])
     of_test = np.concatenate([store.load(task)["frames"] for task in trials[0].collect_test])

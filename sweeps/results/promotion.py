@@ -18,7 +18,7 @@ import pandas as pd
 from lidarplace.base.metrics import OF_CLASSES, RANKING, Direction
 from sweeps.configuration.grid import Sweep
 from sweeps.configuration.sweep import Rung
-from sweeps.plan.plan import Plan, Trial
+from sweeps.plan.trial import Plan, Trial, with_detector
 from sweeps.results.trial_results import cells, metric_mean, trial_seconds
 from sweeps.store.open import AnyStore
 from sweeps.tasks.task import Task
@@ -232,5 +232,5 @@ def _seconds(trials: Sequence[Trial], rung: Rung, store: AnyStore) -> float:
     if rung.by not in RANKING:
         task = trials[0].score_by(rung.by)
         return store.seconds(task) if store.has(task) else math.nan
-    whole = [trial for trial in trials if trial.evaluate is not None and store.has(trial.evaluate)]
+    whole = [trial for trial in with_detector(trials) if store.has(trial.evaluate)]
     return math.fsum(trial_seconds(trial, store) for trial in whole)

@@ -16,7 +16,7 @@ from lidarplace.mounting.body_share import AZIMUTH_STEPS
 from lidarplace.mounting.housing import NO_HOUSINGS
 from lidarplace.mounting.random_rigs import outside
 from lidarplace.mounting.ring_overlap import Interleaving
-from sweeps.plan.plan import Plan, Trial
+from sweeps.plan.trial import Plan, Trial, with_detector
 from sweeps.results.trial_results import headline_value
 from sweeps.store.open import AnyStore
 from sweeps.tasks.parameters import CollectParams
@@ -91,11 +91,11 @@ def coinciding(name: str, found: Interleaving) -> str:
 def _gain(trials: Sequence[Trial], store: AnyStore) -> str:
     """What the generalist measures of the pitched rig, in comparison; "" if none judges."""
     values: dict[str, list[float]] = {}
-    for trial in trials:
-        both = [trial.evaluate, trial.evaluate_interleaved]
-        if any(task is None or not store.has(task) for task in both):
+    for trial in with_detector(trials):
+        both = [task for task in (trial.evaluate, trial.evaluate_interleaved) if task is not None]
+        if len(both) < 2 or not all(map(store.has, both)):
             continue
-        tables = [store.load(t, ("metrics",))["metrics"] for t in both if t is not None]
+        tables = [store.load(task, ("metrics",))["metrics"] for task in both]
         for object_class in (trial.grid_point.point.classes[0], "all"):
             metric = headline_metric(object_class)
             own, pitched = (headline_value(table, metric, object_class) for table in tables)
@@ -110,9 +110,9 @@ def _gain(trials: Sequence[Trial], store: AnyStore) -> str:
 
 def _outside(name: str, trials: Sequence[Trial]) -> str | None:
     """By how much a rig is outside of what the generalist has seen."""
-    for trial in trials:
+    for trial in with_detector(trials):
         training = trial.finetune
-        if training is None or training.stage != "pretrain" or not trial.collect_test:
+        if training.stage != "pretrain" or not trial.collect_test:
             continue
         seen = [t.params.placement for t in training.inputs if isinstance(t.params, CollectParams)]
         own = trial.collect_test[0].params

@@ -18,7 +18,8 @@ from lidarplace.mounting.vehicle import Vehicle
 from sweeps.configuration.file import public_yaml
 from sweeps.configuration.grid import Sweep
 from sweeps.execution.execute import Outcome
-from sweeps.plan.plan import Plan, Trial, further_axes
+from sweeps.plan.plan import further_axes
+from sweeps.plan.trial import DetectorTrial, Plan, Trial, with_detector
 from sweeps.results import rigs_file
 from sweeps.results.failure_frames import failure_frames
 from sweeps.results.lidar_models import lidar_models
@@ -81,7 +82,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
     there = store.finished(plan.tasks)
     known = [trial for trial in plan.trials if trial.surrogates.key in there]
     good = [trial for trial in known if all(task.key in there for task in trial.results)]
-    tested = [trial for trial in good if trial.evaluate is not None]
+    tested = with_detector(good)
 
     def gathered(stage: str, name: str, trials: Sequence[Trial]) -> pd.DataFrame:
         """One table of a stage; what several trials share stands there once."""
@@ -114,7 +115,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
         (contract.DISTANCE, of_trials("by_distance")),
         (contract.SECTOR, of_trials("by_sector")),
         (contract.POINTS, _points(tested, store, axes)),
-        (contract.INDIVIDUALS, _individuals(good, store, axes)),
+        (contract.INDIVIDUALS, _individuals(tested, store, axes)),
         (contract.OBJECTS, objects),
         (contract.FOUND, found),
         (contract.ACCURACY, gathered("accuracy", "table", known)),
@@ -139,7 +140,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
         if plan.laid:
             grounds(plan, shown, store).write(folder)
         if tested:
-            one_frame(shown, store).write(folder)
+            one_frame(with_detector(shown), store).write(folder)
         pictured = axis_values(shown[0], [a for a in axes if a in surrogates.columns])
         body = shown[0].vehicle
     _about(sweep, Frames(**frames), run, pictured, body, plan, store).write(folder)
@@ -170,12 +171,11 @@ def _stack(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
 
 
-def _curve(trial: Trial, store: AnyStore) -> pd.DataFrame:
-    assert trial.finetune is not None
+def _curve(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
     return with_columns(store.load(trial.finetune, ("curve",))["curve"], {"trial": trial.key})
 
 
-def _points(trials: Sequence[Trial], store: AnyStore, axes: Sequence[str]) -> pd.DataFrame:
+def _points(trials: Sequence[DetectorTrial], store: AnyStore, axes: Sequence[str]) -> pd.DataFrame:
     """Points per object of the test frames by distance; once for what several trials share."""
     found: dict[tuple[object, ...], pd.DataFrame] = {}
     for trial in trials:
@@ -196,7 +196,9 @@ def _points(trials: Sequence[Trial], store: AnyStore, axes: Sequence[str]) -> pd
     return _stack(list(found.values()))
 
 
-def _individuals(trials: Sequence[Trial], store: AnyStore, axes: Sequence[str]) -> pd.DataFrame:
+def _individuals(
+    trials: Sequence[DetectorTrial], store: AnyStore, axes: Sequence[str]
+) -> pd.DataFrame:
     """In how many frames of a split and a route every object counts; once for what trials share."""
     keys = ["split", "scene", "route", "class", "object_id"]
     own = contract.INDIVIDUALS.axes_of(axes)
@@ -204,7 +206,7 @@ def _individuals(trials: Sequence[Trial], store: AnyStore, axes: Sequence[str]) 
     for trial in trials:
         setting = axis_values(trial, own)
         place = (*(task.key for task in trial.ground_truths), *setting.values())
-        if place in found or not trial.ground_truths:
+        if place in found:
             continue
         values = [store.load(task, ("objects", "frames")) for task in trial.ground_truths]
         objects = pd.concat([value["objects"] for value in values])

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from sweeps.configuration.grid import Sweep
 from sweeps.execution.failures import Failure, FailureFolder
-from sweeps.plan.plan import Plan, Trial
+from sweeps.plan.trial import Plan, Trial
 from sweeps.results.promotion import at_most, promote
 from sweeps.results.trial_results import trial_failure
 from sweeps.store.lock import is_locked

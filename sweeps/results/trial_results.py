@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 from sweeps.execution.failures import Failure
-from sweeps.plan.plan import Trial
+from sweeps.plan.trial import DetectorTrial, Trial
 from sweeps.store.open import AnyStore
 from sweeps.tasks.task import Task
 from tracking.kitti_iou import headline_iou
@@ -23,11 +23,9 @@ def trial_failure(trial: Trial, failures: Mapping[str, Failure]) -> Failure | No
 
 
 def trial_results(
-    trial: Trial, store: AnyStore, axes: Sequence[str], name: str = "metrics"
+    trial: DetectorTrial, store: AnyStore, axes: Sequence[str], name: str = "metrics"
 ) -> pd.DataFrame:
-    """A table of a trial's evaluation, its identity in front; empty without a detector."""
-    if trial.evaluate is None:
-        return pd.DataFrame()
+    """A table of a trial's evaluation, its identity in front."""
     return with_columns(store.load(trial.evaluate, (name,))[name], identity(trial, axes))
 
 
@@ -38,7 +36,7 @@ def metric_mean(trials: Sequence[Trial], metric: str, object_class: str, store: 
     """
     values: list[float] = []
     for trial in trials:
-        if trial.evaluate is None or not store.has(trial.evaluate):
+        if not isinstance(trial, DetectorTrial) or not store.has(trial.evaluate):
             return math.nan
         metrics = store.load(trial.evaluate, ("metrics",))["metrics"]
         values.append(headline_value(metrics, metric, object_class))
@@ -57,9 +55,11 @@ def trial_seconds(trial: Trial, store: AnyStore) -> float:
 
     A generalist's training counts for none of the placements that it judges.
     """
-    own = trial.finetune if trial.grid_point.point.judge != "generalist" else None
-    tasks = [task for task in (own, trial.evaluate) if task is not None]
-    return sum(store.seconds(task) for task in tasks or trial.scores)
+    tasks = trial.scores
+    if isinstance(trial, DetectorTrial):
+        alone = trial.grid_point.point.judge != "generalist"
+        tasks = (trial.finetune, trial.evaluate) if alone else (trial.evaluate,)
+    return sum(store.seconds(task) for task in tasks)
 
 
 def surrogate_table(trial: Trial, store: AnyStore) -> pd.DataFrame:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
+from lidarplace.rigs.placement import Placement
 from lidarplace.scenes.parts import Recording
 from sweeps.tasks import stages
 from sweeps.tasks.code_version import code_version
@@ -85,7 +86,10 @@ def plain(value: Any) -> Any:
         return str(value)
     if isinstance(value, np.ndarray):
         return [value.dtype.str, value.shape, hashlib.sha256(value.tobytes()).hexdigest()]
-    return {item.name: getattr(value, item.name) for item in fields(value)}
+    known = {item.name: getattr(value, item.name) for item in fields(value)}
+    if isinstance(value, Placement):
+        known.pop("name")  # a rig of two names is computed once
+    return known
 
 
 def code_of(stage: str, detector: str | None = None, recording: Recording | None = None) -> str:

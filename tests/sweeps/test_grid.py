@@ -124,8 +124,10 @@ def test_lidars_by_name(config):
     assert point.point.lidar.lidar() == front
     own = {key: value for key, value in given.items() if key != "cloud_share"}
     mounts = [{"z": 2}, {"x": 1, "z": 2, "lidar": "vlp16"}, {"x": 2, "z": 2, "lidar": own}]
-    sweep = read_sweep(config(placements={"a": {"mounts": mounts}}, grid={"placement": ["a"]}))
-    assert sweep.common.placement_named("a", at128).lidars == (at128, vlp16, front)
+    (point,) = read_sweep(
+        config(lidar="at128", placements={"a": {"mounts": mounts}}, grid={"placement": ["a"]})
+    ).points
+    assert point.rig.lidars == (at128, vlp16, front)
 
 
 def test_a_profile_fills_what_is_not_given(config):
@@ -142,8 +144,7 @@ def test_own_placements_in_both_conventions(config):
     carla = {"convention": "carla", "mounts": [{"x": 1, "y": 0.5, "z": 2, "pitch": 0.1}]}
     ego = {"mounts": [{"x": 1, "y": -0.5, "z": 2, "pitch": -0.1}]}
     sweep = read_sweep(config(placements={"a": carla, "b": ego}, grid={"placement": ["a", "b"]}))
-    lidar = sweep.points[0].point.lidar.lidar()
-    a, b = (sweep.common.placement_named(name, lidar) for name in "ab")
+    a, b = (point.rig for point in sweep.points)
     assert a.mounts == b.mounts
 
 

@@ -21,11 +21,9 @@ from lidarplace.pog.selection import Limits
 from lidarplace.recall.one_dead import OneDeadChoice
 from lidarplace.recall.surface_cells import SurfaceCells
 from sweeps.commands.search import app
-from sweeps.configuration.file import check
-from sweeps.configuration.sweep import SweepFile
 from sweeps.search.greedy.objective_value import OneDeadWorth
 from sweeps.search.judgement.robustness import _cases
-from sweeps.search.problem.as_sweep import sweep_settings
+from sweeps.search.problem.as_sweep import placement_settings
 from sweeps.search.problem.assess import assess
 from sweeps.search.problem.choice import Choice
 from sweeps.search.problem.problem import read_problem
@@ -183,10 +181,8 @@ def test_a_dead_lidar_still_hides_in_recall_and_in_clouds(tmp_path):
     found = [assess(rig, problem.question, traffic).values for _, (rig,) in failing]
     assert [own["expected_recall.Car"] for own in found] == pytest.approx(by_hand, rel=1e-12)
     # A generalist gets clouds of the same: the dead LiDAR is part of the placement.
-    config = sweep_settings(problem.source, problem.file, {"dead": failing[1][1][0]}, "t")
-    rig = check(SweepFile, config | {"placement": "line"}, problem.path).placement_named(
-        "dead", problem.models["lidar"]
-    )
+    settings = placement_settings(failing[1][1][0], problem.file)
+    rig = settings.placement("dead", problem.models["lidar"])
     assert rig.mounts == (mounts[0], mounts[2])
     assert rig.dead == ((mounts[1], lidar),)
     assert [(own > 0).any() for own in ends_in_rig(rig)] == [True, True]

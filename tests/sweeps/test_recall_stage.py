@@ -125,8 +125,7 @@ def test_placements_are_promoted_by_it(log):
     point = sweep.points[0].point
     model = ExpectedRecall.from_log(boxes, point.voxel_roi(), ["Car"], azimuth_share=0.5)
     wanted = {
-        name: model.of(sweep.common.placement_named(name, point.lidar.lidar())).iloc[0, 0]
-        for name in SWEEP["grid"]["placement"]
+        name: model.of(sweep.rigs.of(point, name)).iloc[0, 0] for name in SWEEP["grid"]["placement"]
     }
     kept = pd.read_parquet(log / "small/surrogates.parquet")
     assert set(kept["surrogate"]) == {"expected_recall"}

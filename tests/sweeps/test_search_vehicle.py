@@ -20,7 +20,7 @@ from sweeps.configuration.file import public_yaml
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import make_plan
 from sweeps.search.judgement.verify import read_verification
-from sweeps.search.problem.as_sweep import sweep_of, sweep_settings
+from sweeps.search.problem.as_sweep import sweep_of
 from sweeps.search.problem.choice import Choice, ordered, placement_of
 from sweeps.search.problem.problem import read_problem
 from tracking.run_folders.search import SearchFolder
@@ -145,7 +145,9 @@ def test_keep_outs_hide_what_is_behind_them_in_clouds_and_recall(tmp_path):
 
 def trial_of(problem, rig):
     """As a generalist judges it, or a training does."""
-    config = sweep_settings(problem.source, problem.file, {"found": rig}, "t")
-    config |= {"detector": "pointpillars_tiny", "mounting_errors": {}}
-    (trial,) = make_plan(sweep_of(config, problem.path, {"found": {}}, [1], {})).trials
+    exact = {"detector": "pointpillars_tiny", "mounting_errors": {}}
+    sweep = sweep_of(
+        problem.source, problem.file, problem.path, {"found": rig}, {"found": {}}, exact
+    )
+    (trial,) = make_plan(sweep).trials
     return trial

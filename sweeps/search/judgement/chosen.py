@@ -13,7 +13,7 @@ from sweeps.configuration.search import ObjectiveSettings
 from sweeps.execution.backends import Backend, BackendLost
 from sweeps.execution.execute import execute
 from sweeps.execution.progress import StageProgress
-from sweeps.plan.plan import Trial
+from sweeps.plan.trial import DetectorTrial
 from sweeps.results.trial_results import identity, with_columns
 from sweeps.search.judgement.found import baseline_of
 from sweeps.search.judgement.verify import verified_table
@@ -66,7 +66,7 @@ def choose(
         problem.tests.choice,
     )
     every = (trial for own in rigs.values() for tests in own for trial in tests)
-    tasks = with_inputs(trial.evaluate for trial in every if trial.evaluate is not None)
+    tasks = with_inputs(trial.evaluate for trial in every)
     store.refer(reference(problem.sweep(), "choice"), [task.key for task in tasks])
     with StageProgress(console, tasks, store) as progress:
         outcome = execute(tasks, store, backend, progress)
@@ -123,10 +123,10 @@ def _over_generalists(
 
 
 def _results(
-    name: str, tests: Sequence[Trial], store: AnyStore, over: Over
+    name: str, tests: Sequence[DetectorTrial], store: AnyStore, over: Over
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Metrics of a rig by one generalist, over all tests; the same without each unit."""
-    evaluations = [trial.evaluate for trial in tests if trial.evaluate is not None]
+    evaluations = [trial.evaluate for trial in tests]
     loaded = [store.load(task, ("metrics", "left_out")) for task in evaluations]
     metrics, left_out = ([value[key] for value in loaded] for key in ("metrics", "left_out"))
     truths = [tuple(t.key for t in e.inputs if t.stage == "ground_truth") for e in evaluations]

@@ -13,7 +13,8 @@ from rich.console import Console
 from lidarplace.base.metrics import RANKING
 from lidarplace.command_line.verbs import wrong
 from sweeps.configuration.grid import Sweep
-from sweeps.plan.plan import Plan, read_plan
+from sweeps.plan.plan import read_plan
+from sweeps.plan.trial import Plan
 from sweeps.search.judgement.found import Found
 from sweeps.search.judgement.winners import Judged
 from sweeps.search.problem.problem import Problem

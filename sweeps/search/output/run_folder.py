@@ -31,7 +31,7 @@ from sweeps.search.output.optuna_figures import importances, write_optuna_figure
 from sweeps.search.output.tables import greedy_table, trials_table
 from sweeps.search.output.terminal import greedy_warnings, rig_warnings
 from sweeps.search.output.uncovered import maps
-from sweeps.search.problem.as_sweep import placement_settings, verify_settings
+from sweeps.search.problem.as_sweep import as_plain, placement_settings, verify_settings
 from sweeps.search.problem.choice import Choices, placement_of
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.slots import rig_of
@@ -118,7 +118,7 @@ def _write_requirements(folder: Path, problem: Problem, found: Found) -> None:
 def _placement(problem: Problem, found: Found) -> str:
     """The best rig as a file for `lidarplace.commands.view` and others, metres and radians."""
     rig, file = found.judged["found_1"].rig, problem.file
-    settings = placement_settings(rig, file)
+    settings = as_plain(placement_settings(rig, file))
     # Read by itself, the file has to say what the key `lidar` says here.
     own = file.lidar.model_dump(
         mode="json", exclude_unset=True, include=set(SensorSettings.model_fields)

@@ -1,4 +1,4 @@
-"""Rigs of a search as the configuration of a sweep, which trains detectors for them."""
+"""Rigs of a search as those of a sweep, which trains detectors for them."""
 
 from __future__ import annotations
 
@@ -8,62 +8,45 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel
+
+from lidarplace.configuration.placement import MountSettings, SweptPlacementSettings
+from lidarplace.configuration.vehicle import VehicleSettings
 from sweeps.configuration.file import check, put
 from sweeps.configuration.grid import GridPoint, Sweep
-from sweeps.configuration.search import TOTALS, SearchFile
-from sweeps.configuration.sweep import Point, SweepFile
+from sweeps.configuration.rigs import Rigs
+from sweeps.configuration.search import SearchFile
+from sweeps.configuration.sweep import Point
 from sweeps.search.problem.choice import Choice, Choices
 from sweeps.search.problem.constraints import with_keep_outs
 
 _OWN = ("search", "robustness", "verify", "placement")
 
 
-def mount_settings(lidar: Choice, search: SearchFile) -> dict[str, Any]:
-    """One LiDAR as a mount of `placements`; with its model, if it is not that of all."""
-    pose = {key: value for key, value in asdict(lidar.mount).items() if key in "xyz" or value}
-    if lidar.model not in search.search.models:
-        return pose
-    model = search.search.models[lidar.model]
-    return pose | {"lidar": model.model_dump(mode="json", exclude_unset=True, exclude={*TOTALS})}
+def placement_settings(rig: Choices, search: SearchFile) -> SweptPlacementSettings:
+    """A rig as one of `placements`; mounts have their model, if it is not that of all."""
+
+    def mounted(lidar: Choice) -> MountSettings:
+        pose = {key: value for key, value in asdict(lidar.mount).items() if key in "xyz" or value}
+        model = search.search.models.get(lidar.model)
+        return MountSettings(**pose) if model is None else MountSettings(**pose, lidar=model)
+
+    dead = [mounted(lidar) for lidar in rig if lidar.dead]
+    mounts = [mounted(lidar) for lidar in rig if not lidar.dead]
+    return SweptPlacementSettings(mounts=mounts, **({"dead": dead} if dead else {}))
 
 
-def placement_settings(rig: Choices, search: SearchFile) -> dict[str, Any]:
-    """A rig as one of `placements`."""
-    dead = [mount_settings(lidar, search) for lidar in rig if lidar.dead]
-    mounts = [mount_settings(lidar, search) for lidar in rig if not lidar.dead]
-    return {"mounts": mounts} | ({"dead": dead} if dead else {})
+def own_vehicle(search: SearchFile) -> VehicleSettings | None:
+    """The vehicle of a search as that of a sweep: its keep-outs are boxes of it.
 
-
-def own_vehicle(search: SearchFile) -> dict[str, Any]:
-    """The key `vehicle` of a sweep for the vehicle of a search, whose keep-outs are boxes of it.
-
-    Nothing if the search says neither: clouds then have the sedan of sweeps.
+    None if the search says neither: clouds then have the sedan of sweeps.
     """
     told = search.search.vehicle
     if told is None and not search.search.keep_out:
-        return {}
-    own = {} if told is None else told.model_dump(mode="json", exclude_defaults=True)
+        return None
+    own = {} if told is None else told.model_dump(exclude_defaults=True)
     boxes = with_keep_outs(search.search).boxes.tolist()
-    return {"vehicle": own | ({"boxes": boxes} if boxes else {})}
-
-
-def sweep_settings(
-    source: Mapping[str, Any], search: SearchFile, rigs: Mapping[str, Choices], name: str
-) -> dict[str, Any]:
-    """The configuration of a sweep of `rigs`, without its grid.
-
-    Args:
-        source: the configuration of the search, as plain data.
-        search: the same, checked.
-        name: of the sweep.
-    """
-    config = {k: copy.deepcopy(v) for k, v in source.items() if k not in _OWN}
-    own = {key: placement_settings(rig, search) for key, rig in rigs.items()}
-    config["placements"] = config.get("placements", {}) | own
-    config |= own_vehicle(search)
-    # A sweep has other defaults.
-    config["mounting_errors"] = search.mounting_errors.model_dump(mode="json", exclude_none=True)
-    return config | {"name": name}
+    return VehicleSettings.model_validate(own | ({"boxes": boxes} if boxes else {}))
 
 
 def verify_settings(
@@ -73,13 +56,22 @@ def verify_settings(
     others: Sequence[str],
     values: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """The configuration of a sweep that trains detectors for `rigs` and for the `others`.
+    """The configuration, as plain data, of a sweep that trains detectors for `rigs` and `others`.
 
     Args:
+        source: the configuration of the search, as plain data.
+        search: the same, checked.
         others: names of placements that a sweep knows.
         values: key path -> value, what was found beside the rig.
     """
-    config = sweep_settings(source, search, rigs, f"{search.name}-verify")
+    config = {key: copy.deepcopy(value) for key, value in source.items() if key not in _OWN}
+    own = {name: as_plain(placement_settings(rig, search)) for name, rig in rigs.items()}
+    config["placements"] = config.get("placements", {}) | own
+    if (vehicle := own_vehicle(search)) is not None:
+        config["vehicle"] = as_plain(vehicle)
+    # A sweep has other defaults.
+    config["mounting_errors"] = search.mounting_errors.model_dump(mode="json", exclude_none=True)
+    config["name"] = f"{search.name}-verify"
     config.setdefault("detector", search.detector)
     config["grid"] = {"placement": [*rigs, *others]}
     if search.search.requirements:
@@ -93,36 +85,67 @@ def verify_settings(
     return config
 
 
-def sweep_of(
-    config: Mapping[str, Any],
+def as_plain(settings: BaseModel) -> dict[str, Any]:
+    """Settings as a file has them, without what they leave to the default."""
+    return settings.model_dump(mode="json", exclude_unset=True)
+
+
+def point_of(
+    source: Mapping[str, Any],
+    search: SearchFile,
     path: Path,
-    trials: Mapping[str, Mapping[str, Any]],
-    seeds: Sequence[int],
-    rung: Mapping[str, Any],
-) -> Sweep:
-    """The trainings that some trials of a search need.
+    changes: Mapping[str, Any],
+    names: Mapping[str, str],
+) -> Point:
+    """A point of a sweep with the settings of a search; sections that are changed are read again.
 
     Args:
-        config: from `sweep_settings`.
+        source: the configuration of the search, as plain data.
+        search: the same, checked.
         path: of the configuration, for messages.
-        trials: name of the placement -> values by key path.
-        seeds: of the trainings of each trial.
-        rung: key path -> value, what is shorter about these trainings.
+        changes: key path -> value.
+        names: what the user wrote key paths as.
 
     Raises:
         ConfigError: a value is not allowed at its key path.
     """
-    checked = check(SweepFile, dict(config) | {"placement": "line"}, path)
-    base = {key: config[key] for key in config if key in Point.model_fields}
+    data = {key: getattr(search, key) for key in Point.model_fields}
+    data["vehicle"] = own_vehicle(search)
+    for key in {changed.partition(".")[0] for changed in changes}:
+        if key in source:
+            data[key] = source[key]
+        elif isinstance(section := data[key], BaseModel):
+            data[key] = section.model_dump(mode="json", exclude_defaults=True)
+    return check(Point, data, path, names, changes)
+
+
+def sweep_of(
+    source: Mapping[str, Any],
+    search: SearchFile,
+    path: Path,
+    rigs: Mapping[str, Choices],
+    trials: Mapping[str, Mapping[str, Any]],
+    rung: Mapping[str, Any],
+) -> Sweep:
+    """The trainings that some trials of a search need, with the seeds of the search.
+
+    Args:
+        source, search, path: see `point_of`.
+        rigs: by name of the placement; those without a trial can be named by a generalist.
+        trials: name of the placement -> values by key path.
+        rung: key path -> value, what is different about these trainings.
+
+    Raises:
+        ConfigError: a value is not allowed at its key path.
+    """
+    own = {name: placement_settings(rig, search) for name, rig in rigs.items()}
+    known = Rigs({**search.placements, **own}, search)
     points = []
     for name, values in trials.items():
-        for seed in seeds:
-            data = copy.deepcopy(base) | {"placement": name, "seed": seed}
-            for key, value in (dict(values) | dict(rung)).items():
-                put(data, key, value, path)
-            names = {key: f"search.space.{key}" for key in values}
-            names |= {key: f"search.rungs or search.traffic: {key}" for key in rung}
+        names = {key: f"search.space.{key}" for key in values}
+        names |= {key: f"search.rungs or search.traffic: {key}" for key in rung}
+        for seed in search.search.seeds:
             axes = {"placement": name, "seed": seed}
-            point = check(Point, data, path, names)
-            points.append(GridPoint(point, checked.rig_named(name, point), axes))
-    return Sweep(checked, tuple(points), ("placement", "seed"), config)
+            point = point_of(source, search, path, axes | dict(values) | dict(rung), names)
+            points.append(GridPoint(point, known.of(point), axes))
+    return Sweep(search, tuple(points), ("placement", "seed"), source, known)

@@ -7,13 +7,14 @@ from dataclasses import replace
 from typing import Any
 
 from lidarplace import PAPER_PLACEMENTS
-from sweeps.plan.plan import Plan, Trial, make_plan
-from sweeps.search.problem.as_sweep import sweep_of, sweep_settings
+from sweeps.plan.plan import make_plan
+from sweeps.plan.trial import DetectorTrial, with_detector
+from sweeps.search.problem.as_sweep import sweep_of
 from sweeps.search.problem.choice import Choice, Choices, ordered
 from sweeps.search.problem.problem import Problem
 from sweeps.tasks.task import Task
 
-JudgedRig = Sequence[Sequence[Trial]]
+JudgedRig = Sequence[Sequence[DetectorTrial]]
 """A rig's trials: of every generalist one for each test."""
 
 
@@ -23,15 +24,12 @@ def generalists(problem: Problem) -> dict[int, Task]:
     settings = problem.file.generalist
     if isinstance(settings.rigs, int):
         settings = settings.model_copy(update={"rigs": tuple(rigs)})
-    changes = {"judge": "generalist", "generalist": settings.model_dump(mode="json")}
+    changes = {"judge": "generalist", "generalist": settings}
     # Whichever, of a model of the space, and not trained on by its name.
     model, line = problem.space.models[0], PAPER_PLACEMENTS["line"]
     some = next(iter(rigs.values()), ordered(Choice(model, "", mount) for mount in line.mounts))
-    found = {}
-    for trial in _plan(problem, {"judged": some}, rigs, changes).trials:
-        assert trial.finetune is not None
-        found[trial.grid_point.point.seed] = trial.finetune
-    return found
+    trials = _trials(problem, {"judged": some}, rigs, changes)
+    return {trial.grid_point.point.seed: trial.finetune for trial in trials}
 
 
 def judged_rigs(
@@ -47,32 +45,32 @@ def judged_rigs(
         rigs: by the name that their placements get.
         tests: key path -> value: what is tested on, beside the configuration.
     """
-    found: dict[str, dict[int, list[Trial]]] = {
+    found: dict[str, dict[int, list[DetectorTrial]]] = {
         name: {seed: [] for seed in trained} for name in rigs
     }
     for changes in tests:
-        for trial in _plan(problem, rigs, {}, changes).trials:
+        for trial in _trials(problem, rigs, {}, changes):
             point = trial.grid_point.point
             found[point.placement][point.seed].append(_by(trained[point.seed], trial))
     return {name: list(by_seed.values()) for name, by_seed in found.items()}
 
 
-def _plan(
+def _trials(
     problem: Problem,
     rigs: Mapping[str, Choices],
     others: Mapping[str, Choices],
     changes: Mapping[str, Any],
-) -> Plan:
-    """The plan of a sweep of rigs with the seeds of the search; `others` are placements, too."""
-    file = problem.file
-    config = sweep_settings(problem.source, file, {**others, **rigs}, file.name)
+) -> list[DetectorTrial]:
+    """Those of a sweep of rigs with the seeds of the search; `others` are placements, too."""
     values: dict[str, dict[str, Any]] = {name: {} for name in rigs}
-    return make_plan(sweep_of(config, problem.path, values, file.search.seeds, changes))
+    sweep = sweep_of(
+        problem.source, problem.file, problem.path, {**others, **rigs}, values, changes
+    )
+    return with_detector(make_plan(sweep).trials)
 
 
-def _by(generalist: Task, trial: Trial) -> Trial:
+def _by(generalist: Task, trial: DetectorTrial) -> DetectorTrial:
     """A trial whose detections are those of a generalist."""
-    assert trial.evaluate is not None
     _, *inputs = trial.evaluate.inputs
     evaluate = replace(trial.evaluate, inputs=(generalist, *inputs))
     return replace(trial, finetune=generalist, evaluate=evaluate)

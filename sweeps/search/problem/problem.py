@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -22,21 +21,17 @@ from lidarplace.pog.surrogates.table import OBJECT_SURROGATES
 from lidarplace.recall.detection_curve import default_curves, read_curves
 from lidarplace.requirements.layout import Laid
 from lidarplace.scenes.sumo.settings import SumoScene
-from sweeps.configuration.file import (
-    ConfigError,
-    check,
-    put,
-    read_named,
-    refuse_overlaps,
-    with_whole_paths,
-)
-from sweeps.configuration.grid import GridPoint, Sweep, build_sweep
+from sweeps.configuration.file import ConfigError, check, read_named
+from sweeps.configuration.grid import GridPoint, Sweep, build_sweep, refuse_overlaps
 from sweeps.configuration.question import check_lidars, laid_out
+from sweeps.configuration.rigs import Rigs
 from sweeps.configuration.search import RangeSettings, SearchFile, Tests, TrafficSettings
-from sweeps.configuration.sweep import Common, Point
+from sweeps.configuration.sweep import Point
+from sweeps.configuration.whole_paths import with_whole_paths
 from sweeps.execution.memory import check_memory
-from sweeps.plan.plan import Trial, make_plan
-from sweeps.search.problem.as_sweep import own_vehicle, sweep_of, sweep_settings, verify_settings
+from sweeps.plan.plan import make_plan
+from sweeps.plan.trial import Trial
+from sweeps.search.problem.as_sweep import point_of, sweep_of, verify_settings
 from sweeps.search.problem.assess import Question
 from sweeps.search.problem.choice import Choice, Choices, ordered, placement_of
 from sweeps.search.problem.constraints import Carrier, constraints_of, with_keep_outs
@@ -68,6 +63,7 @@ class Problem:
         space: all rigs.
         start: rigs to begin with, by name of the placement.
         question: what is asked of each.
+        rigs: placements of the configuration by name.
     """
 
     path: Path
@@ -77,6 +73,7 @@ class Problem:
     space: Space
     start: Mapping[str, list[Placed]]
     question: Question
+    rigs: Rigs
 
     @cached_property
     def key(self) -> str:
@@ -136,7 +133,7 @@ class Problem:
         named = self.file.generalist.rigs
         if isinstance(named, int):
             return [placement_of(rig, self.models) for rig in self.training_rigs.values()]
-        return [self.file.rig_named(name, self.file) for name in named]
+        return [self.rigs.of(self.file, name) for name in named]
 
     @property
     def traffic(self) -> TrafficSettings:
@@ -185,16 +182,15 @@ class Problem:
         names = self.file.surrogate.names
         if self.question.needs_objects:
             names = tuple(dict.fromkeys([*names, "expected_recall"]))
-        base = {k: v for k, v in self.source.items() if k in type(self.file).model_fields}
-        base |= own_vehicle(self.file)
-        point = _point(base, scene or {}, self.path)
-        common = Common.model_validate({k: getattr(self.file, k) for k in Common.model_fields})
+        changes = scene or {}
+        said = {key: f"robustness.scenes: {key}" for key in changes}
+        point = point_of(self.source, self.file, self.path, changes, said)
         surrogate = point.surrogate.model_copy(update={"names": names})
         point = point.model_copy(
             update={"placement": "line", "detector": None, "surrogate": surrogate}
         )
-        own = GridPoint(point, common.rig_named(point.placement, point), {})
-        return Sweep(common, (own,), (), self.source)
+        own = GridPoint(point, self.rigs.of(point), {})
+        return Sweep(self.file, (own,), (), self.source, self.rigs)
 
     def pog_tasks(self, sweep: Sweep) -> tuple[list[Task], Trial]:
         """The tasks that lead to its POG and its log, and the trial that has them.
@@ -221,19 +217,6 @@ class Problem:
         }
 
 
-def _point(
-    base: Mapping[str, Any],
-    changes: Mapping[str, Any],
-    path: Path,
-    where: str = "robustness.scenes",
-) -> Point:
-    data = {k: deepcopy(v) for k, v in base.items() if k in Point.model_fields}
-    data.setdefault("placement", "line")
-    for key, value in changes.items():
-        put(data, key, value, path)
-    return check(Point, data, path, {key: f"{where}: {key}" for key in changes})
-
-
 def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
     """Read the configuration of a search.
 
@@ -245,13 +228,14 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
     _check_keys(file, source, path)
     settings = file.search
     try:
+        rigs = Rigs(file.placements, file)
         weather = file.weather.weather()
         own = file.lidar.lidar().in_weather(weather)
         chosen = {
             name: model.lidar().in_weather(weather) for name, model in settings.models.items()
         } or {OWN_MODEL: own}
-        space = Space(settings, tuple(chosen), _fixed(file, next(iter(chosen))))
-        start = {name: _start(file, name, space) for name in settings.start}
+        space = Space(settings, tuple(chosen), _fixed(file, rigs, next(iter(chosen))))
+        start = {name: _start(file, rigs, name, space) for name in settings.start}
     except ValueError as error:
         raise ConfigError(f"{path}: {error}") from None
     models = chosen | {OWN_MODEL: own}
@@ -285,7 +269,7 @@ def read_problem(path: Path, overrides: Sequence[str] = ()) -> Problem:
         azimuth_stride=settings.azimuth_stride,
     )
     whole = with_whole_paths(source, path.parent)
-    problem = Problem(path, whole, file, models, space, start, question)
+    problem = Problem(path, whole, file, models, space, start, question, rigs)
     _check_what_comes_later(problem)
     return problem
 
@@ -404,10 +388,9 @@ def _check_what_comes_later(problem: Problem) -> None:
     if problem.judged:
         _check_traffic(problem)
     elif any(objective.measured for objective in file.search.objective):
-        config = sweep_settings(problem.source, file, rigs, file.name)
         for values in (first, *varied):
             for rung in (*file.search.rungs, {}):
-                sweep_of(config, path, {"found_1": values}, file.search.seeds, rung)
+                sweep_of(problem.source, file, path, rigs, {"found_1": values}, rung)
     if file.verify is None:
         return
     config = verify_settings(problem.source, file, rigs, ["line"], first)
@@ -436,7 +419,8 @@ def _check_traffic(problem: Problem) -> None:
                     raise ConfigError(
                         f"{where}: {key}: allowed are keys of scene, such as scene.test_seed"
                     )
-            _point(problem.source, changes, path, f"search.traffic.{name}")
+            said = {key: f"search.traffic.{name}: {key}" for key in changes}
+            point_of(problem.source, problem.file, path, changes, said)
         if any(changes in every[:number] for number, changes in enumerate(every)):
             raise ConfigError(f"{where}: each traffic once")
     if problem.file.search.vehicles is not None and not problem.file.mounting_errors.errors():
@@ -460,11 +444,11 @@ def _values(wanted: Sequence[Any] | RangeSettings) -> Sequence[Any]:
     return (wanted.low, wanted.high) if isinstance(wanted, RangeSettings) else wanted
 
 
-def _start(file: SearchFile, name: str, space: Space) -> list[Placed]:
+def _start(file: SearchFile, rigs: Rigs, name: str, space: Space) -> list[Placed]:
     """A placement in the slots of the search; its LiDARs are of the first model of their zones."""
     _check_own_lidars(file, name, "search.start")
     try:
-        placement = file.placement_named(name, file.lidar.lidar())
+        placement = rigs.of(file, name)
         lidars = [Choice("", "", mount) for mount in placement.mounts]
         return placed_in(space, lidars)
     except ValueError as error:
@@ -477,10 +461,10 @@ def _check_own_lidars(file: SearchFile, name: str, key: str) -> None:
         raise ValueError(f"{key}: {name}: its mounts have LiDARs of their own; give one of `lidar`")
 
 
-def _fixed(file: SearchFile, first: str) -> list[Choice]:
+def _fixed(file: SearchFile, rigs: Rigs, first: str) -> list[Choice]:
     """LiDARs that all rigs have: `fixed`, or a whole placement where there are no zones."""
     if file.search.zones:
         return [Choice(f.model or first, "", Mount(*f.pose)) for f in file.search.fixed]
     _check_own_lidars(file, file.placement, "placement")
-    placement = file.placement_named(file.placement, file.lidar.lidar())
+    placement = rigs.of(file)
     return [Choice(OWN_MODEL, "", mount) for mount in placement.mounts]

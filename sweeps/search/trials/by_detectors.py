@@ -15,9 +15,10 @@ from lidarplace.base.metrics import METRICS, RANKING
 from sweeps.configuration.search import ObjectiveSettings
 from sweeps.execution.backends import Backend
 from sweeps.execution.execute import Listener, Outcome, execute
-from sweeps.plan.plan import Plan, Trial, make_plan
+from sweeps.plan.plan import make_plan
+from sweeps.plan.trial import DetectorTrial, Plan, with_detector
 from sweeps.results.trial_results import headline_value, metric_mean
-from sweeps.search.problem.as_sweep import sweep_of, sweep_settings
+from sweeps.search.problem.as_sweep import sweep_of
 from sweeps.search.problem.assess import Assessment
 from sweeps.search.problem.problem import Problem
 from sweeps.search.trials.pool import Pool
@@ -85,13 +86,14 @@ class TrainingAnswers:
         if not candidates:
             return {}, {}
         plan = self._plan(candidates, rung)
-        tasks = plan.needed_for(t.evaluate for t in plan.trials if t.evaluate is not None)
+        trials = with_detector(plan.trials)
+        tasks = plan.needed_for(trial.evaluate for trial in trials)
         self._referred |= {task.key for task in tasks}
         self.store.refer(self._reference, self._referred)
         outcome = execute(tasks, self.store, self.backend, self.listener)
         values, failed = {}, {}
         for candidate in candidates:
-            own = [t for t in plan.trials if t.grid_point.point.placement == _name(candidate)]
+            own = [t for t in trials if t.grid_point.point.placement == _name(candidate)]
             reason = next((_failure(t, outcome) for t in own if _failure(t, outcome)), None)
             if reason is not None:
                 failed[candidate.number] = reason
@@ -110,9 +112,9 @@ class TrainingAnswers:
     def _plan(self, candidates: Sequence[Candidate], rung: Mapping[str, Any]) -> Plan:
         rigs = {_name(candidate): candidate.rig for candidate in candidates}
         problem = self.problem
-        config = sweep_settings(problem.source, problem.file, rigs, problem.file.name)
         trials = {_name(c): c.values for c in candidates}
-        return make_plan(sweep_of(config, problem.path, trials, problem.file.search.seeds, rung))
+        sweep = sweep_of(problem.source, problem.file, problem.path, rigs, trials, rung)
+        return make_plan(sweep)
 
 
 def _report(trial: optuna.Trial, value: float, step: int) -> None:
@@ -132,13 +134,14 @@ def _name(candidate: Candidate) -> str:
     return f"trial_{candidate.number}"
 
 
-def _failure(trial: Trial, outcome: Outcome) -> str | None:
-    tasks = (trial.finetune, trial.evaluate)
-    failures = (outcome.failures.get(task.key) for task in tasks if task is not None)
+def _failure(trial: DetectorTrial, outcome: Outcome) -> str | None:
+    failures = (outcome.failures.get(task.key) for task in (trial.finetune, trial.evaluate))
     return next((failure.reason for failure in failures if failure is not None), None)
 
 
-def measured_value(objective: ObjectiveSettings, trials: Sequence[Trial], store: AnyStore) -> float:
+def measured_value(
+    objective: ObjectiveSettings, trials: Sequence[DetectorTrial], store: AnyStore
+) -> float:
     """The weighted mean over classes of a metric's mean over seeds, percent."""
     weights = class_weights(objective, trials[0].grid_point.point.classes)
     return _mean({c: metric_mean(trials, objective.by, c, store) for c in weights}, weights)

@@ -21,7 +21,7 @@ from sweeps.configuration.search import ObjectiveSettings
 from sweeps.execution.backends import Backend
 from sweeps.execution.execute import Listener, execute
 from sweeps.plan.judging import judge_task
-from sweeps.plan.plan import Trial
+from sweeps.plan.trial import DetectorTrial
 from sweeps.search.problem.judged_sweep import JudgedRig, generalists, judged_rigs
 from sweeps.search.problem.one_dead import cases_of, value_of
 from sweeps.search.problem.problem import Problem
@@ -254,13 +254,11 @@ def _mean(
     return math.fsum(weighted_value(objective, classes, own) for own in tables) / len(tables)
 
 
-def _judging(trial: Trial, portions: range) -> list[Task]:
+def _judging(trial: DetectorTrial, portions: range) -> list[Task]:
     """Tasks of the detections in portions of the frames."""
-    assert trial.evaluate is not None
     return [judge_task(trial.evaluate, portion, PORTIONS) for portion in portions]
 
 
-def _truths(trial: Trial) -> list[Task]:
+def _truths(trial: DetectorTrial) -> list[Task]:
     """Tasks of the objects in the test frames."""
-    assert trial.evaluate is not None
     return [task for task in trial.evaluate.inputs if task.stage == "ground_truth"]

@@ -1,0 +1,59 @@
+"""The rigs of a configuration, each built once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+
+from lidarplace.base.suggestions import did_you_mean
+from lidarplace.configuration.placement import PlacementSettings
+from lidarplace.rigs.lidar import Lidar
+from lidarplace.rigs.placement import PAPER_PLACEMENTS, Placement
+from lidarplace.rigs.weather import Weather
+from sweeps.configuration.sweep import Point
+
+
+class Rigs:
+    """Own placements and the paper's by name, with the LiDARs and in the weather of points.
+
+    A rig that is asked for again is the same object.
+    """
+
+    def __init__(self, own: Mapping[str, PlacementSettings], first: Point) -> None:
+        """Build own placements as the first point has them, whether one is its rig or not.
+
+        Raises:
+            ValueError: one has the name of the paper's, or as `of` does.
+        """
+        taken = sorted(set(own) & set(PAPER_PLACEMENTS))
+        if taken:
+            raise ValueError(f"placements: {taken[0]!r} is the paper's; choose another name")
+        self.own = own
+        self._built = cache(self._build)
+        self._in_weather = cache(Lidar.in_weather)
+        try:
+            for name in own:
+                self.of(first, name)
+        except ValueError as error:
+            raise ValueError(f"placements: {error}") from None
+
+    def of(self, point: Point, name: str | None = None) -> Placement:
+        """The rig of a point, or the one called `name` with its LiDARs and in its weather.
+
+        Raises:
+            ValueError: there is none of that name, two of its LiDARs are in one place, or the
+                weather makes no difference to a LiDAR that is in it.
+        """
+        return self._built(name or point.placement, point.lidar.lidar(), point.weather.weather())
+
+    def _build(self, name: str, lidar: Lidar, weather: Weather) -> Placement:
+        lidar = self._in_weather(lidar, weather)
+        if name in self.own:
+            rig = self.own[name].placement(name, lidar)
+        elif name in PAPER_PLACEMENTS:
+            rig = PAPER_PLACEMENTS[name].with_lidar(lidar)
+        else:
+            known = [*PAPER_PLACEMENTS, *self.own]
+            hint = did_you_mean(name, known)
+            raise ValueError(f"no placement {name!r}{hint}; allowed are {', '.join(known)}")
+        return rig.each_lidar(lambda own: self._in_weather(own, weather))

@@ -1,0 +1,73 @@
+"""Files that a point names: detection curves, and the checkpoint that a training starts from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from lidarplace.clouds.clouds import Crop
+from lidarplace.recall.detection_curve import IOU, DetectionCurves, default_curves, read_curves
+from sweeps.configuration.file import ConfigError
+from sweeps.configuration.sweep import Point
+from training.typical_objects import TypicalObject, from_plain
+
+
+def curve_names(point: Point) -> tuple[tuple[str, str | None], ...]:
+    """The classes that need a detection curve, each with the one whose curve it may take."""
+    if "expected_recall" not in point.surrogate.names:
+        return ()
+    own = point.class_settings
+    return tuple((name, own[name].curve if name in own else None) for name in point.classes)
+
+
+def curves_of(path: Path | None, classes: Sequence[tuple[str, str | None]]) -> DetectionCurves:
+    """Detection curves, with one for each of `classes`: its own, or that of another."""
+    try:
+        curves = default_curves() if path is None else read_curves(path)
+        for name, other in classes:
+            if other is not None and not curves.has(name, IOU):
+                curves = curves.lent(other, name, IOU)
+            if not curves.has(name, IOU):
+                known = ", ".join(curve.object_class for curve in curves.curves if curve.iou == IOU)
+                raise ValueError(
+                    f"expected_recall has no detection curve of {name} at IoU {IOU:g}, only of "
+                    f"{known}; leave expected_recall out of surrogate.names, say whose curve it "
+                    f"takes with class_settings.{name}.curve, or make its own with lidarplace "
+                    "calibrate"
+                )
+    except OSError as error:
+        raise ConfigError(f"surrogate.curves: {path}: {error.strerror}") from None
+    except ValueError as error:
+        raise ConfigError(f"surrogate.curves: {error}") from None
+    return curves
+
+
+def checkpoint_of(
+    path: Path,
+    new_heads: bool,
+    detector: str,
+    classes: Sequence[str],
+    point_range: Crop,
+    typical: tuple[TypicalObject, ...],
+    fixed: frozenset[str],
+) -> tuple[str, tuple[TypicalObject, ...]]:
+    """SHA-256 of a checkpoint that fits; better told now than after hours of scenes.
+
+    And the typical objects of the classes: those of the checkpoint, unless `new_heads` are trained,
+    before those of the data. Sizes of the configuration, of the classes `fixed`, stay.
+    """
+    from training import build_detector  # torch, which a sweep from scratch need not wait for
+    from training.checkpoints import load_checkpoint, read_checkpoint
+
+    try:
+        known = {item.name: item for item in typical}
+        if not new_heads:
+            kept = from_plain(read_checkpoint(path)[0])
+            known |= {t.name: t for t in kept if t.name in classes and t.name not in fixed}
+        typical = tuple(known[name] for name in classes if name in known)
+        model = build_detector(detector, classes, point_range=point_range, typical=typical)
+        return load_checkpoint(model, path, new_heads).digest, typical
+    except OSError as error:
+        raise ConfigError(f"training.checkpoint: {path}: {error.strerror}") from None
+    except ValueError as error:
+        raise ConfigError(f"training.checkpoint: {error}") from None

@@ -1,0 +1,145 @@
+"""What becomes of the points of a grid: their tasks, and all tasks of a sweep."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+from lidarplace.mounting.ring_overlap import Interleaving
+from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.pog.surrogates.table import OBJECT_SURROGATES
+from lidarplace.requirements.layout import Laid
+from sweeps.configuration.grid import GridPoint
+from sweeps.tasks.parameters import NetworkParams
+from sweeps.tasks.task import Task
+from training.typical_objects import TypicalObject
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What becomes of one point of the grid.
+
+    Attributes:
+        grid_point: the point and its axes.
+        label: "placement · detector · seed 1", and the further axes.
+        scene_label: what its scene is called.
+        interleaving: how its rings would lie between each other, where they coincide.
+        scenes: the parts of its scene.
+        requirements: what becomes of them; None if there are none.
+        pog, surrogates, recall: its cheap tasks, by which `promote` may rank; recall is None if no
+            surrogate of objects is asked for.
+        accuracy, sampling_error: None if they are not asked for, or of other placements.
+    """
+
+    grid_point: GridPoint
+    label: str
+    scene_label: str
+    interleaving: Interleaving | None
+    scenes: tuple[Task, ...]
+    requirements: Task | None
+    pog: Task
+    surrogates: Task
+    recall: Task | None
+    accuracy: Task | None
+    sampling_error: Task | None
+
+    @cached_property
+    def key(self) -> str:
+        """Names the trial: the same for the same work under the same name of the placement."""
+        found = (self.deciding, *self.scores, *filter(None, [self.requirements]))
+        parts = (self.grid_point.point.placement, *(task.key for task in found))
+        return hashlib.sha256("/".join(parts).encode()).hexdigest()[:12]
+
+    @property
+    def vehicle(self) -> Vehicle | None:
+        """What carries the LiDARs; None: a sedan."""
+        return self.grid_point.vehicle
+
+    @property
+    def deciding(self) -> Task:
+        """The task whose result all that is measured comes from."""
+        return self.pog
+
+    @property
+    def scores(self) -> tuple[Task, ...]:
+        """The tasks whose results have tables of surrogates."""
+        return (self.surrogates,) if self.recall is None else (self.surrogates, self.recall)
+
+    def score_by(self, surrogate: str) -> Task:
+        """The one of `scores` that has a surrogate."""
+        return self.scores[-1] if surrogate in OBJECT_SURROGATES else self.surrogates
+
+    @cached_property
+    def results(self) -> tuple[Task, ...]:
+        """The tasks whose results the trial reports."""
+        further = (self.requirements, self.accuracy, self.sampling_error)
+        return (self.pog, *self.scores, *filter(None, further))
+
+
+@dataclass(frozen=True)
+class DetectorTrial(Trial):
+    """A trial of a point with a detector.
+
+    Attributes:
+        ground_truths: of every part of the scene.
+        collect_test: of those with test frames.
+        finetune: the training whose weights evaluate the placement, which is shared where a
+            generalist does.
+        evaluate: what the detector finds in the test frames.
+        evaluate_interleaved: of the rig of `interleaving`, where a generalist judges.
+    """
+
+    ground_truths: tuple[Task, ...]
+    collect_test: tuple[Task, ...]
+    finetune: Task
+    evaluate: Task
+    evaluate_interleaved: Task | None
+
+    @property
+    def deciding(self) -> Task:
+        return self.evaluate
+
+    @cached_property
+    def results(self) -> tuple[Task, ...]:
+        """The tasks whose results the trial reports."""
+        further = filter(None, [self.evaluate_interleaved])
+        return (*super().results, self.finetune, self.evaluate, *further)
+
+
+def with_detector(trials: Iterable[Trial]) -> list[DetectorTrial]:
+    """Those of `trials` that have one."""
+    return [trial for trial in trials if isinstance(trial, DetectorTrial)]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All tasks, each once and after its inputs, and the trials that they make up.
+
+    Attributes:
+        laid: what is required, around the vehicle; by the curves of the first trial.
+        cautions: what is to be known of the classes of the logs, a sentence each.
+    """
+
+    tasks: tuple[Task, ...]
+    trials: tuple[Trial, ...]
+    laid: tuple[Laid, ...] = ()
+    cautions: tuple[str, ...] = ()
+
+    @property
+    def typical(self) -> tuple[TypicalObject, ...]:
+        """Objects of which anchors are, of classes that have not the preset's; each once."""
+        params = (t.params for t in self.tasks if isinstance(t.params, NetworkParams))
+        return tuple(dict.fromkeys(item for own in params for item in own.typical))
+
+    def needed_for(self, results: Iterable[Task]) -> list[Task]:
+        """The tasks that lead to `results`, and these, in the order of the plan."""
+        needed: set[str] = set()
+        open_ = list(results)
+        while open_:
+            task = open_.pop()
+            if task.key not in needed:
+                needed.add(task.key)
+                open_ += task.inputs
+        return [task for task in self.tasks if task.key in needed]
