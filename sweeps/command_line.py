@@ -18,6 +18,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from sweeps import PACKAGES
+
 
 @dataclass(frozen=True)
 class Verb:
@@ -141,7 +143,7 @@ def main(*verb: str) -> None:
 def _foreign_package() -> Path | None:
     """A folder or file that Python finds in place of a package of ours."""
     ours = Path(__file__).parents[1]
-    for name in ("lidarplace", "training", "tracking"):
+    for name in PACKAGES:
         spec = find_spec(name)
         if spec is not None and spec.origin is not None:
             found = Path(spec.origin)

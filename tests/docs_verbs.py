@@ -7,8 +7,6 @@ from typing import Any
 
 import typer
 
-PACKAGES = ("lidarplace", "training", "tracking", "sweeps")
-
 
 def app_of(module: str) -> typer.Typer:
     """The app that `python -m MODULE` starts."""

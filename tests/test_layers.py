@@ -8,8 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from sweeps import PACKAGES
+
 ROOT = Path(__file__).parents[1]
-OWN = {"lidarplace", "training", "tracking", "sweeps"}
+OWN = set(PACKAGES)
 ALLOWED = {
     "lidarplace": {"lidarplace"},
     "training": {"training", "lidarplace"},

@@ -24,7 +24,7 @@ from lidarplace.mounting.errors import MountingErrors
 from lidarplace.mounting.random_rigs import has_other_lidar, random_rigs
 from lidarplace.mounting.ring_overlap import Interleaving, interleaving
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, POG_SURROGATES
+from lidarplace.pog.surrogates.table import ASKED_OF_POG, OBJECT_SURROGATES, POG_SURROGATES
 from lidarplace.recall.detection_curve import IOU, DetectionCurves, default_curves, read_curves
 from lidarplace.requirements.layout import Laid
 from lidarplace.scenes.kinds import scene_parts
@@ -304,6 +304,7 @@ class _Builder:
                 vehicle=point.body(),
             )
             found["recall"] = self._task("recall", grid_point, seen, logs)
+        studied_names = tuple(dict.fromkeys((*ASKED_OF_POG.own, *params.names)))
         chosen = spread(self._placements, settings.studied_placements)
         # A sweep with rungs works them out for what goes on alone.
         if point.placement not in chosen and not self._common.promote:
@@ -315,6 +316,7 @@ class _Builder:
                 detection_probability=settings.detection_probability,
                 occlusion=settings.occlusion,
                 object_class=point.classes[0],
+                names=studied_names,
                 resolutions=_resolutions(roi),
                 azimuth_steps=ACCURACY_STEPS,
                 frame_shares=ACCURACY_SHARES,
@@ -328,6 +330,7 @@ class _Builder:
                 occlusion=settings.occlusion,
                 classes=point.classes,
                 method=settings.method,
+                names=studied_names,
             )
             found["sampling_error"] = self._task("sampling_error", grid_point, drawn, logs)
         return found
@@ -421,7 +424,7 @@ class _Builder:
             finetune = self._once(
                 Task("finetune", label, training, inputs, gpu=True, resumable=True)
             )
-        judged = replace(network, ious=tuple(point.own_ious().items()))
+        judged = replace(network, ious=tuple(point.own_ious().items()), metrics=point.metrics)
         pitched = None
         better = self._interleaving(rig) if point.judge == "generalist" else None
         if better is not None:
