@@ -109,9 +109,8 @@ def test_keys_follow_the_code_of_a_plug_in(site):
         code_version._code.cache_clear()
         return code_of("surrogates"), code_of("surrogates", None, None, ("plug_a.one",))
 
-    install(
-        site, "plug_a", [], text="import plug_b\ndef one(): return two()\ndef two(): return 2\n"
-    )
+    text = "import plug_b\ndef one(): return two()\ndef two(): return {}\n"
+    install(site, "plug_a", [], text.format(2))
     install(site, "plug_b", [])
     without, with_it = keys()
     assert without != with_it
