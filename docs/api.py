@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from lidarplace.pog.surrogates.result import Surrogates
-from lidarplace.pog.surrogates.table import POG_SURROGATES
+from lidarplace.pog.surrogates.table import POG_SURROGATES, SURROGATES
 
 PAGE = Path(__file__).with_suffix(".md")
 
@@ -120,7 +120,7 @@ def _entry(name: str, value: Any) -> str:
         lines = [_code(name + ("(**keys)" if model else _signature(value))), _first(value), ""]
         members = [_member(value, *item) for item in _public(value)]
         if value is Surrogates:
-            members += [f"- `.{name}`: {own.meaning}." for name, own in POG_SURROGATES.items()]
+            members += [f"- `.{name}`: {SURROGATES[name].meaning}." for name in POG_SURROGATES.own]
         return "\n".join([*lines, *members, ""] if members else lines)
     if inspect.isfunction(value):
         return "\n".join([_code(name + _signature(value)), _first(value), ""])

@@ -12,6 +12,7 @@ from html import escape
 from itertools import pairwise
 from pathlib import Path
 
+from sweeps import PACKAGES
 from tests.test_layers import FLOORS, MODULES, floors_of
 
 FOLDER = Path(__file__).parent
@@ -66,7 +67,7 @@ ARROWS: tuple[tuple[tuple[tuple[int, int], ...], str], ...] = (
 def page() -> str:
     """The page with its tables as the tree is now."""
     text = PAGE.read_text(encoding="utf-8")
-    for package in ("sweeps", "tracking", "training", "lidarplace"):
+    for package in reversed(PACKAGES):
         marks = rf"(?s)(<!-- rooms of {package} -->\n\n).*?(\n\n<!-- -->)"
         table = rooms_table(package)
         text, count = re.subn(marks, lambda found, own=table: found[1] + own + found[2], text)

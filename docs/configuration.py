@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lidarplace.scenes.carla.settings import CarlaScene
+from lidarplace.plugins.carla.settings import CarlaScene
 from lidarplace.studio.rigs_file import RigsSettings
 from sweeps.configuration.requirements_file import RequirementsFile
 from sweeps.configuration.search import SearchFile

@@ -45,7 +45,7 @@ VERBS = {
     "record": Verb("sweeps.commands.record", "Record the scenes of a sweep as box logs.", "sweeps"),
     "convert": Verb("lidarplace.commands.convert", "Write the box log of a data set or a table."),
     "carla": Verb(
-        "lidarplace.scenes.carla.command", "Collect box logs and clouds from CARLA.", "carla"
+        "lidarplace.plugins.carla.command", "Collect box logs and clouds from CARLA.", "carla"
     ),
     "sensors": Verb("lidarplace.commands.sensors", "List the LiDARs that are known by name."),
     "describe": Verb(

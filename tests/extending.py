@@ -1,10 +1,9 @@
-"""What docs/extending.md says to write, put into a copy of the tree."""
+"""The package of docs/extending.md, installed beside ours."""
 
 from __future__ import annotations
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -12,47 +11,38 @@ from pathlib import Path
 from tests.docs_blocks import ROOT
 
 
-def copy_tree(folder: Path) -> Path:
-    """The packages with their compiled kernels, and the test of layers."""
-    for package in ("lidarplace", "training", "tracking", "sweeps"):
-        ignored = shutil.ignore_patterns("*.tmp.*", "*.pyc.*")  # as another process writes them
-        shutil.copytree(ROOT / package, folder / package, ignore=ignored)
-    (folder / "tests").mkdir()
-    shutil.copy(ROOT / "tests/test_layers.py", folder / "tests")
+def write_package(folder: Path) -> Path:
+    """`mypkg` as the page has it: its files by the names above their blocks."""
+    page = (ROOT / "docs/extending.md").read_text(encoding="utf-8")
+    for name, text in re.findall(
+        r"`([\w/]+\.(?:toml|py))`:\n\n```\w+\n(.*?)^```", page, re.M | re.S
+    ):
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    (folder / "mypkg/__init__.py").touch()
     return folder
 
 
-def blocks_of(heading: str) -> list[str]:
-    """The blocks of code below a heading of the page."""
-    page = (ROOT / "docs/extending.md").read_text(encoding="utf-8")
-    (own,) = [
-        part for part in re.split(r"^## ", page, flags=re.M) if part.startswith(f"{heading}\n")
-    ]
-    return re.findall(r"^```\w+\n(.*?)^```", own, re.M | re.S)
+def install(package: Path, target: Path) -> Path:
+    """As `pip install PACKAGE` does, into a folder of its own."""
+    options = ("--no-deps", "--no-build-isolation", "--no-index", "--quiet", "--target")
+    command = [sys.executable, "-m", "pip", "install", *options, str(target), str(package)]
+    subprocess.run(command, check=True, capture_output=True)
+    return target
 
 
-def put(path: Path, before: str, text: str) -> None:
-    """Write `text` in front of the one place that says `before`."""
-    content = path.read_text(encoding="utf-8")
-    assert content.count(before) == 1, f"{path.name}: {before}"
-    path.write_text(content.replace(before, text + before), encoding="utf-8")
-
-
-def python(tree: Path, *arguments: str, code: int = 0) -> str:
-    """Run Python with the packages of the tree; what it prints, on stderr if it fails."""
+def python(folder: Path, *arguments: str, path: Path | None = None, code: int = 0) -> str:
+    """Run Python there, `path` with packages; stdout and stderr."""
+    places = [str(ROOT), *([str(path)] if path else [])]
     done = subprocess.run(
         [sys.executable, *arguments],
-        cwd=tree,
+        cwd=folder,
         env=os.environ
-        | {"PYTHONPATH": os.pathsep.join([str(tree), str(ROOT)]), "COLUMNS": "300"}
+        | {"PYTHONPATH": os.pathsep.join(places), "COLUMNS": "300"}
         | {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"},
         capture_output=True,
         text=True,
     )
     assert done.returncode == code, done.stdout + done.stderr
-    return done.stderr if code else done.stdout
-
-
-def check_layers(tree: Path) -> None:
-    """No rule of imports is broken, and none has to be written anew."""
-    python(tree, "-m", "pytest", "-q", "tests/test_layers.py", "-k", "not heavy")
+    return done.stdout + done.stderr

@@ -215,7 +215,7 @@ def check(kind: str, content: dict, path: Path) -> None:
     """Raises an error that names the key if the content is not a file of that kind."""
     import yaml
 
-    from lidarplace.scenes.carla.command import Collection
+    from lidarplace.plugins.carla.command import Collection
     from lidarplace.scenes.datasets.class_maps import read_class_map
     from lidarplace.scenes.label_tables.mapping import read_mapping
     from sweeps.configuration.grid import read_sweep

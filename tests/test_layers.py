@@ -8,8 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from sweeps import PACKAGES
+
 ROOT = Path(__file__).parents[1]
-OWN = {"lidarplace", "training", "tracking", "sweeps"}
+OWN = set(PACKAGES)
+PLUGINS = "lidarplace.plugins"
 ALLOWED = {
     "lidarplace": {"lidarplace"},
     "training": {"training", "lidarplace"},
@@ -154,7 +157,7 @@ def floors_of(folder: str) -> dict[str, int]:
 
 @pytest.mark.parametrize("folder", FLOORS)
 def test_no_room_imports_upwards(folder):
-    inside = {module: own for module in MODULES if (own := room(module, folder))}
+    inside = {m: own for m in MODULES if (own := room(m, folder)) and not m.startswith(PLUGINS)}
     floors = floors_of(folder)
     assert floors.keys() - {"__init__"} == set(inside.values()) - {"__init__"}
     for module, own in inside.items():
@@ -162,6 +165,13 @@ def test_no_room_imports_upwards(folder):
             other = room(name, folder)
             if other in floors and other != own:
                 assert floors[other] < floors[own], f"{module} imports {name}"
+
+
+def test_nobody_imports_a_plug_in():
+    """It may import every room of lidarplace: it is on no floor."""
+    for module, names in IMPORTS.items():
+        if not module.startswith(PLUGINS):
+            assert not {name for name in names if name.startswith(PLUGINS)}, module
 
 
 def test_no_modules_import_each_other():

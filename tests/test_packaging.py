@@ -16,11 +16,12 @@ import pytest
 from packaging.requirements import Requirement
 
 from lidarplace.base.optional import EXTRAS
+from sweeps import PACKAGES
 from sweeps.command_line import VERBS
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-OWN = {"lidarplace", "training", "tracking", "sweeps"}
+OWN = set(PACKAGES)
 MODULES = {
     "carla": ["carla"],
     "eclipse-sumo": ["sumo"],

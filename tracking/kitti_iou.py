@@ -14,7 +14,7 @@ def headline_iou(results: pd.DataFrame, object_class: str, metric: str | None = 
 
     `EVERY_IOU` for a metric that is of no single one.
     """
-    if metric in METRICS and not METRICS[metric].of_one_iou:
+    if metric and metric in METRICS and not METRICS[metric].of_one_iou:
         return EVERY_IOU
     own = results[results["class"] == object_class]
     evaluated = own.loc[own["metric"].isin(_OF_AP), "iou"]

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from pydantic_core import PydanticCustomError
+
+from lidarplace.base.registry import OneOf, Registry
+from training.detectors.build import PLUG_INS, build, network_and_preset
 from training.detectors.build import PRESETS as PRESETS
-from training.detectors.build import build, network_and_preset
 from training.typical_objects import TypicalObject
 
 if TYPE_CHECKING:
     from training.detectors.detector import Detector, PointRange
 
-NETWORKS = (
+_OWN = (
     "pointpillars",
     "second",
     "second_iou",
@@ -21,9 +24,11 @@ NETWORKS = (
     "pointrcnn_iou",
     "pv_rcnn",
 )
-"""The networks; `training.detectors` has a module of each name."""
 
-DETECTORS = tuple(name + tail for name in NETWORKS for tail in ("", "_paper", "_tiny"))
+NETWORKS: Registry[Any] = Registry(PLUG_INS.group, {n: f"training.detectors.{n}" for n in _OWN})
+"""The networks: the module of each of ours, the function `build` of a plug-in."""
+
+DETECTORS = OneOf((NETWORKS.where(lambda own: True),), tails=("", "_paper", "_tiny"))
 """Names that `build_detector` knows: a network (preset "openpcdet") or one with its preset."""
 
 
@@ -50,11 +55,20 @@ def build_detector(
     Raises:
         ValueError: unknown name, class or preset, no class or one named twice, an empty range.
     """
-    if name not in DETECTORS:
-        raise ValueError(f"unknown detector {name!r}; choose one of {', '.join(DETECTORS)}")
+    try:
+        DETECTORS.check(name)
+    except PydanticCustomError:
+        known = ", ".join(DETECTORS.names())
+        raise ValueError(f"unknown detector {name!r}; choose one of {known}") from None
     return build(name, classes, preset, point_range, typical)
 
 
 def network_of(detector: str) -> str:
     """The one of NETWORKS that a detector is."""
     return network_and_preset(detector)[0]
+
+
+def code_of_network(network: str) -> tuple[str, ...]:
+    """Dotted paths of the code that is a network's own."""
+    own = f"training.detectors.{network}" if network in NETWORKS.own else "training.detectors.build"
+    return (own, *NETWORKS.roots([network]))

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.base.metrics import EVERY_IOU, MEAN_AP_IOU, Overlaps, iou_of
+from lidarplace.base.metrics import EVERY_IOU, MEAN_AP_IOU, METRICS, Overlaps, iou_of
 from lidarplace.logs.boxes import GEOMETRY, check_boxes
 from lidarplace.logs.plausible import check_yaw
 from training.average_precision import COUNTS, FramePairs, ap_r11, ap_r40, precision_curve
@@ -118,12 +118,13 @@ def evaluation(
     refined: pd.DataFrame | None = None,
     routes: pd.DataFrame | None = None,
     ious: Mapping[str, Overlaps] = MappingProxyType({}),
+    metrics: Sequence[str] = (),
 ) -> Evaluation:
     """`evaluate_boxes`, the precision over recall behind it, and what hangs on each route.
 
     Arguments and errors as there, but any yaw, as a log may be accepted with it; and `routes`:
     scene, frame and route of the frames. With these the ground truth needs columns scene and
-    object_id.
+    object_id; and `metrics`: further ones, of plug-ins.
     """
     check_boxes(ground_truth, "ground truth")
     _check_detections(detections)
@@ -183,6 +184,10 @@ def evaluation(
                 if len(own):
                     drawn.append(_curve_table(name, metric, iou, curve))
             add(name, "class_recall_3D", iou, _percent(matches["3D", iou].found), len(own))
+            for metric in metrics:
+                if (measure := METRICS[metric].of_matches) is not None:
+                    value = measure(matches["3D", iou]) if len(own) else np.nan
+                    add(name, metric, iou, value, len(own))
         for iou in RECALL_IOU:
             add(name, "recall", iou, _percent(best[here] > iou), len(own))
         mean_curve = np.mean([curves["3D", iou] for iou in MEAN_AP_IOU], axis=0)

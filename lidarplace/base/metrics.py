@@ -1,14 +1,16 @@
 """The table of the metrics: what detections are measured by, in the order of display.
 
-Training, configuration, search, statistics and report read it. A new metric is computed in
-`training.kitti_ap` and has a row here (docs/extending.md).
+Training, configuration, search, statistics and report read it. A new metric of ours is computed in
+`training.kitti_ap` and has a row here; other packages add theirs (docs/extending.md).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
+
+from lidarplace.base.registry import Registry
 
 Direction = Literal["maximize", "minimize"]
 """Which values are best."""
@@ -28,6 +30,8 @@ class Metric:
             objective of a search.
         headline: whether it is what headlines tell of a class; with `of_all`, of all objects.
         of_one_iou: whether it is measured at single IoUs. If not, tables have `EVERY_IOU` with it.
+        of_matches: computes it from the `training.matches.Matches` of a class at an IoU in 3D; None
+            for ours.
     """
 
     label: str
@@ -38,9 +42,10 @@ class Metric:
     ranks: bool = False
     headline: bool = False
     of_one_iou: bool = True
+    of_matches: Callable[[Any], float] | None = None
 
 
-METRICS: dict[str, Metric] = {
+_OWN = {
     "AP_R40_3D": Metric(label="3D AP", short="3D", ranks=True, headline=True),
     "AP_R40_BEV": Metric(label="BEV AP", short="BEV", ranks=True),
     "AP_R40_3D_mean": Metric(
@@ -52,18 +57,22 @@ METRICS: dict[str, Metric] = {
         label="mean overlap", short="overlap", of_all=True, ranks=True, of_one_iou=False
     ),
 }
-"""Metrics by name, in the order of display."""
 
-RANKING = tuple(name for name, own in METRICS.items() if own.ranks)
+METRICS = Registry(
+    "lidarplace.metrics", _OWN, fits=lambda m: isinstance(m, Metric) and m.of_matches is not None
+)
+"""Metrics by name, ours in the order of display."""
+
+RANKING = METRICS.where(lambda own: own.ranks)
 """What placements are compared by."""
 
-OF_CLASSES = tuple(name for name, own in METRICS.items() if not own.of_all)
+OF_CLASSES = METRICS.where(lambda own: not own.of_all)
 """What is measured of each class alone."""
 
 
 def headline_metric(object_class: str) -> str:
     """What a class is judged by: 3D AP; all classes together, of which there is none, by recall."""
-    own = (n for n, m in METRICS.items() if m.headline and m.of_all == (object_class == "all"))
+    own = (n for n, m in _OWN.items() if m.headline and m.of_all == (object_class == "all"))
     return next(own)
 
 

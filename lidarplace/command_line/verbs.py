@@ -72,13 +72,14 @@ def new_app(**settings: Any) -> typer.Typer:
 
 
 def verb(
-    app: typer.Typer, *examples: str, failed: str | None = None
+    app: typer.Typer, *examples: str, failed: str | None = None, name: str | None = None
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Make a function a command of `app`.
 
     Args:
         examples: arguments to show in the help.
         failed: what exit code 1 says, if the command has it.
+        name: of the command, that of the function by default.
     """
     lines = ["", f"Example{'s' if len(examples) > 1 else ''}:"]
     lines += [f"  {{command}} {example}".rstrip() for example in examples]
@@ -88,7 +89,7 @@ def verb(
         "  2    the input is wrong: one line on stderr says what",
         "  130  stopped by Ctrl-C; 143 by SIGTERM",
     ]
-    return app.command(cls=Verb, epilog="\n".join(lines) + "\n")
+    return app.command(name, cls=Verb, epilog="\n".join(lines) + "\n")
 
 
 JsonOption = Annotated[bool, typer.Option("--json", help="print JSON for a script")]

@@ -7,13 +7,15 @@ from collections import Counter
 from collections.abc import Callable
 from itertools import chain
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
+from typer.core import TyperGroup
 
 from lidarplace.base.class_names import counts_of
 from lidarplace.base.ranges import LIDAR_HEIGHT, SHARE
+from lidarplace.base.registry import PluginError, Registry
 from lidarplace.command_line.terminal import output, say
 from lidarplace.command_line.terminal import table as shown_table
 from lidarplace.command_line.verbs import known, new_app, verb, within, wrong
@@ -36,13 +38,44 @@ from lidarplace.scenes.sanity_checks.motion import doubts_of_motion, doubts_of_p
 from lidarplace.scenes.sanity_checks.surroundings import doubts_of_surroundings
 from lidarplace.scenes.sanity_checks.units import doubts_of_degrees, doubts_of_units
 
+Out = Annotated[Path, typer.Argument(help="folder of the box log to write")]
+
+READERS: Registry[Callable[[Path, Counter[str]], BoxLog]] = Registry("lidarplace.readers", {})
+"""What other packages read: a function of a path and of the boxes left out by class."""
+
+
+class _Readers(TyperGroup):
+    """Has a command for each reader of another package, which its docstring describes."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return [*super().list_commands(ctx), *READERS.installed()]
+
+    def get_command(self, ctx: Any, name: str) -> Any:
+        if name in self.commands:
+            return super().get_command(ctx, name)
+        try:
+            if READERS.path(name) is None:
+                return None
+            read = READERS[name]
+        except PluginError as error:
+            wrong(error)
+
+        def convert(source: Annotated[Path, typer.Argument(help="what to read")], out: Out) -> None:
+            _convert(lambda ignored: read(source, ignored), out)
+
+        convert.__doc__ = read.__doc__
+        own = new_app()
+        verb(own, "SOURCE OUT", name=name)(convert)
+        return typer.main.get_command(own)
+
+
 app = new_app(
+    cls=_Readers,
     no_args_is_help=True,
     help="Write the box log of a data set or a table: a folder of Parquet files that a sweep and "
     "`accuracy` take.",
 )
 
-Out = Annotated[Path, typer.Argument(help="folder of the box log to write")]
 ClassMapOption = Annotated[
     str,
     typer.Option(

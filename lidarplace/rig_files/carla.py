@@ -19,9 +19,9 @@ from lidarplace.configuration.record import NoTruth, Number, read_record
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import fault
 from lidarplace.files.atomic import replacing
+from lidarplace.rig_files.carla_sensor import BLUEPRINT, attributes, even_fans
 from lidarplace.rig_files.mounted import MountedLidar, mount_at, named_like
 from lidarplace.rigs.lidar import Lidar
-from lidarplace.scenes.carla.lidars import BLUEPRINT, attributes, even_fans
 from lidarplace.scenes.routes import STEP_S
 
 _Positive = Annotated[Number, Field(gt=0)]

@@ -3,46 +3,70 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from types import MappingProxyType
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
-from pydantic import BaseModel, Discriminator, Tag
+from pydantic import BaseModel, GetJsonSchemaHandler, SerializeAsAny, ValidationInfo
+from pydantic.functional_validators import ModelWrapValidatorHandler, WrapValidator
+from pydantic_core import CoreSchema, PydanticCustomError
 
+from lidarplace.base.registry import Registry
+from lidarplace.base.suggestions import did_you_mean
 from lidarplace.scenes.parts import ScenePart
 from lidarplace.scenes.recorded import LogScene, log_parts
 from lidarplace.scenes.sumo.parts import town_parts
 from lidarplace.scenes.sumo.settings import SumoScene
 
-KINDS: Mapping[str, tuple[type[BaseModel], Callable[[Any], list[ScenePart]]]] = MappingProxyType(
-    {
-        "sumo": (SumoScene, town_parts),
-        "log": (LogScene, log_parts),
-    }
+
+class SceneKind(NamedTuple):
+    """A kind of scenes: its settings, and what gives its parts, those with training frames first.
+
+    Settings have `source`, `seed`, `name`, `frame_counts` and `remedy`, as `SumoScene` has them.
+    """
+
+    settings: type[BaseModel]
+    parts: Callable[[Any], list[ScenePart]]
+
+
+KINDS = Registry(
+    "lidarplace.scenes",
+    {"sumo": SceneKind(SumoScene, town_parts), "log": SceneKind(LogScene, log_parts)},
+    fits=lambda found: isinstance(found, SceneKind),
 )
-"""By `source`: the settings of a scene, and what gives its parts, those with training frames
-first."""
+"""By `source`."""
 
 
-def _source(scene: Any) -> str:
-    """Which kind of scene a configuration means; traffic is simulated unless it says else."""
-    if isinstance(scene, dict):
-        return str(scene.get("source", "sumo"))
-    return str(getattr(scene, "source", "sumo"))
+def source_of(scene: Any) -> str:
+    """Which kind a configuration means; traffic is simulated unless it says else."""
+    told = scene.get("source", "sumo") if isinstance(scene, Mapping) else None
+    return str(told or getattr(scene, "source", "sumo"))
 
 
-Scene = Annotated[
-    Annotated[SumoScene, Tag("sumo")]  # the default
-    | Annotated[LogScene, Tag("log")],
-    Discriminator(
-        _source,
-        custom_error_type="scene_source",
-        custom_error_message=f"source is none of {', '.join(KINDS)}",
-    ),
-]
-"""A scene of one of these kinds."""
+def _checked(scene: Any, _: ModelWrapValidatorHandler[Any], info: ValidationInfo) -> Any:
+    source = source_of(scene)
+    if source not in KINDS.own and KINDS.path(source) is None:
+        raise PydanticCustomError(
+            "scene_source",
+            "source is none of {known}{hint}",
+            {"known": ", ".join(KINDS.installed()), "hint": did_you_mean(source, KINDS)},
+        )
+    return KINDS[source].settings.model_validate(scene, context=info.context)
+
+
+class _Schema:
+    """In the schema a scene is one of those that are installed."""
+
+    def __get_pydantic_json_schema__(
+        self, core: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        schema = handler(core)
+        added = (kind.settings for name, kind in KINDS.installed().items() if name not in KINDS.own)
+        return {"anyOf": [*schema["anyOf"], *(own.model_json_schema() for own in added)]}
+
+
+Scene = Annotated[SerializeAsAny[SumoScene | LogScene], WrapValidator(_checked), _Schema()]
+"""A scene of ours, or of a plug-in."""
 
 
 def scene_parts(scene: Scene) -> list[ScenePart]:
     """The parts of a scene. Raises ValueError if something that it names is not there."""
-    _, parts = KINDS[scene.source]
-    return parts(scene)
+    return KINDS[scene.source].parts(scene)

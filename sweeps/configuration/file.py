@@ -16,7 +16,7 @@ from lidarplace.command_line.invocation import command
 from lidarplace.configuration.settings import key_path, shortened, what_is_wrong
 from lidarplace.configuration.yaml import YamlError, parse_yaml, read_yaml_file
 from lidarplace.files.secret_urls import hide_secrets_in
-from lidarplace.scenes.kinds import KINDS
+from lidarplace.scenes.kinds import KINDS, source_of
 from sweeps.configuration.error_text import plainly
 from sweeps.configuration.sweep import NAME
 
@@ -148,31 +148,27 @@ def check(
         return model.model_validate(data, context={"folder": path.parent})
     except ValidationError as error:
         first = error.errors()[0]
-        loc = _without_tags(first["loc"])
+        loc = first["loc"]
         keys = ".".join(part for part in loc if isinstance(part, str))
         index = "".join(f"[{part}]" for part in loc if isinstance(part, int))
         key = names[keys] + index if names and keys in names else key_path(loc)
         if first["type"] == "extra_forbidden":
-            parent = _model_at(model, first["loc"][:-1])
+            parent = _model_at(model, loc[:-1], data)
             message = unknown_key(str(loc[-1]), parent)
         else:
             message = what_is_wrong(plainly(first))
         raise ConfigError(f"{path}: {key}: {message}" if key else f"{path}: {message}") from None
 
 
-def _without_tags(loc: Sequence[int | str]) -> list[int | str]:
-    """A place as the user wrote it: pydantic adds which kind of scene it is."""
-    return [p for i, p in enumerate(loc) if not (loc[i - 1 : i] == ("scene",) and p in KINDS)]
-
-
-def _model_at(model: type[BaseModel], loc: Sequence[int | str]) -> type[BaseModel]:
+def _model_at(
+    model: type[BaseModel], loc: Sequence[int | str], data: Mapping[str, Any]
+) -> type[BaseModel]:
     """The model that a key path of `model` leads to."""
     for part in loc:
-        if isinstance(part, str) and part in model.model_fields:
-            found = _model_in(model.model_fields[part].annotation)
-            model = found or model
-        elif part in KINDS:
-            model, _ = KINDS[str(part)]
+        if part == "scene":
+            model = KINDS[source_of(data[part])].settings
+        elif isinstance(part, str) and part in model.model_fields:
+            model = _model_in(model.model_fields[part].annotation) or model
     return model
 
 

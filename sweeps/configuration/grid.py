@@ -12,7 +12,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from lidarplace.base.metrics import RANKING
+from lidarplace.base.metrics import METRICS, RANKING
 from lidarplace.base.roi import Roi
 from lidarplace.clouds.blind_lidars import check_not_blind
 from lidarplace.clouds.own_body import check_mounts
@@ -227,6 +227,8 @@ def _check_rungs(common: Common, point: Point, path: Path) -> None:
             raise ConfigError(f"{key}.by: {rung.by} needs a detector")
         if rung.by not in RANKING and rung.by not in point.surrogate.names:
             raise ConfigError(f"{key}.by: {rung.by} is not among surrogate.names")
+        if rung.by in RANKING and rung.by not in (*METRICS.own, *point.metrics):
+            raise ConfigError(f"{key}.by: {rung.by} is not among metrics")
         own = {key.removeprefix("training."): v for key, v in rung.set.items() if key != "judge"}
         shorter = point.training.model_copy(update=own)
         cheaper = rung.set.get("judge") == "generalist" != point.judge  # which trains once for all

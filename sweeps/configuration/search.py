@@ -8,7 +8,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
 
-from lidarplace.base.metrics import RANKING, Direction, headline_metric
+from lidarplace.base.metrics import METRICS, RANKING, Direction, headline_metric
+from lidarplace.base.registry import OneOf
 from lidarplace.configuration.mounting import (
     KeepOuts,
     LimitSettings,
@@ -157,7 +158,7 @@ OF_RIG = (*TOTALS, "margin")
 class ObjectiveSettings(Settings):
     """What is searched for; `expected_ig.Car` is short for one class."""
 
-    by: Literal[(*ASKED_OF_POG, "expected_recall", *RANKING, *OF_RIG)] = Field(  # type: ignore[valid-type]
+    by: Annotated[str, OneOf((ASKED_OF_POG, RANKING), ("expected_recall", *OF_RIG))] = Field(
         description="a surrogate of the POG or of objects, a measured value, the price, the power, "
         "or the margin: the least that a requirement has of what it needs, as a factor"
     )
@@ -250,7 +251,9 @@ def _objective(value: Any) -> Any:
     if value.partition(".")[0] == GENERALIST:
         how |= {"judge": GENERALIST}
         value = value.partition(".")[2] or DEFAULT_METRIC
+    module, colon, value = value.rpartition(":")
     by, _, object_class = value.partition(".")
+    by = module + colon + by
     return {"by": by} | how | ({"weights": {object_class: 1.0}} if object_class else {})
 
 
@@ -552,6 +555,13 @@ class SearchFile(Common, Point):
     verify: VerifySettings | None = Field(
         None, description="detectors for the winners and the paper's eight; null: none"
     )
+
+    @model_validator(mode="after")
+    def _is_measured(self) -> SearchFile:
+        for objective in self.search.objective:
+            if objective.measured and objective.by not in (*METRICS.own, *self.metrics):
+                raise ValueError(f"search.objective: {objective.by} is not among metrics")
+        return self
 
     @property
     def urls(self) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ from pydantic import (
 )
 
 from lidarplace.base.metrics import METRICS, RANKING, Direction, Overlaps
+from lidarplace.base.registry import OneOf
 from lidarplace.base.roi import Roi
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.clouds.profiles import PROFILES
@@ -51,7 +52,8 @@ from sweeps.configuration.classes import ClassSettings
 from training import DETECTORS
 from training.settings import TrainingSettings
 
-SurrogateName = Literal[ASKED_FOR]  # type: ignore[valid-type]
+SurrogateName = Annotated[str, OneOf((ASKED_FOR,))]
+MetricName = Annotated[str, OneOf((METRICS.where(lambda own: True),))]
 
 MOST_VOXELS = 2_000_000_000
 """A POG counts in int32, so these take 8 GB for each class, and a surrogate needs several times as
@@ -116,7 +118,7 @@ class SurrogateSettings(Settings):
     """Which surrogates are computed, and how."""
 
     names: tuple[SurrogateName, ...] = Field(
-        ASKED_FOR, min_length=1, description="docs/method.md has their formulas"
+        ASKED_FOR.own, min_length=1, description="docs/method.md has their formulas"
     )
     resolution: Distance = Field(0.1, gt=0, description="edge of a voxel, metres")
     method: Method = Field(
@@ -177,7 +179,7 @@ class Point(Settings):
     """One point of the grid: what is trained and evaluated once."""
 
     placement: Name = Field(description="one of the paper's eight or of `placements`")
-    detector: Literal[DETECTORS] | None = Field(  # type: ignore[valid-type]
+    detector: Annotated[str, DETECTORS] | None = Field(
         "pointpillars_tiny", description="null: surrogates alone, nothing is trained"
     )
     seed: Seed = Field(0, description="of a training: weights, order of frames, augmentation")
@@ -206,6 +208,9 @@ class Point(Settings):
     )
     surrogate: SurrogateSettings = Field(SurrogateSettings(), description="what scores a placement")
     training: TrainingSettings = Field(TrainingSettings(), description="how detectors are trained")
+    metrics: tuple[MetricName, ...] = Field(
+        (), description="what detections are measured by besides: metrics of plug-ins"
+    )
     judge: Judge = Field(
         "specialist",
         description="whose detections tell of a placement: specialist: a detector trained for it; "
@@ -341,7 +346,7 @@ def best_of(by: str) -> Direction:
 class Rung(Settings):
     """A step of `promote`: the best placements by one value go on to the next."""
 
-    by: Literal[ASKED_FOR + RANKING] = Field(  # type: ignore[valid-type]
+    by: Annotated[str, OneOf((ASKED_FOR, RANKING))] = Field(
         description="the value: a surrogate, or a metric of short trainings"
     )
     keep: CountFromOne = Field(description="placements that go on; equal ones go on together")

@@ -20,13 +20,15 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from lidarplace.base.registry import PLUGINS
 from lidarplace.command_line.signals import Terminated, signals_held, stopped_by_signals
+from sweeps import PACKAGES
 from sweeps.configuration.sweep import RaySettings
+from sweeps.tasks.code_version import place_of
 
 THREADS = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 """Environment of a worker: one thread a task, as Ray runs as many tasks as there are CPUs."""
 
-_PACKAGES = ("lidarplace", "training", "tracking", "sweeps")
 _ROOT = Path(__file__).parents[2]
 _CONNECT_S = 5.0
 _STATUS_S = 30.0
@@ -190,14 +192,26 @@ def _join(ray: ModuleType, address: str) -> None:
 def _cluster_environment() -> dict[str, Any]:
     """Ray's runtime environment: the code of this project, and the variables of a worker."""
     return {
-        "py_modules": [str(_ROOT / package) for package in _PACKAGES],
+        "py_modules": [str(_ROOT / package) for package in PACKAGES] + _plug_ins(),
         "excludes": ["__pycache__/"],
         "env_vars": THREADS,
     }
 
 
+def _plug_ins() -> list[str]:
+    """Packages that the configuration names, and the metadata in which their entry points are."""
+    places = [place_of(name) for name in PLUGINS if name not in PACKAGES]
+    for name, installed in PLUGINS.items():
+        files = installed.files or () if installed is not None and name not in PACKAGES else ()
+        places += [Path(str(f.locate())).parent for f in files if f.name == "entry_points.txt"]
+    return [str(place) for place in dict.fromkeys(places)]
+
+
 def _python_path() -> str:
-    return os.pathsep.join([str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+    folders = (str(Path(place).parent) for place in _plug_ins())
+    return os.pathsep.join(
+        filter(None, dict.fromkeys((str(_ROOT), *folders, os.environ.get("PYTHONPATH"))))
+    )
 
 
 def _check_port(where: str, address: str) -> None:

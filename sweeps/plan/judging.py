@@ -21,7 +21,7 @@ def judge_task(evaluate: Task, first: int, every: int) -> Task:
     return Task(
         "judge",
         f"{evaluate.label} · frames {first + 1} of {every}",
-        JudgeParams(**vars(evaluate.params) | {"ious": ()}, collection=collection),
+        JudgeParams(**vars(evaluate.params) | {"ious": (), "metrics": ()}, collection=collection),
         (training, *(scene for task in collected for scene in task.inputs)),
         gpu=True,
     )

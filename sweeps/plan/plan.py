@@ -23,7 +23,7 @@ from lidarplace.mounting.errors import MountingErrors
 from lidarplace.mounting.random_rigs import has_other_lidar, random_rigs
 from lidarplace.mounting.ring_overlap import interleaving
 from lidarplace.mounting.vehicle import Vehicle
-from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, POG_SURROGATES
+from lidarplace.pog.surrogates.table import ASKED_OF_POG, OBJECT_SURROGATES, POG_SURROGATES
 from lidarplace.requirements.layout import Laid
 from lidarplace.scenes.kinds import scene_parts
 from lidarplace.scenes.parts import ScenePart
@@ -163,7 +163,11 @@ class _Builder:
             accuracy=self._accuracy(grid_point, logs),
             sampling_error=self._sampling_error(grid_point, logs),
         )
-        return trial if point.detector is None else self._detected(trial, parts, typical)
+        return (
+            trial
+            if point.detector is None
+            else self._detected(trial, point.detector, parts, typical)
+        )
 
     def _typical_of(self, point: Point) -> tuple[TypicalObject, ...]:
         """Of the classes whose anchors are not the preset's; refuses a class that is not there."""
@@ -203,6 +207,10 @@ class _Builder:
         chosen = spread(self._placements, point.surrogate.studied_placements)
         return point.placement in chosen or bool(self._common.promote)
 
+    def _studied_names(self, point: Point) -> tuple[str, ...]:
+        asked = (name for name in point.surrogate.names if name in POG_SURROGATES)
+        return tuple(dict.fromkeys((*ASKED_OF_POG.own, *asked)))
+
     def _accuracy(self, grid_point: GridPoint, logs: tuple[Task, ...]) -> Task | None:
         point, settings = grid_point.point, grid_point.point.surrogate
         if not settings.accuracy or not self._studied(point):
@@ -213,6 +221,7 @@ class _Builder:
             detection_probability=settings.detection_probability,
             occlusion=settings.occlusion,
             object_class=point.classes[0],
+            names=self._studied_names(point),
             resolutions=_resolutions(grid_point.roi),
             azimuth_steps=ACCURACY_STEPS,
             frame_shares=ACCURACY_SHARES,
@@ -230,6 +239,7 @@ class _Builder:
             occlusion=settings.occlusion,
             classes=point.classes,
             method=settings.method,
+            names=self._studied_names(point),
         )
         return self._task("sampling_error", grid_point, params, logs)
 
@@ -257,7 +267,11 @@ class _Builder:
         return self._task("requirements", grid_point, params, ())
 
     def _detected(
-        self, trial: Trial, parts: Sequence[ScenePart], typical: tuple[TypicalObject, ...]
+        self,
+        trial: Trial,
+        detector: str,
+        parts: Sequence[ScenePart],
+        typical: tuple[TypicalObject, ...],
     ) -> DetectorTrial:
         """The same trial with the tasks of its detector."""
         grid_point, scenes = trial.grid_point, trial.scenes
@@ -291,13 +305,13 @@ class _Builder:
             checkpoint, typical = self._checkpoint(
                 settings.checkpoint,
                 settings.new_heads,
-                point.detector,
+                detector,
                 point.classes,
                 crop,
                 typical,
                 frozenset(n for n, own in point.class_settings.items() if own.size is not None),
             )
-        network = NetworkParams(point.detector, point.classes, settings, crop, typical=typical)
+        network = NetworkParams(detector, point.classes, settings, crop, typical=typical)
         training = TrainingParams(**vars(network), seed=point.seed, checkpoint=checkpoint)
         before: tuple[Task, ...] = ()
         if point.judge != "specialist":
@@ -309,7 +323,7 @@ class _Builder:
             finetune = self._once(
                 Task("finetune", trial.label, training, inputs, gpu=True, resumable=True)
             )
-        judged = replace(network, ious=tuple(point.own_ious().items()))
+        judged = replace(network, ious=tuple(point.own_ious().items()), metrics=point.metrics)
         pitched = None
         better = trial.interleaving if point.judge == "generalist" else None
         if better is not None:

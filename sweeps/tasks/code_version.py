@@ -1,10 +1,10 @@
 """A version of the code that a function can run: what else is edited leaves results cached.
 
 From a function, every definition that its names lead to is followed through the packages of this
-project: functions, classes, constants, numba kernels, imports within functions. Hashed is what
-they say to Python, see `sweeps.tasks.source`. Definitions are told apart by what they say and by
-what their names lead to, not by the file that they are in: moving one to another file, with the
-imports that this takes, changes nothing.
+project and of plug-ins: functions, classes, constants, numba kernels, imports within functions.
+Hashed is what they say to Python, see `sweeps.tasks.source`. Definitions are told apart by what
+they say and by what their names lead to, not by the file that they are in: moving one to another
+file, with the imports that this takes, changes nothing.
 
 What Python finds out only as it runs is answered for all it can be: a class counts with all its
 methods, and a module imported by a name put together at run time as every module that it can be,
@@ -19,9 +19,8 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
+from sweeps import PACKAGES
 from sweeps.tasks.source import Definition, Source, read_source
-
-PACKAGES = ("lidarplace", "training", "tracking", "sweeps")
 
 _Node = tuple[str, str | None]
 """Module and name; None: what importing the module does besides."""
@@ -33,7 +32,7 @@ class Code:
     """The sources of some packages; each file is read once.
 
     Args:
-        packages: name -> folder.
+        packages: name -> folder, or the file of a module.
     """
 
     def __init__(self, packages: Mapping[str, Path]) -> None:
@@ -163,6 +162,8 @@ class Code:
 
 def _files(package: str, folder: Path) -> Iterator[tuple[str, Path]]:
     """The modules of a package by their dotted paths; a folder comes after a file of its name."""
+    if folder.is_file():
+        yield package, folder
     for path in sorted(folder.rglob("*.py"), key=lambda path: path.name == "__init__.py"):
         parts = path.relative_to(folder).with_suffix("").parts
         if parts[-1] == "__init__":
@@ -172,19 +173,24 @@ def _files(package: str, folder: Path) -> Iterator[tuple[str, Path]]:
 
 @cache
 def code_version(*roots: str) -> str:
-    """`Code.version` of the sources that this process runs."""
-    return _own_code().version(*roots)
+    """`Code.version` of the sources that this process runs: ours, and the packages of `roots`."""
+    return _code(*dict.fromkeys((*PACKAGES, *(root.partition(".")[0] for root in roots)))).version(
+        *roots
+    )
 
 
 @cache
-def _own_code() -> Code:
-    folders = {}
-    for name in PACKAGES:
-        spec = find_spec(name)
-        assert spec is not None
-        assert spec.submodule_search_locations
-        folders[name] = Path(spec.submodule_search_locations[0])
-    return Code(folders)
+def _code(*packages: str) -> Code:
+    return Code({name: place_of(name) for name in packages})
+
+
+def place_of(package: str) -> Path:
+    """Its folder, or the file of a module without one. Raises ValueError if it has no source."""
+    spec = find_spec(package)
+    places = [] if spec is None else [*(spec.submodule_search_locations or ()), spec.origin or ""]
+    if not places or not Path(places[0]).exists():
+        raise ValueError(f"{package}: no source files; expected a Python package or module")
+    return Path(places[0])
 
 
 def _hash(*parts: str) -> str:

@@ -116,6 +116,7 @@ class AccuracyParams:
     detection_probability: Annotated[float, "surrogate.detection_probability"]
     occlusion: Annotated[bool, "surrogate.occlusion"]
     object_class: Annotated[str, "classes"]
+    names: Annotated[tuple[str, ...], "surrogate.names"]
     resolutions: tuple[float, ...]
     azimuth_steps: tuple[int, ...]
     frame_shares: tuple[float, ...]
@@ -131,6 +132,7 @@ class SamplingErrorParams:
     occlusion: Annotated[bool, "surrogate.occlusion"]
     classes: Annotated[tuple[str, ...], "classes"]
     method: Annotated[Method, "surrogate.method"]
+    names: Annotated[tuple[str, ...], "surrogate.names"]
 
 
 @dataclass(frozen=True)
@@ -175,6 +177,7 @@ class NetworkParams:
         point_range: the crop of the clouds.
         typical: objects of which anchors are, of classes that have not the preset's.
         ious: of classes that are judged by others than KITTI's, where detections are judged.
+        metrics: of plug-ins, where detections are judged.
     """
 
     detector: str
@@ -183,6 +186,7 @@ class NetworkParams:
     point_range: Crop
     typical: tuple[TypicalObject, ...] = field(default=(), kw_only=True)
     ious: tuple[tuple[str, Overlaps], ...] = field(default=(), kw_only=True)
+    metrics: tuple[str, ...] = field(default=(), kw_only=True)
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ from lidarplace import (
 from lidarplace.clouds.clouds import Clouds, JoinedClouds, PointClouds
 from lidarplace.logs.box_log import BoxLog, join_logs
 from lidarplace.pog.surrogates.evaluate import FAINT_Q, linear_share
-from lidarplace.pog.surrogates.table import RAY_SURROGATES, SURROGATES
+from lidarplace.pog.surrogates.table import SURROGATES, to_ask_for
 from sweeps.tasks.parameters import (
     AccuracyParams,
     CollectParams,
@@ -109,7 +109,7 @@ def surrogates(params: SurrogateParams, pog: Value) -> Value:
             grids,
             placement,
             method=params.method,
-            surrogates=[name for name in names if name in RAY_SURROGATES],
+            surrogates=to_ask_for(names),
             detection_probability=params.detection_probability,
             occlusion=params.occlusion,
         )
@@ -117,9 +117,9 @@ def surrogates(params: SurrogateParams, pog: Value) -> Value:
         else {}
     )
     rows = [
-        (object_class, name, float(getattr(result, name)), params.method, result.seconds)
+        (object_class, name, result[name], params.method, result.seconds)
         for object_class, result in results.items()
-        for name in (*names, *(n for n, own in SURROGATES.items() if own.beside in names))
+        for name in (*names, *(n for n, own in SURROGATES.own.items() if own.beside in names))
     ]
     columns = ["class", "surrogate", "value", "method", "seconds"]
     table = pd.DataFrame(rows, columns=columns).astype({"value": float, "seconds": float})
@@ -193,6 +193,7 @@ def accuracy(params: AccuracyParams, *logs: Value) -> Value:
         frame_shares=params.frame_shares,
         detection_probability=params.detection_probability,
         occlusion=params.occlusion,
+        surrogates=params.names,
     )
     return {"table": table.drop(columns="placement")}
 
@@ -216,6 +217,7 @@ def sampling_error(params: SamplingErrorParams, *logs: Value) -> Value:
         params.method,
         detection_probability=params.detection_probability,
         occlusion=params.occlusion,
+        surrogates=params.names,
     )
     return {"estimates": found.estimates, "resamples": found.resamples}
 
@@ -319,7 +321,9 @@ def evaluate(params: NetworkParams, weights: Value, *inputs: Value) -> Value:
     classes, ious = params.classes, dict(params.ious)
     routes = pd.concat([value["frames"] for value in inputs if "objects" in value])
     routes = routes[routes["frame"].isin(frames)]
-    whole = evaluation(objects, found.boxes, frames, classes, found.refined, routes, ious)
+    whole = evaluation(
+        objects, found.boxes, frames, classes, found.refined, routes, ious, params.metrics
+    )
     return {
         "metrics": whole.metrics,
         "pr_curves": whole.curves,

@@ -7,18 +7,21 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydantic import BaseModel
 
+from lidarplace.base.metrics import METRICS
+from lidarplace.pog.surrogates.table import SURROGATES
 from lidarplace.rigs.placement import Placement
 from lidarplace.scenes.parts import Recording
 from sweeps.tasks import stages
 from sweeps.tasks.code_version import code_version
 from sweeps.tasks.parameters import keys_of
-from training import network_of
+from training import code_of_network, network_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +60,8 @@ class Task:
                 self.stage,
                 getattr(self.params, "detector", None),
                 getattr(self.params, "recording", None),
+                SURROGATES.roots(getattr(self.params, "names", ())),
+                METRICS.roots(getattr(self.params, "metrics", ())),
             ),
         }
         text = json.dumps(content, sort_keys=True, allow_nan=False, default=plain)
@@ -92,16 +97,22 @@ def plain(value: Any) -> Any:
     return known
 
 
-def code_of(stage: str, detector: str | None = None, recording: Recording | None = None) -> str:
+def code_of(
+    stage: str,
+    detector: str | None = None,
+    recording: Recording | None = None,
+    *plug_ins: tuple[str, ...],
+) -> str:
     """Version of the code that a stage can run: of all networks and kinds of scenes its own.
 
     Args:
         detector: name of the one that it builds; None: it builds none.
         recording: what it records; None: nothing.
+        plug_ins: dotted paths of what is looked up by name, see `Registry.roots`.
     """
-    roots = [f"{stages.__name__}.{stage}"]
+    roots = [f"{stages.__name__}.{stage}", *chain(*plug_ins)]
     if detector is not None:
-        roots.append(f"training.detectors.{network_of(detector)}")
+        roots += code_of_network(network_of(detector))
     if recording is not None:
         roots.append(f"{type(recording).__module__}.{type(recording).__qualname__}")
     return code_version(*roots)

@@ -109,10 +109,10 @@ LINES = {
         ("openlabel",),
     ),
     "carla": Line(
-        "lidarplace.scenes.carla.command",
+        "lidarplace.plugins.carla.command",
         ("carla.yaml", "out", "--host", "127.0.0.1", "--port", "1", "--timeout", "0.1"),
         ("carla.yaml",),
-        "lidarplace.scenes.carla.command.collect",
+        "lidarplace.plugins.carla.command.collect",
     ),
     "sensors": Line("lidarplace.commands.sensors", ("vlp16",), ()),
     "rig": Line(

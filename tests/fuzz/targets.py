@@ -390,7 +390,7 @@ SETTINGS: tuple[Target, ...] = (
     Target(
         "carla",
         ("carla.yaml",),
-        "lidarplace.scenes.carla.command",
+        "lidarplace.plugins.carla.command",
         ("carla.yaml", "out", "--host", "127.0.0.1", "--port", "1", "--timeout", "0.1"),
     ),
     Target("run folder's sweep.json", ("run/sweep.json",), read=_run_folder),

@@ -9,12 +9,12 @@ from carla_world import MODELS, SLOPE_DEG, Server
 
 from lidarplace.clouds.clouds import PointClouds, read_clouds
 from lidarplace.logs.box_log import read_box_log
+from lidarplace.plugins.carla.collect import collect
+from lidarplace.plugins.carla.seen import unhit
+from lidarplace.plugins.carla.settings import CarlaScene
+from lidarplace.plugins.carla.traffic import Traffic
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
-from lidarplace.scenes.carla.collect import collect
-from lidarplace.scenes.carla.seen import unhit
-from lidarplace.scenes.carla.settings import CarlaScene
-from lidarplace.scenes.carla.traffic import Traffic
 
 LIDAR = Lidar(tuple(np.radians(np.linspace(-25, 5, 8))), azimuth_steps=240, range=60.0)
 TILTED = Placement(

@@ -12,12 +12,12 @@ pytest.importorskip("carla")
 
 from carla_world import Server
 
+from lidarplace.plugins.carla.classes import object_class
+from lidarplace.plugins.carla.command import Collection, app
+from lidarplace.plugins.carla.drive import starts
+from lidarplace.plugins.carla.server import check_versions, connect
+from lidarplace.plugins.carla.settings import CarlaScene
 from lidarplace.rigs.lidar import Lidar
-from lidarplace.scenes.carla.classes import object_class
-from lidarplace.scenes.carla.command import Collection, app
-from lidarplace.scenes.carla.drive import starts
-from lidarplace.scenes.carla.server import check_versions, connect
-from lidarplace.scenes.carla.settings import CarlaScene
 
 
 def closed_port():

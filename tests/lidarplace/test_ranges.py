@@ -11,7 +11,7 @@ from lidarplace.clouds.clouds import Crop
 from lidarplace.commands.convert import app as convert
 from lidarplace.commands.export import app as export
 from lidarplace.commands.view import app as view
-from lidarplace.scenes.carla.command import app as carla
+from lidarplace.plugins.carla.command import app as carla
 from lidarplace.scenes.kitti.read import read_kitti
 from lidarplace.scenes.kitti.velodyne import read_kitti_clouds
 from sweeps.commands.accuracy import app as accuracy

@@ -15,7 +15,7 @@ from lidarplace import (
     evaluate_classes,
     sum_over_classes,
 )
-from lidarplace.pog.surrogates.table import POG_SURROGATES, RAY_SURROGATES
+from lidarplace.pog.surrogates.table import POG_SURROGATES, RAY_SURROGATES, SURROGATES
 
 ROI = Roi(x=(0.0, 6.0), y=(-3.0, 3.0), z=(0.0, 2.0), resolution=0.25)
 LIDAR = Lidar(tuple(np.radians([-40.0, -20.0, -3.0])), azimuth_steps=180)
@@ -36,7 +36,7 @@ def grids():
 @pytest.mark.parametrize("occlusion", [False, True])
 @pytest.mark.parametrize("name", POG_SURROGATES)
 def test_more_lidars_do_what_its_sense_says(grids, name, occlusion):
-    own = POG_SURROGATES[name]
+    own = SURROGATES[name]
     rigs = [Placement("rig", MOUNTS[:n], LIDAR) for n in (1, 2, 3)]
     asked = [name] if own.needs_rays else []
     results = [evaluate(grids["Car"], rig, surrogates=asked, occlusion=occlusion) for rig in rigs]
@@ -46,7 +46,7 @@ def test_more_lidars_do_what_its_sense_says(grids, name, occlusion):
     assert (getattr(evaluate(grids["Car"], rigs[0]), name) is None) == own.needs_rays
 
 
-@pytest.mark.parametrize("name", [name for name, own in POG_SURROGATES.items() if own.additive])
+@pytest.mark.parametrize("name", [name for name in POG_SURROGATES if SURROGATES[name].additive])
 def test_those_that_are_additive_have_a_sum(grids, name):
     results = evaluate_classes(grids, Placement("rig", MOUNTS, LIDAR), surrogates=RAY_SURROGATES)
     total = math.fsum(getattr(result, name) for result in results.values())

@@ -18,12 +18,12 @@ import pytest
 import yaml
 from small_log import write_small_log
 
+from sweeps import PACKAGES
 from sweeps.configuration.sweep import RaySettings
 from sweeps.execution.ray_cluster import enter_folder, ray_session
 from tests.forked import GUARD_S, run_forked
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ("lidarplace", "training", "tracking", "sweeps")
 
 
 def free_port() -> int:

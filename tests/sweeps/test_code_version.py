@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from sweeps.tasks.code_version import PACKAGES, Code
+from sweeps import PACKAGES
+from sweeps.tasks.code_version import Code
 from sweeps.tasks.stages import FUNCTIONS
 
 ROOT = Path(__file__).parents[2]
@@ -286,7 +287,7 @@ def test_figures_converters_and_the_command_line_leave_all_stages_as_they_are(co
         ("training/detectors/second.py", "from __future__", "CELL = 1\nfrom __future__", set()),
         ("training/__init__.py", '    "pv_rcnn",\n', '    "pv_rcnn",\n    "pv_rcnn_2",\n', set()),
         ("lidarplace/scenes/sumo/egos.py", "MEETS_M = 40.0", "MEETS_M = 41.0", {"scene"}),
-        ("lidarplace/scenes/kinds.py", '"sumo": (S', '"toy": None, "sumo": (S', set()),
+        ("lidarplace/scenes/kinds.py", '"sumo": Sc', '"toy": None, "sumo": Sc', set()),
     ],
 )
 def test_a_constant_counts_where_it_can_run(copied, before, path, old, new, stages):

@@ -9,7 +9,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from lidarplace.configuration import settings
 from lidarplace.configuration.settings import Settings
-from lidarplace.scenes.carla.command import Collection
+from lidarplace.plugins.carla.command import Collection
 from sweeps.configuration.search import SearchFile
 from sweeps.configuration.sweep import SweepFile
 

@@ -170,7 +170,7 @@ def deciding_surrogate(surrogates: pd.DataFrame) -> str:
     not. Then any that was computed.
     """
     computed = in_order(surrogates.loc[surrogates["value"].notna(), "surrogate"].unique())
-    return next((name for name in (*DECIDING, *computed) if name in computed), DECIDING[0])
+    return next((name for name in (*DECIDING, *computed) if name in computed), next(iter(DECIDING)))
 
 
 def by_surrogate(surrogates: pd.DataFrame) -> list[str]:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+import logging
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
 
+from lidarplace.base.registry import Registry
 from tracking.findings.best_placement import BestPlacement
 from tracking.findings.best_surrogate import Predictors, best_surrogates
 from tracking.findings.ceiling import beside, ceilings
@@ -60,6 +62,8 @@ from tracking.report.sections.training_cost import training_cost_section
 from tracking.report.sections.where_time_went import reduced_batches, where_time_went
 from tracking.run_folders.sweep import RunFolder
 
+_log = logging.getLogger(__name__)
+
 MOST_CARDS = 6
 """Verdicts that are cards; more are rows of a table, or the first screen would be many."""
 
@@ -77,11 +81,10 @@ def build_report(run: Path) -> Path:
     complete = RunFolder.read(run)
     same = copies(complete)
     whole = without(complete, set(same))
-    found = _Analysis.of(whole)
+    found = Analysis.of(whole)
     folder = found.run
-    pair = compared_failures(folder, found.rankings)
-    failures = lacking_section(folder) if pair is None else failures_section(pair, FAILURES)
-    sections = [section for section in _sections(whole, found, failures) if section is not None]
+    pair, failures = found.pair, found.failures
+    sections = list(_sections(found))
     for section in sections:
         section.tables = [table.without_dashes() for table in section.tables]
     cards, findings = _verdicts(found)
@@ -130,10 +133,11 @@ def build_report(run: Path) -> Path:
 
 
 @dataclass(frozen=True)
-class _Analysis:
-    """What several sections are about.
+class Analysis:
+    """What sections are about.
 
     Attributes:
+        whole: all placements, trained fully or not.
         run: the placements after the longest training; shorter ones show what they cost.
         surrogates: those of the run, and what its generalist says (`with_judgements`).
         means: `seed_means`.
@@ -143,8 +147,10 @@ class _Analysis:
         groups: what is compared with each other.
         rankings: every group with its `headline_ranking`.
         order: `best_first`.
+        pair, failures: `compared_failures`, and the section of it.
     """
 
+    whole: RunFolder
     run: RunFolder
     surrogates: pd.DataFrame
     means: pd.DataFrame
@@ -155,9 +161,11 @@ class _Analysis:
     groups: list[Group]
     rankings: list[tuple[Group, dict[str, BestPlacement]]]
     order: list[str]
+    pair: Failures | None
+    failures: Section | None
 
     @classmethod
-    def of(cls, whole: RunFolder) -> _Analysis:
+    def of(cls, whole: RunFolder) -> Analysis:
         run = fully_trained(whole)
         results, surrogates = run.results, with_judgements(run)
         means = seed_means(results, run.axes, run.left_out, run.sweep.judge)
@@ -165,7 +173,10 @@ class _Analysis:
         correlations = beside(correlate(results, surrogates, run.axes), most, run.axes)
         errors = leave_one_out(results, surrogates, run.axes)
         found = list(groups(run))
+        rankings = [(group, headline_ranking(run, group)) for group in found]
+        pair = compared_failures(run, rankings)
         return cls(
+            whole=whole,
             run=run,
             surrogates=surrogates,
             means=means,
@@ -174,46 +185,72 @@ class _Analysis:
             errors=errors,
             predicted=best_surrogates(results, surrogates, correlations, errors, run.axes),
             groups=found,
-            rankings=[(group, headline_ranking(run, group)) for group in found],
+            rankings=rankings,
             order=best_first(run, means),
+            pair=pair,
+            failures=lacking_section(run) if pair is None else failures_section(pair, FAILURES),
         )
 
 
-def _sections(
-    whole: RunFolder, found: _Analysis, failures: Section | None
-) -> Iterator[Section | None]:
-    """The page from top to bottom."""
-    run, means, order = found.run, found.means, found.order
-    yield best_section(run, found.rankings, means)
-    yield placements_section(run, found.groups, means)
-    yield requirements_section(run, order)
-    yield agreement_section(run, found.groups)
-    if run.promotions is not None and not run.promotions.empty:
-        yield promotion_section(whole, run.promotions)
-    yield predictors_section(run, found.correlations, found.errors, found.predicted)
-    yield ceiling_section(run, found.ceilings)
-    yield reliability_section(run)
-    yield regret_section(run, found.rankings, found.surrogates)
-    yield generalist_section(run, found.rankings, means, found.correlations, found.surrogates)
-    yield correlation_section(
-        run, found.groups, means, found.correlations, found.errors, found.surrogates
-    )
-    yield published_section(run, means)
-    yield detectors_section(run, found.groups, means)
-    yield tilts_section(run, found.groups, means)
-    yield density_section(run, found.groups, means)
-    yield rigs_section(run, order)
-    yield coverage_section(run, order)
-    yield clouds_section(run, order)
-    yield individuals_section(run)
-    yield by_distance_section(run, found.groups)
-    yield by_sector_section(run, found.groups)
-    yield failures
-    yield accuracy_section(run)
-    yield sampling_error_section(run, order)
-    yield training_cost_section(whole)
-    yield curves_section(run, found.groups)
-    yield where_time_went(run)
+def _promotion(found: Analysis) -> Section | None:
+    promotions = found.run.promotions
+    if promotions is None or promotions.empty:
+        return None
+    return promotion_section(found.whole, promotions)
+
+
+SECTIONS: Registry[Callable[[Analysis], Section | None]] = Registry(
+    "lidarplace.sections",
+    {
+        "best": lambda found: best_section(found.run, found.rankings, found.means),
+        "placements": lambda found: placements_section(found.run, found.groups, found.means),
+        "requirements": lambda found: requirements_section(found.run, found.order),
+        "agreement": lambda found: agreement_section(found.run, found.groups),
+        "promotion": _promotion,
+        "predictors": lambda found: predictors_section(
+            found.run, found.correlations, found.errors, found.predicted
+        ),
+        "ceiling": lambda found: ceiling_section(found.run, found.ceilings),
+        "reliability": lambda found: reliability_section(found.run),
+        "regret": lambda found: regret_section(found.run, found.rankings, found.surrogates),
+        "generalist": lambda found: generalist_section(
+            found.run, found.rankings, found.means, found.correlations, found.surrogates
+        ),
+        "correlation": lambda found: correlation_section(
+            found.run, found.groups, found.means, found.correlations, found.errors, found.surrogates
+        ),
+        "published": lambda found: published_section(found.run, found.means),
+        "detectors": lambda found: detectors_section(found.run, found.groups, found.means),
+        "tilts": lambda found: tilts_section(found.run, found.groups, found.means),
+        "density": lambda found: density_section(found.run, found.groups, found.means),
+        "rigs": lambda found: rigs_section(found.run, found.order),
+        "coverage": lambda found: coverage_section(found.run, found.order),
+        "clouds": lambda found: clouds_section(found.run, found.order),
+        "individuals": lambda found: individuals_section(found.run),
+        "by_distance": lambda found: by_distance_section(found.run, found.groups),
+        "by_sector": lambda found: by_sector_section(found.run, found.groups),
+        "failures": lambda found: found.failures,
+        "accuracy": lambda found: accuracy_section(found.run),
+        "sampling_error": lambda found: sampling_error_section(found.run, found.order),
+        "training_cost": lambda found: training_cost_section(found.whole),
+        "curves": lambda found: curves_section(found.run, found.groups),
+        "where_time_went": lambda found: where_time_went(found.run),
+    },
+)
+"""The page from top to bottom; what other packages add comes after ours."""
+
+
+def _sections(found: Analysis) -> Iterator[Section]:
+    for name, make in SECTIONS.installed().items():
+        try:
+            section = make(found)
+        except Exception as error:  # a plug-in can raise anything
+            if name in SECTIONS.own:
+                raise
+            _log.warning("plug-in left out: section %s: %s: %s", name, type(error).__name__, error)
+            continue
+        if section is not None:
+            yield section
 
 
 def _write_failures(
@@ -231,7 +268,7 @@ def _write_failures(
     write_failures(target, pair, frames, section, run.roi, run.sweep.body, extent, links)
 
 
-def _verdicts(found: _Analysis) -> tuple[list[Verdict], str]:
+def _verdicts(found: Analysis) -> tuple[list[Verdict], str]:
     """The verdicts, and what is said of surrogates where their table has no room for it."""
     run, predicted = found.run, found.predicted
     cards = [v for group, best in found.rankings for v in verdicts(run, group, best, predicted)]

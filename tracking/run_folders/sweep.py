@@ -8,10 +8,12 @@ from typing import Any
 
 import pandas as pd
 
+from lidarplace.base.metrics import METRICS
 from lidarplace.base.roi import Roi
 from lidarplace.command_line.invocation import command
 from lidarplace.files.atomic import read_text
 from lidarplace.files.regular import is_there
+from lidarplace.pog.surrogates.table import SURROGATES as KNOWN
 from lidarplace.rigs.placement import Mount
 from tracking.run_folders.grounds import Grounds
 from tracking.run_folders.sweep_arrays import FailureFrames, Frame, Maps
@@ -109,6 +111,11 @@ class RunFolder:
                     f"{path / sweep.FILE}: placements: has no {unknown.iloc[0]!r}, which is in "
                     f"{table.file}"
                 )
+        # Names of plug-ins are known from here on, as those of ours are.
+        for name in tables[SURROGATES.name]["surrogate"].unique():
+            KNOWN.get(str(name))
+        for name in tables[RESULTS.name]["metric"].unique():
+            METRICS.get(str(name))
         found = tables["results"].columns
         missing_axes = [axis for axis in axes if axis not in found]
         if missing_axes:

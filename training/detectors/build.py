@@ -6,15 +6,19 @@ import importlib
 import math
 from collections.abc import Sequence
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from lidarplace.base.class_names import fault_of_name
+from lidarplace.base.registry import Registry
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.logs.boxes import CLASSES
 from training.typical_objects import TypicalObject
 
 if TYPE_CHECKING:
     from training.detectors.detector import Detector, PointRange
+
+PLUG_INS: Registry[Any] = Registry("lidarplace.detectors", {})
+"""The functions `build` of other packages."""
 
 PRESETS = ("openpcdet", "paper", "tiny")
 """KITTI's network as OpenPCDet configures it, the paper's changes to it, and one for CPUs."""
@@ -33,7 +37,8 @@ def build(
     """
     _check_classes(classes, typical)
     network, own = network_and_preset(name)
-    if find_spec(f"training.detectors.{network}") is None:
+    plug_in = PLUG_INS.path(network) is not None and PLUG_INS[network]
+    if not plug_in and find_spec(f"training.detectors.{network}") is None:
         raise ValueError(f"unknown detector {name!r}")
     if preset not in (None, *PRESETS):
         raise ValueError(f"unknown preset {preset!r}; choose one of {', '.join(PRESETS)}")
@@ -48,8 +53,8 @@ def build(
     from training.vector_math import settle_vector_math
 
     settle_vector_math()
-    module = importlib.import_module(f"training.detectors.{network}")
-    model = module.build(classes, own or preset or "openpcdet", point_range, typical)
+    make = plug_in or importlib.import_module(f"training.detectors.{network}").build
+    model: Detector = make(classes, own or preset or "openpcdet", point_range, typical)
     model.typical = tuple(item for item in typical if item.name in classes)
     return model
 

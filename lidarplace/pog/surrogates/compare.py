@@ -9,7 +9,7 @@ import pandas as pd
 
 from lidarplace.pog.occupancy.grid import OccupancyGrid
 from lidarplace.pog.surrogates.evaluate import check_grid, evaluate_many
-from lidarplace.pog.surrogates.table import POG_SURROGATES
+from lidarplace.pog.surrogates.table import POG_SURROGATES, SURROGATES
 from lidarplace.rigs.placement import Placement
 
 
@@ -31,5 +31,6 @@ def compare(placements: Sequence[Placement], grid: OccupancyGrid, **options: Any
         raise ValueError(f"placements need names of their own, found {twice[0]!r} twice")
     found = evaluate_many({grid.object_class: grid}, placements, **options)
     own = [result[grid.object_class] for result in found]
-    values = {name: [getattr(result, name) for result in own] for name in POG_SURROGATES}
+    shown = POG_SURROGATES.among((*SURROGATES.own, *own[0].values))
+    values = {name: [result[name] for result in own] for name in shown}
     return pd.DataFrame(values, index=names).dropna(axis="columns", how="all")

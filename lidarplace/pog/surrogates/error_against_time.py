@@ -22,7 +22,7 @@ from lidarplace.coverage.cone import sensor_bits
 from lidarplace.logs.boxes import frame_keys
 from lidarplace.pog.occupancy.grid import OccupancyGrid
 from lidarplace.pog.surrogates.evaluate import evaluate
-from lidarplace.pog.surrogates.table import ASKED_OF_POG, RAY_SURROGATES, SURROGATES
+from lidarplace.pog.surrogates.table import ASKED_OF_POG, SURROGATES, to_ask_for
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 
@@ -64,6 +64,7 @@ def accuracy(
     frame_shares: Collection[float] = (0.5, 0.25),
     detection_probability: float = 0.1,
     occlusion: bool = False,
+    surrogates: Sequence[str] = ASKED_OF_POG.own,
 ) -> pd.DataFrame:
     """Every surrogate of every placement, computed in several ways.
 
@@ -83,6 +84,7 @@ def accuracy(
         roi: the voxels; each of `resolutions` must divide its edges.
         frame_shares: a share s is every round(1/s)-th frame, from the first.
         detection_probability, occlusion: of `expected_ig`, see `evaluate`.
+        surrogates: which, plug-ins included.
 
     Returns:
         One row per (placement, class, surrogate, method, resolution, azimuth_steps, frames):
@@ -116,7 +118,7 @@ def accuracy(
             base = every == 1 and grid_roi == roi
             for placement in placements:
                 for variant in _variants(placement, azimuth_steps if base else ()):
-                    table = _timed(grid, placement, variant, options)
+                    table = _timed(grid, placement, variant, surrogates, options)
                     table["reference"] = (
                         grid_roi.resolution == finest and every == 1 and variant.is_best(placement)
                     )
@@ -153,24 +155,29 @@ def _azimuth_steps(placement: Placement) -> int:
 
 
 def _timed(
-    grid: OccupancyGrid, placement: Placement, variant: _Variant, options: dict[str, Any]
+    grid: OccupancyGrid,
+    placement: Placement,
+    variant: _Variant,
+    surrogates: Sequence[str],
+    options: dict[str, Any],
 ) -> pd.DataFrame:
     """Rows of a variant: names, values and seconds of its surrogates."""
     sensor_bits.cache_clear()  # kept coverage would be free
+    names = [name for name in surrogates if SURROGATES[name].needs_rays == variant.rays]
+    asked = to_ask_for(names)
     if variant.rays:
         stride = round(_azimuth_steps(placement) / variant.azimuth_steps)
         # With "cone" the rays are those of dda, and they are not traced for coverage as well.
         method: Method = "cone" if variant.method == "dda" else variant.method
-        options = options | {"surrogates": RAY_SURROGATES, "azimuth_stride": stride}
+        options = options | {"surrogates": asked, "azimuth_stride": stride}
         result = evaluate(grid, placement, method, **options)
     else:
-        result = evaluate(grid, placement, variant.method, variant.azimuth_steps or None)
+        result = evaluate(grid, placement, variant.method, variant.azimuth_steps or None, asked)
     rows = []
-    for name in ASKED_OF_POG:
-        if SURROGATES[name].needs_rays == variant.rays:
-            start = time.perf_counter()
-            value = getattr(result, name)  # for some the covered voxels are counted now
-            rows.append((name, value, result.seconds + time.perf_counter() - start))
+    for name in names:
+        start = time.perf_counter()
+        value = result[name]  # for some the covered voxels are counted now
+        rows.append((name, value, result.seconds + time.perf_counter() - start))
     table = pd.DataFrame(rows, columns=["surrogate", "value", "seconds"])
     return table.assign(
         comparable=[value * scale(name, grid.roi.resolution) for name, value, _ in rows],
@@ -204,4 +211,4 @@ def _warm_up(options: dict[str, Any]) -> None:
     grid, _ = _pog(boxes, pd.DataFrame({"frame": [0, 1]}), roi, "any")
     placement = Placement("any", [Mount(z=1.5)], Lidar((-0.1, 0.3), azimuth_steps=8))
     for variant in _variants(placement, (4,)):
-        _timed(grid, placement, variant, options)
+        _timed(grid, placement, variant, ASKED_OF_POG.own, options)

@@ -16,6 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from lidarplace.base.roi import Roi
+from lidarplace.base.suggestions import did_you_mean
 from lidarplace.coverage import Method, check_method, count_covered, covered_bits, rays_of
 from lidarplace.coverage.bits import pack
 from lidarplace.coverage.rays import RayMethod, log_miss, ray_counts, ray_weight
@@ -50,8 +51,8 @@ def evaluate(
         method: how coverage is computed, see `lidarplace.coverage.coverage`.
         azimuth_steps: rays of a beam in one turn instead of the LiDAR's own number; a pattern
             stays as it is.
-        surrogates: names from RAY_SURROGATES to compute as well; the others always are. With
-            `method="cone"` their ray counts come from `dda`.
+        surrogates: names from RAY_SURROGATES, or of plug-ins, to compute as well; the others always
+            are. With `method="cone"` ray counts come from `dda`.
         detection_probability: q, the chance that a ray which crosses an occupied voxel detects it.
         occlusion: whether rays are weakened by the voxels that they pass first (expected_ig).
         azimuth_stride: count only every so many rays of a beam, each in the place of as many;
@@ -122,12 +123,7 @@ def evaluate_classes(
         raise ValueError(
             f"surrogates is a list of names, found {surrogates!r}; write [{surrogates!r}]"
         )
-    unknown = sorted(set(surrogates) - set(RAY_SURROGATES))
-    if unknown:
-        raise ValueError(
-            f"surrogates takes {', '.join(RAY_SURROGATES)} (the others are always computed), "
-            f"found {unknown[0]!r}"
-        )
+    _check_names(surrogates)
     check_method(method)
     _check_probability(detection_probability)
     roi = _common_roi(grids)
@@ -144,7 +140,15 @@ def evaluate_classes(
 
     start = time.perf_counter()
     ray_method = rays_of(method)
-    needs_counts = any(not (occlusion and SURROGATES[name].occludes) for name in surrogates)
+    computed = {
+        name: own.of_seen
+        for name in dict.fromkeys((*SURROGATES.own, *surrogates))
+        if (own := SURROGATES[name]).of_seen and (name in surrogates or not own.needs_rays)
+    }
+    needs_counts = any(
+        SURROGATES[name].needs_rays and not (occlusion and SURROGATES[name].occludes)
+        for name in computed
+    )
     same_rays = method == ray_method and azimuth_stride == 1
     occupied = occupied_layers(roi, tiles, ray_method)
     counts = None
@@ -178,11 +182,7 @@ def evaluate_classes(
             placement=placement,
             roi=roi,
             method=method,
-            values={
-                name: own.of_seen(seen)
-                for name, own in SURROGATES.items()
-                if own.of_seen is not None and (name in surrogates or not own.needs_rays)
-            },
+            values={name: compute(seen) for name, compute in computed.items()},
             covered=voxels,
             covered_nonzero=int(seen.covered.sum()),
             seconds=common + time.perf_counter() - start,
@@ -323,6 +323,17 @@ def occupied_layers(roi: Roi, tiles: Tiles, method: RayMethod) -> Roi:
         return roi
     layers = max(1, int(tiles.highest.max()) + 1)
     return replace(roi, z=(roi.z[0], roi.z[0] + layers * roi.resolution))
+
+
+def _check_names(surrogates: Collection[str]) -> None:
+    """Raise ValueError for what cannot be asked for, or for a plug-in that is broken."""
+    for name in surrogates:
+        plug_in = SURROGATES.path(name) is not None and not SURROGATES[name].of_objects
+        if not plug_in and name not in RAY_SURROGATES.own:
+            raise ValueError(
+                f"surrogates takes {', '.join(RAY_SURROGATES.own)} (the others are always "
+                f"computed) and plug-ins, found {name!r}{did_you_mean(name, SURROGATES)}"
+            )
 
 
 def _check_probability(q: float) -> None:

@@ -13,7 +13,7 @@ import pandas as pd
 from lidarplace.base.plotting import Plottable
 from lidarplace.base.roi import Roi
 from lidarplace.coverage import Method
-from lidarplace.pog.surrogates.table import POG_SURROGATES
+from lidarplace.pog.surrogates.table import POG_SURROGATES, SURROGATES
 from lidarplace.rigs.placement import Placement
 
 
@@ -39,6 +39,7 @@ class Surrogates(Plottable):
 
     Every name of `lidarplace.pog.surrogates.table.POG_SURROGATES` is an attribute, such as `s_mig`:
     a float; None for one that needs rays and was not asked for, or that has no sum over classes.
+    `result["s_mig"]` is the same, for plug-ins too.
 
     Attributes:
         placement, roi, method: what was evaluated.
@@ -57,9 +58,12 @@ class Surrogates(Plottable):
     seconds: float
 
     def __getattr__(self, name: str) -> Any:
-        if name not in POG_SURROGATES:
+        if name not in POG_SURROGATES.own:
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
-        of_others = POG_SURROGATES[name].of_others
+        return self[name]
+
+    def __getitem__(self, name: str) -> Any:
+        of_others = SURROGATES[name].of_others
         return self.values.get(name) if of_others is None else of_others(self)
 
     def __repr__(self) -> str:
@@ -68,15 +72,15 @@ class Surrogates(Plottable):
 
     def _repr_html_(self) -> str:
         rows = [
-            (own.label, f"{value:,.6g}", own.unit)
-            for name, own in POG_SURROGATES.items()
-            if (value := getattr(self, name)) is not None
+            (SURROGATES[name].label, f"{value:,.6g}", SURROGATES[name].unit)
+            for name in POG_SURROGATES.among((*SURROGATES.own, *self.values))
+            if (value := self[name]) is not None
         ]
         table = pd.DataFrame(rows, columns=["surrogate", self.placement.name, "unit"])
         return table.to_html(index=False)
 
     def __dir__(self) -> list[str]:
-        return [*super().__dir__(), *POG_SURROGATES]
+        return [*super().__dir__(), *POG_SURROGATES.own]
 
 
 def sum_over_classes(results: Mapping[str, Surrogates]) -> Surrogates:
@@ -99,7 +103,7 @@ def sum_over_classes(results: Mapping[str, Surrogates]) -> Surrogates:
         values={
             name: math.fsum(part.values[name] for part in parts)
             for name in parts[0].values
-            if POG_SURROGATES[name].additive and all(name in part.values for part in parts)
+            if SURROGATES[name].additive and all(name in part.values for part in parts)
         },
         covered=parts[0].covered,  # the same for all classes
         covered_nonzero=sum(part.covered_nonzero for part in parts),

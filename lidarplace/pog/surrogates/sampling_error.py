@@ -32,7 +32,7 @@ from lidarplace.pog.occupancy.grid import OccupancyGrid
 from lidarplace.pog.surrogates.formulas import Crossings, information, log_miss_of_ray
 from lidarplace.pog.surrogates.result import CoveredVoxels, Surrogates
 from lidarplace.pog.surrogates.seen import Seen
-from lidarplace.pog.surrogates.table import ASKED_OF_POG, SURROGATES
+from lidarplace.pog.surrogates.table import ASKED_OF_POG, POG_SURROGATES, SURROGATES
 from lidarplace.rigs.placement import Placement
 
 NORMAL_95 = 1.959963984540054
@@ -70,6 +70,7 @@ def pog_sampling_error(
     blocks: int = 40,
     resamples: int = 200,
     seed: int = 0,
+    surrogates: Collection[str] = ASKED_OF_POG.own,
 ) -> SamplingError:
     """Sampling error of every surrogate of `placement`, by a bootstrap over blocks of frames.
 
@@ -82,6 +83,7 @@ def pog_sampling_error(
         blocks: about how many blocks, see `frame_blocks`.
         resamples: draws of as many blocks as there are.
         seed: of the draws.
+        surrogates: which, plug-ins included.
 
     Raises:
         ValueError: fewer than two blocks or resamples, or what `OccupancyGrid.by_class` raises.
@@ -97,6 +99,8 @@ def pog_sampling_error(
         )
     rng = np.random.default_rng(seed)
     drawn = rng.multinomial(len(lengths), np.full(len(lengths), 1 / len(lengths)), resamples)
+    every = ((name, SURROGATES[name].of_seen) for name in (*POG_SURROGATES.own, *surrogates))
+    computed = {name: of_seen for name, of_seen in every if of_seen is not None}
     draws = np.vstack([np.ones_like(lengths), drawn])  # the log itself first
     block_of_box = _block_of_box(boxes, frames, of_frame)
     covered = coverage(placement, roi, method).reshape(-1)
@@ -128,7 +132,7 @@ def pog_sampling_error(
         voxels = _by_history(histories, np.ones(len(here), np.int64))
         covered_voxels = _by_history(histories, covered[here])
         met_rays = _by_history(histories, rays[here])
-        values: dict[str, list[float]] = {name: [] for name in ASKED_OF_POG}
+        values: dict[str, list[float]] = {name: [] for name in surrogates}
         for draw, total in zip(draws, totals.tolist(), strict=True):
             counts = histories.counts(draw)
             levels = np.arange(1, int(counts.max()) + 1)
@@ -149,13 +153,13 @@ def pog_sampling_error(
                 placement=placement,
                 roi=roi,
                 method=method,
-                values={n: own.of_seen(seen) for n, own in SURROGATES.items() if own.of_seen},
+                values={name: compute(seen) for name, compute in computed.items()},
                 covered=all_covered,
                 covered_nonzero=int(seen.covered.sum()),
                 seconds=0.0,
             )
-            for name in ASKED_OF_POG:
-                values[name].append(getattr(result, name))
+            for name in surrogates:
+                values[name].append(result[name])
         for name, estimates in values.items():
             tables.append(
                 pd.DataFrame({"class": object_class, "surrogate": name, "value": estimates})

@@ -1,18 +1,20 @@
 """The table of the surrogates: all that there is to know of each, in the order of display.
 
-Configuration, evaluation, error tables, search, statistics and report read it. A new surrogate has
-its formula in a file of its own and a row here (docs/extending.md). Most start from the POG of a
+Configuration, evaluation, error tables, search, statistics and report read it. A new surrogate of
+ours has its formula in a file of its own and a row here; other packages add theirs
+(docs/extending.md). Most start from the POG of a
 class; those of `OBJECT_SURROGATES` from the objects of the log, see `lidarplace.recall`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from lidarplace.base.metrics import Direction
+from lidarplace.base.registry import Registry
 from lidarplace.pog.surrogates.seen import Seen
 
 
@@ -69,7 +71,7 @@ class Surrogate:
         return "minimize" if self.sense < 0 and not self.contested else "maximize"
 
 
-SURROGATES: dict[str, Surrogate] = {
+_OWN = {
     "s_mig": Surrogate(
         label="S-MIG",
         unit="nats",
@@ -196,32 +198,35 @@ SURROGATES: dict[str, Surrogate] = {
         sense=1,
     ),
 }
-"""Surrogates by name, in the order of display."""
 
+SURROGATES = Registry(
+    "lidarplace.surrogates", _OWN, fits=lambda found: isinstance(found, Surrogate)
+)
+"""Surrogates by name, ours in the order of display."""
 
-def _by(place: Callable[[Surrogate], int | None]) -> tuple[str, ...]:
-    """Names of those that have a place, in its order."""
-    places = {name: place(own) for name, own in SURROGATES.items()}
-    return tuple(sorted((n for n in places if places[n] is not None), key=lambda n: places[n] or 0))
-
-
-ASKED_FOR = tuple(name for name, own in SURROGATES.items() if own.beside is None)
+ASKED_FOR = SURROGATES.where(lambda own: own.beside is None)
 """What a user can ask for."""
 
-OBJECT_SURROGATES = tuple(name for name, own in SURROGATES.items() if own.of_objects)
+OBJECT_SURROGATES = SURROGATES.where(lambda own: own.of_objects)
 """Means over the objects of the log."""
 
-POG_SURROGATES = {name: own for name, own in SURROGATES.items() if not own.of_objects}
+POG_SURROGATES = SURROGATES.where(lambda own: not own.of_objects)
 """Those of a POG, in the order of display."""
 
-ASKED_OF_POG = tuple(name for name in ASKED_FOR if name in POG_SURROGATES)
+ASKED_OF_POG = SURROGATES.where(lambda own: own.beside is None and not own.of_objects)
 """What a user can ask for of a POG."""
 
-RAY_SURROGATES = tuple(name for name, own in SURROGATES.items() if own.needs_rays)
+RAY_SURROGATES = SURROGATES.where(lambda own: own.needs_rays)
 """Those that need the number of rays through every voxel; computed when asked for."""
 
-HEADLINE_SURROGATES = _by(lambda own: own.headline)
+
+def to_ask_for(names: Iterable[str]) -> list[str]:
+    """Those of `names` that `evaluate` computes if it is asked for them alone: rays, plug-ins."""
+    return [name for name in names if name in RAY_SURROGATES or name not in SURROGATES.own]
+
+
+HEADLINE_SURROGATES = SURROGATES.where(lambda own: own.headline)
 """Those with an order of their own: the others order placements as S-MIG or its negative."""
 
-DECIDING = _by(lambda own: own.decides)
+DECIDING = SURROGATES.where(lambda own: own.decides)
 """What orders placements where nothing was trained: the first of these that was computed."""

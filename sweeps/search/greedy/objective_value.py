@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from lidarplace.pog.selection import (
     greedy,
     upper_bound,
 )
-from lidarplace.pog.selection.tracing import OBJECTIVES
+from lidarplace.pog.selection.tracing import OBJECTIVES, Objective
 from lidarplace.recall.choice import RecallChoice
 from lidarplace.recall.one_dead import OneDeadChoice
 from sweeps.search.problem.choice import Choices, placement_of
@@ -120,7 +120,7 @@ def worth_of(rigs: Sequence[Choices], problem: Problem, traffic: Traffic) -> Wor
             traffic.grids,
             weights,
             placements,
-            objective.by,
+            cast(Objective, objective.by),
             question.method,
             question.detection_probability,
             question.occlusion,

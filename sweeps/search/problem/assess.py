@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from lidarplace import evaluate_classes, expected_ig_by_q
 from lidarplace.coverage import Method
-from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, RAY_SURROGATES
+from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, to_ask_for
 from sweeps.configuration.search import TOTALS, ObjectiveSettings
 from sweeps.search.problem.choice import Choices, is_possible, placement_of
 from sweeps.search.problem.constraints import Carrier, Constraint, margin_of, measures_of
@@ -131,7 +131,7 @@ def _of_pog(rig: Choices, question: Question, traffic: Traffic) -> dict[str, dic
     wanted = {o.by for o in question.objectives if o.of_traffic}
     placement = placement_of(rig, question.carrier.models)
     found: dict[str, dict[str, float]] = {name: {} for name in traffic.grids}
-    of_pog = wanted - set(OBJECT_SURROGATES)
+    of_pog = {name for name in wanted if name not in OBJECT_SURROGATES}
     if of_pog == {"expected_ig"} and not question.occlusion and question.method != "bresenham":
         # The default, for which no cone has to be covered.
         q = question.detection_probability
@@ -143,11 +143,11 @@ def _of_pog(rig: Choices, question: Question, traffic: Traffic) -> dict[str, dic
             traffic.grids,
             placement,
             question.method,
-            surrogates=[name for name in RAY_SURROGATES if name in of_pog],
+            surrogates=to_ask_for(sorted(of_pog)),
             detection_probability=question.detection_probability,
             occlusion=question.occlusion,
             azimuth_stride=question.azimuth_stride,
         )
         for name, own in results.items():
-            found[name] |= {by: getattr(own, by) for by in of_pog}
+            found[name] |= {by: own[by] for by in of_pog}
     return found

@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from lidarplace import PAPER_PLACEMENTS, Lidar, Mount, Placement
+from lidarplace.base.metrics import METRICS
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.clouds.blind_lidars import check_not_blind
 from lidarplace.clouds.own_body import check_mounts
 from lidarplace.configuration.vehicle import vehicle_of
 from lidarplace.mounting.near_field import near_field_coverage
 from lidarplace.mounting.vehicle import Vehicle, zone_in_body
-from lidarplace.pog.surrogates.table import OBJECT_SURROGATES
+from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, SURROGATES
 from lidarplace.recall.detection_curve import default_curves, read_curves
 from lidarplace.requirements.layout import Laid
 from lidarplace.scenes.sumo.settings import SumoScene
@@ -43,7 +44,7 @@ from sweeps.tasks.task import Task, code_of, plain
 
 _ANSWERING = {
     *("lidar", "weather", "surrogate", "placement", "placements"),
-    *("detector", "training", "generalist", "mounting_errors", "allow_blind_lidars"),
+    *("detector", "training", "generalist", "mounting_errors", "allow_blind_lidars", "metrics"),
 }
 """Keys beside the scene, the ROI and the classes that decide what trials are worth."""
 
@@ -102,8 +103,13 @@ class Problem:
 
     def _code(self) -> list[str]:
         """Versions of the code that answers trials, but for scenes: the POG's key has that."""
+        asked = [objective.by for objective in self.file.search.objective]
         found = [
-            code_version("sweeps.search.problem.assess.assess", "sweeps.search.problem.space.Space")
+            code_version(
+                *("sweeps.search.problem.assess.assess", "sweeps.search.problem.space.Space"),
+                *SURROGATES.roots(by for by in asked if by in SURROGATES),
+                *METRICS.roots(by for by in asked if by in METRICS),
+            )
         ]
         if any(objective.measured for objective in self.file.search.objective):
             stages: tuple[str, ...] = ("ground_truth", "collect", "finetune", "evaluate")

@@ -177,6 +177,7 @@ class GeneralistAnswers:
                             _truths(trial),
                             classes,
                             self.problem.file.own_ious(),
+                            self.problem.file.metrics,
                         )
                         for trial in tests
                     ]
@@ -231,6 +232,7 @@ def judged_metrics(
     truths: Sequence[Task],
     classes: Sequence[str],
     ious: Mapping[str, Overlaps],
+    metrics: Sequence[str],
 ) -> pd.DataFrame:
     """Metrics of one rig from its detections in portions of the frames, see `evaluate_boxes`."""
     from training.kitti_ap import evaluation
@@ -244,6 +246,7 @@ def judged_metrics(
         frames.tolist(),
         classes,
         ious=ious,
+        metrics=metrics,
     ).metrics
 
 

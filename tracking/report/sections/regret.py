@@ -24,8 +24,6 @@ from tracking.run_folders.sweep import RunFolder
 
 MOST_CHOICES = 100
 """Rows that the page shows."""
-_CHOOSE = tuple(dict.fromkeys((*JUDGEMENTS, *DECIDING, *HEADLINE_SURROGATES)))
-"""With a first choice of their own, which covered entropy has: it is the opposite of S-MIG's."""
 _NOTE = (
     "What is lost by taking the placement that a surrogate ranks first, in points. Below the "
     "highest mean: as measured, which is too much on average, because the highest mean is partly "
@@ -89,7 +87,9 @@ def regret_table(
     for group, ranked in rankings:
         for name, best in ranked.items():
             own = surrogates_of(summed, group.place, name)
-            named = [s for s in _CHOOSE if s in own.columns]
+            # With a first choice of their own, which covered entropy has: the opposite of S-MIG's.
+            choose = dict.fromkeys((*JUDGEMENTS, *DECIDING, *HEADLINE_SURROGATES))
+            named = [s for s in choose if s in own.columns]
             if not named or len(best.equal) == len(best.sure):
                 continue
             place = {"class": name, "group": group.title, **group.place}

@@ -25,13 +25,13 @@ from lidarplace.clouds.recorded import rig_record
 from lidarplace.configuration.json_file import read_json
 from lidarplace.files.atomic import replacing
 from lidarplace.logs.box_log import BoxLog, join_logs, read_box_log, write_box_log
+from lidarplace.plugins.carla.drive import Report, drive
+from lidarplace.plugins.carla.replay import replay
+from lidarplace.plugins.carla.seen import unhit
+from lidarplace.plugins.carla.server import connect
+from lidarplace.plugins.carla.settings import CarlaScene
+from lidarplace.plugins.carla.traffic import Traffic, box_log
 from lidarplace.rigs.placement import Placement
-from lidarplace.scenes.carla.drive import Report, drive
-from lidarplace.scenes.carla.replay import replay
-from lidarplace.scenes.carla.seen import unhit
-from lidarplace.scenes.carla.server import connect
-from lidarplace.scenes.carla.settings import CarlaScene
-from lidarplace.scenes.carla.traffic import Traffic, box_log
 
 # What says where the server is, but not what is seen.
 _ELSEWHERE = {"host", "port", "traffic_manager_port", "timeout_s"}

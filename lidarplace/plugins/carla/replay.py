@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidarplace.clouds.clouds import PointClouds
+from lidarplace.plugins.carla.lidars import Rig
+from lidarplace.plugins.carla.returns import Points
+from lidarplace.plugins.carla.server import Actors, actors, load_town, synchronous
+from lidarplace.plugins.carla.settings import CarlaScene, Route
+from lidarplace.plugins.carla.traffic import EGO, POSE, Traffic
 from lidarplace.rigs.placement import Placement
-from lidarplace.scenes.carla.lidars import Rig
-from lidarplace.scenes.carla.returns import Points
-from lidarplace.scenes.carla.server import Actors, actors, load_town, synchronous
-from lidarplace.scenes.carla.settings import CarlaScene, Route
-from lidarplace.scenes.carla.traffic import EGO, POSE, Traffic
 
 if TYPE_CHECKING:
     import carla

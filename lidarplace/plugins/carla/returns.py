@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from lidarplace.base.kernel_cache import njit
 from lidarplace.clouds.clouds import Crop
+from lidarplace.plugins.carla.handedness import right_handed
 from lidarplace.rigs.lidar import HAIR, Lidar
 from lidarplace.rigs.placement import Mount
-from lidarplace.scenes.carla.handedness import right_handed
 
 BODY_MARGIN_M = 0.1
 """Mirrors and aerials reach so far out of the ego's box; returns from it are left out."""

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
-from lidarplace.scenes.carla.settings import CarlaScene
+from lidarplace.plugins.carla.settings import CarlaScene
 from lidarplace.scenes.routes import STEP_S
 
 if TYPE_CHECKING:

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from lidarplace.scenes.carla.classes import object_class
-from lidarplace.scenes.carla.server import Actors, actors, load_town, synchronous
-from lidarplace.scenes.carla.settings import CarlaScene, Route
-from lidarplace.scenes.carla.traffic import BOX, EGO, POSE, Traffic
+from lidarplace.plugins.carla.classes import object_class
+from lidarplace.plugins.carla.server import Actors, actors, load_town, synchronous
+from lidarplace.plugins.carla.settings import CarlaScene, Route
+from lidarplace.plugins.carla.traffic import BOX, EGO, POSE, Traffic
 from lidarplace.scenes.routes import STEP_S, seed_of, split_of
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def drive(client: carla.Client, scene: CarlaScene, route: Route, report: Report)
     """Record one route; no LiDAR is mounted yet.
 
     Args:
-        client: see `lidarplace.scenes.carla.server.connect`.
+        client: see `lidarplace.plugins.carla.server.connect`.
         scene: the settings.
         route: one of `scene.plan()`.
         report: is told what was left out.

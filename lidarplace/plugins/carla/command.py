@@ -14,10 +14,10 @@ from lidarplace.command_line.verbs import new_app, verb, within, wrong
 from lidarplace.configuration.placement import PlacementSettings
 from lidarplace.configuration.settings import Name, Settings, fault
 from lidarplace.configuration.yaml import read_yaml_file
+from lidarplace.plugins.carla.collect import collect
+from lidarplace.plugins.carla.settings import CarlaScene
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import PAPER_PLACEMENTS, Placement
-from lidarplace.scenes.carla.collect import collect
-from lidarplace.scenes.carla.settings import CarlaScene
 
 app = new_app()
 
@@ -30,7 +30,7 @@ class Collection(Settings):
     """A settings file.
 
     Attributes:
-        scene: see `lidarplace.scenes.carla.settings.CarlaScene`.
+        scene: see `lidarplace.plugins.carla.settings.CarlaScene`.
         lidar: of every placement, by its name in the catalogue, or lengths in metres and angles in
             radians; null is the paper's.
         placements: `PlacementSettings` by name, as in a sweep; the name alone, without mounts, is

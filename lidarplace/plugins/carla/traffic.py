@@ -15,8 +15,8 @@ import pandas as pd
 
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import BOX_COLUMNS, GEOMETRY, POSE_COLUMNS
+from lidarplace.plugins.carla.handedness import Array, right_handed
 from lidarplace.rigs.pose import rotation
-from lidarplace.scenes.carla.handedness import Array, right_handed
 from lidarplace.scenes.routes import KEEP_M
 
 EGO = 0

@@ -1,0 +1,207 @@
+"""What can be added from outside: names of ours, of installed packages, and `package.module:name`.
+
+A registry is asked when a name is read. Packages provide more names by entry points; they are
+imported when one of their names is asked for, or when all that is installed is listed.
+"""
+
+from __future__ import annotations
+
+import logging
+import pkgutil
+import sys
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import Distribution, EntryPoint, entry_points
+from itertools import product
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+
+T = TypeVar("T")
+
+PLUGINS: dict[str, Distribution | None] = {}
+"""Top-level packages whose names were asked for, and what installed them; None: a folder."""
+
+_log = logging.getLogger(__name__)
+
+
+class PluginError(KeyError, ValueError):
+    """A name that cannot be resolved: one line."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+class Registry(Mapping[str, T]):
+    """Things of one kind by name.
+
+    It iterates over ours and over what was asked for by name; `installed` has all. Indexing raises
+    PluginError for a name that nobody provides, that two provide, or that cannot be imported.
+
+    Args:
+        group: of entry points.
+        own: ours.
+        fits: whether an object is one of this kind.
+    """
+
+    def __init__(
+        self, group: str, own: Mapping[str, T], fits: Callable[[Any], bool] = callable
+    ) -> None:
+        self.own, self.group, self._fits = dict(own), group, fits
+        self._added: dict[str, T] = {}
+
+    def __getitem__(self, name: str) -> T:
+        if name not in self.own and name not in self._added:
+            self._added[name] = self._load(name)
+        return self.own[name] if name in self.own else self._added[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter((*self.own, *self._added))
+
+    def __len__(self) -> int:
+        return len(self.own) + len(self._added)
+
+    def path(self, name: str) -> str | None:
+        """The `package.module:name` of a plug-in; None: it is ours, or nobody provides it.
+
+        Raises:
+            PluginError: two packages provide it, or ours and another one.
+        """
+        found = _entry_points(self.group).get(name, [])
+        if len(found) + (name in self.own) > 1:
+            by = sorted(point.dist.name if point.dist else point.value for point in found)
+            by += ["lidarplace"][: name in self.own]
+            raise PluginError(
+                f"{name}: duplicate name in {self.group}, of {' and '.join(by)}; "
+                "uninstall all but one"
+            )
+        if found:
+            PLUGINS.setdefault(found[0].module.partition(".")[0], found[0].dist)
+            return f"{found[0].module}:{found[0].attr}"
+        if name in self.own or ":" not in name:
+            return None
+        if (folder := str(Path.cwd())) not in sys.path:
+            sys.path.append(folder)
+        PLUGINS.setdefault(name.partition(":")[0].partition(".")[0], None)
+        return name
+
+    def roots(self, names: Iterable[str]) -> tuple[str, ...]:
+        """Dotted paths of the plug-ins among `names`, whose code decides results."""
+        paths = (self.path(name) for name in names if name not in self.own)
+        return tuple(path.replace(":", ".") for path in paths if path is not None)
+
+    def installed(self) -> dict[str, T]:
+        """Ours and those of all installed packages; one warning for each that is broken."""
+        found = dict(self.own)
+        for name in _entry_points(self.group):
+            try:
+                self.path(name)
+                found[name] = self[name]
+            except PluginError as error:
+                _log.warning("plug-in left out: %s", error)
+        return found
+
+    def where(self, place: Callable[[T], float | None]) -> Names:
+        """Names whose `place` is neither None nor False, in the order of their places."""
+        return Names(self, place)
+
+    def _load(self, name: str) -> T:
+        if (path := self.path(name)) is None:
+            raise PluginError(f"{name}: no installed package has it among its {self.group}")
+        where = name if name == path else f"{name} ({path})"
+        try:
+            found = pkgutil.resolve_name(path)
+        except Exception as error:  # a plug-in can raise anything
+            why = " ".join(f"{type(error).__name__}: {error}".split())
+            raise PluginError(f"{where}: cannot be imported: {why}") from error
+        if not self._fits(found):
+            kind = type(found).__name__
+            raise PluginError(f"{where}: wrong type; expected one of {self.group}, found {kind}")
+        return cast(T, found)
+
+
+@dataclass(frozen=True, eq=False)
+class Names(Collection[str]):
+    """Some names of a registry, see `Registry.where`; looked up when they are asked for."""
+
+    registry: Registry[Any]
+    place: Callable[[Any], float | None]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.among(self.registry))
+
+    def __len__(self) -> int:
+        return len(self.among(self.registry))
+
+    def __contains__(self, name: object) -> bool:
+        return bool(self.among([str(name)]))
+
+    @property
+    def own(self) -> tuple[str, ...]:
+        """Those that are ours."""
+        return self.among(self.registry.own)
+
+    def among(self, names: Iterable[str]) -> tuple[str, ...]:
+        """Those of `names` that are in the registry and have a place, in order."""
+        places = {name: self.place(self.registry[name]) for name in names if name in self.registry}
+        known = {name: at for name, at in places.items() if at is not None and at is not False}
+        return tuple(sorted(known, key=lambda name: known[name]))
+
+
+@dataclass(frozen=True, eq=False)
+class OneOf:
+    """Annotation of a string in settings: one of these names, looked up when it is read.
+
+    Attributes:
+        kinds: what the names are of; the schema lists what is installed.
+        others: names besides.
+        tails: what may follow a name.
+    """
+
+    kinds: tuple[Names, ...]
+    others: tuple[str, ...] = ()
+    tails: tuple[str, ...] = ("",)
+
+    def names(self) -> tuple[str, ...]:
+        """All that is installed."""
+        found = (name for kind in self.kinds for name in kind.among(kind.registry.installed()))
+        return (*(name + tail for name in found for tail in self.tails), *self.others)
+
+    def check(self, name: str) -> str:
+        """`name`. Raises PluginError for a broken plug-in, PydanticCustomError for another name."""
+        broken = None
+        for kind, tail in product(self.kinds, self.tails):
+            base = name.removesuffix(tail)
+            try:
+                path = kind.registry.path(base)
+                if (path and kind.registry[base] and base in kind) or base in kind.own:
+                    return name
+            except PluginError as error:
+                broken = broken or error
+        if name in self.others:
+            return name
+        if broken:
+            raise broken
+        expected = ", ".join(map(repr, self.names()))
+        raise PydanticCustomError(
+            "literal_error", "Input should be {expected}", {"expected": expected}
+        )
+
+    def __get_pydantic_core_schema__(self, kind: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_after_validator_function(self.check, handler(kind))
+
+    def __get_pydantic_json_schema__(
+        self, core: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        return {"anyOf": [{"enum": list(self.names())}, {"pattern": ":"}], "type": "string"}
+
+
+@cache
+def _entry_points(group: str) -> dict[str, list[EntryPoint]]:
+    found: dict[str, list[EntryPoint]] = {}
+    for point in entry_points(group=group):
+        found.setdefault(point.name, []).append(point)
+    return found

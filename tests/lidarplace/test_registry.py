@@ -1,0 +1,132 @@
+"""Names from outside: installed, in a folder, broken, provided twice, unknown."""
+
+import sys
+from typing import Annotated
+
+import pytest
+from pydantic import BaseModel, ValidationError
+
+from lidarplace.base import registry
+from lidarplace.base.registry import OneOf, PluginError, Registry
+from sweeps.execution import ray_cluster
+from sweeps.tasks import code_version
+from sweeps.tasks.task import code_of
+
+
+@pytest.fixture
+def site(tmp_path, monkeypatch):
+    """A folder on the path, in which `install` puts distributions of one module."""
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(registry, "PLUGINS", plugins := {})
+    monkeypatch.setattr(ray_cluster, "PLUGINS", plugins)
+    caches = (registry._entry_points, code_version.code_version, code_version._code)
+    for kept in caches:
+        kept.cache_clear()
+    yield tmp_path
+    for kept in caches:
+        kept.cache_clear()
+    for name in [name for name in sys.modules if name.startswith("plug_")]:
+        del sys.modules[name]
+
+
+def install(site, name, points, text="def one(): ...\n"):
+    (site / f"{name}.py").write_text(text)
+    info = site / f"{name}-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[lidarplace.tests]\n" + "\n".join(points) + "\n")
+    (info / "RECORD").write_text(f"{name}.py,,\n{info.name}/entry_points.txt,,\n")
+
+
+def new():
+    return Registry("lidarplace.tests", {"ours": len})
+
+
+def test_installed_names_and_modules(site):
+    install(site, "plug_a", ["first = plug_a:one"])
+    things = new()
+    assert list(things) == ["ours"]
+    assert set(things.installed()) == {"ours", "first"}
+    assert things["first"] is things["plug_a:one"]
+    assert things.roots(["ours", "first"]) == ("plug_a.one",)
+    assert "second" not in things
+    assert things.get("second") is None
+
+
+def test_a_broken_plug_in_harms_no_other(site, caplog):
+    install(site, "plug_a", ["first = plug_a:one"])
+    install(site, "plug_b", ["second = plug_b:one"], text="import no_such_package\n")
+    install(site, "plug_c", ["third = plug_c:one"], text="one = 3\n")
+    things = new()
+    assert set(things.installed()) == {"ours", "first"}
+    lines = [record.getMessage() for record in caplog.records]
+    assert len(lines) == 2
+    assert all("\n" not in line for line in lines)
+    with pytest.raises(PluginError, match=r"second \(plug_b:one\): cannot be imported: Mod"):
+        things["second"]
+    with pytest.raises(PluginError, match=r"third .*: wrong type; expected .*, found int"):
+        things["third"]
+
+
+def test_a_name_that_two_provide(site, caplog):
+    install(site, "plug_a", ["first = plug_a:one", "ours = plug_a:one"])
+    install(site, "plug_b", ["first = plug_b:one"])
+    things = new()
+    with pytest.raises(PluginError, match=r"first: duplicate name .*, of plug_a and plug_b"):
+        things["first"]
+    assert things["ours"] is len
+    with pytest.raises(PluginError, match=r"ours: duplicate name .*, of plug_a and lidarplace"):
+        things.path("ours")
+    assert set(things.installed()) == {"ours"}
+    assert len(caplog.records) == 2
+
+
+def test_settings_look_names_up_when_they_are_read(site):
+    things = new()
+    one_of = OneOf((things.where(lambda own: own is not None),), ("none",))
+
+    class Model(BaseModel):
+        thing: Annotated[str, one_of]
+
+    assert Model(thing="ours").thing == "ours"
+    assert Model(thing="none").thing == "none"
+    install(site, "plug_a", ["first = plug_a:one"])
+    registry._entry_points.cache_clear()
+    assert Model(thing="first").thing == "first"
+    assert Model(thing="plug_a:one").thing == "plug_a:one"
+    names = Model.model_json_schema()["properties"]["thing"]["anyOf"][0]["enum"]
+    assert set(names) == {"ours", "first", "none"}
+    with pytest.raises(ValidationError) as error:
+        Model(thing="frist")
+    assert error.value.errors()[0]["type"] == "literal_error"
+    with pytest.raises(ValidationError, match="plug_a:two: cannot be imported: AttributeError"):
+        Model(thing="plug_a:two")
+
+
+def test_keys_follow_the_code_of_a_plug_in(site):
+    def keys():
+        code_version.code_version.cache_clear()
+        code_version._code.cache_clear()
+        return code_of("surrogates"), code_of("surrogates", None, None, ("plug_a.one",))
+
+    text = "import plug_b\ndef one(): return two()\ndef two(): return {}\n"
+    install(site, "plug_a", [], text.format(2))
+    install(site, "plug_b", [])
+    without, with_it = keys()
+    assert without != with_it
+    (site / "plug_b.py").write_text("def one(): return 1\n")  # another package
+    assert keys() == (without, with_it)
+    (site / "plug_a.py").write_text(text.format(3))
+    assert keys()[0] == without
+    assert keys()[1] != with_it
+
+
+def test_workers_get_packages_and_metadata(site):
+    install(site, "plug_a", ["first = plug_a:one"])
+    things = new()
+    assert ray_cluster._plug_ins() == []
+    things["first"]
+    places = [str(site / "plug_a.py"), str(site / "plug_a-1.0.dist-info")]
+    assert ray_cluster._plug_ins() == places
+    assert ray_cluster._cluster_environment()["py_modules"][-2:] == places
+    assert str(site) in ray_cluster._python_path().split(":")

@@ -1,0 +1,162 @@
+"""What docs/extending.md adds from outside works: each of the six kinds, installed and not."""
+
+import json
+
+import pandas as pd
+import pytest
+import yaml
+
+from lidarplace.logs.box_log import read_box_log
+from tests.extending import install, python, write_package
+from tests.mlflow_database import write_database
+from tests.sweeps.small_log import write_small_log
+from tests.tracking.made_up_run import NAMES, write_run
+
+PROGRAM = "from sweeps.command_line import main; main()"
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory):
+    return write_package(tmp_path_factory.mktemp("package"))
+
+
+@pytest.fixture(scope="module")
+def installed(package, tmp_path_factory):
+    return install(package, tmp_path_factory.mktemp("site"))
+
+
+def write_sweep(folder, **keys):
+    config = {
+        "detector": None,
+        "classes": ["Car"],
+        "scene": {"source": "log", "folder": "log"},
+        "lidar": {"beams": 4, "azimuth_steps": 90},
+        "grid": {"placement": ["line", "center", "pyramid"]},
+        "ray": "debug",
+    }
+    (folder / "new.yaml").write_text(yaml.safe_dump(config | keys))
+
+
+@pytest.mark.parametrize("name", ["crossed_voxels", "mypkg.crossed_voxels:CROSSED_VOXELS"])
+def test_a_surrogate(package, installed, tmp_path, name):
+    write_small_log(tmp_path / "log")
+    write_database(tmp_path / "runs/mlflow.db")
+    if ":" in name:  # beside the configuration
+        (tmp_path / "mypkg").symlink_to(package / "mypkg")
+    surrogate = {"resolution": 0.8, "names": ["s_mig", name]}
+    write_sweep(tmp_path, surrogate=surrogate, promote=[{"by": name, "keep": 2}])
+    python(tmp_path, "-c", PROGRAM, "run", "new.yaml", path=None if ":" in name else installed)
+    run = tmp_path / "runs/new"
+    found = pd.read_parquet(run / "surrogates.parquet").pivot(
+        index="placement", columns="surrogate", values="value"
+    )
+    assert (found[name] > 0).all()
+    promoted = pd.read_parquet(run / "promotions.parquet").set_index("placement")
+    assert promoted["value"].to_dict() == found[name].to_dict()
+    assert promoted["kept"].sum() == 2
+    for table in ("accuracy", "sampling_error", "pog_resamples"):
+        assert name in set(pd.read_parquet(run / f"{table}.parquet")["surrogate"])
+    report = (run / "report.html").read_text(encoding="utf-8")
+    assert "crossed voxels (voxels)" in report
+    assert "crossed voxels: rank " in report, "the headline"
+
+
+USE = """
+import json
+from pathlib import Path
+
+import pandas as pd
+import torch
+
+from lidarplace import Lidar, Mount, OccupancyGrid, Placement, Roi, evaluate
+from lidarplace.logs.boxes import GEOMETRY
+from sweeps.configuration.search import SearchFile
+from sweeps.configuration.sweep import Point, SweepFile
+from sweeps.tasks.task import code_of
+from training import build_detector, code_of_network
+from training.kitti_ap import evaluation
+
+places = [(10.0 * k, 0.0, 0.8, 4.0, 2.0, 1.5, 0.0) for k in range(80)]
+boxes = pd.DataFrame(places, columns=list(GEOMETRY)).assign(frame=0, **{"class": "Car"})
+grid = OccupancyGrid.from_boxes(boxes, Roi((0, 20), (-4, 4), (0, 4), 0.5), "Car", frames=1)
+rig = Placement("rig", [Mount(z=2.0)], Lidar((-0.2, -0.1), azimuth_steps=90))
+print(evaluate(grid, rig, surrogates=["crossed_voxels"])["crossed_voxels"] > 0)
+
+# Three of four objects are found, below as many false alarms: every other detection is one.
+good = boxes.iloc[:60].assign(score=0.5)
+bad = boxes.iloc[:60].assign(y=15.0, score=0.9)
+name = "precision_at_half"
+values = evaluation(boxes, pd.concat([good, bad]), [0], ["Car"], metrics=[name]).metrics
+print(values[values["metric"] == name]["value"].tolist())
+Point.model_validate({"placement": "line", "metrics": [name], "detector": "second_wide_tiny"})
+
+torch.manual_seed(0)
+wide, narrow = (build_detector(name, ["Car"]) for name in ("second_wide_tiny", "second_tiny"))
+print(sum(p.numel() for p in wide.parameters()) > sum(p.numel() for p in narrow.parameters()))
+points = torch.rand(2000, 4) * torch.tensor([10.0, 4.0, 2.0, 1.0])
+box = torch.tensor([[5.0, 2.0, 0.8, 4.0, 2.0, 1.6, 0.0]])
+wide.loss([points], [box], [torch.tensor([1])])["loss"].backward()
+print(all(p.grad is not None and p.grad.isfinite().all() for p in wide.parameters()))
+schema = json.dumps(SweepFile.model_json_schema())
+print(all(f'"{name}"' in schema for name in (name, "second_wide_tiny", "crossed_voxels", "gap_m")))
+"""
+
+
+def test_metric_detector_schema_and_python(installed, tmp_path):
+    assert python(tmp_path, "-c", USE, path=installed).splitlines() == [
+        "True",
+        "[50.0, 50.0]",
+        "True",
+        "True",
+        "True",
+    ]
+
+
+def test_a_reader(installed, tmp_path):
+    car = {"class": "Car", "object_id": "7", "x": 9.0, "y": 0.0, "z": 0.8}
+    car |= {"length": 4.0, "width": 2.0, "height": 1.6, "yaw": 0.0}
+    frames = [[car, car | {"class": "Tram"}], *([[]] * 9)]
+    text = "\n".join(json.dumps(frame) for frame in frames)
+    (tmp_path / "boxes.json").write_text(text, encoding="utf-8")
+    convert = ("-c", PROGRAM, "convert")
+    assert "json-lines" in python(tmp_path, *convert, "--help", path=installed)
+    told = python(tmp_path, *convert, "json-lines", "boxes.json", "log", path=installed)
+    assert "Tram" in told
+    log = read_box_log(tmp_path / "log")
+    assert log.frames["split"].tolist() == ["train"] * 9 + ["test"]
+    assert log.boxes[["frame", "class", "x"]].to_numpy().tolist() == [[0, "Car", 9.0]]
+
+    (tmp_path / "boxes.json").write_text("[", encoding="utf-8")
+    wrong = (*convert, "json-lines", "boxes.json", "log")
+    assert len(python(tmp_path, *wrong, path=installed, code=2).splitlines()) == 1
+
+
+def test_a_live_scene(installed, tmp_path):
+    write_sweep(
+        tmp_path,
+        scene={"source": "platoon", "frames": 20},
+        grid={"placement": ["line"], "scene.gap_m": [8.0, 12.0]},
+    )
+    python(tmp_path, "-c", PROGRAM, "record", "new.yaml", "logs", path=installed)
+    log = read_box_log(tmp_path / "logs/scene.gap_m=8.0")
+    assert log.frames["split"].value_counts().to_dict() == {"train": 18, "test": 2}
+    assert set(log.boxes["x"]) == {8.0, 16.0, 24.0}
+
+    run = ("-c", PROGRAM, "run", "new.yaml", "--dry-run", "--set")
+    told = python(tmp_path, *run, "scene.frames=9", path=installed, code=2)
+    assert "no frame is in the test split; frames is 9, allowed is at least 10" in told
+    told = python(tmp_path, *run, "scene.gap=9", path=installed, code=2)
+    assert "scene.gap: unknown key (did you mean gap_m?)" in told
+    told = python(tmp_path, *run, "scene.source=platon", path=installed, code=2)
+    assert "(did you mean platoon?)" in told
+
+
+def test_a_section(installed, tmp_path):
+    run = write_run(tmp_path / "made_up", seeds=(1, 2, 3), points=10)
+    python(tmp_path, "-c", PROGRAM, "report", "made_up", path=installed)
+    page = (run / "report.html").read_text(encoding="utf-8")
+    assert 'href="#trainings"' in page
+    assert "## Trainings" in (run / "report.md").read_text(encoding="utf-8")
+    rows = (run / "tables/trainings.csv").read_text(encoding="utf-8").splitlines()
+    assert rows[0] == "placement,trainings"
+    assert [row.rpartition(",")[2] for row in rows[1:]] == ["3"] * len(NAMES)
