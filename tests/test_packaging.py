@@ -29,6 +29,7 @@ MODULES = {
     "Jinja2": ["jinja2"],
     "optuna-dashboard": ["optuna_dashboard"],
     "psycopg2-binary": ["psycopg2"],
+    "pydantic-core": ["pydantic_core"],
     "PyYAML": ["yaml"],
 }
 """What a distribution is imported as, if by another name."""

@@ -185,7 +185,8 @@ class OneOf:
             return name
         if broken:
             raise broken
-        expected = ", ".join(map(repr, self.names()))
+        *others, last = map(repr, self.names())
+        expected = f"{', '.join(others)} or {last}"
         raise PydanticCustomError(
             "literal_error", "Input should be {expected}", {"expected": expected}
         )

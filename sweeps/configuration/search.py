@@ -39,7 +39,7 @@ from lidarplace.configuration.settings import (
     short_for,
 )
 from lidarplace.configuration.vehicle import OwnVehicle
-from lidarplace.pog.surrogates.table import ASKED_OF_POG, SURROGATES
+from lidarplace.pog.surrogates.table import SURROGATES
 from lidarplace.requirements.settings import Requirements
 from lidarplace.rigs.catalogue.datasheet import datasheet
 from sweeps.configuration.sweep import (
@@ -155,10 +155,15 @@ OF_RIG = (*TOTALS, "margin")
 """Objectives that need no traffic."""
 
 
+_SURROGATES = SURROGATES.where(
+    lambda own: own.beside is None and (own.decides is not None or not own.of_objects)
+)
+
+
 class ObjectiveSettings(Settings):
     """What is searched for; `expected_ig.Car` is short for one class."""
 
-    by: Annotated[str, OneOf((ASKED_OF_POG, RANKING), ("expected_recall", *OF_RIG))] = Field(
+    by: Annotated[str, OneOf((_SURROGATES, RANKING), OF_RIG)] = Field(
         description="a surrogate of the POG or of objects, a measured value, the price, the power, "
         "or the margin: the least that a requirement has of what it needs, as a factor"
     )

@@ -200,7 +200,9 @@ _OWN = {
 }
 
 SURROGATES = Registry(
-    "lidarplace.surrogates", _OWN, fits=lambda found: isinstance(found, Surrogate)
+    "lidarplace.surrogates",
+    _OWN,
+    fits=lambda found: isinstance(found, Surrogate) and not found.of_objects,
 )
 """Surrogates by name, ours in the order of display."""
 
