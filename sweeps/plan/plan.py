@@ -33,9 +33,8 @@ from sweeps.configuration.grid import GridPoint, Sweep, read_sweep
 from sweeps.configuration.question import check_asked, laid_out
 from sweeps.configuration.sweep import Point
 from sweeps.plan.classes import boxes_by_split, check_classes, typical_of
-from sweeps.plan.labels import task_label, trial_label
 from sweeps.plan.named_files import checkpoint_of, curve_names, curves_of
-from sweeps.plan.trial import DetectorTrial, Plan, Trial
+from sweeps.plan.trial import DetectorTrial, Plan, Trial, task_label, trial_label
 from sweeps.tasks.parameters import (
     AccuracyParams,
     CollectParams,
@@ -163,7 +162,11 @@ class _Builder:
             accuracy=self._accuracy(grid_point, logs),
             sampling_error=self._sampling_error(grid_point, logs),
         )
-        return trial if point.detector is None else self._detected(trial, parts, typical)
+        return (
+            trial
+            if point.detector is None
+            else self._detected(trial, point.detector, parts, typical)
+        )
 
     def _typical_of(self, point: Point) -> tuple[TypicalObject, ...]:
         """Of the classes whose anchors are not the preset's; refuses a class that is not there."""
@@ -257,7 +260,11 @@ class _Builder:
         return self._task("requirements", grid_point, params, ())
 
     def _detected(
-        self, trial: Trial, parts: Sequence[ScenePart], typical: tuple[TypicalObject, ...]
+        self,
+        trial: Trial,
+        detector: str,
+        parts: Sequence[ScenePart],
+        typical: tuple[TypicalObject, ...],
     ) -> DetectorTrial:
         """The same trial with the tasks of its detector."""
         grid_point, scenes = trial.grid_point, trial.scenes
@@ -276,7 +283,7 @@ class _Builder:
             split: str, rig: Placement, *names: str, first: int = 0, every: int = 1
         ) -> list[Task]:
             """Clouds of a rig in every part with frames of the split, of some of these frames."""
-            params = self._collection(point, rig, split, crop, trial.vehicle)
+            params = self._collection(point, rig, split, crop, grid_point.vehicle)
             if isinstance(params, CollectParams):
                 params = replace(params, first=first, every=every)
             return [
@@ -291,13 +298,13 @@ class _Builder:
             checkpoint, typical = self._checkpoint(
                 settings.checkpoint,
                 settings.new_heads,
-                point.detector,
+                detector,
                 point.classes,
                 crop,
                 typical,
                 frozenset(n for n, own in point.class_settings.items() if own.size is not None),
             )
-        network = NetworkParams(point.detector, point.classes, settings, crop, typical=typical)
+        network = NetworkParams(detector, point.classes, settings, crop, typical=typical)
         training = TrainingParams(**vars(network), seed=point.seed, checkpoint=checkpoint)
         before: tuple[Task, ...] = ()
         if point.judge != "specialist":
