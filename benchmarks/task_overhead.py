@@ -21,7 +21,8 @@ from sweeps.configuration.grid import read_sweep
 from sweeps.configuration.sweep import RaySettings
 from sweeps.execution.backends import backend_for
 from sweeps.execution.execute import execute
-from sweeps.plan.plan import Plan, make_plan
+from sweeps.plan.plan import make_plan
+from sweeps.plan.trial import Plan
 from sweeps.store.local import Store
 from sweeps.store.open import open_store
 

@@ -19,7 +19,8 @@ import torch
 import typer
 from torch import Tensor, nn
 
-from sweeps.plan.plan import Trial, read_plan
+from sweeps.plan.plan import read_plan
+from sweeps.plan.trial import Trial
 from sweeps.store.of_sweep import store_of
 from sweeps.store.open import AnyStore
 from sweeps.tasks import stages

@@ -57,7 +57,8 @@ class MountedLidar:
 
 @dataclass(frozen=True)
 class Rig:
-    """LiDARs on a vehicle; there may be none yet.
+    """LiDARs on a vehicle as a file has them: a `Placement` keeps neither the words of the file nor
+    a LiDAR that is switched off, and has one at least.
 
     Attributes:
         name: of the rig.

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -15,7 +14,6 @@ from lidarplace.recall.counted_objects import CountedObjects
 from lidarplace.recall.detection_curve import CELL_M
 from lidarplace.recall.surface_cells import SurfaceCells
 from sweeps.configuration.file import ConfigError
-from sweeps.configuration.sweep import Point
 from sweeps.plan.trial import DetectorTrial, Trial, with_detector
 from sweeps.store.open import AnyStore
 from sweeps.tasks.parameters import CollectParams
@@ -25,22 +23,11 @@ from training.found_objects import found_objects
 COLUMNS = ("rig", "class", "iou", "scene", "object_id", "points", "cells", "found")
 
 
-@dataclass(frozen=True)
-class Rig:
-    """Trials that differ in detector and seed alone.
-
-    Attributes:
-        label: placement and further axes.
-        point: of the grid, of the first of them.
-        trials: those that are evaluated.
-    """
-
-    label: str
-    point: Point
-    trials: tuple[DetectorTrial, ...]
+Judged = Mapping[str, Sequence[DetectorTrial]]
+"""Trials that differ in detector and seed alone, by their placement and further axes."""
 
 
-def rigs_of(trials: Sequence[Trial], store: AnyStore) -> list[Rig]:
+def rigs_of(trials: Sequence[Trial], store: AnyStore) -> Judged:
     """The rigs of which the store has detections. Raises ConfigError for recorded clouds."""
     own: dict[str, list[DetectorTrial]] = {}
     for trial in with_detector(trials):
@@ -54,10 +41,10 @@ def rigs_of(trials: Sequence[Trial], store: AnyStore) -> list[Rig]:
             + [f"{name}={value}" for name, value in axes.items()]
         )
         own.setdefault(label, []).append(trial)
-    return [Rig(label, ones[0].grid_point.point, tuple(ones)) for label, ones in own.items()]
+    return own
 
 
-def observations(rigs: Sequence[Rig], store: AnyStore) -> pd.DataFrame:
+def observations(rigs: Judged, store: AnyStore) -> pd.DataFrame:
     """A row for every object, rig and overlap, columns `COLUMNS`.
 
     The objects are those of the test frames that count, the overlaps those of the class.
@@ -66,13 +53,13 @@ def observations(rigs: Sequence[Rig], store: AnyStore) -> pd.DataFrame:
     """
     counted: dict[tuple[object, ...], CountedObjects] = {}
     tables = []
-    for rig in rigs:
-        first, point = rig.trials[0], rig.point
+    for label, trials in rigs.items():
+        first, point = trials[0], trials[0].grid_point.point
         scenes = tuple(task.key for task in first.scenes)
         key = (scenes, point.scene.seed, point.voxel_roi(), point.classes, point.vehicle)
         if key not in counted:
             counted[key] = _test_objects(first, store)
-        tables += _of_rig(rig, counted[key], store)
+        tables += _of_rig(label, trials, counted[key], store)
     return pd.concat(tables, ignore_index=True)[list(COLUMNS)]
 
 
@@ -91,17 +78,19 @@ def _test_objects(trial: Trial, store: AnyStore) -> CountedObjects:
     )
 
 
-def _of_rig(rig: Rig, objects: CountedObjects, store: AnyStore) -> list[pd.DataFrame]:
+def _of_rig(
+    label: str, trials: Sequence[DetectorTrial], objects: CountedObjects, store: AnyStore
+) -> list[pd.DataFrame]:
     # The clouds of all parts of a scene are of one rig; it has their azimuth steps.
-    (placement,) = {task.params.placement for task in rig.trials[0].collect_test}
+    (placement,) = {task.params.placement for task in trials[0].collect_test}
     seen: SurfaceCells = objects.seen_by([placement])[0]
-    table = per_object(objects, seen).assign(rig=rig.label, scene=objects.table["scene"])
-    boxes = [store.load(trial.evaluate)["detections"] for trial in rig.trials]
-    tables = []
-    for name in rig.point.classes:
+    table = per_object(objects, seen).assign(rig=label, scene=objects.table["scene"])
+    boxes = [store.load(trial.evaluate)["detections"] for trial in trials]
+    point, tables = trials[0].grid_point.point, []
+    for name in point.classes:
         of_class = (table["class"] == name).to_numpy()
         own = objects.table[of_class]
-        for iou in iou_of(name, rig.point.own_ious()):
+        for iou in iou_of(name, point.own_ious()):
             found = [found_objects(own, box[box["class"] == name], iou) for box in boxes]
             tables.append(table[of_class].assign(iou=iou, found=np.mean(found, axis=0)))
     return tables

@@ -60,9 +60,10 @@ def calibrate(
         wrong(error)
     checks = [check(own) for _, own in seen.groupby(["class", "iou"], sort=True) if len(own)]
     if not checks:
-        wrong(f"{config}: no object of {', '.join(rigs[0].point.classes)} is in its test frames")
+        classes = ", ".join(plan.trials[0].grid_point.point.classes)
+        wrong(f"{config}: no object of {classes} is in its test frames")
     console = output()
-    trials = sum(len(rig.trials) for rig in rigs)
+    trials = sum(map(len, rigs.values()))
     console.print(f"{trials} of {len(plan.trials)} trials are evaluated")
     print_checks(console, checks)
     if out is None:

@@ -110,8 +110,9 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
     _check_own_values(own, at_first, rigs, first, path)
     rungs = _trained_rungs(checked_common, grid, path)
     # A section in which nothing varies is one object for all points: one log is read once.
-    varied_keys = [*grid, *(key for _, settings in rungs for key in settings)]
-    base = own | unvaried(first, own, varied_keys)
+    varied = {k.partition(".")[0] for k in (*grid, *(k for _, settings in rungs for k in settings))}
+    known = {key: getattr(first, key) for key in own.keys() - varied}
+    base = own | {key: value for key, value in known.items() if isinstance(value, BaseModel)}
     for axis, values in grid.items():
         for i, value in enumerate(values[1:], start=1):
             names = {axis: f"grid.{axis}[{i}]", "": f"grid.{axis}[{i}]"}
@@ -139,12 +140,6 @@ def build_sweep(raw: dict[str, Any], path: Path) -> Sweep:
         raise ConfigError(f"{path}: exclude: no point of the grid is left")
     source = with_whole_paths(raw, path.parent)
     return Sweep(checked_common, tuple(points), tuple(points[0].axes), source, rigs)
-
-
-def unvaried(checked: Point, keys: Iterable[str], varied: Iterable[str]) -> dict[str, BaseModel]:
-    """The checked sections among `keys` in which no key path of `varied` is."""
-    known = {key: getattr(checked, key) for key in {*keys} - {v.partition(".")[0] for v in varied}}
-    return {key: section for key, section in known.items() if isinstance(section, BaseModel)}
 
 
 def _check_mounts(sweep: Sweep, path: Path) -> None:

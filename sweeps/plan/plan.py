@@ -33,9 +33,8 @@ from sweeps.configuration.grid import GridPoint, Sweep, read_sweep
 from sweeps.configuration.question import check_asked, laid_out
 from sweeps.configuration.sweep import Point
 from sweeps.plan.classes import boxes_by_split, check_classes, typical_of
-from sweeps.plan.labels import task_label, trial_label
 from sweeps.plan.named_files import checkpoint_of, curve_names, curves_of
-from sweeps.plan.trial import DetectorTrial, Plan, Trial
+from sweeps.plan.trial import DetectorTrial, Plan, Trial, task_label, trial_label
 from sweeps.tasks.parameters import (
     AccuracyParams,
     CollectParams,
@@ -290,7 +289,7 @@ class _Builder:
             split: str, rig: Placement, *names: str, first: int = 0, every: int = 1
         ) -> list[Task]:
             """Clouds of a rig in every part with frames of the split, of some of these frames."""
-            params = self._collection(point, rig, split, crop, trial.vehicle)
+            params = self._collection(point, rig, split, crop, grid_point.vehicle)
             if isinstance(params, CollectParams):
                 params = replace(params, first=first, every=every)
             return [

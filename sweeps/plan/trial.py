@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 from lidarplace.mounting.ring_overlap import Interleaving
-from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES
 from lidarplace.requirements.layout import Laid
 from sweeps.configuration.grid import GridPoint
+from sweeps.configuration.sweep import Point
 from sweeps.tasks.parameters import NetworkParams
 from sweeps.tasks.task import Task
 from training.typical_objects import TypicalObject
@@ -51,11 +52,6 @@ class Trial:
         found = (self.deciding, *self.scores, *filter(None, [self.requirements]))
         parts = (self.grid_point.point.placement, *(task.key for task in found))
         return hashlib.sha256("/".join(parts).encode()).hexdigest()[:12]
-
-    @property
-    def vehicle(self) -> Vehicle | None:
-        """What carries the LiDARs; None: a sedan."""
-        return self.grid_point.vehicle
 
     @property
     def deciding(self) -> Task:
@@ -143,3 +139,30 @@ class Plan:
                 needed.add(task.key)
                 open_ += task.inputs
         return [task for task in self.tasks if task.key in needed]
+
+
+def task_label(grid_point: GridPoint, keys: Collection[str], *names: str) -> str:
+    """The placement and the axes among `keys` of the configuration, or the scene; then `names`."""
+    parts = [grid_point.point.placement] if "placement" in keys else []
+    parts += [
+        f"{axis}={value}"
+        for axis, value in grid_point.axes.items()
+        if axis != "placement" and any(_overlap(axis, key) for key in keys)
+    ]
+    return " · ".join([*(parts or [grid_point.point.scene.name]), *filter(None, names)])
+
+
+def _overlap(one: str, other: str) -> bool:
+    """Whether a key path is the other, or above or below it."""
+    return one == other or one.startswith(f"{other}.") or other.startswith(f"{one}.")
+
+
+def trial_label(point: Point, axes: Mapping[str, Any]) -> str:
+    """The placement, detector, seed and the further axes of a point."""
+    further = [
+        f"{axis}={value}"
+        for axis, value in axes.items()
+        if axis not in ("placement", "detector", "seed")
+    ]
+    detected = [point.detector, f"seed {point.seed}"] if point.detector else []
+    return " · ".join([point.placement, *detected, *further])

@@ -87,7 +87,7 @@ def grounds(plan: Plan, trials: Sequence[Trial], store: AnyStore) -> Grounds:
                 Ground(*(value[f"{array}_{number}"] for array in ("x", "y", "least")))
                 for number in range(len(names))
             ]
-    return Grounds.of(outline(trials[0].vehicle or Vehicle.car()), names, by_rig)
+    return Grounds.of(outline(trials[0].grid_point.vehicle or Vehicle.car()), names, by_rig)
 
 
 def one_frame(trials: Sequence[DetectorTrial], store: AnyStore) -> Frame:

@@ -60,7 +60,7 @@ def rig_cautions(plan: Plan, store: AnyStore) -> list[str]:
 def _wasted(name: str, trial: Trial) -> list[str]:
     """Which LiDARs see next to nothing of the ROI, or mostly the vehicle itself."""
     placement, roi = trial.surrogates.params.placement, trial.pog.params.roi
-    body, said = trial.vehicle, []
+    body, said = trial.grid_point.vehicle, []
     for number, (mount, lidar) in enumerate(
         zip(placement.mounts, placement.lidars, strict=True), start=1
     ):

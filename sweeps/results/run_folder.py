@@ -129,7 +129,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
     (folder / Grounds.FILE).unlink(missing_ok=True)  # of an earlier run
     frames = {"train": 0, "test": 0}
     pictured: Mapping[str, Any] = {}
-    body = plan.trials[0].vehicle
+    body = plan.trials[0].grid_point.vehicle
     if known:
         for scene in (task for task in known[0].scenes if task.key in there):
             splits = store.load(scene, ("frames",))["frames"]["split"]
@@ -142,7 +142,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
         if tested:
             one_frame(with_detector(shown), store).write(folder)
         pictured = axis_values(shown[0], [a for a in axes if a in surrogates.columns])
-        body = shown[0].vehicle
+        body = shown[0].grid_point.vehicle
     _about(sweep, Frames(**frames), run, pictured, body, plan, store).write(folder)
     (folder / FailureFrames.FILE).unlink(missing_ok=True)  # of an earlier run
     compared = failures_to_show(folder)

@@ -101,8 +101,8 @@ def test_the_curve_behind_the_detections_is_found(config, tmp_path):
     assert curves.of("Car", 0.7).rate == pytest.approx(RATE, rel=0.15)
 
     rigs = rigs_of(plan.trials, store)
-    assert [rig.label for rig in rigs] == ["line", "center", "line_roll"]
-    assert [len(rig.trials) for rig in rigs] == [2, 2, 2]
+    assert list(rigs) == ["line", "center", "line_roll"]
+    assert [len(trials) for trials in rigs.values()] == [2, 2, 2]
     seen = observations(rigs, store)
     center = seen[(seen["rig"] == "center") & (seen["iou"] == 0.5)].set_index("object_id")
     found = [set(boxes["object_id"]) for name, boxes in detections.items() if "center" in name]

@@ -17,7 +17,6 @@ from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import make_plan
 from sweeps.search.greedy.candidates import candidates_of
-from sweeps.search.problem.as_sweep import verify_settings
 from sweeps.search.problem.assess import assess
 from sweeps.search.problem.choice import Choice
 from sweeps.search.problem.constraints import measures_of
@@ -97,7 +96,7 @@ def test_a_mistyped_body(tmp_path):
 
 def test_recorded_clouds_and_the_paper_s_rigs_of_a_search_are_not_asked(tmp_path):
     problem = read_problem(write_search(tmp_path, search={"vehicle": TRUCK, "zones": high()}))
-    settings = verify_settings(problem.source, problem.file, {}, ["line"], {})
+    settings = problem.verify_settings({}, ["line"], {})
     assert settings["vehicle"] == {"boxes": TRUCK}
     low = {"mounts": [{"x": 2.0, "z": 0.5}]}
     scene = {"source": "log", "folder": str(tmp_path / "log"), "clouds": "recorded"}

@@ -23,7 +23,6 @@ from lidarplace.recall.surface_cells import SurfaceCells
 from sweeps.commands.search import app
 from sweeps.search.greedy.objective_value import OneDeadWorth
 from sweeps.search.judgement.robustness import _cases
-from sweeps.search.problem.as_sweep import placement_settings
 from sweeps.search.problem.assess import assess
 from sweeps.search.problem.choice import Choice
 from sweeps.search.problem.problem import read_problem
@@ -181,7 +180,7 @@ def test_a_dead_lidar_still_hides_in_recall_and_in_clouds(tmp_path):
     found = [assess(rig, problem.question, traffic).values for _, (rig,) in failing]
     assert [own["expected_recall.Car"] for own in found] == pytest.approx(by_hand, rel=1e-12)
     # A generalist gets clouds of the same: the dead LiDAR is part of the placement.
-    settings = placement_settings(failing[1][1][0], problem.file)
+    settings = problem.placement_settings(failing[1][1][0])
     rig = settings.placement("dead", problem.models["lidar"])
     assert rig.mounts == (mounts[0], mounts[2])
     assert rig.dead == ((mounts[1], lidar),)

@@ -20,7 +20,6 @@ from sweeps.configuration.file import public_yaml
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import make_plan
 from sweeps.search.judgement.verify import read_verification
-from sweeps.search.problem.as_sweep import sweep_of
 from sweeps.search.problem.choice import Choice, ordered, placement_of
 from sweeps.search.problem.problem import read_problem
 from tracking.run_folders.search import SearchFolder
@@ -99,9 +98,9 @@ def _compare_with_its_verification(folder, problem):
     assert laid.requirement == problem.question.carrier.requirements[0].requirement
     np.testing.assert_array_equal(laid.boxes, problem.question.carrier.requirements[0].boxes)
     for trial in plan.trials:
-        check_mounts(trial.surrogates.params.placement, trial.vehicle)
+        check_mounts(trial.surrogates.params.placement, trial.grid_point.vehicle)
         assert trial.requirements is not None
-        assert len(trial.vehicle.mesh.faces) == 12
+        assert len(trial.grid_point.vehicle.mesh.faces) == 12
     own = next(t for t in plan.trials if t.grid_point.point.placement == "found_1")
     found = SearchFolder.read(folder).search.rigs["found_1"]
     assert own.requirements.params.placement.mounts == found.placed
@@ -146,8 +145,6 @@ def test_keep_outs_hide_what_is_behind_them_in_clouds_and_recall(tmp_path):
 def trial_of(problem, rig):
     """As a generalist judges it, or a training does."""
     exact = {"detector": "pointpillars_tiny", "mounting_errors": {}}
-    sweep = sweep_of(
-        problem.source, problem.file, problem.path, {"found": rig}, {"found": {}}, exact
-    )
+    sweep = problem.sweep_of({"found": rig}, {"found": {}}, exact)
     (trial,) = make_plan(sweep).trials
     return trial

@@ -79,7 +79,7 @@ class Model(Part):
 
 
 class Rig(Part):
-    """A placement with what it measures.
+    """A placement with what it measures, as JSON that is readable without this project.
 
     Attributes:
         role: found by the sampler, by greedy, or one of the paper's eight.

@@ -34,7 +34,7 @@ def mount_transform(mount: Mount, origin: tuple[float, float]) -> carla.Transfor
 
 
 class Rig:
-    """The sensors of a placement on an actor; one cloud of each LiDAR a step."""
+    """The sensors of a `Placement` on an actor, which live in the server."""
 
     def __init__(
         self,

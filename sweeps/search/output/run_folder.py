@@ -31,7 +31,7 @@ from sweeps.search.output.optuna_figures import importances, write_optuna_figure
 from sweeps.search.output.tables import greedy_table, trials_table
 from sweeps.search.output.terminal import greedy_warnings, rig_warnings
 from sweeps.search.output.uncovered import maps
-from sweeps.search.problem.as_sweep import as_plain, placement_settings, verify_settings
+from sweeps.search.problem.as_sweep import as_plain
 from sweeps.search.problem.choice import Choices, placement_of
 from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.slots import rig_of
@@ -118,7 +118,7 @@ def _write_requirements(folder: Path, problem: Problem, found: Found) -> None:
 def _placement(problem: Problem, found: Found) -> str:
     """The best rig as a file for `lidarplace.commands.view` and others, metres and radians."""
     rig, file = found.judged["found_1"].rig, problem.file
-    settings = as_plain(placement_settings(rig, file))
+    settings = as_plain(problem.placement_settings(rig))
     # Read by itself, the file has to say what the key `lidar` says here.
     own = file.lidar.model_dump(
         mode="json", exclude_unset=True, include=set(SensorSettings.model_fields)
@@ -143,7 +143,7 @@ def _sweep(problem: Problem, found: Found) -> str:
     rigs = {name: found.judged[name].rig for name in new[:most]}
     values = found.judged[found.best[0]].values_beside
     others = [name for name in paper if name not in ruled_out]
-    config = verify_settings(problem.source, problem.file, rigs, others, values)
+    config = problem.verify_settings(rigs, others, values)
     return public_yaml(config)
 
 

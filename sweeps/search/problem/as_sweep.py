@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from copy import deepcopy
+from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -23,129 +24,122 @@ from sweeps.search.problem.constraints import with_keep_outs
 _OWN = ("search", "robustness", "verify", "placement")
 
 
-def placement_settings(rig: Choices, search: SearchFile) -> SweptPlacementSettings:
-    """A rig as one of `placements`; mounts have their model, if it is not that of all."""
+@dataclass(frozen=True)
+class SearchConfig:
+    """The configuration of a search, and the sweeps of its rigs.
 
-    def mounted(lidar: Choice) -> MountSettings:
+    Attributes:
+        path: of the file, for messages.
+        source: the configuration after `--set`, as plain data with whole paths.
+        file: the same, checked.
+    """
+
+    path: Path
+    source: Mapping[str, Any]
+    file: SearchFile
+
+    def placement_settings(self, rig: Choices) -> SweptPlacementSettings:
+        """A rig as one of `placements`; mounts have their model, if it is not that of all."""
+        dead = [self._mounted(lidar) for lidar in rig if lidar.dead]
+        mounts = [self._mounted(lidar) for lidar in rig if not lidar.dead]
+        return SweptPlacementSettings(mounts=mounts, **({"dead": dead} if dead else {}))
+
+    def _mounted(self, lidar: Choice) -> MountSettings:
         pose = {key: value for key, value in asdict(lidar.mount).items() if key in "xyz" or value}
-        model = search.search.models.get(lidar.model)
-        return MountSettings(**pose) if model is None else MountSettings(**pose, lidar=model)
+        model = self.file.search.models.get(lidar.model)
+        return MountSettings(**pose, **({} if model is None else {"lidar": model}))
 
-    dead = [mounted(lidar) for lidar in rig if lidar.dead]
-    mounts = [mounted(lidar) for lidar in rig if not lidar.dead]
-    return SweptPlacementSettings(mounts=mounts, **({"dead": dead} if dead else {}))
+    @cached_property
+    def vehicle(self) -> VehicleSettings | None:
+        """The vehicle as that of a sweep: what is kept out are boxes of it.
 
+        None if the search says neither: clouds then have the sedan of sweeps.
+        """
+        told, search = self.file.search.vehicle, self.file.search
+        if told is None and not search.keep_out:
+            return None
+        own = {} if told is None else told.model_dump(exclude_defaults=True)
+        boxes = with_keep_outs(search).boxes.tolist()
+        return VehicleSettings.model_validate(own | ({"boxes": boxes} if boxes else {}))
 
-def own_vehicle(search: SearchFile) -> VehicleSettings | None:
-    """The vehicle of a search as that of a sweep: its keep-outs are boxes of it.
+    def point(self, changes: Mapping[str, Any], names: Mapping[str, str]) -> Point:
+        """A point of a sweep; sections that are changed are read again.
 
-    None if the search says neither: clouds then have the sedan of sweeps.
-    """
-    told = search.search.vehicle
-    if told is None and not search.search.keep_out:
-        return None
-    own = {} if told is None else told.model_dump(exclude_defaults=True)
-    boxes = with_keep_outs(search.search).boxes.tolist()
-    return VehicleSettings.model_validate(own | ({"boxes": boxes} if boxes else {}))
+        Args:
+            changes: key path -> value.
+            names: what the user wrote key paths as.
 
+        Raises:
+            ConfigError: a value is not allowed at its key path.
+        """
+        data = {key: getattr(self.file, key) for key in Point.model_fields}
+        data["vehicle"] = self.vehicle
+        for key in {changed.partition(".")[0] for changed in changes}:
+            if key in self.source:
+                data[key] = self.source[key]
+            elif isinstance(section := data[key], BaseModel):
+                data[key] = section.model_dump(mode="json", exclude_defaults=True)
+        return check(Point, data, self.path, names, changes)
 
-def verify_settings(
-    source: Mapping[str, Any],
-    search: SearchFile,
-    rigs: Mapping[str, Choices],
-    others: Sequence[str],
-    values: Mapping[str, Any],
-) -> dict[str, Any]:
-    """The configuration, as plain data, of a sweep that trains detectors for `rigs` and `others`.
+    def sweep_of(
+        self,
+        rigs: Mapping[str, Choices],
+        trials: Mapping[str, Mapping[str, Any]],
+        rung: Mapping[str, Any],
+    ) -> Sweep:
+        """The trainings that some trials need, with the seeds of the search.
 
-    Args:
-        source: the configuration of the search, as plain data.
-        search: the same, checked.
-        others: names of placements that a sweep knows.
-        values: key path -> value, what was found beside the rig.
-    """
-    config = {key: copy.deepcopy(value) for key, value in source.items() if key not in _OWN}
-    own = {name: as_plain(placement_settings(rig, search)) for name, rig in rigs.items()}
-    config["placements"] = config.get("placements", {}) | own
-    if (vehicle := own_vehicle(search)) is not None:
-        config["vehicle"] = as_plain(vehicle)
-    # A sweep has other defaults.
-    config["mounting_errors"] = search.mounting_errors.model_dump(mode="json", exclude_none=True)
-    config["name"] = f"{search.name}-verify"
-    config.setdefault("detector", search.detector)
-    config["grid"] = {"placement": [*rigs, *others]}
-    if search.search.requirements:
-        config["requirements"] = copy.deepcopy(source["search"]["requirements"])
-    changes = dict(values)
-    if search.verify is not None:
-        config["grid"]["seed"] = list(search.verify.seeds)
-        changes |= search.verify.set
-    for key, value in changes.items():
-        put(config, key, value, Path(search.name))
-    return config
+        Args:
+            rigs: by name of the placement; a generalist can name those without a trial.
+            trials: name of the placement -> values by key path.
+            rung: key path -> value, what is different about these trainings.
+
+        Raises:
+            ConfigError: a value is not allowed at its key path.
+        """
+        own = {name: self.placement_settings(rig) for name, rig in rigs.items()}
+        known = Rigs({**self.file.placements, **own}, self.file)
+        points = []
+        for name, values in trials.items():
+            names = {key: f"search.space.{key}" for key in values}
+            names |= {key: f"search.rungs or search.traffic: {key}" for key in rung}
+            for seed in self.file.search.seeds:
+                axes = {"placement": name, "seed": seed}
+                point = self.point({**axes, **values, **rung}, names)
+                points.append(GridPoint(point, known.of(point), axes))
+        return Sweep(self.file, tuple(points), ("placement", "seed"), self.source, known)
+
+    def verify_settings(
+        self, rigs: Mapping[str, Choices], others: Sequence[str], values: Mapping[str, Any]
+    ) -> dict[str, Any]:
+        """The configuration, as a file has it, of a sweep that trains detectors for rigs.
+
+        Args:
+            others: names of placements that a sweep knows, which are trained, too.
+            values: key path -> value, what was found beside the rig.
+        """
+        source, file = self.source, self.file
+        config = {key: deepcopy(value) for key, value in source.items() if key not in _OWN}
+        own = {name: as_plain(self.placement_settings(rig)) for name, rig in rigs.items()}
+        config["placements"] = config.get("placements", {}) | own
+        if self.vehicle is not None:
+            config["vehicle"] = as_plain(self.vehicle)
+        # A sweep has other defaults.
+        config["mounting_errors"] = file.mounting_errors.model_dump(mode="json", exclude_none=True)
+        config["name"] = f"{file.name}-verify"
+        config.setdefault("detector", file.detector)
+        config["grid"] = {"placement": [*rigs, *others]}
+        if file.search.requirements:
+            config["requirements"] = deepcopy(source["search"]["requirements"])
+        changes = dict(values)
+        if file.verify is not None:
+            config["grid"]["seed"] = list(file.verify.seeds)
+            changes |= file.verify.set
+        for key, value in changes.items():
+            put(config, key, value, Path(file.name))
+        return config
 
 
 def as_plain(settings: BaseModel) -> dict[str, Any]:
     """Settings as a file has them, without what they leave to the default."""
     return settings.model_dump(mode="json", exclude_unset=True)
-
-
-def point_of(
-    source: Mapping[str, Any],
-    search: SearchFile,
-    path: Path,
-    changes: Mapping[str, Any],
-    names: Mapping[str, str],
-) -> Point:
-    """A point of a sweep with the settings of a search; sections that are changed are read again.
-
-    Args:
-        source: the configuration of the search, as plain data.
-        search: the same, checked.
-        path: of the configuration, for messages.
-        changes: key path -> value.
-        names: what the user wrote key paths as.
-
-    Raises:
-        ConfigError: a value is not allowed at its key path.
-    """
-    data = {key: getattr(search, key) for key in Point.model_fields}
-    data["vehicle"] = own_vehicle(search)
-    for key in {changed.partition(".")[0] for changed in changes}:
-        if key in source:
-            data[key] = source[key]
-        elif isinstance(section := data[key], BaseModel):
-            data[key] = section.model_dump(mode="json", exclude_defaults=True)
-    return check(Point, data, path, names, changes)
-
-
-def sweep_of(
-    source: Mapping[str, Any],
-    search: SearchFile,
-    path: Path,
-    rigs: Mapping[str, Choices],
-    trials: Mapping[str, Mapping[str, Any]],
-    rung: Mapping[str, Any],
-) -> Sweep:
-    """The trainings that some trials of a search need, with the seeds of the search.
-
-    Args:
-        source, search, path: see `point_of`.
-        rigs: by name of the placement; those without a trial can be named by a generalist.
-        trials: name of the placement -> values by key path.
-        rung: key path -> value, what is different about these trainings.
-
-    Raises:
-        ConfigError: a value is not allowed at its key path.
-    """
-    own = {name: placement_settings(rig, search) for name, rig in rigs.items()}
-    known = Rigs({**search.placements, **own}, search)
-    points = []
-    for name, values in trials.items():
-        names = {key: f"search.space.{key}" for key in values}
-        names |= {key: f"search.rungs or search.traffic: {key}" for key in rung}
-        for seed in search.search.seeds:
-            axes = {"placement": name, "seed": seed}
-            point = point_of(source, search, path, axes | dict(values) | dict(rung), names)
-            points.append(GridPoint(point, known.of(point), axes))
-    return Sweep(search, tuple(points), ("placement", "seed"), source, known)

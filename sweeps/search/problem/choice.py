@@ -27,7 +27,7 @@ class Choice:
 
 
 Choices = tuple[Choice, ...]
-"""In the order of `ordered`."""
+"""In the order of `ordered`: a rig by names of models and zones, which a `Placement` has not."""
 
 
 def ordered(choices: Iterable[Choice]) -> Choices:

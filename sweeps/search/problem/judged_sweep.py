@@ -9,7 +9,6 @@ from typing import Any
 from lidarplace import PAPER_PLACEMENTS
 from sweeps.plan.plan import make_plan
 from sweeps.plan.trial import DetectorTrial, with_detector
-from sweeps.search.problem.as_sweep import sweep_of
 from sweeps.search.problem.choice import Choice, Choices, ordered
 from sweeps.search.problem.problem import Problem
 from sweeps.tasks.task import Task
@@ -63,9 +62,7 @@ def _trials(
 ) -> list[DetectorTrial]:
     """Those of a sweep of rigs with the seeds of the search; `others` are placements, too."""
     values: dict[str, dict[str, Any]] = {name: {} for name in rigs}
-    sweep = sweep_of(
-        problem.source, problem.file, problem.path, {**others, **rigs}, values, changes
-    )
+    sweep = problem.sweep_of({**others, **rigs}, values, changes)
     return with_detector(make_plan(sweep).trials)
 
 

@@ -32,7 +32,7 @@ from sweeps.configuration.whole_paths import with_whole_paths
 from sweeps.execution.memory import check_memory
 from sweeps.plan.plan import make_plan
 from sweeps.plan.trial import Trial
-from sweeps.search.problem.as_sweep import point_of, sweep_of, verify_settings
+from sweeps.search.problem.as_sweep import SearchConfig
 from sweeps.search.problem.assess import Question
 from sweeps.search.problem.choice import Choice, Choices, ordered, placement_of
 from sweeps.search.problem.constraints import Carrier, constraints_of, with_keep_outs
@@ -53,13 +53,10 @@ OWN_MODEL = "lidar"
 
 
 @dataclass(frozen=True)
-class Problem:
+class Problem(SearchConfig):
     """What is searched.
 
     Attributes:
-        path: of the configuration.
-        source: the configuration after `--set`, as plain data with whole paths.
-        file: the same, checked.
         models: LiDAR models by name, those of the zones first; the last one is that of `lidar`.
         space: all rigs.
         start: rigs to begin with, by name of the placement.
@@ -67,9 +64,6 @@ class Problem:
         rigs: placements of the configuration by name.
     """
 
-    path: Path
-    source: Mapping[str, Any]
-    file: SearchFile
     models: Mapping[str, Lidar]
     space: Space
     start: Mapping[str, list[Placed]]
@@ -190,7 +184,7 @@ class Problem:
             names = tuple(dict.fromkeys([*names, "expected_recall"]))
         changes = scene or {}
         said = {key: f"robustness.scenes: {key}" for key in changes}
-        point = point_of(self.source, self.file, self.path, changes, said)
+        point = self.point(changes, said)
         surrogate = point.surrogate.model_copy(update={"names": names})
         point = point.model_copy(
             update={"placement": "line", "detector": None, "surrogate": surrogate}
@@ -396,10 +390,10 @@ def _check_what_comes_later(problem: Problem) -> None:
     elif any(objective.measured for objective in file.search.objective):
         for values in (first, *varied):
             for rung in (*file.search.rungs, {}):
-                sweep_of(problem.source, file, path, rigs, {"found_1": values}, rung)
+                problem.sweep_of(rigs, {"found_1": values}, rung)
     if file.verify is None:
         return
-    config = verify_settings(problem.source, file, rigs, ["line"], first)
+    config = problem.verify_settings(rigs, ["line"], first)
     try:
         sweep = build_sweep(config, path)
     except ConfigError as error:
@@ -426,7 +420,7 @@ def _check_traffic(problem: Problem) -> None:
                         f"{where}: {key}: allowed are keys of scene, such as scene.test_seed"
                     )
             said = {key: f"search.traffic.{name}: {key}" for key in changes}
-            point_of(problem.source, problem.file, path, changes, said)
+            problem.point(changes, said)
         if any(changes in every[:number] for number, changes in enumerate(every)):
             raise ConfigError(f"{where}: each traffic once")
     if problem.file.search.vehicles is not None and not problem.file.mounting_errors.errors():

@@ -18,7 +18,7 @@ _ANGLE = 1e-4
 
 @dataclass(frozen=True)
 class Placed:
-    """A LiDAR, or the left one of a mirrored pair, in its slot."""
+    """A LiDAR, or the left one of a mirrored pair, in a slot, which has a trial's parameters."""
 
     slot: Slot
     lidar: Choice

@@ -18,7 +18,6 @@ from sweeps.execution.execute import Listener, Outcome, execute
 from sweeps.plan.plan import make_plan
 from sweeps.plan.trial import DetectorTrial, Plan, with_detector
 from sweeps.results.trial_results import headline_value, metric_mean
-from sweeps.search.problem.as_sweep import sweep_of
 from sweeps.search.problem.assess import Assessment
 from sweeps.search.problem.problem import Problem
 from sweeps.search.trials.pool import Pool
@@ -111,10 +110,8 @@ class TrainingAnswers:
 
     def _plan(self, candidates: Sequence[Candidate], rung: Mapping[str, Any]) -> Plan:
         rigs = {_name(candidate): candidate.rig for candidate in candidates}
-        problem = self.problem
         trials = {_name(c): c.values for c in candidates}
-        sweep = sweep_of(problem.source, problem.file, problem.path, rigs, trials, rung)
-        return make_plan(sweep)
+        return make_plan(self.problem.sweep_of(rigs, trials, rung))
 
 
 def _report(trial: optuna.Trial, value: float, step: int) -> None:
