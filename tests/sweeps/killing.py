@@ -207,7 +207,7 @@ def _mlflow(path: Path) -> dict[str, object]:
         ).fetchall()
         points = database.execute(
             "select name, key, step, is_nan from metrics join runs using (run_uuid) "
-            "where key not like 'system/%'"  # samples of the machine, by seconds
+            "where key not like 'system/%'"  # of the machine
         ).fetchall()
     return {
         "runs": sorted(runs),

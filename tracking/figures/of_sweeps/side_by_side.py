@@ -1,4 +1,4 @@
-"""The same rows under several columns: placements in sweeps, pairs of placements by detector."""
+"""The same rows under several columns: placements by metric, pairs of placements by detector."""
 
 from __future__ import annotations
 

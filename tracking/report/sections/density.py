@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
@@ -18,7 +17,7 @@ from tracking.kitti_iou import headline_iou, judged
 from tracking.labels import in_order, metric_label, surrogate_label
 from tracking.numbers import number, plus_minus, points
 from tracking.pages.section import Section
-from tracking.pages.tables import MOST_ROWS, PERCENT, Table, slug, with_units
+from tracking.pages.tables import MOST_ROWS, PERCENT, Table, numbers, slug, with_units, words
 from tracking.report.headline import class_label
 from tracking.report.sections.published_surrogates import published_density_table
 from tracking.run_folders.sweep import RunFolder
@@ -123,13 +122,27 @@ def _metric_table(means: pd.DataFrame, densities: list[object], caption: str) ->
 def _surrogate_tables(
     values: dict[str, pd.DataFrame], placements: Sequence[str], heading: str
 ) -> list[Table]:
-    """`surrogates_beside` of those of `SHOWN` that every density has."""
+    """A row for each placement and each of `SHOWN` that every density has, a column a density."""
     shown = [p for p in placements if any(p in table.index for table in values.values())]
     known = [s for s in SHOWN if all(s in table.columns for table in values.values())]
     if not known:
         return []
-    caption, name = f"{heading} · surrogates by density", slug("density surrogates", heading)
-    return [surrogates_beside(values, known, shown, caption, name, unit=" (nats)")]
+    parts = {
+        surrogate: pd.DataFrame({head: own[surrogate] for head, own in values.items()}, shown)
+        for surrogate in in_order(known)
+    }
+    table = Table.of(
+        f"{heading} · surrogates by density",
+        pd.concat(parts, names=["surrogate", "placement"]).reset_index(),
+        [
+            words("surrogate", show=surrogate_label),
+            words("placement"),
+            *(numbers(head, head, number) for head in values),
+        ],
+        name=slug("density surrogates", heading),
+        units=dict.fromkeys(values, "nats"),
+    )
+    return [table.first(MOST_ROWS)]
 
 
 def by_density(
@@ -168,40 +181,3 @@ def by_density(
     plot.update_yaxes(title=label)
     legend_below(plot)
     return plot
-
-
-def surrogates_beside(
-    columns: Mapping[str, pd.DataFrame],
-    surrogates: Iterable[str],
-    placements: Sequence[str],
-    caption: str,
-    name: str,
-    unit: str = "",
-) -> Table:
-    """A row a surrogate and placement, a column for each of `columns`.
-
-    Args:
-        columns: by head, placements as rows, surrogates as columns (`surrogates_of`).
-        surrogates: those that are shown.
-        placements: in the order of the rows.
-        name: of the CSV file.
-        unit: follows the heads there.
-    """
-    rows, data = [], []
-    for surrogate in in_order(surrogates):
-        for placement in placements:
-            values = [
-                float(table[surrogate].get(placement, np.nan)) if surrogate in table else np.nan
-                for table in columns.values()
-            ]
-            rows.append((surrogate_label(surrogate), placement, *map(number, values)))
-            data.append((surrogate, placement, *values))
-    keys = ("surrogate", "placement")
-    return Table(
-        caption,
-        (*keys, *columns),
-        tuple(rows),
-        words=frozenset({0, 1}),
-        name=name,
-        data=pd.DataFrame(data, columns=[*keys, *(f"{head}{unit}" for head in columns)]),
-    ).first(MOST_ROWS)

@@ -15,7 +15,7 @@ from tracking.kitti_iou import headline_iou
 from tracking.labels import in_order, metric_label, surrogate_label, surrogate_name
 from tracking.numbers import DASH, number, plus_minus
 from tracking.pages.section import Section
-from tracking.pages.tables import MOST_ROWS, Table, slug
+from tracking.pages.tables import MOST_ROWS, Table, slug, words
 from tracking.report.headline import class_label
 from tracking.run_folders.sweep import RunFolder
 
@@ -127,16 +127,7 @@ def _with_ranks(values: pd.Series) -> list[str]:
 
 def trial_table(trials: pd.DataFrame, axes: Sequence[str]) -> Table:
     """The trials that did not finish, with their errors."""
-    columns = ["placement", "detector", "seed", *axes, "status", "error"]
-    rows = tuple(
-        tuple(str(cell) for cell in row) for row in trials[columns].itertuples(index=False)
-    )
-    words = frozenset(range(len(columns)))
-    return Table(
-        "Trials that did not finish",
-        tuple(columns),
-        rows,
-        words=words,
-        name="failed-trials",
-        data=trials[columns],
-    )
+    names = ["placement", "detector", "seed", *axes, "status", "error"]
+    columns = [words(name) for name in names]
+    own = trials[names]
+    return Table.of("Trials that did not finish", own, columns, name="failed-trials")
