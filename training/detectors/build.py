@@ -49,7 +49,7 @@ def build(
 
     settle_vector_math()
     module = importlib.import_module(f"training.detectors.{network}")
-    model = module.build(classes, own or preset or "openpcdet", point_range, typical)
+    model: Detector = module.build(classes, own or preset or "openpcdet", point_range, typical)
     model.typical = tuple(item for item in typical if item.name in classes)
     return model
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -68,5 +69,5 @@ def sensitivity_figure(spreads: pd.DataFrame, axes: Sequence[str], title: str) -
     return plot
 
 
-def _setting(row: dict, axes: Sequence[str]) -> str:
+def _setting(row: dict[str, Any], axes: Sequence[str]) -> str:
     return setting_label(axes, [row[axis] for axis in axes])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, replace
+from typing import Any
 
 import pandas as pd
 
@@ -159,7 +160,7 @@ def _beside_own(published: pd.DataFrame, means: pd.DataFrame, run: RunFolder) ->
     return pairs.assign(series=series)
 
 
-def _setting(row: Mapping, axes: Sequence[str]) -> str:
+def _setting(row: Mapping[str, Any], axes: Sequence[str]) -> str:
     return setting_label(axes, [row[axis] for axis in axes])
 
 
