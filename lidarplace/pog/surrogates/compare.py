@@ -31,5 +31,5 @@ def compare(placements: Sequence[Placement], grid: OccupancyGrid, **options: Any
         raise ValueError(f"placements need names of their own, found {twice[0]!r} twice")
     found = evaluate_many({grid.object_class: grid}, placements, **options)
     own = [result[grid.object_class] for result in found]
-    values = {name: [getattr(result, name) for result in own] for name in POG_SURROGATES}
+    values = {name: [result[name] for result in own] for name in POG_SURROGATES}
     return pd.DataFrame(values, index=names).dropna(axis="columns", how="all")

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
@@ -33,12 +33,27 @@ class CoveredVoxels:
         return self.count()
 
 
+class _Named:
+    """Types of our own surrogates, which `Surrogates.__getattr__` looks up."""
+
+    s_mig: float
+    ig: float
+    h_pog: float
+    covered_entropy: float
+    residual_entropy: float
+    m_sog: float
+    expected_points: float | None
+    expected_ig: float | None
+    covered_voxels: int
+
+
 @dataclass(frozen=True, repr=False)
-class Surrogates(Plottable):
+class Surrogates(_Named, Plottable):
     """Surrogates of one placement for one class, or for the sum of classes; entropies in nats.
 
-    Every name of `lidarplace.pog.surrogates.table.POG_SURROGATES` is an attribute, such as `s_mig`:
-    a float; None for one that needs rays and was not asked for, or that has no sum over classes.
+    Our own are attributes, such as `s_mig`; `result["s_mig"]` is for any name of
+    `lidarplace.pog.surrogates.table.POG_SURROGATES`. None for one that needs rays and was not asked
+    for, or that has no sum over classes.
 
     Attributes:
         placement, roi, method: what was evaluated.
@@ -56,11 +71,16 @@ class Surrogates(Plottable):
     covered_nonzero: int
     seconds: float
 
-    def __getattr__(self, name: str) -> Any:
-        if name not in POG_SURROGATES:
-            raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
+    def __getitem__(self, name: str) -> float | None:
         of_others = POG_SURROGATES[name].of_others
         return self.values.get(name) if of_others is None else of_others(self)
+
+    if not TYPE_CHECKING:  # a misspelt name is a mistake to mypy
+
+        def __getattr__(self, name: str) -> Any:
+            if name not in POG_SURROGATES:
+                raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
+            return self[name]
 
     def __repr__(self) -> str:
         told = ", ".join(f"{name}={value:.6g}" for name, value in self.values.items())
@@ -70,7 +90,7 @@ class Surrogates(Plottable):
         rows = [
             (own.label, f"{value:,.6g}", own.unit)
             for name, own in POG_SURROGATES.items()
-            if (value := getattr(self, name)) is not None
+            if (value := self[name]) is not None
         ]
         table = pd.DataFrame(rows, columns=["surrogate", self.placement.name, "unit"])
         return table.to_html(index=False)
