@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 import pandas as pd
@@ -14,8 +14,17 @@ if TYPE_CHECKING:  # who reads tables needs no rays
     from lidarplace.requirements.layout import Laid
 
 
-def extents(laid: Iterable[Laid]) -> list[dict[str, Any]]:
-    """What each asks of a rig: requirement, measure, positions, and objects that are placed."""
+class Extent(TypedDict):
+    """What a requirement asks of a rig: at so many positions, of so many objects placed."""
+
+    requirement: str
+    measure: str
+    positions: int
+    objects: int
+
+
+def extents(laid: Iterable[Laid]) -> list[Extent]:
+    """What each asks of a rig."""
     return [
         {
             "requirement": own.requirement.name,
@@ -27,7 +36,7 @@ def extents(laid: Iterable[Laid]) -> list[dict[str, Any]]:
     ]
 
 
-def case_row(outcome: Outcome, finding: Finding) -> dict[str, Any]:
+def case_row(outcome: Outcome, finding: Finding) -> dict[str, object]:
     """What a requirement finds in one case; `short_by` is 0 where it is met, heading None if none.
 
     Of `met`, every case of a requirement is needed.
