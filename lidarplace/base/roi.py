@@ -84,6 +84,5 @@ class Roi:
 
     def centres(self, axis: int) -> NDArray[np.float64]:
         """Coordinates of the voxel centres along `axis` (0, 1, 2), metres."""
-        return np.asarray(
-            self.minimum[axis] + (np.arange(self.shape[axis]) + 0.5) * self.resolution
-        )
+        low = float(self.minimum[axis])
+        return low + (np.arange(self.shape[axis]) + 0.5) * self.resolution

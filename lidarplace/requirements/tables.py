@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, TypedDict
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -14,17 +14,8 @@ if TYPE_CHECKING:  # who reads tables needs no rays
     from lidarplace.requirements.layout import Laid
 
 
-class Extent(TypedDict):
-    """What a requirement asks of a rig: at so many positions, of so many objects placed."""
-
-    requirement: str
-    measure: str
-    positions: int
-    objects: int
-
-
-def extents(laid: Iterable[Laid]) -> list[Extent]:
-    """What each asks of a rig."""
+def extents(laid: Iterable[Laid]) -> list[dict[str, str | int]]:
+    """What each asks of a rig: requirement, measure, positions, and objects that are placed."""
     return [
         {
             "requirement": own.requirement.name,

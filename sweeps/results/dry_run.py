@@ -12,7 +12,7 @@ from rich.filesize import decimal
 from rich.table import Table as RichTable
 
 from lidarplace.command_line.terminal import table
-from lidarplace.requirements.tables import Extent, extents
+from lidarplace.requirements.tables import extents
 from sweeps.configuration.grid import Sweep
 from sweeps.execution.backends import Backend
 from sweeps.execution.estimate import FRAMES, Estimate, StageEstimate, estimate
@@ -47,7 +47,7 @@ class Planned:
     rungs: list[dict[str, Any]]
     scenes: list[dict[str, Any]]
     trials: list[dict[str, Any]]
-    requirements: list[Extent]
+    requirements: list[dict[str, str | int]]
     anchors: list[dict[str, Any]]
     memory: int
     cautions: list[str]
@@ -98,7 +98,7 @@ def planned(sweep: Sweep, plan: Plan, store: AnyStore, backend: Backend | None =
     )
 
 
-def extent_table(requirements: Sequence[Extent]) -> RichTable:
+def extent_table(requirements: Sequence[dict[str, str | int]]) -> RichTable:
     """What requirements ask of a rig, for a terminal; rows of `extents`."""
     rows = (own.values() for own in requirements)
     return table(None, tuple(requirements[0]), rows, words={"measure"})

@@ -12,7 +12,7 @@ from __future__ import annotations
 import time
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import partial
 
 import pandas as pd
 
@@ -22,6 +22,7 @@ from lidarplace.coverage.cone import sensor_bits
 from lidarplace.logs.boxes import frame_keys
 from lidarplace.pog.occupancy.grid import OccupancyGrid
 from lidarplace.pog.surrogates.evaluate import evaluate
+from lidarplace.pog.surrogates.result import Surrogates
 from lidarplace.pog.surrogates.table import ASKED_OF_POG, RAY_SURROGATES, SURROGATES
 from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
@@ -107,8 +108,13 @@ def accuracy(
     rois = [replace(roi, resolution=r) for r in dict.fromkeys((roi.resolution, *resolutions))]
     settings = [(grid_roi, 1) for grid_roi in rois]
     settings += [(roi, n) for n in dict.fromkeys(round(1 / s) for s in frame_shares) if n > 1]
-    options = {"detection_probability": detection_probability, "occlusion": occlusion}
-    _warm_up(options)
+    by_rays = partial(
+        evaluate,
+        surrogates=RAY_SURROGATES,
+        detection_probability=detection_probability,
+        occlusion=occlusion,
+    )
+    _warm_up(by_rays)
     tables = []
     for object_class in classes:
         for grid_roi, every in settings:
@@ -116,7 +122,7 @@ def accuracy(
             base = every == 1 and grid_roi == roi
             for placement in placements:
                 for variant in _variants(placement, azimuth_steps if base else ()):
-                    table = _timed(grid, placement, variant, options)
+                    table = _timed(grid, placement, variant, by_rays)
                     table["reference"] = (
                         grid_roi.resolution == finest and every == 1 and variant.is_best(placement)
                     )
@@ -153,7 +159,7 @@ def _azimuth_steps(placement: Placement) -> int:
 
 
 def _timed(
-    grid: OccupancyGrid, placement: Placement, variant: _Variant, options: dict[str, Any]
+    grid: OccupancyGrid, placement: Placement, variant: _Variant, by_rays: partial[Surrogates]
 ) -> pd.DataFrame:
     """Rows of a variant: names, values and seconds of its surrogates."""
     sensor_bits.cache_clear()  # kept coverage would be free
@@ -161,8 +167,7 @@ def _timed(
         stride = round(_azimuth_steps(placement) / variant.azimuth_steps)
         # With "cone" the rays are those of dda, and they are not traced for coverage as well.
         method: Method = "cone" if variant.method == "dda" else variant.method
-        options = options | {"surrogates": RAY_SURROGATES, "azimuth_stride": stride}
-        result = evaluate(grid, placement, method, **options)
+        result = by_rays(grid, placement, method, azimuth_stride=stride)
     else:
         result = evaluate(grid, placement, variant.method, variant.azimuth_steps or None)
     rows = []
@@ -195,7 +200,7 @@ def _pog(
     return grid, time.perf_counter() - start
 
 
-def _warm_up(options: dict[str, Any]) -> None:
+def _warm_up(by_rays: partial[Surrogates]) -> None:
     """Compile, or load, all kernels before the clock starts."""
     roi = Roi((0, 2), (0, 2), (0, 2), 1.0)
     box = {"frame": [0], "class": ["any"], "x": [1.0], "y": [1.0], "z": [1.0], "yaw": [0.1]}
@@ -204,4 +209,4 @@ def _warm_up(options: dict[str, Any]) -> None:
     grid, _ = _pog(boxes, pd.DataFrame({"frame": [0, 1]}), roi, "any")
     placement = Placement("any", [Mount(z=1.5)], Lidar((-0.1, 0.3), azimuth_steps=8))
     for variant in _variants(placement, (4,)):
-        _timed(grid, placement, variant, options)
+        _timed(grid, placement, variant, by_rays)
