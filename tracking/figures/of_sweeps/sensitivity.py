@@ -69,5 +69,5 @@ def sensitivity_figure(spreads: pd.DataFrame, axes: Sequence[str], title: str) -
     return plot
 
 
-def _setting(row: dict[str, Any], axes: Sequence[str]) -> str:
+def _setting(row: dict[Any, Any], axes: Sequence[str]) -> str:
     return setting_label(axes, [row[axis] for axis in axes])

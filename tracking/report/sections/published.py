@@ -160,7 +160,7 @@ def _beside_own(published: pd.DataFrame, means: pd.DataFrame, run: RunFolder) ->
     return pairs.assign(series=series)
 
 
-def _setting(row: Mapping[str, Any], axes: Sequence[str]) -> str:
+def _setting(row: Mapping[Any, Any], axes: Sequence[str]) -> str:
     return setting_label(axes, [row[axis] for axis in axes])
 
 
