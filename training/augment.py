@@ -69,7 +69,7 @@ def within_range(sample: Sample, point_range: PointRange) -> Sample:
     low, high = np.array(point_range, np.float32).reshape(2, 3)[:, :2]
 
     def inside(rows: NDArray[np.float32]) -> NDArray[np.bool_]:
-        return ((rows[:, :2] >= low) & (rows[:, :2] <= high)).all(axis=1)
+        return np.asarray(((rows[:, :2] >= low) & (rows[:, :2] <= high)).all(axis=1))
 
     kept = inside(sample.boxes)
     return Sample(sample.points[inside(sample.points)], sample.boxes[kept], sample.labels[kept])

@@ -87,7 +87,7 @@ class PrecisionCurve:
 
 
 @njit(cache=True)
-def _recall_pass(layout, overlaps, scores, truth_role, found_role, minimum):
+def _recall_pass(layout, overlaps, scores, truth_role, found_role, minimum) -> NDArray[np.float64]:
     """Score of each ground truth's hit when it takes the detection of highest score; NaN: none."""
     truths, found, pairs = layout
     hits = np.full(len(truth_role), np.nan)

@@ -148,7 +148,7 @@ def write_checkpoint(
     "classes", the names of the labels 1, 2, …; and "typical", where there are any, the objects of
     which the anchors are that are not the preset's.
     """
-    content: dict[str, Any] = {
+    content: dict[str, object] = {
         "model_state": dict(model_state),
         "detector": detector,
         "classes": list(classes),

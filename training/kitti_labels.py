@@ -74,7 +74,7 @@ def image_iou(truths: pd.DataFrame, found: pd.DataFrame, pairs: FramePairs) -> N
     b = _image_boxes(found)[pairs.detection]
     common = _image_intersection(a, b)
     union = (a[:, 2:] - a[:, :2]).prod(axis=1) + (b[:, 2:] - b[:, :2]).prod(axis=1) - common
-    return np.divide(common, union, out=np.zeros_like(common), where=common > 0)
+    return np.asarray(np.divide(common, union, out=np.zeros_like(common), where=common > 0))
 
 
 def orientation_similarity(
@@ -82,7 +82,7 @@ def orientation_similarity(
 ) -> NDArray[np.float64]:
     """(1 + cos of the difference of the observation angles) / 2 of every pair, shape (P,)."""
     a, b = (table["alpha"].to_numpy(np.float64) for table in (truths, found))
-    return 0.5 * (1 + np.cos(a[pairs.ground_truth] - b[pairs.detection]))
+    return np.asarray(0.5 * (1 + np.cos(a[pairs.ground_truth] - b[pairs.detection])))
 
 
 def covered_by_dont_care(

@@ -74,7 +74,7 @@ class Matches:
         of_none = (np.full(len(self.hit), -1), np.full(len(self.scores), -1))
         every = np.array([len(self.hit)])
         sampled = precision_without_each(*self._by_unit(*of_none, 1), every, RECALL_POINTS)
-        return monotone(sampled)[0]
+        return np.asarray(monotone(sampled)[0])
 
     def ap_without_each(
         self, truth_unit: NDArray[np.int64], detection_unit: NDArray[np.int64], units: int

@@ -68,7 +68,7 @@ def typical_objects(boxes: pd.DataFrame, classes: Iterable[str]) -> tuple[Typica
     return tuple(found)
 
 
-def as_plain(typical: Sequence[TypicalObject]) -> list[dict[str, Any]]:
+def as_plain(typical: Sequence[TypicalObject]) -> list[dict[str, object]]:
     """What a checkpoint keeps of them."""
     return [{"name": t.name, "size": list(t.size), "bottom": t.bottom} for t in typical]
 

@@ -14,9 +14,11 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numba
+
+Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 _KEPT = 3
 """Versions of a file whose machine code stays on the disk: branches are switched to and fro."""
@@ -24,7 +26,7 @@ _KEPT = 3
 _IMPORT = re.compile(r"^(?:from|import) +([\w.]+)(?: +import +(\([^)]*\)|.*))?", re.MULTILINE)
 
 
-def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+def njit(**options: Any) -> Callable[[Kernel], Kernel]:
     """`numba.njit` with these options; all kernels of this project are compiled by it.
 
     With `cache=True` machine code is in a folder of the sources' version, below the one that numba

@@ -17,7 +17,7 @@ def ring_of(boxes: pd.DataFrame) -> NDArray[np.int64]:
         boxes: with x and y in the ego frame, metres. The height of a centre does not matter.
     """
     distance = np.hypot(boxes["x"].to_numpy(np.float64), boxes["y"].to_numpy(np.float64))
-    return np.digitize(distance, EDGES_M[1:-1])
+    return np.asarray(np.digitize(distance, EDGES_M[1:-1]))
 
 
 def bounds_of(ring: int) -> tuple[float, float]:

@@ -84,4 +84,5 @@ class Roi:
 
     def centres(self, axis: int) -> NDArray[np.float64]:
         """Coordinates of the voxel centres along `axis` (0, 1, 2), metres."""
-        return self.minimum[axis] + (np.arange(self.shape[axis]) + 0.5) * self.resolution
+        low, steps = self.minimum[axis], np.arange(self.shape[axis]) + 0.5
+        return np.asarray(low + steps * self.resolution)

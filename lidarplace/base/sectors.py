@@ -21,7 +21,7 @@ def sector_of(boxes: pd.DataFrame) -> NDArray[np.int64]:
         boxes: with x and y in the ego frame, metres.
     """
     azimuth = np.degrees(np.arctan2(boxes["y"].to_numpy(np.float64), boxes["x"]))
-    return np.floor(azimuth / WIDTH_DEG + 0.5).astype(np.int64) % len(SECTORS)
+    return np.asarray(np.floor(azimuth / WIDTH_DEG + 0.5), np.int64) % len(SECTORS)
 
 
 def bounds_of(sector: int) -> tuple[float, float]:

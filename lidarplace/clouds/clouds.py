@@ -33,7 +33,7 @@ _BYTES = 7  # of a point before compression: three coordinates and an intensity
 
 def valid_points(points: NDArray[np.floating[Any]]) -> NDArray[np.bool_]:
     """Whether each point is finite and has an intensity in [0, 1]; (n, 4) to (n,)."""
-    return np.isfinite(points).all(axis=1) & (points[:, 3] >= 0) & (points[:, 3] <= 1)
+    return np.asarray(np.isfinite(points).all(axis=1) & (points[:, 3] >= 0) & (points[:, 3] <= 1))
 
 
 @dataclass(frozen=True)

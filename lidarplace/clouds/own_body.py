@@ -7,6 +7,7 @@ A vehicle that nobody describes is a sedan of convex parts, a shape of its own b
 from __future__ import annotations
 
 from functools import cache
+from inspect import unwrap
 
 import numpy as np
 
@@ -42,7 +43,7 @@ def sedan() -> Vehicle:
     """The sedan as a surface."""
     corners = np.empty((len(_SEDAN), 8, 3))
     for part, own in zip(_SEDAN.geometry, corners, strict=True):
-        fill_corners.py_func(part, own)
+        unwrap(fill_corners)(part, own)
     faces = (8 * np.arange(len(corners))[:, None, None] + _OUTWARDS).reshape(-1, 3)
     return Vehicle("sedan", np.empty((0, 2, 3)), Mesh(corners.reshape(-1, 3), faces))
 

@@ -65,7 +65,7 @@ def box_of_points(points: NDArray[np.float32], boxes: NDArray[np.float64]) -> ND
 
 
 @njit(cache=True, nogil=True)
-def _count(points, boxes):  # pragma: no cover - compiled
+def _count(points, boxes) -> NDArray[np.int64]:  # pragma: no cover - compiled
     counts = np.zeros(len(boxes), np.int64)
     for b in range(len(boxes)):
         x, y, z = boxes[b, 0], boxes[b, 1], boxes[b, 2]

@@ -325,7 +325,9 @@ def cast_compiled(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _visible_share(viewpoint, parts, owners, objects, width, height):  # pragma: no cover - compiled
+def _visible_share(  # pragma: no cover - compiled
+    viewpoint, parts, owners, objects, width, height
+) -> NDArray[np.float64]:
     number = len(parts)
     upright = np.eye(3)
     corners = np.empty((8, 3))

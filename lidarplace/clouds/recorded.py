@@ -20,7 +20,7 @@ from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 
 
-def rig_record(placement: Placement) -> dict[str, Any]:
+def rig_record(placement: Placement) -> dict[str, object]:
     """What `placement.json` beside recorded clouds says of their placement."""
     return {
         "mounts": [asdict(mount) for mount in placement.mounts],

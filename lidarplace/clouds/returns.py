@@ -149,7 +149,7 @@ def _fill_normals(uniforms, count, flank):  # pragma: no cover - compiled
 @njit(cache=True, nogil=True, error_model="numpy")
 def _sample(
     origin, rotation, beams, crop, lift, hits, codes, ground_cells, chance, dimmed, points
-):  # pragma: no cover - compiled
+) -> int:  # pragma: no cover - compiled
     """Write the returns within `crop` to `points` and return their number.
 
     Beam by beam, in short loops over arrays without branches.

@@ -81,7 +81,7 @@ def _end_at_mesh(origin, rotation, beams, tree, ends):  # pragma: no cover - com
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _windows(origin, rotation, beams: Beams, housings):  # pragma: no cover - compiled
+def _windows(origin, rotation, beams: Beams, housings) -> NDArray[np.float64]:  # pragma: no cover
     """Whether the sphere around each housing meets a beam, its azimuth and half width, its least
     and greatest elevation, radians, in the sensor's frame; shape (n, 5)."""
     found = np.zeros((len(housings), 5))

@@ -25,7 +25,7 @@ def truncation(boxes: NDArray[np.float64], x: Interval, y: Interval) -> NDArray[
 
 
 @njit(cache=True, error_model="numpy")
-def _truncation(boxes, bounds):  # pragma: no cover - compiled
+def _truncation(boxes, bounds) -> NDArray[np.float64]:  # pragma: no cover - compiled
     share = np.empty(len(boxes))
     polygon, clipped = np.empty((8, 2)), np.empty((8, 2))
     for b in range(len(boxes)):

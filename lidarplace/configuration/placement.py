@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
+from lidarplace.base.suggestions import did_you_mean
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import (
     Angle,
@@ -17,7 +18,6 @@ from lidarplace.configuration.settings import (
     Height,
     Name,
     Settings,
-    did_you_mean,
     fault,
     short_for,
 )

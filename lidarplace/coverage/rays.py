@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Placement
 
 RayMethod = Literal["dda", "bresenham"]
-_WALKS = {"dda": walk_dda, "bresenham": walk_bresenham}
+_WALKS: dict[str, Callable[..., int]] = {"dda": walk_dda, "bresenham": walk_bresenham}
 _CHUNK = 2**16  # voxels listed before they are used: 256 kB, which stays in a core's own cache
 
 
@@ -102,7 +102,7 @@ def ray_weight(placement: Placement, azimuth_stride: int) -> float:
     return in_turns[0] / in_turns[1]
 
 
-def _in_layers(roi: Roi, dtype: type[np.generic]) -> NDArray:
+def _in_layers(roi: Roi, dtype: type[np.generic]) -> NDArray[Any]:
     """Zeros by layers of z, shape (nz, nx, ny).
 
     Rays run flat, so voxels that follow each other on a ray lie close together in memory. In C
@@ -112,7 +112,7 @@ def _in_layers(roi: Roi, dtype: type[np.generic]) -> NDArray:
     return np.zeros((nz, nx, ny), dtype)
 
 
-def _by_voxel(layers: NDArray) -> NDArray:
+def _by_voxel(layers: NDArray[Any]) -> NDArray[Any]:
     """A view of layers with shape (nx, ny, nz): the order in memory stays."""
     return layers.transpose(1, 2, 0)
 

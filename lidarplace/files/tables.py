@@ -60,7 +60,7 @@ def read_csv(path: Path, **options: Any) -> pd.DataFrame:
                 head = re.sub(rb'"[^"]*"', b"", file.readline()).decode("latin-1")
                 options["sep"] = max(",;\t", key=head.count)
                 file.seek(0)
-                table = pd.read_csv(file, **options)
+                table: pd.DataFrame = pd.read_csv(file, **options)
                 if options["sep"] != "," and _has_decimal_commas(table):
                     file.seek(0)
                     table = pd.read_csv(file, decimal=",", **options)
@@ -91,6 +91,6 @@ def read_feather(path: Path, columns: Sequence[str]) -> pd.DataFrame:
             with regular(path).open("rb") as file:
                 table = feather.read_table(file)
             check_columns(table.column_names, columns, str(path))
-            return table.select(list(columns)).to_pandas(ignore_metadata=True)
+            return pd.DataFrame(table.select(list(columns)).to_pandas(ignore_metadata=True))
         except pa.ArrowException as error:
             raise ValueError(f"{path}: no Feather file: {first_line(error)}") from None

@@ -43,7 +43,7 @@ def body_share(
         azimuths = azimuths[(2 * np.arange(number) + 1) * lidar.fired_steps // (2 * number)]
     rays = unit_vectors(np.asarray(lidar.elevations), azimuths) @ mount.rotation.T
     hits = _count_hits(mount.position, rays, lidar.reach, obstacles_of(vehicle, others))
-    return hits / len(rays)
+    return float(hits / len(rays))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

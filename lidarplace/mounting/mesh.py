@@ -257,7 +257,7 @@ def _square_distance(triangle, place):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _winding_numbers(places, tree: Tree):  # pragma: no cover - compiled
+def _winding_numbers(places, tree: Tree) -> NDArray[np.float64]:  # pragma: no cover - compiled
     found = np.zeros(len(places))
     for p in range(len(places)):
         place, angle, node = places[p], 0.0, 1

@@ -33,7 +33,7 @@ def slices_of(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _cut(triangles, low, high):  # pragma: no cover - compiled
+def _cut(triangles, low, high) -> tuple[NDArray[np.float64], NDArray[np.int64]]:  # pragma: no cover
     """Clip by Sutherland and Hodgman."""
     polygons = np.zeros((len(triangles), _MOST, 2))
     corners = np.zeros(len(triangles), np.int64)

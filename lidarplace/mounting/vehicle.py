@@ -82,7 +82,7 @@ class Vehicle:
     def interior(self) -> NDArray[np.float64]:
         """The boxes with volume, their faces moved inwards by a nanometre; shape (m, 2, 3)."""
         shrunk = self.boxes + np.array([[_HAIR], [-_HAIR]])
-        return shrunk[(shrunk[:, 0] < shrunk[:, 1]).all(axis=1)]
+        return np.asarray(shrunk[(shrunk[:, 0] < shrunk[:, 1]).all(axis=1)])
 
 
 def depth_in_body(vehicle: Vehicle, places: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -145,4 +145,4 @@ def depth_in(boxes: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray
     """
     at = places[:, None]
     inside = np.minimum(at - boxes[:, 0], boxes[:, 1] - at).min(axis=2)
-    return inside.max(axis=1, initial=0.0)
+    return np.asarray(inside.max(axis=1, initial=0.0))

@@ -63,7 +63,7 @@ class RecallChoice:
 
     def gains(self, chosen: Sequence[int] = ()) -> NDArray[np.float64]:
         """What each candidate adds to the set `chosen`, shape (candidates,)."""
-        return self._cut_of_set(chosen).slopes.sum(axis=0)
+        return np.asarray(self._cut_of_set(chosen).slopes.sum(axis=0))
 
     def greedy(self, limits: Limits) -> Greedy:
         """Choose candidates one by one; `lidarplace.pog.selection.greedy` tells how good that is.
@@ -190,7 +190,7 @@ def _add(offsets, cells, first_cell, share, hit):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True)
-def _not_hit(offsets, cells, first_cell, hit):  # pragma: no cover - compiled
+def _not_hit(offsets, cells, first_cell, hit) -> NDArray[np.float64]:  # pragma: no cover - compiled
     """Number of a candidate's cells of every object of which less than 1 is hit."""
     further = np.zeros(len(offsets) - 1)
     for row in range(len(further)):

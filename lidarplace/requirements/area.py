@@ -140,7 +140,7 @@ def distance_from(
         x, y = np.broadcast_arrays(x, y)
         places = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
         found.append(distances(vehicle.mesh.ground_plan, places).reshape(x.shape))
-    return np.minimum.reduce(found)
+    return np.asarray(np.minimum.reduce(found))
 
 
 def in_the_way(

@@ -287,7 +287,7 @@ def _slice(place, number):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True)
-def _tally(owners, lidars):  # pragma: no cover - compiled
+def _tally(owners, lidars) -> NDArray[np.int64]:  # pragma: no cover - compiled
     """Cells that each LiDAR alone hits, and in the last column those that any hits."""
     counts = np.zeros((len(owners), lidars + 1), np.int64)
     for p in range(len(owners)):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -14,7 +14,7 @@ if TYPE_CHECKING:  # who reads tables needs no rays
     from lidarplace.requirements.layout import Laid
 
 
-def extents(laid: Iterable[Laid]) -> list[dict[str, Any]]:
+def extents(laid: Iterable[Laid]) -> list[dict[str, str | int]]:
     """What each asks of a rig: requirement, measure, positions, and objects that are placed."""
     return [
         {
@@ -27,7 +27,7 @@ def extents(laid: Iterable[Laid]) -> list[dict[str, Any]]:
     ]
 
 
-def case_row(outcome: Outcome, finding: Finding) -> dict[str, Any]:
+def case_row(outcome: Outcome, finding: Finding) -> dict[str, object]:
     """What a requirement finds in one case; `short_by` is 0 where it is met, heading None if none.
 
     Of `met`, every case of a requirement is needed.

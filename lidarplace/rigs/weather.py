@@ -71,7 +71,7 @@ def fog_extinction(visibility: float, wavelength: float) -> float:
         exponent = 0.16 * kilometres + 0.34
     else:
         exponent = max(kilometres - 0.5, 0.0)
-    return KOSCHMIEDER / visibility * (wavelength / GREEN_M) ** -exponent
+    return KOSCHMIEDER / visibility * math.pow(wavelength / GREEN_M, -exponent)
 
 
 def rain_extinction(rain: float) -> float:
@@ -85,7 +85,7 @@ def rain_extinction(rain: float) -> float:
         rain: millimetres an hour.
     """
     # 2 pi/4 times the integral of D^2 N(D), which is 2 * 8000 / slope^3; square millimetres.
-    return 1e-6 * math.pi * 8000.0 / 4.1**3 * rain**0.63
+    return 1e-6 * math.pi * 8000.0 / 4.1**3 * math.pow(rain, 0.63)
 
 
 def shortened(distance: ArrayLike, fading: float) -> NDArray[np.float64]:

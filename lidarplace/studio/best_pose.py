@@ -202,7 +202,7 @@ class _Search:
         choice = RecallChoice(self.meter.recall, seen, weights)
         gains = choice.gains(range(len(tried), len(alone)))[: len(tried)]
         for number in np.argsort(-gains, kind="stable")[:JUDGED].tolist():
-            pose = tried[number]
+            pose: Mount = tried[number]
             if pose not in self._breaks:
                 self._breaks[pose] = self.held.broken_by(self._with(pose))
             if not self._breaks[pose]:

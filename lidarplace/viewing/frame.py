@@ -136,11 +136,11 @@ def read_cloud(
 
 def _inside(boxes: NDArray[np.float64], crop: Crop) -> NDArray[np.bool_]:
     """Whether the centres of boxes (m, 7) are in the crop, faces included."""
-    return np.all((boxes[:, :3] >= crop[:3]) & (boxes[:, :3] <= crop[3:]), axis=1)
+    return np.asarray(((boxes[:, :3] >= crop[:3]) & (boxes[:, :3] <= crop[3:])).all(axis=1))
 
 
 def _near(boxes: NDArray[np.float64], crop: Crop) -> NDArray[np.bool_]:
     """Whether the spheres around boxes (m, 7) meet the crop."""
     outside = boxes[:, :3] - np.clip(boxes[:, :3], crop[:3], crop[3:])
     radius = 0.5 * np.linalg.norm(boxes[:, 3:6], axis=1)
-    return np.linalg.norm(outside, axis=1) <= radius
+    return np.asarray(np.linalg.norm(outside, axis=1) <= radius)

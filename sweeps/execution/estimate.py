@@ -18,7 +18,8 @@ from sweeps.execution.backends import Backend
 from sweeps.execution.needs import Need
 from sweeps.execution.worker import Batch, peak_memory, reset_peak_memory, run_task
 from sweeps.plan.trial import DetectorTrial, Trial
-from sweeps.store.local import Store, Value
+from sweeps.store.local import Store
+from sweeps.store.result_folder import Value
 from sweeps.tasks.parameters import CollectParams, RecordedParams
 from sweeps.tasks.stages import FUNCTIONS
 from sweeps.tasks.task import Task, with_inputs

@@ -16,8 +16,8 @@ from cachetools import LRUCache, cached
 
 from sweeps.execution.failures import Failure
 from sweeps.execution.running import NOTED_S, about
-from sweeps.store.local import Value
 from sweeps.store.open import AnyStore
+from sweeps.store.result_folder import Value
 from sweeps.tasks.stages import FUNCTIONS
 from sweeps.tasks.task import Task
 

@@ -51,7 +51,7 @@ def _check(points: NDArray[np.float64]) -> None:
         )
 
 
-class DetectorModel(PythonModel):
+class DetectorModel(PythonModel):  # type: ignore[misc]  # mlflow is not followed
     """Predicts the boxes of every frame."""
 
     def load_context(self, context: PythonModelContext) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -47,7 +47,7 @@ class Planned:
     rungs: list[dict[str, Any]]
     scenes: list[dict[str, Any]]
     trials: list[dict[str, Any]]
-    requirements: list[dict[str, Any]]
+    requirements: list[dict[str, str | int]]
     anchors: list[dict[str, Any]]
     memory: int
     cautions: list[str]
@@ -98,7 +98,7 @@ def planned(sweep: Sweep, plan: Plan, store: AnyStore, backend: Backend | None =
     )
 
 
-def extent_table(requirements: Sequence[Mapping[str, Any]]) -> RichTable:
+def extent_table(requirements: Sequence[dict[str, str | int]]) -> RichTable:
     """What requirements ask of a rig, for a terminal; rows of `extents`."""
     rows = (own.values() for own in requirements)
     return table(None, tuple(requirements[0]), rows, words={"measure"})

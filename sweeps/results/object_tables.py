@@ -56,7 +56,7 @@ def _test_objects(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
     frames = pd.concat([value["frames"] for value in values])
     test = frames.loc[frames["split"] == "test", ["frame", "route"]]
     objects = objects[objects["class"].isin(trial.grid_point.point.classes)]
-    return objects.merge(test, on="frame")[list(_ABOUT)]
+    return pd.DataFrame(objects.merge(test, on="frame")[list(_ABOUT)])
 
 
 def _found(trial: DetectorTrial, objects: pd.DataFrame, store: AnyStore) -> pd.DataFrame:

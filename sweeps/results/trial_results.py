@@ -65,7 +65,8 @@ def trial_seconds(trial: Trial, store: AnyStore) -> float:
 def surrogate_table(trial: Trial, store: AnyStore) -> pd.DataFrame:
     """Its surrogates, as far as they have a result: class, surrogate, value, method, seconds."""
     there = [task for task in trial.scores if store.has(task)]
-    return pd.concat([store.load(task, ("table",))["table"] for task in there], ignore_index=True)
+    tables: list[pd.DataFrame] = [store.load(task, ("table",))["table"] for task in there]
+    return pd.concat(tables, ignore_index=True)
 
 
 def of_placement(

@@ -1,9 +1,11 @@
 """What the table says of the surrogates is what these do."""
 
+import inspect
 import math
 
 import numpy as np
 import pytest
+from mypy import api
 
 from lidarplace import (
     Lidar,
@@ -15,6 +17,8 @@ from lidarplace import (
     evaluate_classes,
     sum_over_classes,
 )
+from lidarplace.base import plotting
+from lidarplace.pog.surrogates import result
 from lidarplace.pog.surrogates.table import POG_SURROGATES, RAY_SURROGATES, SURROGATES
 
 ROI = Roi(x=(0.0, 6.0), y=(-3.0, 3.0), z=(0.0, 2.0), resolution=0.25)
@@ -58,3 +62,14 @@ def test_no_other_name_is_an_attribute(grids):
     assert {*POG_SURROGATES} < {*dir(result)}
     with pytest.raises(AttributeError, match="no attribute 's_nig'"):
         result.s_nig  # noqa: B018
+
+
+def test_a_misspelt_surrogate_is_a_mistake_to_mypy(tmp_path):
+    code = "from lidarplace.pog.surrogates.result import Surrogates as S\n\n\n"
+    code += "def add(one: S) -> float:\n    return one.s_mig + one.covered_voxels + one.s_migg\n"
+    (tmp_path / "reads.py").write_text(code)
+    files = [inspect.getfile(plotting), inspect.getfile(result), str(tmp_path / "reads.py")]
+    quick = ["--config-file=", "--follow-imports=skip", "--cache-dir", str(tmp_path)]
+    found, _, _ = api.run([*quick, *files])
+    assert [line for line in found.splitlines() if " error: " in line and "s_migg" in line], found
+    assert found.count(" error: ") == 1, found

@@ -61,12 +61,12 @@ class Failures:
     @cached_property
     def shares(self) -> NDArray[np.float64]:
         """Share of the seeds that found each object under each rig, shape (2, objects)."""
-        return self.found.mean(axis=2)
+        return np.asarray(self.found.mean(axis=2))
 
     @cached_property
     def alone(self) -> NDArray[np.float64]:
         """Share of the seeds with which each rig alone found each object, shape (2, objects)."""
-        return (self.found & ~self.found[::-1]).mean(axis=2)
+        return np.asarray((self.found & ~self.found[::-1]).mean(axis=2))
 
     def table(self) -> pd.DataFrame:
         """The objects with what became of them: shares in [0, 1], and points."""

@@ -84,7 +84,8 @@ def _coefficients_without_each(
     n = len(y)
     if coefficient != "kendall":
         others = np.arange(n - 1) + (np.arange(n - 1) >= np.arange(n)[:, None])
-        return (scores(x[others], coefficient) * scores(y[others], coefficient)).sum(axis=1)
+        products = scores(x[others], coefficient) * scores(y[others], coefficient)
+        return np.asarray(products.sum(axis=1))
     # The pairs of all n are one table, from which each placement takes its own row away.
     a, b = np.sign(x[:, None] - x), np.sign(y[:, None] - y)
     agree, in_x, in_y = (

@@ -99,7 +99,8 @@ def _half(
     whole = variance + other.fillna(0)
     parts = variance**2 / degrees + (other**2 / other_degrees).fillna(0)
     freedom = (whole**2 / parts.where(parts > 0)).fillna(degrees)
-    return stats.t.ppf(0.975, freedom) * np.sqrt(whole)
+    half: pd.Series = stats.t.ppf(0.975, freedom) * np.sqrt(whole)
+    return half
 
 
 def _seed_noise(means: pd.DataFrame, results: pd.DataFrame, groups: list[str]) -> pd.DataFrame:

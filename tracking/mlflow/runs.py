@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from lidarplace.files.secret_urls import hide_secrets, public_url
 from tracking.mlflow.connection import (
@@ -22,6 +22,9 @@ from tracking.mlflow.content import Dataset, EndedTrial, Model, ParentRun, Trial
 from tracking.mlflow.models import write_model
 from tracking.mlflow.page import NOTE_TAG, VIEW_TAG, page_of, view
 from tracking.mlflow.uri import is_server
+
+if TYPE_CHECKING:
+    from mlflow.entities import Run
 
 SWEEP_TAG = "lidarplace.sweep"
 TRIAL_TAG = "lidarplace.trial"
@@ -54,7 +57,7 @@ class SweepRuns:
         self._client: Any = None
         self._experiment = ""
         self._parent: Any = None
-        self._trials: dict[str, Any] = {}
+        self._trials: dict[str, Run] = {}
         self._whole: dict[str, str | None] = {}
         """By the trial's key, why it failed."""
         self._monitor: Any = None
@@ -199,9 +202,9 @@ class SweepRuns:
             order_by=["attributes.start_time ASC"],
         )
 
-    def _one_each(self, runs: list[Any]) -> dict[str, Any]:
+    def _one_each(self, runs: list[Run]) -> dict[str, Run]:
         """The run of each trial. A server that answered too late may have made a second one."""
-        trials: dict[str, Any] = {}
+        trials: dict[str, Run] = {}
         for run in sorted(runs, key=lambda run: run.info.status != "FINISHED"):
             if run is not trials.setdefault(run.data.tags[TRIAL_TAG], run):
                 self._client.delete_run(run.info.run_id)

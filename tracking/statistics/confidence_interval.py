@@ -177,7 +177,7 @@ def _standard_error(
         return np.sqrt(2 / (n * (n - 1)) * variance) / (1 - r**2)
     influence = u * v - r[..., None] * (u**2 + v**2) / 2
     sandwich = np.sqrt(n / (n - 1) * (influence**2).sum(axis=-1)) / (1 - r**2)
-    return np.maximum(1 / np.sqrt(n - 3), sandwich)
+    return np.asarray(np.maximum(1 / np.sqrt(n - 3), sandwich))
 
 
 def to_normal(r: NDArray[np.float64], coefficient: str) -> NDArray[np.float64]:

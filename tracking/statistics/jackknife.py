@@ -128,7 +128,7 @@ def _covariance(values: NDArray[np.float64], units: int, paired: bool) -> NDArra
     deviations = values - values.mean(axis=0)
     if paired:
         deviations -= deviations.mean(axis=1, keepdims=True)
-    return (units - 1) / units * (deviations.T @ deviations)
+    return np.asarray((units - 1) / units * (deviations.T @ deviations))
 
 
 def combined(noise: Noise, error: SampleError | None) -> Noise:

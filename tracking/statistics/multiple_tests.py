@@ -62,4 +62,4 @@ def distinct_tests(x: NDArray[np.float64], coefficient: str) -> NDArray[np.intp]
     vectors = scores(x, coefficient)
     same = np.abs(vectors @ vectors.T) > 1 - 1e-9
     np.fill_diagonal(same, True)
-    return np.argmax(same, axis=1)
+    return np.asarray(np.argmax(same, axis=1))

@@ -27,4 +27,4 @@ def probability_of_best(
     for drawn in posterior(means, noise, seed, draws):
         highest = drawn == drawn.max(axis=1, keepdims=True)
         wins += (highest / highest.sum(axis=1, keepdims=True)).sum(axis=0)
-    return wins / wins.sum()
+    return np.asarray(wins / wins.sum())

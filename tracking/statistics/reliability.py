@@ -96,7 +96,7 @@ def seed_noise(y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.
 
 def _crossed(y: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Whether two placements or more all have the same two seeds or more, shape (...,)."""
-    return np.isfinite(y).all(axis=(-2, -1)) & (min(y.shape[-2:]) > 1)
+    return np.asarray(np.isfinite(y).all(axis=(-2, -1)) & (min(y.shape[-2:]) > 1))
 
 
 def pooled_variance(y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
@@ -150,7 +150,8 @@ def reliability(
     tail = (1 + confidence) / 2
     freedom = np.where(known, degrees, np.nan)
     bounds = [stats.f.ppf(q, max(n - 1, 1), freedom) for q in (tail, 1 - tail)]
-    return np.clip(1 - share[..., None] * np.stack([np.ones_like(freedom), *bounds], -1), 0, 1)
+    within = share[..., None] * np.stack([np.ones_like(freedom), *bounds], -1)
+    return np.asarray(np.clip(1 - within, 0, 1))
 
 
 def reliability_of_mean(single: ArrayLike, seeds: ArrayLike) -> NDArray[np.float64]:

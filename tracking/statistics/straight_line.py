@@ -49,7 +49,7 @@ def left_out_predictions(
 
 def left_out_means(y: NDArray[np.float64]) -> NDArray[np.float64]:
     """Each value of `y` as the mean of the others, shape (n,)."""
-    return (y.sum() - y) / (len(y) - 1)
+    return np.asarray((y.sum() - y) / (len(y) - 1))
 
 
 def rmse(found: NDArray[np.float64], expected: NDArray[np.float64]) -> float:

@@ -163,7 +163,8 @@ class PvRcnn(TwoStageVoxelDetector):
 
     def second_stage(self, rois: Tensor, seen: ScoredKeypoints) -> RoiOutput:
         """Scores and residuals of RoIs (B, R, 7)."""
-        return self.roi_head(seen.keypoints, seen.logits.sigmoid(), rois)
+        output: RoiOutput = self.roi_head(seen.keypoints, seen.logits.sigmoid(), rois)
+        return output
 
 
 def build(

@@ -89,7 +89,8 @@ class SecondIou(TwoStageVoxelDetector):
 
     def second_stage(self, rois: Tensor, seen: FirstStage) -> RoiOutput:
         """Scores of RoIs (B, R, 7)."""
-        return self.roi_head(rois, seen.image)
+        output: RoiOutput = self.roi_head(rois, seen.image)
+        return output
 
 
 def build(

@@ -120,7 +120,8 @@ class VoxelRcnn(TwoStageVoxelDetector):
 
     def second_stage(self, rois: Tensor, seen: FirstStage) -> RoiOutput:
         """Scores and residuals of RoIs (B, R, 7)."""
-        return self.roi_head(rois, seen.scales)
+        output: RoiOutput = self.roi_head(rois, seen.scales)
+        return output
 
 
 def build(

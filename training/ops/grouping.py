@@ -12,4 +12,4 @@ def group(features: Tensor, idx: Tensor) -> Tensor:
     """
     if len(features) == 0:
         return features.new_zeros(*idx.shape, features.shape[1])
-    return features.index_select(0, idx.flatten()).unflatten(0, idx.shape)
+    return features.index_select(0, idx.flatten()).view(*idx.shape, features.shape[1])

@@ -84,7 +84,7 @@ def _iou(a, b, three_d, xs, ys, xs_out, ys_out):
 
 
 @njit(cache=True)
-def _pair_kernel(a, b, three_d):
+def _pair_kernel(a, b, three_d) -> NDArray[np.float64]:
     work = np.empty((4, 16))
     out = np.empty(len(a))
     for i in range(len(a)):
@@ -93,7 +93,7 @@ def _pair_kernel(a, b, three_d):
 
 
 @njit(cache=True)
-def _matrix_kernel(a, b, three_d):
+def _matrix_kernel(a, b, three_d) -> NDArray[np.float64]:
     work = np.empty((4, 16))
     out = np.empty((len(a), len(b)))
     for i in range(len(a)):
@@ -103,7 +103,7 @@ def _matrix_kernel(a, b, three_d):
 
 
 @njit(cache=True)
-def _area_kernel(a, b):
+def _area_kernel(a, b) -> NDArray[np.float64]:
     work = np.empty((4, 16))
     out = np.empty((len(a), len(b)))
     for i in range(len(a)):
@@ -139,7 +139,7 @@ def _could_exceed(a, b, cos_a, sin_a, cos_b, sin_b, threshold):
 # Beside the IoU and not in nms.py: numba's cache does not see an edit of a kernel that a kernel of
 # another file calls.
 @njit(cache=True)
-def _suppression_kernel(boxes, threshold, limit):
+def _suppression_kernel(boxes, threshold, limit) -> NDArray[np.int64]:
     """Kept boxes hang on the cells of a horizontal grid, so that only near ones are compared."""
     count = len(boxes)
     kept = np.empty(min(count, limit), np.int64)

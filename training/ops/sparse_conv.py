@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -89,7 +90,7 @@ class _Convolution(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, grad: Tensor) -> tuple[Tensor | None, Tensor, None]:
+    def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, Tensor, None]:
         features, weight = ctx.saved_tensors
         rules: Rules = ctx.rules
         below = ctx.needs_input_grad[0]
@@ -130,7 +131,8 @@ class _SparseConvolution(nn.Module):
         if torch.is_autocast_enabled(device):
             dtype = torch.get_autocast_dtype(device)
             features, weight = features.to(dtype), weight.to(dtype)
-        return _Convolution.apply(features, weight, rules)
+        convolved: Tensor = _Convolution.apply(features, weight, rules)
+        return convolved
 
 
 class SubmanifoldConv3d(_SparseConvolution):

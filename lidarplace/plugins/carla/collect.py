@@ -107,7 +107,7 @@ def _check_names(placements: Mapping[str, Placement]) -> None:
             raise ValueError(f"placement {name!r}: its name must do for a folder")
 
 
-def _check_same(path: Path, content: dict[str, Any]) -> None:
+def _check_same(path: Path, content: Mapping[str, object]) -> None:
     """Raise ValueError if `path` is there and holds something else."""
     if not path.exists():
         return

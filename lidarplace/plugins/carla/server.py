@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from lidarplace.plugins.carla.settings import CarlaScene
 from lidarplace.scenes.routes import STEP_S
@@ -85,8 +85,8 @@ def load_town(client: carla.Client, town: str) -> carla.World:
     return world
 
 
-def _names(carla: object) -> dict[str, object]:
-    return carla.CityObjectLabel.names  # type: ignore[attr-defined]
+def _names(carla: Any) -> Collection[str]:
+    return tuple(carla.CityObjectLabel.names)
 
 
 @contextmanager

@@ -98,7 +98,7 @@ def box_log(traffic: Traffic) -> BoxLog:
 
 def _turned(rotations: Array, vectors: Array) -> Array:
     """Every vector (N, 3) turned by its rotation (N, 3, 3)."""
-    return np.einsum("nij,nj->ni", rotations, vectors)
+    return np.asarray(np.einsum("nij,nj->ni", rotations, vectors))
 
 
 def _pose(poses: pd.DataFrame) -> tuple[Array, Array]:

@@ -48,7 +48,7 @@ class BlockCounts:
                 larger = np.zeros((4, 2 * room), np.int32)
                 larger[:, :size] = nodes[:, :size]
                 nodes = larger
-            size = _refine(flat, number, node, *nodes, size)
+            size = _refine(flat, number, node, nodes[0], nodes[1], nodes[2], nodes[3], size)
         voxels = np.flatnonzero(node)
         parent, block, count = (row[:size].copy() for row in nodes[:3])
         return cls(voxels, node[voxels], parent, block, count)
@@ -86,7 +86,7 @@ def _refine(counts, number, node, parent, block, count, youngest, size):  # prag
 
 
 @njit(cache=True, nogil=True)
-def _counts(parent, block, count, multiplicity):  # pragma: no cover - compiled
+def _counts(parent, block, count, multiplicity) -> NDArray[np.int64]:  # pragma: no cover - compiled
     result = np.zeros(len(parent), np.int64)
     for n in range(1, len(parent)):
         result[n] = result[parent[n]] + multiplicity[block[n]] * count[n]

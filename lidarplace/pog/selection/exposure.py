@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numba
 import numpy as np
@@ -121,7 +122,7 @@ class Exposure:
         return len(self.scale)
 
     @property
-    def rows(self) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    def rows(self) -> tuple[NDArray[Any], ...]:
         """Arguments of the compiled functions."""
         return self.offsets, self.voxels, self.amounts, self.scale
 
@@ -172,7 +173,7 @@ def _check_weights(weights: Mapping[str, float], grids: Mapping[str, OccupancyGr
             raise ValueError(f"the weight of {name} must be finite and >= 0, found {weight}")
 
 
-def _joined(parts: list[NDArray], kind: type[np.generic] | np.dtype) -> NDArray:
+def _joined(parts: list[NDArray[Any]], kind: np.dtype[Any] | type[Any]) -> NDArray[Any]:
     """The parts one after another, each given free once copied.
 
     Where all are covered voxels their ones take no memory: an array of stride 0.
@@ -206,7 +207,7 @@ def gains_of(tables, total):  # pragma: no cover - compiled
 
 
 @njit(cache=True, nogil=True)
-def _ladder_of(tables, voxels, exposure):  # pragma: no cover - compiled
+def _ladder_of(tables, voxels, exposure) -> NDArray[np.float64]:  # pragma: no cover - compiled
     """g of one voxel of every profile at some exposures, shape (profiles, exposures)."""
     ladder = np.empty((len(voxels), len(exposure)))
     for n in range(len(voxels)):

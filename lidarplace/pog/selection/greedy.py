@@ -99,7 +99,7 @@ def lazy_greedy(
 def gains(exposure: Exposure, chosen: Sequence[int]) -> NDArray[np.float64]:
     """What each candidate adds to the set `chosen`, shape (candidates,)."""
     whole = np.array([0, len(exposure.gain.profile)])
-    return Majorant.of_set(exposure, chosen).added_by_all(whole)[0]
+    return np.asarray(Majorant.of_set(exposure, chosen).added_by_all(whole)[0])
 
 
 def _greedy(

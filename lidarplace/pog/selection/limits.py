@@ -59,7 +59,7 @@ class Limits:
     @property
     def candidates(self) -> int:
         """Number of candidates."""
-        return self.used.shape[1]
+        return int(self.used.shape[1])
 
     @cached_property
     def capacity(self) -> NDArray[np.float64]:
@@ -71,7 +71,7 @@ class Limits:
         """Largest share of a budget that each candidate takes, shape (candidates,)."""
         if not len(self.budgets):
             return np.zeros(self.candidates)
-        return (self.used / self.capacity[:, None]).max(axis=0)
+        return np.asarray((self.used / self.capacity[:, None]).max(axis=0))
 
     def allows(self, chosen: list[int], candidate: int) -> bool:
         """Whether `candidate` may join the set `chosen`, which is feasible."""

@@ -155,7 +155,7 @@ def _climb(rows, candidate, tables, ladder, share, start, gains, reached):  # pr
 @njit(cache=True, nogil=True)
 def _added(
     rows, candidate, tables, ladder, constant, slopes, start, edges
-):  # pragma: no cover - compiled
+) -> NDArray[np.float64]:  # pragma: no cover - compiled
     offsets, voxels, amounts, scale = rows
     profile, top, scaled = tables[1], ladder.shape[1] - 1, scale[candidate]
     added = np.zeros(len(edges) - 1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,7 +96,7 @@ class Tracing:
         weight = ray_weight(candidate, self.azimuth_stride)
         return -weight * log_miss_of_ray(self.detection_probability) if self.informs else weight
 
-    def of_candidate(self, candidate: Placement) -> tuple[NDArray[np.uint32], NDArray]:
+    def of_candidate(self, candidate: Placement) -> tuple[NDArray[np.uint32], NDArray[Any]]:
         """Voxels and amounts of one candidate."""
         if self.covers:
             bits = covered_bits(candidate, self.roi, self.method, self.tiles)
@@ -126,7 +126,7 @@ class Tracing:
         return np.concatenate([v for v, _ in parts]), np.concatenate([a for _, a in parts])
 
 
-def _in_layers(by_voxel: NDArray) -> NDArray:
+def _in_layers(by_voxel: NDArray[Any]) -> NDArray[Any]:
     """From (nx, ny, layers) to the order of `Block.places`; rays are counted in it, no copy."""
     return by_voxel.transpose(2, 0, 1).reshape(-1)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,9 +69,7 @@ class VoxelGain:
         return cls(shape, profile, worth, p, rest, weight)
 
     @property
-    def tables(
-        self,
-    ) -> tuple[int, NDArray, NDArray, NDArray, NDArray, NDArray]:
+    def tables(self) -> tuple[Any, ...]:
         """Arguments of the compiled functions."""
         return _CODES[self.shape], self.profile, self.worth, self.p, self.rest, self.weights
 

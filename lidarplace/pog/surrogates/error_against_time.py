@@ -176,7 +176,7 @@ def _timed(
     rows = []
     for name in names:
         start = time.perf_counter()
-        value = result[name]  # for some the covered voxels are counted now
+        value = result.asked(name)  # for some the covered voxels are counted now
         rows.append((name, value, result.seconds + time.perf_counter() - start))
     table = pd.DataFrame(rows, columns=["surrogate", "value", "seconds"])
     return table.assign(

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
@@ -33,13 +33,26 @@ class CoveredVoxels:
         return self.count()
 
 
+class _Named:
+    """Types of our own surrogates, which `Surrogates.__getattr__` looks up."""
+
+    s_mig: float
+    ig: float
+    h_pog: float
+    covered_entropy: float
+    residual_entropy: float
+    m_sog: float
+    expected_points: float | None
+    expected_ig: float | None
+    covered_voxels: int
+
+
 @dataclass(frozen=True, repr=False)
-class Surrogates(Plottable):
+class Surrogates(_Named, Plottable):
     """Surrogates of one placement for one class, or for the sum of classes; entropies in nats.
 
-    Every name of `lidarplace.pog.surrogates.table.POG_SURROGATES` is an attribute, such as `s_mig`:
-    a float; None for one that needs rays and was not asked for, or that has no sum over classes.
-    `result["s_mig"]` is the same, for plug-ins too.
+    Our own are attributes, such as `s_mig`; `result["s_mig"]` is the same, for those of plug-ins
+    too. None for one that needs rays and was not asked for, or that has no sum over classes.
 
     Attributes:
         placement, roi, method: what was evaluated.
@@ -57,14 +70,22 @@ class Surrogates(Plottable):
     covered_nonzero: int
     seconds: float
 
-    def __getattr__(self, name: str) -> Any:
-        if name not in POG_SURROGATES.own:
-            raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
-        return self[name]
-
-    def __getitem__(self, name: str) -> Any:
+    def __getitem__(self, name: str) -> float | None:
         of_others = SURROGATES[name].of_others
         return self.values.get(name) if of_others is None else of_others(self)
+
+    def asked(self, name: str) -> float:
+        """The value of a surrogate that was asked for."""
+        value = self[name]
+        assert value is not None, name
+        return value
+
+    if not TYPE_CHECKING:  # a misspelt name is a mistake to mypy
+
+        def __getattr__(self, name: str) -> Any:
+            if name not in POG_SURROGATES.own:
+                raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
+            return self[name]
 
     def __repr__(self) -> str:
         told = ", ".join(f"{name}={value:.6g}" for name, value in self.values.items())

@@ -159,7 +159,7 @@ def pog_sampling_error(
                 seconds=0.0,
             )
             for name in surrogates:
-                values[name].append(result[name])
+                values[name].append(result.asked(name))
         for name, estimates in values.items():
             tables.append(
                 pd.DataFrame({"class": object_class, "surrogate": name, "value": estimates})

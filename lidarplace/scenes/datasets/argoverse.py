@@ -10,17 +10,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.class_names import IGNORE
 from lidarplace.files.columns import integers, numbers, sizes, texts
 from lidarplace.files.tables import read_feather
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import BOX_COLUMNS, FRAME_COLUMNS, POSE_COLUMNS
-from lidarplace.scenes.datasets.class_maps import (
-    ARGOVERSE,
-    IGNORE,
-    ClassMap,
-    classify,
-    merged,
-)
+from lidarplace.scenes.datasets.class_maps import ARGOVERSE, ClassMap, classify, merged
 from lidarplace.scenes.datasets.se3 import Poses, poses
 
 ORIGIN = (2.850 / 2, 0.0, -0.33)

@@ -11,15 +11,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.class_names import IGNORE
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import BOX_COLUMNS
-from lidarplace.scenes.datasets.class_maps import (
-    IGNORE,
-    NUSCENES,
-    ClassMap,
-    classify,
-    merged,
-)
+from lidarplace.scenes.datasets.class_maps import NUSCENES, ClassMap, classify, merged
 from lidarplace.scenes.datasets.nuscenes_tables import Table, read_table
 from lidarplace.scenes.datasets.se3 import Poses, poses
 

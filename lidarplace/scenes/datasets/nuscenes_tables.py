@@ -89,7 +89,8 @@ class Table:
         if not index.is_unique:
             twice = int(np.argmax(index.duplicated()))
             raise ValueError(f"{other.row(twice)}: is there twice")
-        rows = index.get_indexer(pd.Index(self.columns[name], dtype=object)).astype(np.int64)
+        found = index.get_indexer(pd.Index(self.columns[name], dtype=object))
+        rows = np.asarray(found, np.int64)
         if (rows < 0).any():
             row = int(np.argmax(rows < 0))
             raise ValueError(

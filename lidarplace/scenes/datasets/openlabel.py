@@ -14,16 +14,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.class_names import IGNORE
 from lidarplace.configuration.record import read_record
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import BOX_COLUMNS, FRAME_COLUMNS, GEOMETRY, POSE_COLUMNS
-from lidarplace.scenes.datasets.class_maps import (
-    BOX_LOG,
-    IGNORE,
-    ClassMap,
-    classify,
-    merged,
-)
+from lidarplace.scenes.datasets.class_maps import BOX_LOG, ClassMap, classify, merged
 from lidarplace.scenes.datasets.openlabel_file import (
     VEHICLE,
     Content,

@@ -39,7 +39,7 @@ class Poses:
     def yaw(self) -> NDArray[np.float64]:
         """Angle of the posed x axis, seen from above, from the outer one; (N,), in (-pi, pi]."""
         x, y, _ = self.rotation.apply([1.0, 0.0, 0.0]).reshape(-1, 3).T
-        return np.arctan2(y, x)
+        return np.asarray(np.arctan2(y, x))
 
 
 def poses(

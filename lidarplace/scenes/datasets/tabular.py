@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from lidarplace.base.class_names import IGNORE
 from lidarplace.base.ranges import FRAMES
 from lidarplace.files.columns import (
     check_columns,
@@ -31,13 +32,7 @@ from lidarplace.logs.boxes import (
     SIZE,
     SPLITS,
 )
-from lidarplace.scenes.datasets.class_maps import (
-    BOX_LOG,
-    IGNORE,
-    ClassMap,
-    classify,
-    merged,
-)
+from lidarplace.scenes.datasets.class_maps import BOX_LOG, ClassMap, classify, merged
 
 SUFFIXES = (".parquet", ".csv")
 TEXT = ("scene", "object_id", "class", "split")

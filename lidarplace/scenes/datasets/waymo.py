@@ -15,17 +15,12 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from lidarplace.base.class_names import IGNORE
 from lidarplace.files.columns import check_columns, integers, numbers, sizes, texts
 from lidarplace.files.tables import read_parquet
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import BOX_COLUMNS, FRAME_COLUMNS, POSE_COLUMNS
-from lidarplace.scenes.datasets.class_maps import (
-    IGNORE,
-    WAYMO,
-    ClassMap,
-    classify,
-    merged,
-)
+from lidarplace.scenes.datasets.class_maps import WAYMO, ClassMap, classify, merged
 from lidarplace.scenes.datasets.se3 import Poses
 
 ORIGIN = (3.0 / 2, 0.0, 0.0)

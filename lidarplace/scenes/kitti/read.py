@@ -12,11 +12,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.class_names import IGNORE
 from lidarplace.base.ranges import LIDAR_HEIGHT
 from lidarplace.files.regular import is_there, regular
 from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import BOX_COLUMNS, FRAME_COLUMNS
-from lidarplace.scenes.datasets.class_maps import IGNORE, ClassMap, merged
+from lidarplace.scenes.datasets.class_maps import ClassMap, merged
 from lidarplace.scenes.kitti.calibration import (
     LIDAR_HEIGHT_M,
     STANDARD,

@@ -131,9 +131,9 @@ def _count(
 def _seconds(values: NDArray[np.float64], mapping: TableMapping) -> NDArray[np.float64]:
     """Times of frames from the first of their drive; NaN where only numbers are known."""
     if mapping.columns.time is not None:
-        return (values - values[0]) * SECONDS[mapping.units.time]
+        return np.asarray((values - values[0]) * SECONDS[mapping.units.time])
     if mapping.frames.rate_hz is not None:
-        return (values - values[0]) / mapping.frames.rate_hz
+        return np.asarray((values - values[0]) / mapping.frames.rate_hz)
     return np.full(len(values), np.nan)
 
 

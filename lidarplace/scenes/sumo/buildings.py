@@ -80,7 +80,8 @@ def within_reach(buildings: pd.DataFrame, positions: NDArray[np.float64]) -> pd.
     """Buildings of which some part may be within `REACH_M` of one of `positions`, (F, 2)."""
     distance, _ = cKDTree(positions).query(buildings[["x", "y"]].to_numpy(np.float64))
     radius = np.hypot(buildings["length"], buildings["width"]) / 2
-    return buildings[distance - radius <= REACH_M].reset_index(drop=True)
+    near = np.asarray(distance) - radius <= REACH_M
+    return buildings[near].reset_index(drop=True)
 
 
 def _sides(edge: Edge, ends: set[tuple[str, str]]) -> tuple[int, ...]:

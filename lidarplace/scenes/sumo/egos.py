@@ -58,4 +58,4 @@ def frames_met(traffic: Trajectories, ego: int) -> NDArray[np.int64]:
     near = np.hypot(x, y) <= MEETS_M  # False where NaN
     near &= np.abs(traffic.z - traffic.z[:, ego : ego + 1]) <= LEVEL_M
     near[:, ego] = False
-    return near.sum(axis=0)
+    return np.asarray(near.sum(axis=0))

@@ -36,7 +36,7 @@ def _keeps_left(network: Path) -> bool:
     """Whether a SUMO network says so; what is wrong with the file is said by who reads it."""
     with contextlib.suppress(ParseError):
         for _, root in iterparse(network, events=("start",)):
-            return root.get("lefthand") == "true"
+            return bool(root.get("lefthand") == "true")
     return False
 
 

@@ -192,4 +192,4 @@ def _components(
     """Label of every node's connected component."""
     start, end = np.array(arcs, np.int64).reshape(-1, 2).T
     matrix = coo_array((np.ones(len(arcs), np.int8), (start, end)), shape=(nodes, nodes))
-    return connected_components(matrix, connection=connection)[1]
+    return np.asarray(connected_components(matrix, connection=connection)[1])

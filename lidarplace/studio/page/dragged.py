@@ -18,7 +18,7 @@ STEPS = dict.fromkeys(POSE[:3], 0.001) | dict.fromkeys(ANGLES, 0.1)
 
 def quaternion(mount: Mount) -> NDArray[np.float64]:
     """Sensor-to-ego rotation, w first, shape (4,)."""
-    return Rotation.from_matrix(mount.rotation).as_quat(scalar_first=True)
+    return np.asarray(Rotation.from_matrix(mount.rotation).as_quat(scalar_first=True))
 
 
 def dragged(

@@ -149,5 +149,5 @@ def _of_pog(rig: Choices, question: Question, traffic: Traffic) -> dict[str, dic
             azimuth_stride=question.azimuth_stride,
         )
         for name, own in results.items():
-            found[name] |= {by: own[by] for by in of_pog}
+            found[name] |= {by: own.asked(by) for by in of_pog}
     return found

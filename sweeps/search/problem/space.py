@@ -22,8 +22,9 @@ from optuna.distributions import (
     IntDistribution,
 )
 
+from lidarplace.configuration.mounting import Pair
 from lidarplace.mounting.zone import Zone, left_half, on_centre_line, position, shares
-from sweeps.configuration.search import Pair, RangeSettings, SearchSettings
+from sweeps.configuration.search import RangeSettings, SearchSettings
 from sweeps.search.problem.choice import Choice, Choices, mirrored, ordered, rounded
 
 NUMBER = "lidars"

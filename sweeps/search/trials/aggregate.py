@@ -63,6 +63,6 @@ def left_out_over_tests(
 def _over(values: NDArray[np.float64], metric: pd.Series, over: Over) -> NDArray[np.float64]:
     """Of every column, shape (tests, rows) to (rows,)."""
     if over == "mean":
-        return values.mean(axis=0)
+        return np.asarray(values.mean(axis=0))
     more = metric.map(lambda name: METRICS[name].direction == "maximize").to_numpy()
-    return np.where(more, values.min(axis=0), values.max(axis=0))
+    return np.asarray(np.where(more, values.min(axis=0), values.max(axis=0)))

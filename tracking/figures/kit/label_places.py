@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -109,7 +110,7 @@ def apart(at: NDArray[np.float64], least: float) -> NDArray[np.float64]:
 
 def room_on_top(labels: Sequence[str]) -> int:
     """Pixels above the plot that `labels_on_top` take."""
-    return round(24 + _LETTER[0] * max(map(len, labels), default=0) * np.sqrt(0.5))
+    return round(24 + _LETTER[0] * max(map(len, labels), default=0) * math.sqrt(0.5))
 
 
 def _pixels(values: NDArray[np.float64], length: float) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ import plotly.graph_objects as go
 from numpy.typing import ArrayLike
 
 from lidarplace.viewing.style import COLOURS as OKABE_ITO
-from lidarplace.viewing.style import OUTLINE
+from lidarplace.viewing.style import OUTLINE as OUTLINE
 from lidarplace.viewing.style import theme as theme_of_scenes
 
 COLOURS = (*OKABE_ITO[:-1], "#6040F0")

@@ -47,10 +47,10 @@ def published_scatter(
     label = metric_label(*published.iloc[0][["metric", "iou"]])
     wide = published.pivot(index="placement", columns="detector", values="value")[detectors]
 
-    def data(surrogate: str) -> dict[str, list]:
+    def data(surrogate: str) -> dict[str, list[list[Any]]]:
         x = surrogates[surrogate].reindex(wide.index)
         order = x.sort_values(kind="stable").index
-        values: dict[str, list] = {"x": [], "y": [], "text": []}
+        values: dict[str, list[list[Any]]] = {"x": [], "y": [], "text": []}
         for detector in detectors:
             own = wide.loc[order, detector].dropna()
             values["x"].append(x[own.index].tolist())

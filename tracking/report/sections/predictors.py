@@ -140,7 +140,7 @@ def _varying(run: RunFolder) -> list[str]:
     ]
 
 
-def _group_label(run: RunFolder, group: Mapping) -> str:
+def _group_label(run: RunFolder, group: Mapping[Any, Any]) -> str:
     """Detector and setting, as far as the sweep has several of them."""
     varying = _varying(run)
     axes = [axis for axis in varying if axis != "detector"]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 import pandas as pd
 
@@ -54,7 +57,7 @@ def promotion_section(run: RunFolder, promotions: pd.DataFrame) -> Section:
     return section
 
 
-def _saved(row: dict, seeds: int) -> list[str]:
+def _saved(row: Mapping[Any, Any], seeds: int) -> list[str]:
     if np.isnan(row["without"]):
         return ["No full training finished, so what promotion saved is not known."]
     share = 100 * row["saved"] / row["without"]

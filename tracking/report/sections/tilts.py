@@ -176,4 +176,4 @@ def _without(mounts: Sequence[Mount], angle: str) -> list[tuple[float, ...]]:
 
 
 def _tilt(mounts: Sequence[Mount], angle: str) -> float:
-    return round(sum(abs(getattr(mount, angle)) for mount in mounts), _DIGITS)
+    return round(sum(abs(float(getattr(mount, angle))) for mount in mounts), _DIGITS)

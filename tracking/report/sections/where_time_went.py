@@ -203,7 +203,7 @@ def _charged(
     order = np.argsort(moment, kind="stable")
     running = np.cumsum(change[order], axis=0)[:-1]
     share = running / np.maximum(running.sum(axis=1, keepdims=True), 1)
-    return np.diff(moment[order]) @ share
+    return np.asarray(np.diff(moment[order]) @ share)
 
 
 def _row(stage: object, part: pd.DataFrame, wall: float, cores: int) -> tuple[object, ...]:

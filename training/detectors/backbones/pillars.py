@@ -88,7 +88,7 @@ class PillarBatch:
 
 # Without Python's check for a division by zero the loop becomes vector code.
 @njit(cache=True, error_model="numpy")
-def _cells_kernel(points, low, size, nx, ny):
+def _cells_kernel(points, low, size, nx, ny) -> NDArray[np.int32]:
     cells = np.empty(len(points), np.int32)
     for i in range(len(points)):
         # float32 throughout, as upstream: a point on an edge must fall on the same side.

@@ -121,5 +121,5 @@ class GlobalAbstraction(nn.Module):
 
     def forward(self, xyz: Tensor, features: Tensor) -> Tensor:
         """Points (R, S, 3) with features (R, S, inputs) to features (R, outputs)."""
-        rows = self.mlps[0](torch.cat([xyz, features], dim=2).flatten(0, 1))
+        rows: Tensor = self.mlps[0](torch.cat([xyz, features], dim=2).flatten(0, 1))
         return rows.view(*xyz.shape[:2], rows.shape[1]).max(dim=1).values

@@ -6,7 +6,8 @@ import torch
 from torch import nn
 
 from training.detectors.layers import PaddedBatchNorm
-from training.ops.sparse_conv import SparseConv3d, SparseTensor, SubmanifoldConv3d, Triple
+from training.ops.sparse_conv import SparseConv3d, SparseTensor, SubmanifoldConv3d
+from training.ops.sparse_rules import Triple
 
 STRIDE = 8
 """Voxels along x or y per cell of the encoded grid."""

@@ -12,7 +12,8 @@ from torch import Tensor
 
 from lidarplace.base.kernel_cache import njit
 from training.detectors.detector import PointRange
-from training.ops.sparse_conv import SparseTensor, Triple
+from training.ops.sparse_conv import SparseTensor
+from training.ops.sparse_rules import Triple
 
 
 @dataclass(frozen=True)

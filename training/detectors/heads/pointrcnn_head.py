@@ -13,14 +13,10 @@ import torch
 from torch import Tensor, nn
 
 from training.detectors.backbones.pointnet2 import AbstractionSettings
-from training.detectors.backbones.set_abstraction import (
-    GlobalAbstraction,
-    RowConv2d,
-    SetAbstraction,
-)
+from training.detectors.backbones.set_abstraction import GlobalAbstraction, SetAbstraction
 from training.detectors.heads.roi_box_coder import turned
 from training.detectors.heads.roi_head import RoiHead, RoiOutput, RoiSettings
-from training.detectors.layers import RowConv1d, precise, row_layers
+from training.detectors.layers import RowConv1d, RowConv2d, precise, row_layers
 from training.ops.roipoint_pool import roipoint_pool
 from training.ops.sampling import furthest_point_sample
 

@@ -14,7 +14,8 @@ from training.detectors.heads.roi_box_coder import roi_grid
 from training.detectors.heads.roi_head import RoiHead, RoiOutput, RoiSettings
 from training.detectors.layers import PaddedBatchNorm, RowConv1d, RowConv2d, precise, row_layers
 from training.ops.grouping import group
-from training.ops.sparse_conv import SparseTensor, Triple
+from training.ops.sparse_conv import SparseTensor
+from training.ops.sparse_rules import Triple
 from training.ops.voxel_query import voxel_query
 
 STRIDES = {"x_conv2": 2, "x_conv3": 4, "x_conv4": 8}
@@ -164,9 +165,10 @@ class NeighbourVoxelPool(nn.Module):
             places,
             cells,
         )
-        rows = self.mlps_in[0](voxels.features)
+        features = self.mlps_in[0](voxels.features)
         offsets = group(centres, idx) - places[:, None]
         offsets = offsets.masked_fill(empty[:, None, None], 0)
         position = self.mlps_pos[0](offsets.flatten(0, 1)).view(*idx.shape, -1)
-        near = group(rows, idx).masked_fill(empty[:, None, None], 0)
-        return self.mlps_out[0](functional.relu(near + position).amax(dim=1))
+        near = group(features, idx).masked_fill(empty[:, None, None], 0)
+        rows: Tensor = self.mlps_out[0](functional.relu(near + position).amax(dim=1))
+        return rows
