@@ -49,8 +49,9 @@ def read_yaml(path: Path, model: type[BaseModel]) -> dict[str, Any]:
         raise ConfigError(f"{path}: found {what}; a mapping of keys is expected")
     for key, (kind, module) in _MODULES.items():
         if key in raw and key not in model.model_fields:
-            fix = f"{command(module)} takes this file"
-            raise ConfigError(f"is a key of {kind}", place=str(path), key=key, fix=fix)
+            raise ConfigError(
+                f"{path}: {key}: is a key of {kind}; {command(module)} takes this file"
+            )
     for key in raw:
         if key not in model.model_fields:
             problem = unknown_key(str(key), model)
