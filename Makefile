@@ -18,7 +18,7 @@ export RAY_USAGE_STATS_ENABLED := 0
 # Dozens of processes import the same files: the first compiles them, whatever the shell asks for.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: setup demo dashboard test lint wheel docs clean
+.PHONY: setup demo dashboard test test-long lint wheel docs clean
 
 setup: $(STAMP)
 
@@ -41,7 +41,11 @@ dashboard: setup
 	$(BIN)/lidarplace dashboard "$(RUN)"
 
 test: setup
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -n 2 --dist worksteal
+
+# The expensive tests that repeat what others show with more cases: for a nightly run.
+test-long: setup
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m long
 
 lint: setup
 	$(BIN)/ruff format --check .

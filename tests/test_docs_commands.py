@@ -108,11 +108,17 @@ def listed(command: str) -> str | None:
     return next((start for start in NOT_RUN if bare == start or bare.startswith(start)), None)
 
 
-RUN = [command for command in commands() if listed(command.text) is None]
+FIRST = {"README.md", "data.md", "rigs.md"}
+"""Pages whose commands run in every test; the others repeat these with other settings."""
+RUN = [
+    pytest.param(command, id=str(command), marks=() if command.page in FIRST else pytest.mark.long)
+    for command in commands()
+    if listed(command.text) is None
+]
 LOOKED_UP = [c for c in commands() if listed(c.text)] + commands_in_text()
 
 
-@pytest.mark.parametrize("command", RUN, ids=str)
+@pytest.mark.parametrize("command", RUN)
 def test_runs(command, world):
     if ".mcap" in command.text:
         pytest.importorskip("foxglove")

@@ -122,7 +122,7 @@ def _with_model(lidars: Sequence[MountedLidar], name: str | None) -> list[Mounte
     try:
         model = SensorSettings(name=name)
     except ValidationError as error:
-        raise ValueError(f"--lidar: {fault(error)}") from None
+        raise fault(error, "--lidar") from None
     return [each if each.model else replace(each, model=model) for each in lidars]
 
 

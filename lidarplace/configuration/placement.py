@@ -153,4 +153,4 @@ def read_placement_settings(path: Path) -> PlacementSettings:
     try:
         return PlacementSettings.model_validate(raw)
     except ValidationError as error:
-        raise ValueError(f"{path}: {fault(error)}") from None
+        raise fault(error, str(path)) from None

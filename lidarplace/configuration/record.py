@@ -34,4 +34,4 @@ def read_record(path: Path, kind: type[T], what: str) -> T:
     try:
         return TypeAdapter(kind).validate_python(read_json(path))
     except ValidationError as error:
-        raise ValueError(f"{path}: is no {what}: {fault(error)}") from None
+        raise fault(error, f"{path}: is no {what}") from None

@@ -20,6 +20,7 @@ from pydantic import (
 )
 
 from lidarplace.base.class_names import fault_of_name
+from lidarplace.base.errors import InputError
 from lidarplace.base.ranges import ANGLE, LIDAR_HEIGHT, SEED, SHARE
 from lidarplace.base.suggestions import did_you_mean
 
@@ -112,11 +113,10 @@ _short.maxlist = 20
 _LONGEST_KEY = 60
 
 
-def fault(error: ValidationError) -> str:
-    """The first mistake of an error in one line: its key, what was found, what is allowed."""
+def fault(error: ValidationError, place: str | None = None) -> InputError:
+    """The first mistake of an error with its key; `place` is the file that has it."""
     first = error.errors(include_url=False)[0]
-    key = key_path(first["loc"])
-    return f"{key}: {what_is_wrong(first)}" if key else what_is_wrong(first)
+    return InputError(what_is_wrong(first), place=place, key=key_path(first["loc"]) or None)
 
 
 def key_path(loc: Sequence[int | str]) -> str:

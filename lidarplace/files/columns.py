@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.ranges import FRAME
 
 _INT64 = 2.0**63
@@ -19,23 +20,23 @@ _LONGEST = 300  # characters of what was found
 
 
 def check_columns(found: Sequence[str], names: Sequence[str], source: str) -> None:
-    """Raise ValueError that says which of `names` are not in `found`, or twice."""
+    """Raise InputError that says which of `names` are not in `found`, or twice."""
     missing = [name for name in names if name not in found]
     if missing:
         listed = ", ".join(map(str, found)) or "none"
         if len(listed) > _LONGEST:
             listed = f"{listed[:_LONGEST]} …"
-        raise ValueError(f"{source}: no column {', '.join(missing)}; found {listed}")
+        raise InputError("missing column", place=source, key=", ".join(missing), found=listed)
     twice = [name for name in names if found.count(name) > 1]
     if twice:
-        raise ValueError(f"{source}: column {twice[0]} is there twice")
+        raise InputError("duplicate column", place=source, key=twice[0])
 
 
 def numbers(table: pd.DataFrame, names: Sequence[str], source: str) -> NDArray[np.float64]:
     """Columns of finite numbers; (rows, columns), float64.
 
     Raises:
-        ValueError: a value is something else.
+        InputError: a value is something else.
     """
     values = np.empty((len(table), len(names)))
     for column, name in enumerate(names):
@@ -51,7 +52,7 @@ def numbers_if_known(table: pd.DataFrame, name: str, source: str) -> NDArray[np.
     """A column of finite numbers, NaN where they are missing; (rows,), float64.
 
     Raises:
-        ValueError: a value is something else.
+        InputError: a value is something else.
     """
     missing = table[name].isna().to_numpy(bool)
     values = np.full(len(table), np.nan)
@@ -66,7 +67,7 @@ def sizes(table: pd.DataFrame, names: Sequence[str], source: str) -> NDArray[np.
     """Columns of finite numbers >= 0; (rows, columns), float64.
 
     Raises:
-        ValueError: a value is something else.
+        InputError: a value is something else.
     """
     values = numbers(table, names, source)
     if (values < 0).any():
@@ -79,7 +80,7 @@ def integers(table: pd.DataFrame, name: str, source: str) -> NDArray[np.int64]:
     """A column of whole numbers of 64 bits; (rows,), int64.
 
     Raises:
-        ValueError: a value is something else.
+        InputError: a value is something else.
     """
     values = _numeric(table[name])
     good = values.notna() & (values % 1 == 0)
@@ -95,7 +96,7 @@ def frame_numbers(table: pd.DataFrame, source: str) -> NDArray[np.int64]:
     """The column `frame`: whole numbers of the range `FRAME`; (rows,), int64.
 
     Raises:
-        ValueError: a value is something else.
+        InputError: a value is something else.
     """
     values = integers(table, "frame", source)
     bad = (values > FRAME.high) | (values < FRAME.low)
@@ -109,12 +110,12 @@ def texts(table: pd.DataFrame, name: str, source: str) -> NDArray[np.object_]:
     """A column of text, where names that are whole numbers are text too; (rows,), str.
 
     Raises:
-        ValueError: a value is something else, or missing.
+        InputError: a value is something else, or missing.
     """
     column = table[name].astype(object)
     missing = column.isna().to_numpy(bool)
     if missing.any():
-        raise ValueError(f"{source}: row {int(np.argmax(missing))}: {name} is missing")
+        raise InputError("missing value", place=f"{source}: row {np.argmax(missing)}", key=name)
     if pd.api.types.infer_dtype(column) not in ("string", "empty"):
         bad = ~column.map(lambda value: isinstance(value, str | int | np.integer)).to_numpy(bool)
         if bad.any():
@@ -127,7 +128,7 @@ def groups(table: pd.DataFrame, name: str, source: str) -> NDArray[Any]:
     """A column that names groups, by whole numbers or by text; (rows,).
 
     Raises:
-        ValueError: a value is something else, or missing.
+        InputError: a value is something else, or missing.
     """
     of_numbers = table[name].dtype.kind in "iuf"
     return integers(table, name, source) if of_numbers else texts(table, name, source)
@@ -136,7 +137,7 @@ def groups(table: pd.DataFrame, name: str, source: str) -> NDArray[Any]:
 def one_of(
     table: pd.DataFrame, name: str, allowed: Collection[str], source: str, hint: str = ""
 ) -> None:
-    """Raise ValueError that names the first row whose value is none of those allowed."""
+    """Raise InputError that names the first row whose value is none of those allowed."""
     known = (
         table[name].astype(object).map(lambda value: isinstance(value, str) and value in allowed)
     )
@@ -144,8 +145,9 @@ def one_of(
         row = int(np.argmin(known.to_numpy(bool)))
         found = table[name].iloc[row]
         shown = reprlib.repr(found) if isinstance(found, str) else str(found)[:_LONGEST]
-        raise ValueError(
-            f"{source}: row {row}: {name} is {shown}; allowed are {' and '.join(allowed)}{hint}"
+        expected = f"{' or '.join(allowed)}{hint}"
+        raise InputError(
+            "invalid value", place=f"{source}: row {row}", key=name, expected=expected, found=shown
         )
 
 
@@ -169,8 +171,7 @@ def _number(value: Any) -> Any:
 _NUMBERS = (str, int, float, Decimal, np.integer, np.floating)
 
 
-def _wrong(table: pd.DataFrame, name: str, row: int, allowed: str, source: str) -> ValueError:
-    found = table[name].iloc[row]
-    return ValueError(
-        f"{source}: row {row}: {name} must be {allowed}, found {str(found)[:_LONGEST]}"
-    )
+def _wrong(table: pd.DataFrame, name: str, row: int, allowed: str, source: str) -> InputError:
+    found = str(table[name].iloc[row])[:_LONGEST]
+    place = f"{source}: row {row}"
+    return InputError("invalid value", place=place, key=name, expected=allowed, found=found)

@@ -117,7 +117,7 @@ def _lidar(parts: Sequence[_Object], path: Path) -> MountedLidar:
             azimuth_deg=(-half, half),
         )
     except ValidationError as error:
-        raise ValueError(f"{where}: no LiDAR of ours: {fault(error)}") from None
+        raise fault(error, f"{where}: no LiDAR of ours") from None
     angles = (math.radians(angle) for angle in (place.roll, place.pitch, place.yaw))
     return MountedLidar(first.id, mount_at((place.x, place.y, place.z), angles, where), model)
 

@@ -46,7 +46,7 @@ class MountedLidar:
         try:
             settings = MountSettings.model_validate(dict(self.written))
         except ValidationError as error:
-            raise ValueError(fault(error)) from None
+            raise fault(error) from None
         object.__setattr__(self, "settings", settings)
 
     @property

@@ -158,7 +158,7 @@ def read_rigs(path: Path) -> RigsFile:
             path, content, RigsSettings.model_validate(content, context={"folder": path.parent})
         )
     except ValidationError as error:
-        raise ValueError(f"{path}: {fault(error)}") from None
+        raise fault(error, str(path)) from None
 
 
 def as_yaml(content: Mapping[str, Any]) -> str:

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import yaml
 from pydantic import BaseModel, ValidationError
 
+from lidarplace.base.errors import InputError
 from lidarplace.base.suggestions import did_you_mean
 from lidarplace.command_line.invocation import command
 from lidarplace.configuration.settings import key_path, shortened, what_is_wrong
@@ -31,7 +32,7 @@ _VERBS = {
 """Keys that only one kind of file has, and the verb that takes it."""
 
 
-class ConfigError(ValueError):
+class ConfigError(InputError):
     """A mistake in the configuration: one line with file, key, value and what is allowed."""
 
 
@@ -51,7 +52,8 @@ def read_yaml(path: Path, model: type[BaseModel]) -> dict[str, Any]:
             raise ConfigError(f"{path}: {key}: is a key of {kind}; {command(verb)} takes this file")
     for key in raw:
         if key not in model.model_fields:
-            raise ConfigError(f"{path}: {shortened(str(key))}: {unknown_key(str(key), model)}")
+            problem = unknown_key(str(key), model)
+            raise ConfigError(problem, place=str(path), key=shortened(str(key)))
     return raw
 
 
@@ -157,7 +159,7 @@ def check(
             message = unknown_key(str(loc[-1]), parent)
         else:
             message = what_is_wrong(plainly(first))
-        raise ConfigError(f"{path}: {key}: {message}" if key else f"{path}: {message}") from None
+        raise ConfigError(message, place=str(path), key=key or None) from None
 
 
 def _model_at(

@@ -32,7 +32,7 @@ def test_right_data_is_done(target, world, tmp_path):
 
 @pytest.mark.parametrize("target", DATA, ids=names(DATA))
 def test_data(target, world, tmp_path):
-    assert not faults([target], 0, 10, world, tmp_path)
+    assert not faults([target], 0, 5, world, tmp_path)
 
 
 @pytest.mark.parametrize("target", MAPS, ids=names(MAPS))
@@ -43,7 +43,7 @@ def test_maps(target, world, tmp_path):
 
 @pytest.mark.parametrize("target", REPORTS, ids=names(REPORTS))
 def test_reports(target, world, tmp_path):
-    assert not faults([target], 0, 3, world, tmp_path)
+    assert not faults([target], 0, 2, world, tmp_path)
 
 
 @pytest.mark.long

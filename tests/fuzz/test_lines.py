@@ -25,7 +25,7 @@ def test_a_right_line_is_taken(name, world, tmp_path):
 
 @pytest.mark.parametrize("name", LINES)
 def test_lines(name, world, tmp_path):
-    assert not faults([name], 0, 8, world, tmp_path)
+    assert not faults([name], 0, 4, world, tmp_path)
 
 
 @pytest.mark.long

@@ -8,7 +8,7 @@ from tests.fuzz.test_data import faults, names
 
 @pytest.mark.parametrize("target", SETTINGS, ids=names(SETTINGS))
 def test_settings(target, world, tmp_path):
-    assert not faults([target], 0, 10, world, tmp_path)
+    assert not faults([target], 0, 5, world, tmp_path)
 
 
 @pytest.mark.long

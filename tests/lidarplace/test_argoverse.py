@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from lidarplace.logs.boxes import BOX_COLUMNS, CLASSES, FRAME_COLUMNS, POSE_COLUMNS, check_boxes
 from lidarplace.scenes.datasets.argoverse import read_argoverse
 from lidarplace.scenes.datasets.class_maps import ARGOVERSE, IGNORE
+from tests.refused import refused
 
 AHEAD, HEIGHT = 1.425, 0.33  # half the wheelbase of a Ford Fusion; its rear axle above the ground
 START = 315_968_867_659_956_000
@@ -143,21 +144,21 @@ def test_classes(tmp_path):
     [
         ([car(), Box(START, "TANK", (1.0, 1.0, 1.0))], "row 1: unknown category 'TANK'"),
         ([Box(START, None, (1.0, 1.0, 1.0))], "row 0: the category is missing"),
-        ([car(), car(size=(1.0, -2.0, 1.0))], "row 1: width_m must be at least 0, found -2"),
+        ([car(), car(size=(1.0, -2.0, 1.0))], ("row 1", "width_m", "-2")),
         ([car(rotation=(0.0, 0.0, 0.0, 0.0))], "row 0: the rotation is a quaternion of length 0"),
-        ([car(size=(1.0, 2.0, math.inf))], "row 0: height_m must be a finite number, found inf"),
-        ([Box(START, "BUS", (1.0, math.nan, 0.0))], "row 0: ty_m must be a finite .* found nan"),
+        ([car(size=(1.0, 2.0, math.inf))], ("row 0", "height_m", "inf")),
+        ([Box(START, "BUS", (1.0, math.nan, 0.0))], ("row 0", "ty_m", "nan")),
     ],
 )
 def test_a_wrong_value_names_file_and_row(tmp_path, boxes, message):
     folder = write_argoverse(tmp_path, [Log("train", "a", boxes, HERE, sorted(HERE))])
-    with pytest.raises(ValueError, match=rf"train/a/annotations\.feather: {message}"):
+    with refused(message, "train/a/annotations.feather: "):
         read_argoverse(folder)
 
 
 def test_wrong_files(tmp_path):
     def fails(message, **arguments):
-        with pytest.raises(ValueError, match=message):
+        with refused(message):
             read_argoverse(tmp_path, **arguments)
 
     fails("must hold a folder train or val")
@@ -176,7 +177,7 @@ def test_wrong_files(tmp_path):
     poses.assign(qw=0.0).to_feather(path)
     fails(rf"egovehicle\.feather: timestamp_ns {START}: the rotation is a quaternion of length 0")
     poses.drop(columns=["tz_m", "qx"]).to_feather(path)
-    fails(r"egovehicle\.feather: no column qx, tz_m; found timestamp_ns, qw, qy")
+    fails(("egovehicle.feather", "qx, tz_m", "timestamp_ns, qw, qy"))
     path.write_bytes(b"not Arrow")
     fails(r"egovehicle\.feather: no Feather file")
     path.unlink()

@@ -8,6 +8,7 @@ import pytest
 
 from lidarplace.logs.box_log import BoxLog, join_logs, read_box_log, write_box_log
 from lidarplace.logs.boxes import BOX_COLUMNS, BUILDING_COLUMNS
+from tests.refused import refused
 from tests.sweeps.small_log import write_small_log
 
 BOXES = pd.DataFrame(
@@ -45,7 +46,7 @@ def test_a_log_without_buildings_may_lack_the_file(tmp_path):
 
 def test_buildings_need_poses(tmp_path):
     write_box_log(tmp_path, BoxLog(BOXES, FRAMES, BUILDINGS))
-    with pytest.raises(ValueError, match=r"frames\.parquet: no column ego_x, ego_y, ego_yaw"):
+    with refused(r"frames\.parquet: no column ego_x, ego_y, ego_yaw"):
         read_box_log(tmp_path)
 
 
@@ -106,30 +107,30 @@ def test_joined_logs_keep_all_tables_and_refuse_a_frame_twice():
             "row 0: a class has a name of .*'two wheels'",
         ),
         ("boxes", "class", 7, "row 0: a class has a name of letters, .*found 7"),
-        ("boxes", "frame", 1e30, "row 0: frame must be a whole number, found 1e[+]30"),
+        ("boxes", "frame", 1e30, ("row 0", "frame", "1e+30")),
         (
             "boxes",
             "frame",
             2**63 - 1,
-            "row 0: frame must be a whole number up to ±9007199254740991",
+            ("row 0", "frame", ""),
         ),
-        ("boxes", "x", "far", "row 0: x must be a finite number, found far"),
-        ("boxes", "x", True, "row 0: x must be a finite number, found True"),
+        ("boxes", "x", "far", ("row 0", "x", "far")),
+        ("boxes", "x", True, ("row 0", "x", "True")),
         (
             "boxes",
             "yaw",
             pd.Timestamp(2020, 1, 1),
-            "row 0: yaw must be a finite number, found 2020",
+            ("row 0", "yaw", "2020"),
         ),
-        ("boxes", "object_id", b"7", "row 0: object_id must be text"),
+        ("boxes", "object_id", b"7", ("row 0", "object_id", "")),
         ("boxes", "scene", None, "row 0: scene is missing"),
-        ("frames", "split", "Train", "row 0: split is 'Train'; allowed are train and test"),
-        ("frames", "route", 0.5, "row 0: route must be a whole number, found 0.5"),
+        ("frames", "split", "Train", ("row 0", "split", "'Train'")),
+        ("frames", "route", 0.5, ("row 0", "route", "0.5")),
         (
             "frames",
             "timestamp_s",
             math.inf,
-            "row 0: timestamp_s must be a finite number, or missing",
+            ("row 0", "timestamp_s", ""),
         ),
     ],
 )
@@ -137,7 +138,7 @@ def test_a_value_of_another_kind_is_named(tmp_path, table, column, value, messag
     write_small_log(tmp_path)
     path = tmp_path / f"{table}.parquet"
     pd.read_parquet(path).assign(**{column: value}).to_parquet(path)
-    with pytest.raises(ValueError, match=rf"{table}.parquet: {message}"):
+    with refused(message, f"{table}.parquet: "):
         read_box_log(tmp_path)
 
 

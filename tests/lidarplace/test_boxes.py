@@ -2,6 +2,7 @@ import pandas as pd
 import pytest
 
 from lidarplace.logs.boxes import BOX_COLUMNS, check_boxes, frame_ids
+from tests.refused import refused
 
 BOXES = pd.DataFrame(
     [
@@ -22,17 +23,17 @@ def test_frames_are_numbered_by_scene_and_frame():
 @pytest.mark.parametrize(
     ("column", "value", "message"),
     [
-        ("x", float("nan"), "row 1: x must be a finite number, found nan"),
-        ("height", -1.0, "row 1: height must be at least 0, found -1.0"),
+        ("x", float("nan"), ("row 1", "x", "nan")),
+        ("height", -1.0, ("row 1", "height", "-1.0")),
     ],
 )
 def test_bad_values_name_row_and_column(column, value, message):
     boxes = BOXES.copy()
     boxes.loc[1, column] = value
-    with pytest.raises(ValueError, match=message):
+    with refused(message):
         check_boxes(boxes)
 
 
 def test_missing_column():
-    with pytest.raises(ValueError, match="no column yaw"):
+    with refused(("", "yaw", "")):
         check_boxes(BOXES.drop(columns="yaw"))

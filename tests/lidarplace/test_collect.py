@@ -20,6 +20,7 @@ from lidarplace.rigs.lidar import Lidar
 from lidarplace.rigs.placement import Mount, Placement
 from lidarplace.rigs.pose import rotation
 from tests.lidarplace.from_a_car import cast
+from tests.refused import refused
 
 CROP = (0.0, -20.0, -1.0, 40.0, 20.0, 4.0)
 LIDAR = Lidar(tuple(np.radians(np.linspace(-25, 5, 8))), azimuth_steps=900)
@@ -338,7 +339,7 @@ def test_wrong_input_is_named():
     with pytest.raises(ValueError, match="crop needs x0 < x1"):
         collect(log(), [0], placement, (40.0, -20.0, 0.0, 0.0, 20.0, 4.0))
     bad = log().boxes.assign(x=lambda t: t["x"].where(t.index != 3))
-    with pytest.raises(ValueError, match="row 3: x must be a finite number"):
+    with refused(("row 3", "x", "")):
         collect(BoxLog(bad, log().frames), [0], placement, CROP)
     many = Placement("many", [Mount(x=i * 0.001, z=2.2) for i in range(257)], LIDAR)
     with pytest.raises(ValueError, match="at most 256 LiDARs, found 257"):

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from lidarplace import OccupancyGrid, Roi
 from lidarplace.coverage.bits import pack
 from lidarplace.logs.boxes import GEOMETRY
+from tests.refused import refused
 
 ROI = Roi(x=(-1.0, 3.0), y=(-2.0, 1.0), z=(0.0, 1.5), resolution=0.25)
 
@@ -122,7 +123,7 @@ def test_grids_that_do_not_belong_together():
         ([grid(), grid(object_class="Cyclist")], "object_class, found 'Car' and 'Cyclist'"),
         ([grid(frames=2**30), grid(frames=2**30)], r"frames must be .* found 2147483648"),
     ):
-        with pytest.raises(ValueError, match=message):
+        with refused(message):
             OccupancyGrid.merged(parts)
 
 
@@ -183,9 +184,9 @@ def test_one_voxel():
 @pytest.mark.parametrize(
     ("column", "value", "message"),
     [
-        ("yaw", np.nan, "row 1: yaw must be a finite number, found nan"),
-        ("x", np.inf, "row 1: x must be a finite number, found inf"),
-        ("length", -1e-9, "row 1: length must be at least 0"),
+        ("yaw", np.nan, ("row 1", "yaw", "nan")),
+        ("x", np.inf, ("row 1", "x", "inf")),
+        ("length", -1e-9, ("row 1", "length", "")),
         ("frame", np.nan, "row 1: frame is missing"),
         ("scene", None, "row 1: scene is missing"),
     ],
@@ -194,7 +195,7 @@ def test_a_bad_row_is_named(column, value, message):
     box = ("Car", 1.0, 0.0, 0.5, 1.0, 1.0, 1.0, 0.0)
     boxes = box_log([(0.0, *box), (0.0, *box)]).assign(scene="town")
     boxes.loc[1, column] = value
-    with pytest.raises(ValueError, match=message):
+    with refused(message):
         OccupancyGrid.by_class(boxes, ROI, CLASSES, 2)
 
 

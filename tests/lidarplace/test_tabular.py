@@ -17,6 +17,7 @@ from lidarplace.logs.boxes import (
     check_boxes,
 )
 from lidarplace.scenes.datasets.tabular import read_tabular
+from tests.refused import refused
 
 BOXES = pd.DataFrame(
     [
@@ -90,7 +91,7 @@ def test_a_box_log_comes_back_as_it_is(tmp_path):
     pd.testing.assert_frame_equal(again.frames, log.frames, check_dtype=False)
     pd.testing.assert_frame_equal(again.buildings, log.buildings, check_dtype=False)
     write(tmp_path / "log" / "buildings.parquet", buildings.assign(width=-1.0))
-    with pytest.raises(ValueError, match=r"buildings\.parquet: row 0: width must be at least 0"):
+    with refused(("buildings.parquet: row 0", "width", "")):
         read_tabular(tmp_path / "log")
 
 
@@ -119,21 +120,21 @@ def test_class_map(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"x": [1.0, np.nan, 2.0]}, "row 1: x must be a finite number, found nan"),
-        ({"x": [1.0, 2.0, "far"]}, "row 2: x must be a finite number, found far"),
-        ({"width": [1.0, 2.0, -3.0]}, "row 2: width must be at least 0, found -3.0"),
-        ({"frame": [1, 2.5, 3]}, "row 1: frame must be a whole number, found 2.5"),
-        ({"frame": [1, 3, None]}, "row 2: frame must be a whole number, found nan"),
-        ({"class": ["Car", None, "Car"]}, "row 1: class is missing"),
+        ({"x": [1.0, np.nan, 2.0]}, ("row 1", "x", "nan")),
+        ({"x": [1.0, 2.0, "far"]}, ("row 2", "x", "far")),
+        ({"width": [1.0, 2.0, -3.0]}, ("row 2", "width", "-3.0")),
+        ({"frame": [1, 2.5, 3]}, ("row 1", "frame", "2.5")),
+        ({"frame": [1, 3, None]}, ("row 2", "frame", "nan")),
+        ({"class": ["Car", None, "Car"]}, ("row 1", "class", "")),
         ({"class": ["Car", "car", "Car"]}, "row 1: unknown category 'car'"),
-        ({"object_id": ["a", "b", None]}, "row 2: object_id is missing"),
-        ({"timestamp_s": [0.0, np.inf, 1.0]}, "row 1: timestamp_s must be a finite number"),
+        ({"object_id": ["a", "b", None]}, ("row 2", "object_id", "")),
+        ({"timestamp_s": [0.0, np.inf, 1.0]}, ("row 1", "timestamp_s", "")),
         ({"frame": 1, "scene": ["a", "a", "b"]}, "row 2: frame 1 is in scene 'b' and in 'a'"),
     ],
 )
 def test_a_wrong_box_names_file_and_row(tmp_path, change, message):
     path = write(tmp_path / "boxes.csv", BOXES.assign(**change))
-    with pytest.raises(ValueError, match=rf"boxes\.csv: {message}"):
+    with refused(message, "boxes.csv: "):
         read_tabular(path, frames=3)
 
 
@@ -142,28 +143,28 @@ def test_a_wrong_box_names_file_and_row(tmp_path, change, message):
     [
         (FRAMES.assign(frame=[7, 3, 4, 3]), r"frames\.csv: row 3: frame 3 is there twice"),
         (FRAMES[1:], r"boxes\.csv: row 0: frame 7 is not in frames\.csv"),
-        (FRAMES.assign(split="val"), r"row 0: split is 'val'; allowed are train and test"),
-        (FRAMES.assign(ego_x=1.0), r"frames\.csv: no column ego_y, ego_yaw; found scene, frame"),
+        (FRAMES.assign(split="val"), ("row 0", "split", "'val'")),
+        (FRAMES.assign(ego_x=1.0), ("frames.csv", "ego_y, ego_yaw", "scene, frame")),
         (
             FRAMES.assign(ego_x=1.0, ego_y=[1, 2, "?", 3], ego_yaw=0.0),
-            r"frames\.csv: row 2: ego_y must be a finite number, found \?",
+            ("frames.csv: row 2", "ego_y", "?"),
         ),
-        (FRAMES.assign(scene=["a", None, "a", "b"]), r"frames\.csv: row 1: scene is missing"),
-        (FRAMES.drop(columns="frame"), r"frames\.csv: no column frame; found scene"),
-        (FRAMES.drop(columns="scene"), r"frames\.csv: no column scene; found frame"),
+        (FRAMES.assign(scene=["a", None, "a", "b"]), ("frames.csv: row 1", "scene", "")),
+        (FRAMES.drop(columns="frame"), ("frames.csv", "frame", "scene")),
+        (FRAMES.drop(columns="scene"), ("frames.csv", "scene", "frame")),
         (FRAMES.assign(scene="a"), r"boxes\.csv: row 0: frame 7 is in scene 'b' and in 'a'"),
     ],
 )
 def test_wrong_frames(tmp_path, frames, message):
     write(tmp_path / "boxes.csv", BOXES.assign(scene=["b", "a", "a"]))
     write(tmp_path / "frames.csv", frames)
-    with pytest.raises(ValueError, match=message):
+    with refused(message):
         read_tabular(tmp_path)
 
 
 def test_wrong_sources(tmp_path):
     def fails(message, source, **arguments):
-        with pytest.raises(ValueError, match=message):
+        with refused(message):
             read_tabular(source, **arguments)
 
     fails(r"must hold boxes\.parquet or boxes\.csv, found neither", tmp_path)

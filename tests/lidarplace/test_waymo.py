@@ -94,7 +94,7 @@ def wrong(path, **columns):
     ("component", "columns", "told"),
     [
         ("lidar_box", {"frame_timestamp_micros": 9}, "row 0: no vehicle_pose of frame 9"),
-        ("lidar_box", {"heading": None}, r"no column \[LiDARBoxComponent\].box.heading"),
+        ("lidar_box", {"heading": None}, r"\[LiDARBoxComponent\].box.heading: missing"),
         ("lidar_box", {"type": 7}, "row 0: unknown category '7'; name its class in a class map"),
         ("lidar_box", {"transform": 0}, ""),
         ("vehicle_pose", {"transform": [1.0, 2.0]}, "row 0: .* must be 16 finite numbers"),

@@ -66,6 +66,7 @@ except KeyboardInterrupt:
 """
 
 
+@pytest.mark.long
 def test_a_node_dies_under_load_and_another_comes(tmp_path):
     done = subprocess.run(
         [sys.executable, str(ROOT / "tests/sweeps/lose_a_node.py"), str(tmp_path)],
@@ -127,7 +128,9 @@ def cluster(tmp_path_factory):
         shutil.rmtree(folder, ignore_errors=True)
 
 
-@pytest.mark.parametrize("kind", ["local", "host:port", "ray://"])
+@pytest.mark.parametrize(
+    "kind", ["local", pytest.param("host:port", marks=pytest.mark.long), "ray://"]
+)
 def test_what_runs_ends_with_its_driver(request, tmp_path, kind):
     address, env = kind, environment()
     if kind != "local":
@@ -172,7 +175,10 @@ def sweep(folder: Path, address: str, env: dict[str, str]) -> subprocess.Complet
     return run_forked(["run", "small.yaml"], folder, folder, env)
 
 
-@pytest.mark.parametrize("client", [False, True], ids=["host:port", "ray://"])
+@pytest.mark.parametrize(
+    "client",
+    [pytest.param(False, id="host:port"), pytest.param(True, id="ray://", marks=pytest.mark.long)],
+)
 def test_a_sweep_on_nodes_that_have_not_its_code(cluster, tmp_path, client):
     address, of_client, env = cluster
     done = sweep(tmp_path, of_client if client else address, env)

@@ -22,20 +22,26 @@ SWEEP = {
     "lidar": {"azimuth_steps": 360},
     "surrogate": {"resolution": 0.4, "accuracy": False, "sampling_error": False},
     "training": {"epochs": 1, "batch_size": 2},
-    "grid": {"placement": ["center"], "detector": [f"{name}_tiny" for name in NETWORKS]},
     "ray": "debug",
 }
 
 
-def test_every_network_trains_and_is_evaluated(tmp_path):
+@pytest.mark.parametrize(
+    "networks",
+    [("pointpillars", "pv_rcnn"), pytest.param(tuple(NETWORKS), marks=pytest.mark.long)],
+    ids=["one of one stage, one of two", "all"],
+)
+def test_every_network_trains_and_is_evaluated(tmp_path, networks):
     write_small_log(tmp_path / "log")
     scene = {"source": "log", "folder": str(tmp_path / "log")}
     config = tmp_path / "networks.yaml"
-    config.write_text(yaml.safe_dump(SWEEP | {"scene": scene, "output": str(tmp_path / "runs")}))
+    grid = {"placement": ["center"], "detector": [f"{name}_tiny" for name in networks]}
+    own = {"grid": grid, "scene": scene, "output": str(tmp_path / "runs")}
+    config.write_text(yaml.safe_dump(SWEEP | own))
     plan = make_plan(read_sweep(config))
     store = Store(tmp_path / "store")
     execute(plan.tasks, store, InProcess(), Loud())
-    assert [trial.finetune.params.detector for trial in plan.trials] == SWEEP["grid"]["detector"]
+    assert [trial.finetune.params.detector for trial in plan.trials] == grid["detector"]
     for trial in plan.trials:
         training = store.load(trial.finetune)
         assert training["classes"] == ["Car"], "no pedestrian occurs"

@@ -149,201 +149,25 @@ def test_own_placements_in_both_conventions(config):
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    ("key", "changes"),
     [
-        ({"trainig": {}}, r"trainig: unknown key \(did you mean training\?\); allowed are "),
-        ({"training": {"epoch": 2}}, r"training.epoch: unknown key \(did you mean epochs\?\)"),
-        ({"training": {"epochs": "two"}}, "training.epochs: found 'two'; should be a valid int"),
-        ({"roi": {"x": [40, 0]}}, r"roi.x: found \[40, 0\]; allowed is \[min, max\]"),
-        ({"scene": {"test_routes": 0}}, "scene: no frame is in the test split; test_routes is 0,"),
+        ("detector", {"detector": "yolo"}),
         (
-            {"scene": {"split": "paper", "frames_per_route": 9}},
-            "scene: no frame is in the test split; frames_per_route is 9, .* allowed is at least",
-        ),
-        ({"scene": {"source": "kitty"}}, "scene: source is none of sumo, log"),
-        (
-            {"scene": {"source": "log", "foldr": "x"}},
-            r"scene.folder: is missing|scene.foldr: unknown key \(did you mean folder",
-        ),
-        (
-            {"scene": {"source": "log", "folder": "/no/such"}},
-            "scene.folder: .*/no/such/frames.parquet: no such file",
-        ),
-        ({"scene": {"towns": ["Town.03"]}}, "scene.towns.*'Town.03' is no town; allowed are"),
-        ({"lidar": {"profile": ["paper", "paper"]}}, "lidar.profile: found .*; should be 'paper'"),
-        ({"roi": {"x": [0, 100]}}, "roi: simulated traffic is logged up to 60 m .* 102.0 m away"),
-        ({"lidar": "vlp-61"}, r"lidar: no LiDAR is called 'vlp-61'; did you mean vlp16\?"),
-        ({"lidar": {"name": "vlp61"}}, r"lidar: no LiDAR is called 'vlp61'; did you mean vlp16\?"),
-        ({"grid": {"lidar": ["vlp16", "x"]}}, r"grid.lidar\[1\]: no LiDAR is called 'x'; allowed"),
-        ({"lidar": {"name": "vlp16", "beams": 32}}, "lidar: beams: vlp16 has its own beams; elev"),
-        ({"lidar": {"range_80": 90}}, "lidar: range_80 needs range_10"),
-        ({"lidar": 16}, "lidar: found 16; should be a mapping of keys$"),
-        ({"placements": []}, r"placements: found \[\]; should be a mapping$"),
-        ({"requirements": 5}, "requirements: found 5; should be a list$"),
-        ({"requirements": {"name": "a"}}, "requirements: should be a list$"),
-        ({"classes": "Car"}, r"classes: found 'Car'; should be a list, such as \[Car\]$"),
-        ({"classes": []}, r"classes: found \[\]; needs at least 1 item$"),
-        ({"name": ""}, "name: found ''; should have at least 1 character$"),
-        ({"output": 5}, "output: found 5; should be a path$"),
-        (
-            {"lidar": {"profile": "papr"}},
-            "lidar.profile: found 'papr' .did you mean paper",
-        ),
-        (
-            {"placements": {"twins": {"mounts": [{"z": 2}, {"z": 2}]}}},
-            "placement 'twins': LiDARs 0 and 1 are both at",
-        ),
-        ({"placements": {"line": {"mounts": [{"z": 2}]}}}, "'line' is the paper's"),
-        (
-            {"grid": {"placement": ["lime"]}},
-            "grid.placement: no placement 'lime' .did you mean line",
-        ),
-        ({"grid": {"seed": [1, -1]}}, r"grid.seed\[1\]: found -1; should be greater than"),
-        ({"grid": {"seed": [1, 1]}}, "grid.seed: 1 is given twice"),
-        ({"grid": {"scene.densty": [1]}}, r"grid.scene.densty\[0\]: unknown key"),
-        ({"grid": {"seed": []}}, "grid.seed: found .*; allowed is a list"),
-        (
-            {"grid": {"surrogate.resolution": [0.1, 0.3]}},
-            r"grid.surrogate.resolution\[1\]: ROI x is 40 m long, no multiple",
-        ),
-        (
-            {"surrogate": {"resolution": 1e-6}},
-            r"surrogate.resolution: 1e-06 m divides the ROI into 6.4e\+21 voxels; allowed are 2e",
-        ),
-        (
-            {"grid": {"surrogate.resolution": [0.1, 0.01]}},
-            r"grid.surrogate.resolution\[1\]: surrogate.resolution: 0.01 m divides .* 6.4e\+09 vox",
-        ),
-        ({"exclude": [{"seed": 9}]}, r"exclude\[0\].seed: found 9; allowed are \[1, 2\]"),
-        ({"exclude": [{"lr": 9}]}, r"exclude\[0\].lr: no axis of the grid; allowed are placem"),
-        ({"ray": "debgu"}, "ray.address: found 'debgu'; allowed are local"),
-        (
-            {"lidar": {"elevation_deg": [-100, 5]}},
-            r"lidar.elevation_deg\[0\]: found -100; should be .* -90",
-        ),
-        (
-            {"classes": ["Bus"]},
-            "classes: found .*; simulated traffic has no Bus; it has Car, Cyclist",
-        ),
-        ({"classes": ["car"]}, r"simulated traffic has no car \(did you mean Car\?\)"),
-        ({"classes": "Car"}, r"classes: found 'Car'; should be a list, such as \[Car\]"),
-        ({"classes": ["two wheels"]}, r"classes\[0\]: found 'two wheels'; a class has a name of"),
-        ({"classes": ["all"]}, r"classes\[0\]: .*'all' is no name of a class"),
-        ({"class_settings": {"car": {}}}, r"class_settings: car is not among .*mean Car\?"),
-        (
-            {"class_settings": {"Car": {"iou": [0.5, 0.7]}}},
-            r"class_settings.Car.iou: found \[0.5, 0.7\]; allowed is \[strict, loose\]",
-        ),
-        (
-            {"class_settings": {"Car": {"size": [4, 2, 0]}}},
-            r"class_settings.Car.size\[2\]: found 0",
-        ),
-        ({"class_settings": {"Car": {"colour": "red"}}}, "class_settings.Car.colour: found 'red'"),
-        (
-            {"training": {"sample_groups": {"Truk": 3}}},
-            "training.sample_groups: Truk is not among classes",
-        ),
-        ({"detector": "yolo"}, "detector: found 'yolo'; should be 'pointpillars'"),
-        (
-            {"lidar": {"azimuth_deg": [60, -60]}},
-            r"azimuth_deg: found \[60, -60\]; allowed is \[min",
-        ),
-        (
-            {"lidar": {"azimuth_deg": [-200, 200]}},
-            "allowed is .* with min < max and max - min <= 360",
-        ),
-        ({"lidar": {"azimuth_deg": [1, 1.01]}}, "lidar: none of the 5625 azimuth steps of a turn"),
-        ({"name": "a/b"}, "name: found 'a/b'"),
-        ({"seed": "banana"}, "seed: found 'banana'; should be a valid integer"),
-        (
-            {"placement": "lime"},
-            "placement: no placement 'lime' .did you mean line",
-        ),
-        (
-            {"scene": {"density": float("nan")}, "grid": {"scene.density": [3, 4]}},
-            "scene.density: found nan; ",
-        ),
-        (
-            {"training": {"epochs": -1}, "grid": {"training": [{"epochs": 1}, {"epochs": 2}]}},
-            "training.epochs: found -1; should be greater than or equal to 1",
-        ),
-        ({"weather": {"visibility": 0}}, "weather.visibility: found 0; should be greater than 0"),
-        ({"weather": {"rain": -1}}, "weather.rain: found -1; should be greater than or equal to 0"),
-        ({"weather": {"snow": 1}}, "weather.snow: unknown key"),
-        ({"lidar": {"window": 0}}, "lidar.window: found 0; should be greater than 0"),
-        (
-            {"lidar": {"range_10": 50, "range_80": 50}, "weather": {"rain": 4}},
-            "range_80 is range_10, 50.*: light makes no difference",
-        ),
-        ({"scene": {"density": True}}, "scene.density: found True; should be a valid integer"),
-        ({"training": {"lr": True}}, "training.lr: found True; should be a valid number"),
-        ({"training": {"epochs": "3"}}, "training.epochs: found '3'; should be a valid integer"),
-        ({"training": {"grad_norm_clip": float("inf")}}, "grad_norm_clip: found inf; .* finite"),
-        ({"training": {"scaling": [1, float("nan")]}}, r"scaling\[1\]: found nan; .* finite"),
-        ({"scene": {"routes": 10**30}}, "scene.routes: found 1000.*; should be less than"),
-        ({"scene": {"warmup_s": 1e300}}, r"scene.warmup_s: found 1e\+300; should be less than"),
-        ({"roi": {"x": [0, 1e308]}}, r"roi.x\[1\]: found 1e\+308; should be less than"),
-        (
-            {"placements": {"far": {"mounts": [{"z": 1e308}]}}},
-            r"placements.far.mounts\[0\].z: found 1e\+308; should be less than or equal to 100",
-        ),
-        (
-            {"placements": {"mm": {"mounts": [{"z": 2200}]}}},
-            r"placements.mm.mounts\[0\].z: found 2200; should be less than or equal to 100",
-        ),
-        (
-            {"placements": {"low": {"mounts": [{"z": -0.1}]}}},
-            r"placements.low.mounts\[0\].z: found -0.1; should be greater than or equal to 0",
-        ),
-        (
-            {"placements": {"long": {"mounts": [{"x": -2000, "z": 2}]}}},
-            r"placements.long.mounts\[0\].x: found -2000; should be greater than or equal to -100",
-        ),
-        (
-            {"lidar": {"elevation_deg": [5, -25]}},
-            "lidar.elevation_deg: found .*; elevations count upwards",
-        ),
-        (
-            {"lidar": {"elevations_deg": [5, 0, -25]}},
-            "lidar.elevations_deg: found .*; elevations count upwards",
-        ),
-        (
-            {"placements": {"turned": {"mounts": [{"z": 2, "roll": 28}]}}},
-            r"placements.turned.mounts\[0\].roll: found 28; should be less than",
-        ),
-        (
+            "placements.many.mounts",
             {"placements": {"many": {"mounts": [{"z": 2, "x": i} for i in range(1000)]}}},
-            "placements.many.mounts: .* at most 100 items",
         ),
-        ({"placements": {"p" * 10**6: {"mounts": [{"z": 2}]}}}, "placements.p{60}….*at most 100 c"),
-        ({"name": "n" * 10**6}, "name: found 'nn.*at most 100 characters"),
-        ({"output": "o" * 10**6}, "output: found 'oo.*allowed are 4000 bytes"),
-        ({"lidar": {"beams": 10**6}}, "lidar.beams: found 1000000; .* less than or equal to 10000"),
-        ({"lidar": {"elevations_deg": [0.1] * 10**5}}, "lidar.elevations_deg: .*at most 10000 it"),
-        ({"lidar": {"azimuth_steps": 10**12}}, "lidar.azimuth_steps: found 1000000000000; .* less"),
-        ({"lidar": {"azimuth_steps": 9 * 10**6}}, "lidar: azimuth_steps: .*16 beams; allowed are"),
-        (
-            {"grid": {"seed": list(range(3000)), "scene.seed": list(range(3000))}},
-            "grid: found 9,000,000 points; allowed are 20,000",
-        ),
-        (
-            {"grid": {"scene": [{"density": 3}], "scene.density": [4, 7]}},
-            "grid.scene.density: is inside of scene, which is given too",
-        ),
-        (
-            {
-                "grid": {"training": [{"epochs": 5}]},
-                "promote": [{"by": "recall", "keep": 1, "set": {"training.epochs": 1}}],
-            },
-            r"promote\[0\].set.training.epochs: is inside of training, an axis of the grid",
-        ),
+        (f"placements.{'p' * 60}…", {"placements": {"p" * 10**6: {"mounts": [{"z": 2}]}}}),
+        ("name", {"name": "n" * 10**6}),
+        ("output", {"output": "o" * 10**6}),
+        ("lidar.elevations_deg", {"lidar": {"elevations_deg": [0.1] * 10**5}}),
+        ("grid", {"grid": {"seed": list(range(3000)), "scene.seed": list(range(3000))}}),
     ],
 )
-def test_mistakes_are_one_line_with_file_key_value_and_what_is_allowed(config, changes, message):
+def test_a_mistake_of_any_size_is_one_line(config, key, changes):
     path = config(**changes)
-    with pytest.raises(ConfigError, match=message) as error:
+    with pytest.raises(ConfigError) as error:
         read_sweep(path)
-    assert str(error.value).startswith(f"{path}: ")
+    assert str(error.value).startswith(f"{path}: {key}: ")
     assert "\n" not in str(error.value)
     assert len(str(error.value)) < 1000
 

@@ -46,7 +46,7 @@ def kill_often(folder, ray, kills, seconds, reference):
 
 
 def test_a_driver_killed_a_few_times(tmp_path, reference):
-    assert len(kill_often(tmp_path, "debug", 3, reference[1], reference[0])) >= 3
+    assert len(kill_often(tmp_path, "debug", 2, reference[1], reference[0])) >= 2
 
 
 def test_processes_of_ray_killed(tmp_path, reference):

@@ -7,12 +7,9 @@ import math
 import pandas as pd
 import pytest
 import yaml
-from hypothesis import given
-from hypothesis import strategies as st
 from small_log import write_small_log
 from written_tables import check_columns
 
-from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from sweeps.execution.backends import InProcess
 from sweeps.execution.execute import Outcome, execute
@@ -262,49 +259,6 @@ def test_without_a_detector_nothing_is_trained(log):
     assert promotion.pruned == {}
 
 
-@pytest.mark.parametrize(
-    ("rungs", "message"),
-    [
-        ([{"by": "s_mig", "keep": 1}], r"promote\[0\]: direction: s_mig is highest"),
-        (
-            [{"by": "recall", "keep": 1, "set": {"training.epochs": 10}}],
-            r"promote\[0\].set: these trainings see as many frames as the full ones",
-        ),
-        ([{"by": "m_sog", "keep": 0}], r"promote\[0\].keep: found 0"),
-        ([{"by": "AP", "keep": 1}], r"promote\[0\].by: found 'AP'"),
-        ([{"by": "recall", "keep": 1}], r"promote\[0\]: set: a rung by recall needs shorter"),
-        ([{"by": "m_sog", "keep": 1, "class": "Cyclist"}], r"promote\[0\].class: Cyclist is not"),
-        (
-            [{"by": "m_sog", "keep": 1, "set": {"training.epochs": 1}}],
-            r"promote\[0\]: set: nothing is trained",
-        ),
-        (
-            [{"by": "recall", "keep": 1, "set": {"training.epoch": 1}}],
-            r"promote\[0\].set.training.epoch: unknown key \(did you mean epochs\?\)",
-        ),
-        (
-            [{"by": "recall", "keep": 1, "set": {"seed": 1}}],
-            r"promote\[0\].set.seed: is an axis of the grid",
-        ),
-        (
-            [{"by": "recall", "keep": 1, "set": {"lidar.beams": 1}}],
-            r"promote\[0\].set.lidar.beams: allowed are judge and keys of training",
-        ),
-        (
-            [{"by": "recall", "keep": 1, "set": {"training": {"epochs": 1}}}],
-            r"promote\[0\].set.training: allowed are judge and keys of training",
-        ),
-    ],
-)
-def test_mistakes(log, rungs, message):
-    with pytest.raises(ConfigError, match=message):
-        read(log, promote=rungs)
-
-
-finite = st.floats(-1e300, 1e300)
-
-
-@given(st.lists(finite | st.just(math.nan), max_size=30), st.integers(1, 12), st.booleans())
 def test_survivors_are_the_best(values, keep, highest):
     named = {str(i): value for i, value in enumerate(values)}
     found = survivors(named, keep, "maximize" if highest else "minimize")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 from dataclasses import replace
 
 import pandas as pd
@@ -79,8 +78,9 @@ def test_it_is_counted_in_how_many_cases_nothing_could_be_shown(run):
     assert counted(run, found, some).endswith(said)
 
 
-def test_more_verdicts_than_cards_keep_their_finding_on_the_first_screen(run, tmp_path):
-    folder = shutil.copytree(run.path, tmp_path / "run")
+def test_more_verdicts_than_cards_keep_their_finding_on_the_first_screen(tmp_path):
+    both, three = ("second", "pointpillars"), (40, 80, 120)
+    folder = write_run(tmp_path / "run", NAMES[:3], (1,), detectors=both, densities=three)
     page = build_report(folder).read_text(encoding="utf-8")
     first = page[: page.index("<nav")]
     assert '<div class="card">' not in first

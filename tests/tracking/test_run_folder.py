@@ -12,6 +12,7 @@ from made_up_run import NAMES, write_run
 from pandas.testing import assert_frame_equal
 
 from lidarplace.logs.boxes import CLASSES
+from tests.refused import refused
 from tracking.findings.summary import (
     by_surrogate,
     deciding_surrogate,
@@ -50,7 +51,7 @@ def test_what_is_missing_is_named(copy, tmp_path):
         RunFolder.read(tmp_path / "nowhere")
     results = pd.read_parquet(copy / "results.parquet")
     results.drop(columns="iou").to_parquet(copy / "results.parquet")
-    with pytest.raises(ValueError, match=r"results.parquet: no column iou; found trial"):
+    with refused(("results.parquet", "iou", "trial")):
         RunFolder.read(copy)
     sweep = json.loads((copy / "sweep.json").read_text())
     (copy / "sweep.json").write_text(json.dumps({k: v for k, v in sweep.items() if k != "roi"}))
@@ -159,7 +160,7 @@ def test_what_is_written_is_read(made_up_run, tmp_path):
 
 def test_a_table_is_written_only_as_it_has_to_be_read(made_up_run, tmp_path):
     trials = RunFolder.read(made_up_run).trials
-    with pytest.raises(ValueError, match=r"trials\.parquet: no column status; found trial"):
+    with refused(("trials.parquet", "status", "trial")):
         TRIALS.write(trials.drop(columns="status"), tmp_path)
     with pytest.raises(ValueError, match=r"trials\.parquet: column seconds must hold numbers"):
         TRIALS.write(trials.assign(seconds="long"), tmp_path)
@@ -305,7 +306,7 @@ def test_the_headline_iou_is_kittis_where_it_was_evaluated():
 def test_a_damaged_file_of_arrays_is_named(made_up_run, tmp_path, name):
     run = shutil.copytree(made_up_run, tmp_path / "run")
     data = (path := run / f"{name}.npz").read_bytes()
-    for length in range(0, len(data), len(data) // 40):
+    for length in range(0, len(data), len(data) // 8):
         path.write_bytes(data[:length])
         with pytest.raises(ValueError, match=rf"{name}\.npz: is no file of arrays, or a damaged"):
             RunFolder.read(run)

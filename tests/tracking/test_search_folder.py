@@ -92,7 +92,7 @@ def test_a_rig_needs_a_model_for_each_mount(folder):
 def test_a_missing_column_is_named_with_those_found(folder):
     table = pd.read_parquet(folder / "trials.parquet").drop(columns="value.expected_ig")
     table.to_parquet(folder / "trials.parquet")
-    with pytest.raises(ValueError, match=r"trials.parquet: no column value.expected_ig; found"):
+    with pytest.raises(ValueError, match=r"value.expected_ig: missing column; found"):
         SearchFolder.read(folder)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -15,7 +17,7 @@ from tracking.findings.training_cost import (
     varied_cost_axes,
 )
 from tracking.report.build import build_report
-from tracking.report.sections.training_cost import training_cost_figure
+from tracking.report.sections.training_cost import training_cost_figure, training_cost_section
 from tracking.run_folders.sweep import RunFolder
 
 TRAININGS = [(epochs, share) for epochs in (1, 4) for share in (0.25, 1.0)]
@@ -102,15 +104,20 @@ def test_the_figure_has_a_mark_a_trial_and_lines_over_epochs(run):
 
 
 @pytest.mark.parametrize("trainings", [TRAININGS, [(1, 1.0), (4, 1.0)], []])
-def test_the_report_compares_placements_after_the_longest_training(tmp_path, trainings):
+def test_the_report_has_the_cost_of_training_where_it_varied(tmp_path, trainings):
     folder = write_run(tmp_path / "run", NAMES[:2], seeds=(1,), trainings=trainings)
     run = RunFolder.read(folder)
+    section = training_cost_section(run)
+    assert (section is not None) == bool(varied_cost_axes(run.results)) == bool(trainings)
+    if section is not None:
+        without = training_cost_section(replace(run, curves=None))
+        assert "has no curves.parquet" in " ".join(without.notes)
+
+
+def test_the_report_compares_placements_after_the_longest_training(tmp_path):
+    folder = write_run(tmp_path / "run", NAMES[:2], seeds=(1,), trainings=TRAININGS)
     page = build_report(folder).read_text()
-    shown = "Training: error against run time" in page
-    assert shown == bool(varied_cost_axes(run.results)) == bool(trainings)
+    assert "Training: error against run time" in page
     assert "epochs = 1" not in page
-    if trainings:
-        assert "epochs = 4, frame_share = 1.0" in page
-        assert "pointpillars_tiny (longest)" in page
-        (folder / "curves.parquet").unlink()
-        assert "has no curves.parquet" in build_report(folder).read_text()
+    assert "epochs = 4, frame_share = 1.0" in page
+    assert "pointpillars_tiny (longest)" in page

@@ -18,6 +18,7 @@ import pytest
 from plain_curve import plain_curve
 
 from lidarplace.logs.boxes import GEOMETRY
+from tests.refused import refused
 from training.average_precision import COUNTS, IGNORED, OTHER, FramePairs, ap_r40, precision_curve
 from training.kitti_ap import evaluate_boxes, evaluate_detections
 from training.kitti_labels import DIFFICULTIES
@@ -288,7 +289,7 @@ def test_recall_is_that_of_the_refined_boxes():
     assert result["Car", "class_recall_3D", 0.7] == pytest.approx(200 / 3)
     nothing = values(evaluate_boxes(truth, found, range(4), ["Car"], refined[:0]))
     assert nothing["all", "recall", 0.5] == 0
-    with pytest.raises(ValueError, match="refined boxes: no column yaw"):
+    with pytest.raises(ValueError, match="refined boxes: yaw: missing column"):
         evaluate_boxes(truth, found, [0], ["Car"], refined.drop(columns="yaw"))
 
 
@@ -318,7 +319,7 @@ def test_bad_tables():
     for bad in (np.nan, np.inf, -np.inf):
         with pytest.raises(ValueError, match=r"found NaN or infinity in 1 row"):
             evaluate_boxes(truth, found.assign(score=bad), [0], ["Car"])
-    with pytest.raises(ValueError, match="no column score"):
+    with refused("no column score"):
         evaluate_boxes(truth, found.drop(columns="score"), [0], ["Car"])
-    with pytest.raises(ValueError, match="detections: no column yaw"):
+    with refused(("detections", "yaw", "")):
         evaluate_boxes(truth, found.drop(columns="yaw"), [0], ["Car"])

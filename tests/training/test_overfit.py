@@ -23,7 +23,17 @@ EPOCHS_AND_RATE = {
 }
 
 
-@pytest.mark.parametrize("network", EPOCHS_AND_RATE)
+LIKE_ANOTHER = {"second", "pointrcnn"}
+"""The same but for what others add: second_iou and voxel_rcnn a head, pointrcnn_iou a target."""
+
+
+@pytest.mark.parametrize(
+    "network",
+    [
+        pytest.param(name, marks=pytest.mark.long if name in LIKE_ANOTHER else ())
+        for name in EPOCHS_AND_RATE
+    ],
+)
 def test_overfits_four_frames(network):
     clouds, truth = scenes(4, seed=1, objects=24, fewest=22)
     assert len(truth) >= 41  # with fewer, KITTI's recall points are not all reached

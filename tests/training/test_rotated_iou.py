@@ -79,6 +79,12 @@ def test_area_agrees_with_the_hull_of_crossings(a, b):
     assert bev_overlap(a, b)[0, 0] == pytest.approx(hull_area(a, b), abs=1e-6)
 
 
+def test_boxes_above_each_other_share_no_volume():
+    a, above = ([[0.0, 0.0, z, 4.0, 2.0, 1.5, 0.3]] for z in (0.0, 2.0))
+    assert iou_bev(a, above)[0, 0] == pytest.approx(1)
+    assert iou_3d(a, above)[0, 0] == 0
+
+
 @settings(max_examples=100)
 @given(boxes, boxes, st.floats(-4, 4), st.floats(-50, 50), st.floats(-50, 50))
 def test_symmetric_and_invariant_under_rigid_motion(a, b, angle, dx, dy):

@@ -54,4 +54,4 @@ def read_result_file(path: Path, model: type[Model]) -> Model:
     try:
         return model.model_validate_json(regular(path).read_bytes())
     except ValidationError as error:
-        raise ValueError(f"{path}: {fault(error)}") from None
+        raise fault(error, str(path)) from None

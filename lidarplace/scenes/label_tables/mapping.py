@@ -157,4 +157,4 @@ def read_mapping(path: Path) -> TableMapping:
     try:
         return TableMapping.model_validate(content)
     except ValidationError as error:
-        raise ValueError(f"{path}: {fault(error)}") from None
+        raise fault(error, str(path)) from None

@@ -371,7 +371,7 @@ def test_what_a_sweep_has_found_is_read_from_its_folder(tmp_path):
     assert found["recall 0.5 all"].loc["a"].tolist() == [50, 40, 60]
     assert math.isnan(found["recall 0.5 all"].loc["b", "low"])
     (tables / "best-ap.csv").write_text("placement,mean\na,1\n")
-    with pytest.raises(ValueError, match=r"best-ap\.csv: no column low, high"):
+    with pytest.raises(ValueError, match=r"best-ap\.csv: low, high: missing column"):
         found_by_sweep(tmp_path)
 
 
