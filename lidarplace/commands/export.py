@@ -23,12 +23,12 @@ from lidarplace.command_line.terminal import Terminal, say
 from lidarplace.command_line.verbs import (
     FRONT_ROI,
     RoiOption,
+    checked_input,
     crop_of,
     known,
     new_app,
     verb,
     within,
-    wrong,
 )
 from lidarplace.configuration.placement import named_placement
 from lidarplace.logs.box_log import BoxLog, read_box_log
@@ -88,7 +88,7 @@ def export(
     An MCAP file is a recording that Foxglove plays: clouds, boxes, mounts (docs/rigs.md).
     """
     counts: Counter[str] = Counter()
-    try:
+    with checked_input():
         if out.suffix != MCAP:
             check_new(out)
         elif all_around or images:
@@ -119,8 +119,6 @@ def export(
         else:
             portions = _portions(chosen, clouds_of, crop, seed, all_around, counts)
             write_kitti(out, frames, portions, images)
-    except (ValueError, OSError) as error:
-        wrong(error)
     if out.suffix == MCAP:
         say(
             f"{out}: {len(frames):,} frames, {counts['boxes']:,} boxes, {counts['points']:,} points"

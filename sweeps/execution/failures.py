@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from lidarplace.configuration.record import read_record
-from lidarplace.files.atomic import replacing
+from lidarplace.files.atomic import replacing, write_text
 from lidarplace.files.secret_urls import hide_secrets
 from sweeps.store.result_folder import DamagedResult
 from sweeps.tasks.task import Task
@@ -63,8 +63,7 @@ class FailureFolder:
             partial.write_text(
                 f"{task.stage} '{task.label}'\n{failure.reason}\n\n{failure.log}", encoding="utf-8"
             )
-        with replacing(self._record(task.key)) as partial:
-            partial.write_text(json.dumps(asdict(failure)), encoding="utf-8")
+        write_text(self._record(task.key), json.dumps(asdict(failure)))
 
     def read(self) -> Mapping[str, Failure]:
         """Failures by the task's key. Raises ValueError that names a file which is none."""
