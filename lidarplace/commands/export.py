@@ -34,7 +34,6 @@ from lidarplace.configuration.placement import named_placement
 from lidarplace.logs.box_log import BoxLog, read_box_log
 from lidarplace.scenes.kitti.labels import in_image, to_labels
 from lidarplace.scenes.kitti.write import check_new, write_kitti
-from lidarplace.viewing.mcap import write_mcap
 
 PORTION = 100
 """Frames whose clouds are in memory at a time."""
@@ -115,6 +114,8 @@ def export(
             return collect(some, numbers, rig, kept, seed, how.misaligned_heights)
 
         if out.suffix == MCAP:
+            from lidarplace.viewing.mcap import write_mcap  # foxglove
+
             write_mcap(out, frames, _played(chosen, clouds_of, crop, counts), rig)
         else:
             portions = _portions(chosen, clouds_of, crop, seed, all_around, counts)
