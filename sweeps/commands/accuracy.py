@@ -165,8 +165,7 @@ def _write(errors: pd.DataFrame, summary: pd.DataFrame, out: Path) -> dict[str, 
     out.parent.mkdir(parents=True, exist_ok=True)
     with replacing(paths["parquet"]) as partial:
         errors.to_parquet(partial, index=False)
-    with replacing(paths["csv"]) as partial:
-        write_csv(errors, partial)
+    write_csv(errors, paths["csv"])
     section = Section("Error against run time", columns=1)
     for name, own in summary.groupby("class", sort=False):
         section.figures.append(accuracy_figure(own, f"Error against run time · {name}"))

@@ -170,5 +170,4 @@ def _write_objects(found: Failures, out: Path) -> None:
     table = found.table()
     with replacing(out / "objects.parquet") as partial:
         table.to_parquet(partial, index=False)
-    with replacing(out / "objects.csv") as partial:
-        write_csv(table, partial)
+    write_csv(table, out / "objects.csv")

@@ -118,14 +118,12 @@ def _write(
     out: Path,
 ) -> dict[str, str]:
     """The table of all cases, and a page of pictures. Returns the paths by suffix."""
-    from lidarplace.files.atomic import replacing
     from lidarplace.files.csv import write_csv
     from tracking.pages.page import SECTIONS_ALONE, write_page
 
     paths = {suffix: out.with_name(f"{out.name}.{suffix}") for suffix in ("csv", "html")}
     out.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(paths["csv"]) as partial:
-        write_csv(cases, partial)
+    write_csv(cases, paths["csv"])
     sections = list(_sections(question, outcomes, worst))
     write_page(paths["html"], SECTIONS_ALONE, sections, name=out.name)
     return {suffix: str(path) for suffix, path in paths.items()}
