@@ -42,11 +42,11 @@ FLOORS = {
     "training": (
         "average_precision by_sector dataset device ops randomness settings "
         "typical_objects vector_math",
-        "detectors found_objects ground_truth_sampling kitti_labels matches one_cycle",
+        "detectors ground_truth_sampling kitti_labels matches one_cycle",
         "__init__ augment leave_out optimisation",
         "checkpoints",
         "batch_size detect kitti_ap resume",
-        "by_distance finetune",
+        "by_distance finetune found_objects",
         "probe",
     ),
     "training.detectors": (

@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 
 from lidarplace.base.metrics import OF_CLASSES, Overlaps
 from lidarplace.base.rings import bounds_of, ring_of
-from lidarplace.logs.boxes import GEOMETRY
-from training.average_precision import FramePairs
-from training.kitti_ap import evaluation
-from training.ops.rotated_iou import paired_iou
+from training.kitti_ap import evaluation, overlaps_of, pairs_of, rows_of
+from training.leave_out import overlapped_most
 
 COLUMNS = ("class", "metric", "iou", "from_m", "to_m", "value", "ground_truths")
 
@@ -64,26 +62,10 @@ def _rings_of_detections(
 ) -> NDArray[np.int64]:
     """The ring that each row of `found` is judged in; shape (rows,)."""
     numbers = np.unique(np.asarray(frames, np.int64))
-    here = [np.flatnonzero(table["frame"].isin(numbers).to_numpy()) for table in (truths, found)]
-    # Pairs are within frames, whose rows have to stand together.
-    own, other = (
-        rows[np.argsort(table["frame"].to_numpy()[rows], kind="stable")]
-        for table, rows in zip((truths, found), here, strict=True)
-    )
-    pairs = FramePairs.of(
-        np.searchsorted(numbers, truths["frame"].to_numpy(np.int64)[own]),
-        np.searchsorted(numbers, found["frame"].to_numpy(np.int64)[other]),
-        len(numbers),
-    )
-    truth, detection = own[pairs.ground_truth], other[pairs.detection]
-    overlap = paired_iou(
-        truths[list(GEOMETRY)].to_numpy(np.float64)[truth],
-        found[list(GEOMETRY)].to_numpy(np.float64)[detection],
-        False,
-    )
-    meets = overlap > 0
-    truth, detection, overlap = truth[meets], detection[meets], overlap[meets]
-    rings = ring_of(found)
-    rising = np.argsort(overlap, kind="stable")  # of several assignments the last one stays
-    rings[detection[rising]] = ring_of(truths)[truth[rising]]
+    own, other = (rows_of(table.reset_index(drop=True), numbers) for table in (truths, found))
+    pairs = pairs_of(own, other, numbers)
+    overlaps = overlaps_of(own, other, pairs, three_d=False)
+    nearest = overlapped_most(pairs, overlaps, len(other))
+    rings, meets = ring_of(found), nearest >= 0
+    rings[other.index[meets]] = ring_of(own)[nearest[meets]]
     return rings

@@ -6,9 +6,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.logs.boxes import GEOMETRY
-from training.average_precision import FramePairs, hit_scores
-from training.ops.rotated_iou import paired_iou
+from training.average_precision import hit_scores
+from training.kitti_ap import overlaps_of, pairs_of, rows_of
 
 
 def found_objects(objects: pd.DataFrame, detections: pd.DataFrame, iou: float) -> NDArray[np.bool_]:
@@ -23,20 +22,10 @@ def found_objects(objects: pd.DataFrame, detections: pd.DataFrame, iou: float) -
         In the order of `objects`, shape (objects,).
     """
     frames = np.unique(objects["frame"])
-    found = detections[detections["frame"].isin(frames)].sort_values("frame", kind="stable")
-    order = np.argsort(objects["frame"].to_numpy(), kind="stable")
-    truths = objects.iloc[order]
-    pairs = FramePairs.of(
-        np.searchsorted(frames, truths["frame"].to_numpy()),
-        np.searchsorted(frames, found["frame"].to_numpy()),
-        len(frames),
-    )
-    overlaps = paired_iou(
-        truths[list(GEOMETRY)].to_numpy(np.float64)[pairs.ground_truth],
-        found[list(GEOMETRY)].to_numpy(np.float64)[pairs.detection],
-        three_d=True,
-    )
+    truths, found = rows_of(objects, frames), rows_of(detections, frames)
+    pairs = pairs_of(truths, found, frames)
+    overlaps = overlaps_of(truths, found, pairs, three_d=True)
     scores = hit_scores(pairs, overlaps, found["score"].to_numpy(np.float64), iou)
     hit = np.empty(len(objects), np.bool_)
-    hit[order] = ~np.isnan(scores)
+    hit[np.argsort(objects["frame"].to_numpy(), kind="stable")] = ~np.isnan(scores)
     return hit

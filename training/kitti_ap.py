@@ -131,9 +131,9 @@ def evaluation(
     if refined is not None:
         check_boxes(refined.assign(**{"class": ""}), "refined boxes")
     wanted = np.unique(np.asarray(frames, np.int64))
-    truths = _rows_of(ground_truth, wanted)
+    truths = rows_of(ground_truth, wanted)
     truths = truths[truths["class"].isin(list(classes))]
-    found = _rows_of(detections, wanted)
+    found = rows_of(detections, wanted)
     rows: list[tuple[str, str, float, str, float, int]] = []
     drawn: list[pd.DataFrame] = []
     left_out: list[pd.DataFrame] = []
@@ -141,22 +141,22 @@ def evaluation(
     def add(name: str, metric: str, iou: float, value: float, count: int) -> None:
         rows.append((name, metric, iou, "all", value if count else np.nan, count))
 
-    every = _pairs(truths, found, wanted)
-    every_overlap = _overlaps(truths, found, every, three_d=True)
+    every = pairs_of(truths, found, wanted)
+    every_overlap = overlaps_of(truths, found, every, three_d=True)
     of_any = _largest(every_overlap, every, len(truths))
-    best = of_any if refined is None else _best_overlap(truths, _rows_of(refined, wanted), wanted)
+    best = of_any if refined is None else _best_overlap(truths, rows_of(refined, wanted), wanted)
     reached = np.zeros(len(truths), np.bool_)
     truth_class, found_class = truths["class"].to_numpy(), found["class"].to_numpy()
     for name in classes:
         here = truth_class == name
         own = truths[here]
         own_found = found[found_class == name]
-        pairs = _pairs(own, own_found, wanted)
+        pairs = pairs_of(own, own_found, wanted)
         scores = own_found["score"].to_numpy(np.float64)
         alike = here[every.ground_truth] & (found_class == name)[every.detection]
         overlaps = {
             "3D": every_overlap[alike],
-            "BEV": _overlaps(own, own_found, pairs, three_d=False),
+            "BEV": overlaps_of(own, own_found, pairs, three_d=False),
         }
         of_class = _largest(overlaps["3D"], pairs, len(own))
         of_name = iou_of(name, ious)
@@ -233,12 +233,13 @@ def _check_detections(detections: pd.DataFrame) -> None:
         )
 
 
-def _rows_of(table: pd.DataFrame, frames: NDArray[np.int64]) -> pd.DataFrame:
+def rows_of(table: pd.DataFrame, frames: NDArray[np.int64]) -> pd.DataFrame:
     """Rows of the wanted frames, sorted by frame; rows of a frame keep their order."""
     return table[table["frame"].isin(frames)].sort_values("frame", kind="stable")
 
 
-def _pairs(truths: pd.DataFrame, found: pd.DataFrame, frames: NDArray[np.int64]) -> FramePairs:
+def pairs_of(truths: pd.DataFrame, found: pd.DataFrame, frames: NDArray[np.int64]) -> FramePairs:
+    """The pairs of each frame; rows as of `rows_of`, which has the same frames."""
     return FramePairs.of(
         np.searchsorted(frames, truths["frame"].to_numpy(np.int64)),
         np.searchsorted(frames, found["frame"].to_numpy(np.int64)),
@@ -246,9 +247,10 @@ def _pairs(truths: pd.DataFrame, found: pd.DataFrame, frames: NDArray[np.int64])
     )
 
 
-def _overlaps(
+def overlaps_of(
     truths: pd.DataFrame, found: pd.DataFrame, pairs: FramePairs, three_d: bool
 ) -> NDArray[np.float64]:
+    """IoU of every pair, in 3D or seen from above."""
     return paired_iou(
         truths[list(GEOMETRY)].to_numpy(np.float64)[pairs.ground_truth],
         found[list(GEOMETRY)].to_numpy(np.float64)[pairs.detection],
@@ -260,8 +262,8 @@ def _best_overlap(
     truths: pd.DataFrame, found: pd.DataFrame, frames: NDArray[np.int64]
 ) -> NDArray[np.float64]:
     """Largest 3D IoU that each ground truth has with a detection of its frame, shape (G,)."""
-    pairs = _pairs(truths, found, frames)
-    return _largest(_overlaps(truths, found, pairs, three_d=True), pairs, len(truths))
+    pairs = pairs_of(truths, found, frames)
+    return _largest(overlaps_of(truths, found, pairs, three_d=True), pairs, len(truths))
 
 
 def _largest(overlaps: NDArray[np.float64], pairs: FramePairs, truths: int) -> NDArray[np.float64]:
@@ -308,9 +310,9 @@ def evaluate_detections(
         ValueError: a column is missing, a number is not finite, or a rotation_y is over two turns.
     """
     wanted = np.unique(frames if np.ndim(frames) else np.arange(int(np.asarray(frames))))
-    truths = _rows_of(checked_labels(ground_truth, "ground truth", ()), wanted)
-    found = _rows_of(checked_labels(detections, "detections", ("score",)), wanted)
-    pairs = _pairs(truths, found, wanted)
+    truths = rows_of(checked_labels(ground_truth, "ground truth", ()), wanted)
+    found = rows_of(checked_labels(detections, "detections", ("score",)), wanted)
+    pairs = pairs_of(truths, found, wanted)
     scores = found["score"].to_numpy(np.float64)
     truth_boxes = boxes_z_up(truths)
     found_boxes = boxes_z_up(found)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeVar
 
 import typer
@@ -133,6 +134,15 @@ def known(option: str, name: str, choices: Mapping[str, T]) -> T:
     if name not in choices:
         raise ValueError(f"--{option} {name}: allowed are {', '.join(choices)}")
     return choices[name]
+
+
+@contextmanager
+def checked_input() -> Iterator[None]:
+    """`wrong` for the errors that the user's input raises in the block."""
+    try:
+        yield
+    except (ValueError, OSError) as error:
+        wrong(error)
 
 
 def wrong(message: object) -> NoReturn:

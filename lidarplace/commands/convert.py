@@ -18,7 +18,7 @@ from lidarplace.base.ranges import LIDAR_HEIGHT, SHARE
 from lidarplace.base.registry import PluginError, Registry
 from lidarplace.command_line.terminal import output, say
 from lidarplace.command_line.terminal import table as shown_table
-from lidarplace.command_line.verbs import known, new_app, verb, within, wrong
+from lidarplace.command_line.verbs import checked_input, known, new_app, verb, within, wrong
 from lidarplace.files.atomic import read_text
 from lidarplace.logs.box_log import BoxLog, write_box_log
 from lidarplace.logs.boxes import CLASSES
@@ -239,10 +239,8 @@ def table(
         wrong("--mapping tells frames and classes: --frames and --class-map are without it")
     if out is None and preview is None:
         wrong("OUT: name the folder of the box log to write")
-    try:
+    with checked_input():
         meaning = None if mapping is None else read_mapping(mapping)
-    except (ValueError, OSError) as error:
-        wrong(error)
 
     def read(ignored: Counter[str]) -> BoxLog:
         if meaning is not None:
@@ -313,7 +311,7 @@ def _convert(
     raises ValueError. Without `out` nothing is written.
     """
     ignored: Counter[str] = Counter()
-    try:
+    with checked_input():
         log = read(ignored)
         if check is not None:
             check(log)
@@ -322,8 +320,6 @@ def _convert(
                 say(f"warning: {doubt.why}: {doubt.where(log.boxes)}", sys.stderr)
         if out is not None:
             write_box_log(out, log)
-    except (ValueError, OSError) as error:
-        wrong(error)
     output().print(_frames_table(log), _boxes_table(log, ignored), sep="\n", soft_wrap=True)
     if out is not None:
         say(out)

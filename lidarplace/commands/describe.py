@@ -11,7 +11,7 @@ import typer
 
 from lidarplace.base.class_names import counts_of
 from lidarplace.command_line.terminal import output, table
-from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
+from lidarplace.command_line.verbs import JsonOption, checked_input, new_app, print_json, verb
 from lidarplace.logs.box_log import BoxLog, read_box_log
 from lidarplace.logs.boxes import CLASSES
 
@@ -72,10 +72,8 @@ def main(
 
     Objects whose centre is in the paper's region of interest, and in the front half of it.
     """
-    try:
+    with checked_input():
         read = {str(folder): read_box_log(folder) for folder in logs}
-    except (OSError, ValueError) as error:
-        wrong(error)
     if as_json:
         print_json({name: json.loads(_as_json(describe(log))) for name, log in read.items()})
         return

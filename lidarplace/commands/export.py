@@ -23,18 +23,17 @@ from lidarplace.command_line.terminal import Terminal, say
 from lidarplace.command_line.verbs import (
     FRONT_ROI,
     RoiOption,
+    checked_input,
     crop_of,
     known,
     new_app,
     verb,
     within,
-    wrong,
 )
 from lidarplace.configuration.placement import named_placement
 from lidarplace.logs.box_log import BoxLog, read_box_log
 from lidarplace.scenes.kitti.labels import in_image, to_labels
 from lidarplace.scenes.kitti.write import check_new, write_kitti
-from lidarplace.viewing.mcap import write_mcap
 
 PORTION = 100
 """Frames whose clouds are in memory at a time."""
@@ -88,7 +87,7 @@ def export(
     An MCAP file is a recording that Foxglove plays: clouds, boxes, mounts (docs/rigs.md).
     """
     counts: Counter[str] = Counter()
-    try:
+    with checked_input():
         if out.suffix != MCAP:
             check_new(out)
         elif all_around or images:
@@ -115,12 +114,12 @@ def export(
             return collect(some, numbers, rig, kept, seed, how.misaligned_heights)
 
         if out.suffix == MCAP:
+            from lidarplace.viewing.mcap import write_mcap  # foxglove
+
             write_mcap(out, frames, _played(chosen, clouds_of, crop, counts), rig)
         else:
             portions = _portions(chosen, clouds_of, crop, seed, all_around, counts)
             write_kitti(out, frames, portions, images)
-    except (ValueError, OSError) as error:
-        wrong(error)
     if out.suffix == MCAP:
         say(
             f"{out}: {len(frames):,} frames, {counts['boxes']:,} boxes, {counts['points']:,} points"

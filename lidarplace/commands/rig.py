@@ -13,7 +13,7 @@ import typer
 from pydantic import ValidationError
 
 from lidarplace.command_line.terminal import output, say, table
-from lidarplace.command_line.verbs import new_app, verb, wrong
+from lidarplace.command_line.verbs import checked_input, new_app, verb
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import fault
 from lidarplace.rig_files.formats import FORMATS, RigFormat, format_of
@@ -74,7 +74,7 @@ def rig(
 
     Prints the mounts in our ego frame: metres, degrees. docs/rigs.md tells what each format has.
     """
-    try:
+    with checked_input():
         reads = out.suffix in OWN
         if reads == (source.suffix in OWN):
             raise ValueError(f"{source} and {out}: one of the two is a YAML file with mounts")
@@ -90,8 +90,6 @@ def rig(
             write_own(out, lidars)
         else:
             known.write(out, [each.moved(-start[0], -start[1], -start[2]) for each in lidars])
-    except (ValueError, OSError) as error:
-        wrong(error)
     for each in lidars:
         if each.mount.z < 0:
             say(f"warning: {each.name} is {-each.mount.z:g} m under the ground", sys.stderr)

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from lidarplace.command_line.terminal import output, say, table
-from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
+from lidarplace.command_line.verbs import JsonOption, checked_input, new_app, print_json, verb
 from lidarplace.rigs.catalogue.datasheet import Datasheet, catalogue, datasheet
 
 app = new_app()
@@ -37,10 +37,8 @@ def main(
     Angles in degrees, ranges in metres: the farthest, those at reflectivities of 10 % and 80 %, the
     nearest, and the standard deviation. A dash stands where no source told.
     """
-    try:
+    with checked_input():
         sheets = [datasheet(name) for name in names or catalogue()]
-    except ValueError as error:
-        wrong(error)
     if as_json:
         print_json({sheet.name: sheet.model_dump(mode="json") for sheet in sheets})
         return

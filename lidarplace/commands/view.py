@@ -16,12 +16,12 @@ from lidarplace.command_line.terminal import say
 from lidarplace.command_line.verbs import (
     FRONT_ROI,
     RoiOption,
+    checked_input,
     crop_of,
     known,
     new_app,
     verb,
     within,
-    wrong,
 )
 from lidarplace.configuration.placement import named_placement
 from lidarplace.logs.box_log import read_box_log
@@ -60,7 +60,7 @@ def view(
     out: Annotated[Path, typer.Option(metavar="FILE", help="the page")] = Path("view.html"),
 ) -> None:
     """Make a page of one frame: clouds, boxes, buildings and the ROI, placements side by side."""
-    try:
+    with checked_input():
         crop = crop_of(roi)
         how = known("profile", profile, PROFILES)
         rigs = _placements(placement or DEFAULT, how)
@@ -76,8 +76,6 @@ def view(
         ]
         title = f"{shown.row['scene']}, frame {number}"
         write_page(out, title, _notes(shown, crop, profile), figures)
-    except (ValueError, OSError) as error:
-        wrong(error)
     say(f"{out}: frame {number}, {shown.inside.sum()} objects in the ROI")
 
 

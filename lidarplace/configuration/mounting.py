@@ -68,8 +68,7 @@ class PlaceSettings(Settings):
         if corners is None:
             assert self.x is not None
             assert self.y is not None
-            (x0, x1), (y0, y1) = self.x, self.y
-            corners = ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
+            return Zone.box(name, self.x, self.y, self.z)
         return Zone(name, corners, self.z)
 
 

@@ -11,13 +11,22 @@ from lidarplace.configuration.settings import Count, Degrees, Distance, Settings
 from lidarplace.mounting.errors import MountingErrors
 
 
-class MountingErrorSettings(Settings):
-    """How far mounts are off in simulated clouds: each frame is of another vehicle of a fleet."""
+class OffsetSettings(Settings):
+    """How far mounts are off."""
 
     offset: Distance = Field(0.0, description="metres at most, along each axis")
     angle_deg: Annotated[Degrees, Field(ge=0)] = Field(
         0.0, description="degrees at most, about each axis"
     )
+
+    def errors(self) -> MountingErrors:
+        """In the terms of `lidarplace`."""
+        return MountingErrors(self.offset, math.radians(self.angle_deg))
+
+
+class MountingErrorSettings(OffsetSettings):
+    """How far mounts are off in simulated clouds: each frame is of another vehicle of a fleet."""
+
     vehicle: Count | None = Field(
         None,
         description="test frames are all of this vehicle of the fleet; trainings do not depend on "
@@ -29,7 +38,3 @@ class MountingErrorSettings(Settings):
         if self.vehicle is not None and not self.errors():
             raise ValueError("vehicle: all are alike without offset or angle_deg")
         return self
-
-    def errors(self) -> MountingErrors:
-        """In the terms of `lidarplace`."""
-        return MountingErrors(self.offset, math.radians(self.angle_deg))

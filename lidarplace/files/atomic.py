@@ -68,6 +68,12 @@ def replacing(path: Path) -> Iterator[Path]:
         partial.unlink(missing_ok=True)
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a file of text, see `replacing`."""
+    with replacing(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+
+
 def temporary(path: Path) -> Path:
     """A hidden name beside `path` that no other process uses, on whatever host of a shared disk."""
     return path.with_name(f".{path.name}.{unique()}.part")

@@ -6,11 +6,13 @@ from pathlib import Path
 
 import pandas as pd
 
+from lidarplace.files.atomic import replacing
+
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
 def write_csv(table: pd.DataFrame, path: Path) -> None:
-    """Write `table` without its index.
+    """Write `table` without its index, see `replacing`.
 
     Texts, heads included, that a spreadsheet would take for formulas have an apostrophe in front,
     with which spreadsheets mark texts. Numbers are as they are.
@@ -19,7 +21,8 @@ def write_csv(table: pd.DataFrame, path: Path) -> None:
     shown = table.rename(columns=_as_text)
     for i in (i for i, is_text in enumerate(texts) if is_text):
         shown.isetitem(i, shown.iloc[:, i].astype(object).map(_as_text).to_numpy())
-    shown.to_csv(path, index=False)
+    with replacing(path) as partial:
+        shown.to_csv(partial, index=False)
 
 
 def _as_text(cell: object) -> object:

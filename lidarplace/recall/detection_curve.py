@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from lidarplace.files.atomic import read_text, replacing
+from lidarplace.files.atomic import read_text, write_text
 
 CELL_M = 0.2
 """Edge of a cell where a curve is fitted, metres."""
@@ -149,8 +149,7 @@ def read_curves(path: Path) -> DetectionCurves:
 def write_curves(path: Path, command: str, curves: Sequence[DetectionCurve]) -> None:
     """Write a file of curves with cells of `CELL_M`; renamed into place."""
     text = DetectionCurves(command=command, cell=CELL_M, curves=tuple(curves))
-    with replacing(path) as partial:
-        partial.write_text(text.model_dump_json(by_alias=True, indent=2) + "\n", encoding="utf-8")
+    write_text(path, text.model_dump_json(by_alias=True, indent=2) + "\n")
 
 
 def default_curves() -> DetectionCurves:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from lidarplace.base.sectors import SECTORS, bounds_of
-from lidarplace.configuration.mounting_errors import MountingErrorSettings
+from lidarplace.configuration.mounting_errors import OffsetSettings
 from lidarplace.configuration.settings import (
     CountFromOne,
     Degrees,
@@ -178,7 +178,7 @@ class AtLeastSettings(Settings):
         return "coverage" if self.probability is None else "probability"
 
 
-class MountsOffSettings(MountingErrorSettings):
+class MountsOffSettings(OffsetSettings):
     """Rigs with every mount off, uniform and independent for each coordinate."""
 
     draws: CountFromOne = Field(8, description="so many rigs are drawn; each has to do")

@@ -18,7 +18,7 @@ from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
 from lidarplace.configuration.record import NoTruth, Number, read_record
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import fault
-from lidarplace.files.atomic import replacing
+from lidarplace.files.atomic import write_text
 from lidarplace.rig_files.carla_sensor import BLUEPRINT, attributes, even_fans
 from lidarplace.rig_files.mounted import MountedLidar, mount_at, named_like
 from lidarplace.rigs.lidar import Lidar
@@ -154,8 +154,7 @@ def write_carla(path: Path, lidars: Sequence[MountedLidar]) -> None:
             known = {"type": BLUEPRINT, "id": name, "spawn_point": place}
             sensors.append(known | attributes(lidar, fan, number) | _view(lidar, fan.beams))
     vehicle = {"type": "vehicle.*", "id": "ego_vehicle", "objects": sensors}
-    with replacing(path) as partial:
-        partial.write_text(json.dumps({"objects": [vehicle]}, indent=1), encoding="utf-8")
+    write_text(path, json.dumps({"objects": [vehicle]}, indent=1))
 
 
 def _view(lidar: Lidar, beams: int) -> dict[str, str]:

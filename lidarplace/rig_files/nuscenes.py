@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lidarplace.files.atomic import replacing
+from lidarplace.files.atomic import write_text
 from lidarplace.rig_files.mounted import MountedLidar, mount_of, named_like
 from lidarplace.scenes.datasets.nuscenes_tables import read_table
 from lidarplace.scenes.datasets.se3 import poses
@@ -83,5 +83,4 @@ def write_nuscenes_rig(folder: Path, lidars: Sequence[MountedLidar]) -> None:
         )
     folder.mkdir(parents=True, exist_ok=True)
     for name, rows in (("sensor", sensors), ("calibrated_sensor", calibrated)):
-        with replacing(folder / f"{name}.json") as partial:
-            partial.write_text(json.dumps(rows, indent=1), encoding="utf-8")
+        write_text(folder / f"{name}.json", json.dumps(rows, indent=1))

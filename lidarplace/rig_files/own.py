@@ -11,7 +11,7 @@ import yaml
 
 from lidarplace.configuration.placement import read_placement_settings
 from lidarplace.configuration.sensor import SensorSettings
-from lidarplace.files.atomic import replacing
+from lidarplace.files.atomic import write_text
 from lidarplace.rig_files.mounted import MountedLidar
 
 DIGITS = 9
@@ -38,8 +38,7 @@ def write_own(path: Path, lidars: Sequence[MountedLidar]) -> None:
     text = yaml.safe_dump(
         {"mounts": mounts}, sort_keys=False, default_flow_style=None, width=1000, allow_unicode=True
     )
-    with replacing(path) as partial:
-        partial.write_text(text, encoding="utf-8")
+    write_text(path, text)
 
 
 def _mount(lidar: MountedLidar) -> dict[str, Any]:

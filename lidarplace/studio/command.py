@@ -11,7 +11,7 @@ import typer
 
 from lidarplace.base.ranges import FRAMES, PORT, RESOLUTION
 from lidarplace.base.roi import Roi
-from lidarplace.command_line.verbs import RoiOption, crop_of, new_app, verb, within, wrong
+from lidarplace.command_line.verbs import RoiOption, checked_input, crop_of, new_app, verb, within
 from lidarplace.logs.box_log import read_box_log
 from lidarplace.studio.rigs_file import read_rigs
 from lidarplace.studio.studio import PAPER_ROI, Studio
@@ -55,7 +55,7 @@ def studio(
     from lidarplace.studio.page.server import serving
     from lidarplace.studio.page.tables import left_out
 
-    try:
+    with checked_input():
         x0, y0, z0, x1, y1, z1 = crop_of(roi)
         region = Roi((x0, x1), (y0, y1), (z0, z1), resolution)
         file = read_rigs(rigs)
@@ -70,5 +70,3 @@ def studio(
                 threading.Event().wait()
             finally:
                 page.close()
-    except (ValueError, OSError) as error:
-        wrong(error)

@@ -13,18 +13,13 @@ import yaml
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
-from lidarplace.configuration.mounting import (
-    KeepOuts,
-    LimitSettings,
-    PlaceSettings,
-    keep_out_boxes,
-)
+from lidarplace.configuration.mounting import KeepOuts, LimitSettings, PlaceSettings, keep_out_boxes
 from lidarplace.configuration.placement import MOST_MOUNTS, MountSettings, PlacementSettings
 from lidarplace.configuration.sensor import SensorSettings
 from lidarplace.configuration.settings import Amount, Name, Settings, fault, short_for
 from lidarplace.configuration.vehicle import OwnVehicle, vehicle_of
 from lidarplace.configuration.yaml import read_yaml_file
-from lidarplace.files.atomic import replacing
+from lidarplace.files.atomic import write_text
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.mounting.zone import Zone
 from lidarplace.recall.detection_curve import default_curves
@@ -178,5 +173,4 @@ def write_rigs(path: Path, text: str, overwrite: bool) -> None:
     """
     if path.exists() and not overwrite:
         raise FileExistsError(f"{path}: is there already; say overwrite, or name another file")
-    with replacing(path) as partial:
-        partial.write_text(text, encoding="utf-8")
+    write_text(path, text)

@@ -115,13 +115,7 @@ def read_cloud(
         frame.log,
         [frame.row["frame"]],
         placement,
-        crop_for(
-            (crop[0], crop[3]),
-            (crop[1], crop[4]),
-            (crop[2], crop[5]),
-            placement,
-            misaligned_heights,
-        ),
+        crop_for(crop[::3], crop[1::3], crop[2::3], placement, misaligned_heights),
         misaligned_heights=misaligned_heights,
         vehicle=vehicle,
     )

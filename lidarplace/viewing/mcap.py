@@ -8,10 +8,14 @@ from __future__ import annotations
 import json
 from collections.abc import Hashable, Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import foxglove
 import numpy as np
 import pandas as pd
+from foxglove import messages
+from foxglove.channels import FrameTransformsChannel, PointCloudChannel, SceneUpdateChannel
+from foxglove.messages import FrameTransform, PointCloud, SceneEntity
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -20,9 +24,6 @@ from lidarplace.files.atomic import replacing
 from lidarplace.logs.boxes import POSE_COLUMNS, SIZE
 from lidarplace.rigs.placement import Placement
 from lidarplace.viewing.style import CLASSES
-
-if TYPE_CHECKING:
-    from foxglove.messages import FrameTransform, PointCloud, SceneEntity
 
 WORLD, EGO = "world", "ego"
 """Frames of coordinates; those of the LiDARs are `lidar_0` and so on."""
@@ -65,10 +66,6 @@ def write_mcap(
         frames: of a box log, in the order in which they are played.
         portions: boxes and clouds of some of the frames at a time, together of all, in that order.
     """
-    import foxglove
-    from foxglove import messages
-    from foxglove.channels import FrameTransformsChannel, PointCloudChannel, SceneUpdateChannel
-
     times = iter(clock(frames).tolist())
     rows = frames.itertuples()
     context = foxglove.Context()  # of its own: nothing else is recorded with it
@@ -101,33 +98,26 @@ def write_mcap(
 
 def _rig(placement: Placement, stamp: Any) -> list[FrameTransform]:
     """Where the LiDARs are on the vehicle."""
-    from foxglove import messages
-
-    held = []
-    for number, mount in enumerate(placement.mounts):
-        x, y, z, w = Rotation.from_matrix(mount.rotation).as_quat().tolist()
-        held.append(
-            messages.FrameTransform(
-                timestamp=stamp,
-                parent_frame_id=EGO,
-                child_frame_id=f"lidar_{number}",
-                translation=messages.Vector3(x=mount.x, y=mount.y, z=mount.z),
-                rotation=messages.Quaternion(x=x, y=y, z=z, w=w),
-            )
+    return [
+        FrameTransform(
+            timestamp=stamp,
+            parent_frame_id=EGO,
+            child_frame_id=f"lidar_{number}",
+            translation=messages.Vector3(x=mount.x, y=mount.y, z=mount.z),
+            rotation=_quaternion(Rotation.from_matrix(mount.rotation)),
         )
-    return held
+        for number, mount in enumerate(placement.mounts)
+    ]
 
 
 def _vehicle(row: Any, stamp: Any) -> list[FrameTransform]:
     """Where the vehicle is in the world, if that is known."""
-    from foxglove import messages
-
     pose = [getattr(row, name, np.nan) for name in POSE_COLUMNS]
     if np.isnan(pose).any():
         return []
     x, y, yaw = pose
     return [
-        messages.FrameTransform(
+        FrameTransform(
             timestamp=stamp,
             parent_frame_id=WORLD,
             child_frame_id=EGO,
@@ -139,10 +129,8 @@ def _vehicle(row: Any, stamp: Any) -> list[FrameTransform]:
 
 def _cloud(points: NDArray[np.float32], stamp: Any) -> PointCloud:
     """Points x, y, z, intensity, (n, 4)."""
-    from foxglove import messages
-
     kind = messages.PackedElementFieldNumericType.Float32
-    return messages.PointCloud(
+    return PointCloud(
         timestamp=stamp,
         frame_id=EGO,
         pose=messages.Pose(position=messages.Vector3(), orientation=_about_z(0.0)),
@@ -157,8 +145,6 @@ def _cloud(points: NDArray[np.float32], stamp: Any) -> PointCloud:
 
 def _entity(box: Mapping[Hashable, Any], stamp: Any) -> SceneEntity:
     """A box in the colour of its class."""
-    from foxglove import messages
-
     red, green, blue = (int(CLASSES[box["class"]][i : i + 2], 16) / 255 for i in (1, 3, 5))
     length, width, height = (box[name] for name in SIZE)
     cube = messages.CubePrimitive(
@@ -169,7 +155,7 @@ def _entity(box: Mapping[Hashable, Any], stamp: Any) -> SceneEntity:
         size=messages.Vector3(x=length, y=width, z=height),
         color=messages.Color(r=red, g=green, b=blue, a=0.5),
     )
-    return messages.SceneEntity(
+    return SceneEntity(
         timestamp=stamp,
         frame_id=EGO,
         id=str(box["object_id"]),
@@ -178,7 +164,9 @@ def _entity(box: Mapping[Hashable, Any], stamp: Any) -> SceneEntity:
     )
 
 
-def _about_z(yaw: float) -> Any:
-    from foxglove import messages
+def _about_z(yaw: float) -> messages.Quaternion:
+    return _quaternion(Rotation.from_euler("z", yaw))
 
-    return messages.Quaternion(x=0.0, y=0.0, z=float(np.sin(yaw / 2)), w=float(np.cos(yaw / 2)))
+
+def _quaternion(rotation: Rotation) -> messages.Quaternion:
+    return messages.Quaternion(**dict(zip("xyzw", rotation.as_quat().tolist(), strict=True)))

@@ -12,7 +12,7 @@ from typing import Any
 import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 
-from lidarplace.files.atomic import replacing
+from lidarplace.files.atomic import write_text
 from lidarplace.viewing.scene import CAMERAS
 from lidarplace.viewing.style import theme
 
@@ -46,8 +46,7 @@ def write_page(
         cameras=json.dumps(cameras),
     )
     path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as partial:
-        partial.write_text(page, encoding="utf-8")
+    write_text(path, page)
 
 
 def _json(figure: go.Figure) -> str:

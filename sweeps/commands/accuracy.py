@@ -17,12 +17,12 @@ from lidarplace.command_line.options import paper_placements
 from lidarplace.command_line.terminal import output, say, table
 from lidarplace.command_line.verbs import (
     JsonOption,
+    checked_input,
     known,
     new_app,
     print_json,
     verb,
     within,
-    wrong,
 )
 from lidarplace.logs.box_log import BoxLog, read_box_log
 
@@ -87,7 +87,7 @@ def accuracy_command(
     from tracking.findings.surrogate_accuracy import relative_errors, summarise
 
     resolutions = resolution or [0.1, 0.05, 0.2]
-    try:
+    with checked_input():
         found = _read(log, frames)
         roi, placements = _scene(config, resolutions[0], placement or [])
         result = accuracy(
@@ -103,8 +103,6 @@ def accuracy_command(
         errors = relative_errors(result)
         summary = summarise(errors)
         paths = _write(errors, summary, out)
-    except (OSError, ValueError) as error:
-        wrong(error)
     if as_json:
         rows = json.loads(summary.to_json(orient="records", double_precision=15))
         print_json({"files": paths, "summary": rows})
@@ -164,8 +162,7 @@ def _write(errors: pd.DataFrame, summary: pd.DataFrame, out: Path) -> dict[str, 
     out.parent.mkdir(parents=True, exist_ok=True)
     with replacing(paths["parquet"]) as partial:
         errors.to_parquet(partial, index=False)
-    with replacing(paths["csv"]) as partial:
-        write_csv(errors, partial)
+    write_csv(errors, paths["csv"])
     section = Section("Error against run time", columns=1)
     for name, own in summary.groupby("class", sort=False):
         section.figures.append(accuracy_figure(own, f"Error against run time · {name}"))

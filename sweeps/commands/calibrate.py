@@ -9,7 +9,7 @@ import typer
 
 from lidarplace.command_line.invocation import called, command
 from lidarplace.command_line.terminal import output
-from lidarplace.command_line.verbs import new_app, verb, wrong
+from lidarplace.command_line.verbs import checked_input, new_app, verb, wrong
 from lidarplace.files.atomic import check_replaceable
 from sweeps.options import ConfigArgument, SetOption
 
@@ -44,7 +44,7 @@ def calibrate(
     from sweeps.store.of_sweep import store_of
 
     overrides = set_ or []
-    try:
+    with checked_input():
         if out is not None:
             check_replaceable(out)
         sweep, plan = read_plan(config, overrides)
@@ -56,8 +56,6 @@ def calibrate(
                 f"{command('run')} {config} makes them"
             )
         seen = observations(rigs, store)
-    except (ValueError, OSError) as error:
-        wrong(error)
     checks = [check(own) for _, own in seen.groupby(["class", "iou"], sort=True) if len(own)]
     if not checks:
         classes = ", ".join(plan.trials[0].grid_point.point.classes)
@@ -68,10 +66,8 @@ def calibrate(
     print_checks(console, checks)
     if out is None:
         return
-    try:
+    with checked_input():
         write_curves(out, called(), [own.curve for own in checks])
-    except OSError as error:
-        wrong(error)
     console.print(f"{out}: {len(checks)} curves", soft_wrap=True)
 
 

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.filesize import decimal
 
 from lidarplace.command_line.terminal import output, table
-from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
+from lidarplace.command_line.verbs import JsonOption, checked_input, new_app, print_json, verb
 from sweeps.store.entries import SWEEPS, Entry, size_of
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def clean(
     """
     from sweeps.store.cleaning import clean_store
 
-    try:
+    with checked_input():
         if dry_run and forget:
             raise ValueError("--forget: leave it out with --dry-run, which changes nothing")
         limit = None if quota is None else _bytes(quota)
@@ -63,8 +63,6 @@ def clean(
         with nullcontext() if unlocked or dry_run else opened.exclusive():
             opened.forget(*forget or ())
             cleaned = clean_store(opened, limit, dry_run)
-    except (OSError, ValueError) as error:
-        wrong(error)
     if as_json:
         print_json(summary_of(cleaned, dry_run))
     else:

@@ -15,7 +15,14 @@ from rich.text import Text
 
 from lidarplace.base.optional import needs
 from lidarplace.command_line.terminal import output, visible
-from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
+from lidarplace.command_line.verbs import (
+    JsonOption,
+    checked_input,
+    new_app,
+    print_json,
+    verb,
+    wrong,
+)
 from lidarplace.files.secret_urls import public_url
 from sweeps.execution import checks
 from sweeps.execution.checks import Found
@@ -108,13 +115,10 @@ def doctor(
 def asked_of(config: Path, overrides: Sequence[str] = ()) -> Asked:
     """What the file and `overrides` ask for. Ends the program with exit code 2 if it is wrong."""
     from lidarplace.scenes.sumo.settings import SumoScene
-    from sweeps.configuration.file import ConfigError
     from sweeps.sweep_or_search import read_either
 
-    try:
+    with checked_input():
         sweep = read_either(config, overrides)
-    except ConfigError as error:
-        wrong(error)
     common = sweep.common
     url = common.store.url
     remote = url is not None and "://" in url

@@ -9,7 +9,7 @@ import typer
 
 from lidarplace.command_line.invocation import command
 from lidarplace.command_line.terminal import output, say
-from lidarplace.command_line.verbs import new_app, verb, wrong
+from lidarplace.command_line.verbs import checked_input, new_app, verb
 
 if TYPE_CHECKING:
     from tracking.findings.failures import Failures
@@ -53,7 +53,7 @@ def failures(
     from tracking.report.sections.failures import failures_section
     from tracking.run_folders.sweep import RunFolder
 
-    try:
+    with checked_input():
         folder = RunFolder.read(run)
         found = _compared(folder, rigs, where or [])
         shown, lacking = _frames(folder, found)
@@ -65,8 +65,6 @@ def failures(
         page = write_failures(
             out / FILE, found, shown, section, folder.roi, folder.sweep.body, extent, {}
         )
-    except (ValueError, OSError) as error:
-        wrong(error)
     for sentence in section.notes[:2]:
         output().print(sentence, soft_wrap=True)
     if lacking:
@@ -174,5 +172,4 @@ def _write_objects(found: Failures, out: Path) -> None:
     table = found.table()
     with replacing(out / "objects.parquet") as partial:
         table.to_parquet(partial, index=False)
-    with replacing(out / "objects.csv") as partial:
-        write_csv(table, partial)
+    write_csv(table, out / "objects.csv")

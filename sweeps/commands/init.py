@@ -10,8 +10,8 @@ import typer
 
 from lidarplace.command_line.invocation import command
 from lidarplace.command_line.terminal import say
-from lidarplace.command_line.verbs import new_app, verb, wrong
-from lidarplace.files.atomic import replacing
+from lidarplace.command_line.verbs import checked_input, new_app, verb, wrong
+from lidarplace.files.atomic import write_text
 from lidarplace.files.regular import regular
 
 app = new_app()
@@ -26,18 +26,15 @@ def init(
     They are the examples that the help of other verbs names. What is there already stays, unless
     you say yes to the question.
     """
-    try:
+    with checked_input():
         folder.mkdir(parents=True, exist_ok=True)
         for source in sorted(files("sweeps").joinpath("examples").iterdir(), key=str):
             text = source.read_text(encoding="utf-8")
             path = folder / source.name
             if path.exists() and not _replaced(path, text):
                 continue
-            with replacing(path) as partial:
-                partial.write_text(text, encoding="utf-8")
+            write_text(path, text)
             say(path)
-    except OSError as error:
-        wrong(error)
     say(f"Next: {command('run', str(folder / 'grid.yaml'), '--dry-run')}")
 
 

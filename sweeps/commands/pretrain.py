@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lidarplace.command_line.terminal import output
-from lidarplace.command_line.verbs import new_app, verb, wrong
+from lidarplace.command_line.verbs import checked_input, new_app, verb, wrong
 from lidarplace.files.atomic import check_replaceable
 from sweeps.execution.interrupted import interruptible
 from sweeps.options import ConfigArgument, SetOption
@@ -41,7 +41,6 @@ def pretrain(
     the file to be written already, the base starts from scratch. Scenes and clouds come from the
     sweep's store and stay there; one that is stopped goes on at its last epoch.
     """
-    from sweeps.configuration.file import ConfigError
     from sweeps.configuration.grid import read_sweep
     from sweeps.execution.failures import Failure, FailureFolder
     from sweeps.execution.run_tasks import run_tasks
@@ -54,7 +53,7 @@ def pretrain(
     if out.is_dir():  # before hours of training, not after
         wrong(f"--out {out}: is a folder; a file for the weights is expected")
     overrides = set_ or []
-    try:
+    with checked_input():
         checkpoints = [
             item.point.training.checkpoint for item in read_sweep(config, overrides).points
         ]
@@ -64,18 +63,14 @@ def pretrain(
         check_replaceable(out)
         out.parent.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=out.parent).close()
-    except (ConfigError, OSError) as error:
-        wrong(error)
     try:
         task = pretrain_task(sweep, plan)
         store = store_of(sweep)
     except ValueError as error:
         wrong(f"{config}: {error}")
     tasks = with_inputs([task])
-    try:
+    with checked_input():
         store.refer(reference(sweep, "pretrain"), [needed.key for needed in tasks])
-    except OSError as error:
-        wrong(error)
     console = output()
     logs = FailureFolder(sweep.common.output / sweep.common.name / "failed")
     say = partial(console.print, soft_wrap=True)

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from lidarplace.command_line.terminal import output
-from lidarplace.command_line.verbs import new_app, verb, wrong
+from lidarplace.command_line.verbs import checked_input, new_app, verb
 from sweeps.execution.interrupted import interruptible
 from sweeps.options import ConfigArgument, SetOption
 
@@ -33,14 +33,12 @@ def record(
     from sweeps.store.of_sweep import reference, store_of
     from sweeps.tasks.stages import box_log
 
-    try:
+    with checked_input():
         sweep, plan = read_plan(config, set_ or [])
         store = store_of(sweep)
         out.mkdir(parents=True, exist_ok=True)  # before traffic is simulated for it
         tasks = [task for task in plan.tasks if task.stage == "scene"]
         store.refer(reference(sweep, "record"), [task.key for task in tasks])
-    except (ValueError, OSError) as error:
-        wrong(error)
     scenes = {trial.scenes: trial.scene_label for trial in plan.trials}
     console = output()
 
@@ -61,10 +59,8 @@ def record(
     logs, complete = interruptible(console, recorded)
     for label, log in logs:
         folder = out / re.sub(r"[^\w.=-]+", "_", label)
-        try:
+        with checked_input():
             write_box_log(folder, log)
-        except OSError as error:
-            wrong(error)
         print_description(log, str(folder))
     if not complete:
         raise typer.Exit(1)

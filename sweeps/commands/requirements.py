@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from lidarplace.command_line.terminal import Terminal, output, say, table
-from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
+from lidarplace.command_line.verbs import JsonOption, checked_input, new_app, print_json, verb
 from sweeps.options import DryRunOption, SetOption
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def requirements(
     from sweeps.configuration.question import read_question
     from tracking.pages.requirements import verdict_table
 
-    try:
+    with checked_input():
         question = read_question(config, set_ or [])
         if dry_run:
             _print_plan(question, as_json)
@@ -63,8 +63,6 @@ def requirements(
         cases = _cases(question, outcomes)
         worst = worst_cases(cases, ["rig"])
         paths = _write(question, outcomes, cases, worst, out)
-    except (ValueError, OSError) as error:
-        wrong(error)
     if as_json:
         told = [_as_json(outcome) for of_rig in outcomes for outcome in of_rig]
         print_json({"files": paths, "outcomes": told})
@@ -120,14 +118,12 @@ def _write(
     out: Path,
 ) -> dict[str, str]:
     """The table of all cases, and a page of pictures. Returns the paths by suffix."""
-    from lidarplace.files.atomic import replacing
     from lidarplace.files.csv import write_csv
     from tracking.pages.page import SECTIONS_ALONE, write_page
 
     paths = {suffix: out.with_name(f"{out.name}.{suffix}") for suffix in ("csv", "html")}
     out.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(paths["csv"]) as partial:
-        write_csv(cases, partial)
+    write_csv(cases, paths["csv"])
     sections = list(_sections(question, outcomes, worst))
     write_page(paths["html"], SECTIONS_ALONE, sections, name=out.name)
     return {suffix: str(path) for suffix, path in paths.items()}

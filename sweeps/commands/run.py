@@ -11,7 +11,14 @@ import typer
 
 from lidarplace.command_line.invocation import called, command
 from lidarplace.command_line.terminal import output, say
-from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
+from lidarplace.command_line.verbs import (
+    JsonOption,
+    checked_input,
+    new_app,
+    print_json,
+    verb,
+    wrong,
+)
 from sweeps.configuration.sweep import SweepFile
 from sweeps.execution.backends import backend_for
 from sweeps.execution.interrupted import interruptible
@@ -60,24 +67,20 @@ def run(
     if as_json and not dry_run:
         told = command("status", "--json")
         wrong(f"--json: is for --dry-run and --schema; {told} tells how a sweep goes")
-    try:
+    with checked_input():
         sweep, plan = read_plan(config, set_ or [])
         store = store_of(sweep)
         done = store.finished(plan.tasks)
         to_do = [task for task in plan.tasks if task.key not in done]
         check_memory(to_do, sweep.common.ray.address)
-    except (ValueError, OSError) as error:
-        wrong(error)
     console = output()
     if probe and not dry_run:
         wrong("--probe: is for --dry-run")
     if dry_run:
-        try:
+        with checked_input():
             with backend_for(sweep.common.ray) if probe else nullcontext() as backend:
                 shown = planned(sweep, plan, store, backend)
             page = None if as_json else write_rigs_page(sweep, shown.cautions)
-        except (ValueError, OSError) as error:
-            wrong(error)
         if as_json:
             print_json(asdict(shown))
         else:
@@ -87,10 +90,8 @@ def run(
     os.environ["MLFLOW_DISABLE_TELEMETRY"] = "true"  # before anything imports it
     from sweeps.run_sweep import run_sweep
 
-    try:
+    with checked_input():
         check_writable(sweep, store)
-    except OSError as error:
-        wrong(error)
     if not interruptible(
         console, lambda: run_sweep(console, sweep, plan, store, called(), rerun_failed)
     ):

@@ -10,7 +10,14 @@ import typer
 
 from lidarplace.command_line.invocation import called, command
 from lidarplace.command_line.terminal import output
-from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
+from lidarplace.command_line.verbs import (
+    JsonOption,
+    checked_input,
+    new_app,
+    print_json,
+    verb,
+    wrong,
+)
 from sweeps.execution.interrupted import interruptible
 from sweeps.options import DryRunOption, SchemaOption, SetOption
 
@@ -53,12 +60,10 @@ def search(
     from sweeps.search.output.terminal import print_problem
     from sweeps.search.problem.problem import read_problem
 
-    try:
+    with checked_input():
         problem = read_problem(config, set_ or [])
         check_candidates(problem)
         problem.check_memory()
-    except ValueError as error:
-        wrong(error)
     if as_json:
         print_json(planned(problem))
         return
@@ -70,11 +75,9 @@ def search(
     from sweeps.search.run import run_search
     from sweeps.store.of_sweep import check_writable, store_of
 
-    try:
+    with checked_input():
         sweep = problem.sweep()
         store = store_of(sweep)
         check_writable(sweep, store)
-    except (ValueError, OSError) as error:
-        wrong(error)
     if not interruptible(console, lambda: run_search(console, problem, store, called(), verify)):
         raise typer.Exit(1)

@@ -16,7 +16,7 @@ from rich.text import Text
 
 from lidarplace.command_line.invocation import command
 from lidarplace.command_line.terminal import output
-from lidarplace.command_line.verbs import JsonOption, new_app, print_json, verb, wrong
+from lidarplace.command_line.verbs import JsonOption, checked_input, new_app, print_json, verb
 from sweeps.options import SetOption
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def status(
 
     overrides = set_ or []
     say = partial(print, file=sys.stderr)
-    try:
+    with checked_input():
         if is_search(config):
             from sweeps.search.output.state import search_state
             from sweeps.search.problem.problem import read_problem  # Optuna
@@ -66,8 +66,6 @@ def status(
         sweep, plan = read_plan(config, overrides)
         store = store_of(sweep)
         state = until_whole(lambda: sweep_state(sweep, plan, store), say)
-    except (ValueError, OSError) as error:
-        wrong(error)
     if as_json:
         print_json({"kind": "sweep"} | asdict(state))
     else:

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from lidarplace.configuration.record import read_record
-from lidarplace.files.atomic import replacing
+from lidarplace.files.atomic import write_text
 from lidarplace.files.secret_urls import hide_secrets
 from sweeps.store.result_folder import DamagedResult
 from sweeps.tasks.task import Task
@@ -59,12 +59,9 @@ class FailureFolder:
     def write(self, task: Task, failure: Failure) -> None:
         """Keep the failure of a task."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        with replacing(self.log(task)) as partial:
-            partial.write_text(
-                f"{task.stage} '{task.label}'\n{failure.reason}\n\n{failure.log}", encoding="utf-8"
-            )
-        with replacing(self._record(task.key)) as partial:
-            partial.write_text(json.dumps(asdict(failure)), encoding="utf-8")
+        told = f"{task.stage} '{task.label}'\n{failure.reason}\n\n{failure.log}"
+        write_text(self.log(task), told)
+        write_text(self._record(task.key), json.dumps(asdict(failure)))
 
     def read(self) -> Mapping[str, Failure]:
         """Failures by the task's key. Raises ValueError that names a file which is none."""

@@ -3,24 +3,33 @@ is done, and one now and then on what runs and what is left."""
 
 from __future__ import annotations
 
+import threading
+import time
 from collections import Counter
 from collections.abc import Sequence
 from functools import partial
+from typing import Self
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Column
 
 from sweeps.execution.failures import Failure, FailureFolder
-from sweeps.execution.run_progress import RunProgress
-from sweeps.execution.running import about
+from sweeps.execution.running import Running, RunningColumn, about, minutes
 from sweeps.execution.time_left import TimeLeft
 from sweeps.store.open import AnyStore
 from sweeps.tasks.task import Task
 
+FIRST_S = 30.0
+"""Seconds between two lines, …"""
+SHARE = 0.05
+"""… or so much of the time that has gone: ten hours are a hundred lines or so."""
 
-class StageProgress(RunProgress):
+
+class StageProgress:
     """Shows how far every stage is. Use as a context manager and as the executor's listener.
+
+    Lines come from a thread of their own, as the driver may wait for a training for hours.
 
     Args:
         tasks: those to expect; of a stage that is not among them nothing is shown.
@@ -36,14 +45,21 @@ class StageProgress(RunProgress):
         failures: FailureFolder | None = None,
     ) -> None:
         bar, number, left = (Column(min_width=width, no_wrap=True) for width in (17, 5, 5))
-        super().__init__(
-            console,
-            store,
+        self._console = console
+        self._running = Running(store.running_notes)
+        self._bars = Progress(
             TextColumn("{task.description}", markup=False, table_column=bar),
             BarColumn(16),
             MofNCompleteColumn(table_column=number),
             TimeRemainingColumn(compact=True, table_column=left),
+            RunningColumn(),
+            console=console,
+            expand=True,
+            disable=not console.is_terminal,
         )
+        self._start = time.monotonic()
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="progress lines", daemon=True)
         self._failures = failures
         self._total = Counter(task.stage for task in tasks)
         cached = store.finished(tasks)
@@ -59,6 +75,21 @@ class StageProgress(RunProgress):
             )
             for stage, total in self._total.items()
         }
+
+    def __enter__(self) -> Self:
+        self._bars.start()
+        if self._bars.disable:
+            self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stopped.set()
+        if self._bars.disable:
+            self._thread.join()
+        self._bars.stop()
+
+    def started(self, task: Task) -> None:
+        self._running.started(task)
 
     def finished(self, task: Task) -> None:
         self._ended(task)
@@ -83,11 +114,19 @@ class StageProgress(RunProgress):
             text = f"{stage}: {self._total[stage] - failed} done"
             self._console.print(text + (f", {failed} failed" if failed else ""))
 
+    @property
+    def _elapsed(self) -> float:
+        return time.monotonic() - self._start
+
+    def _run(self) -> None:
+        while not self._stopped.wait(max(FIRST_S, SHARE * self._elapsed)):
+            self._console.print(f"{minutes(self._elapsed):>7}  {self.now()}", soft_wrap=True)
+
     def now(self) -> str:
         """How far the stages are that are not done, what runs, and when it may end."""
         open_ = [s for s, total in self._total.items() if self._done[s] < total]
         left = [f"{stage} {self._done[stage]} of {self._total[stage]}" for stage in open_]
-        seconds = self._left.seconds(self._running, self.elapsed)
+        seconds = self._left.seconds(self._running, self._elapsed)
         ends = [] if seconds is None else [f"about {about(seconds)} left"]
         now = str(self._running)
         return "; ".join([", ".join(left), *([f"now {now}"] if now else []), *ends])

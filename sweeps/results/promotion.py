@@ -1,7 +1,7 @@
 """Cheap values for all placements, full trainings for the best: the rungs of `promote`.
 
 A rung waits for all its placements before it decides, so the outcome does not depend on which
-machine was faster, nor on a stop in between. Optuna's pruner decides.
+machine was faster, nor on a stop in between.
 """
 
 from __future__ import annotations
@@ -84,24 +84,12 @@ def at_most(sweep: Sweep, plan: Plan) -> list[Task]:
 
 def survivors(values: Mapping[str, float], keep: int, direction: Direction) -> set[str]:
     """The `keep` best names, and those that equal the last of them; none without a value."""
-    import optuna
-
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
     known = {name: value for name, value in values.items() if math.isfinite(value)}
     if len(known) <= keep:
         return set(known)
-    # A percentile half way between the last to keep and the first to prune.
-    percentile = 100 * (keep - 0.5) / (len(known) - 1)
-    pruner = optuna.pruners.PercentilePruner(percentile, n_startup_trials=0)
-    study = optuna.create_study(direction=direction, pruner=pruner)
-    study.add_trials(
-        optuna.trial.create_trial(value=value, intermediate_values={0: value})
-        for value in known.values()
-    )
-    trials = study.get_trials(deepcopy=False)
-    return {
-        name for name, trial in zip(known, trials, strict=True) if not pruner.prune(study, trial)
-    }
+    sign = 1 if direction == "maximize" else -1
+    least = sorted(sign * value for value in known.values())[-keep]
+    return {name for name, value in known.items() if sign * value >= least}
 
 
 def _climb(

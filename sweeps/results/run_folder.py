@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from lidarplace.clouds.points_by_distance import points_by_distance
+from lidarplace.files.atomic import write_text
 from lidarplace.files.secret_urls import hide_secrets, public_url
 from lidarplace.mounting.vehicle import Vehicle
 from sweeps.configuration.file import public_yaml
@@ -37,7 +38,6 @@ from sweeps.results.trial_results import (
     trial_seconds,
     with_columns,
 )
-from sweeps.store.local import write_text
 from sweeps.store.open import AnyStore
 from sweeps.tasks.task import Task
 from tracking.mlflow.uri import absolute_uri

@@ -35,6 +35,7 @@ from sweeps.search.trials.by_surrogates import SurrogateAnswers
 from sweeps.search.trials.pool import Pool
 from sweeps.search.trials.progress import TrialProgress
 from sweeps.search.trials.study import (
+    Answers,
     Timing,
     is_emptied,
     journal_path,
@@ -72,7 +73,7 @@ def run_search(
 
         good &= verify_found(console, problem, found, work.command)
         build_search_report(problem.folder)
-    console.print(f"{time.monotonic() - work.started:.0f} s", highlight=False)
+    console.print(f"{time.monotonic() - work.started:.0f} s")
     return good
 
 
@@ -173,7 +174,7 @@ class SearchWork:
 
     def _certificate(self, traffic: Traffic) -> tuple[Certificate | None, str | None]:
         """Greedy choice and its bound; or None and why there is none."""
-        problem, say = self.problem, partial(self.console.print, highlight=False)
+        problem, say = self.problem, self.console.print
         if (none := why_none(problem)) is not None:
             return None, none
         greedy = problem.file.search.greedy
@@ -198,7 +199,7 @@ class SearchWork:
         """Ask and tell; every trial is logged."""
         problem, timing = self.problem, Timing()
         settings = problem.file.search
-        answers: SurrogateAnswers | TrainingAnswers | GeneralistAnswers
+        answers: Answers
         progress = TrialProgress(self.console, settings.trials, self.store)
         if problem.judged:
             answers = GeneralistAnswers(study, problem, pool, self.store, backend, progress)

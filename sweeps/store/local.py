@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lidarplace.files.atomic import naming, replacing, temporary
+from lidarplace.files.atomic import naming, temporary, write_text
 from lidarplace.files.regular import regular
 from sweeps.store.checkpoint_attempts import new_attempt
 from sweeps.store.entries import SWEEPS, Entry, check_sweeps, entry_of, keys_in
@@ -221,12 +221,6 @@ class Store:
             return set(os.listdir(self.folder / stage))
         except FileNotFoundError:
             return set()
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a file under a temporary name and rename it."""
-    with replacing(path) as partial:
-        partial.write_text(text, encoding="utf-8")
 
 
 @contextmanager

@@ -282,7 +282,7 @@ DATA: tuple[Target, ...] = (
     Target("run folder", ("run/*.parquet", "run/*.npz", "run/config.yaml"), read=_run_folder),
     Target(
         "search folder",
-        ("found/*.parquet", "found/*.npz", "found/optuna/*.json"),
+        ("found/*.parquet", "found/*.npz"),
         read=_search_folder,
     ),
     Target("failures", ("failed/*.json",), read=_failures),
@@ -299,7 +299,7 @@ REPORTS: tuple[Target, ...] = (
     Target("report", ("run/*.parquet", "run/*.npz"), "tracking.report.command", ("run",)),
     Target(
         "search-report",
-        ("found/*.parquet", "found/*.npz", "found/optuna/*.json"),
+        ("found/*.parquet", "found/*.npz"),
         "tracking.search_report.command",
         ("found",),
     ),

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from lidarplace.command_line.terminal import Terminal
 from sweeps.execution.failures import Failure
 from sweeps.execution.progress import StageProgress
-from sweeps.execution.run_progress import RunProgress
 from sweeps.execution.running import Running, about, minutes
 from sweeps.execution.time_left import TimeLeft
 from sweeps.search.trials.progress import TrialProgress
@@ -129,17 +128,17 @@ def test_times(seconds, clock, estimate):
 
 @pytest.fixture
 def at_once(monkeypatch):
-    monkeypatch.setattr("sweeps.execution.run_progress.FIRST_S", 0.01)
+    monkeypatch.setattr("sweeps.execution.progress.FIRST_S", 0.01)
 
 
-class TwoOfThree(RunProgress):
+class TwoOfThree(StageProgress):
     def now(self):
         return "two of three"
 
 
 def test_lines_come_while_the_driver_waits(at_once, tmp_path):
     log = Log()
-    with TwoOfThree(log.console, Store(tmp_path)):
+    with TwoOfThree(log.console, (), Store(tmp_path)):
         assert log.grown.acquire(timeout=GUARD_S)
         assert log.grown.acquire(timeout=GUARD_S)
     written = log.getvalue()
@@ -149,7 +148,7 @@ def test_lines_come_while_the_driver_waits(at_once, tmp_path):
 
 def test_a_terminal_has_bars_and_no_lines(at_once, tmp_path):
     console = Terminal(file=io.StringIO(), force_terminal=True)
-    with TwoOfThree(console, Store(tmp_path)):
+    with TwoOfThree(console, (), Store(tmp_path)):
         assert "progress lines" not in {thread.name for thread in threading.enumerate()}
 
 

@@ -248,7 +248,6 @@ def _write_optional(path: Path, rng: np.random.Generator, search: dict[str, Any]
     pd.DataFrame(rows, columns=columns).to_parquet(path / "robustness.parquet")
     _verified(search, names).to_parquet(path / "verified.parquet")
     _write_maps(path, rng, names)
-    _write_optuna(path / "optuna", search["trials"], len(search["rigs"]["greedy"]["mounts"]))
 
 
 def _verified(search: dict[str, Any], names: list[str]) -> pd.DataFrame:
@@ -302,29 +301,3 @@ def _write_maps(path: Path, rng: np.random.Generator, names: list[str]) -> None:
             share = np.clip(rng.uniform(0.1, 0.3, pog.shape) + 0.2 * (i == len(names) - 1), 0, 1)
             maps[f"unseen/{name}/{rig}"] = (pog * share).astype(np.float32)
     np.savez_compressed(path / "maps.npz", **maps)
-
-
-def _write_optuna(path: Path, trials: int, lidars: int) -> None:
-    """Optuna's own figures of a study with as many parameters as a search has."""
-    import optuna
-
-    rng = np.random.default_rng(0)
-    names = [f"lidar_{i}.{k}" for i in range(1, lidars + 1) for k in ("x", "y", "z", "roll")]
-    uniform = optuna.distributions.FloatDistribution(0, 1)
-    study = optuna.create_study(direction="maximize")
-    study.add_trials(
-        [
-            optuna.trial.create_trial(
-                params=dict(zip(names, rng.random(len(names)).tolist(), strict=True)),
-                distributions=dict.fromkeys(names, uniform),
-                value=float(rng.uniform(700, 1200)),
-            )
-            for _ in range(trials)
-        ]
-    )
-    path.mkdir()
-    for title, plot in (
-        ("slice", optuna.visualization.plot_slice(study)),
-        ("parallel_coordinate", optuna.visualization.plot_parallel_coordinate(study, names[:4])),
-    ):
-        (path / f"{title}.json").write_text(plot.to_json())

@@ -10,7 +10,6 @@ import pytest
 from lidarplace.base.roi import Roi
 from lidarplace.mounting.vehicle import Vehicle
 from tracking.figures.kit.rig_picture import PicturedRig, rig_picture
-from tracking.figures.of_searches.from_optuna import from_optuna
 from tracking.figures.of_searches.pareto import pareto_fronts
 from tracking.figures.of_searches.robustness import robustness_figure
 from tracking.figures.of_searches.search_history import search_history
@@ -163,24 +162,6 @@ def test_verified_rigs_are_drawn_as_differences_to_the_baseline_at_the_origin():
     np.testing.assert_allclose([*new.x, *new.y], [20, 3])
     np.testing.assert_allclose([*new.error_y.arrayminus, *new.error_y.array], [2, 1])
     assert ([*line.x], [*line.y]) == ([0], [0])
-
-
-def test_long_lists_of_optuna_are_packed_and_their_texts_left_out():
-    drawn = go.Figure(layout={"title": "Theirs", "width": 2400, "template": "plotly"})
-    numbers = list(range(200))
-    drawn.add_scatter(x=numbers, y=numbers, text=["x"] * 200, hovertemplate="%{text}")
-    drawn.update_traces(marker={"color": numbers, "showscale": True})
-    drawn.add_scatter(x=[1, 2], y=[3, 4], text=["p", "q"])
-    plot = from_optuna(drawn, "Slice")
-    assert plot.layout.title.text == "Slice · later trials are darker"
-    assert plot.layout.width == 2400
-    assert not plot.data[0].marker.showscale
-    assert not plot.layout.template.to_plotly_json()
-    assert np.asarray(plot.data[0].x).dtype == np.float32
-    np.testing.assert_array_equal(plot.data[0].x, numbers)
-    assert plot.data[0].text is None
-    assert plot.data[0].hovertemplate is None
-    assert [*plot.data[1].text] == ["p", "q"]
 
 
 def test_edges_of_zones_and_of_the_angles_that_were_allowed():

@@ -30,7 +30,6 @@ def test_a_complete_folder_is_read_whole(tmp_path):
         assert len(table) > 0
     assert [*run.pog] == [*run.unseen] == ["Car", "Cyclist"]
     assert [*run.unseen["Car"]] == ["found_1", "line"]
-    assert [*run.optuna] == ["Parallel coordinate", "Slice"]
     rig = run.rig_of(run.trials.loc[7])
     found = run.search.rigs["found_1"]
     np.testing.assert_allclose(rig.mounts, found.mounts, atol=1e-12)
@@ -53,7 +52,7 @@ def test_what_is_not_known_is_null_in_the_file(folder):
 def test_absent_parts_are_none_or_empty(folder):
     run = SearchFolder.read(folder)
     assert (run.bound, run.greedy, run.robustness, run.verified) == (None,) * 4
-    assert (run.pog, run.unseen, run.optuna) == ({}, {}, {})
+    assert (run.pog, run.unseen) == ({}, {})
 
 
 @pytest.mark.parametrize(
@@ -119,11 +118,7 @@ def test_a_pose_that_is_missing_is_nan(folder):
         assert SearchFolder.read(folder).trials["lidar_1.z_m"].isna().all()
 
 
-def test_what_is_no_json_or_no_figure_is_named(folder):
-    (folder / "optuna").mkdir()
-    (folder / "optuna" / "slice.json").write_text("{}{")
-    with pytest.raises(ValueError, match=r"slice.json is no figure"):
-        SearchFolder.read(folder)
+def test_what_is_no_json_is_named(folder):
     (folder / "search.json").write_text("{")
     with pytest.raises(ValueError, match=r"search.json: Invalid JSON"):
         SearchFolder.read(folder)

@@ -31,7 +31,7 @@ def sections(page: Page) -> list[str]:
     titles = {
         *("Where the LiDARs sit", "In three dimensions", "What stays unseen"),
         *("How the search went", "Pareto front", "Constraints", "Robustness"),
-        *("Did the gain become AP?", "Optuna's figures", "Trials", "Configuration and command"),
+        *("Did the gain become AP?", "Important parameters", "Trials", "Configuration and command"),
     }
     return [word for word in page.words if word in titles]
 
@@ -130,7 +130,7 @@ def test_every_part_has_its_place(page):
     assert sections(page) == [
         *("Where the LiDARs sit", "In three dimensions", "What stays unseen"),
         *("How the search went", "Constraints", "Robustness", "Did the gain become AP?"),
-        *("Optuna's figures", "Trials", "Configuration and command"),
+        *("Important parameters", "Trials", "Configuration and command"),
     ]
     assert menu(page) == ["found_1", "greedy", *PAPER_PLACEMENTS]
     assert "19 of 60 (32 %)" in page.words
@@ -264,8 +264,6 @@ def test_several_objectives_have_a_front(tmp_path):
 def test_a_page_of_2000_trials_stays_small(tmp_path):
     built = build_search_report(write_search(tmp_path / "big", trials=2000))
     assert built.stat().st_size < 8e6
-    page = Page(built.read_text(encoding="utf-8"))
-    assert any("too many for a page" in word for word in page.words)
 
 
 def test_warnings_name_bound_edges_failures_and_few_evaluations(tmp_path):

@@ -31,7 +31,7 @@ from training.ops.nms import nms
 from training.ops.points_in_boxes import box_of_points
 from training.ops.roipoint_pool import roipoint_pool
 from training.ops.sampling import furthest_point_sample
-from training.ops.sparse_conv import InverseConv3d, SparseConv3d, SparseTensor, SubmanifoldConv3d
+from training.ops.sparse_conv import SparseConv3d, SparseTensor, SubmanifoldConv3d
 from training.ops.voxel_query import voxel_query
 from training.optimisation import Optimisation
 from training.probe import probe
@@ -160,23 +160,21 @@ def unsuppressed(device):
 
 
 def convolved(device):
-    """Three convolutions, and gradients of their input and weights."""
+    """Two convolutions, and gradients of their input and weights."""
     torch.manual_seed(0)
     layers = (
         SubmanifoldConv3d(8, 16),
         SparseConv3d(16, 16, *GEOMETRY),
-        InverseConv3d(16, 4, *GEOMETRY),
     )
-    same, down, up = (layer.to(device) for layer in layers)
+    same, down = (layer.to(device) for layer in layers)
     voxels = some_voxels(device)
     features = voxels.features.requires_grad_()
     fine = same(voxels)
     coarse = down(fine)
-    result = up(coarse, fine)
-    loss = result.features.square().mean() + result.dense().sum() / 1000 + coarse.bev().mean()
+    loss = coarse.features.square().mean() + coarse.dense().sum() / 1000 + coarse.bev().mean()
     weights = [layer.weight for layer in layers]
     gradients = torch.autograd.grad(loss, [features, *weights])
-    return fine.features, coarse.features, coarse.coordinates, result.features, *gradients
+    return fine.features, coarse.features, coarse.coordinates, *gradients
 
 
 OPERATIONS = (

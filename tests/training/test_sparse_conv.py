@@ -9,12 +9,7 @@ from torch.nn import functional
 
 from training.detectors.backbones.sparse_backbone import VoxelBackBone8x, encoded_height
 from training.ops import sparse_rules
-from training.ops.sparse_conv import (
-    InverseConv3d,
-    SparseConv3d,
-    SparseTensor,
-    SubmanifoldConv3d,
-)
+from training.ops.sparse_conv import SparseConv3d, SparseTensor, SubmanifoldConv3d
 
 STRIDED = [
     ((3, 3, 3), (2, 2, 2), (1, 1, 1)),
@@ -60,7 +55,7 @@ def test_submanifold_is_dense_convolution_at_the_sites(grid, kernel):
 
 @pytest.mark.parametrize("grid", GRIDS)
 @pytest.mark.parametrize(("kernel", "stride", "padding"), STRIDED)
-def test_strided_is_dense_convolution_and_its_inverse_is_transposed(grid, kernel, stride, padding):
+def test_strided_is_dense_convolution(grid, kernel, stride, padding):
     torch.manual_seed(0)
     x = sites(*grid)
     module = SparseConv3d(3, 4, kernel, stride, padding).double()
@@ -74,15 +69,6 @@ def test_strided_is_dense_convolution_and_its_inverse_is_transposed(grid, kernel
         used, torch.ones(1, 1, *kernel, dtype=torch.float64), stride=stride, padding=padding
     )
     assert torch.equal(y.coordinates, torch.nonzero(reached[:, 0]))
-
-    inverse = InverseConv3d(4, 2, kernel, stride, padding).double()
-    z = inverse(y, x)
-    rest = [(x.shape[i] + 2 * padding[i] - kernel[i]) % stride[i] for i in range(3)]
-    expected = functional.conv_transpose3d(
-        y.dense(), inverse.weight.permute(4, 0, 1, 2, 3), stride=stride, padding=padding,
-        output_padding=rest,
-    )  # fmt: skip
-    torch.testing.assert_close(z.features, at_sites(expected, x))
 
 
 def test_gradients_are_finite_differences():
@@ -101,12 +87,6 @@ def test_gradients_are_finite_differences():
             ).features
 
         assert torch.autograd.gradcheck(output, (x.features.requires_grad_(), weight))
-    y = modules[1](x.with_features(x.features.detach()))
-    inverse = InverseConv3d(2, 2, *STRIDED[0]).double()
-    assert torch.autograd.gradcheck(
-        lambda features: inverse(y.with_features(features), x).features,
-        (y.features.detach().requires_grad_(),),
-    )
 
 
 @pytest.mark.parametrize("grid", [*GRIDS, ((20, 60, 50), 2, 0.03)])
@@ -175,8 +155,3 @@ def test_backbone_in_mixed_precision_is_near_and_repeats_itself():
 def test_bad_input_is_named():
     with pytest.raises(ValueError, match=r"odd kernel, found \(3, 2, 3\)"):
         SubmanifoldConv3d(3, 4, (3, 2, 3))
-    torch.manual_seed(0)
-    x, other = sites((5, 6, 7), 1, 0.05), sites((5, 6, 7), 1, 0.05)
-    coarse = SparseConv3d(3, 4, *STRIDED[0]).double()(x)
-    with pytest.raises(ValueError, match="not those of a convolution from `fine`"):
-        InverseConv3d(4, 3, *STRIDED[0]).double()(coarse, other)

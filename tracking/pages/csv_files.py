@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from lidarplace.files.atomic import replacing
 from lidarplace.files.csv import write_csv
 from tracking.pages.section import Section
 
@@ -31,8 +30,7 @@ def write_csv_files(folder: Path, sections: Sequence[Section]) -> None:
                 name = f"{table.name}-{count}"
             taken.add(name)
             section.tables[i] = replace(table, name=name)
-            with replacing(folder / f"{name}.csv") as partial:
-                write_csv(table.data, partial)
+            write_csv(table.data, folder / f"{name}.csv")
     for file in folder.glob("*.csv"):
         if file.stem not in taken:
             file.unlink()

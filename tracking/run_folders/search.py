@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import plotly.graph_objects as go
-import plotly.io
 from numpy.typing import NDArray
 
 from lidarplace.base.roi import Roi
@@ -52,7 +50,6 @@ class SearchFolder:
             were trained for each rig.
         pog: by class, the entropy of each column of voxels, nats, shape (nx, ny), float32.
         unseen: by class and rig, what of it stays unseen.
-        optuna: Optuna's figures by title.
     """
 
     path: Path
@@ -69,7 +66,6 @@ class SearchFolder:
     pog: dict[str, NDArray[np.float32]]
     unseen: dict[str, dict[str, NDArray[np.float32]]]
     grounds: Grounds | None
-    optuna: dict[str, go.Figure]
 
     @property
     def evaluated(self) -> pd.DataFrame:
@@ -135,19 +131,7 @@ class SearchFolder:
             pog=maps.pog,
             unseen=maps.unseen,
             grounds=Grounds.read(path),
-            optuna={
-                file.stem.replace("_", " ").capitalize(): _read_figure(file)
-                for file in sorted((path / "optuna").glob("*.json"))
-            },
         )
-
-
-def _read_figure(file: Path) -> go.Figure:
-    try:
-        return plotly.io.from_json(read_text(file))
-    except (ValueError, RecursionError) as error:
-        reason = str(error).strip().splitlines()[0]
-        raise ValueError(f"{file} is no figure of plotly: {reason}") from error
 
 
 def _trials(search: SearchResult, path: Path) -> pd.DataFrame:

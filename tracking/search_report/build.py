@@ -10,7 +10,6 @@ import numpy as np
 from lidarplace.requirements.tables import worst_cases
 from tracking.figures.kit.rig_picture import PicturedRig, rig_picture
 from tracking.figures.kit.style import text
-from tracking.figures.of_searches.from_optuna import from_optuna
 from tracking.figures.of_searches.pareto import pareto_fronts
 from tracking.figures.of_searches.robustness import robustness_figure
 from tracking.figures.of_searches.search_history import bound_over_seconds, search_history
@@ -40,8 +39,6 @@ MOST_RIGS = 12
 """Rigs of a front whose mounts are listed; the picture's menu is filled up to as many."""
 MOST_BEST = 4
 """Best rigs that the picture's menu always has, beside greedy's and the paper's."""
-MOST_TRACES = 300
-"""Lines of a figure of Optuna's: it draws one for each trial in parallel coordinates."""
 
 
 def build_search_report(folder: Path) -> Path:
@@ -66,7 +63,7 @@ def build_search_report(folder: Path) -> Path:
         _requirements(run),
         _robustness(run),
         _verified(run),
-        _optuna(run),
+        _parameters(run),
         Section("Trials", tables=[trial_table(run)]),
     ]
     return write_page(
@@ -319,21 +316,15 @@ def _verified(run: SearchFolder) -> Section | None:
     return section
 
 
-def _optuna(run: SearchFolder) -> Section | None:
+def _parameters(run: SearchFolder) -> Section | None:
     shares = run.search.importance
-    if not run.optuna and not shares:
+    if not shares:
         return None
-    section = Section("Optuna's figures", columns=2)
-    if shares:
-        largest = sorted(shares.items(), key=lambda item: -item[1])[:5]
-        parts = ", ".join(f"{name} {100 * share:.0f} %" for name, share in largest)
-        section.notes.append(
-            f"Most important for reaching good values of {run.search.first.name} (shares by "
-            f"PED-ANOVA): {parts}."
-        )
-    for title, plot in run.optuna.items():
-        if len(plot.data) <= MOST_TRACES:
-            section.figures.append(from_optuna(plot, title))
-        else:
-            section.notes.append(f"{title} has {len(plot.data):,} lines, too many for a page.")
-    return section
+    largest = sorted(shares.items(), key=lambda item: -item[1])[:5]
+    parts = ", ".join(f"{name} {100 * share:.0f} %" for name, share in largest)
+    notes = [
+        f"Most important for reaching good values of {run.search.first.name} (shares by "
+        f"PED-ANOVA): {parts}.",
+        "optuna-dashboard, with the command below, plots values by parameter.",
+    ]
+    return Section("Important parameters", notes=notes)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -13,6 +14,9 @@ from training.typical_objects import TypicalObject
 
 PointRange = tuple[float, float, float, float, float, float]
 """x, y, z of the lowest corner, then of the highest, metres."""
+
+Build = Callable[[Sequence[str], str, PointRange | None, Sequence[TypicalObject]], "Detector"]
+"""A network of some classes, by the name of a preset, see `build_detector`."""
 
 
 @dataclass(frozen=True)
@@ -112,3 +116,17 @@ class Detector(nn.Module, ABC):
                 outside the range are not looked at.
             selection: in place of the preset's.
         """
+
+
+def builder(network: Callable[..., Detector], presets: Mapping[str, Any]) -> Build:
+    """The function `build` of a network's module: its presets with anchors of typical objects."""
+
+    def build(
+        classes: Sequence[str],
+        preset: str,
+        point_range: PointRange | None,
+        typical: Sequence[TypicalObject],
+    ) -> Detector:
+        return network(classes, presets[preset].with_typical(typical), point_range)
+
+    return build

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -11,48 +11,27 @@ from torch import Tensor
 from training.detectors.backbones.backbone_2d import Backbone2d, BackboneSettings
 from training.detectors.backbones.pillar_image import pillar_image
 from training.detectors.backbones.pillars import PillarEncoder, PillarGrid, group, scatter
-from training.detectors.detector import PointRange, Selection
+from training.detectors.detector import PointRange, Selection, builder
 from training.detectors.heads.anchor_head import AnchorHead, HeadOutput
-from training.detectors.heads.anchors import (
-    KITTI_ANCHORS,
-    TINY_ANCHORS,
-    AnchorClass,
-    anchor_grid,
-    with_typical,
-)
+from training.detectors.heads.anchors import KITTI_ANCHORS, TINY_ANCHORS, AnchorPreset, anchor_grid
 from training.detectors.one_stage_detector import OneStageDetector
 from training.detectors.point_range import fitted_range
-from training.typical_objects import TypicalObject
 
 
 @dataclass(frozen=True)
-class PointPillarsPreset:
+class PointPillarsPreset(AnchorPreset):
     """Everything that fixes a PointPillars network but its classes.
 
     Attributes:
-        point_range: default range in the model's frame, metres.
-        sensor_height: height of the model's origin above the ground, metres.
         pillar: edge of a pillar, metres.
         max_points, max_pillars: as in PillarGrid.
         filters: channels of a pillar.
-        backbone: the 2D backbone.
-        anchors: by class, in the model's frame.
-        centred_anchors: as in `anchor_grid`.
     """
 
-    point_range: PointRange
-    sensor_height: float
     pillar: float
     max_points: int | None
     max_pillars: tuple[int, int] | None
     filters: int
-    backbone: BackboneSettings
-    anchors: Mapping[str, AnchorClass]
-    centred_anchors: bool
-
-    def with_typical(self, typical: Sequence[TypicalObject]) -> PointPillarsPreset:
-        """The preset with anchors like these objects for their classes."""
-        return replace(self, anchors=with_typical(self.anchors, typical, self.sensor_height))
 
 
 OPENPCDET = PointPillarsPreset(
@@ -152,11 +131,4 @@ class PointPillars(OneStageDetector):
         return scatter(self.vfe(batch), batch, self.grid)
 
 
-def build(
-    classes: Sequence[str],
-    preset: str,
-    point_range: PointRange | None,
-    typical: Sequence[TypicalObject],
-) -> PointPillars:
-    """The network of `build_detector`."""
-    return PointPillars(classes, PRESETS[preset].with_typical(typical), point_range)
+build = builder(PointPillars, PRESETS)

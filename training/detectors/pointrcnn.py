@@ -9,18 +9,10 @@ import torch
 from torch import Tensor
 
 from training.detectors.backbones.point_sampling import sample_points, within
-from training.detectors.backbones.pointnet2 import (
-    AbstractionSettings,
-    PointNet2,
-    PointNet2Settings,
-)
-from training.detectors.detector import Detector, PointRange, Selection
+from training.detectors.backbones.pointnet2 import AbstractionSettings, PointNet2, PointNet2Settings
+from training.detectors.detector import Detector, PointRange, Selection, builder
 from training.detectors.heads.point_head import PointHeadBox, PointOutput, point_targets
-from training.detectors.heads.pointrcnn_head import (
-    PointRCNNHead,
-    PointRoiSettings,
-    ScoredPoints,
-)
+from training.detectors.heads.pointrcnn_head import PointRCNNHead, PointRoiSettings, ScoredPoints
 from training.detectors.heads.proposals import Proposals, Suppression
 from training.detectors.heads.roi_head import RoiSettings
 from training.detectors.heads.roi_targets import RoiSampling
@@ -213,11 +205,4 @@ class PointRCNN(Detector):
         return self.roi_head.detections(refined, proposals, selection or self.selection)
 
 
-def build(
-    classes: Sequence[str],
-    preset: str,
-    point_range: PointRange | None,
-    typical: Sequence[TypicalObject],
-) -> PointRCNN:
-    """The network of `build_detector`."""
-    return PointRCNN(classes, PRESETS[preset].with_typical(typical), point_range)
+build = builder(PointRCNN, PRESETS)

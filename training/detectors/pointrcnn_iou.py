@@ -5,13 +5,11 @@ OpenPCDet's tools/cfgs/kitti_models/pointrcnn_iou.yaml: only what the scores lea
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 from training.detectors import pointrcnn
-from training.detectors.detector import PointRange
+from training.detectors.detector import builder
 from training.detectors.pointrcnn import PointRCNN, PointRCNNPreset
-from training.typical_objects import TypicalObject
 
 
 def _scored_by_iou(preset: PointRCNNPreset) -> PointRCNNPreset:
@@ -25,11 +23,4 @@ def _scored_by_iou(preset: PointRCNNPreset) -> PointRCNNPreset:
 PRESETS = {name: _scored_by_iou(preset) for name, preset in pointrcnn.PRESETS.items()}
 
 
-def build(
-    classes: Sequence[str],
-    preset: str,
-    point_range: PointRange | None,
-    typical: Sequence[TypicalObject],
-) -> PointRCNN:
-    """The network of `build_detector`."""
-    return PointRCNN(classes, PRESETS[preset].with_typical(typical), point_range)
+build = builder(PointRCNN, PRESETS)

@@ -17,38 +17,31 @@ from training.detectors.backbones.voxel_set_abstraction import (
     VoxelSetAbstraction,
     mixed,
 )
-from training.detectors.detector import PointRange, Selection
+from training.detectors.detector import PointRange, Selection, builder
 from training.detectors.heads.point_head import PointHeadSimple, point_targets
 from training.detectors.heads.proposals import Suppression
 from training.detectors.heads.pv_rcnn_head import PvRcnnHead, PvRcnnHeadSettings
 from training.detectors.heads.roi_head import RoiOutput, RoiSettings
 from training.detectors.heads.roi_targets import RoiSampling
-from training.detectors.two_stage_voxel_detector import TwoStageVoxelDetector
-from training.detectors.voxel_detector import FirstStage, VoxelPreset
-from training.typical_objects import TypicalObject
+from training.detectors.two_stage_voxel_detector import TwoStagePreset, TwoStageVoxelDetector
+from training.detectors.voxel_detector import FirstStage
 
 
 @dataclass(frozen=True)
-class PvRcnnPreset:
+class PvRcnnPreset(TwoStagePreset):
     """Everything that fixes a PV-RCNN network but its classes.
 
     Attributes:
-        first_stage: voxels, backbones and anchors.
         keypoints: the points that stand for the scene.
         point_head: outputs of the hidden layers that tell keypoints on objects from others.
         roi_head: the second stage.
         selection: of its boxes.
     """
 
-    first_stage: VoxelPreset
     keypoints: KeypointSettings
     point_head: tuple[int, ...]
     roi_head: PvRcnnHeadSettings
     selection: Selection
-
-    def with_typical(self, typical: Sequence[TypicalObject]) -> PvRcnnPreset:
-        """The preset with anchors like these objects for their classes."""
-        return replace(self, first_stage=self.first_stage.with_typical(typical))
 
 
 OPENPCDET = PvRcnnPreset(
@@ -140,7 +133,7 @@ class PvRcnn(TwoStageVoxelDetector):
         preset: PvRcnnPreset,
         point_range: PointRange | None = None,
     ) -> None:
-        super().__init__(classes, preset.first_stage, preset.selection, point_range)
+        super().__init__(classes, preset.first_stage, point_range, preset.selection)
         channels = preset.first_stage.channels
         bev = channels[-1] * encoded_height(self.grid.shape[0])
         self.pfe = VoxelSetAbstraction(preset.keypoints, self.grid, channels[:-1], bev, STRIDE)
@@ -167,11 +160,4 @@ class PvRcnn(TwoStageVoxelDetector):
         return output
 
 
-def build(
-    classes: Sequence[str],
-    preset: str,
-    point_range: PointRange | None,
-    typical: Sequence[TypicalObject],
-) -> PvRcnn:
-    """The network of `build_detector`."""
-    return PvRcnn(classes, PRESETS[preset].with_typical(typical), point_range)
+build = builder(PvRcnn, PRESETS)

@@ -8,12 +8,11 @@ from dataclasses import replace
 from torch import Tensor
 
 from training.detectors.backbones.backbone_2d import BackboneSettings
-from training.detectors.detector import PointRange, Selection
+from training.detectors.detector import builder
 from training.detectors.heads.anchor_head import HeadOutput
 from training.detectors.heads.anchors import KITTI_ANCHORS, PAPER_ANCHORS, TINY_ANCHORS
 from training.detectors.one_stage_detector import OneStageDetector
 from training.detectors.voxel_detector import VoxelDetector, VoxelPreset
-from training.typical_objects import TypicalObject
 
 OPENPCDET = VoxelPreset(
     point_range=(0.0, -40.0, -3.0, 70.4, 40.0, 1.0),
@@ -68,11 +67,4 @@ class Second(OneStageDetector, VoxelDetector):
         return self.first_stage(points).head
 
 
-def build(
-    classes: Sequence[str],
-    preset: str,
-    point_range: PointRange | None,
-    typical: Sequence[TypicalObject],
-) -> Second:
-    """The network of `build_detector`."""
-    return Second(classes, PRESETS[preset].with_typical(typical), Selection(), point_range)
+build = builder(Second, PRESETS)

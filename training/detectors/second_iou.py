@@ -8,33 +8,26 @@ from dataclasses import dataclass, replace
 from torch import Tensor
 
 from training.detectors import second
-from training.detectors.detector import PointRange, Selection
+from training.detectors.detector import PointRange, builder
 from training.detectors.heads.proposals import Suppression
 from training.detectors.heads.roi_head import RoiOutput, RoiSettings
 from training.detectors.heads.roi_targets import RoiSampling
 from training.detectors.heads.second_iou_head import SecondIouHead, SecondIouLayers
-from training.detectors.two_stage_voxel_detector import TwoStageVoxelDetector
-from training.detectors.voxel_detector import FirstStage, VoxelPreset
-from training.typical_objects import TypicalObject
+from training.detectors.two_stage_voxel_detector import TwoStagePreset, TwoStageVoxelDetector
+from training.detectors.voxel_detector import FirstStage
 
 
 @dataclass(frozen=True)
-class SecondIouPreset:
+class SecondIouPreset(TwoStagePreset):
     """Everything that fixes a SECOND-IoU network but its classes.
 
     Attributes:
-        first_stage: the voxel network.
         roi: proposals and training of the second stage.
         layers: of the second stage.
     """
 
-    first_stage: VoxelPreset
     roi: RoiSettings
     layers: SecondIouLayers
-
-    def with_typical(self, typical: Sequence[TypicalObject]) -> SecondIouPreset:
-        """The preset with anchors like these objects for their classes."""
-        return replace(self, first_stage=self.first_stage.with_typical(typical))
 
 
 OPENPCDET = SecondIouPreset(
@@ -80,7 +73,7 @@ class SecondIou(TwoStageVoxelDetector):
         preset: SecondIouPreset,
         point_range: PointRange | None = None,
     ) -> None:
-        super().__init__(classes, preset.first_stage, Selection(), point_range)
+        super().__init__(classes, preset.first_stage, point_range)
         first = preset.first_stage
         cell = first.voxel[0] * first.image_stride
         self.roi_head = SecondIouHead(
@@ -93,11 +86,4 @@ class SecondIou(TwoStageVoxelDetector):
         return output
 
 
-def build(
-    classes: Sequence[str],
-    preset: str,
-    point_range: PointRange | None,
-    typical: Sequence[TypicalObject],
-) -> SecondIou:
-    """The network of `build_detector`."""
-    return SecondIou(classes, PRESETS[preset].with_typical(typical), point_range)
+build = builder(SecondIou, PRESETS)

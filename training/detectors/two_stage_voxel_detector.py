@@ -4,14 +4,27 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import torch
 from torch import Tensor
 
 from training.detectors.detector import Selection
 from training.detectors.heads.roi_head import RoiHead, RoiOutput
-from training.detectors.voxel_detector import FirstStage, VoxelDetector
+from training.detectors.voxel_detector import FirstStage, VoxelDetector, VoxelPreset
+from training.typical_objects import TypicalObject
+
+
+@dataclass(frozen=True)
+class TwoStagePreset:
+    """Base of the presets: `first_stage` is the voxel network."""
+
+    first_stage: VoxelPreset
+
+    def with_typical(self, typical: Sequence[TypicalObject]) -> Self:
+        """The preset with anchors like these objects for their classes."""
+        return replace(self, first_stage=self.first_stage.with_typical(typical))
 
 
 class TwoStageVoxelDetector(VoxelDetector):

@@ -2,52 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import count
 
 import torch
 from torch import Tensor
 
-from training.detectors.backbones.backbone_2d import Backbone2d, BackboneSettings
+from training.detectors.backbones.backbone_2d import Backbone2d
 from training.detectors.backbones.sparse_backbone import STRIDE, VoxelBackBone8x, encoded_height
 from training.detectors.backbones.voxels import VoxelGrid, voxelise
 from training.detectors.detector import Detector, PointRange, Selection
 from training.detectors.heads.anchor_head import AnchorHead, HeadOutput
-from training.detectors.heads.anchors import AnchorClass, anchor_grid, with_typical
+from training.detectors.heads.anchors import AnchorPreset, anchor_grid
 from training.detectors.point_range import fitted_range
 from training.ops.sparse_conv import SparseTensor
-from training.typical_objects import TypicalObject
 
 
 @dataclass(frozen=True)
-class VoxelPreset:
+class VoxelPreset(AnchorPreset):
     """Everything that fixes the first stage of a voxel network but its classes.
 
     Attributes:
-        point_range: default range in the model's frame, metres.
-        sensor_height: height of the model's origin above the ground, metres.
         voxel: edges of a voxel along x, y, z, metres.
         max_points, max_voxels: as in VoxelGrid.
         channels: of the scales of the sparse backbone and of its result.
-        backbone: the 2D backbone.
-        anchors: by class, in the model's frame.
-        centred_anchors: as in `anchor_grid`.
     """
 
-    point_range: PointRange
-    sensor_height: float
     voxel: tuple[float, float, float]
     max_points: int | None
     max_voxels: tuple[int, int] | None
     channels: tuple[int, int, int, int, int]
-    backbone: BackboneSettings
-    anchors: Mapping[str, AnchorClass]
-    centred_anchors: bool
-
-    def with_typical(self, typical: Sequence[TypicalObject]) -> VoxelPreset:
-        """The preset with anchors like these objects for their classes."""
-        return replace(self, anchors=with_typical(self.anchors, typical, self.sensor_height))
 
     @property
     def image_stride(self) -> int:
@@ -78,8 +63,8 @@ class VoxelDetector(Detector):
     Args:
         classes: names of the classes, keys of the preset's anchors.
         preset: the network.
-        selection: the preset's way to select boxes.
         point_range: see `fitted_range`.
+        selection: the preset's way to select boxes.
 
     Raises:
         ValueError: the range is too low for the backbone's strides.
@@ -89,8 +74,8 @@ class VoxelDetector(Detector):
         self,
         classes: Sequence[str],
         preset: VoxelPreset,
-        selection: Selection,
         point_range: PointRange | None = None,
+        selection: Selection | None = None,
     ) -> None:
         backbone = preset.backbone
         edge, _, height = preset.voxel
@@ -98,7 +83,7 @@ class VoxelDetector(Detector):
         fitted = fitted_range(
             preset.point_range, preset.sensor_height, point_range, (cell, cell, height)
         )
-        super().__init__(classes, fitted, preset.sensor_height, selection)
+        super().__init__(classes, fitted, preset.sensor_height, selection or Selection())
         self.grid = VoxelGrid(fitted, preset.voxel, preset.max_points, preset.max_voxels)
         nz, ny, nx = self.grid.shape
         layers = encoded_height(nz)

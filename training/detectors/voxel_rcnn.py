@@ -9,35 +9,28 @@ from torch import Tensor
 
 from training.detectors import second
 from training.detectors.backbones.backbone_2d import BackboneSettings
-from training.detectors.detector import PointRange, Selection
+from training.detectors.detector import PointRange, Selection, builder
 from training.detectors.heads.proposals import Suppression
 from training.detectors.heads.roi_head import RoiOutput, RoiSettings
 from training.detectors.heads.roi_targets import RoiSampling
 from training.detectors.heads.voxel_rcnn_head import VoxelRcnnHead, VoxelRcnnLayers
-from training.detectors.two_stage_voxel_detector import TwoStageVoxelDetector
-from training.detectors.voxel_detector import FirstStage, VoxelPreset
-from training.typical_objects import TypicalObject
+from training.detectors.two_stage_voxel_detector import TwoStagePreset, TwoStageVoxelDetector
+from training.detectors.voxel_detector import FirstStage
 
 
 @dataclass(frozen=True)
-class VoxelRcnnPreset:
+class VoxelRcnnPreset(TwoStagePreset):
     """Everything that fixes a Voxel R-CNN network but its classes.
 
     Attributes:
-        first_stage: the voxel network.
         roi: proposals and training of the second stage.
         layers: of the second stage.
         selection: how boxes are selected.
     """
 
-    first_stage: VoxelPreset
     roi: RoiSettings
     layers: VoxelRcnnLayers
     selection: Selection
-
-    def with_typical(self, typical: Sequence[TypicalObject]) -> VoxelRcnnPreset:
-        """The preset with anchors like these objects for their classes."""
-        return replace(self, first_stage=self.first_stage.with_typical(typical))
 
 
 OPENPCDET = VoxelRcnnPreset(
@@ -114,7 +107,7 @@ class VoxelRcnn(TwoStageVoxelDetector):
         preset: VoxelRcnnPreset,
         point_range: PointRange | None = None,
     ) -> None:
-        super().__init__(classes, preset.first_stage, preset.selection, point_range)
+        super().__init__(classes, preset.first_stage, point_range, preset.selection)
         _, two, three, four, _ = preset.first_stage.channels
         self.roi_head = VoxelRcnnHead((two, three, four), self.grid, preset.roi, preset.layers)
 
@@ -124,11 +117,4 @@ class VoxelRcnn(TwoStageVoxelDetector):
         return output
 
 
-def build(
-    classes: Sequence[str],
-    preset: str,
-    point_range: PointRange | None,
-    typical: Sequence[TypicalObject],
-) -> VoxelRcnn:
-    """The network of `build_detector`."""
-    return VoxelRcnn(classes, PRESETS[preset].with_typical(typical), point_range)
+build = builder(VoxelRcnn, PRESETS)

@@ -17,13 +17,7 @@ from torch import Tensor, nn
 from torch.autograd.function import FunctionCtx, once_differentiable
 from torch.nn import functional
 
-from training.ops.sparse_rules import (
-    Rules,
-    Triple,
-    output_shape,
-    strided_rules,
-    submanifold_rules,
-)
+from training.ops.sparse_rules import Rules, Triple, output_shape, strided_rules, submanifold_rules
 
 
 @dataclass(frozen=True)
@@ -35,18 +29,15 @@ class SparseTensor:
         coordinates: frame, z, y, x of each row, sorted, none twice, shape (N, 4), int64.
         shape: cells of the grid along z, y, x.
         frames: number of frames.
-        tables: tables of pairs of the convolutions that start from these sites and the sites they
-            lead to, by kernel, stride and padding; made once, shared by all tensors with these
-            sites.
+        tables: of pairs of the submanifold convolutions on these sites, by kernel; made once,
+            shared by all tensors with these sites.
     """
 
     features: Tensor
     coordinates: Tensor
     shape: Triple
     frames: int
-    tables: dict[tuple[Triple, ...], tuple[Rules, Tensor]] = field(
-        default_factory=dict, repr=False, compare=False
-    )
+    tables: dict[Triple, Rules] = field(default_factory=dict, repr=False, compare=False)
 
     def with_features(self, features: Tensor) -> SparseTensor:
         """Other features (N, C') at the same sites."""
@@ -153,11 +144,9 @@ class SubmanifoldConv3d(_SparseConvolution):
 
     def forward(self, x: SparseTensor) -> SparseTensor:
         """(N, inputs) to (N, outputs)."""
-        key = (self.kernel,)
-        if key not in x.tables:
-            rules = submanifold_rules(x.coordinates, x.shape, self.kernel)
-            x.tables[key] = rules, x.coordinates
-        return x.with_features(self._convolve(x.features, x.tables[key][0]))
+        if self.kernel not in x.tables:
+            x.tables[self.kernel] = submanifold_rules(x.coordinates, x.shape, self.kernel)
+        return x.with_features(self._convolve(x.features, x.tables[self.kernel]))
 
 
 class SparseConv3d(_SparseConvolution):
@@ -176,40 +165,6 @@ class SparseConv3d(_SparseConvolution):
 
     def forward(self, x: SparseTensor) -> SparseTensor:
         """(N, inputs) to (M, outputs) on the coarser grid."""
-        rules, coordinates = _strided_table(x, self.geometry)
+        rules, coordinates = strided_rules(x.coordinates, x.shape, *self.geometry)
         features = self._convolve(x.features, rules)
         return SparseTensor(features, coordinates, output_shape(x.shape, *self.geometry), x.frames)
-
-
-class InverseConv3d(_SparseConvolution):
-    """A convolution back to the sites that a SparseConv3d of the same geometry started from.
-
-    Args:
-        inputs, outputs: channels.
-        kernel, stride, padding: those of that SparseConv3d.
-    """
-
-    def __init__(
-        self, inputs: int, outputs: int, kernel: Triple, stride: Triple, padding: Triple
-    ) -> None:
-        super().__init__(inputs, outputs, kernel)
-        self.geometry = (kernel, stride, padding)
-
-    def forward(self, x: SparseTensor, fine: SparseTensor) -> SparseTensor:
-        """(M, inputs) at the coarse sites to (N, outputs) at the sites of `fine`.
-
-        Raises:
-            ValueError: the sites of `x` are not those that the SparseConv3d makes from `fine`.
-        """
-        rules, coordinates = _strided_table(fine, self.geometry)
-        if not torch.equal(coordinates, x.coordinates):
-            raise ValueError("the input's sites are not those of a convolution from `fine`")
-        return fine.with_features(self._convolve(x.features, rules.inverse()))
-
-
-def _strided_table(
-    x: SparseTensor, geometry: tuple[Triple, Triple, Triple]
-) -> tuple[Rules, Tensor]:
-    if geometry not in x.tables:
-        x.tables[geometry] = strided_rules(x.coordinates, x.shape, *geometry)
-    return x.tables[geometry]

@@ -36,10 +36,6 @@ class Rules:
     by_input: tuple[Tensor, Tensor]
     by_output: tuple[Tensor, Tensor]
 
-    def inverse(self) -> Rules:
-        """The table of the convolution from the outputs back to the inputs."""
-        return Rules(self.outputs, self.inputs, self.counts, self.by_output, self.by_input)
-
 
 def submanifold_rules(coordinates: Tensor, shape: Triple, kernel: Triple) -> Rules:
     """Pairs of sites that are neighbours: input and output have the same sites.

@@ -91,7 +91,7 @@ def _log(
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Boxes and frames of one log; its frames have numbers from `first_frame`."""
     source = path / "annotations.feather"
-    table = _table(
+    table = read_feather(
         source, ("timestamp_ns", "track_uuid", "category", *SIZE, *QUATERNION, *TRANSLATION)
     )
 
@@ -143,7 +143,7 @@ def _sweeps(folder: Path) -> NDArray[np.int64]:
 
 def _vehicle(path: Path, time_ns: NDArray[np.int64]) -> Poses:
     """Pose of the vehicle in the city at these times, in Argoverse's own ego frame."""
-    table = _table(path, ("timestamp_ns", *QUATERNION, *TRANSLATION))
+    table = read_feather(path, ("timestamp_ns", *QUATERNION, *TRANSLATION))
     table = table.drop_duplicates("timestamp_ns")
     position, quaternion = (numbers(table, names, str(path)) for names in (TRANSLATION, QUATERNION))
     index = pd.Index(integers(table, "timestamp_ns", str(path))).get_indexer(pd.Index(time_ns))
@@ -154,7 +154,3 @@ def _vehicle(path: Path, time_ns: NDArray[np.int64]) -> Poses:
         return f"{path}: timestamp_ns {time_ns[index]}"
 
     return poses(position[index], quaternion[index], row)
-
-
-def _table(path: Path, names: Sequence[str]) -> pd.DataFrame:
-    return read_feather(path, names)

@@ -25,73 +25,43 @@ from lidarplace.logs.boxes import CLASSES
 ClassMap = Mapping[str, str]
 """Category -> class, or `IGNORE`."""
 
+
+def _by_class(**categories: str) -> ClassMap:
+    """A class map from the categories of each class, separated by spaces."""
+    return MappingProxyType({one: name for name, own in categories.items() for one in own.split()})
+
+
 BOX_LOG: ClassMap = MappingProxyType({name: name for name in CLASSES})
 """A log that already has our classes."""
 
-NUSCENES: ClassMap = MappingProxyType(
-    {
-        "animal": IGNORE,
-        "human.pedestrian.adult": "Pedestrian",
-        "human.pedestrian.child": "Pedestrian",
-        "human.pedestrian.construction_worker": "Pedestrian",
-        "human.pedestrian.personal_mobility": IGNORE,
-        "human.pedestrian.police_officer": "Pedestrian",
-        "human.pedestrian.stroller": IGNORE,
-        "human.pedestrian.wheelchair": IGNORE,
-        "movable_object.barrier": IGNORE,
-        "movable_object.debris": IGNORE,
-        "movable_object.pushable_pullable": IGNORE,
-        "movable_object.trafficcone": IGNORE,
-        "static_object.bicycle_rack": IGNORE,
-        "vehicle.bicycle": "Cyclist",
-        "vehicle.bus.bendy": IGNORE,
-        "vehicle.bus.rigid": IGNORE,
-        "vehicle.car": "Car",
-        "vehicle.construction": IGNORE,
-        "vehicle.emergency.ambulance": "Cyclist",
-        "vehicle.emergency.police": "Car",
-        "vehicle.motorcycle": "Cyclist",
-        "vehicle.trailer": IGNORE,
-        "vehicle.truck": "Cyclist",  # pickups too: nuScenes does not tell them apart
-    }
+NUSCENES = _by_class(
+    Car="vehicle.car vehicle.emergency.police",
+    # Trucks are pickups, too: nuScenes does not distinguish them.
+    Cyclist="vehicle.bicycle vehicle.emergency.ambulance vehicle.motorcycle vehicle.truck",
+    Pedestrian=(
+        "human.pedestrian.adult human.pedestrian.child human.pedestrian.construction_worker "
+        "human.pedestrian.police_officer"
+    ),
+    ignore=(
+        "animal human.pedestrian.personal_mobility human.pedestrian.stroller "
+        "human.pedestrian.wheelchair movable_object.barrier movable_object.debris "
+        "movable_object.pushable_pullable movable_object.trafficcone static_object.bicycle_rack "
+        "vehicle.bus.bendy vehicle.bus.rigid vehicle.construction vehicle.trailer"
+    ),
 )
 """The 23 categories of nuScenes v1.0."""
 
-ARGOVERSE: ClassMap = MappingProxyType(
-    {
-        "ANIMAL": IGNORE,
-        "ARTICULATED_BUS": IGNORE,
-        "BICYCLE": "Cyclist",
-        "BICYCLIST": "Cyclist",
-        "BOLLARD": IGNORE,
-        "BOX_TRUCK": "Cyclist",
-        "BUS": IGNORE,
-        "CONSTRUCTION_BARREL": IGNORE,
-        "CONSTRUCTION_CONE": IGNORE,
-        "DOG": IGNORE,
-        "EGO_VEHICLE": IGNORE,  # the vehicle with the sensors
-        "LARGE_VEHICLE": "Cyclist",
-        "MESSAGE_BOARD_TRAILER": IGNORE,
-        "MOBILE_PEDESTRIAN_CROSSING_SIGN": IGNORE,
-        "MOBILE_PEDESTRIAN_SIGN": IGNORE,  # the same thing: the guide's name for it
-        "MOTORCYCLE": "Cyclist",
-        "MOTORCYCLIST": "Cyclist",
-        "OFFICIAL_SIGNALER": "Pedestrian",
-        "PEDESTRIAN": "Pedestrian",
-        "RAILED_VEHICLE": IGNORE,
-        "REGULAR_VEHICLE": "Car",
-        "SCHOOL_BUS": IGNORE,
-        "SIGN": IGNORE,
-        "STOP_SIGN": IGNORE,
-        "STROLLER": IGNORE,
-        "TRAFFIC_LIGHT_TRAILER": IGNORE,
-        "TRUCK": "Cyclist",
-        "TRUCK_CAB": "Cyclist",
-        "VEHICULAR_TRAILER": IGNORE,
-        "WHEELCHAIR": IGNORE,
-        "WHEELED_DEVICE": IGNORE,
-        "WHEELED_RIDER": IGNORE,
-    }
+ARGOVERSE = _by_class(
+    Car="REGULAR_VEHICLE",
+    Cyclist="BICYCLE BICYCLIST BOX_TRUCK LARGE_VEHICLE MOTORCYCLE MOTORCYCLIST TRUCK TRUCK_CAB",
+    Pedestrian="OFFICIAL_SIGNALER PEDESTRIAN",
+    # EGO_VEHICLE has the sensors; the guide calls MOBILE_PEDESTRIAN_SIGN the other way.
+    ignore=(
+        "ANIMAL ARTICULATED_BUS BOLLARD BUS CONSTRUCTION_BARREL CONSTRUCTION_CONE DOG EGO_VEHICLE "
+        "MESSAGE_BOARD_TRAILER MOBILE_PEDESTRIAN_CROSSING_SIGN MOBILE_PEDESTRIAN_SIGN "
+        "RAILED_VEHICLE SCHOOL_BUS SIGN STOP_SIGN STROLLER TRAFFIC_LIGHT_TRAILER VEHICULAR_TRAILER "
+        "WHEELCHAIR WHEELED_DEVICE WHEELED_RIDER"
+    ),
 )
 """The 30 categories of the Argoverse 2 sensor data set, one under two names, and the ego itself."""
 
@@ -107,29 +77,13 @@ WAYMO: ClassMap = MappingProxyType(
 """The types of Waymo's 3D boxes, in the order of their numbers."""
 
 
-NO_ROAD_USERS = frozenset(
-    {
-        "ANIMAL",
-        "BOLLARD",
-        "CONSTRUCTION_BARREL",
-        "CONSTRUCTION_CONE",
-        "DOG",
-        "DontCare",
-        "EGO_VEHICLE",
-        "MOBILE_PEDESTRIAN_CROSSING_SIGN",
-        "MOBILE_PEDESTRIAN_SIGN",
-        "Misc",
-        "SIGN",
-        "STOP_SIGN",
-        "TYPE_SIGN",
-        "TYPE_UNKNOWN",
-        "animal",
-        "movable_object.barrier",
-        "movable_object.debris",
-        "movable_object.pushable_pullable",
-        "movable_object.trafficcone",
-        "static_object.bicycle_rack",
-    }
+NO_ROAD_USERS = _by_class(
+    ignore=(
+        "ANIMAL BOLLARD CONSTRUCTION_BARREL CONSTRUCTION_CONE DOG DontCare EGO_VEHICLE "
+        "MOBILE_PEDESTRIAN_CROSSING_SIGN MOBILE_PEDESTRIAN_SIGN Misc SIGN STOP_SIGN TYPE_SIGN "
+        "TYPE_UNKNOWN animal movable_object.barrier movable_object.debris "
+        "movable_object.pushable_pullable movable_object.trafficcone static_object.bicycle_rack"
+    ),
 )
 """Categories that are ignored where all others keep their own names."""
 

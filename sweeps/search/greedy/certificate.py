@@ -14,7 +14,7 @@ import pandas as pd
 from lidarplace import Mount, Placement
 from lidarplace.configuration.json_file import read_json
 from lidarplace.coverage.rays import ray_weight
-from lidarplace.files.atomic import replacing
+from lidarplace.files.atomic import write_text
 from lidarplace.pog.surrogates.table import RAY_SURROGATES
 from sweeps.configuration.file import ConfigError
 from sweeps.search.greedy.candidates import (
@@ -188,10 +188,7 @@ def kept_certificate(problem: Problem, traffic: Traffic, path: Path) -> Certific
     certificate = certify(problem, traffic)
     if certificate is None:
         return None
-    with replacing(path) as partial:
-        partial.write_text(
-            json.dumps({"key": problem.key} | _as_plain(certificate), indent=1), encoding="utf-8"
-        )
+    write_text(path, json.dumps({"key": problem.key} | _as_plain(certificate), indent=1))
     return certificate
 
 

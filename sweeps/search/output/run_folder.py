@@ -16,6 +16,7 @@ from lidarplace.base.metrics import METRICS
 from lidarplace.clouds.blind_lidars import check_not_blind
 from lidarplace.command_line.invocation import command
 from lidarplace.configuration.sensor import SensorSettings
+from lidarplace.files.atomic import write_text
 from lidarplace.files.secret_urls import public_url
 from lidarplace.mounting.outline import outline
 from lidarplace.pog.surrogates.table import RAY_SURROGATES, SURROGATES
@@ -27,7 +28,7 @@ from sweeps.configuration.question import check_asked
 from sweeps.configuration.search import ObjectiveSettings
 from sweeps.search.judgement.found import Found
 from sweeps.search.judgement.winners import Judged, stride_error
-from sweeps.search.output.optuna_figures import importances, write_optuna_figures
+from sweeps.search.output.importances import importances
 from sweeps.search.output.tables import greedy_table, trials_table
 from sweeps.search.output.terminal import greedy_warnings, rig_warnings
 from sweeps.search.output.uncovered import maps
@@ -37,7 +38,6 @@ from sweeps.search.problem.problem import Problem
 from sweeps.search.problem.slots import rig_of
 from sweeps.search.trials.by_detectors import class_weights
 from sweeps.search.trials.study import assessment_of, candidate_of, finished_trials, journal_path
-from sweeps.store.local import write_text
 from tracking.mlflow.uri import absolute_uri
 from tracking.run_folders.drawn_vehicle import Triangles
 from tracking.run_folders.grounds import Grounds
@@ -94,8 +94,6 @@ def write_search(
         if found.grids:
             rigs = {name: found.judged[name].rig for name in ("found_1", found.baseline)}
             maps(rigs, problem, found.grids).write(folder)
-    names = [objective.name for objective in problem.file.search.objective]
-    write_optuna_figures(found.study, names, folder / "optuna")
     about.write(folder)
 
 

@@ -136,9 +136,9 @@ def describe(constraint: Constraint) -> str:
 
 def print_nothing_found(console: Console, run: SearchFolder) -> None:
     """Which requirement or constraint no rig keeps, and by how much; or that no rig has a value."""
-    console.print(nothing_found(run), style="bold", highlight=False, soft_wrap=True)
+    console.print(nothing_found(run), style="bold", soft_wrap=True)
     for said in infeasible_sentences(run):
-        console.print(f"  {said}", highlight=False, soft_wrap=True)
+        console.print(f"  {said}", soft_wrap=True)
 
 
 def print_failures(console: Console, found: Found) -> int:
@@ -192,7 +192,6 @@ def _print_chosen(console: Console, found: Found, problem: Problem) -> None:
             f"({row['difference_low']:+.1f} to {row['difference_high']:+.1f}) "
             f"against {found.baseline}, the best of the paper's eight{_breaks(found)}"
             f"{holds_zero(row['difference_low'], row['difference_high'])}",
-            highlight=False,
             soft_wrap=True,
         )
 
@@ -212,7 +211,6 @@ def print_found(console: Console, problem: Problem, found: Found) -> None:
             console.print(
                 f"{objective.name}: {gain:+.1f} % against {found.baseline}, "
                 f"the best of the paper's eight{_breaks(found)}",
-                highlight=False,
             )
     if found.certificate is not None and found.certificate.bound:
         value = found.judged["found_1"].searched[objective.name]
@@ -225,7 +223,6 @@ def print_found(console: Console, problem: Problem, found: Found) -> None:
             if gap >= 0
             else f"{-gap:.1f} % above what any choice of {found.certificate.candidates:,} "
             "candidate mounts can reach: positions between them are better",
-            highlight=False,
         )
     elif found.no_certificate:
         console.print(f"no bound: {found.no_certificate}")

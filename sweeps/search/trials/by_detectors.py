@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import optuna
@@ -13,83 +12,44 @@ import pandas as pd
 
 from lidarplace.base.metrics import METRICS, RANKING
 from sweeps.configuration.search import ObjectiveSettings
-from sweeps.execution.backends import Backend
-from sweeps.execution.execute import Listener, Outcome, execute
+from sweeps.execution.execute import Outcome
 from sweeps.plan.plan import make_plan
 from sweeps.plan.trial import DetectorTrial, Plan, with_detector
 from sweeps.results.trial_results import headline_value, metric_mean
-from sweeps.search.problem.assess import Assessment
-from sweeps.search.problem.problem import Problem
-from sweeps.search.trials.pool import Pool
-from sweeps.search.trials.study import Candidate, tell
-from sweeps.store.of_sweep import reference
+from sweeps.search.trials.by_tasks import Asked, Measured, TaskAnswers
+from sweeps.search.trials.study import Candidate
 from sweeps.store.open import AnyStore
 
 
-@dataclass
-class TrainingAnswers:
+class TrainingAnswers(TaskAnswers):
     """Answers by fine-tuning and evaluating detectors.
 
-    Rigs that violate a constraint are not trained. What is left climbs the rungs: after each, all
-    that were trained report, and then Optuna's pruner decides, so that its verdict does not depend
-    on which training was faster. Results stay in the store, so a stop loses nothing.
-
-    Attributes:
-        pool: tells constraints and prices.
-        listener: is told of the tasks.
+    Feasible rigs climb the rungs: after each, all that were trained report, and then Optuna's
+    pruner decides, so that its verdict does not depend on which training was faster.
     """
 
-    study: optuna.Study
-    problem: Problem
-    pool: Pool
-    store: AnyStore
-    backend: Backend
-    listener: Listener
+    purpose = "trainings"
 
-    def __post_init__(self) -> None:
-        self._asked: list[tuple[optuna.Trial, Candidate]] = []
-        self._reference = reference(self.problem.sweep(), "trainings")
-        self._referred = set(self.store.references().get(self._reference, ()))
-
-    def begin(self, trial: optuna.Trial, candidate: Candidate) -> None:
-        self._asked.append((trial, candidate))
-
-    def finish(self) -> None:
-        asked, self._asked = self._asked, []
-        found = self.pool.in_order([c.rig for _, c in asked], self.problem.question)
-        alive = [
-            (trial, candidate)
-            for (trial, candidate), assessment in zip(asked, found, strict=True)
-            if assessment.feasible
-        ]
+    def measure(self, asked: Asked) -> Measured:
+        """Train on every rung, and without one what is left."""
         failures: dict[int, str] = {}
-        objectives = self.problem.file.search.objective
         for step, rung in enumerate(self.problem.file.search.rungs, start=1):
-            values, failed = self._train([candidate for _, candidate in alive], rung)
+            values, failed = self._train(asked, rung)
             failures |= failed
-            alive = [(trial, c) for trial, c in alive if c.number not in failed]
-            for trial, candidate in alive:
+            asked = [(trial, c) for trial, c in asked if c.number not in failed]
+            for trial, candidate in asked:
                 _report(trial, values[candidate.number][0], 2 ** (step - 1))
-            alive = [(trial, c) for trial, c in alive if not _is_pruned(trial, step)]
-        values, failed = self._train([candidate for _, candidate in alive], {})
-        failures |= failed
-        for (trial, candidate), assessment in zip(asked, found, strict=True):
-            number = candidate.number
-            own = all_values(objectives, assessment, values[number]) if number in values else None
-            tell(self.study, trial, assessment, own, failures.get(number))
+            asked = [(trial, c) for trial, c in asked if not _is_pruned(trial, step)]
+        values, failed = self._train(asked, {})
+        return values, failures | failed
 
-    def _train(
-        self, candidates: Sequence[Candidate], rung: Mapping[str, Any]
-    ) -> tuple[dict[int, list[float]], dict[int, str]]:
-        """Measured values by number of the trial, and reasons of those that failed."""
+    def _train(self, asked: Asked, rung: Mapping[str, Any]) -> Measured:
+        candidates = [candidate for _, candidate in asked]
         if not candidates:
             return {}, {}
         plan = self._plan(candidates, rung)
         trials = with_detector(plan.trials)
-        tasks = plan.needed_for(trial.evaluate for trial in trials)
-        self._referred |= {task.key for task in tasks}
-        self.store.refer(self._reference, self._referred)
-        outcome = execute(tasks, self.store, self.backend, self.listener)
+        outcome = self.execute(plan.needed_for(trial.evaluate for trial in trials))
         values, failed = {}, {}
         for candidate in candidates:
             own = [t for t in trials if t.grid_point.point.placement == _name(candidate)]
@@ -150,15 +110,6 @@ def weighted_value(
     """The weighted mean over classes of a metric, percent; `metrics` as of `evaluate_boxes`."""
     weights = class_weights(objective, classes)
     return _mean({c: headline_value(metrics, objective.by, c) for c in weights}, weights)
-
-
-def all_values(
-    objectives: Sequence[ObjectiveSettings], assessment: Assessment, measured: Sequence[float]
-) -> list[float]:
-    """Values of all objectives, in their order; `measured` those that detectors measured."""
-    assert assessment.values is not None
-    left = iter(measured)
-    return [next(left) if o.measured else assessment.values[o.name] for o in objectives]
 
 
 def class_weights(objective: ObjectiveSettings, classes: Iterable[str]) -> dict[str, float]:

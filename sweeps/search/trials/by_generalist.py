@@ -10,26 +10,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
-import optuna
 import pandas as pd
 
 from lidarplace.base.metrics import Overlaps
 from sweeps.configuration.search import ObjectiveSettings
-from sweeps.execution.backends import Backend
-from sweeps.execution.execute import Listener, execute
 from sweeps.plan.judging import judge_task
 from sweeps.plan.trial import DetectorTrial
 from sweeps.search.problem.judged_sweep import JudgedRig, generalists, judged_rigs
 from sweeps.search.problem.one_dead import cases_of, value_of
-from sweeps.search.problem.problem import Problem
 from sweeps.search.trials.aggregate import metrics_over_tests
-from sweeps.search.trials.by_detectors import all_values, weighted_value
-from sweeps.search.trials.pool import Pool
-from sweeps.search.trials.study import Candidate, finished_trials, tell
-from sweeps.store.of_sweep import reference
+from sweeps.search.trials.by_detectors import weighted_value
+from sweeps.search.trials.by_tasks import Asked, Measured, TaskAnswers
+from sweeps.search.trials.study import finished_trials
 from sweeps.store.open import AnyStore
 from sweeps.tasks.task import Task, with_inputs
 
@@ -43,56 +38,23 @@ _FIRST, _WHOLE = "value on the first frames", "value on all frames"
 """User attributes of a trial."""
 
 
-@dataclass
-class GeneralistAnswers:
+class GeneralistAnswers(TaskAnswers):
     """Answers by a detector that is trained once, on rigs of the space.
 
-    Rigs that violate a constraint are not judged. With several objectives all rigs see all frames.
-    Detections stay in the store, so a stop loses nothing.
-
-    Attributes:
-        pool: tells constraints and prices.
-        listener: is told of the tasks.
+    With several objectives all rigs see all frames.
     """
 
-    study: optuna.Study
-    problem: Problem
-    pool: Pool
-    store: AnyStore
-    backend: Backend
-    listener: Listener
-    _asked: list[tuple[optuna.Trial, Candidate]] = field(default_factory=list)
+    purpose = "judged"
 
-    def __post_init__(self) -> None:
-        self._reference = reference(self.problem.sweep(), "judged")
-        self._referred = set(self.store.references().get(self._reference, ()))
-        self._generalists = generalists(self.problem)
+    @cached_property
+    def _generalists(self) -> dict[int, Task]:
+        return generalists(self.problem)
 
-    def begin(self, trial: optuna.Trial, candidate: Candidate) -> None:
-        """Take up a candidate."""
-        self._asked.append((trial, candidate))
-
-    def finish(self) -> None:
-        """Judge what was taken up."""
-        asked, self._asked = self._asked, []
-        found = self.pool.in_order([c.rig for _, c in asked], self.problem.question)
-        rigs = {c.number: a.feasible for (_, c), a in zip(asked, found, strict=True)}
+    def measure(self, asked: Asked) -> Measured:
+        """Detections in the first frames, then in all frames for the best."""
         trials = {c.number: trial for trial, c in asked}
-        feasible = [c for _, c in asked if rigs[c.number]]
-        values, failed = self._judged(feasible, trials)
-        objectives = self.problem.file.search.objective
-        for (trial, candidate), assessment in zip(asked, found, strict=True):
-            own = values.get(candidate.number)
-            whole = None if own is None else all_values(objectives, assessment, own)
-            tell(self.study, trial, assessment, whole, failed.get(candidate.number))
-
-    def _judged(
-        self, candidates: Sequence[Candidate], trials: dict[int, optuna.Trial]
-    ) -> tuple[dict[int, list[float]], dict[int, str]]:
-        """Values of the measured objectives, and reasons why there are none, by number."""
         measured = [o for o in self.problem.file.search.objective if o.measured]
-        if not candidates:
-            return {}, {}
+        candidates = [candidate for _, candidate in asked]
         cases = {c.number: cases_of(c.rig, measured) for c in candidates}
         judged = judged_rigs(
             self.problem,
@@ -135,7 +97,7 @@ class GeneralistAnswers:
         by_number: Mapping[int, Mapping[str, JudgedRig]],
         objectives: Sequence[ObjectiveSettings],
         portions: range,
-    ) -> tuple[dict[int, list[float]], dict[int, str]]:
+    ) -> Measured:
         """Values on portions of the frames, mean over the generalists; and failures.
 
         Args:
@@ -151,10 +113,7 @@ class GeneralistAnswers:
             ]
             for number, own in by_number.items()
         }
-        every = with_inputs(task for tasks in needed.values() for task in tasks)
-        self._referred |= {task.key for task in every}
-        self.store.refer(self._reference, self._referred)
-        outcome = execute(every, self.store, self.backend, self.listener)
+        outcome = self.execute(with_inputs(t for tasks in needed.values() for t in tasks))
         failed: dict[int, str] = {}
         jobs = {}
         classes = self.problem.file.classes

@@ -5,39 +5,24 @@ from __future__ import annotations
 import time
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 
 from sweeps.execution.failures import Failure
-from sweeps.execution.run_progress import RunProgress
+from sweeps.execution.progress import StageProgress
 from sweeps.execution.running import about
 from sweeps.store.open import AnyStore
 from sweeps.tasks.task import Task
 
 
-class TrialProgress(RunProgress):
-    """Shows how many trials are finished, and what their tasks do meanwhile.
-
-    Use as a context manager and as the executor's listener.
-
-    Args:
-        wanted: number of trials.
-        store: has notes of what runs.
-    """
+class TrialProgress(StageProgress):
+    """Shows how many of the `wanted` trials are finished, and what their tasks do meanwhile."""
 
     def __init__(self, console: Console, wanted: int, store: AnyStore) -> None:
-        super().__init__(
-            console,
-            store,
-            TextColumn("trials"),
-            BarColumn(16),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-        )
+        super().__init__(console, (), store)
         self._wanted = wanted
         self._told = 0
         self._batch: tuple[float, int] | None = None  # seconds and trials of the latest
         self._since: float | None = None
-        self._bar = self._bars.add_task("trials", total=wanted, now=self._running.__str__)
+        self._trials = self._bars.add_task("trials", total=wanted, now=self._running.__str__)
 
     def told(self, number: int) -> None:
         """So many trials are finished."""
@@ -45,18 +30,15 @@ class TrialProgress(RunProgress):
         # The first batch has what is done once, such as the training of a generalist.
         self._batch = None if self._since is None else (now - self._since, number - before)
         self._since, self._told = now, number
-        self._bars.update(self._bar, completed=number)
+        self._bars.update(self._trials, completed=number)
         if not self._console.is_terminal and 10 * number // self._wanted > (
             10 * before // self._wanted
         ):
             self._console.print(f"trials {number}/{self._wanted}")
 
-    def finished(self, task: Task) -> None:
-        self._running.ended(task)
-
     def failed(self, task: Task, failure: Failure) -> None:
         """The trial tells why."""
-        self.finished(task)
+        self._running.ended(task)
 
     def now(self) -> str:
         """How many trials are finished, what runs, and when the last may be."""

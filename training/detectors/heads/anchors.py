@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from training.detectors.backbones.backbone_2d import BackboneSettings
 from training.detectors.detector import PointRange
 from training.detectors.heads.box_coder import limit_period
 from training.typical_objects import TypicalObject
@@ -54,6 +56,29 @@ TINY_ANCHORS = {
     "Cyclist": AnchorClass((1.76, 0.6, 1.73), 0.0, matched=0.35, unmatched=0.2),
 }
 """For coarse cells, in the ego frame."""
+
+
+@dataclass(frozen=True)
+class AnchorPreset:
+    """Base of the presets of networks with an anchor head.
+
+    Attributes:
+        point_range: default range in the model's frame, metres.
+        sensor_height: height of the model's origin above the ground, metres.
+        backbone: the 2D backbone.
+        anchors: by class, in the model's frame.
+        centred_anchors: as in `anchor_grid`.
+    """
+
+    point_range: PointRange
+    sensor_height: float
+    backbone: BackboneSettings
+    anchors: Mapping[str, AnchorClass]
+    centred_anchors: bool
+
+    def with_typical(self, typical: Sequence[TypicalObject]) -> Self:
+        """The preset with anchors like these objects for their classes."""
+        return replace(self, anchors=with_typical(self.anchors, typical, self.sensor_height))
 
 
 def with_typical(
