@@ -19,7 +19,6 @@ from sweeps.configuration.sweep import Point
 from sweeps.plan.plan import Trial
 from sweeps.store.open import AnyStore
 from sweeps.tasks.parameters import CollectParams
-from sweeps.tasks.stages import box_log
 from training.found_objects import found_objects
 
 COLUMNS = ("rig", "class", "iou", "scene", "object_id", "points", "cells", "found")
@@ -77,7 +76,7 @@ def observations(rigs: Sequence[Rig], store: AnyStore) -> pd.DataFrame:
 
 
 def _test_objects(trial: Trial, store: AnyStore) -> CountedObjects:
-    log = join_logs([box_log(store.load(task)) for task in trial.scenes])
+    log = join_logs([store.load(task) for task in trial.scenes])
     frames = log.frames[log.frames["split"] == "test"]
     boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])]
     point = trial.grid_point.point
@@ -96,7 +95,8 @@ def _of_rig(rig: Rig, objects: CountedObjects, store: AnyStore) -> list[pd.DataF
     (placement,) = {task.params.placement for task in rig.trials[0].collect_test}
     seen: SurfaceCells = objects.seen_by([placement])[0]
     table = per_object(objects, seen).assign(rig=rig.label, scene=objects.table["scene"])
-    boxes = [store.load(trial.evaluate)["detections"] for trial in rig.trials if trial.evaluate]
+    evaluations = [trial.evaluate for trial in rig.trials if trial.evaluate]
+    boxes = [store.read(task, lambda found: found.detections) for task in evaluations]
     tables = []
     for name in rig.point.classes:
         of_class = (table["class"] == name).to_numpy()

@@ -24,7 +24,7 @@ def trial_pictures(trial: Trial, store: AnyStore, folder: Path) -> list[Path]:
         name = trial.grid_point.point.placement
         draw_rig(placement, name, rig.mounts, rig.lidars, trial.vehicle)
     assert trial.evaluate is not None
-    table = store.load(trial.evaluate, ("pr_curves",))["pr_curves"]
+    table = store.read(trial.evaluate, lambda found: found.pr_curves)
     if table.empty:  # no object of any class in the test frames
         return [placement]
     if not curves.exists():

@@ -20,10 +20,12 @@ from lidarplace.clouds.profiles import with_tilt_in_degrees
 from lidarplace.clouds.recorded import check_rig, clouds_digest
 from lidarplace.configuration.vehicle import VehicleSettings, vehicle_of
 from lidarplace.configuration.weather import WeatherSettings
+from lidarplace.logs.box_log import BoxLog
 from lidarplace.mounting.errors import MountingErrors
 from lidarplace.mounting.random_rigs import has_other_lidar, random_rigs
 from lidarplace.mounting.ring_overlap import Interleaving, interleaving
 from lidarplace.mounting.vehicle import Vehicle
+from lidarplace.pog.surrogates.sampling_error import SamplingError
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES, POG_SURROGATES
 from lidarplace.recall.detection_curve import IOU, DetectionCurves, default_curves, read_curves
 from lidarplace.requirements.layout import Laid
@@ -49,6 +51,17 @@ from sweeps.tasks.parameters import (
     SurrogateParams,
     TrainingParams,
     keys_of,
+)
+from sweeps.tasks.results import (
+    Accuracy,
+    Collected,
+    Evaluated,
+    GroundTruth,
+    Pog,
+    PogScores,
+    Required,
+    Scores,
+    Trained,
 )
 from sweeps.tasks.task import Task
 from training.typical_objects import TypicalObject, from_plain
@@ -94,19 +107,19 @@ class Trial:
     label: str
     scene_label: str
     vehicle: Vehicle | None
-    scenes: tuple[Task, ...]
-    ground_truths: tuple[Task, ...]
-    collect_test: tuple[Task, ...]
-    pog: Task
-    surrogates: Task
-    recall: Task | None
-    requirements: Task | None
-    accuracy: Task | None
-    sampling_error: Task | None
-    finetune: Task | None
-    evaluate: Task | None
+    scenes: tuple[Task[BoxLog], ...]
+    ground_truths: tuple[Task[GroundTruth], ...]
+    collect_test: tuple[Task[Collected], ...]
+    pog: Task[Pog]
+    surrogates: Task[PogScores]
+    recall: Task[Scores] | None
+    requirements: Task[Required] | None
+    accuracy: Task[Accuracy] | None
+    sampling_error: Task[SamplingError] | None
+    finetune: Task[Trained] | None
+    evaluate: Task[Evaluated] | None
     interleaving: Interleaving | None
-    evaluate_interleaved: Task | None
+    evaluate_interleaved: Task[Evaluated] | None
 
     @cached_property
     def key(self) -> str:
@@ -117,11 +130,11 @@ class Trial:
         return hashlib.sha256("/".join(parts).encode()).hexdigest()[:12]
 
     @property
-    def scores(self) -> tuple[Task, ...]:
+    def scores(self) -> tuple[Task[Scores], ...]:
         """The tasks whose results have tables of surrogates."""
         return (self.surrogates,) if self.recall is None else (self.surrogates, self.recall)
 
-    def score_by(self, surrogate: str) -> Task:
+    def score_by(self, surrogate: str) -> Task[Scores]:
         """The one of `scores` that has a surrogate."""
         return self.scores[-1] if surrogate in OBJECT_SURROGATES else self.surrogates
 

@@ -219,7 +219,7 @@ def _value(trials: Sequence[Trial], rung: Rung, object_class: str, store: AnySto
         task = trials[0].score_by(rung.by)
         if not store.has(task):
             return math.nan
-        table = store.load(task, ("table",))["table"]
+        table = store.read(task, lambda own: own.table)
         own = table[table["surrogate"] == rung.by]
         if object_class != _ALL:
             own = own[own["class"] == object_class]

@@ -95,7 +95,7 @@ def _gain(trials: Sequence[Trial], store: AnyStore) -> str:
         both = [trial.evaluate, trial.evaluate_interleaved]
         if any(task is None or not store.has(task) for task in both):
             continue
-        tables = [store.load(t, ("metrics",))["metrics"] for t in both if t is not None]
+        tables = [store.read(t, lambda own: own.metrics) for t in both if t is not None]
         for object_class in (trial.grid_point.point.classes[0], "all"):
             metric = headline_metric(object_class)
             own, pitched = (headline_value(table, metric, object_class) for table in tables)

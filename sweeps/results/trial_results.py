@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -12,7 +12,7 @@ import pandas as pd
 from sweeps.execution.failures import Failure
 from sweeps.plan.plan import Trial
 from sweeps.store.open import AnyStore
-from sweeps.tasks.task import Task
+from sweeps.tasks.results import Evaluated
 from tracking.kitti_iou import headline_iou
 from tracking.run_folders.sweep_tables import SURROGATES
 
@@ -23,12 +23,15 @@ def trial_failure(trial: Trial, failures: Mapping[str, Failure]) -> Failure | No
 
 
 def trial_results(
-    trial: Trial, store: AnyStore, axes: Sequence[str], name: str = "metrics"
+    trial: Trial,
+    store: AnyStore,
+    axes: Sequence[str],
+    table: Callable[[Evaluated], pd.DataFrame] = lambda found: found.metrics,
 ) -> pd.DataFrame:
     """A table of a trial's evaluation, its identity in front; empty without a detector."""
     if trial.evaluate is None:
         return pd.DataFrame()
-    return with_columns(store.load(trial.evaluate, (name,))[name], identity(trial, axes))
+    return with_columns(store.read(trial.evaluate, table), identity(trial, axes))
 
 
 def metric_mean(trials: Sequence[Trial], metric: str, object_class: str, store: AnyStore) -> float:
@@ -40,7 +43,7 @@ def metric_mean(trials: Sequence[Trial], metric: str, object_class: str, store: 
     for trial in trials:
         if trial.evaluate is None or not store.has(trial.evaluate):
             return math.nan
-        metrics = store.load(trial.evaluate, ("metrics",))["metrics"]
+        metrics = store.read(trial.evaluate, lambda found: found.metrics)
         values.append(headline_value(metrics, metric, object_class))
     return math.fsum(values) / len(values) if values else math.nan
 
@@ -65,14 +68,7 @@ def trial_seconds(trial: Trial, store: AnyStore) -> float:
 def surrogate_table(trial: Trial, store: AnyStore) -> pd.DataFrame:
     """Its surrogates, as far as they have a result: class, surrogate, value, method, seconds."""
     there = [task for task in trial.scores if store.has(task)]
-    return pd.concat([store.load(task, ("table",))["table"] for task in there], ignore_index=True)
-
-
-def of_placement(
-    trial: Trial, task: Task, name: str, store: AnyStore, axes: Sequence[str]
-) -> pd.DataFrame:
-    """A table that depends on the placement and on the axes that matter to surrogates."""
-    return with_columns(store.load(task, (name,))[name], surrogate_identity(trial, axes))
+    return pd.concat([store.read(task, lambda own: own.table) for task in there], ignore_index=True)
 
 
 def surrogate_identity(trial: Trial, axes: Sequence[str]) -> dict[str, Any]:

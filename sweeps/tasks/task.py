@@ -8,10 +8,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic
 
 import numpy as np
 from pydantic import BaseModel
+from typing_extensions import TypeVar
 
 from lidarplace.scenes.parts import Recording
 from sweeps.tasks import stages
@@ -19,9 +20,12 @@ from sweeps.tasks.code_version import code_version
 from sweeps.tasks.parameters import keys_of
 from training import network_of
 
+R = TypeVar("R", covariant=True, default=Any)
+"""What a task's stage returns."""
+
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class Task(Generic[R]):
     """One call of a function of `sweeps.tasks.stages`.
 
     Attributes:
@@ -39,6 +43,11 @@ class Task:
     inputs: tuple[Task, ...] = ()
     gpu: bool = False
     resumable: bool = False
+
+    @property
+    def result(self) -> type[R]:
+        """Class of the result."""
+        return stages.result_of(self.stage)
 
     @cached_property
     def uses(self) -> frozenset[str]:
