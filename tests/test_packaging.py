@@ -29,6 +29,7 @@ MODULES = {
     "optuna-dashboard": ["optuna_dashboard"],
     "psycopg2-binary": ["psycopg2"],
     "PyYAML": ["yaml"],
+    "typing-extensions": ["typing_extensions"],
 }
 """What a distribution is imported as, if by another name."""
 

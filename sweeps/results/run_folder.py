@@ -7,7 +7,6 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import astuple, dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -27,6 +26,7 @@ from sweeps.results.pictures import drawn, grounds, maps, one_frame
 from sweeps.results.promotion import Promotion
 from sweeps.results.rig_cautions import rig_cautions
 from sweeps.results.trial_results import (
+    Cell,
     axis_values,
     identity,
     surrogate_identity,
@@ -142,7 +142,7 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
         table.write(frame, folder)
     (folder / Grounds.FILE).unlink(missing_ok=True)  # of an earlier run
     frames = {"train": 0, "test": 0}
-    pictured: Mapping[str, Any] = {}
+    pictured: Mapping[str, Cell] = {}
     body = plan.trials[0].vehicle
     if known:
         for scene in (task for task in known[0].scenes if task.key in there):
@@ -276,7 +276,7 @@ def _about(
     sweep: Sweep,
     frames: Frames,
     run: Run,
-    pictured: Mapping[str, Any],
+    pictured: Mapping[str, Cell],
     body: Vehicle | None,
     plan: Plan,
     store: AnyStore,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import pandas as pd
 
@@ -15,6 +14,9 @@ from sweeps.store.open import AnyStore
 from sweeps.tasks.results import Evaluated
 from tracking.kitti_iou import headline_iou
 from tracking.run_folders.sweep_tables import SURROGATES
+
+Cell = int | float | str
+"""What a cell of a table holds."""
 
 
 def trial_failure(trial: Trial, failures: Mapping[str, Failure]) -> Failure | None:
@@ -71,13 +73,13 @@ def surrogate_table(trial: Trial, store: AnyStore) -> pd.DataFrame:
     return pd.concat([store.read(task, lambda own: own.table) for task in there], ignore_index=True)
 
 
-def surrogate_identity(trial: Trial, axes: Sequence[str]) -> dict[str, Any]:
+def surrogate_identity(trial: Trial, axes: Sequence[str]) -> dict[str, Cell]:
     """Columns that tell the surrogates of a trial from those of others."""
     own = axis_values(trial, SURROGATES.axes_of(axes))
     return {"placement": trial.grid_point.point.placement} | own
 
 
-def identity(trial: Trial, axes: Sequence[str]) -> dict[str, Any]:
+def identity(trial: Trial, axes: Sequence[str]) -> dict[str, Cell]:
     """Columns that tell a trial from others."""
     point = trial.grid_point.point
     return {
@@ -88,17 +90,17 @@ def identity(trial: Trial, axes: Sequence[str]) -> dict[str, Any]:
     } | axis_values(trial, axes)
 
 
-def axis_values(trial: Trial, axes: Sequence[str]) -> dict[str, Any]:
+def axis_values(trial: Trial, axes: Sequence[str]) -> dict[str, Cell]:
     """A trial's place on these axes, as cells of a table."""
     return cells({axis: trial.grid_point.axes[axis] for axis in axes})
 
 
-def cells(values: Mapping[str, Any]) -> dict[str, Any]:
+def cells(values: Mapping[str, object]) -> dict[str, Cell]:
     """Values as cells of a table, which a list or mapping is not."""
     return {k: v if isinstance(v, (int, float, str)) else json.dumps(v) for k, v in values.items()}
 
 
-def with_columns(table: pd.DataFrame, columns: Mapping[str, Any]) -> pd.DataFrame:
+def with_columns(table: pd.DataFrame, columns: Mapping[str, Cell]) -> pd.DataFrame:
     """`table` with constant columns in front."""
     constant = pd.DataFrame({name: [value] * len(table) for name, value in columns.items()})
     return pd.concat([constant, table], axis=1)

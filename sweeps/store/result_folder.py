@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, Field, asdict, dataclass, fields, is_dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import Any, ClassVar, Protocol, TypeVar, cast
 
 import numpy as np
 import pandas as pd
@@ -18,10 +18,14 @@ import pyarrow.parquet as pq
 
 from lidarplace.files.atomic import sync
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
 
-R = TypeVar("R", bound="DataclassInstance")
+class Dataclass(Protocol):
+    """An instance of a dataclass."""
+
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+
+
+R = TypeVar("R", bound=Dataclass)
 T = TypeVar("T")
 
 RECORD = "result.json"
@@ -79,7 +83,7 @@ class Content:
     value: Mapping[str, object]
 
 
-def write_result(folder: Path, value: DataclassInstance, place: str, record: Record) -> None:
+def write_result(folder: Path, value: Dataclass, place: str, record: Record) -> None:
     """Write a result into an empty folder and wait until it is on the disk.
 
     Args:
@@ -257,7 +261,7 @@ def _digest(path: Path) -> str:
         return hashlib.file_digest(file, _hash).hexdigest()
 
 
-def _digest_of_content(content: Mapping[str, Any]) -> str:
+def _digest_of_content(content: Mapping[str, object]) -> str:
     return _hash(json.dumps(content).encode()).hexdigest()
 
 

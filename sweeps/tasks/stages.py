@@ -21,7 +21,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Any, TypedDict, TypeVar, Unpack, get_type_hints
 
 import numpy as np
 import pandas as pd
@@ -70,6 +70,22 @@ if TYPE_CHECKING:
     from lidarplace.recall.expected_recall import ExpectedRecall
 
 T = TypeVar("T")
+
+
+class How(TypedDict):
+    """How a training runs.
+
+    Attributes:
+        folder: where it goes on after a stop.
+        batch_size: frames of a step where the settings leave it open; None: it is found out.
+        halvings: how often the batch size is halved, after the GPU's memory was too small.
+        on_step: called with the epochs that are done.
+    """
+
+    folder: Path
+    batch_size: int | None
+    halvings: int
+    on_step: Callable[[float], None]
 
 
 def scene(params: SceneParams) -> BoxLog:
@@ -263,7 +279,7 @@ def probe(params: ProbeParams, *inputs: Trained | Collected | GroundTruth) -> Pr
 
 
 def finetune(
-    params: TrainingParams, *inputs: Trained | Collected | GroundTruth, **how: Any
+    params: TrainingParams, *inputs: Trained | Collected | GroundTruth, **how: Unpack[How]
 ) -> Trained:
     """Train one detector on the clouds of one placement.
 
@@ -272,7 +288,6 @@ def finetune(
     Args:
         params: the network, how to train it, and the seed.
         inputs: clouds, and the objects in them; a generalist to start from, if any.
-        how: see `_train`.
     """
     from training.dataset import occurring_classes
 
@@ -282,18 +297,18 @@ def finetune(
     if params.training.checkpoint is None and generalist is None:
         share = params.training.frame_share
         classes = occurring_classes(classes, clouds, objects, share)
-    return _train(params, classes, clouds, objects, generalist, **how)
+    return _train(params, classes, clouds, objects, generalist, how)
 
 
 def pretrain(
-    params: TrainingParams, *inputs: Trained | Collected | GroundTruth, **how: Any
+    params: TrainingParams, *inputs: Trained | Collected | GroundTruth, **how: Unpack[How]
 ) -> Trained:
     """Train one detector on the clouds of many placements, for all classes.
 
     Arguments as of `finetune`, which starts from the result.
     """
     clouds, objects = _clouds_and_objects(inputs)
-    return _train(params, params.classes, clouds, objects, None, **how)
+    return _train(params, params.classes, clouds, objects, None, how)
 
 
 def evaluate(
@@ -427,20 +442,9 @@ def _train(
     clouds: Clouds,
     objects: pd.DataFrame,
     generalist: Mapping[str, Tensor] | None,
-    folder: Path,
-    batch_size: int | None,
-    halvings: int,
-    on_step: Callable[[float], None],
+    how: How,
 ) -> Trained:
-    """Train one detector.
-
-    Args:
-        generalist: weights to start from.
-        folder: where it goes on after a stop.
-        batch_size: frames of a step where the settings leave it open; None: it is found out.
-        halvings: how often the batch size is halved, after the GPU's memory was too small.
-        on_step: called with the epochs that are done.
-    """
+    """Train one detector; `generalist`: weights to start from."""
     from training.batch_size import Memory
     from training.finetune import StartingWeights
     from training.finetune import finetune as train
@@ -453,10 +457,10 @@ def _train(
         params.training,
         seed=params.seed,
         point_range=params.point_range,
-        on_step=on_step,
-        folder=folder,
+        on_step=how["on_step"],
+        folder=how["folder"],
         start=StartingWeights(digest=params.checkpoint, generalist=generalist),
-        memory=Memory(batch_size, halvings),
+        memory=Memory(how["batch_size"], how["halvings"]),
         typical=params.typical,
     )
     return Trained(
