@@ -31,6 +31,7 @@ MODULES = {
     "psycopg2-binary": ["psycopg2"],
     "pydantic-core": ["pydantic_core"],
     "PyYAML": ["yaml"],
+    "typing-extensions": ["typing_extensions"],
 }
 """What a distribution is imported as, if by another name."""
 

@@ -8,7 +8,7 @@ a copy, and are mapped from disk.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
@@ -144,13 +144,8 @@ class PointClouds:
         return np.repeat(mounts, self.counts[index])
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """The attributes by name, for a file or another process; see `from_arrays`."""
-        return {item.name: getattr(self, item.name) for item in fields(self)}
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> PointClouds:
-        """The clouds whose `arrays()` these are; further names are ignored."""
-        return cls(**{item.name: arrays[item.name] for item in fields(cls)})
+        """The attributes by name, for a file or another process."""
+        return {item.name: getattr(self, item.name) for item in fields(PointClouds)}
 
 
 class Frames(Protocol):

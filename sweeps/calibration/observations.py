@@ -17,7 +17,6 @@ from sweeps.configuration.file import ConfigError
 from sweeps.plan.trial import DetectorTrial, Trial, with_detector
 from sweeps.store.open import AnyStore
 from sweeps.tasks.parameters import CollectParams
-from sweeps.tasks.stages import box_log
 from training.found_objects import found_objects
 
 COLUMNS = ("rig", "class", "iou", "scene", "object_id", "points", "cells", "found")
@@ -64,7 +63,7 @@ def observations(rigs: Judged, store: AnyStore) -> pd.DataFrame:
 
 
 def _test_objects(trial: Trial, store: AnyStore) -> CountedObjects:
-    log = join_logs([box_log(store.load(task)) for task in trial.scenes])
+    log = join_logs([store.load(task) for task in trial.scenes])
     frames = log.frames[log.frames["split"] == "test"]
     boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])]
     point = trial.grid_point.point
@@ -85,7 +84,7 @@ def _of_rig(
     (placement,) = {task.params.placement for task in trials[0].collect_test}
     seen: SurfaceCells = objects.seen_by([placement])[0]
     table = per_object(objects, seen).assign(rig=label, scene=objects.table["scene"])
-    boxes = [store.load(trial.evaluate)["detections"] for trial in trials]
+    boxes = [store.read(trial.evaluate, lambda found: found.detections) for trial in trials]
     point, tables = trials[0].grid_point.point, []
     for name in point.classes:
         of_class = (table["class"] == name).to_numpy()

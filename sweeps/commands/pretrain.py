@@ -17,7 +17,7 @@ from sweeps.options import ConfigArgument, SetOption
 
 if TYPE_CHECKING:
     from sweeps.execution.failures import Failure
-    from sweeps.store.result_folder import Value
+    from sweeps.tasks.results import Trained
 
 app = new_app()
 
@@ -75,7 +75,7 @@ def pretrain(
     logs = FailureFolder(sweep.common.output / sweep.common.name / "failed")
     say = partial(console.print, soft_wrap=True)
 
-    def trained() -> Value | Failure:
+    def trained() -> Trained | Failure:
         failures = run_tasks(console, sweep.common, store, tasks, logs)
         return failures[task.key] if task.key in failures else store.load(task)
 
@@ -87,18 +87,18 @@ def pretrain(
     try:
         write_checkpoint(
             out,
-            value["state_dict"],
+            value.state_dict,
             task.params.detector,
-            value["classes"],
+            value.classes,
             task.params.typical,
         )
     except OSError as error:
         say(f"failed: {error}")
         raise typer.Exit(1) from None
-    curve = value["curve"]
+    curve = value.curve
     losses = curve.loc[curve["metric"] == "loss", "value"].tolist()
     console.print(
-        f"{out}: {task.label}, classes {', '.join(value['classes'])}, from {value['weights']}, "
+        f"{out}: {task.label}, classes {', '.join(value.classes)}, from {value.weights}, "
         f"loss {losses[0]:.3g} in the first of {len(losses)} epochs, {losses[-1]:.3g} in the last",
         soft_wrap=True,
     )

@@ -31,7 +31,6 @@ def record(
     from sweeps.execution.run_tasks import run_tasks
     from sweeps.plan.plan import read_plan
     from sweeps.store.of_sweep import reference, store_of
-    from sweeps.tasks.stages import box_log
 
     with checked_input():
         sweep, plan = read_plan(config, set_ or [])
@@ -51,7 +50,7 @@ def record(
             if not any(part.key in failures for part in parts)
         }
         logs = [
-            (label, join_logs([box_log(store.load(part)) for part in parts]))
+            (label, join_logs([store.load(part) for part in parts]))
             for parts, label in good.items()
         ]
         return logs, not failures

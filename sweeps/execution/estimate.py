@@ -14,14 +14,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from lidarplace.logs.box_log import BoxLog
 from sweeps.execution.backends import Backend
 from sweeps.execution.needs import Need
 from sweeps.execution.worker import Batch, peak_memory, reset_peak_memory, run_task
 from sweeps.plan.trial import DetectorTrial, Trial
 from sweeps.store.local import Store
-from sweeps.store.result_folder import Value
+from sweeps.store.result_folder import Ran
 from sweeps.tasks.parameters import CollectParams, RecordedParams
-from sweeps.tasks.stages import FUNCTIONS
+from sweeps.tasks.stages import scene
 from sweeps.tasks.task import Task, with_inputs
 
 FRAMES = 16
@@ -175,12 +176,12 @@ def _try(
             if task.stage == "scene":
                 reset_peak_memory()
                 start = time.perf_counter()
-                value = FUNCTIONS["scene"](task.params)
+                value = scene(task.params)
                 seconds = time.perf_counter() - start
                 own, cut = _counts(value), _cut(value, frames)
                 counts |= own
                 few |= _counts(cut)
-                store.save(task, cut, seconds, peak_memory=peak_memory())
+                store.save(task, cut, seconds, Ran(peak_memory=peak_memory()))
                 share = sum(own.values()) / max(1.0, sum(_counts(cut).values()))
                 took = _took(task, store, 1.0, share)
             else:
@@ -194,25 +195,24 @@ def _took(task: Task, store: Store, size: float, share: float) -> _Tried:
     """Of a result: its files may hold but a `share`-th of what they will."""
     record = store.record(task)
     written = sum(path.stat().st_size for path in store.path(task).iterdir())
-    return _Tried(store.seconds(task), share * written, float(record["peak_memory"]), size)
+    return _Tried(record.seconds, share * written, float(record.peak_memory), size)
 
 
-def _counts(log: Value) -> dict[str, float]:
+def _counts(log: BoxLog) -> dict[str, float]:
     """Frames of a log by split."""
-    found: pd.Series = log["frames"]["split"].value_counts()
+    found = log.frames["split"].value_counts()
     return {str(split): float(count) for split, count in found.items()}
 
 
-def _cut(log: Value, frames: int) -> Value:
+def _cut(log: BoxLog, frames: int) -> BoxLog:
     """A log of so many frames of each split, spread over those with an object."""
-    table = log["frames"]
-    full = table[table["frame"].isin(log["boxes"]["frame"])]
+    table, boxes = log.frames, log.boxes
+    full = table[table["frame"].isin(boxes["frame"])]
     kept = []
     for _, own in (full if len(full) else table).groupby("split"):
         kept.append(own.iloc[np.unique(np.linspace(0, len(own) - 1, frames).astype(int))])
     few = pd.concat(kept).sort_index()
-    boxes = log["boxes"]
-    return log | {"frames": few, "boxes": boxes[boxes["frame"].isin(few["frame"])]}
+    return replace(log, frames=few, boxes=boxes[boxes["frame"].isin(few["frame"])])
 
 
 def _in_small(trial: Trial) -> list[Task]:

@@ -11,6 +11,7 @@ from typing import Any, Literal
 from sweeps.execution.memory import voxel_memory
 from sweeps.store.open import AnyStore
 from sweeps.tasks.parameters import CollectParams, ProbeParams, RecordedParams
+from sweeps.tasks.results import Probed
 from sweeps.tasks.task import Task, plain
 
 _MARGIN = 1.25
@@ -37,7 +38,7 @@ def is_training(task: Task) -> bool:
     return task.stage in ("finetune", "pretrain")
 
 
-def probes_of(tasks: Iterable[Task], device: str, gpu_share: float) -> dict[str, Task]:
+def probes_of(tasks: Iterable[Task], device: str, gpu_share: float) -> dict[str, Task[Probed]]:
     """For every training the probe that tells its needs, by the training's key.
 
     Trainings that differ in placement and seed alone need the same: the first one's clouds are
@@ -48,13 +49,13 @@ def probes_of(tasks: Iterable[Task], device: str, gpu_share: float) -> dict[str,
         device: what trainings run on; what was seen on another tells nothing.
         gpu_share: of a GPU's memory that a training may take.
     """
-    probes: dict[str, Task] = {}
+    probes: dict[str, Task[Probed]] = {}
     found = {}
     for task in tasks:
         if is_training(task):
             own = {k: v for k, v in vars(task.params).items() if k != "seed"}
             params = ProbeParams(**own, device=device, gpu_share=gpu_share)
-            probe = Task("probe", params.detector, params, task.inputs, gpu=True)
+            probe: Task[Probed] = Task("probe", params.detector, params, task.inputs, gpu=True)
             found[task.key] = probes.setdefault(_kind(probe), probe)
     return found
 
@@ -78,17 +79,20 @@ def _without_place(params: Any) -> Any:
 
 
 def need_of(
-    task: Task, probe: Task | None, store: AnyStore, gpus_per_training: float | Literal["auto"]
+    task: Task,
+    probe: Task[Probed] | None,
+    store: AnyStore,
+    gpus_per_training: float | Literal["auto"],
 ) -> Need:
     """What a task asks for, by what its probe found. A failed probe tells nothing."""
     share = largest_share(gpus_per_training)
     if probe is None or not store.has(probe):
         return Need(voxel_memory(task), share if task.gpu else 0.0)
-    found = store.load(probe, ("batch_size", "gpu_share"))
-    if gpus_per_training == "auto" and found["gpu_share"] is not None:
-        share = rounded_share(found["gpu_share"] * _MARGIN)
-    memory = int(store.record(probe)["peak_memory"] * _MARGIN)
-    return Need(memory, share, found["batch_size"])
+    found = store.load(probe)
+    if gpus_per_training == "auto" and found.gpu_share is not None:
+        share = rounded_share(found.gpu_share * _MARGIN)
+    memory = int(store.record(probe).peak_memory * _MARGIN)
+    return Need(memory, share, found.batch_size)
 
 
 def largest_share(gpus_per_training: float | Literal["auto"]) -> float:

@@ -6,7 +6,6 @@ import math
 import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from typing import Any
 
 from rich.progress import ProgressColumn
 from rich.progress import Task as Bar
@@ -14,6 +13,7 @@ from rich.table import Column
 from rich.text import Text
 
 from lidarplace.command_line.terminal import visible
+from sweeps.store.local import Note
 from sweeps.tasks.task import Task
 
 _MOST_NAMED = 2
@@ -42,7 +42,7 @@ class Running:
 
     def __init__(
         self,
-        notes: Callable[[Iterable[Task]], Mapping[str, Mapping[str, Any]]],
+        notes: Callable[[Iterable[Task]], Mapping[str, Note]],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._notes = notes
@@ -87,9 +87,9 @@ class Running:
             trainings = [own for own, _ in list(self._since.values()) if own.resumable]
             with suppress(Exception):  # a remote store that does not answer is asked again later
                 self._progress = {
-                    key: f" ({note['progress']})"
+                    key: f" ({note.progress})"
                     for key, note in self._notes(trainings).items()
-                    if "progress" in note
+                    if note.progress
                 }
         return self._progress.get(task.key, "")
 

@@ -8,7 +8,7 @@ import socket
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -16,8 +16,10 @@ from cachetools import LRUCache, cached
 
 from sweeps.execution.failures import Failure
 from sweeps.execution.running import NOTED_S, about
+from sweeps.store.local import Note
 from sweeps.store.open import AnyStore
-from sweeps.store.result_folder import Value
+from sweeps.store.result_folder import R, Ran
+from sweeps.tasks.results import Trained
 from sweeps.tasks.stages import FUNCTIONS
 from sweeps.tasks.task import Task
 
@@ -67,9 +69,9 @@ def run_task(task: Task, store: AnyStore, how: Batch) -> None:
     Inputs are mapped from the store's files, not sent: workers on one machine share the pages, and
     clouds larger than the memory can be trained on.
     """
-    where = {"node": socket.gethostname(), "pid": os.getpid()}
+    node, pid = socket.gethostname(), os.getpid()
     since = datetime.now().isoformat(" ", timespec="seconds")
-    with store.running(task, where | {"since": since}) as note:
+    with store.running(task, Note(node, pid, since)) as note:
         reset_peak_memory()
         inputs = [_load(store, needed) for needed in task.inputs]
         start = time.perf_counter()
@@ -80,23 +82,22 @@ def run_task(task: Task, store: AnyStore, how: Batch) -> None:
                 value = function(task.params, *inputs, folder=folder, on_step=on_step, **vars(how))
         else:
             value = function(task.params, *inputs)
-        earlier = value.get("earlier_seconds", 0.0)  # before a stop
-        seconds = earlier + time.perf_counter() - start
-        store.save(
-            task,
-            value,
-            seconds,
-            peak_memory=peak_memory(),
-            batch_size_reduced=value.get("batch_size_reduced", False),
-            earlier_seconds=earlier,
-            **where,
-        )
+        seconds = time.perf_counter() - start
+        ran = Ran(node, pid, peak_memory())
+        if isinstance(value, Trained):
+            seconds += value.earlier_seconds
+            ran = replace(
+                ran,
+                batch_size_reduced=value.batch_size_reduced,
+                earlier_seconds=value.earlier_seconds,
+            )
+        store.save(task, value, seconds, ran)
         if task.resumable:
             store.discard(task)
 
 
 @cached(LRUCache(maxsize=4), key=lambda store, task: (store, task.key))
-def _load(store: AnyStore, task: Task) -> Value:
+def _load(store: AnyStore, task: Task[R]) -> R:
     """An input. Tasks that follow one another on a worker often share one, such as a POG."""
     return store.load(task)
 
@@ -104,7 +105,7 @@ def _load(store: AnyStore, task: Task) -> Value:
 class _Progress:
     """Notes now and then how much of a training is done, and when it may end."""
 
-    def __init__(self, task: Task, note: Callable[..., None]) -> None:
+    def __init__(self, task: Task, note: Callable[[str], None]) -> None:
         self._task = task
         self._note = note
         self._first: tuple[float, float] | None = None
@@ -122,7 +123,7 @@ class _Progress:
             left = about((epochs - done) * (now - since) / (done - before))
             text += f", about {left} left"
         with suppress(Exception):  # a training outlasts a remote store that does not answer
-            self._note(progress=text)
+            self._note(text)
 
 
 def peak_memory() -> int:

@@ -87,15 +87,15 @@ def _write_parts(trial: DetectorTrial, store: AnyStore, folder: Path) -> tuple[P
     from training.checkpoints import write_tensors
 
     params = trial.evaluate.params
-    training = store.load(trial.finetune, ("state_dict", "classes"))
+    state_dict, classes = store.read(trial.finetune, lambda own: (own.state_dict, own.classes))
     about = {
         "detector": params.detector,
-        "classes": training["classes"],
+        "classes": classes,
         "point_range": params.point_range,
         "typical": as_plain(params.typical),
         "settings": params.training.model_dump(mode="json", include=set(_OF_PREDICTION)),
     }
     weights, settings = folder / "weights.pt", folder / "detector.json"
-    write_tensors(weights, training["state_dict"])
+    write_tensors(weights, state_dict)
     settings.write_text(json.dumps(about, indent=1))
     return weights, settings

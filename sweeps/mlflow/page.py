@@ -6,7 +6,6 @@ import hashlib
 import os
 import platform
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
 from lidarplace.base.metrics import Overlaps, headline_metric, iou_of
 from lidarplace.files.secret_urls import hide_secrets
@@ -55,7 +54,7 @@ def _column(object_class: str, ious: Mapping[str, Overlaps]) -> str:
     return f"metrics.{headline_metric(object_class)}.{object_class}.{iou:.2f}"
 
 
-def note(source: Mapping[str, Any], command: str, addresses: Iterable[str]) -> str:
+def note(source: Mapping[str, object], command: str, addresses: Iterable[str]) -> str:
     """How to make a sweep or a search again, Markdown.
 
     Args:
@@ -76,7 +75,7 @@ def note(source: Mapping[str, Any], command: str, addresses: Iterable[str]) -> s
     )
 
 
-def tags(trial: Trial, axes: Sequence[str]) -> dict[str, Any]:
+def tags(trial: Trial, axes: Sequence[str]) -> dict[str, object]:
     """What runs are filtered by."""
     point = trial.grid_point.point
     scene = point.scene.model_dump(mode="json")
@@ -87,7 +86,7 @@ def tags(trial: Trial, axes: Sequence[str]) -> dict[str, Any]:
         place["density"] = scene["density"]
         place["town"] = ", ".join(scene["towns"])
     own = {"placement": point.placement, "detector": point.detector, "seed": point.seed}
-    return own | place | axis_values(trial, axes)
+    return {**own, **place, **axis_values(trial, axes)}
 
 
 def datasets(trial: DetectorTrial) -> list[Dataset]:

@@ -23,7 +23,7 @@ def trial_pictures(trial: DetectorTrial, store: AnyStore, folder: Path) -> list[
         rig = trial.surrogates.params.placement
         name = trial.grid_point.point.placement
         draw_rig(placement, name, rig.mounts, rig.lidars, trial.grid_point.vehicle)
-    table = store.load(trial.evaluate, ("pr_curves",))["pr_curves"]
+    table = store.read(trial.evaluate, lambda found: found.pr_curves)
     if table.empty:  # no object of any class in the test frames
         return [placement]
     if not curves.exists():

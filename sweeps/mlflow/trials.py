@@ -85,24 +85,26 @@ class TrialLog:
 
     def _finished(self, trial: DetectorTrial) -> TrialRun:
         store = self._store
-        training = store.load(trial.finetune, ("weights", "batch_size", "classes", "curve"))
-        memory = max(store.record(t)["peak_memory"] for t in (trial.finetune, trial.evaluate))
+        weights, batch_size, classes, curve = store.read(
+            trial.finetune, lambda own: (own.weights, own.batch_size, own.classes, own.curve)
+        )
+        memory = max(store.record(t).peak_memory for t in (trial.finetune, trial.evaluate))
         about = {
-            "weights": training["weights"],
-            "batch_size": training["batch_size"],
-            "trained_classes": ", ".join(training["classes"]),
+            "weights": weights,
+            "batch_size": batch_size,
+            "trained_classes": ", ".join(classes),
         }
         measured = {
             "seconds": trial_seconds(trial, store),
             "peak_memory_megabytes": memory / 1e6,
-            "batch_size": training["batch_size"],
+            "batch_size": batch_size,
         }
         return TrialRun(
             trial.label,
             self._params(trial) | about,
             self._metrics(trial, trial_results(trial, store, self._axes)) | measured,
             ended=max(self._times[task.key] for task in trial.results),
-            curve=training["curve"],
+            curve=curve,
             tags=tags(trial, self._axes),
             datasets=datasets(trial),
             files=trial_pictures(trial, store, self._pictures),
@@ -123,7 +125,7 @@ class TrialLog:
         required = trial.requirements
         if required is None or not self._store.has(required):
             return named
-        return named | requirement_metrics(self._store.load(required, ("table",))["table"])
+        return named | requirement_metrics(self._store.read(required, lambda own: own.table))
 
     def _params(self, trial: Trial) -> dict[str, object]:
         point = trial.grid_point.point

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 from sweeps.tasks.parameters import CollectParams, JudgeParams
+from sweeps.tasks.results import Evaluated, Judged
 from sweeps.tasks.task import Task
 
 
-def judge_task(evaluate: Task, first: int, every: int) -> Task:
+def judge_task(evaluate: Task[Evaluated], first: int, every: int) -> Task[Judged]:
     """The detections that an evaluation starts from, in some frames and without kept clouds.
 
     Args:

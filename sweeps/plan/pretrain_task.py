@@ -8,13 +8,14 @@ from dataclasses import replace
 from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import Sweep
 from sweeps.plan.trial import Plan, with_detector
+from sweeps.tasks.results import Trained
 from sweeps.tasks.task import Task
 
 _MIXED = ("placement", "lidar", "seed", "surrogate")
 """Axes that may have several values: those of the rig are mixed, the others do not matter."""
 
 
-def pretrain_task(sweep: Sweep, plan: Plan) -> Task:
+def pretrain_task(sweep: Sweep, plan: Plan) -> Task[Trained]:
     """The training on the clouds of all placements of a sweep, with the seed of its first point.
 
     Raises:

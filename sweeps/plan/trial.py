@@ -8,12 +8,25 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from lidarplace.logs.box_log import BoxLog
 from lidarplace.mounting.ring_overlap import Interleaving
+from lidarplace.pog.surrogates.sampling_error import SamplingError
 from lidarplace.pog.surrogates.table import OBJECT_SURROGATES
 from lidarplace.requirements.layout import Laid
 from sweeps.configuration.grid import GridPoint
 from sweeps.configuration.sweep import Point
 from sweeps.tasks.parameters import NetworkParams
+from sweeps.tasks.results import (
+    Accuracy,
+    Collected,
+    Evaluated,
+    GroundTruth,
+    Pog,
+    PogScores,
+    Required,
+    Scores,
+    Trained,
+)
 from sweeps.tasks.task import Task
 from training.typical_objects import TypicalObject
 
@@ -38,13 +51,13 @@ class Trial:
     label: str
     scene_label: str
     interleaving: Interleaving | None
-    scenes: tuple[Task, ...]
-    requirements: Task | None
-    pog: Task
-    surrogates: Task
-    recall: Task | None
-    accuracy: Task | None
-    sampling_error: Task | None
+    scenes: tuple[Task[BoxLog], ...]
+    requirements: Task[Required] | None
+    pog: Task[Pog]
+    surrogates: Task[PogScores]
+    recall: Task[Scores] | None
+    accuracy: Task[Accuracy] | None
+    sampling_error: Task[SamplingError] | None
 
     @cached_property
     def key(self) -> str:
@@ -59,11 +72,11 @@ class Trial:
         return self.pog
 
     @property
-    def scores(self) -> tuple[Task, ...]:
+    def scores(self) -> tuple[Task[Scores], ...]:
         """The tasks whose results have tables of surrogates."""
         return (self.surrogates,) if self.recall is None else (self.surrogates, self.recall)
 
-    def score_by(self, surrogate: str) -> Task:
+    def score_by(self, surrogate: str) -> Task[Scores]:
         """The one of `scores` that has a surrogate."""
         return self.scores[-1] if surrogate in OBJECT_SURROGATES else self.surrogates
 
@@ -87,11 +100,11 @@ class DetectorTrial(Trial):
         evaluate_interleaved: of the rig of `interleaving`, where a generalist judges.
     """
 
-    ground_truths: tuple[Task, ...]
-    collect_test: tuple[Task, ...]
-    finetune: Task
-    evaluate: Task
-    evaluate_interleaved: Task | None
+    ground_truths: tuple[Task[GroundTruth], ...]
+    collect_test: tuple[Task[Collected], ...]
+    finetune: Task[Trained]
+    evaluate: Task[Evaluated]
+    evaluate_interleaved: Task[Evaluated] | None
 
     @property
     def deciding(self) -> Task:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from rich.console import Console
 from rich.filesize import decimal
@@ -26,15 +25,40 @@ from training.typical_objects import as_plain, from_plain
 
 
 @dataclass(frozen=True)
+class PlannedRung:
+    """How many placements go on by what, and what the trainings of the rung change."""
+
+    by: str
+    keep: int
+    set: dict[str, object]
+
+
+@dataclass(frozen=True)
+class PlannedScene:
+    """A scene, and its frames of each split."""
+
+    scene: str
+    train_frames: int
+    test_frames: int
+
+
+@dataclass(frozen=True)
+class PlannedTrial:
+    """A trial, and whether its results are there."""
+
+    key: str
+    label: str
+    cached: bool
+
+
+@dataclass(frozen=True)
 class Planned:
     """What a sweep would do.
 
     Attributes:
         name: of the sweep.
         stages: tasks, and how many of them are cached, by stage; with `promote` at most so many.
-        rungs: by, keep and set of each.
-        scenes: scene, and its frames of each split.
-        trials: key, label and whether it is cached, in the order of the grid.
+        trials: in the order of the grid.
         requirements: what each asks of every placement: `lidarplace.requirements.tables.extents`.
         anchors: sizes that detectors start from, of classes that have not the preset's.
         memory: most bytes that the voxels of a task take.
@@ -44,11 +68,11 @@ class Planned:
 
     name: str
     stages: dict[str, dict[str, int]]
-    rungs: list[dict[str, Any]]
-    scenes: list[dict[str, Any]]
-    trials: list[dict[str, Any]]
+    rungs: list[PlannedRung]
+    scenes: list[PlannedScene]
+    trials: list[PlannedTrial]
     requirements: list[dict[str, str | int]]
-    anchors: list[dict[str, Any]]
+    anchors: list[dict[str, object]]
     memory: int
     cautions: list[str]
     estimate: Estimate | None = None
@@ -73,20 +97,13 @@ def planned(sweep: Sweep, plan: Plan, store: AnyStore, backend: Backend | None =
         name=sweep.common.name,
         stages={s: {"tasks": count, "cached": there[s]} for s, count in total.items()},
         rungs=[
-            rung.model_dump(mode="json", include={"by", "keep", "set"})
+            PlannedRung(**rung.model_dump(mode="json", include={"by", "keep", "set"}))
             for rung in sweep.common.promote
         ],
-        scenes=[
-            {"scene": label, "train_frames": train, "test_frames": test}
-            for label, (train, test) in frames.items()
-        ],
+        scenes=[PlannedScene(label, train, test) for label, (train, test) in frames.items()],
         trials=[
-            {
-                "key": trial.key,
-                "label": trial.label,
-                "cached": all(task.key in cached for task in trial.results),
-            }
-            for trial in plan.trials
+            PlannedTrial(own.key, own.label, all(task.key in cached for task in own.results))
+            for own in plan.trials
         ],
         requirements=extents(plan.laid),
         anchors=as_plain(plan.typical),
@@ -122,15 +139,15 @@ def print_planned(console: Console, shown: Planned) -> None:
     if shown.estimate is not None:
         console.print(_in_all(shown.estimate), soft_wrap=True)
     for number, rung in enumerate(shown.rungs):
-        changed = ", ".join(f"{key}={value}" for key, value in rung["set"].items())
+        changed = ", ".join(f"{key}={value}" for key, value in rung.set.items())
         console.print(
-            f"rung {number}: {rung['by']}{f' with {changed}' if changed else ''}, the best "
-            f"{rung['keep']} placements go on"
+            f"rung {number}: {rung.by}{f' with {changed}' if changed else ''}, the best "
+            f"{rung.keep} placements go on"
         )
     for scene in shown.scenes:
         console.print(
-            f"scene {scene['scene']}: {scene['train_frames']} frames to train, "
-            f"{scene['test_frames']} to test"
+            f"scene {scene.scene}: {scene.train_frames} frames to train, "
+            f"{scene.test_frames} to test"
         )
     total, free = map(_amount, machine_memory())
     console.print(
@@ -143,8 +160,8 @@ def print_planned(console: Console, shown: Planned) -> None:
     for typical in from_plain({"typical": shown.anchors}):
         console.print(f"anchors of {typical}")
     for trial in shown.trials:
-        cached = "  (cached)" if trial["cached"] else ""
-        console.print(f"trial {trial['key']}  {trial['label']}{cached}")
+        cached = "  (cached)" if trial.cached else ""
+        console.print(f"trial {trial.key}  {trial.label}{cached}")
     for caution in shown.cautions:
         console.print(f"warning: {caution}", style="yellow", soft_wrap=True)
 

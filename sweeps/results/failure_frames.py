@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lidarplace.clouds.clouds import JoinedClouds, PointClouds
+from lidarplace.clouds.clouds import JoinedClouds
 from lidarplace.clouds.points_in_boxes import box_of_points
 from lidarplace.logs.boxes import GEOMETRY
 from sweeps.plan.trial import DetectorTrial
@@ -34,9 +34,9 @@ def failure_frames(
     )
     for rig, key in enumerate(failures.trials):
         trial = trials[key]
-        clouds = _clouds(trial, store)
+        clouds = JoinedClouds([store.load(task) for task in trial.collect_test])
         index = {frame: i for i, frame in enumerate(clouds.frames.tolist())}
-        detections = store.load(trial.evaluate, ("detections",))["detections"]
+        detections = store.read(trial.evaluate, lambda found: found.detections)
         for place, frame in enumerate(shown["frame"].tolist()):
             objects = failures.objects[failures.objects["frame"] == frame]
             boxes = objects[list(GEOMETRY)].to_numpy(np.float64)
@@ -44,10 +44,6 @@ def failure_frames(
             own: Any = detections[detections["frame"] == frame]
             found.detections[f"{place}/{rig}"] = own[[*GEOMETRY, "score"]].to_numpy(np.float64)
     return found
-
-
-def _clouds(trial: DetectorTrial, store: AnyStore) -> JoinedClouds[PointClouds]:
-    return JoinedClouds([PointClouds.from_arrays(store.load(task)) for task in trial.collect_test])
 
 
 def _thinned(cloud: NDArray[np.float32], boxes: NDArray[np.float64]) -> NDArray[np.float32]:

@@ -51,9 +51,9 @@ def object_tables(
 
 def _test_objects(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
     """Those that count, with the routes of their frames."""
-    values = [store.load(task, ("objects", "frames")) for task in trial.ground_truths]
-    objects = pd.concat([value["objects"] for value in values])
-    frames = pd.concat([value["frames"] for value in values])
+    truths = [store.load(task) for task in trial.ground_truths]
+    objects = pd.concat([truth.objects for truth in truths])
+    frames = pd.concat([truth.frames for truth in truths])
     test = frames.loc[frames["split"] == "test", ["frame", "route"]]
     objects = objects[objects["class"].isin(trial.grid_point.point.classes)]
     return pd.DataFrame(objects.merge(test, on="frame")[list(_ABOUT)])
@@ -61,14 +61,14 @@ def _test_objects(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
 
 def _found(trial: DetectorTrial, objects: pd.DataFrame, store: AnyStore) -> pd.DataFrame:
     """Points on each object, and whether the detector of the trial found it."""
-    detections = store.load(trial.evaluate, ("detections",))["detections"]
+    detections = store.read(trial.evaluate, lambda found: found.detections)
     hit = np.zeros(len(objects), np.bool_)
     for name in trial.grid_point.point.classes:
         here = (objects["class"] == name).to_numpy()
         boxes = detections[detections["class"] == name]
         hit[here] = found_objects(objects[here], boxes, kitti_iou(name).strict)
     counts = pd.concat(
-        [store.load(t, ("points_per_object",))["points_per_object"] for t in trial.collect_test]
+        [store.read(task, lambda own: own.points_per_object) for task in trial.collect_test]
     ).set_index(["frame", "object_id"])["points"]
     counts = counts[~counts.index.duplicated()]  # an id that a frame has twice tells no two apart
     points = counts.loc[pd.MultiIndex.from_frame(objects[["frame", "object_id"]])]

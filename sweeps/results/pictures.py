@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from lidarplace.clouds.clouds import PointClouds
 from lidarplace.coverage import coverage
 from lidarplace.logs.boxes import GEOMETRY
 from lidarplace.mounting.outline import outline
@@ -49,7 +48,7 @@ def maps(trials: Sequence[Trial], store: AnyStore) -> Maps:
     """The maps of the trials' placements."""
     pog = store.load(trials[0].pog)
     grids = grids_of(pog)
-    found = Maps({name: pog[f"from_above_{name}"] for name in grids}, {}, {}, {}, {})
+    found = Maps({name: pog.from_above[name] for name in grids}, {}, {}, {}, {})
     for trial in trials:
         point = trial.grid_point.point
         covered = coverage(trial.grid_point.rig, point.voxel_roi(), point.surrogate.method)
@@ -82,18 +81,19 @@ def grounds(plan: Plan, trials: Sequence[Trial], store: AnyStore) -> Grounds:
     by_rig = {}
     for trial in trials:
         if trial.requirements is not None and store.has(trial.requirements):
-            value = store.load(trial.requirements)
+            own = store.load(trial.requirements)
             by_rig[trial.grid_point.point.placement] = [
-                Ground(*(value[f"{array}_{number}"] for array in ("x", "y", "least")))
-                for number in range(len(names))
+                Ground(own.x[number], own.y[number], own.least[number].astype(np.float64))
+                for number in map(str, range(len(names)))
             ]
     return Grounds.of(outline(trials[0].grid_point.vehicle or Vehicle.car()), names, by_rig)
 
 
 def one_frame(trials: Sequence[DetectorTrial], store: AnyStore) -> Frame:
     """The test frame with most objects, as every placement sees it."""
-    objects = pd.concat([store.load(task)["objects"] for task in trials[0].ground_truths])
-    of_test = np.concatenate([store.load(task)["frames"] for task in trials[0].collect_test])
+    first = trials[0]
+    objects = pd.concat([store.load(task).objects for task in first.ground_truths])
+    of_test = np.concatenate([store.read(t, lambda own: own.frames) for t in first.collect_test])
     numbers = objects["frame"].to_numpy()
     counts = np.array([np.count_nonzero(numbers == frame) for frame in of_test])
     frame = of_test[np.argmax(counts)]
@@ -103,7 +103,7 @@ def one_frame(trials: Sequence[DetectorTrial], store: AnyStore) -> Frame:
     for trial in trials:
         name = trial.grid_point.point.placement
         for task in trial.collect_test:
-            clouds = PointClouds.from_arrays(store.load(task))
+            clouds = store.load(task)
             for index in np.flatnonzero(clouds.frames == frame).tolist():
                 found.points[name] = clouds[index]
                 found.lidar[name] = clouds.lidar(index)

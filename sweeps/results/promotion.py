@@ -11,7 +11,6 @@ import json
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import pandas as pd
 
@@ -19,7 +18,7 @@ from lidarplace.base.metrics import OF_CLASSES, RANKING, Direction
 from sweeps.configuration.grid import Sweep
 from sweeps.configuration.sweep import Rung
 from sweeps.plan.trial import Plan, Trial, with_detector
-from sweeps.results.trial_results import cells, metric_mean, trial_seconds
+from sweeps.results.trial_results import Cell, cells, metric_mean, trial_seconds
 from sweeps.store.open import AnyStore
 from sweeps.tasks.task import Task
 
@@ -37,7 +36,7 @@ class Promotion:
     """
 
     pruned: dict[str, str] = field(default_factory=dict)
-    standings: list[dict[str, Any]] = field(default_factory=list)
+    standings: list[dict[str, Cell]] = field(default_factory=list)
     complete: bool = False
 
     def table(self) -> pd.DataFrame:
@@ -57,10 +56,9 @@ def promote(
     """
 
     def decide(number: int, rung: Rung, group: Mapping[str, list[Trial]]) -> dict[str, str | None]:
-        rows = _standings(number, rung, group, store)
+        rows, verdicts = _standings(number, rung, group, store)
         promotion.standings += rows
-        kept = sum(row["kept"] for row in rows)
-        return {row["placement"]: _reason(row, len(rows), kept) for row in rows if not row["kept"]}
+        return verdicts
 
     promotion = Promotion()
     promotion.complete = _climb(sweep, plan, run, decide, promotion.pruned)
@@ -157,7 +155,7 @@ def _looked_at(contests: Iterable[Mapping[str, list[Trial]]], rung: Rung) -> Ite
             yield from trial.results if rung.by in RANKING else (trial.pog, *trial.scores)
 
 
-def _axes(trial: Trial) -> dict[str, Any]:
+def _axes(trial: Trial) -> dict[str, object]:
     """The further axes, without those that rungs set."""
     fixed = ("placement", "detector", "seed", *trial.grid_point.set_by_rungs)
     return {axis: v for axis, v in trial.grid_point.axes.items() if axis not in fixed}
@@ -165,10 +163,10 @@ def _axes(trial: Trial) -> dict[str, Any]:
 
 def _standings(
     number: int, rung: Rung, group: Mapping[str, list[Trial]], store: AnyStore
-) -> list[dict[str, Any]]:
-    """Rows of `Promotion.table` of one group."""
+) -> tuple[list[dict[str, Cell]], dict[str, str | None]]:
+    """Rows of `Promotion.table` of one group, and by placement why it is out."""
     if not group:
-        return []
+        return [], {}
     point, axes = next((t.grid_point.point, _axes(t)) for own in group.values() for t in own)
     object_class = rung.object_class or (point.classes[0] if rung.by in OF_CLASSES else _ALL)
     values = {name: _value(trials, rung, object_class, store) for name, trials in group.items()}
@@ -176,10 +174,11 @@ def _standings(
     ranks = pd.Series(values).rank(
         method="min", ascending=rung.best == "minimize", na_option="bottom"
     )
-    return [
-        {"rung": number, "detector": point.detector or ""}
-        | cells(axes)
-        | {
+    rows: list[dict[str, Cell]] = [
+        {
+            "rung": number,
+            "detector": point.detector or "",
+            **cells(axes),
             "placement": name,
             "by": rung.by,
             "class": object_class,
@@ -192,13 +191,14 @@ def _standings(
         for name, trials in group.items()
     ]
 
+    def reason(name: str) -> str | None:
+        """None if a surrogate failed, which is no verdict on the placement."""
+        if math.isfinite(values[name]):
+            place = f"rank {int(ranks[name])} of {len(group)}"
+            return f"{place} by {rung.by} ({object_class}), {len(kept)} kept"
+        return f"rung {number} has no {rung.by} of every seed" if rung.by in RANKING else None
 
-def _reason(row: Mapping[str, Any], of: int, kept: int) -> str | None:
-    """Why a placement is out; None if a surrogate failed, which is no verdict on the placement."""
-    if not math.isfinite(row["value"]):
-        measured = row["by"] in RANKING
-        return f"rung {row['rung']} has no {row['by']} of every seed" if measured else None
-    return f"rank {row['rank']} of {of} by {row['by']} ({row['class']}), {kept} kept"
+    return rows, {name: reason(name) for name in group if name not in kept}
 
 
 def _value(trials: Sequence[Trial], rung: Rung, object_class: str, store: AnyStore) -> float:
@@ -207,7 +207,7 @@ def _value(trials: Sequence[Trial], rung: Rung, object_class: str, store: AnySto
         task = trials[0].score_by(rung.by)
         if not store.has(task):
             return math.nan
-        table = store.load(task, ("table",))["table"]
+        table = store.read(task, lambda own: own.table)
         own = table[table["surrogate"] == rung.by]
         if object_class != _ALL:
             own = own[own["class"] == object_class]

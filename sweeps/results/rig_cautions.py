@@ -95,7 +95,7 @@ def _gain(trials: Sequence[Trial], store: AnyStore) -> str:
         both = [task for task in (trial.evaluate, trial.evaluate_interleaved) if task is not None]
         if len(both) < 2 or not all(map(store.has, both)):
             continue
-        tables = [store.load(task, ("metrics",))["metrics"] for task in both]
+        tables = [store.read(task, lambda own: own.metrics) for task in both]
         for object_class in (trial.grid_point.point.classes[0], "all"):
             metric = headline_metric(object_class)
             own, pitched = (headline_value(table, metric, object_class) for table in tables)

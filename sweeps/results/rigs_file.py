@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any
 
 import yaml
 
@@ -37,7 +36,7 @@ def rigs_yaml(sweep: Sweep) -> str:
     return str(yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100))
 
 
-def _of_paper(name: str) -> dict[str, Any]:
+def _of_paper(name: str) -> dict[str, object]:
     mounts = [asdict(mount).items() for mount in PAPER_PLACEMENTS[name].mounts]
     return {
         "mounts": [{key: value for key, value in mount if value or key == "z"} for mount in mounts]

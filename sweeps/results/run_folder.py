@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import astuple, dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -29,9 +28,9 @@ from sweeps.results.pictures import drawn, grounds, maps, one_frame
 from sweeps.results.promotion import Promotion
 from sweeps.results.rig_cautions import rig_cautions
 from sweeps.results.trial_results import (
+    Cell,
     axis_values,
     identity,
-    of_placement,
     surrogate_identity,
     trial_failure,
     trial_results,
@@ -39,6 +38,8 @@ from sweeps.results.trial_results import (
     with_columns,
 )
 from sweeps.store.open import AnyStore
+from sweeps.store.result_folder import R
+from sweeps.tasks.results import Evaluated
 from sweeps.tasks.task import Task
 from tracking.mlflow.uri import absolute_uri
 from tracking.report.failures import failures_to_show
@@ -84,43 +85,57 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
     good = [trial for trial in known if all(task.key in there for task in trial.results)]
     tested = with_detector(good)
 
-    def gathered(stage: str, name: str, trials: Sequence[Trial]) -> pd.DataFrame:
+    def gathered(
+        task_of: Callable[[Trial], Task[R] | None],
+        table: Callable[[R], pd.DataFrame | None],
+        trials: Sequence[Trial],
+    ) -> pd.DataFrame:
         """One table of a stage; what several trials share stands there once."""
         found = {}
         for trial in trials:
-            task = getattr(trial, stage)
+            task = task_of(trial)
             if task is not None and task.key in there:
-                place = (task.key, *surrogate_identity(trial, axes).values())
-                if place not in found:
-                    found[place] = of_placement(trial, task, name, store, axes)
+                columns = surrogate_identity(trial, axes)
+                place = (task.key, *columns.values())
+                own = None if place in found else store.read(task, table)
+                if own is not None:
+                    found[place] = with_columns(own, columns)
         return _stack(list(found.values()))
 
-    def of_trials(name: str) -> pd.DataFrame:
+    def of_trials(table: Callable[[Evaluated], pd.DataFrame]) -> pd.DataFrame:
         """One table of the evaluations."""
-        return _stack([trial_results(trial, store, axes, name) for trial in tested])
+        return _stack([trial_results(trial, store, axes, table) for trial in tested])
 
     objects, found = object_tables(tested, store, axes)
-    surrogates = _stack([gathered(stage, "table", known) for stage in ("surrogates", "recall")])
-    with_rays = [t for t in known if "expected_ig" in t.grid_point.point.surrogate.names]
+    surrogates = _stack(
+        [
+            gathered(lambda trial: trial.surrogates, lambda own: own.table, known),
+            gathered(lambda trial: trial.recall, lambda own: own.table, known),
+        ]
+    )
+    by_q = gathered(lambda trial: trial.surrogates, lambda own: own.by_q, known)
+    accuracy = gathered(lambda trial: trial.accuracy, lambda own: own.table, known)
+    estimates = gathered(lambda trial: trial.sampling_error, lambda own: own.estimates, known)
+    resamples = gathered(lambda trial: trial.sampling_error, lambda own: own.resamples, known)
     write_text(folder / "config.yaml", public_yaml(sweep.source))
     write_text(folder / rigs_file.FILE, rigs_file.rigs_yaml(sweep))
     for table, frame in (
         (contract.TRIALS, trials_table(plan, store, run, axes)),
-        (contract.RESULTS, of_trials("metrics")),
+        (contract.RESULTS, of_trials(lambda own: own.metrics)),
         (contract.SURROGATES, surrogates),
-        (contract.EXPECTED_IG_BY_Q, gathered("surrogates", "by_q", with_rays)),
+        (contract.EXPECTED_IG_BY_Q, by_q),
         (contract.CURVES, _stack([_curve(trial, store) for trial in tested])),
-        (contract.PR_CURVES, of_trials("pr_curves")),
-        (contract.LEFT_OUT, of_trials("left_out")),
-        (contract.DISTANCE, of_trials("by_distance")),
-        (contract.SECTOR, of_trials("by_sector")),
+        (contract.PR_CURVES, of_trials(lambda own: own.pr_curves)),
+        (contract.LEFT_OUT, of_trials(lambda own: own.left_out)),
+        (contract.DISTANCE, of_trials(lambda own: own.by_distance)),
+        (contract.SECTOR, of_trials(lambda own: own.by_sector)),
         (contract.POINTS, _points(tested, store, axes)),
         (contract.INDIVIDUALS, _individuals(tested, store, axes)),
         (contract.OBJECTS, objects),
         (contract.FOUND, found),
-        (contract.ACCURACY, gathered("accuracy", "table", known)),
-        (contract.SAMPLING_ERROR, gathered("sampling_error", "estimates", known)),
-        (contract.POG_RESAMPLES, gathered("sampling_error", "resamples", known)),
+        (contract.ACCURACY, accuracy),
+        (contract.SAMPLING_ERROR, estimates),
+        (contract.POG_RESAMPLES, resamples),
         (contract.REQUIREMENTS, _requirements(known, store, axes)),
         (contract.PROMOTIONS, run.promotion.table()),
         (contract.TASKS, _tasks_table([*plan.tasks, *run.outcome.probes.values()], store, run)),
@@ -128,11 +143,11 @@ def write_run(folder: Path, sweep: Sweep, plan: Plan, store: AnyStore, run: Run)
         table.write(frame, folder)
     (folder / Grounds.FILE).unlink(missing_ok=True)  # of an earlier run
     frames = {"train": 0, "test": 0}
-    pictured: Mapping[str, Any] = {}
+    pictured: Mapping[str, Cell] = {}
     body = plan.trials[0].grid_point.vehicle
     if known:
         for scene in (task for task in known[0].scenes if task.key in there):
-            splits = store.load(scene, ("frames",))["frames"]["split"]
+            splits = store.read(scene, lambda log: log.frames)["split"]
             for split, count in splits.value_counts().items():
                 frames[str(split)] += int(count)
         shown = drawn(known, tested, surrogates)
@@ -172,7 +187,8 @@ def _stack(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
 
 
 def _curve(trial: DetectorTrial, store: AnyStore) -> pd.DataFrame:
-    return with_columns(store.load(trial.finetune, ("curve",))["curve"], {"trial": trial.key})
+    curve = store.read(trial.finetune, lambda training: training.curve)
+    return with_columns(curve, {"trial": trial.key})
 
 
 def _points(trials: Sequence[DetectorTrial], store: AnyStore, axes: Sequence[str]) -> pd.DataFrame:
@@ -185,13 +201,10 @@ def _points(trials: Sequence[DetectorTrial], store: AnyStore, axes: Sequence[str
         if place in found:
             continue
         objects = pd.concat(
-            [store.load(task, ("objects",))["objects"] for task in trial.ground_truths]
+            [store.read(task, lambda truth: truth.objects) for task in trial.ground_truths]
         )
         objects = objects[objects["class"].isin(trial.grid_point.point.classes)]
-        counts = [
-            store.load(task, ("points_per_object",))["points_per_object"]
-            for task in trial.collect_test
-        ]
+        counts = [store.read(t, lambda own: own.points_per_object) for t in trial.collect_test]
         found[place] = with_columns(points_by_distance(objects, pd.concat(counts)), own)
     return _stack(list(found.values()))
 
@@ -208,10 +221,10 @@ def _individuals(
         place = (*(task.key for task in trial.ground_truths), *setting.values())
         if place in found:
             continue
-        values = [store.load(task, ("objects", "frames")) for task in trial.ground_truths]
-        objects = pd.concat([value["objects"] for value in values])
+        truths = [store.load(task) for task in trial.ground_truths]
+        objects = pd.concat([truth.objects for truth in truths])
         objects = objects[objects["class"].isin(trial.grid_point.point.classes)]
-        frames = pd.concat([value["frames"] for value in values])
+        frames = pd.concat([truth.frames for truth in truths])
         counts = objects.merge(frames[["frame", "route", "split"]], on="frame").value_counts(keys)
         found[place] = with_columns(counts.sort_index().reset_index(name="boxes"), setting)
     return _stack(list(found.values()))
@@ -228,7 +241,7 @@ def _requirements(trials: Sequence[Trial], store: AnyStore, axes: Sequence[str])
         columns = {"placement": trial.grid_point.point.placement} | axis_values(trial, own)
         place = (task.key, *columns.values())
         if place not in found:
-            found[place] = with_columns(store.load(task, ("table",))["table"], columns)
+            found[place] = with_columns(store.read(task, lambda own: own.table), columns)
     return _stack(list(found.values()))
 
 
@@ -241,9 +254,9 @@ def _tasks_table(tasks: Sequence[Task], store: AnyStore, run: Run) -> pd.DataFra
             continue
         record = store.record(task)
         started, ended = run.outcome.times.get(task.key, (np.nan, np.nan))
-        seconds = record["seconds"]
+        seconds = record.seconds
         if task.key in run.outcome.times:  # those before a stop were spent in another run
-            seconds -= record["earlier_seconds"]
+            seconds -= record.earlier_seconds
         rows.append(
             {
                 "stage": task.stage,
@@ -253,9 +266,9 @@ def _tasks_table(tasks: Sequence[Task], store: AnyStore, run: Run) -> pd.DataFra
                 "cached": task.key in run.cached,
                 "started": started - run.started,
                 "ended": ended - run.started,
-                "node": record["node"],
-                "peak_memory": float(record["peak_memory"]),
-                "batch_size_reduced": record.get("batch_size_reduced", False),
+                "node": record.node,
+                "peak_memory": float(record.peak_memory),
+                "batch_size_reduced": record.batch_size_reduced,
             }
         )
     return pd.DataFrame(rows)
@@ -265,7 +278,7 @@ def _about(
     sweep: Sweep,
     frames: Frames,
     run: Run,
-    pictured: Mapping[str, Any],
+    pictured: Mapping[str, Cell],
     body: Vehicle | None,
     plan: Plan,
     store: AnyStore,

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 from sweeps.configuration.grid import Sweep
 from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.plan.trial import Plan, Trial
 from sweeps.results.promotion import at_most, promote
 from sweeps.results.trial_results import trial_failure
+from sweeps.store.local import Note
 from sweeps.store.lock import is_locked
 from sweeps.store.open import AnyStore
 from sweeps.tasks.task import Task
@@ -100,7 +101,7 @@ class _Look:
     alive: bool
     there: set[str]
     failures: Mapping[str, Failure]
-    notes: Mapping[str, Mapping[str, Any]]
+    notes: Mapping[str, Note]
 
     def status(self, task: Task) -> Status:
         if task.key in self.there:
@@ -123,8 +124,8 @@ class _Look:
         for task in plan.needed_for(trial.results):
             if task.key in self.notes and task.key not in self.there:
                 note = self.notes[task.key]
-                where = f"{note['node']}, process {note['pid']}, since {note['since']}"
-                far = f", {note['progress']}" if "progress" in note else ""
+                where = f"{note.node}, process {note.pid}, since {note.since}"
+                far = f", {note.progress}" if note.progress else ""
                 return TrialState(trial.label, self._running, f"{task.stage} on {where}{far}")
         return TrialState(trial.label, "waiting")
 

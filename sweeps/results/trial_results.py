@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
 
 import pandas as pd
 
 from sweeps.execution.failures import Failure
 from sweeps.plan.trial import DetectorTrial, Trial
 from sweeps.store.open import AnyStore
+from sweeps.tasks.results import Evaluated
 from sweeps.tasks.task import Task
 from tracking.kitti_iou import headline_iou
 from tracking.run_folders.sweep_tables import SURROGATES
+
+Cell = int | float | str
+"""What a cell of a table holds."""
 
 
 def trial_failure(trial: Trial, failures: Mapping[str, Failure]) -> Failure | None:
@@ -23,10 +26,13 @@ def trial_failure(trial: Trial, failures: Mapping[str, Failure]) -> Failure | No
 
 
 def trial_results(
-    trial: DetectorTrial, store: AnyStore, axes: Sequence[str], name: str = "metrics"
+    trial: DetectorTrial,
+    store: AnyStore,
+    axes: Sequence[str],
+    table: Callable[[Evaluated], pd.DataFrame] = lambda found: found.metrics,
 ) -> pd.DataFrame:
     """A table of a trial's evaluation, its identity in front."""
-    return with_columns(store.load(trial.evaluate, (name,))[name], identity(trial, axes))
+    return with_columns(store.read(trial.evaluate, table), identity(trial, axes))
 
 
 def metric_mean(trials: Sequence[Trial], metric: str, object_class: str, store: AnyStore) -> float:
@@ -38,7 +44,7 @@ def metric_mean(trials: Sequence[Trial], metric: str, object_class: str, store: 
     for trial in trials:
         if not isinstance(trial, DetectorTrial) or not store.has(trial.evaluate):
             return math.nan
-        metrics = store.load(trial.evaluate, ("metrics",))["metrics"]
+        metrics = store.read(trial.evaluate, lambda found: found.metrics)
         values.append(headline_value(metrics, metric, object_class))
     return math.fsum(values) / len(values) if values else math.nan
 
@@ -55,7 +61,7 @@ def trial_seconds(trial: Trial, store: AnyStore) -> float:
 
     A generalist's training counts for none of the placements that it judges.
     """
-    tasks = trial.scores
+    tasks: tuple[Task, ...] = trial.scores
     if isinstance(trial, DetectorTrial):
         alone = trial.grid_point.point.judge != "generalist"
         tasks = (trial.finetune, trial.evaluate) if alone else (trial.evaluate,)
@@ -65,45 +71,38 @@ def trial_seconds(trial: Trial, store: AnyStore) -> float:
 def surrogate_table(trial: Trial, store: AnyStore) -> pd.DataFrame:
     """Its surrogates, as far as they have a result: class, surrogate, value, method, seconds."""
     there = [task for task in trial.scores if store.has(task)]
-    tables: list[pd.DataFrame] = [store.load(task, ("table",))["table"] for task in there]
-    return pd.concat(tables, ignore_index=True)
+    return pd.concat([store.read(task, lambda own: own.table) for task in there], ignore_index=True)
 
 
-def of_placement(
-    trial: Trial, task: Task, name: str, store: AnyStore, axes: Sequence[str]
-) -> pd.DataFrame:
-    """A table that depends on the placement and on the axes that matter to surrogates."""
-    return with_columns(store.load(task, (name,))[name], surrogate_identity(trial, axes))
-
-
-def surrogate_identity(trial: Trial, axes: Sequence[str]) -> dict[str, Any]:
+def surrogate_identity(trial: Trial, axes: Sequence[str]) -> dict[str, Cell]:
     """Columns that tell the surrogates of a trial from those of others."""
-    own = axis_values(trial, SURROGATES.axes_of(axes))
-    return {"placement": trial.grid_point.point.placement} | own
+    own: dict[str, Cell] = {"placement": trial.grid_point.point.placement}
+    return own | axis_values(trial, SURROGATES.axes_of(axes))
 
 
-def identity(trial: Trial, axes: Sequence[str]) -> dict[str, Any]:
+def identity(trial: Trial, axes: Sequence[str]) -> dict[str, Cell]:
     """Columns that tell a trial from others."""
     point = trial.grid_point.point
-    return {
+    own: dict[str, Cell] = {
         "trial": trial.key,
         "placement": point.placement,
         "detector": point.detector or "",
         "seed": point.seed,
-    } | axis_values(trial, axes)
+    }
+    return own | axis_values(trial, axes)
 
 
-def axis_values(trial: Trial, axes: Sequence[str]) -> dict[str, Any]:
+def axis_values(trial: Trial, axes: Sequence[str]) -> dict[str, Cell]:
     """A trial's place on these axes, as cells of a table."""
     return cells({axis: trial.grid_point.axes[axis] for axis in axes})
 
 
-def cells(values: Mapping[str, Any]) -> dict[str, Any]:
+def cells(values: Mapping[str, object]) -> dict[str, Cell]:
     """Values as cells of a table, which a list or mapping is not."""
     return {k: v if isinstance(v, (int, float, str)) else json.dumps(v) for k, v in values.items()}
 
 
-def with_columns(table: pd.DataFrame, columns: Mapping[str, Any]) -> pd.DataFrame:
+def with_columns(table: pd.DataFrame, columns: Mapping[str, Cell]) -> pd.DataFrame:
     """`table` with constant columns in front."""
     constant = pd.DataFrame({name: [value] * len(table) for name, value in columns.items()})
     return pd.concat([constant, table], axis=1)

@@ -5,20 +5,45 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from lidarplace.files.atomic import naming, temporary, write_text
 from lidarplace.files.regular import regular
 from sweeps.store.checkpoint_attempts import new_attempt
 from sweeps.store.entries import SWEEPS, Entry, check_sweeps, entry_of, keys_in
 from sweeps.store.lock import locked
-from sweeps.store.result_folder import DamagedResult, Value, read_content, read_value, write_result
+from sweeps.store.result_folder import (
+    DamagedResult,
+    R,
+    Ran,
+    Record,
+    T,
+    read_content,
+    read_result,
+    whole,
+    write_result,
+)
 from sweeps.store.whole_folder import whole_folder
 from sweeps.tasks.task import Task
+
+
+@dataclass(frozen=True)
+class Note:
+    """What is noted of a task that runs.
+
+    Attributes:
+        node, pid: machine and process.
+        since: when it began, as a person reads it.
+        progress: how much of a training is done; "" if nothing is known.
+    """
+
+    node: str = ""
+    pid: int = 0
+    since: str = ""
+    progress: str = ""
 
 
 @dataclass(frozen=True)
@@ -49,50 +74,53 @@ class Store:
         """Whether the result is there."""
         return self.path(task).is_dir()
 
-    def save(self, task: Task, value: Mapping[str, Any], seconds: float, **about: Any) -> None:
+    def save(self, task: Task[R], value: R, seconds: float, ran: Ran = Ran()) -> None:
         """Write a result. One that is there already stays.
 
         Args:
+            value: an instance of a dataclass.
             seconds: that it took.
-            about: further plain data for `record`.
 
         Raises:
             OSError: it cannot be written; nothing of it is left.
-            TypeError: an entry that is neither table, array, weights nor plain data.
+            TypeError: a field that is neither table, array, arrays by name, weights nor plain data.
         """
         with self.incoming(task) as folder:
-            record = {"label": task.label, "seconds": seconds} | about
+            record = Record(label=task.label, seconds=seconds, **asdict(ran))
             write_result(folder, value, f"{task.stage}/{task.key}", record)
 
-    def load(self, task: Task, names: Collection[str] | None = None) -> Value:
-        """Read a result, or its entries of these names. Large arrays are mapped, read-only.
+    def load(self, task: Task[R]) -> R:
+        """Read a result. Large arrays are mapped, read-only.
 
         Raises:
             FileNotFoundError: there is no result.
-            KeyError: it has no entries of these names.
+            KeyError: it lacks a field.
             DamagedResult: it is not what was written, and is removed.
         """
+        return self.read(task, whole(task.result))
+
+    def read(self, task: Task[R], of: Callable[[R], T]) -> T:
+        """What `of` takes from a result, of which no other fields are read; raises as `load`."""
         folder = self.path(task)
         with _removed_if_damaged(folder):
-            value = read_value(folder, names)
+            found = read_result(folder, task.result, of)
         with suppress(OSError):  # a disk may be read-only; the time is for cleaning alone
             os.utime(folder)
-        return value
+        return found
 
-    def record(self, task: Task) -> Mapping[str, Any]:
-        """What `save` was told about the result: "label", "seconds" and the rest.
+    def record(self, task: Task) -> Record:
+        """How the result was computed.
 
         Raises:
             FileNotFoundError, DamagedResult: as `load` does.
         """
         folder = self.path(task)
         with _removed_if_damaged(folder):
-            record: Mapping[str, Any] = read_content(folder)["record"]
-        return record
+            return read_content(folder).record
 
     def seconds(self, task: Task) -> float:
         """Seconds that the result took when it was computed."""
-        return float(self.record(task)["seconds"])
+        return self.record(task).seconds
 
     def incoming(self, task: Task) -> AbstractContextManager[Path]:
         """An empty folder that becomes the task's result, unless that is there by then."""
@@ -117,37 +145,38 @@ class Store:
         self._hidden(task, "running").unlink(missing_ok=True)
 
     @contextmanager
-    def running(self, task: Task, about: Mapping[str, Any]) -> Iterator[Callable[..., None]]:
+    def running(self, task: Task, note: Note) -> Iterator[Callable[[str], None]]:
         """Leave a note while the block runs. It stays if the process is killed.
 
-        The block gets a function that adds to the note.
+        The block gets a function that takes the progress.
         """
-        note = self.note(task)
-        note.parent.mkdir(parents=True, exist_ok=True)
+        path = self.note(task)
+        path.parent.mkdir(parents=True, exist_ok=True)
 
-        def write(**more: str) -> None:
-            partial = temporary(note)  # as `write_text`, but a note need not outlast the machine
-            with naming(note):
-                partial.write_text(json.dumps({**about, **more}), encoding="utf-8")
-                partial.replace(note)
+        def write(progress: str = "") -> None:
+            partial = temporary(path)  # as `write_text`, but a note need not outlast the machine
+            with naming(path):
+                text = json.dumps(asdict(replace(note, progress=progress)))
+                partial.write_text(text, encoding="utf-8")
+                partial.replace(path)
 
         write()
         try:
             yield write
         finally:
-            note.unlink(missing_ok=True)
+            path.unlink(missing_ok=True)
 
     def note(self, task: Task) -> Path:
         """File of the note that a task runs."""
         return self._hidden(task, "running")
 
-    def running_notes(self, tasks: Iterable[Task]) -> dict[str, Mapping[str, Any]]:
+    def running_notes(self, tasks: Iterable[Task]) -> dict[str, Note]:
         """Notes by key, also those of killed processes. One that is not whole is left out."""
         notes = {}
         for task in self._noted(tasks):
             # It has ended since, or its machine lost power before the note was on the disk.
             with suppress(FileNotFoundError, ValueError):
-                notes[task.key] = json.loads(self.note(task).read_text(encoding="utf-8"))
+                notes[task.key] = Note(**json.loads(self.note(task).read_text(encoding="utf-8")))
         return notes
 
     def end_running(self, tasks: Iterable[Task]) -> None:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from fsspec import AbstractFileSystem
 from fsspec.core import url_to_fs
@@ -16,16 +15,20 @@ from fsspec.core import url_to_fs
 from lidarplace.files.secret_urls import public_url
 from sweeps.store.checkpoint_mirror import fetch, mirrored
 from sweeps.store.entries import SWEEPS, Entry, check_sweeps, entry_of, keys_in
-from sweeps.store.local import Store
+from sweeps.store.local import Note, Store
 from sweeps.store.remote_files import put_whole
 from sweeps.store.result_folder import (
     RECORD,
     DamagedResult,
-    Value,
+    R,
+    Ran,
+    Record,
+    T,
     check_files,
     damaged,
     parse_content,
     read_content,
+    whole,
 )
 from sweeps.tasks.task import Task
 
@@ -70,25 +73,29 @@ class RemoteStore:
         filesystem, root = self._remote()
         return bool(filesystem.exists(f"{root}/{task.stage}/{task.key}/{RECORD}"))
 
-    def save(self, task: Task, value: Mapping[str, Any], seconds: float, **about: Any) -> None:
+    def save(self, task: Task[R], value: R, seconds: float, ran: Ran = Ran()) -> None:
         """Write a result here and there, see `Store.save`. One that is there already stays."""
         with suppress(FileNotFoundError, DamagedResult):
             self.local.load(task)  # a copy of before stays only if it is whole
-        self.local.save(task, value, seconds, **about)
+        self.local.save(task, value, seconds, ran)
         if self.has(task):
             return
         filesystem, root = self._remote()
         folder, target = self.path(task), f"{root}/{task.stage}/{task.key}"
         content = read_content(folder)
-        if content["files"]:
+        if content.files:
             filesystem.put(
-                [str(folder / name) for name in content["files"]],
-                [f"{target}/{content['id']}/{name}" for name in content["files"]],
+                [str(folder / name) for name in content.files],
+                [f"{target}/{content.id}/{name}" for name in content.files],
             )
         put_whole(filesystem, folder / RECORD, f"{target}/{RECORD}")
 
-    def load(self, task: Task, names: Collection[str] | None = None) -> Value:
-        """Read a result, see `Store.load`; all its files are copied here first.
+    def load(self, task: Task[R]) -> R:
+        """Read a result, see `Store.load`."""
+        return self.read(task, whole(task.result))
+
+    def read(self, task: Task[R], of: Callable[[R], T]) -> T:
+        """What `of` takes from a result, see `Store.read`; all its files are copied here first.
 
         A damaged copy is replaced once. If that is damaged too, so is what it was copied from.
         """
@@ -96,31 +103,29 @@ class RemoteStore:
         try:
             if not copied:
                 self._copy_here(task)
-            return self.local.load(task, names)
+            return self.local.read(task, of)
         except DamagedResult as error:
             if not copied:
                 self._remove_result(f"{task.stage}/{task.key}")
                 raise
             logging.getLogger(__name__).warning("%s from %s", error, self.shown)
-        return self.load(task, names)
+        return self.read(task, of)
 
-    def record(self, task: Task) -> Mapping[str, Any]:
-        """What `save` was told about the result, see `Store.record`."""
+    def record(self, task: Task) -> Record:
+        """How the result was computed, see `Store.record`."""
         with suppress(FileNotFoundError, DamagedResult):
             return self.local.record(task)
         place = f"{task.stage}/{task.key}"
         data = self._read(f"{place}/{RECORD}")
         try:
-            content = parse_content(data, place, f"{self.shown}/{place}")
+            return parse_content(data, place, f"{self.shown}/{place}").record
         except DamagedResult:
             self._remove_result(place)
             raise
-        record: Mapping[str, Any] = content["record"]
-        return record
 
     def seconds(self, task: Task) -> float:
         """Seconds that the result took when it was computed."""
-        return float(self.record(task)["seconds"])
+        return self.record(task).seconds
 
     @contextmanager
     def working_folder(self, task: Task) -> Iterator[Path]:
@@ -146,27 +151,27 @@ class RemoteStore:
         self._remove_file(f"{task.stage}/{self.local.note(task).name}")
 
     @contextmanager
-    def running(self, task: Task, about: Mapping[str, Any]) -> Iterator[Callable[..., None]]:
+    def running(self, task: Task, note: Note) -> Iterator[Callable[[str], None]]:
         """Leave a note while the block runs, see `Store.running`."""
-        note = self.local.note(task)
-        with self.local.running(task, about) as write_here:
+        path = self.local.note(task)
+        with self.local.running(task, note) as write_here:
 
-            def write(**more: str) -> None:
-                write_here(**more)
-                self._put(note, f"{task.stage}/{note.name}")
+            def write(progress: str = "") -> None:
+                write_here(progress)
+                self._put(path, f"{task.stage}/{path.name}")
 
             write()
             try:
                 yield write
             finally:
-                self._remove_file(f"{task.stage}/{note.name}")
+                self._remove_file(f"{task.stage}/{path.name}")
 
-    def running_notes(self, tasks: Iterable[Task]) -> dict[str, Mapping[str, Any]]:
+    def running_notes(self, tasks: Iterable[Task]) -> dict[str, Note]:
         """Notes by key, also those of killed processes. One that is not whole is left out."""
         notes = {}
         for key, place in self._noted(tasks).items():
             with suppress(FileNotFoundError, ValueError):  # see `Store.running_notes`
-                notes[key] = json.loads(self._read(place))
+                notes[key] = Note(**json.loads(self._read(place)))
         return notes
 
     def end_running(self, tasks: Iterable[Task]) -> None:
@@ -269,11 +274,11 @@ class RemoteStore:
             filesystem.get_file(f"{root}/{place}/{RECORD}", str(folder / RECORD))
             data = (folder / RECORD).read_bytes()
             content = parse_content(data, place, f"{self.shown}/{place}")
-            files = content["files"]
+            files = content.files
             try:
                 if files:
                     filesystem.get(
-                        [f"{root}/{place}/{content['id']}/{name}" for name in files],
+                        [f"{root}/{place}/{content.id}/{name}" for name in files],
                         [str(folder / name) for name in files],
                     )
             except FileNotFoundError:

@@ -1,14 +1,16 @@
-"""A result as files in a folder: tables, arrays, weights, and all else in `result.json`."""
+"""A result as files in a folder, by the fields of its class: tables, arrays, weights, and all else
+in `result.json`."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import secrets
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import MISSING, Field, asdict, dataclass, fields, is_dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Protocol, TypeVar, cast
 
 import numpy as np
 import pandas as pd
@@ -16,43 +18,102 @@ import pyarrow.parquet as pq
 
 from lidarplace.files.atomic import sync
 
-Value = dict[str, Any]
-"""A result: DataFrames, arrays, `state_dict`s of tensors and plain data, by name."""
+
+class Dataclass(Protocol):
+    """An instance of a dataclass."""
+
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+
+
+R = TypeVar("R", bound=Dataclass)
+T = TypeVar("T")
 
 RECORD = "result.json"
 
 _MAPPED_BYTES = 1_000_000  # smaller arrays are not worth an open file
 
 
-def write_result(
-    folder: Path, value: Mapping[str, Any], place: str, record: Mapping[str, Any]
-) -> None:
+@dataclass(frozen=True)
+class Ran:
+    """How a result was computed.
+
+    Attributes:
+        node, pid: machine and process.
+        peak_memory: most bytes that the process held.
+        batch_size_reduced: whether a step had fewer frames than asked for, for want of memory.
+        earlier_seconds: that were spent before a stop.
+    """
+
+    node: str = ""
+    pid: int = 0
+    peak_memory: int = 0
+    batch_size_reduced: bool = False
+    earlier_seconds: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record(Ran):
+    """Further what the task is called, and the seconds that it took."""
+
+    label: str
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Written:
+    """A file of a result: its size, and the hash of its content."""
+
+    bytes: int
+    digest: str
+
+
+@dataclass(frozen=True)
+class Content:
+    """What `result.json` says.
+
+    Attributes:
+        id: of these very files, should another process write them too.
+        files: by name.
+        value: the plain data of the result.
+    """
+
+    record: Record
+    id: str
+    files: Mapping[str, Written]
+    value: Mapping[str, object]
+
+
+def write_result(folder: Path, value: Dataclass, place: str, record: Record) -> None:
     """Write a result into an empty folder and wait until it is on the disk.
 
     Args:
         place: "STAGE/KEY" of the result, where the folder will be.
-        record: plain data about the result.
 
     Raises:
         OSError: a file cannot be written.
-        TypeError: an entry that is neither table, array, weights nor plain data.
+        TypeError: a field that is neither table, array, arrays by name, weights nor plain data.
     """
     plain = {}
-    for name, item in value.items():
+    for name, item in ((own.name, getattr(value, own.name)) for own in fields(value)):
         if isinstance(item, pd.DataFrame):
             item.to_parquet(folder / f"{name}.parquet", index=False)
         elif isinstance(item, np.ndarray):
             np.save(folder / f"{name}.npy", item, allow_pickle=False)
-        elif name.endswith("state_dict"):
+        elif name.endswith("state_dict") and item is not None:
             from training.checkpoints import write_tensors  # torch, and only trainings have weights
 
             write_tensors(folder / f"{name}.pt", item)
+        elif isinstance(item, Mapping) and any(isinstance(a, np.ndarray) for a in item.values()):
+            for key, array in item.items():
+                np.save(folder / f"{name}_{key}.npy", array, allow_pickle=False)
         else:
             plain[name] = item
+            if is_dataclass(item) and not isinstance(item, type):
+                plain[name] = asdict(item)
     content = {
         "place": place,
-        "record": dict(record),
-        "id": secrets.token_hex(8),  # of these very files, should another process write them too
+        "record": asdict(record),
+        "id": secrets.token_hex(8),
         "files": {
             path.name: {"bytes": path.stat().st_size, "digest": _digest(path)}
             for path in sorted(folder.iterdir())
@@ -66,9 +127,8 @@ def write_result(
         sync(path)
 
 
-def read_content(folder: Path) -> dict[str, Any]:
-    """`result.json`: "place", "record", "id", "files" ("bytes" and "digest" by name) and "value",
-    the plain data.
+def read_content(folder: Path) -> Content:
+    """What `result.json` says.
 
     Raises:
         FileNotFoundError: the folder is not there.
@@ -83,7 +143,7 @@ def read_content(folder: Path) -> dict[str, Any]:
     return parse_content(data, f"{folder.parent.name}/{folder.name}", folder)
 
 
-def parse_content(data: bytes, place: str, named: object) -> dict[str, Any]:
+def parse_content(data: bytes, place: str, named: object) -> Content:
     """What `read_content` returns, from the bytes of the `result.json` that is at `place`.
 
     Args:
@@ -93,7 +153,7 @@ def parse_content(data: bytes, place: str, named: object) -> dict[str, Any]:
         DamagedResult: they are damaged, or of the result of another place.
     """
     try:
-        content: dict[str, Any] = json.loads(data)
+        content = json.loads(data)
         whole = content.pop("digest") == _digest_of_content(content)
         found = content["place"]
     except (ValueError, AttributeError, KeyError, TypeError, RecursionError):
@@ -102,11 +162,12 @@ def parse_content(data: bytes, place: str, named: object) -> dict[str, Any]:
         raise damaged(named, f"{RECORD} is not what was written")
     if found != place:
         raise damaged(named, f"its {RECORD} is of {found}")
-    return content
+    files = {name: Written(**written) for name, written in content["files"].items()}
+    return Content(Record(**content["record"]), content["id"], files, content["value"])
 
 
 def check_files(
-    folder: Path, files: Mapping[str, Mapping[str, Any]], read: Iterable[str], named: object
+    folder: Path, files: Mapping[str, Written], read: Iterable[str], named: object
 ) -> None:
     """Raise DamagedResult if a file is missing or not what was written.
 
@@ -114,7 +175,7 @@ def check_files(
     or memory files of other content.
 
     Args:
-        files: "bytes" and "digest" of all files, by name.
+        files: all of them, by name.
         read: names of those that are read, whose content is looked at too.
         named: what errors call the folder.
     """
@@ -123,31 +184,63 @@ def check_files(
             found = (folder / name).stat().st_size
         except FileNotFoundError:
             raise damaged(named, f"{name} is missing") from None
-        if found != written["bytes"]:
-            raise damaged(named, f"{name} has {found} bytes, {written['bytes']} were written")
+        if found != written.bytes:
+            raise damaged(named, f"{name} has {found} bytes, {written.bytes} were written")
     for name in read:
-        if _digest(folder / name) != files[name]["digest"]:
+        if _digest(folder / name) != files[name].digest:
             raise damaged(named, f"{name} is not what was written")
 
 
-def read_value(folder: Path, names: Collection[str] | None = None) -> Value:
-    """Read a result, or its entries of these names. Large arrays are mapped, read-only.
+def read_result(folder: Path, kind: type[R], of: Callable[[R], T]) -> T:
+    """What `of` takes from a result, of which no other fields are read.
+
+    Large arrays are mapped, read-only.
+
+    Args:
+        kind: class of the result.
 
     Raises:
         FileNotFoundError: the folder is not there.
-        KeyError: the result has no entries of these names.
+        KeyError: the result lacks a field.
         DamagedResult: the result is not whole.
     """
     content = read_content(folder)
-    files = {Path(name).stem: name for name in content["files"]}
-    plain = content["value"]
-    wanted = [*plain, *files] if names is None else names
-    unknown = [name for name in wanted if name not in plain and name not in files]
-    if unknown:
-        raise KeyError(f"{folder} holds no {', '.join(unknown)}; it holds {[*plain, *files]}")
-    read = [files[name] for name in wanted if name in files]
-    check_files(folder, content["files"], read, folder)
-    return {name: _read(folder / files[name]) if name in files else plain[name] for name in wanted}
+    check_files(folder, content.files, (), folder)
+    # Not a `kind`, for which all fields would be read; to `of` it looks like one.
+    return of(cast(R, _Fields(folder, content, {own.name: own for own in fields(kind)})))
+
+
+def whole(kind: type[R]) -> Callable[[R], R]:
+    """Takes all fields from a result, for `read_result`."""
+    return lambda found: kind(**{own.name: getattr(found, own.name) for own in fields(kind)})
+
+
+class _Fields:
+    """The fields of a result, each read when it is asked for."""
+
+    def __init__(self, folder: Path, content: Content, own: Mapping[str, Field[Any]]) -> None:
+        self._folder, self._content, self._own = folder, content, own
+
+    def __getattr__(self, name: str) -> object:
+        own, plain = self._own[name], self._content.value
+        if name in plain:
+            # Of a class such as Roi: its own fields.
+            return own.type(**plain[name]) if is_dataclass(own.type) else plain[name]  # type: ignore
+        stems = {Path(file).stem: file for file in self._content.files}
+        if name in stems:
+            return self._read(stems[name])
+        by_key = {
+            k.removeprefix(f"{name}_"): f for k, f in stems.items() if k.startswith(f"{name}_")
+        }
+        if by_key:
+            return {key: self._read(file) for key, file in by_key.items()}
+        if own.default is MISSING and own.default_factory is MISSING:
+            raise KeyError(f"{self._folder} holds no {name}; it holds {[*plain, *stems]}")
+        return own.default if own.default_factory is MISSING else own.default_factory()
+
+    def _read(self, file: str) -> object:
+        check_files(self._folder, self._content.files, [file], self._folder)
+        return _read(self._folder / file)
 
 
 class DamagedResult(ValueError):
@@ -168,7 +261,7 @@ def _digest(path: Path) -> str:
         return hashlib.file_digest(file, _hash).hexdigest()
 
 
-def _digest_of_content(content: Mapping[str, Any]) -> str:
+def _digest_of_content(content: Mapping[str, object]) -> str:
     return _hash(json.dumps(content).encode()).hexdigest()
 
 

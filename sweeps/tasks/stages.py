@@ -1,7 +1,7 @@
 """The stages of a sweep: functions from parameters and earlier results to a result.
 
 They know nothing of Ray, of the store or of the grid. Parameters are frozen classes, which can be
-hashed; a result is a dictionary of tables, arrays and plain data, which can be stored.
+hashed; results are frozen classes, too, which can be stored: see `sweeps.tasks.results`.
 
 scene -> ground_truth, pog -> surrogates
 scene -> recall, accuracy, sampling_error
@@ -11,31 +11,27 @@ scene -> collect -> pretrain (-> finetune) -> evaluate
 scene -> judge, by a trained detector: collect and evaluate without anything kept between them
 scene -> collect -> probe: how much memory a training needs
 
-A scene may be recorded in parts; `*logs` are all of them.
+A scene may be recorded in parts; `*logs` are all of them. Where inputs are of several stages they
+are told apart by their types.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict, TypeVar, Unpack, get_type_hints
 
 import numpy as np
 import pandas as pd
-from cachetools import LRUCache, cached
 from numpy.typing import NDArray
 
-from lidarplace import (
-    OccupancyGrid,
-    Roi,
-    evaluate_classes,
-    expected_ig_by_q,
-)
+from lidarplace import OccupancyGrid, evaluate_classes, expected_ig_by_q
 from lidarplace.clouds.clouds import Clouds, JoinedClouds, PointClouds
 from lidarplace.logs.box_log import BoxLog, join_logs
 from lidarplace.pog.surrogates.evaluate import FAINT_Q, linear_share
+from lidarplace.pog.surrogates.sampling_error import SamplingError, pog_sampling_error
 from lidarplace.pog.surrogates.table import SURROGATES, to_ask_for
 from sweeps.tasks.parameters import (
     AccuracyParams,
@@ -53,6 +49,19 @@ from sweeps.tasks.parameters import (
     SurrogateParams,
     TrainingParams,
 )
+from sweeps.tasks.results import (
+    Accuracy,
+    Collected,
+    Evaluated,
+    GroundTruth,
+    Judged,
+    Pog,
+    PogScores,
+    Probed,
+    Required,
+    Scores,
+    Trained,
+)
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -60,25 +69,39 @@ if TYPE_CHECKING:
     from lidarplace.clouds.collect import SimulatedClouds
     from lidarplace.recall.expected_recall import ExpectedRecall
 
-Value = dict[str, Any]
+T = TypeVar("T")
 
 
-def scene(params: SceneParams) -> Value:
-    """Simulate a part of a scene, or read it: the three tables of its box log."""
-    log = params.recording.record()
-    return {"boxes": log.boxes, "frames": log.frames, "buildings": log.buildings}
+class How(TypedDict):
+    """How a training runs.
+
+    Attributes:
+        folder: where it goes on after a stop.
+        batch_size: frames of a step where the settings leave it open; None: it is found out.
+        halvings: how often the batch size is halved, after the GPU's memory was too small.
+        on_step: called with the epochs that are done.
+    """
+
+    folder: Path
+    batch_size: int | None
+    halvings: int
+    on_step: Callable[[float], None]
 
 
-def ground_truth(params: GroundTruthParams, log: Value) -> Value:
+def scene(params: SceneParams) -> BoxLog:
+    """Simulate a part of a scene, or read it."""
+    return params.recording.record()
+
+
+def ground_truth(params: GroundTruthParams, log: BoxLog) -> GroundTruth:
     """Objects of every frame that count, the same for every placement, and all frames."""
     from lidarplace.clouds.visibility import ground_truth as visible_objects
 
-    recorded = box_log(log)
-    objects = visible_objects(recorded, params.x, params.y, params.z, seed=params.seed)
-    return {"objects": objects, "frames": recorded.frames[["scene", "frame", "route", "split"]]}
+    objects = visible_objects(log, params.x, params.y, params.z, seed=params.seed)
+    return GroundTruth(objects, log.frames[["scene", "frame", "route", "split"]])
 
 
-def pog(params: PogParams, *logs: Value) -> Value:
+def pog(params: PogParams, *logs: BoxLog) -> Pog:
     """Occupancy by every class over the frames of the training split.
 
     Test frames stay out: a surrogate predicts how a placement will do on what was not seen.
@@ -86,21 +109,19 @@ def pog(params: PogParams, *logs: Value) -> Value:
     roi, log = params.roi, _training_log(logs)
     frames = len(log.frames)
     grids = OccupancyGrid.by_class(log.boxes, roi, params.classes, frames=frames)
-    value: Value = {"classes": list(grids), "frames": frames, "roi": asdict(params.roi)}
-    for object_class, grid in grids.items():
-        value[f"counts_{object_class}"] = grid.counts
-        # Not `grid.entropy`, which is twice as large as the counts and stays.
-        from_above = [grid.entropy_of_count[counts].sum(axis=1) for counts in grid.counts]
-        value[f"from_above_{object_class}"] = np.array(from_above, np.float32)
-    return value
+    # Not `grid.entropy`, which is twice as large as the counts and stays.
+    from_above = {
+        name: np.array(
+            [grid.entropy_of_count[counts].sum(axis=1) for counts in grid.counts], np.float32
+        )
+        for name, grid in grids.items()
+    }
+    counts = {name: grid.counts for name, grid in grids.items()}
+    return Pog(list(grids), frames, roi, counts, from_above)
 
 
-def surrogates(params: SurrogateParams, pog: Value) -> Value:
-    """All surrogates of the POG that are asked for, for every class.
-
-    `by_q` is `expected_ig` without occlusion for many q, from which one is fitted to measured AP;
-    it is there if `expected_ig` is asked for, and so is `linear_share` in that surrogate's rows.
-    """
+def surrogates(params: SurrogateParams, pog: Pog) -> PogScores:
+    """All surrogates of the POG that are asked for, for every class."""
     placement = params.placement
     grids = grids_of(pog)
     names = params.names
@@ -123,18 +144,17 @@ def surrogates(params: SurrogateParams, pog: Value) -> Value:
     ]
     columns = ["class", "surrogate", "value", "method", "seconds"]
     table = pd.DataFrame(rows, columns=columns).astype({"value": float, "seconds": float})
-    value: Value = {"table": table}
-    if "expected_ig" in names:
-        q = params.detection_probability
-        by_q = expected_ig_by_q(grids, placement, [*params.fitted_q, q, FAINT_Q])
-        share = table["class"].map(linear_share(by_q, q))
-        table["linear_share"] = share.where(table["surrogate"] == "expected_ig")
-        by_q = by_q[list(params.fitted_q)].rename_axis("class").reset_index()
-        value["by_q"] = by_q.melt("class", var_name="q", value_name="expected_ig")
-    return value
+    if "expected_ig" not in names:
+        return PogScores(table)
+    q = params.detection_probability
+    by_q = expected_ig_by_q(grids, placement, [*params.fitted_q, q, FAINT_Q])
+    share = table["class"].map(linear_share(by_q, q))
+    table["linear_share"] = share.where(table["surrogate"] == "expected_ig")
+    by_q = by_q[list(params.fitted_q)].rename_axis("class").reset_index()
+    return PogScores(table, by_q.melt("class", var_name="q", value_name="expected_ig"))
 
 
-def recall(params: RecallParams, *logs: Value) -> Value:
+def recall(params: RecallParams, *logs: BoxLog) -> Scores:
     """All surrogates of objects that are asked for, for every class of which an object counts."""
     from lidarplace.recall.baselines import baselines
     from lidarplace.recall.counted_objects import CountedObjects
@@ -157,10 +177,10 @@ def recall(params: RecallParams, *logs: Value) -> Value:
         (seen,) = objects.seen_by([params.placement])
         found = baselines(objects, seen)
     table = found[list(params.names)].reset_index().melt("class", var_name="surrogate")
-    return {"table": table.assign(method="raycast", seconds=time.perf_counter() - start)}
+    return Scores(table.assign(method="raycast", seconds=time.perf_counter() - start))
 
 
-def requirements(params: RequirementsParams) -> Value:
+def requirements(params: RequirementsParams) -> Required:
     """What becomes of each requirement under a rig, and by its number the ground of `Ground`."""
     from lidarplace.requirements.ground import Ground
     from lidarplace.requirements.judge import judge
@@ -169,15 +189,16 @@ def requirements(params: RequirementsParams) -> Value:
 
     laid = [lay_out(own, params.vehicle) for own in params.requirements]
     outcomes = judge(laid, params.placement, params.vehicle)
-    value: Value = {"table": case_table(outcomes)}
-    for number, outcome in enumerate(outcomes):
-        ground = Ground.of(outcome)
-        value |= {f"x_{number}": ground.x, f"y_{number}": ground.y}
-        value[f"least_{number}"] = ground.least.astype(np.float32)
-    return value
+    grounds = {str(number): Ground.of(outcome) for number, outcome in enumerate(outcomes)}
+    return Required(
+        case_table(outcomes),
+        x={number: ground.x for number, ground in grounds.items()},
+        y={number: ground.y for number, ground in grounds.items()},
+        least={number: ground.least.astype(np.float32) for number, ground in grounds.items()},
+    )
 
 
-def accuracy(params: AccuracyParams, *logs: Value) -> Value:
+def accuracy(params: AccuracyParams, *logs: BoxLog) -> Accuracy:
     """Surrogates of one class against seconds: methods, resolutions, azimuth steps, frames."""
     from lidarplace.pog.surrogates.error_against_time import accuracy as compare
 
@@ -195,20 +216,18 @@ def accuracy(params: AccuracyParams, *logs: Value) -> Value:
         occlusion=params.occlusion,
         surrogates=params.names,
     )
-    return {"table": table.drop(columns="placement")}
+    return Accuracy(table.drop(columns="placement"))
 
 
-def sampling_error(params: SamplingErrorParams, *logs: Value) -> Value:
+def sampling_error(params: SamplingErrorParams, *logs: BoxLog) -> SamplingError:
     """Intervals of the surrogates: the frames of the POG drawn again in blocks.
 
     Empty for a single frame, which has no spread.
     """
-    from lidarplace.pog.surrogates.sampling_error import pog_sampling_error
-
     log = _training_log(logs)
     if len(log.frames) < 2:
-        return {"estimates": pd.DataFrame(), "resamples": pd.DataFrame()}
-    found = pog_sampling_error(
+        return SamplingError(pd.DataFrame(), pd.DataFrame())
+    return pog_sampling_error(
         log.boxes,
         log.frames,
         params.roi,
@@ -219,29 +238,28 @@ def sampling_error(params: SamplingErrorParams, *logs: Value) -> Value:
         occlusion=params.occlusion,
         surrogates=params.names,
     )
-    return {"estimates": found.estimates, "resamples": found.resamples}
 
 
-def collect(params: CollectParams | RecordedParams, log: Value) -> Value:
+def collect(params: CollectParams | RecordedParams, log: BoxLog) -> Collected:
     """Point clouds of one split under one placement, and the points on every object."""
     from lidarplace.clouds.points_in_boxes import count_points_per_object
     from lidarplace.clouds.recorded import clouds_digest, recorded_clouds
 
-    recorded = box_log(log)
     if isinstance(params, RecordedParams):
         if clouds_digest(params.folder) != params.digest:
             raise ValueError(
                 f"{params.folder}: the clouds have changed since the command was given; give the "
                 "command again"
             )
-        numbers = _frames_of(recorded, params.split)
+        numbers = _frames_of(log, params.split)
         clouds = recorded_clouds(params.folder, numbers, params.crop)
     else:
-        clouds = _simulated(params, recorded).kept()
-    return clouds.arrays() | {"points_per_object": count_points_per_object(recorded.boxes, clouds)}
+        clouds = _simulated(params, log).kept()
+    counts = count_points_per_object(log.boxes, clouds)
+    return Collected(**clouds.arrays(), points_per_object=counts)
 
 
-def probe(params: ProbeParams, *inputs: Value) -> Value:
+def probe(params: ProbeParams, *inputs: Trained | Collected | GroundTruth) -> Probed:
     """What a step of a training needs: frames in it, and the share of a GPU's memory.
 
     Parameters and inputs as of the training.
@@ -259,49 +277,46 @@ def probe(params: ProbeParams, *inputs: Value) -> Value:
         gpu_share=params.gpu_share or 1.0,
         typical=params.typical,
     )
-    return {"batch_size": found.batch_size, "gpu_share": found.gpu_share}
+    return Probed(found.batch_size, found.gpu_share)
 
 
 def finetune(
-    params: TrainingParams,
-    *inputs: Value,
-    **how: Any,
-) -> Value:
+    params: TrainingParams, *inputs: Trained | Collected | GroundTruth, **how: Unpack[How]
+) -> Trained:
     """Train one detector on the clouds of one placement.
 
     From scratch it is trained for the classes that occur; heads that are there already stay.
 
     Args:
         params: the network, how to train it, and the seed.
-        inputs: clouds, and the objects in them; before them a generalist to start from, if any.
-        how: see `_train`.
+        inputs: clouds, and the objects in them; a generalist to start from, if any.
     """
     from training.dataset import occurring_classes
 
     clouds, objects = _clouds_and_objects(inputs)
-    generalist = next((value["state_dict"] for value in inputs if "state_dict" in value), None)
+    generalist = next((own.state_dict for own in _of(Trained, inputs)), None)
     classes = params.classes
     if params.training.checkpoint is None and generalist is None:
         share = params.training.frame_share
         classes = occurring_classes(classes, clouds, objects, share)
-    return _train(params, classes, clouds, objects, generalist, **how)
+    return _train(params, classes, clouds, objects, generalist, how)
 
 
 def pretrain(
-    params: TrainingParams,
-    *inputs: Value,
-    **how: Any,
-) -> Value:
+    params: TrainingParams, *inputs: Trained | Collected | GroundTruth, **how: Unpack[How]
+) -> Trained:
     """Train one detector on the clouds of many placements, for all classes.
 
     Arguments as of `finetune`, which starts from the result.
     """
     clouds, objects = _clouds_and_objects(inputs)
-    return _train(params, params.classes, clouds, objects, None, **how)
+    return _train(params, params.classes, clouds, objects, None, how)
 
 
-def evaluate(params: NetworkParams, weights: Value, *inputs: Value) -> Value:
-    """Detect on the test clouds and compare with the ground truth. `inputs` as for `finetune`."""
+def evaluate(
+    params: NetworkParams, weights: Trained, *inputs: Collected | GroundTruth
+) -> Evaluated:
+    """Detect on the test clouds and compare with the ground truth."""
     from training.by_distance import evaluate_by_distance
     from training.by_sector import recall_by_sector
     from training.detect import detect
@@ -310,8 +325,8 @@ def evaluate(params: NetworkParams, weights: Value, *inputs: Value) -> Value:
     clouds, objects = _clouds_and_objects(inputs)
     found = detect(
         params.detector,
-        weights["classes"],
-        weights["state_dict"],
+        weights.classes,
+        weights.state_dict,
         clouds,
         params.training,
         point_range=params.point_range,
@@ -319,46 +334,46 @@ def evaluate(params: NetworkParams, weights: Value, *inputs: Value) -> Value:
     )
     frames = clouds.frames.tolist()
     classes, ious = params.classes, dict(params.ious)
-    routes = pd.concat([value["frames"] for value in inputs if "objects" in value])
+    routes = pd.concat([truth.frames for truth in _of(GroundTruth, inputs)])
     routes = routes[routes["frame"].isin(frames)]
     whole = evaluation(
         objects, found.boxes, frames, classes, found.refined, routes, ious, params.metrics
     )
-    return {
-        "metrics": whole.metrics,
-        "pr_curves": whole.curves,
-        "left_out": whole.left_out,
-        "by_distance": evaluate_by_distance(objects, found.boxes, frames, classes, ious),
-        "by_sector": recall_by_sector(whole.objects, ious),
-        "detections": found.boxes,
-    }
+    assert whole.left_out is not None  # routes are given
+    return Evaluated(
+        metrics=whole.metrics,
+        pr_curves=whole.curves,
+        left_out=whole.left_out,
+        by_distance=evaluate_by_distance(objects, found.boxes, frames, classes, ious),
+        by_sector=recall_by_sector(whole.objects, ious),
+        detections=found.boxes,
+    )
 
 
-def judge(params: JudgeParams, weights: Value, *inputs: Value) -> Value:
+def judge(params: JudgeParams, weights: Trained, *logs: BoxLog) -> Judged:
     """Detections of a rig in some test frames: its clouds are simulated, looked at and forgotten.
 
     Args:
         params: the network, and the rig and the frames.
         weights: result of a training.
-        inputs: logs.
     """
     from training.detect import detect
 
-    clouds = [_simulated(params.collection, box_log(log)) for log in inputs]
+    clouds = [_simulated(params.collection, log) for log in logs]
     found = detect(
         params.detector,
-        weights["classes"],
-        weights["state_dict"],
+        weights.classes,
+        weights.state_dict,
         JoinedClouds(clouds),
         params.training,
         point_range=params.point_range,
         typical=params.typical,
     )
     frames = np.concatenate([cloud.frames for cloud in clouds])
-    return {"detections": found.boxes, "frames": pd.DataFrame({"frame": frames})}
+    return Judged(found.boxes, pd.DataFrame({"frame": frames}))
 
 
-FUNCTIONS: dict[str, Callable[..., Value]] = {
+FUNCTIONS: dict[str, Callable[..., Any]] = {
     "scene": scene,
     "ground_truth": ground_truth,
     "pog": pog,
@@ -377,14 +392,20 @@ FUNCTIONS: dict[str, Callable[..., Value]] = {
 """Stages by name, which is that of the function, in the order in which results flow."""
 
 
-def box_log(value: Value) -> BoxLog:
-    """The box log in a result of `scene`."""
-    return BoxLog(value["boxes"], value["frames"], value["buildings"])
+def result_of(stage: str) -> type[Any]:
+    """The class that a stage returns, by its annotation."""
+    found: type[Any] = get_type_hints(FUNCTIONS[stage])["return"]
+    return found
 
 
-def _training_log(logs: Sequence[Value]) -> BoxLog:
+def _of(kind: type[T], inputs: Iterable[object]) -> list[T]:
+    """The inputs of a kind, in their order."""
+    return [own for own in inputs if isinstance(own, kind)]
+
+
+def _training_log(logs: Sequence[BoxLog]) -> BoxLog:
     """The training split, from which surrogates are."""
-    log = join_logs([box_log(value) for value in logs])
+    log = join_logs(logs)
     frames = log.frames[log.frames["split"] == "train"]
     boxes = log.boxes[log.boxes["frame"].isin(frames["frame"])]
     return BoxLog(boxes, frames, log.buildings)
@@ -411,12 +432,11 @@ def _simulated(params: CollectParams, log: BoxLog) -> SimulatedClouds:
     )
 
 
-def _clouds_and_objects(inputs: Sequence[Value]) -> tuple[Clouds, pd.DataFrame]:
-    """Clouds, and the objects that are in their frames: results of `collect` and `ground_truth`."""
-    truths = [value["objects"] for value in inputs if "objects" in value]
-    clouds = [PointClouds.from_arrays(value) for value in inputs if "offsets" in value]
+def _clouds_and_objects(inputs: Sequence[object]) -> tuple[Clouds, pd.DataFrame]:
+    """Clouds, and the objects that are in their frames."""
+    truths = [truth.objects for truth in _of(GroundTruth, inputs)]
     objects = pd.concat(truths, ignore_index=True)
-    joined = JoinedClouds(clouds)
+    joined = JoinedClouds[PointClouds](_of(Collected, inputs))
     return joined, objects[objects["frame"].isin(joined.frames)]
 
 
@@ -426,20 +446,9 @@ def _train(
     clouds: Clouds,
     objects: pd.DataFrame,
     generalist: Mapping[str, Tensor] | None,
-    folder: Path,
-    batch_size: int | None,
-    halvings: int,
-    on_step: Callable[[float], None],
-) -> Value:
-    """Train one detector.
-
-    Args:
-        generalist: weights to start from.
-        folder: where it goes on after a stop.
-        batch_size: frames of a step where the settings leave it open; None: it is found out.
-        halvings: how often the batch size is halved, after the GPU's memory was too small.
-        on_step: called with the epochs that are done.
-    """
+    how: How,
+) -> Trained:
+    """Train one detector; `generalist`: weights to start from."""
     from training.batch_size import Memory
     from training.finetune import StartingWeights
     from training.finetune import finetune as train
@@ -452,28 +461,26 @@ def _train(
         params.training,
         seed=params.seed,
         point_range=params.point_range,
-        on_step=on_step,
-        folder=folder,
+        on_step=how["on_step"],
+        folder=how["folder"],
         start=StartingWeights(digest=params.checkpoint, generalist=generalist),
-        memory=Memory(batch_size, halvings),
+        memory=Memory(how["batch_size"], how["halvings"]),
         typical=params.typical,
     )
-    value = {
-        "state_dict": result.state_dict,
-        "curve": result.curve,
-        "classes": list(classes),
-        "batch_size": result.batch_size,
-        "batch_size_reduced": result.batch_size_reduced,
-        "weights": result.weights,
-        "earlier_seconds": result.earlier_seconds,
-    }
-    if result.best_state_dict is not None:
-        value["best_state_dict"] = result.best_state_dict
-    return value
+    return Trained(
+        state_dict=result.state_dict,
+        curve=result.curve,
+        classes=list(classes),
+        batch_size=result.batch_size,
+        batch_size_reduced=result.batch_size_reduced,
+        weights=result.weights,
+        earlier_seconds=result.earlier_seconds,
+        best_state_dict=result.best_state_dict,
+    )
 
 
 def objects_of(
-    params: RecallParams, logs: Sequence[Value], azimuth_share: float = 1.0
+    params: RecallParams, logs: Sequence[BoxLog], azimuth_share: float = 1.0
 ) -> ExpectedRecall:
     """The objects of which `recall` is; `azimuth_share` of the azimuth steps of rigs are cast."""
     from lidarplace.recall.expected_recall import ExpectedRecall
@@ -490,14 +497,9 @@ def objects_of(
     )
 
 
-@cached(
-    LRUCache(maxsize=1),
-    # The grids keep these arrays, so that no others can have their places.
-    key=lambda pog: tuple(id(pog[f"counts_{name}"]) for name in pog["classes"]),
-)
-def grids_of(pog: Value) -> dict[str, OccupancyGrid]:
-    """The grids in a result of `pog`; those of the last one are kept, with all they work out."""
-    roi, frames = Roi(**pog["roi"]), pog["frames"]
+@lru_cache(maxsize=1)
+def grids_of(pog: Pog) -> dict[str, OccupancyGrid]:
+    """The grids of a POG; those of the last one are kept, with all they work out."""
     return {
-        name: OccupancyGrid(roi, name, pog[f"counts_{name}"], frames) for name in pog["classes"]
+        name: OccupancyGrid(pog.roi, name, pog.counts[name], pog.frames) for name in pog.classes
     }

@@ -9,10 +9,11 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic
 
 import numpy as np
 from pydantic import BaseModel
+from typing_extensions import TypeVar
 
 from lidarplace.base.metrics import METRICS
 from lidarplace.pog.surrogates.table import SURROGATES
@@ -23,9 +24,12 @@ from sweeps.tasks.code_version import code_version
 from sweeps.tasks.parameters import keys_of
 from training import code_of_network, network_of
 
+R = TypeVar("R", covariant=True, default=Any)
+"""What a task's stage returns."""
+
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class Task(Generic[R]):
     """One call of a function of `sweeps.tasks.stages`.
 
     Attributes:
@@ -43,6 +47,11 @@ class Task:
     inputs: tuple[Task, ...] = ()
     gpu: bool = False
     resumable: bool = False
+
+    @property
+    def result(self) -> type[R]:
+        """Class of the result."""
+        return stages.result_of(self.stage)
 
     @cached_property
     def uses(self) -> frozenset[str]:

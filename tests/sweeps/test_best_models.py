@@ -17,6 +17,7 @@ from sweeps.configuration.grid import read_sweep
 from sweeps.mlflow.best_models import log_best_models
 from sweeps.plan.plan import make_plan
 from sweeps.store.local import Store
+from tests.sweeps.toy import result
 from tracking.mlflow.content import EndedTrial, ParentRun, TrialRun
 from tracking.mlflow.log import SweepLog
 
@@ -63,10 +64,10 @@ def sweep(tmp_path):
     columns = ["class", "metric", "iou", "difficulty", "value", "ground_truths"]
     for trial, ap in zip(plan.trials, (50.0, 60.0), strict=True):
         network = build_detector("pointpillars_tiny", ["Car"], point_range=CROP)
-        value = {"state_dict": network.state_dict(), "classes": ["Car"]}
+        value = result(state_dict=network.state_dict(), classes=["Car"])
         store.save(trial.finetune, value, 1.0)
         metrics = pd.DataFrame([("Car", "AP_R40_3D", 0.7, "all", ap, 9)], columns=columns)
-        store.save(trial.evaluate, {"metrics": metrics}, 1.0)
+        store.save(trial.evaluate, result(metrics=metrics), 1.0)
     return plan, store
 
 
@@ -123,7 +124,7 @@ def test_a_fresh_process_loads_the_best_and_finds_the_same_boxes(sweep, tmp_path
     pd.testing.assert_frame_equal(found, of_doubles)
 
     params = best.evaluate.params
-    weights = store.load(best.finetune, ("state_dict",))["state_dict"]
+    weights = store.read(best.finetune, lambda own: own.state_dict)
     settings = params.training
     wanted = detect(
         "pointpillars_tiny", ["Car"], weights, clouds, settings, params.point_range

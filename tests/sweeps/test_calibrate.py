@@ -18,6 +18,7 @@ from sweeps.calibration.observations import observations, rigs_of
 from sweeps.commands.calibrate import app
 from sweeps.plan.plan import read_plan
 from sweeps.store.of_sweep import store_of
+from tests.sweeps.toy import result
 
 MOST, RATE = 0.9, 0.03
 ROI = Roi((0, 40), (-20, 20), (0, 4), resolution=0.1)
@@ -66,8 +67,7 @@ def detect(config, trials):
     for task in plan.tasks:
         if task.stage == "scene":
             log = task.params.recording.record()
-            value = {"boxes": log.boxes, "frames": log.frames, "buildings": log.buildings}
-            store.save(task, value, 0.0)
+            store.save(task, log, 0.0)
     rng = np.random.default_rng(1)
     test = log.boxes[log.boxes["frame"] > 0]
     objects = CountedObjects.from_log(
@@ -82,7 +82,7 @@ def detect(config, trials):
         boxes = objects.table[rng.random(len(p)) < p]
         detections[trial.label] = boxes
         own = boxes[["frame", "class", *GEOMETRY]].assign(score=rng.random(len(boxes)))
-        store.save(trial.evaluate, {"detections": own}, 0.0)
+        store.save(trial.evaluate, result(detections=own), 0.0)
     return plan, store, detections
 
 

@@ -15,10 +15,10 @@ from typer.testing import CliRunner
 from sweeps.commands.clean import app
 from sweeps.store.cleaning import clean_store
 from sweeps.store.entries import size_of
-from sweeps.store.local import Store
+from sweeps.store.local import Note, Store
 from sweeps.store.remote import RemoteStore
 from sweeps.tasks.task import Task
-from tests.sweeps.toy import Toy
+from tests.sweeps.toy import Toy, result
 
 
 def tasks_of(*names):
@@ -28,7 +28,7 @@ def tasks_of(*names):
 def saved(store, *names, size=1000):
     tasks = tasks_of(*names)
     for task in tasks:
-        store.save(task, {"array": np.zeros(size, np.uint8)}, seconds=0.0)
+        store.save(task, result(n=np.zeros(size, np.uint8)), seconds=0.0)
     return tasks
 
 
@@ -66,7 +66,7 @@ def test_what_killed_processes_left_is_removed(store):
     for task in (done, going, gone):
         with store.working_folder(task) as folder:
             (folder / "last.pt").write_text("1")
-    lost = store.running(going, {"host": "n1"})
+    lost = store.running(going, Note("n1"))
     lost.__enter__()  # and never left
     half = store.folder / "scene" if isinstance(store, Store) else None
     if half:
@@ -101,7 +101,7 @@ def test_a_quota_spares_what_was_used_last(tmp_path):
         os.utime(store.path(task), (1e9 - age, 1e9 - age))
     total = size_of(store.contents())
     assert not clean_store(store, total).removed
-    store.load(a)  # the oldest becomes the newest
+    store.read(a, lambda own: None)  # the oldest becomes the newest
     assert [entry.key for entry in clean_store(store, total - 1).removed] == [b.key]
     assert [entry.key for entry in clean_store(store, 0).removed] == [c.key, a.key]
     assert store.finished([a, b, c, d]) == {d.key}

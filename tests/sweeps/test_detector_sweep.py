@@ -44,10 +44,11 @@ def test_every_network_trains_and_is_evaluated(tmp_path, networks):
     assert [trial.finetune.params.detector for trial in plan.trials] == grid["detector"]
     for trial in plan.trials:
         training = store.load(trial.finetune)
-        assert training["classes"] == ["Car"], "no pedestrian occurs"
-        loss = training["curve"].set_index("metric")["value"]["loss"]
+        assert training.classes == ["Car"], "no pedestrian occurs"
+        loss = training.curve.set_index("metric")["value"]["loss"]
         assert np.isfinite(loss)
-        value = store.load(trial.evaluate)["metrics"].set_index(["metric", "iou", "class"])["value"]
+        metrics = store.load(trial.evaluate).metrics
+        value = metrics.set_index(["metric", "iou", "class"])["value"]
         assert 0 <= value["recall", 0.5, "all"] <= 100
         assert 0 <= value["AP_R40_3D", 0.7, "Car"] <= 100
         assert np.isnan(value["AP_R40_3D", 0.5, "Pedestrian"])

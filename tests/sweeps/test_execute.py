@@ -12,6 +12,7 @@ from sweeps.execution.schedule import Schedule
 from sweeps.store.local import Store
 from sweeps.store.result_folder import DamagedResult
 from sweeps.tasks.parameters import TrainingParams
+from sweeps.tasks.results import Probed
 from sweeps.tasks.task import Task
 from tests.sweeps.toy import Loud, Toy
 from training.settings import TrainingSettings
@@ -36,9 +37,9 @@ def stages(monkeypatch):
     """Two small stages in place of the real ones: add the inputs, or fail."""
     calls = []
 
-    def add(params, *inputs):
+    def add(params, *inputs) -> Toy:
         calls.append(params.n)
-        return {"sum": params.n + sum(value["sum"] for value in inputs)}
+        return Toy(params.n + sum(own.n for own in inputs))
 
     def fail(params, *inputs):
         raise ValueError("no such thing")
@@ -71,7 +72,7 @@ def test_results_flow_from_task_to_task(tmp_path, stages):
     tasks = diamond()
     failures, _, store = run(tasks, tmp_path)
     assert not failures
-    assert store.load(tasks[-1])["sum"] == 1112
+    assert store.load(tasks[-1]).n == 1112
 
 
 def test_what_is_in_the_store_is_not_computed_again(tmp_path, stages):
@@ -81,7 +82,7 @@ def test_what_is_in_the_store_is_not_computed_again(tmp_path, stages):
     more = [*diamond(), Task("collect", "e", Toy(5), (tasks[1],))]
     _, recorder, store = run(more, tmp_path)
     assert stages == [5]
-    assert store.load(more[-1])["sum"] == 16
+    assert store.load(more[-1]).n == 16
     assert recorder.log == [("started", "e"), ("finished", "e")]
 
 
@@ -102,17 +103,17 @@ def test_a_clock_that_jumps_changes_nothing(tmp_path, stages, monkeypatch):
     tasks = diamond()
     store = Store(tmp_path)
     outcome = execute(tasks, store, InProcess(), Recorder())
-    assert store.load(tasks[-1])["sum"] == 1112
+    assert store.load(tasks[-1]).n == 1112
     assert all(0 <= end - start < 3600 for start, end in outcome.times.values())
     assert all(0 <= store.seconds(task) < 3600 for task in tasks)
 
 
 def test_a_task_that_was_stopped_finds_what_it_had(tmp_path, monkeypatch):
-    def twice(params, folder, **how):
+    def twice(params, folder, **how) -> Toy:
         if not list(folder.iterdir()):
             (folder / "last.pt").write_text("half way")
             raise ValueError("stopped")
-        return {"n": params.n, "found": (folder / "last.pt").read_text()}
+        return Toy([params.n, (folder / "last.pt").read_text()])
 
     monkeypatch.setitem(worker.FUNCTIONS, "finetune", twice)
     task, other = (Task("finetune", "a", Toy(n), resumable=True) for n in (1, 2))
@@ -121,7 +122,7 @@ def test_a_task_that_was_stopped_finds_what_it_had(tmp_path, monkeypatch):
     assert not store.has(task)
     failures, _, store = run([task], tmp_path)
     assert not failures
-    assert store.load(task) == {"n": 1, "found": "half way"}
+    assert store.load(task) == Toy([1, "half way"])
     assert [entry.key for entry in store.contents() if entry.kind == "working"] == [other.key]
 
 
@@ -168,7 +169,7 @@ def test_a_damaged_input_ends_all_and_the_next_time_it_is_computed_again(tmp_pat
     assert not [entry for entry in recorder.log if entry[0] == "failed"]
     failures, recorder, store = run(tasks, tmp_path)
     assert not failures
-    assert store.load(tasks[-1])["sum"] == 1112
+    assert store.load(tasks[-1]).n == 1112
     assert ("started", "b") in recorder.log
     assert ("started", "a") not in recorder.log
 
@@ -235,27 +236,27 @@ def test_another_driver_may_finish_a_task_first(tmp_path, monkeypatch):
     """It tidies up under this one, whose attempt then fails: no harm is done."""
     task = Task("scene", "a", Toy())
 
-    def overtaken(params):
-        Store(tmp_path).save(task, {"n": 1}, 0.0)
+    def overtaken(params) -> Toy:
+        Store(tmp_path).save(task, Toy(1), 0.0)
         raise FileNotFoundError("last.pt")
 
     monkeypatch.setitem(worker.FUNCTIONS, "scene", overtaken)
     failures, _, store = run([task], tmp_path)
     assert not failures
-    assert store.load(task) == {"n": 1}
+    assert store.load(task) == Toy(1)
 
 
 def test_what_another_driver_did_since_the_start_is_not_done_again(tmp_path, monkeypatch):
     first, second = Task("scene", "a", Toy(1)), Task("scene", "b", Toy(2))
 
-    def with_the_other(params):
-        Store(tmp_path).save(second, {"n": "theirs"}, 0.0)
-        return {"n": "ours"}
+    def with_the_other(params) -> Toy:
+        Store(tmp_path).save(second, Toy("theirs"), 0.0)
+        return Toy("ours")
 
     monkeypatch.setitem(worker.FUNCTIONS, "scene", with_the_other)
     failures, recorder, store = run([first, second], tmp_path)
     assert not failures
-    assert store.load(second) == {"n": "theirs"}
+    assert store.load(second) == Toy("theirs")
     assert ("started", "b") not in recorder.log
     assert ("finished", "b") in recorder.log
 
@@ -315,7 +316,7 @@ def test_what_failed_in_a_rung_may_succeed_later(tmp_path, monkeypatch):
             raise ValueError("the data are wrong")
         if asked.count(params.n) == 1:
             raise OSError(28, "No space left on device")
-        return {"n": 1}
+        return Toy(1)
 
     monkeypatch.setitem(worker.FUNCTIONS, "scene", flaky)
     tasks = [Task("scene", name, Toy(name)) for name in ("bad", "unlucky")]
@@ -334,22 +335,24 @@ def test_a_training_that_is_too_large_for_a_gpu_is_tried_alone_with_half_the_bat
 
     tried = []
 
-    def train(params, *inputs, halvings, **how):
+    def train(params, *inputs, halvings, **how) -> Toy:
         size = params.training.batch_size >> halvings
         tried.append((params.seed, size))
         if size > params.seed:
             raise OutOfMemoryError("CUDA out of memory")
-        return {"batch_size": size}
+        return Toy(size)
 
     monkeypatch.setitem(worker.FUNCTIONS, "finetune", train)
-    monkeypatch.setitem(
-        worker.FUNCTIONS, "probe", lambda params, *inputs: {"batch_size": 8, "gpu_share": 0.2}
-    )
+
+    def probe(params, *inputs) -> Probed:
+        return Probed(8, 0.2)
+
+    monkeypatch.setitem(worker.FUNCTIONS, "probe", probe)
     fits, fits_not = training(2), training(0)
     store, recorder = Store(tmp_path), Recorder()
     backend = Probing()
     outcome = execute([fits, fits_not], store, backend, recorder)
-    assert store.load(fits) == {"batch_size": 2}
+    assert store.load(fits) == Toy(2)
     assert [size for n, size in tried if n == 2] == [8, 4, 2]
     assert [size for n, size in tried if n == 0] == [8, 4, 2, 1], "not less than one frame"
     assert "CUDA out of memory" in outcome.failures[fits_not.key].reason
@@ -360,15 +363,17 @@ def test_a_training_that_is_too_large_for_a_gpu_is_tried_alone_with_half_the_bat
 def test_the_memory_of_a_training_is_that_of_its_probe(tmp_path, monkeypatch):
     held = []
 
-    def probe(params, *inputs):
+    def probe(params, *inputs) -> Probed:
         held.append(b"x" * 200_000_000)
         held.clear()
-        return {"batch_size": 4, "gpu_share": None}
+        return Probed(4, None)
 
     monkeypatch.setitem(worker.FUNCTIONS, "probe", probe)
-    monkeypatch.setitem(
-        worker.FUNCTIONS, "finetune", lambda params, **how: {"batch_size": how["batch_size"]}
-    )
+
+    def train(params, **how) -> Toy:
+        return Toy(how["batch_size"])
+
+    monkeypatch.setitem(worker.FUNCTIONS, "finetune", train)
     tasks = [training(1, batch_size="auto"), training(2, batch_size="auto")]
     store, recorder = Store(tmp_path), Recorder()
     backend = Probing()
@@ -377,9 +382,9 @@ def test_the_memory_of_a_training_is_that_of_its_probe(tmp_path, monkeypatch):
     for task in tasks:
         (need,) = backend.needs[task.key]
         assert need.memory > 200e6
-        assert store.load(task) == {"batch_size": 4}
+        assert store.load(task) == Toy(4)
     (probed,) = set(probes_of(tasks, "this process", 1.0).values())
-    assert need.memory == int(store.record(probed)["peak_memory"] * 1.25)
+    assert need.memory == int(store.record(probed).peak_memory * 1.25)
     more = [*tasks, training(3, batch_size="auto")]
     assert not execute(more, store, backend, recorder).failures
     assert [label for kind, label in recorder.log if kind == "started"].count("second") == 1, (
@@ -392,7 +397,7 @@ def test_trainings_go_on_if_their_probe_fails(tmp_path, stages, monkeypatch):
         raise RuntimeError("no memory to look at")
 
     monkeypatch.setitem(worker.FUNCTIONS, "probe", fail)
-    monkeypatch.setitem(worker.FUNCTIONS, "finetune", lambda params, *inputs, **how: {"n": 1})
+    monkeypatch.setitem(worker.FUNCTIONS, "finetune", lambda params, *inputs, **how: Toy(1))
     clouds = Task("collect", "clouds", Toy(1))
     task = training(1, inputs=(clouds,))
     failures, recorder, store = run([clouds, task], tmp_path, backend=Probing)
@@ -425,13 +430,13 @@ def test_a_probe_that_fell_with_two_inputs_lets_go_once():
 def test_trainings_of_other_placements_go_on_if_the_clouds_of_the_probe_fail(
     tmp_path, stages, monkeypatch
 ):
-    def collect(params):
+    def collect(params) -> Toy:
         if params.n == 1:
             raise ValueError("no clouds")
-        return {"sum": 0}
+        return Toy(0)
 
     monkeypatch.setitem(worker.FUNCTIONS, "collect", collect)
-    monkeypatch.setitem(worker.FUNCTIONS, "finetune", lambda params, *inputs, **how: {"n": 1})
+    monkeypatch.setitem(worker.FUNCTIONS, "finetune", lambda params, *inputs, **how: Toy(1))
     clouds = [Task("collect", f"clouds {n}", Toy(n)) for n in (1, 2)]
     tasks = [training(n, inputs=(c,)) for n, c in zip((1, 2), clouds, strict=True)]
     failures, _, store = run([*clouds, *tasks], tmp_path, backend=Probing)
@@ -485,7 +490,7 @@ def test_trainings_are_handed_out_though_no_machine_is_there_now(tmp_path, stage
     class Empty(InProcess):
         room = Room(gpus=1.0, memory=0.0)
 
-    monkeypatch.setitem(worker.FUNCTIONS, "finetune", lambda params, *inputs, **how: {"n": 1})
+    monkeypatch.setitem(worker.FUNCTIONS, "finetune", lambda params, *inputs, **how: Toy(1))
     tasks = [training(1), training(2)]
     failures, _, store = run(tasks, tmp_path, backend=Empty)
     assert not failures
@@ -526,8 +531,8 @@ def test_a_training_notes_its_progress_now_and_then(tmp_path, monkeypatch):
         for step in range(81, 401):
             clock[0] += 1.0
             on_step(step / 40)
-            noted.append(store.running_notes([task])[task.key]["progress"])
-        return {"n": 1}
+            noted.append(store.running_notes([task])[task.key].progress)
+        return Toy(1)
 
     monkeypatch.setattr("time.monotonic", lambda: clock[0])
     monkeypatch.setitem(worker.FUNCTIONS, "finetune", train)

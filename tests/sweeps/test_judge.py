@@ -12,6 +12,7 @@ from sweeps.plan.plan import make_plan
 from sweeps.search.trials.by_generalist import judged_metrics
 from sweeps.store.local import Store
 from sweeps.tasks.stages import FUNCTIONS
+from tests.sweeps.toy import result
 from training import build_detector
 
 SETTINGS = {
@@ -53,16 +54,16 @@ def judged(tmp_path):
     model = build_detector(
         "pointpillars_tiny", ["Car"], point_range=trial.evaluate.params.point_range
     )
-    weights = {"state_dict": model.state_dict(), "classes": ["Car"]}
+    weights = result(state_dict=model.state_dict(), classes=["Car"])
     return trial, {trial.finetune.key: weights}, Store(tmp_path / "store")
 
 
 def test_detections_are_those_of_kept_clouds(judged):
     trial, known, _ = judged
-    whole = value_of(trial.evaluate, known)["detections"]
+    whole = value_of(trial.evaluate, known).detections
     parts = [value_of(judge_task(trial.evaluate, i, 2), known) for i in range(2)]
-    assert [part["frames"]["frame"].tolist() for part in parts] == [[1, 3], [2]]
-    found = pd.concat([part["detections"] for part in parts]).sort_values("frame", kind="stable")
+    assert [part.frames["frame"].tolist() for part in parts] == [[1, 3], [2]]
+    found = pd.concat([part.detections for part in parts]).sort_values("frame", kind="stable")
     assert len(found) > 0
     pd.testing.assert_frame_equal(found.reset_index(drop=True), whole)
 

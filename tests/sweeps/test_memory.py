@@ -10,6 +10,7 @@ from small_log import write_small_log
 from typer.testing import CliRunner
 
 from lidarplace import OccupancyGrid, Roi
+from lidarplace.logs.box_log import BoxLog
 from lidarplace.logs.boxes import GEOMETRY
 from sweeps import doctor, run
 from sweeps.commands.search import app as search_app
@@ -40,7 +41,7 @@ def test_the_estimate_is_what_a_pog_takes(classes):
     boxes = pd.DataFrame([everywhere] * len(classes), columns=list(GEOMETRY))
     boxes = boxes.assign(scene="a", frame=0, object_id=range(len(classes)), **{"class": classes})
     frames = pd.DataFrame({"scene": "a", "frame": [0], "route": 0, "split": "train"})
-    log = {"boxes": boxes, "frames": frames, "buildings": pd.DataFrame()}
+    log = BoxLog(boxes, frames)
     task = Task("pog", "a", PogParams(roi, classes))
     FUNCTIONS["pog"](task.params, log)  # compiled by now
     tracemalloc.start()
@@ -49,7 +50,7 @@ def test_the_estimate_is_what_a_pog_takes(classes):
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert np.all(value[f"counts_{classes[0]}"] == 1)
+    assert np.all(value.counts[classes[0]] == 1)
     assert 0.7 * memory.voxel_memory(task) < peak < 1.1 * memory.voxel_memory(task)
 
 

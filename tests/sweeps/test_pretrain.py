@@ -140,8 +140,8 @@ def test_the_command_writes_weights_to_start_from(folder):
         failures = execute(with_inputs([trial.evaluate]), store, InProcess(), Quiet()).failures
         assert not failures
         training = store.load(trial.finetune)
-        assert (training["weights"], training["classes"]) == (weights, classes)
-        reported = store.load(trial.evaluate)["metrics"]["class"]
+        assert (training.weights, training.classes) == (weights, classes)
+        reported = store.load(trial.evaluate).metrics["class"]
         assert set(content["classes"]) <= set(reported), "all that the configuration names"
 
 

@@ -14,7 +14,7 @@ from sweeps.execution.progress import StageProgress
 from sweeps.execution.running import Running, about, minutes
 from sweeps.execution.time_left import TimeLeft
 from sweeps.search.trials.progress import TrialProgress
-from sweeps.store.local import Store
+from sweeps.store.local import Note, Store
 from sweeps.tasks.task import Task
 from tests.forked import GUARD_S
 from tests.sweeps.toy import Toy
@@ -156,7 +156,7 @@ def test_a_sweep_in_a_log(at_once, tmp_path):
     log = Log()
     store = Store(tmp_path)
     tasks = [*tasks_of("collect", 2), *tasks_of("finetune", 3)]
-    store.save(tasks[0], {}, 1.0)
+    store.save(tasks[0], Toy(), 1.0)
     with StageProgress(log.console, tasks, store) as progress:
         progress.started(tasks[1])
         while "now collect 'collect 1' for 0:00" not in log.getvalue():
@@ -174,8 +174,8 @@ def test_a_sweep_in_a_log(at_once, tmp_path):
 def test_a_search_in_a_log(at_once, tmp_path):
     log, store = Log(), Store(tmp_path)
     training = Task("pretrain", "all", Toy(), resumable=True)
-    with TrialProgress(log.console, 20, store) as progress, store.running(training, {}) as note:
-        note(progress="epoch 2 of 9, 20 %")
+    with TrialProgress(log.console, 20, store) as progress, store.running(training, Note()) as note:
+        note("epoch 2 of 9, 20 %")
         progress.started(training)
         now = "trials 0 of 20; now pretrain 'all' for 0:00 (epoch 2 of 9, 20 %)\n"
         while now not in log.getvalue():

@@ -19,6 +19,8 @@ from sweeps.plan.plan import make_plan
 from sweeps.results.promotion import at_most, promote, survivors
 from sweeps.results.trial_results import trial_failure
 from sweeps.store.local import Store
+from sweeps.tasks.results import Evaluated, PogScores
+from tests.sweeps.toy import Toy, result
 from tracking.run_folders.sweep_tables import PROMOTIONS
 
 PLACEMENTS = ["line", "center", "square", "pyramid"]
@@ -65,20 +67,19 @@ def quick(monkeypatch):
     """Trainings and evaluations of no work; AP is what the test says, by placement and epochs."""
     ap, trained = {}, []
 
-    def finetune(params, *inputs, **how):
+    def finetune(params, *inputs, **how) -> Toy:
         mounts = params.seed, params.training.epochs, params.point_range
         trained.append(mounts)
-        return {"seed": params.seed, "epochs": params.training.epochs}
+        return Toy([params.seed, params.training.epochs])
 
-    def evaluate(params, weights, clouds, *inputs):
-        value = ap[clouds["name"]](weights["seed"], weights["epochs"])
+    def evaluate(params, weights, clouds, *inputs) -> Evaluated:
+        value = ap[clouds.n](*weights.n)
         columns = ["class", "metric", "iou", "difficulty", "value", "ground_truths"]
-        return {
-            "metrics": pd.DataFrame([("Car", "AP_R40_3D", 0.7, "all", value, 9)], columns=columns)
-        }
+        rows = [("Car", "AP_R40_3D", 0.7, "all", value, 9)]
+        return result(metrics=pd.DataFrame(rows, columns=columns))
 
-    def collect(params, log):
-        return {"name": repr(params.placement.mounts)}
+    def collect(params, log) -> Toy:
+        return Toy(repr(params.placement.mounts))
 
     for name, function in (("finetune", finetune), ("evaluate", evaluate), ("collect", collect)):
         monkeypatch.setitem(FUNCTIONS, name, function)
@@ -115,7 +116,7 @@ def test_cheap_stages_for_all_and_full_trainings_for_the_best(log, quick):
     assert sorted(first["placement"]) == sorted(PLACEMENTS)
     values = {}
     for trial in plan.trials:
-        surrogates = store.load(trial.surrogates)["table"]
+        surrogates = store.load(trial.surrogates).table
         own = surrogates[surrogates["surrogate"] == "covered_entropy"]["value"]
         values[trial.grid_point.point.placement] = math.fsum(own)
     assert dict(zip(first["placement"], first["value"], strict=True)) == values
@@ -213,7 +214,7 @@ def test_a_failed_surrogate_is_a_failure_and_no_verdict(log, quick, monkeypatch)
     true = FUNCTIONS["surrogates"]
     first = plan.trials[0]
 
-    def fail(params, pog):
+    def fail(params, pog) -> PogScores:
         if params == first.surrogates.params:
             raise OSError(28, "No space left on device")
         return true(params, pog)

@@ -17,7 +17,7 @@ from sweeps.configuration.file import ConfigError
 from sweeps.configuration.grid import read_sweep
 from sweeps.plan.plan import make_plan
 from sweeps.tasks.parameters import RecallParams
-from sweeps.tasks.stages import FUNCTIONS
+from sweeps.tasks.stages import recall
 from tests.lidarplace.recall.small_scenes import CURVES, LIDAR, MOUNTS, ROI, ROWS, cells_hit, log_of
 from tests.mlflow_database import write_database
 from tests.sweeps.small_log import write_small_log
@@ -55,10 +55,9 @@ def stage(rows, rig, classes=("Bus", "Tram")):
     """The stage's values by class and surrogate; frame 3 is one of testing."""
     log = log_of(*rows)
     log.frames["split"] = np.where(log.frames["frame"] == 3, "test", "train")
-    value = {"boxes": log.boxes, "frames": log.frames, "buildings": log.buildings}
     curves = CURVES.model_copy(update={"curves": (*CURVES.curves, curve("Car", 0.9))})
     params = RecallParams(rig, OBJECT_SURROGATES, ROI, classes, curves, seed=0, frames=99)
-    table = FUNCTIONS["recall"](params, value)["table"]
+    table = recall(params, log).table
     assert set(table["method"]) <= {"raycast"}
     return table.set_index(["class", "surrogate"])["value"]
 

@@ -9,7 +9,7 @@ import yaml
 from typer.testing import CliRunner, Result
 
 from lidarplace import PAPER_PLACEMENTS, Lidar
-from lidarplace.clouds.clouds import PointClouds, write_clouds
+from lidarplace.clouds.clouds import write_clouds
 from lidarplace.clouds.collect import collect
 from lidarplace.clouds.recorded import clouds_digest
 from lidarplace.logs.box_log import read_box_log
@@ -93,8 +93,8 @@ def test_recorded_clouds_take_the_place_of_simulated_ones(folder, recorded):
     log = read_box_log(folder / "logs" / "scene.density=30")
     scene = LogScene(source="log", folder=folder / "logs" / "scene.density=30")
     value = stages.scene(SceneParams(LogRecording(scene, scene.digest())))
-    pd.testing.assert_frame_equal(value["boxes"], log.boxes)
-    pd.testing.assert_frame_equal(value["buildings"], log.buildings)
+    pd.testing.assert_frame_equal(value.boxes, log.boxes)
+    pd.testing.assert_frame_equal(value.buildings, log.buildings)
 
     lidar = Lidar(tuple(np.radians([-9.0, -5.0, -2.0])), azimuth_steps=720)
     placement = PAPER_PLACEMENTS["line"].with_lidar(lidar)
@@ -106,22 +106,21 @@ def test_recorded_clouds_take_the_place_of_simulated_ones(folder, recorded):
         crop=CROP,
         errors=MountingErrors(),
     )
-    simulated = stages.collect(own, value)
+    ours = stages.collect(own, value)
     wide = (-1.0, -30.0, -1.0, 50.0, 30.0, 9.0)
     store = folder / "clouds" / "line"
     write_clouds(store / "route-0", collect(log, log.frames["frame"], placement, wide, seed=1))
     params = RecordedParams(store, clouds_digest(store), split="train", crop=CROP)
-    replayed = stages.collect(params, value)
+    theirs = stages.collect(params, value)
     with pytest.raises(ValueError, match="the clouds have changed since the command was given"):
         stages.collect(replace(params, digest="another"), value)
 
-    ours, theirs = PointClouds.from_arrays(simulated), PointClouds.from_arrays(replayed)
     numbers = log.frames.loc[log.frames["split"] == "train", "frame"].tolist()
     assert ours.frames.tolist() == theirs.frames.tolist() == numbers
     assert ours.counts.sum() > 500
     for a, b in zip(map(inner, ours), map(inner, theirs), strict=True):
         np.testing.assert_allclose(a[:, :3], b[:, :3], atol=0.002)
-    objects = simulated["points_per_object"]
+    objects = ours.points_per_object
     assert list(objects.columns) == ["frame", "object_id", "points"]
     assert set(objects["frame"]) <= set(numbers)
     assert objects["points"].sum() > 0

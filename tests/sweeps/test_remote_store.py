@@ -4,7 +4,9 @@ import errno
 import pickle
 import time
 import uuid
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import fsspec
 import numpy as np
@@ -16,12 +18,12 @@ from fsspec.registry import known_implementations
 from lidarplace.files.atomic import replacing
 from sweeps.store import checkpoint_mirror
 from sweeps.store.checkpoint_attempts import attempts
-from sweeps.store.local import Store
+from sweeps.store.local import Note, Store
 from sweeps.store.open import open_store
 from sweeps.store.remote import RemoteStore
-from sweeps.store.result_folder import DamagedResult
+from sweeps.store.result_folder import DamagedResult, Ran, Record
 from sweeps.tasks.task import Task
-from tests.sweeps.toy import Toy
+from tests.sweeps.toy import Toy, keep_in
 
 TASK = Task("finetune", "a", Toy(1), resumable=True)
 
@@ -41,8 +43,21 @@ def machine(url, tmp_path):
     return lambda name: RemoteStore(url, tmp_path / name)
 
 
-def value(n=3):
-    return {"table": pd.DataFrame({"a": [1, n]}), "array": np.full(4, n), "n": n}
+@dataclass(frozen=True)
+class Kept:
+    table: pd.DataFrame
+    array: np.ndarray
+    n: int
+    large: Any = None
+
+
+@pytest.fixture(autouse=True)
+def kept(monkeypatch):
+    keep_in(monkeypatch, TASK.stage, Kept)
+
+
+def value(n=3, large=None):
+    return Kept(pd.DataFrame({"a": [1, n]}), np.full(4, n), n, large)
 
 
 def files_at(url):
@@ -52,20 +67,20 @@ def files_at(url):
 
 def test_what_one_machine_saves_another_loads(machine):
     one, other = machine("one"), pickle.loads(pickle.dumps(machine("other")))
-    saved = value() | {"large": np.arange(200_000)}
+    saved = value(large=np.arange(200_000))
     assert not other.has(TASK)
     assert other.finished([TASK]) == set()
-    one.save(TASK, saved, seconds=1.5, node="n1")
+    one.save(TASK, saved, seconds=1.5, ran=Ran(node="n1"))
     assert other.has(TASK)
     assert other.finished([TASK, Task("finetune", "b", Toy())]) == {TASK.key}
-    assert other.record(TASK) == {"label": "a", "seconds": 1.5, "node": "n1"}
+    assert other.record(TASK) == Record(label="a", seconds=1.5, node="n1")
     assert other.seconds(TASK) == 1.5
     assert not other.path(TASK).exists(), "what is asked about a result is not copied"
     found = other.load(TASK)
-    assert isinstance(found["large"], np.memmap)
-    np.testing.assert_array_equal(found["array"], saved["array"])
-    pd.testing.assert_frame_equal(found["table"], saved["table"])
-    assert other.load(TASK, ["n"]) == {"n": 3}
+    assert isinstance(found.large, np.memmap)
+    np.testing.assert_array_equal(found.array, saved.array)
+    pd.testing.assert_frame_equal(found.table, saved.table)
+    assert other.read(TASK, lambda kept: kept.n) == 3
     assert other.record(TASK) == one.record(TASK)
 
 
@@ -74,7 +89,7 @@ def test_what_is_here_is_not_copied_again(machine, url):
     machine("other").load(TASK)
     filesystem, root = fsspec.url_to_fs(url)
     filesystem.rm(root, recursive=True)
-    assert machine("other").load(TASK)["n"] == 3
+    assert machine("other").load(TASK).n == 3
     assert not machine("other").has(TASK), "others would not find it"
     with pytest.raises(FileNotFoundError):
         machine("third").load(TASK)
@@ -94,7 +109,7 @@ def test_a_copy_that_breaks_off_makes_no_result(machine, url, monkeypatch, step)
     assert not other.has(TASK)
     assert other.finished([TASK]) == set()
     machine("one").save(TASK, value(4), seconds=0.0)
-    assert other.load(TASK)["n"] == 3, "what had been saved already was copied"
+    assert other.load(TASK).n == 3, "what had been saved already was copied"
 
 
 def test_two_machines_that_save_at_once_leave_one_whole_result(machine, monkeypatch):
@@ -103,9 +118,9 @@ def test_two_machines_that_save_at_once_leave_one_whole_result(machine, monkeypa
         for n, name in enumerate(("one", "other")):
             machine(name).save(TASK, value(n), seconds=float(n))
     found = machine("third").load(TASK)
-    n = found["n"]
-    assert found["array"].tolist() == [n] * 4
-    assert found["table"]["a"].tolist() == [1, n]
+    n = found.n
+    assert found.array.tolist() == [n] * 4
+    assert found.table["a"].tolist() == [1, n]
     assert machine("third").seconds(TASK) == n
 
 
@@ -140,7 +155,7 @@ def test_what_is_damaged_at_the_url_is_removed_there(machine, url, name):
             machine("other").load(TASK)
     assert not machine("third").has(TASK)
     machine("other").save(TASK, value(5), seconds=0.0)
-    assert machine("third").load(TASK)["n"] == 5
+    assert machine("third").load(TASK).n == 5
 
 
 def test_a_result_of_another_task_at_the_url_is_removed_there(machine, url):
@@ -161,7 +176,7 @@ def test_a_damaged_copy_is_replaced(machine, caplog):
     other = machine("other")
     other.load(TASK)
     flip_bit(other.path(TASK) / "array.npy", 0.5)
-    assert other.load(TASK)["array"].tolist() == [3] * 4
+    assert other.load(TASK).array.tolist() == [3] * 4
     assert "array.npy is not what was written" in caplog.text
     assert machine("third").has(TASK)
     flip_bit(other.path(TASK) / "result.json", 0.5)
@@ -175,7 +190,7 @@ def test_a_damaged_copy_is_not_handed_on(machine, url):
     filesystem.rm(f"{root}/{TASK.stage}", recursive=True)
     flip_bit(one.path(TASK) / "array.npy", 0.5)
     one.save(TASK, value(), seconds=0.0)
-    assert machine("other").load(TASK)["array"].tolist() == [3] * 4
+    assert machine("other").load(TASK).array.tolist() == [3] * 4
 
 
 def write(path, text):
@@ -277,12 +292,12 @@ def test_a_fetch_that_breaks_off_spoils_nothing(machine, url, monkeypatch):
 
 def test_notes_and_references_are_seen_by_all(machine):
     one, other = machine("one"), machine("other")
-    with one.running(TASK, {"host": "n1"}):
-        assert other.running_notes([TASK]) == {TASK.key: {"host": "n1"}}
+    with one.running(TASK, Note("n1")):
+        assert other.running_notes([TASK]) == {TASK.key: Note("n1")}
     assert other.running_notes([TASK]) == {}
-    lost = one.running(TASK, {})
+    lost = one.running(TASK, Note())
     lost.__enter__()  # and never left
-    assert other.running_notes([TASK]) == {TASK.key: {}}
+    assert other.running_notes([TASK]) == {TASK.key: Note()}
     other.end_running(iter([TASK]))
     assert one.running_notes([TASK]) == {}
     assert other.references() == {}
@@ -301,7 +316,7 @@ def test_notes_and_references_are_seen_by_all(machine):
 def test_a_note_that_is_not_whole_is_left_out(machine, url):
     store = machine("one")
     filesystem, root = fsspec.url_to_fs(url)
-    with store.running(TASK, {"host": "n1"}):
+    with store.running(TASK, Note("n1")):
         filesystem.pipe_file(f"{root}/{TASK.stage}/{store.local.note(TASK).name}", b'{"host": ')
         assert store.running_notes([TASK]) == {}
 

@@ -16,8 +16,9 @@ from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.execution.schedule import Schedule
 from sweeps.plan.plan import make_plan
 from sweeps.results.state import sweep_state
-from sweeps.store.local import Store
+from sweeps.store.local import Note, Store
 from sweeps.store.lock import locked
+from tests.sweeps.toy import Toy
 
 SWEEP = {
     "classes": ["Car"],
@@ -38,7 +39,7 @@ def sweep(tmp_path):
 
 def finish(store, *tasks):
     for task in tasks:
-        store.save(task, {"n": 1}, 1.0)
+        store.save(task, Toy(1), 1.0)
 
 
 def test_nothing_has_begun(sweep):
@@ -60,7 +61,7 @@ def test_every_status(sweep):
     failures.write(failed.finetune, Failure("the loss is nan", "Traceback …", lasting=True))
     why = f"needs finetune '{failed.label}', which failed"
     failures.write(failed.evaluate, Failure(why, lasting=True, follows=True))
-    note = {"node": "node7", "pid": 42, "since": "2026-01-02 03:04:05"}
+    note = Note("node7", 42, "2026-01-02 03:04:05")
     with locked(folder, alone=True), store.running(running.finetune, note):
         state = sweep_state(found, plan, store)
         assert state.alive
@@ -82,7 +83,7 @@ def test_what_ran_when_the_driver_was_killed(sweep):
     _, found, plan, store = sweep
     trial = plan.trials[0]
     (found.common.output / "grid").mkdir(parents=True)
-    with store.running(trial.scenes[0], {"node": "a", "pid": 1, "since": "then"}):
+    with store.running(trial.scenes[0], Note("a", 1, "then")):
         state = sweep_state(found, plan, store)
     assert not state.alive
     assert {t.status for t in state.trials} == {"stopped"}

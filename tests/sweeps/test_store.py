@@ -11,8 +11,10 @@ import subprocess
 import sys
 import threading
 from contextlib import ExitStack, suppress
+from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,25 +22,42 @@ import pytest
 import torch
 from flip_bit import flip_bit
 
+from lidarplace import Roi
 from lidarplace.files.atomic import replacing
 from sweeps.store.checkpoint_attempts import snapshot
-from sweeps.store.local import Store
+from sweeps.store.local import Note, Store
 from sweeps.store.lock import is_locked, locked
-from sweeps.store.result_folder import DamagedResult
+from sweeps.store.result_folder import DamagedResult, Ran, Record
 from sweeps.tasks.task import Task
-from tests.sweeps.toy import Toy
+from tests.sweeps.toy import Toy, keep_in, result
 
 ROOT = Path(__file__).parents[2]
 TASK = Task("scene", "a", Toy(1))
 OTHER = Task("scene", "b", Toy(2))
 
 
-def value(n=3):
-    return {"table": pd.DataFrame({"a": [1, n]}), "array": np.full(4, n), "n": n, "roi": {"x": [0]}}
+@dataclass(frozen=True)
+class Kept:
+    table: pd.DataFrame
+    array: np.ndarray
+    n: int
+    roi: Roi
+    state_dict: Any = None
+    by_name: Any = None
+    large: Any = None
+    empty: Any = None
+
+
+ROI = Roi((0, 4), (-2, 2), (0, 2), 0.5)
+
+
+def value(n=3, **more):
+    return Kept(pd.DataFrame({"a": [1, n]}), np.full(4, n), n, ROI, **more)
 
 
 @pytest.fixture
-def store(tmp_path):
+def store(tmp_path, monkeypatch):
+    keep_in(monkeypatch, TASK.stage, Kept)
     return Store(tmp_path / "store")
 
 
@@ -49,43 +68,55 @@ def names(store):
 
 
 def test_what_was_saved_is_loaded(store):
-    saved = value() | {"state_dict": {"w": torch.ones(2)}}
+    by_name = {"Car": np.zeros(2), "Big Van": np.ones(3)}
+    saved = value(state_dict={"w": torch.ones(2)}, by_name=by_name)
     assert not store.has(TASK)
-    store.save(TASK, saved, seconds=1.5, node="n1", peak_memory=12)
+    store.save(TASK, saved, 1.5, Ran(node="n1", peak_memory=12))
     found = store.load(TASK)
-    assert set(found) == set(saved)
-    pd.testing.assert_frame_equal(found["table"], saved["table"])
-    np.testing.assert_array_equal(found["array"], saved["array"])
-    assert torch.equal(found["state_dict"]["w"], torch.ones(2))
-    assert (found["n"], found["roi"]) == (3, {"x": [0]})
+    assert type(found) is Kept
+    pd.testing.assert_frame_equal(found.table, saved.table)
+    np.testing.assert_array_equal(found.array, saved.array)
+    assert torch.equal(found.state_dict["w"], torch.ones(2))
+    assert {name: array.tolist() for name, array in found.by_name.items()} == {
+        "Car": [0, 0],
+        "Big Van": [1, 1, 1],
+    }
+    assert (found.n, found.roi, found.large) == (3, ROI, None)
     assert store.seconds(TASK) == 1.5
-    assert store.record(TASK) == {"label": "a", "seconds": 1.5, "node": "n1", "peak_memory": 12}
+    assert store.record(TASK) == Record(label="a", seconds=1.5, node="n1", peak_memory=12)
     store.save(TASK, value(4), seconds=9.0)
-    assert store.load(TASK)["n"] == 3, "what is there stays"
+    assert store.load(TASK).n == 3, "what is there stays"
     assert names(store) == [TASK.key]
 
 
 def test_only_what_is_asked_for_is_loaded(store, monkeypatch):
     store.save(TASK, value(), seconds=0.0)
     monkeypatch.delattr("pandas.read_parquet")
-    assert store.load(TASK, ["n"]) == {"n": 3}
-    assert set(store.load(TASK, ["n", "array"])) == {"n", "array"}
-    with pytest.raises(KeyError, match="no such, other"):
-        store.load(TASK, ["n", "such", "other"])
+    assert store.read(TASK, lambda kept: (kept.n, kept.array.tolist())) == (3, [3] * 4)
+    with pytest.raises(KeyError, match="such"):
+        store.read(TASK, lambda kept: kept.such)
+
+
+def test_a_field_may_be_missing_that_has_a_default(store):
+    """Such as in a result of before."""
+    store.save(TASK, result(n=3, table=pd.DataFrame()), seconds=0.0)
+    assert store.read(TASK, lambda kept: (kept.n, kept.large)) == (3, None)
+    with pytest.raises(KeyError, match=r"holds no array; it holds \['n', 'table'\]"):
+        store.load(TASK)
 
 
 def test_large_arrays_stay_on_disk(store):
-    store.save(TASK, {"large": np.arange(200_000), "small": np.arange(5)}, seconds=0.0)
+    store.save(TASK, value(large=np.arange(200_000)), seconds=0.0)
     found = store.load(TASK)
-    assert isinstance(found["large"], np.memmap)
-    assert not found["large"].flags.writeable
-    assert not isinstance(found["small"], np.memmap)
+    assert isinstance(found.large, np.memmap)
+    assert not found.large.flags.writeable
+    assert not isinstance(found.array, np.memmap)
 
 
 def test_a_stage_is_listed_once_for_all_its_tasks(store, monkeypatch):
     tasks = [Task("scene", str(n), Toy(n)) for n in range(50)]
     for task in tasks[:3]:
-        store.save(task, {"n": 1}, seconds=0.0)
+        store.save(task, Toy(1), seconds=0.0)
     calls = []
     listdir = os.listdir
     monkeypatch.setattr("os.listdir", lambda path: (calls.append(path), listdir(path))[1])
@@ -113,7 +144,7 @@ def full_disk(*args, **kwargs):
 def test_a_full_disk_at_any_step_leaves_nothing(store, monkeypatch, step):
     import torch
 
-    saved = value() | {"state_dict": {"w": torch.ones(2)}}
+    saved = value(state_dict={"w": torch.ones(2)})
     with monkeypatch.context() as patch:
         patch.setattr(step, full_disk)
         with pytest.raises(OSError, match="No space left") as error:
@@ -125,12 +156,12 @@ def test_a_full_disk_at_any_step_leaves_nothing(store, monkeypatch, step):
     assert store.finished([TASK]) == set()
     assert names(store) == []
     store.save(TASK, saved, seconds=0.0)
-    assert store.load(TASK)["n"] == 3
+    assert store.load(TASK).n == 3
 
 
 def test_what_cannot_be_stored_leaves_nothing(store):
     with pytest.raises(TypeError):
-        store.save(TASK, value() | {"odd": object()}, seconds=0.0)
+        store.save(TASK, replace(value(), n=object()), seconds=0.0)
     assert names(store) == []
 
 
@@ -149,7 +180,7 @@ def test_a_process_killed_while_it_saves_leaves_no_result(store):
     assert not store.has(TASK)
     assert [entry.kind for entry in store.contents()] == ["partial"]
     store.save(TASK, value(), seconds=0.0)
-    assert store.load(TASK)["n"] == 3
+    assert store.load(TASK).n == 3
 
 
 @pytest.mark.parametrize(
@@ -175,15 +206,12 @@ def test_a_damaged_result_is_refused_by_name(store, harm, told):
     assert str(error.value).startswith(f"{store.path(TASK)} is damaged")
     assert not store.has(TASK)
     store.save(TASK, value(), seconds=0.0)
-    assert store.load(TASK)["n"] == 3
+    assert store.load(TASK).n == 3
 
 
 def with_every_kind_of_file():
-    return value() | {
-        "large": np.arange(200_000),
-        "state_dict": {"weight": torch.arange(1000.0)},
-        "empty": np.empty(0),
-    }
+    weights = {"weight": torch.arange(1000.0)}
+    return value(large=np.arange(200_000), state_dict=weights, empty=np.empty(0))
 
 
 @pytest.mark.parametrize(
@@ -204,9 +232,9 @@ def test_one_changed_bit_anywhere_is_a_damage(store, name):
 def test_what_is_not_read_is_not_looked_at(store):
     store.save(TASK, with_every_kind_of_file(), seconds=1.0)
     flip_bit(store.path(TASK) / "large.npy", 0.5)
-    assert store.load(TASK, ["n", "table"])["n"] == 3
+    assert store.read(TASK, lambda kept: (kept.n, kept.table))[0] == 3
     with pytest.raises(DamagedResult):
-        store.load(TASK, ["large"])
+        store.read(TASK, lambda kept: kept.large)
 
 
 def test_a_damaged_record_is_told_by_who_reads_it(store):
@@ -222,8 +250,8 @@ def test_a_damaged_record_is_told_by_who_reads_it(store):
 
 def test_plain_data_survive_the_digest(store):
     plain = {"none": None, "nan": float("nan"), "keys": {1: "a", 2: "b"}, "text": 'µ ∑ "', "f": 0.1}
-    store.save(TASK, plain, seconds=1.0)
-    found = store.load(TASK)
+    store.save(TASK, replace(value(), n=plain), seconds=1.0)
+    found = store.load(TASK).n
     assert found["keys"] == {"1": "a", "2": "b"}
     assert found["text"] == plain["text"]
     assert found["f"] == 0.1
@@ -268,9 +296,9 @@ def test_two_processes_save_the_same_tasks_while_a_third_loads_them(store):
         for key in store.finished(open_tasks.values()):
             task = open_tasks.pop(key)
             found = store.load(task)
-            writer = found["n"]
-            assert found["array"].tolist() == [writer] * 4
-            assert found["table"]["a"].tolist() == [1, writer]
+            writer = found.n
+            assert found.array.tolist() == [writer] * 4
+            assert found.table["a"].tolist() == [1, writer]
             assert store.seconds(task) == writer
         alive = any(process.is_alive() for process in writers)
         assert alive or store.finished(open_tasks.values()) == set(open_tasks)
@@ -390,25 +418,25 @@ def test_checkpoints_are_taken_over_as_of_one_moment(tmp_path):
 
 def test_a_note_tells_that_a_task_runs(store):
     other = Task("pog", "b", Toy())
-    with suppress(KeyError), store.running(TASK, {"host": "n1", "pid": 7}):
-        assert store.running_notes([TASK, other]) == {TASK.key: {"host": "n1", "pid": 7}}
+    with suppress(KeyError), store.running(TASK, Note("n1", 7)):
+        assert store.running_notes([TASK, other]) == {TASK.key: Note("n1", 7)}
         raise KeyError
     assert store.running_notes([TASK, other]) == {}
-    with store.running(TASK, {}):
+    with store.running(TASK, Note()):
         store.discard(TASK)
         assert store.running_notes([TASK]) == {}
 
 
 @pytest.mark.parametrize("text", ["", '{"host": "n', "\0\0\0"])
 def test_a_note_that_is_not_whole_is_left_out(store, text):
-    with store.running(TASK, {"host": "n1"}):
+    with store.running(TASK, Note("n1")):
         store.note(TASK).write_text(text)
         assert store.running_notes([TASK]) == {}
 
 
 def test_a_driver_ends_what_a_killed_one_ran(store, monkeypatch):
     tasks = [Task("scene", str(n), Toy(n)) for n in range(20)]
-    lost = [store.running(task, {}) for task in tasks[:3]]
+    lost = [store.running(task, Note()) for task in tasks[:3]]
     for block in lost:
         block.__enter__()  # and never left
     calls = []
@@ -417,7 +445,7 @@ def test_a_driver_ends_what_a_killed_one_ran(store, monkeypatch):
         patch.setattr("os.listdir", lambda path: (calls.append(path), listdir(path))[1])
         store.end_running(iter([*tasks[1:], Task("pog", "p", Toy())]))
     assert len(calls) == 2
-    assert store.running_notes(tasks) == {tasks[0].key: {}}
+    assert store.running_notes(tasks) == {tasks[0].key: Note()}
 
 
 def test_a_sweep_refers_to_its_last_configuration(store):
@@ -485,7 +513,7 @@ def test_looks_do_not_see_each_other(tmp_path):
 
 
 def test_sizes_are_told_while_a_task_ends(store, monkeypatch):
-    with store.running(TASK, {}):
+    with store.running(TASK, Note()):
         note, stat = store.note(TASK), Path.stat
 
         def gone(path, **kwargs):

@@ -14,6 +14,8 @@ from sweeps.execution.failures import Failure, FailureFolder
 from sweeps.mlflow.trials import TrialLog
 from sweeps.plan.plan import make_plan
 from sweeps.store.local import Store
+from sweeps.store.result_folder import Ran
+from tests.sweeps.toy import result
 
 
 class Quiet:
@@ -33,7 +35,7 @@ def finish(store, *tasks):
     value["pr_curves"] = pd.DataFrame(rows, columns=columns)
     value |= {"weights": "scratch", "batch_size": 2, "classes": ["Car"]}
     for task in tasks:
-        store.save(task, value, 1.0, peak_memory=3_000_000)
+        store.save(task, result(**value), 1.0, Ran(peak_memory=3_000_000))
 
 
 @pytest.fixture
@@ -161,7 +163,7 @@ def test_what_is_required_is_told_in_terms_of_what_is_needed(tmp_path):
     ]
     finish(store, *(task for task in trial.results if task is not trial.requirements))
     assert not list(listener().ended()), "the trial has not all of its results"
-    store.save(trial.requirements, {"table": pd.DataFrame(cases)}, 1.0, peak_memory=1_000)
+    store.save(trial.requirements, result(table=pd.DataFrame(cases)), 1.0)
     (ended,) = listener().ended()
     metrics = ended.describe().metrics
     assert metrics["requirement.near"] == 0.4

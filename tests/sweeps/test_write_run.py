@@ -13,7 +13,6 @@ from test_detector_sweep import SWEEP, Loud
 from typer.testing import CliRunner
 from written_tables import check_columns
 
-from lidarplace.clouds.clouds import PointClouds
 from sweeps.commands.failures import app
 from sweeps.configuration.grid import read_sweep
 from sweeps.execution.backends import InProcess
@@ -151,14 +150,14 @@ def test_frames_have_the_points_on_objects_and_the_detections_that_were_evaluate
     assert frames.objects.tolist() == [2]
     for rig, trial in enumerate(plan.trials):
         (task,) = trial.collect_test
-        whole = PointClouds.from_arrays(store.load(task))[0][:, :3]
+        whole = store.load(task)[0][:, :3]
         shown = set(map(tuple, frames.points[f"0/{rig}"].tolist()))
         assert shown <= set(map(tuple, whole.tolist()))
         car = run.objects.iloc[2]
         near = np.abs(whole - car[["x", "y", "z"]].to_numpy(float)) <= [2.2, 0.9, 0.8]
         on_it = set(map(tuple, whole[near.all(axis=1)].tolist()))
         assert on_it <= shown
-        detections = store.load(trial.evaluate)["detections"]
+        detections = store.load(trial.evaluate).detections
         assert len(frames.detections[f"0/{rig}"]) == (detections["frame"] == 3).sum()
 
 

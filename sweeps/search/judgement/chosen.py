@@ -127,8 +127,8 @@ def _results(
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Metrics of a rig by one generalist, over all tests; the same without each unit."""
     evaluations = [trial.evaluate for trial in tests]
-    loaded = [store.load(task, ("metrics", "left_out")) for task in evaluations]
-    metrics, left_out = ([value[key] for value in loaded] for key in ("metrics", "left_out"))
+    metrics = [store.read(task, lambda found: found.metrics) for task in evaluations]
+    left_out = [store.read(task, lambda found: found.left_out) for task in evaluations]
     truths = [tuple(t.key for t in e.inputs if t.stage == "ground_truth") for e in evaluations]
     traffic = [truths.index(own) + 1 for own in truths]
     columns = identity(tests[0], ()) | {"placement": name}

@@ -26,6 +26,7 @@ from sweeps.search.trials.by_detectors import weighted_value
 from sweeps.search.trials.by_tasks import Asked, Measured, TaskAnswers
 from sweeps.search.trials.study import finished_trials
 from sweeps.store.open import AnyStore
+from sweeps.tasks.results import GroundTruth, Judged
 from sweeps.tasks.task import Task, with_inputs
 
 PORTIONS = 4
@@ -187,8 +188,8 @@ def expected_on_all(first: float, both: Sequence[tuple[float, float]]) -> float:
 
 def judged_metrics(
     store: AnyStore,
-    portions: Sequence[Task],
-    truths: Sequence[Task],
+    portions: Sequence[Task[Judged]],
+    truths: Sequence[Task[GroundTruth]],
     classes: Sequence[str],
     ious: Mapping[str, Overlaps],
     metrics: Sequence[str],
@@ -196,12 +197,12 @@ def judged_metrics(
     """Metrics of one rig from its detections in portions of the frames, see `evaluate_boxes`."""
     from training.kitti_ap import evaluation
 
-    found = [store.load(task, ("detections", "frames")) for task in portions]
-    objects = [store.load(task, ("objects",))["objects"] for task in truths]
-    frames = pd.concat([value["frames"]["frame"] for value in found])
+    found = [store.load(task) for task in portions]
+    objects = [store.read(task, lambda truth: truth.objects) for task in truths]
+    frames = pd.concat([judged.frames["frame"] for judged in found])
     return evaluation(
         pd.concat(objects, ignore_index=True),
-        pd.concat([value["detections"] for value in found], ignore_index=True),
+        pd.concat([judged.detections for judged in found], ignore_index=True),
         frames.tolist(),
         classes,
         ious=ious,
@@ -216,11 +217,11 @@ def _mean(
     return math.fsum(weighted_value(objective, classes, own) for own in tables) / len(tables)
 
 
-def _judging(trial: DetectorTrial, portions: range) -> list[Task]:
+def _judging(trial: DetectorTrial, portions: range) -> list[Task[Judged]]:
     """Tasks of the detections in portions of the frames."""
     return [judge_task(trial.evaluate, portion, PORTIONS) for portion in portions]
 
 
-def _truths(trial: DetectorTrial) -> list[Task]:
+def _truths(trial: DetectorTrial) -> list[Task[GroundTruth]]:
     """Tasks of the objects in the test frames."""
     return [task for task in trial.evaluate.inputs if task.stage == "ground_truth"]
