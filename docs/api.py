@@ -11,6 +11,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from lidarplace.base.registry import OneOf
 from lidarplace.pog.surrogates.result import Surrogates
 from lidarplace.pog.surrogates.table import POG_SURROGATES, SURROGATES
 
@@ -124,7 +125,9 @@ def _entry(name: str, value: Any) -> str:
         return "\n".join([*lines, *members, ""] if members else lines)
     if inspect.isfunction(value):
         return "\n".join([_code(name + _signature(value)), _first(value), ""])
-    known = ", ".join(f"`{item}`" for item in value)
+    known = ", ".join(
+        f"`{item}`" for item in (value.names() if isinstance(value, OneOf) else value)
+    )
     return f"**`{name}`**: {known}.\n"
 
 
