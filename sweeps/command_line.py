@@ -4,8 +4,6 @@ A verb's module is imported when the verb is called. Without lidarplace's packag
 `lidarplace doctor` has to run where some of them are missing.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import version

@@ -1,7 +1,5 @@
 """The program `lidarplace`: what has to happen before anything is imported."""
 
-from __future__ import annotations
-
 import signal
 import sys
 from importlib.util import find_spec

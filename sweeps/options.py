@@ -1,7 +1,5 @@
 """Arguments and options that commands on a sweep's file share."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated

@@ -1,7 +1,5 @@
 """Files of sweeps and of searches, for commands that take both."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Opens MLflow on the runs of sweeps: `lidarplace dashboard runs/mlflow.db`."""
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The overlap at which a class is judged."""
 
-from __future__ import annotations
-
 import pandas as pd
 
 from lidarplace.base.metrics import EVERY_IOU, METRICS, headline_metric, kitti_iou

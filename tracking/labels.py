@@ -1,7 +1,5 @@
 """How surrogates, metrics and groups of trials are called in figures and tables."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Numbers as text: a true minus, none for zero, a dash where there is no number."""
 
-from __future__ import annotations
-
 import numpy as np
 
 DASH = "–"

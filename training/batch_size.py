@@ -1,7 +1,5 @@
 """How many frames make a step."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """AP of detections by the distance of the objects."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 

@@ -1,7 +1,5 @@
 """Recall by the direction of the objects."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from types import MappingProxyType
 

@@ -1,7 +1,5 @@
 """The frames of a training: points, boxes and labels."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

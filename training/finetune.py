@@ -1,7 +1,5 @@
 """Train a detector on point clouds."""
 
-from __future__ import annotations
-
 import time
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence

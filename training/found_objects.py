@@ -1,7 +1,5 @@
 """Which ground truths of a class were found: recall object by object."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray

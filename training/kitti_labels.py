@@ -1,7 +1,5 @@
 """KITTI's labels: boxes in the camera frame, and what counts at which difficulty."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray

@@ -11,8 +11,6 @@ samples. Halves of the test frames are no jackknife, and have AP_R40. The area o
 there too: differences between placements are of areas, since the steps of AP_R40 are their own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product

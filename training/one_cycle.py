@@ -1,7 +1,5 @@
 """The one-cycle schedule of learning rate and momentum."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """One step of a training: loss, gradients, clipping, new weights."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """What one step of a training needs of a machine."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

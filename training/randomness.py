@@ -1,7 +1,5 @@
 """Random numbers by purpose, so that trainings of one seed under several rigs stay paired."""
 
-from __future__ import annotations
-
 from enum import IntEnum
 
 import numpy as np

@@ -4,8 +4,6 @@ The randomness of an epoch follows from the seed and the epoch's number, so weig
 what was logged are all that has to be kept.
 """
 
-from __future__ import annotations
-
 import hashlib
 import logging
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """What objects of a class are like: the anchors of classes that a preset does not know."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """The first call of MKL's vector functions, made by one thread."""
 
-from __future__ import annotations
-
 import functools
 
 import torch

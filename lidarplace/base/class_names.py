@@ -1,7 +1,5 @@
 """Names of object classes: which are possible, and what a log has where one is mistyped."""
 
-from __future__ import annotations
-
 import re
 import reprlib
 from collections.abc import Mapping

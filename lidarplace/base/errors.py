@@ -1,7 +1,5 @@
 """The error of a user's mistake: its parts as attributes, its line from them."""
 
-from __future__ import annotations
-
 
 class InputError(ValueError):
     """A mistake in what was given, one line: `PLACE: KEY: PROBLEM; expected X, found Y; FIX`.

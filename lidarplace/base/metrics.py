@@ -4,8 +4,6 @@ Training, configuration, search, statistics and report read it. A new metric of 
 `training.kitti_ap` and has a row here; other packages add theirs (docs/extending.md).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple

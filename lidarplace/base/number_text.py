@@ -1,7 +1,5 @@
 """Numbers as text, for lines and titles."""
 
-from __future__ import annotations
-
 
 def span(values: list[float]) -> str:
     """Where numbers lie, such as "2.2" or "-0.6 to 0.6"."""

@@ -1,7 +1,5 @@
 """Packages that not every installation has: which extra of this project brings one."""
 
-from __future__ import annotations
-
 EXTRAS = {
     "torch": "training",
     "cmaes": "sweeps",

@@ -1,7 +1,5 @@
 """`.plot()`: things have a figure, which the top of the package draws."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -3,8 +3,6 @@
 What is beyond is a mistake of a keyboard or of a unit, and would end for want of memory.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from numbers import Integral
 

@@ -1,7 +1,5 @@
 """Rings around the vehicle, by which objects are told apart by their distance."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray

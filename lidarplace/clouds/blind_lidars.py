@@ -1,7 +1,5 @@
 """LiDARs of a rig that see nothing of the ROI."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from lidarplace.base.kernel_cache import njit

@@ -4,8 +4,6 @@
 that count rays.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -5,8 +5,6 @@ the rate of the extinction. It makes a point in place of what is behind it if it
 the light of drops to be noticed. Beyond, fog only dims.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

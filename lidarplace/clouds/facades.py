@@ -4,8 +4,6 @@ Wall and sign are drawn from a hash of seed and place, so a building looks the s
 through its town.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -5,8 +5,6 @@ the world: what lies at a place lies there in every frame and under every placem
 vary as on a street, but the marks follow no lane.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 

@@ -1,7 +1,5 @@
 """Random numbers that are counted, not drawn: each is a hash of what it is for."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -4,8 +4,6 @@ A vehicle that nobody describes is a sedan of convex parts, a shape of its own b
 `Vehicle.car()`, whose two boxes are somewhat larger.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from inspect import unwrap
 

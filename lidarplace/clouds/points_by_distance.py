@@ -1,7 +1,5 @@
 """How many points the objects of a class get, by their distance."""
 
-from __future__ import annotations
-
 import pandas as pd
 
 from lidarplace.base.rings import bounds_of, ring_of

@@ -1,7 +1,5 @@
 """Count the points inside rotated boxes."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -9,8 +9,6 @@ to AP:
   is taken off, so clouds of LiDARs at different heights are merged at different heights.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

@@ -12,8 +12,6 @@ part costs only the beams and azimuths that can meet it; the result is that of t
 against every part.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import lru_cache

@@ -5,8 +5,6 @@ Lambert's law says. Retroreflectors send it back to where it came from and have 
 intensity of a point ends at 1.
 """
 
-from __future__ import annotations
-
 import hashlib
 from enum import IntEnum
 

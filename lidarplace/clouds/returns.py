@@ -4,8 +4,6 @@ Random numbers are hashes of seed, frame, LiDAR and ray. So a point does not dep
 are collected with it, in which order or by how many workers.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -4,8 +4,6 @@ What hides a LiDAR from the world moves with it, so it is looked for once for a 
 each frame.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is around the vehicle in a frame of a box log: objects, buildings nearby, and the ground."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray

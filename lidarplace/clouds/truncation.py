@@ -1,7 +1,5 @@
 """How much of an object lies outside of a region, seen from above."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

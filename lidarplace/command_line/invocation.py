@@ -1,7 +1,5 @@
 """How this program was started, so that the commands that it prints can be typed as they are."""
 
-from __future__ import annotations
-
 import shlex
 import sys
 

@@ -1,7 +1,5 @@
 """Arguments and options that commands on a box log share, with values for a shell to complete."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """A free port of this machine for a server on the loopback interface."""
 
-from __future__ import annotations
-
 import socket
 
 TRIED = 100

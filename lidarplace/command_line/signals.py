@@ -1,7 +1,5 @@
 """Ctrl-C and SIGTERM, by which Slurm and Kubernetes end programs, stop the work of a command."""
 
-from __future__ import annotations
-
 import signal
 import threading
 import weakref

@@ -1,7 +1,5 @@
 """Where text meets the terminal: names are shown as they are, and nothing in them is obeyed."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Collection, Iterable, Sequence
 from typing import Any, TextIO

@@ -1,7 +1,5 @@
 """What is in a box log: `lidarplace describe LOG …`."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Annotated

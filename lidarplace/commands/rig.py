@@ -1,7 +1,5 @@
 """Rigs from and to the files of other tools: `lidarplace rig SOURCE OUT`."""
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Sequence

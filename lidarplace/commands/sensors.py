@@ -1,7 +1,5 @@
 """The LiDARs that are known by name: `lidarplace sensors [NAME …]`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Annotated
 

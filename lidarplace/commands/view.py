@@ -1,7 +1,5 @@
 """Look at a frame of a box log: `lidarplace view LOG`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated

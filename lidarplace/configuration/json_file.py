@@ -1,7 +1,5 @@
 """JSON from files; what is wrong with a file is one line that names it."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

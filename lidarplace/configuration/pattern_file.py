@@ -1,7 +1,5 @@
 """The file of a pattern that does not repeat: a row for each ray, in the order of firing."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from pathlib import Path
 

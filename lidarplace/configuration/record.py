@@ -1,7 +1,5 @@
 """Records: JSON files that hold what a model says, or are refused in one line."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, TypeVar
 

@@ -1,7 +1,5 @@
 """What all settings are made of: kinds of numbers and of text with their ranges, and one error."""
 
-from __future__ import annotations
-
 import re
 import reprlib
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Fog and rain in a configuration."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated
 

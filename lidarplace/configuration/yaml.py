@@ -1,7 +1,5 @@
 """YAML that people write: plain data, within limits, and a key given twice is a mistake."""
 
-from __future__ import annotations
-
 import re
 import reprlib
 from pathlib import Path

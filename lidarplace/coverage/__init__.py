@@ -1,7 +1,5 @@
 """Which voxels of the ROI a placement covers: V|C in the paper."""
 
-from __future__ import annotations
-
 from typing import Literal, get_args
 
 import numpy as np

@@ -4,8 +4,6 @@ A set is an array of shape (words, nx, ny), uint64. Sixty-four voxels are joined
 (`np.bitwise_count`) at once.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """The paper's coverage: integer Bresenham lines from the sensor's voxel (paper, section 3.2)."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Where rays enter and leave the grid of voxels: the slab test that both walks share."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

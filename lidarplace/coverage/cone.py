@@ -20,8 +20,6 @@ A pattern that does not repeat sweeps no cones; its rays are walked one by one.
 touches in exact arithmetic is covered, though its corner is not representable in binary.
 """
 
-from __future__ import annotations
-
 import threading
 from typing import Any
 

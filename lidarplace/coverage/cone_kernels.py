@@ -4,8 +4,6 @@ All lengths are metres in the frame of the grid, relative to the sensor. `n = (n
 sensor's axis with n2 >= 0, `s` the sine of a beam's elevation.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -6,8 +6,6 @@ are passed over: of the steps due at one t those along growing coordinates come 
 once, then those along falling coordinates.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What single rays give a voxel: coverage, the number of rays, and the chance to be detected."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from functools import cache

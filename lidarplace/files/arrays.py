@@ -1,7 +1,5 @@
 """Arrays from NumPy's files; what is wrong with a file is one line that names it."""
 
-from __future__ import annotations
-
 import tokenize
 import zipfile
 import zlib

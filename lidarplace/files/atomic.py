@@ -1,7 +1,5 @@
 """Files of text, and files that appear in one step, so that a reader never meets half of one."""
 
-from __future__ import annotations
-
 import errno
 import os
 import re

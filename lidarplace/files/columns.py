@@ -1,7 +1,5 @@
 """Columns that a table must have, and what must be in them; errors name file, row and value."""
 
-from __future__ import annotations
-
 import math
 import reprlib
 from collections.abc import Collection, Sequence

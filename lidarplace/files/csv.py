@@ -1,7 +1,5 @@
 """A table as a CSV file that a spreadsheet shows and does not compute."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pandas as pd

@@ -1,7 +1,5 @@
 """Regular files, all that is read: a FIFO blocks its reader, and a device may have no end."""
 
-from __future__ import annotations
-
 import errno
 import os
 import stat

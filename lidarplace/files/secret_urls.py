@@ -1,7 +1,5 @@
 """Passwords and tokens in addresses stay in the process: what is written or said has *** there."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 from urllib.parse import unquote

@@ -1,7 +1,5 @@
 """Tables from files; what is wrong with a file is one line that names it."""
 
-from __future__ import annotations
-
 import operator
 import re
 from collections.abc import Mapping, Sequence

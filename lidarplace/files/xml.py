@@ -1,7 +1,5 @@
 """XML from files and to files; what is wrong with a file is one line that names it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from xml.etree.ElementTree import Element, ElementTree, ParseError, fromstring, indent
 

@@ -5,8 +5,6 @@ ego frame; `frames` lists every frame, so that frames without a box count too. `
 within a log. `lidarplace.logs.box_log` holds the tables together.
 """
 
-from __future__ import annotations
-
 import reprlib
 
 import numpy as np

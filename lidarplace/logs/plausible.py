@@ -3,8 +3,6 @@
 `lidarplace.scenes.sanity_checks` reports what is beyond them, and the surrogates warn of it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

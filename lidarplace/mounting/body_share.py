@@ -1,7 +1,5 @@
 """How much of what a LiDAR fires meets the vehicle's own body."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

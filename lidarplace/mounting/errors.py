@@ -1,7 +1,5 @@
 """Mounts that are not where they were meant to be, the same for all rigs."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

@@ -4,8 +4,6 @@ A housing is a box around the origin of the sensor's frame and along its axes, o
 cylinder where length and width are equal. A LiDAR whose size is not known hides nothing.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """The body of a vehicle from a mesh file: STL, OBJ, PLY, glTF and what else trimesh reads."""
 
-from __future__ import annotations
-
 import logging
 import re
 import warnings

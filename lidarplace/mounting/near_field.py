@@ -1,7 +1,5 @@
 """How much of the space right around the vehicle its LiDARs see."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

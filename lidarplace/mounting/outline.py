@@ -1,7 +1,5 @@
 """The vehicle as seen from above or from a side, to be drawn."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,8 +1,6 @@
 """Rings that coincide: LiDARs whose beams meet an object at the same heights see little more than
 one of them does."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

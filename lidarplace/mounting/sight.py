@@ -1,7 +1,5 @@
 """Whether something of a vehicle and its rig stands in the way of a ray."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

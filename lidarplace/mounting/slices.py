@@ -1,7 +1,5 @@
 """What triangles have between two heights, as seen from above, and which rectangles meet it."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

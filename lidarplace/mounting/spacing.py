@@ -1,7 +1,5 @@
 """How far apart the LiDARs of a placement sit."""
 
-from __future__ import annotations
-
 import math
 from itertools import combinations
 

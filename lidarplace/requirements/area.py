@@ -1,7 +1,5 @@
 """Parts of the ground around a vehicle, and the grid of positions over them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Where a requirement places its objects around a vehicle, the same for every rig."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

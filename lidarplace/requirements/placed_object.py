@@ -1,7 +1,5 @@
 """What is placed around the vehicle: a box that stands on the ground."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

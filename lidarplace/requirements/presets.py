@@ -11,8 +11,6 @@ taken from them on which somebody stands. Right-hand traffic.
   (https://unece.org/sustainable-development/press/two-new-un-vehicle-regulations-will-increase-protection-pedestrians).
 """
 
-from __future__ import annotations
-
 from lidarplace.mounting.vehicle import Vehicle
 from lidarplace.requirements.area import Area
 

@@ -1,7 +1,5 @@
 """A requirement: what has to be seen where, how much of it, and in which cases besides."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """CARLA's ray-cast sensors: what a file says of them, and what a server is asked for."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The table of the formats that rigs are read from and written to."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Frames that hang from each other by fixed transforms, and where LiDARs among them are."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

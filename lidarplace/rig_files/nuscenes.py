@@ -3,8 +3,6 @@
 https://github.com/nutonomy/nuscenes-devkit/blob/master/docs/schema_nuscenes.md
 """
 
-from __future__ import annotations
-
 import json
 import uuid
 from collections import Counter

@@ -5,8 +5,6 @@ messages. They say how a simulator shall show the world to a LiDAR, not which Li
 them may be any number, so models are not read.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The rigs that this project reads everywhere: YAML files with `mounts`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

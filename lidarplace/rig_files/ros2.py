@@ -4,8 +4,6 @@ https://docs.ros.org/en/rolling/p/tf2_ros describes `static_transform_publisher`
 write arguments are read.
 """
 
-from __future__ import annotations
-
 import math
 import shlex
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Rigs as links of a URDF, held by fixed joints (https://wiki.ros.org/urdf/XML)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement

@@ -1,7 +1,5 @@
 """What fog and rain take from the light of a LiDAR: extinction, and how far is still seen."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The kinds of scenes that a configuration can name."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any, NamedTuple
 

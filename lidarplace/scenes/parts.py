@@ -1,7 +1,5 @@
 """What a scene consists of: parts that are recorded by themselves, and so in parallel."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 

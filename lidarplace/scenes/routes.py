@@ -1,7 +1,5 @@
 """What every simulated scene says of its routes: how long they are and which frames are kept."""
 
-from __future__ import annotations
-
 import math
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """The best pose of one LiDAR of a rig, or of one more, all others staying where they are."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass, field

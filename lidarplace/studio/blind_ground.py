@@ -1,7 +1,5 @@
 """Where on the ground around the vehicle somebody can stand of whom too little is seen."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

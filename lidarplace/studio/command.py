@@ -1,7 +1,5 @@
 """Place LiDARs on a page of the browser: `lidarplace studio rigs.yaml`."""
 
-from __future__ import annotations
-
 import sys
 import threading
 from pathlib import Path

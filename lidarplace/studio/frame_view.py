@@ -1,7 +1,5 @@
 """One frame of a log as a rig sees it: its cloud, and what is seen of every object."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """What was done and can be undone: values, one after the other."""
 
-from __future__ import annotations
-
 from typing import Generic, TypeVar
 
 T = TypeVar("T")

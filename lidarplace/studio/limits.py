@@ -1,7 +1,5 @@
 """What a rig keeps of what its file says, which another rig in its place is to keep, too."""
 
-from __future__ import annotations
-
 from lidarplace.studio.rig import Rig
 from lidarplace.studio.rigs_file import RigsFile
 from lidarplace.studio.violations import judged, violations

@@ -1,7 +1,5 @@
 """All frames of a log of which some are in memory: the others are read when they are looked at."""
 
-from __future__ import annotations
-
 import threading
 from pathlib import Path
 

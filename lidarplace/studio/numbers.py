@@ -1,7 +1,5 @@
 """The numbers of a rig, fast enough to follow a hand: coarse while it moves, exact at rest."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The file of a studio: rigs, the vehicle that carries them, and what it allows."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property

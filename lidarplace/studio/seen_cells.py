@@ -1,7 +1,5 @@
 """What rigs hit of the objects, mount by mount: of a rig that changes only what moved is cast."""
 
-from __future__ import annotations
-
 import threading
 from functools import reduce
 

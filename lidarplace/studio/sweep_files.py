@@ -1,7 +1,5 @@
 """Configurations of sweeps over the rigs of a studio, and what such a sweep has found."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, replace
 from pathlib import Path

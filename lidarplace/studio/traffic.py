@@ -1,7 +1,5 @@
 """Traffic for who has no log at hand."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Which constraints a rig does not keep, where and by how much."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Why is an object not seen, or hardly: what becomes of the rays that aim at it."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass
 

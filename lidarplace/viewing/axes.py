@@ -1,7 +1,5 @@
 """Coordinates and axes of a 3-D figure."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

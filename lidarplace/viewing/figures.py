@@ -1,7 +1,5 @@
 """Figures of what the library computes, by its class: `placement.plot()` and others like it."""
 
-from __future__ import annotations
-
 import html
 from functools import singledispatch
 

@@ -1,7 +1,5 @@
 """What there is to see in one frame of a box log."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Frames of a box log from above: a first look at what an import has made of a file."""
 
-from __future__ import annotations
-
 import html
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The LiDARs of a rig as marks in a 3-D figure."""
 
-from __future__ import annotations
-
 import numpy as np
 import plotly.graph_objects as go
 

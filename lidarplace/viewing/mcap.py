@@ -3,8 +3,6 @@
 https://mcap.dev and https://docs.foxglove.dev/docs/sdk/schemas describe file and messages.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Hashable, Iterable, Mapping
 from pathlib import Path

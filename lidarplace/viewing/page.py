@@ -1,7 +1,5 @@
 """One HTML page with figures side by side; it needs no network."""
 
-from __future__ import annotations
-
 import html
 import json
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """A frame under one placement as an interactive 3D picture."""
 
-from __future__ import annotations
-
 import html
 from collections.abc import Mapping
 from typing import Any

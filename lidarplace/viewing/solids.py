@@ -1,7 +1,5 @@
 """Boxes as lines and as triangles, in the layout that plotly reads."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Colours of the pictures, for light and dark pages."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from itertools import cycle
 from typing import Any

@@ -1,7 +1,5 @@
 """The body of the vehicle as boxes and as one surface, in the layout that plotly reads."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Does a detection curve tell rigs apart that it was not fitted to? Each is left out in turn."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

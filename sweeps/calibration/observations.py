@@ -1,7 +1,5 @@
 """What the detectors of a sweep found of every object, and what the rigs hit of it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Error against run time of the surrogates: `lidarplace accuracy BOX_LOG`."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

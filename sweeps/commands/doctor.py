@@ -1,7 +1,5 @@
 """Is everything there that a sweep needs? `lidarplace doctor [grid.yaml]`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial

@@ -1,7 +1,5 @@
 """Configurations to begin with: `lidarplace init [FOLDER]`."""
 
-from __future__ import annotations
-
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated

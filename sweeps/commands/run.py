@@ -1,7 +1,5 @@
 """The main job: `lidarplace run grid.yaml`."""
 
-from __future__ import annotations
-
 import os
 from contextlib import nullcontext
 from dataclasses import asdict

@@ -1,7 +1,5 @@
 """The command: `lidarplace search search.yaml`."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Annotated

@@ -1,7 +1,5 @@
 """The classes of a sweep: which names are possible, and what can be said of each."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 from pydantic import Field, field_validator

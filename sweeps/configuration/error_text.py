@@ -1,7 +1,5 @@
 """What pydantic says of a value in terms of Python, in those of YAML."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A configuration file as plain data, checked against its model: one line for a mistake."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from copy import deepcopy

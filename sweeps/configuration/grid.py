@@ -1,7 +1,5 @@
 """From a configuration file to the points of its grid, with errors a user can act on."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence

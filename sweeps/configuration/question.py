@@ -1,7 +1,5 @@
 """What a file of requirements asks: its rigs, and its requirements laid out around the vehicle."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The configuration of `lidarplace requirements`: rigs, their vehicle, and what has to be seen."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from pydantic import Field

@@ -1,7 +1,5 @@
 """The rigs of a configuration, each built once."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Paths of a configuration that hold in any folder."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

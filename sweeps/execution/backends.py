@@ -1,7 +1,5 @@
 """Where calls run: on Ray, or in this process."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections import Counter

@@ -1,7 +1,5 @@
 """Run the tasks of a plan on a backend; results go to the store."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """Work that breaks off is not lost: one line says how it goes on."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import TypeVar

@@ -1,7 +1,5 @@
 """What work on voxels holds in memory, and whether this machine has it, before anything runs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What tasks ask of a machine: a training's memory is seen in one step of it, not guessed."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterable

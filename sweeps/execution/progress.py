@@ -1,8 +1,6 @@
 """What a sweep does now: a bar for every stage in a terminal; elsewhere a line for every stage that
 is done, and one now and then on what runs and what is left."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections import Counter

@@ -1,7 +1,5 @@
 """Start Ray on this machine, or join a cluster: the key `ray` of a configuration."""
 
-from __future__ import annotations
-
 import importlib.util
 import ipaddress
 import logging

@@ -1,7 +1,5 @@
 """Run tasks that belong to no trial, such as the scenes of a sweep alone."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 from rich.console import Console

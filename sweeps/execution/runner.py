@@ -1,7 +1,5 @@
 """What a run of a sweep and one of a search have in common: one driver, its workers, MLflow."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial

@@ -1,7 +1,5 @@
 """Which tasks run now, and since when."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping

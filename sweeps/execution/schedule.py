@@ -1,7 +1,5 @@
 """Which task may run next."""
 
-from __future__ import annotations
-
 import heapq
 from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence

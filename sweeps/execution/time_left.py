@@ -1,7 +1,5 @@
 """How long tasks will take that have not run yet, from how long others of their stage took."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable
 

@@ -1,7 +1,5 @@
 """The best weights of each detector of a sweep, as MLflow models."""
 
-from __future__ import annotations
-
 import json
 import math
 import warnings

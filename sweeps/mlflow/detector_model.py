@@ -4,8 +4,6 @@ MLflow copies this file beside the weights and runs it when the model is loaded;
 It needs lidarplace installed.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

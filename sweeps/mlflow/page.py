@@ -1,7 +1,5 @@
 """What MLflow tells of a sweep and its trials beside their results: tags, data, a note, columns."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import platform

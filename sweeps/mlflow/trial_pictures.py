@@ -1,7 +1,5 @@
 """Draws what MLflow shows of a trial, each picture once."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from sweeps.plan.trial import DetectorTrial

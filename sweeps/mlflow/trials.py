@@ -1,7 +1,5 @@
 """Which trials of a sweep have ended, and what their runs at MLflow are to hold."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import partial

@@ -1,7 +1,5 @@
 """The classes of a point and the log that it reads: are they there, and how large are they?"""
 
-from __future__ import annotations
-
 import pandas as pd
 
 from lidarplace.base.class_names import counts_of, listed

@@ -1,7 +1,5 @@
 """Rigs judged by detectors that are trained already, in portions of the test frames."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from sweeps.tasks.parameters import CollectParams, JudgeParams

@@ -1,7 +1,5 @@
 """Files that a point names: detection curves, and the checkpoint that a training starts from."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The training of a base checkpoint on the clouds of all placements of a sweep."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

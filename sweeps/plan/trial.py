@@ -1,7 +1,5 @@
 """What becomes of the points of a grid: their tasks, and all tasks of a sweep."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass

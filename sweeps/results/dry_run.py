@@ -1,7 +1,5 @@
 """What `--dry-run` shows: tasks by stage, what is there already, frames, rungs and trials."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass

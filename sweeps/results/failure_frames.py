@@ -1,7 +1,5 @@
 """The clouds and detections of the frames that tell what one rig finds and another one misses."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Which LiDARs the rigs of a sweep carry, as its pages tell of them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from lidarplace.rigs.catalogue.datasheet import datasheet

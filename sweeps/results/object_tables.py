@@ -1,7 +1,5 @@
 """The objects of the test frames, and which of them each trial found."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

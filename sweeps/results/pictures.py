@@ -1,7 +1,5 @@
 """What the report draws of a sweep: maps from above, the ground around the vehicle, one frame."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 
 import numpy as np

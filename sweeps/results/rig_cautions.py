@@ -1,7 +1,5 @@
 """What is to be known of the rigs of a sweep, a plain sentence each."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """The rigs of a sweep as a file that the studio opens."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 
 import yaml

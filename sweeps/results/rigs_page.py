@@ -1,7 +1,5 @@
 """The rigs of a sweep drawn on the vehicle, before anything is run."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from sweeps.configuration.grid import Sweep

@@ -1,7 +1,5 @@
 """What one trial found, as tables with its place in the grid in front."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence

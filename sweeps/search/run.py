@@ -1,7 +1,5 @@
 """Run a search: POG, bound, trials, exact values of the winners, results, verification."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -4,8 +4,6 @@ Two attempts can overlap: two drivers, or a machine that was believed dead. In o
 one would put its older checkpoints under the other's feet, so each has its own.
 """
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

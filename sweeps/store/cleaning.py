@@ -1,7 +1,5 @@
 """What in a store can go: what no sweep refers to, and what killed processes left behind."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

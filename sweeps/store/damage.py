@@ -1,7 +1,5 @@
 """Work goes on when it meets a damaged result: it begins again, and what is gone is computed."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from typing import TypeVar

@@ -1,7 +1,5 @@
 """What lies in a store: its entries, and the files in which sweeps refer to results."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Collection, Iterable

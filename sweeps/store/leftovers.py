@@ -1,7 +1,5 @@
 """What killed runs were writing is removed when the next one starts."""
 
-from __future__ import annotations
-
 from lidarplace.files.atomic import remove_leftovers
 from sweeps.configuration.sweep import Common
 from sweeps.store.open import AnyStore

@@ -1,7 +1,5 @@
 """A lock on a store, which many drivers share and cleaning has alone."""
 
-from __future__ import annotations
-
 import fcntl
 import time
 from collections.abc import Iterator

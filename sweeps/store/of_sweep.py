@@ -1,7 +1,5 @@
 """The store that a configuration names, and the name of its sweep there."""
 
-from __future__ import annotations
-
 import hashlib
 
 from lidarplace.files.atomic import check_takes_files

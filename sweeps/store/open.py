@@ -1,7 +1,5 @@
 """Open the store that a configuration names: a folder, or a URL."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import TypeAlias
 

@@ -1,7 +1,5 @@
 """Files that appear in one step at a remote place."""
 
-from __future__ import annotations
-
 from pathlib import Path, PurePosixPath
 
 from fsspec import AbstractFileSystem

@@ -1,8 +1,6 @@
 """A result as files in a folder, by the fields of its class: tables, arrays, weights, and all else
 in `result.json`."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import secrets

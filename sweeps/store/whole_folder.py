@@ -1,7 +1,5 @@
 """Folders that appear in one step, so that nobody meets half of one."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager

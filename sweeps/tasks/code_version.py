@@ -11,8 +11,6 @@ methods, and a module imported by a name put together at run time as every modul
 unless a root says which. Versions of other packages do not count.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Collection, Iterator, Mapping
 from functools import cache

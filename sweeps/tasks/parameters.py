@@ -4,8 +4,6 @@ A field is annotated with the key paths of the configuration that decide it, so 
 after the axes of the grid that make a difference to it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path

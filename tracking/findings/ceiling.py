@@ -1,7 +1,5 @@
 """How strongly could a perfect surrogate correlate with a metric that is known with noise?"""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import combinations
 

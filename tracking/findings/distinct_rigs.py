@@ -1,7 +1,5 @@
 """Placements that are one rig under two names."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 from typing import Any
 

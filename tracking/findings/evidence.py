@@ -1,7 +1,5 @@
 """How weak the evidence of a comparison of placements is, and what to run for more of it."""
 
-from __future__ import annotations
-
 import json
 import math
 import shlex

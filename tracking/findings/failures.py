@@ -1,7 +1,5 @@
 """Objects that one rig finds and another one misses: counted, and the frames that tell most."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Does one detector for all rigs rank them as detectors do that were trained for each?"""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any

@@ -1,7 +1,5 @@
 """The parts of a sweep within which placements can be compared."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any

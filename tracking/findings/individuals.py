@@ -1,7 +1,5 @@
 """How many individuals the objects of a sweep are: a car that is in 50 frames is one car."""
 
-from __future__ import annotations
-
 import pandas as pd
 
 MOST_FREQUENT = 10

@@ -1,7 +1,5 @@
 """Does a correlation hang on one placement, and does it predict a placement not measured?"""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

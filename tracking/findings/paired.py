@@ -1,7 +1,5 @@
 """Surrogates and metrics of the same placements, brought side by side."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 

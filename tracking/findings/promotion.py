@@ -1,7 +1,5 @@
 """Placements that were promoted: by rungs of cheap stages to a full training."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """What a promotion of placements risked: whether its stages rank them alike."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 from scipy import stats

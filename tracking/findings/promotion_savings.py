@@ -1,7 +1,5 @@
 """What a promotion of placements saved: seconds spent, against full trainings of all."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import pandas as pd

@@ -1,7 +1,5 @@
 """Whether `expected_ig` counts rays rather than what they cover, in one sentence."""
 
-from __future__ import annotations
-
 import pandas as pd
 
 from lidarplace.pog.surrogates.evaluate import MOSTLY_LINEAR

@@ -1,7 +1,5 @@
 """What does it cost to take the placement that a surrogate says is best?"""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 

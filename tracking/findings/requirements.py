@@ -1,7 +1,5 @@
 """Which requirements the rigs of a sweep meet, each in its worst case."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import pandas as pd

@@ -1,7 +1,5 @@
 """Does the choice of the POG's frames blur the ranking of the placements?"""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import pandas as pd

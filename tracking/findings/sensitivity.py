@@ -1,7 +1,5 @@
 """How much the placement moves AP and recall of a detector."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 

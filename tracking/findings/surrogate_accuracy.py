@@ -1,7 +1,5 @@
 """How accurate are surrogates that were computed faster, and do they rank placements the same?"""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike

@@ -1,7 +1,5 @@
 """What shorter trainings and fewer frames cost in AP."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import pandas as pd

@@ -1,7 +1,5 @@
 """A connection to MLflow that fails at once, and whether trying again makes sense."""
 
-from __future__ import annotations
-
 import logging
 import os
 import socket

@@ -1,7 +1,5 @@
 """What MLflow is to have of a sweep: a parent run, and a run for every trial."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field

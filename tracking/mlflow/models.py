@@ -1,7 +1,5 @@
 """The best detectors of a sweep as models of MLflow, each linked to the run that trained it."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from tracking.mlflow.connection import every

@@ -1,7 +1,5 @@
 """What MLflow's page of an experiment shows: a text, and a view of the runs by columns."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 

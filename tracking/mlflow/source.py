@@ -1,7 +1,5 @@
 """Who runs which code, by the tags that MLflow's pages show: Source, User, Version."""
 
-from __future__ import annotations
-
 import subprocess
 from importlib.metadata import version
 from pathlib import Path

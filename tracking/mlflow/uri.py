@@ -1,7 +1,5 @@
 """Where MLflow keeps runs: an address that can be checked, shown and opened."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The raw numbers of a report's tables: a folder of CSV files."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

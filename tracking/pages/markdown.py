@@ -1,7 +1,5 @@
 """A report as Markdown: what the page says, for a terminal, a repository or a chat."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Requirements on pages: which rig meets which, and the ground where one fails."""
 
-from __future__ import annotations
-
 import html
 import math
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """A part of a report."""
 
-from __future__ import annotations
-
 import html
 import re
 from dataclasses import dataclass, field

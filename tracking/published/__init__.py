@@ -6,8 +6,6 @@ the paper's vans and cyclists are class Cyclist, its sum of classes is "all", re
 Each figure is of one training. `TABLES` says which table a row is from.
 """
 
-from __future__ import annotations
-
 from importlib.resources import files
 
 import pandas as pd

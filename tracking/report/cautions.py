@@ -1,7 +1,5 @@
 """What makes the numbers of a report weak, one plain sentence each."""
 
-from __future__ import annotations
-
 from tracking.findings.evidence import weaknesses
 from tracking.findings.groups import groups
 from tracking.findings.ray_counting import largest_linear_share, ray_counting_caution

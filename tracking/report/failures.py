@@ -1,7 +1,5 @@
 """Build the page of what one rig finds and another one misses, with frames to look at."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The first lines of a report: which placement, by how much, how sure, do the surrogates agree."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

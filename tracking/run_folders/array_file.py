@@ -1,7 +1,5 @@
 """A file of arrays of a run folder: the writer and the reader go by the same fields."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path

@@ -1,8 +1,6 @@
 """What a sweep or a search says of itself in a file of JSON: written from its model, and read as
 it or refused."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import ClassVar, Self, TypeVar

@@ -1,7 +1,5 @@
 """The tables of a search's run folder."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 

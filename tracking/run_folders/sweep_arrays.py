@@ -1,7 +1,5 @@
 """Arrays of a sweep's run folder: what the report draws of it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar

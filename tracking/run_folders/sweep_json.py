@@ -1,7 +1,5 @@
 """What a sweep writes as `sweep.json`: what was compared, on how much, and how to do it again."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, ClassVar
 
 from pydantic import AfterValidator, ConfigDict, Field, FiniteFloat

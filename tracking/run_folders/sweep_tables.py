@@ -1,7 +1,5 @@
 """The tables of a sweep's run folder."""
 
-from __future__ import annotations
-
 import math
 
 from lidarplace.base.metrics import METRICS

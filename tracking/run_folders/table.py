@@ -1,7 +1,5 @@
 """What a table of a run folder holds: the writer and the reader go by the same columns."""
 
-from __future__ import annotations
-
 import reprlib
 from collections.abc import Iterable
 from dataclasses import dataclass

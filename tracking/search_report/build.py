@@ -1,7 +1,5 @@
 """Build `search.html` from the run folder of a search."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

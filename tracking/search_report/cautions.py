@@ -1,7 +1,5 @@
 """What to be careful about when reading the result of a search."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from tracking.findings.ray_counting import ray_counting_caution

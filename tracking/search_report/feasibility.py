@@ -1,7 +1,5 @@
 """Which constraints the trials of a search kept, and how near the nearest came."""
 
-from __future__ import annotations
-
 import pandas as pd
 
 from tracking.numbers import digits

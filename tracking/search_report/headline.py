@@ -1,7 +1,5 @@
 """The first screen: what was found, against the paper's eight and against the upper bound."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a perfect predictor of a noisy metric would reach: the ceiling of a correlation."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

@@ -1,7 +1,5 @@
 """Pearson's r, Spearman's rho and Kendall's tau as inner products of unit vectors."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats

@@ -1,7 +1,5 @@
 """Variances that are estimated from few numbers each, moved towards what they have in common."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, special

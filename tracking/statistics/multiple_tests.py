@@ -1,7 +1,5 @@
 """p-values of many tests at once, adjusted for their number."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 import numpy as np

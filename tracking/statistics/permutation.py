@@ -1,7 +1,5 @@
 """The permutation test of no association between two samples."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from itertools import permutations

@@ -1,7 +1,5 @@
 """Draws of the placements' expected metrics, given their means and how these scatter."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The probability of each placement to be the best, from the noise of the seeds and the spread."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

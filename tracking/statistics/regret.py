@@ -1,7 +1,5 @@
 """What a choice among placements loses against the best of them."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

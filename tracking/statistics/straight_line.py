@@ -1,7 +1,5 @@
 """Predict a metric by a straight line of a surrogate, leaving one placement out at a time."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

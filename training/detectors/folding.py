@@ -1,7 +1,5 @@
 """Batch norm folded into the layers before it: what evaluation need not compute again and again."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 from torch import nn

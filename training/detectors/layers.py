@@ -1,7 +1,5 @@
 """Layers on rows (N, C) that several networks share."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """What detectors share whose anchors are the detections."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """The range in which a detector looks: its frame, and whole cells of its grids."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -3,8 +3,6 @@
 OpenPCDet's tools/cfgs/kitti_models/pointrcnn_iou.yaml: only what the scores learn differs.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from training.detectors import pointrcnn

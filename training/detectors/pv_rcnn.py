@@ -1,7 +1,5 @@
 """PV-RCNN (Shi et al., CVPR 2020)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

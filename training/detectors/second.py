@@ -1,7 +1,5 @@
 """SECOND (Yan et al., Sensors 2018)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """SECOND-IoU: SECOND whose detections are ranked by a second stage, as OpenPCDet has it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """What detectors share whose second stage starts from the proposals of a voxel network."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

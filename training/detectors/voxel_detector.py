@@ -1,7 +1,5 @@
 """What detectors that start from voxels share: SECOND and its two-stage descendants."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import count

@@ -1,7 +1,5 @@
 """Voxel R-CNN (Deng et al., AAAI 2021)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Ball query: neighbours within a radius."""
 
-from __future__ import annotations
-
 from bisect import bisect_left
 
 import numpy as np

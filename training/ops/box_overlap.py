@@ -4,8 +4,6 @@ On a CPU the kernels of `rotated_iou`, elsewhere the same clipping for all pairs
 Both compute in float64; gradients do not flow.
 """
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

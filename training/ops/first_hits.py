@@ -1,7 +1,5 @@
 """The first few true positions of every row of a mask, the common end of the neighbour searches."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

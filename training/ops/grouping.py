@@ -1,7 +1,5 @@
 """Features of neighbours, as the neighbour searches found them."""
 
-from __future__ import annotations
-
 from torch import Tensor
 
 

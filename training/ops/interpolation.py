@@ -1,7 +1,5 @@
 """Features between points, from the three nearest."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 from torch import Tensor

@@ -1,7 +1,5 @@
 """Non-maximum suppression of rotated boxes seen from above."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

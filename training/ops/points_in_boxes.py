@@ -1,7 +1,5 @@
 """Which box a point lies in."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 from torch import Tensor

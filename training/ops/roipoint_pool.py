@@ -1,7 +1,5 @@
 """RoI-point pooling: the points inside each box, as many for every box (PointRCNN, CVPR 2019)."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 from torch import Tensor

@@ -1,7 +1,5 @@
 """Exact overlap of boxes that are rotated about z."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

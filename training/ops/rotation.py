@@ -1,7 +1,5 @@
 """Cosine and sine of yaws, the same on every machine."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

@@ -1,7 +1,5 @@
 """Furthest point sampling: points that cover a cloud evenly."""
 
-from __future__ import annotations
-
 from bisect import bisect_left
 
 import numpy as np

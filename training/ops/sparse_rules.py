@@ -4,8 +4,6 @@ position of the kernel.
 On a CPU in numba, elsewhere in torch; both give the same tables.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Voxel query: neighbours among the voxels of a sparse grid (Voxel R-CNN, AAAI 2021)."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 from torch import Tensor

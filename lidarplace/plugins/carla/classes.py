@@ -1,7 +1,5 @@
 """Which class of the box log a CARLA blueprint belongs to."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 BOX_TRUCK_M = (5.2, 2.4, 2.6)

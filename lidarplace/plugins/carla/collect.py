@@ -10,8 +10,6 @@ What is there is not done again, so a collection that was stopped goes on with t
 placements can be added later under the same traffic.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable, Iterator, Mapping

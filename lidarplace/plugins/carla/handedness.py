@@ -1,7 +1,5 @@
 """CARLA's left-handed coordinates, as arrays, into our right-handed ones."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

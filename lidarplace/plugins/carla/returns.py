@@ -1,7 +1,5 @@
 """CARLA's LiDAR returns as points in the ego frame."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Whether LiDARs hit the road users: some of CARLA's releases and models let rays through."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 import numpy as np

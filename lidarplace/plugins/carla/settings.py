@@ -1,7 +1,5 @@
 """Settings of a scene that a CARLA server simulates, and the routes that it consists of."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass
 from typing import Annotated, Literal

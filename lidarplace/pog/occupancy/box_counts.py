@@ -6,8 +6,6 @@ difference, and one pass at the end adds the differences up. Where boxes of a fr
 masks tell which voxels of a rectangle the frame has counted already.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The binary entropy, from both probabilities."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

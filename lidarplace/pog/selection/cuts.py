@@ -4,8 +4,6 @@ A bound holds whatever the solver's tolerances are: not its optimum is taken, bu
 multipliers, made feasible. By weak duality any multipliers give a bound.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

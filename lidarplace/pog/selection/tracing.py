@@ -1,7 +1,5 @@
 """What single candidates give to the occupied voxels: coverage, rays, chances to be missed."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, get_args

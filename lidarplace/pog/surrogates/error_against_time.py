@@ -7,8 +7,6 @@ left is the error of the grid: where sheets are closer than voxels a voxel is co
 several of them, and the unseen volume grows as the sheets get thinner.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace

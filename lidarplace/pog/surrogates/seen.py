@@ -1,7 +1,5 @@
 """What a placement sees of a class: all that a surrogate is computed from."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ ours has its formula in a file of its own and a row here; other packages add the
 class; those of `OBJECT_SURROGATES` from the objects of the log, see `lidarplace.recall`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ and Cyclist*: bicycles, motorcycles, box trucks and what is like them. What its 
 (buses, trailers, construction machines, scooters) is ignored, and so is what is no road user.
 """
 
-from __future__ import annotations
-
 import reprlib
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterator, Mapping

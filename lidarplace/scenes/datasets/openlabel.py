@@ -3,8 +3,6 @@
 https://www.asam.net/standards/detail/openlabel has the standard.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence

@@ -4,8 +4,6 @@ https://github.com/waymo-research/waymo-open-dataset/tree/master/src/waymo_open_
 components that the columns are named after.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path

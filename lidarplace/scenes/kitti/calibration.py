@@ -5,8 +5,6 @@ vehicle as KITTI's do: the LiDAR 1.73 m above the ground, the camera 0.27 m befo
 it (Geiger et al., Vision meets Robotics, IJRR 2013). Our camera looks straight ahead.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

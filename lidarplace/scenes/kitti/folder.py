@@ -1,7 +1,5 @@
 """Where things lie in a KITTI-format folder, and what becomes of a fault in them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 

@@ -1,7 +1,5 @@
 """KITTI's labels of boxes: the camera frame, the image, and the text of a line."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """Which column of a label file is what, by its name, and which class a category is."""
 
-from __future__ import annotations
-
 import re
 import unicodedata
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """From time stamps to frames, from recordings to routes and splits."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Which unit a column has, by its name and its values."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Generic, TypeVar, cast, get_args

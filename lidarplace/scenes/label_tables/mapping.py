@@ -1,7 +1,5 @@
 """The mapping of a label file: columns, units, origin, classes, frames and drives."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Literal, Self
 

@@ -1,7 +1,5 @@
 """Where the vehicle was at the times of a label file, and boxes of the world as it saw them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

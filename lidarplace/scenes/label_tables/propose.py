@@ -1,7 +1,5 @@
 """A first guess of the mapping of a label file, from names and values of its columns."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A label file, read by its mapping."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 

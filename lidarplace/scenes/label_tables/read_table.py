@@ -1,7 +1,5 @@
 """A label file as a table, and the columns that a mapping names in it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Units of label files, as factors to metres, radians and seconds."""
 
-from __future__ import annotations
-
 import math
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """What is doubted about a box log: which column, which boxes, and what would mend it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """Boxes that cannot stand where they do: too far, in the vehicle, or off the ground."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

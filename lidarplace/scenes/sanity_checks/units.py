@@ -1,7 +1,5 @@
 """Angles that look like degrees, and sizes that look like centimetres or millimetres."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

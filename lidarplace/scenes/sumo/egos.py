@@ -1,7 +1,5 @@
 """Which cars of a simulation are egos: those that meet many others."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

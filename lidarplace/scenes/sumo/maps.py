@@ -1,7 +1,5 @@
 """Where the map of a town comes from: generated, a file, or CARLA's by name."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 from importlib.util import find_spec

@@ -5,8 +5,6 @@ road instead of the direction of its lanes. So it is given the mirrored map, and
 there is mirrored back.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from xml.etree.ElementTree import Element
 

@@ -1,7 +1,5 @@
 """SUMO networks from OpenDRIVE."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 from xml.etree.ElementTree import ElementTree

@@ -1,7 +1,5 @@
 """OpenDRIVE files, and what is said of those that netconvert would misread or misname."""
 
-from __future__ import annotations
-
 import gzip
 import zlib
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Which road users overlap: separating axes of oriented rectangles."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """The parts of a scene of simulated traffic: one a simulation, so that towns run in parallel."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import dataclass
 

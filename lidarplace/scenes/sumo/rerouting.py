@@ -1,7 +1,5 @@
 """Vehicles that wait long take another way."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from lidarplace.scenes.routes import STEP_S

@@ -1,7 +1,5 @@
 """A generated town: a bent grid of streets with sidewalks, crossings and bike lanes."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import subprocess

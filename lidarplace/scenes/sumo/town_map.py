@@ -1,7 +1,5 @@
 """What traffic drives on: a SUMO network, and how it lies in its town."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Drive the traffic of a town in SUMO and keep where everybody was."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import os

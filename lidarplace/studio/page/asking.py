@@ -1,7 +1,5 @@
 """What takes a page seconds or minutes: better poses, evaluations and comparisons of rigs."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Sequence
 

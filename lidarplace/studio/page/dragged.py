@@ -1,7 +1,5 @@
 """Which coordinates of a LiDAR a person has changed by pulling at its handle."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

@@ -1,7 +1,5 @@
 """When a page is drawn: at once and coarsely while something moves, fully when it rests."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """What the panel says in HTML: numbers, violations and answers."""
 
-from __future__ import annotations
-
 import html
 import math
 from collections.abc import Mapping, Sequence

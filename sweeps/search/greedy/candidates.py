@@ -1,7 +1,5 @@
 """The grid of candidate mounts of a search, and which of them may be chosen together."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator, Sequence

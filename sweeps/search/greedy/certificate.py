@@ -1,7 +1,5 @@
 """How good a search can be: greedy choice from a grid of mounts, and what no choice exceeds."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Sequence

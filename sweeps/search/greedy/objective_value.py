@@ -1,7 +1,5 @@
 """What sets of candidates are worth to the objective, of voxels or of objects."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, cast

@@ -1,7 +1,5 @@
 """Finer than the grid: one LiDAR after the other moves to the best place around its own."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """How far a rig's worth depends on exact mounts, on every LiDAR, and on the scene."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace

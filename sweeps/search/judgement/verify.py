@@ -1,7 +1,5 @@
 """Whether the surrogate's gain became AP: detectors for the winners and for the paper's rigs."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

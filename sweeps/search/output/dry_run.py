@@ -1,7 +1,5 @@
 """What `--dry-run --json` of a search says."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from typing import Any
 

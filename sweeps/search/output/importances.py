@@ -1,7 +1,5 @@
 """Which parameters of a search matter; optuna-dashboard plots how."""
 
-from __future__ import annotations
-
 import warnings
 
 import optuna

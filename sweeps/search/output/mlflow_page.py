@@ -1,7 +1,5 @@
 """What MLflow tells of a search beside its trials: a text, and columns."""
 
-from __future__ import annotations
-
 from sweeps.search.problem.problem import Problem
 
 ABOUT = """\

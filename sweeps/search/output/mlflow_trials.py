@@ -1,7 +1,5 @@
 """What the runs of a search's trials at MLflow are to hold."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from functools import partial

@@ -1,7 +1,5 @@
 """Where a search stands, read from its study and its run folder; nothing is run."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

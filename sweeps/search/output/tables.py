@@ -1,7 +1,5 @@
 """The tables of a search, with units in the names of their columns."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

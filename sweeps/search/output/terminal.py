@@ -1,7 +1,5 @@
 """What a search prints: what it is about to do, and what it found."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from rich.console import Console

@@ -1,7 +1,5 @@
 """What stays unseen, from above: maps of a rig and of the one it is compared with."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rigs of a search as those of a sweep, which trains detectors for them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import asdict, dataclass

@@ -1,7 +1,5 @@
 """What a rig is worth: its objectives and constraints."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Mapping

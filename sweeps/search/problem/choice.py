@@ -1,7 +1,5 @@
 """What a search chooses: a model and a mount for each LiDAR; a placement, if they are possible."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import astuple, dataclass, replace

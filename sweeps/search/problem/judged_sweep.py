@@ -1,7 +1,5 @@
 """Rigs of a search as trials of a sweep that a generalist judges."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any

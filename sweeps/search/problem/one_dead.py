@@ -1,7 +1,5 @@
 """A rig with any one of its LiDARs dead: what an objective is then, at worst."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

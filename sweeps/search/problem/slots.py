@@ -1,7 +1,5 @@
 """Rigs taken apart into the slots of a search."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass

@@ -5,8 +5,6 @@ is a position in the zone, whatever its shape, and the parameters are the same f
 Angles are in degrees. What cannot vary is no parameter.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Mapping, Sequence

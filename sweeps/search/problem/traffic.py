@@ -1,7 +1,5 @@
 """The training traffic of a search, on which surrogates look at rigs."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Rigs of a search's space that its generalist is trained on."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -3,8 +3,6 @@
 Each metric of each class is taken by itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Literal
 

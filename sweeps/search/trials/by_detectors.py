@@ -1,7 +1,5 @@
 """Candidates assessed by detectors: trained, evaluated, and stopped early where hopeless."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Iterable, Mapping, Sequence

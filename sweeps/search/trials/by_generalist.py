@@ -6,8 +6,6 @@ several tests, such as towns, a portion of the frames is one of each. The others
 all frames that is expected from the first, by a regression over those that have both.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Candidates assessed by surrogates: nothing is evaluated twice."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

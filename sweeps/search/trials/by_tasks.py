@@ -1,7 +1,5 @@
 """Candidates assessed by detections: what answers by training and by a generalist share."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from typing import ClassVar

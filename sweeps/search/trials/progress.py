@@ -1,7 +1,5 @@
 """What a search does now: a bar of trials in a terminal, elsewhere a line now and then."""
 
-from __future__ import annotations
-
 import time
 
 from rich.console import Console

@@ -4,8 +4,6 @@ A batch is asked for as a whole before any of it is told. So the outcome depends
 size of a batch, and not on how many workers there are or which was faster.
 """
 
-from __future__ import annotations
-
 import json
 import time
 import warnings

@@ -1,7 +1,5 @@
 """The training traffic that a search looks at, from the store or computed like a sweep's."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Where the labels of a scatter plot go, so that few of them lie on each other."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """How likely each row is to be the best, beside a figure of rows."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import plotly.graph_objects as go

@@ -1,7 +1,5 @@
 """Placements as points, each with its own marker and its name."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Colours, templates and small helpers that all figures share."""
 
-from __future__ import annotations
-
 import html
 import textwrap
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The vehicle in 3D: its surface, and the edges of its boxes."""
 
-from __future__ import annotations
-
 import plotly.graph_objects as go
 
 from lidarplace.mounting.vehicle import Vehicle

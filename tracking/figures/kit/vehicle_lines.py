@@ -1,8 +1,6 @@
 """The vehicle from above and from its right side, its nose to the right: that of the configuration,
 or a nominal car where it says none."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pairs of objectives: the Pareto front among all trials and the rigs that are known."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import combinations
 

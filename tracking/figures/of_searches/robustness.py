@@ -1,7 +1,5 @@
 """What rigs are worth when a mount is off, a LiDAR fails or the scene is another."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go

@@ -1,7 +1,5 @@
 """The best value of a search against evaluations, and its upper bound against seconds."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a rig leaves unseen, from above: before, after and the difference."""
 
-from __future__ import annotations
-
 import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray

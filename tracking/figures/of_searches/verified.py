@@ -1,7 +1,5 @@
 """Did the surrogate's gain become AP: gain against difference of AP, with intervals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go

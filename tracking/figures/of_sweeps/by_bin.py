@@ -1,7 +1,5 @@
 """Lines of placements over what objects are told apart by: distance, direction."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

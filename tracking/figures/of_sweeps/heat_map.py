@@ -1,7 +1,5 @@
 """Spearman's rho of surrogates with metrics, as a table of colours."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """How well a placement's metric is predicted from the other placements."""
 
-from __future__ import annotations
-
 import pandas as pd
 import plotly.graph_objects as go
 

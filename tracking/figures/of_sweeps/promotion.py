@@ -1,7 +1,5 @@
 """Ranks of the placements through the rungs of a promotion, and error against run time."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

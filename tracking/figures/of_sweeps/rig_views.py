@@ -1,7 +1,5 @@
 """The LiDARs of rigs on the vehicle, from above and from the side, all at one scale."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The same rows under several columns: placements by metric, pairs of placements by detector."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Build the decision page of a run folder: `decision.html`."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Which rig is recommended, by what, and what is said of it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The section of the rigs on the vehicle."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from lidarplace.rigs.placement import Mount

@@ -1,7 +1,5 @@
 """The section of where each rig sees and where it is blind: recall by direction and distance."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 

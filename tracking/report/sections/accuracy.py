@@ -1,7 +1,5 @@
 """The section of surrogates that were computed faster: error against run time."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go

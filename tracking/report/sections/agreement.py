@@ -1,7 +1,5 @@
 """The section of a sweep without detectors: do the surrogates agree?"""
 
-from __future__ import annotations
-
 import pandas as pd
 import plotly.graph_objects as go
 

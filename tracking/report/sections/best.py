@@ -1,7 +1,5 @@
 """The section that says which placement is best, by how much and how sure."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np

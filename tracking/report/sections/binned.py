@@ -1,7 +1,5 @@
 """A metric of every placement by what objects are told apart by: distance, direction."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

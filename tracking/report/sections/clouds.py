@@ -1,7 +1,5 @@
 """The section of one frame as each placement sees it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 

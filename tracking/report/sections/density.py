@@ -1,7 +1,5 @@
 """The section of traffic density: AP, recall and surrogates by the number of vehicles."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

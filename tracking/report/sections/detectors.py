@@ -1,7 +1,5 @@
 """The section of detectors: AP and recall in the paper's layout, and who is sensitive."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """The section of the objects that one rig finds and another one misses."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """How well expected IG predicts AP with a fitted probability of detection."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The section of the objects behind the numbers: boxes, individuals, routes."""
 
-from __future__ import annotations
-
 import pandas as pd
 
 from tracking.findings.groups import by_setting, has_detectors

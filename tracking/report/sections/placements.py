@@ -1,7 +1,5 @@
 """The section of all placements: surrogates, AP and recall."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The section about promotion: what it saved and what it risked."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The section of the paper's published results beside those of the sweep."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, replace
 

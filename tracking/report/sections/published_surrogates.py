@@ -1,7 +1,5 @@
 """The paper's own surrogates against its own AP, where it printed both."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pandas as pd

@@ -1,7 +1,5 @@
 """The section of how reliably each metric tells placements apart."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any

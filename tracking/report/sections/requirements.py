@@ -1,7 +1,5 @@
 """The section of the requirements: which rig meets which, and the ground where one fails."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 from lidarplace.requirements.tables import worst_cases

@@ -1,7 +1,5 @@
 """The section about run time: seconds by stage and parallel efficiency."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go

@@ -1,7 +1,5 @@
 """The 2D convolutional backbone of SECOND and PointPillars."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import torch

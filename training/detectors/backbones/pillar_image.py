@@ -7,8 +7,6 @@ norm folded into the weights, the maximum over the pillar is that of four produc
 channel, and the rest is added once. A maximum asks for no order: points stay unsorted.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple, cast
 

@@ -5,8 +5,6 @@ pillar; what upstream's padding does to the result (the zero rows go through bat
 part in the maximum) is accounted for in closed form.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 PointNet++ (Qi et al., NeurIPS 2017), as PointRCNN (Shi et al., CVPR 2019) uses it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ PointNet++ (Qi et al., NeurIPS 2017), sections 3.2 and 3.3. Point sets are stack
 frame after those of another, and the number of rows of each.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import cast

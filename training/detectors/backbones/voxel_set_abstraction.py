@@ -3,8 +3,6 @@
 PV-RCNN (Shi et al., CVPR 2020), section 3.2.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

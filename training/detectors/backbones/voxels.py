@@ -1,7 +1,5 @@
 """Voxels: points grouped by cell of a 3D grid, each voxel the mean of its points."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

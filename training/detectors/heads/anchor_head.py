@@ -1,7 +1,5 @@
 """The dense head of SECOND and PointPillars: class, box and direction of every anchor."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Boxes as residuals to anchors."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

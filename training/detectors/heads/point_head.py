@@ -1,7 +1,5 @@
 """Heads on points: which object a point lies on, and that object's box."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -3,8 +3,6 @@
 PointRCNN (Shi et al., CVPR 2019), section 3.3.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

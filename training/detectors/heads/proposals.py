@@ -1,7 +1,5 @@
 """Proposals: the boxes of a first stage that a second stage looks at again."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 PV-RCNN (Shi et al., CVPR 2020), section 3.3.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import torch

@@ -4,8 +4,6 @@ The frame of a RoI has its origin at the RoI's centre and its x axis along the R
 (Shi et al., PointRCNN, CVPR 2019, section 3.3).
 """
 
-from __future__ import annotations
-
 import math
 
 import torch

@@ -1,7 +1,5 @@
 """What the second stages share: proposals, their sample, losses, refined boxes, detections."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

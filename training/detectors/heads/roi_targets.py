@@ -1,7 +1,5 @@
 """Which proposals a second stage is trained on, and what each of them has to learn."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal

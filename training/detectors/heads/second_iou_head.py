@@ -1,7 +1,5 @@
 """The second stage of SECOND-IoU: how well each proposal fits its object."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import torch

@@ -1,7 +1,5 @@
 """From the scored boxes of a frame to its detections."""
 
-from __future__ import annotations
-
 import math
 
 import torch

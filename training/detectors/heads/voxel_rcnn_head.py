@@ -1,7 +1,5 @@
 """The second stage of Voxel R-CNN (Deng et al., AAAI 2021): features of the voxels around a RoI."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
